@@ -1,0 +1,29 @@
+"""Every error a user may see."""
+
+
+class NarxError(ValueError):
+    """Base of all errors of this package; the message says what is wrong, where, and what to do."""
+
+
+class DataError(NarxError):
+    """A file, a column or an array cannot be used as data."""
+
+
+class ModelError(NarxError):
+    """A model is inconsistent or does not have what was asked of it."""
+
+
+class ParseError(NarxError):
+    """A term, an equation or a model file cannot be read."""
+
+
+class NotInvertible(NarxError):  # noqa: N818
+    """The model has no closed-form compensation law."""
+
+
+class Diverged(NarxError):  # noqa: N818
+    """A free run left every reasonable range."""
+
+
+class FitError(NarxError):
+    """The parameters or the structure cannot be estimated."""

@@ -1,0 +1,131 @@
+r"""LaTeX, MathML and text in the paper's notation: `\\phi_{1,\\,k-1}`, `1.44 \\times 10^{-2}`, `phi1[k-1]`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sympy as sp
+from sympy.printing.latex import LatexPrinter
+from sympy.printing.str import StrPrinter
+
+from .signals import lag
+
+DIGITS = 6
+
+
+def _number(value: Any, digits: int = DIGITS) -> tuple[str, str]:
+    """Return mantissa and exponent of a float as texts; the exponent is empty where none is wanted."""
+    shown = f"{float(value):.{digits}g}"
+    mantissa, _, exponent = shown.partition("e")
+    return mantissa, str(int(exponent)) if exponent else ""
+
+
+class _Latex(LatexPrinter):
+    def _print_Indexed(self, expr: Any) -> str:
+        name, index = str(expr.base.label), self._print(expr.indices[0]).replace(" ", "")
+        breve = name.startswith("breve_")
+        head, digits = name.removeprefix("breve_"), ""
+        if head in ("phi1", "phi2"):
+            head, digits = r"\phi", head[-1]
+        elif len(head) > 1:
+            head = rf"\mathrm{{{head.replace('_', chr(92) + '_')}}}"
+        if breve:
+            head = rf"\breve{{{head}}}"
+        return rf"{head}_{{{digits},\,{index}}}" if digits else f"{head}_{{{index}}}"
+
+    def _print_Float(self, expr: Any) -> str:
+        mantissa, exponent = _number(expr)
+        return rf"{mantissa} \times 10^{{{exponent}}}" if exponent else mantissa
+
+    def _print_sign(self, expr: Any, exp: Any = None) -> str:
+        shown = rf"\operatorname{{sign}}\left({self._print(expr.args[0])}\right)"
+        return rf"{shown}^{{{exp}}}" if exp else shown
+
+
+_LATEX_SETTINGS: dict[str, Any] = {"mul_symbol": None, "fold_short_frac": False}
+
+
+def _latex_expr(expr: Any, **settings: Any) -> str:
+    return _Latex({**_LATEX_SETTINGS, **settings}).doprint(expr)
+
+
+def latex(thing: Any) -> str:
+    """Return LaTeX of anything in the package: a model, a law, a condition, an expression, a list of these."""
+    if hasattr(thing, "latex") and callable(thing.latex):
+        return str(thing.latex())
+    if isinstance(thing, (list, tuple)) and not isinstance(thing, sp.Basic):
+        return r" \\ ".join(latex(item) for item in thing)
+    return _latex_expr(sp.sympify(thing) if isinstance(thing, (int, float, sp.Basic)) else thing)
+
+
+def latex_sum(lhs: Any, terms: list[tuple[Any, Any]], per_line: int = 3) -> str:
+    """Return `lhs = c1 t1 + c2 t2 ...` in the given order, a few terms a line, as an `aligned` block."""
+    pieces = []
+    for coefficient, term in terms:
+        negative = sp.sympify(coefficient).could_extract_minus_sign()
+        size = -coefficient if negative else coefficient
+        unit = size.is_number and float(size) == 1 and term != 1
+        product = "" if unit else latex(size)
+        shown = product if term == 1 else (product + r"\," if product else "") + _factors(term)
+        pieces.append(("- " if negative else "+ ") + shown)
+    if not pieces:
+        pieces = ["+ 0"]
+    pieces[0] = pieces[0].removeprefix("+ ")
+    lines = [" ".join(pieces[i : i + per_line]) for i in range(0, len(pieces), per_line)]
+    joined = " \\\\\n &\\quad ".join(lines)
+    return f"\\begin{{aligned}}\n{latex(lhs)} &= {joined}\n\\end{{aligned}}"
+
+
+def _factors(term: Any) -> str:
+    """Print the factors in the paper's order: phi2, phi1, u, y, and what else there is."""
+    order = ("phi2", "phi1", "u", "y")
+
+    def rank(factor: Any) -> tuple[int, int, str]:
+        base = factor.as_base_exp()[0]
+        if isinstance(base, sp.Indexed):
+            name = str(base.base.label).removeprefix("breve_")
+            return (order.index(name) if name in order else 4, lag(base), name)
+        return (5, 0, str(factor))
+
+    factors = sorted(sp.Mul.make_args(term), key=rank)
+    return " ".join(rf"\left({latex(f)}\right)" if f.is_Add else latex(f) for f in factors)
+
+
+class _Text(StrPrinter):
+    printmethod = "_narx_text"  # Indexed carries its own "_sympystr", which would win otherwise
+
+    def _print_Indexed(self, expr: Any) -> str:
+        return f"{expr.base.label}[{str(expr.indices[0]).replace(' ', '')}]"
+
+    def _print_Float(self, expr: Any) -> str:
+        return repr(float(expr))
+
+    def _print_Abs(self, expr: Any) -> str:
+        return f"abs({self._print(expr.args[0])})"
+
+
+def text(expr: Any) -> str:
+    """Return a text that `parse` reads back to the same expression."""
+    return str(_Text().doprint(expr))
+
+
+def mathml(thing: Any) -> str:
+    """Return presentation MathML (renders in a browser without scripts)."""
+    from sympy.printing.mathml import MathMLPresentationPrinter
+
+    class Printer(MathMLPresentationPrinter):
+        def _print_Float(self, expr: Any) -> Any:
+            return super()._print_Float(sp.Float(expr, DIGITS))
+
+        def _print_Indexed(self, expr: Any) -> Any:
+            name = str(expr.base.label)
+            plain = sp.Symbol(f"{name}_{str(expr.indices[0]).replace(' ', '')}")
+            node = self.dom.createElement("msub")
+            for content in (name, str(plain)[len(name) + 1 :]):
+                leaf = self.dom.createElement("mi")
+                leaf.appendChild(self.dom.createTextNode(content))
+                node.appendChild(leaf)
+            return node
+
+    body = Printer().doprint(getattr(thing, "equation", thing))
+    return f'<math xmlns="http://www.w3.org/1998/Math/MathML" display="block">{body}</math>'

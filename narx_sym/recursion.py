@@ -1,0 +1,100 @@
+"""The waist of the package: an ordered list of update equations over indexed signals.
+
+A model, its sensitivities, its inverse and a compensator are all recursions. Algebra turns one into another;
+`compile` turns any of them into a function over arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import sympy as sp
+
+from .errors import ModelError
+from .signals import expand_phi, k, lag, samples
+
+
+@dataclass(frozen=True)
+class Recursion:
+    """`x[k] = f(x[k-1], ..., inputs, parameters)`, one equation per state, evaluated in order.
+
+    Parameters
+    ----------
+    updates : sequence of (x[k], expression)
+        A state may use itself and later states at lags >= 1, earlier states also at lag 0, and inputs at any lag
+        or lead (a lead is a preview).
+    parameters : sequence of Symbol
+        The order in which values are passed when the recursion runs.
+
+    Raises
+    ------
+    ModelError
+        Where an equation needs a value that is not known yet, or an unknown symbol appears.
+    """
+
+    updates: tuple[tuple[sp.Indexed, sp.Expr], ...]
+    parameters: tuple[sp.Symbol, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        updates = tuple((left, expand_phi(sp.sympify(right))) for left, right in self.updates)
+        object.__setattr__(self, "updates", updates)
+        object.__setattr__(self, "parameters", tuple(self.parameters))
+        bases = [left.base for left, _ in updates]
+        if len(set(bases)) < len(bases) or any(lag(left) for left, _ in updates):
+            raise ModelError("Each update defines one sequence at time k, once.")
+        for position, (left, right) in enumerate(updates):
+            for s in samples(right):
+                if s.base in bases and lag(s) < (0 if s.base in bases[:position] else 1):
+                    raise ModelError(f"{left} needs {s}, which is not known yet at that point.")
+            unknown = right.free_symbols - set(self.parameters) - {k} - {b.label for b in _bases(right)}
+            unknown = {s for s in unknown if not isinstance(s, (sp.Indexed, sp.IndexedBase))}
+            if unknown:
+                raise ModelError(f"{left} contains {unknown}, which are neither signals nor parameters.")
+
+    @cached_property
+    def states(self) -> tuple[sp.IndexedBase, ...]:
+        """The sequences that the recursion computes, in order."""
+        return tuple(left.base for left, _ in self.updates)
+
+    @cached_property
+    def inputs(self) -> tuple[sp.IndexedBase, ...]:
+        """The sequences that it reads only, by name."""
+        found = {s.base for _, right in self.updates for s in samples(right)} - set(self.states)
+        return tuple(sorted(found, key=str))
+
+    @cached_property
+    def depth(self) -> int:
+        """The number of past samples that must be known before the first update (the largest lag)."""
+        return max([0, *(lag(s) for _, right in self.updates for s in samples(right))])
+
+    @cached_property
+    def lead(self) -> int:
+        """The preview: how many future samples of the inputs an update needs."""
+        return max([0, *(-lag(s) for _, right in self.updates for s in samples(right))])
+
+    def subs(self, values: Mapping[Any, Any]) -> Recursion:
+        """Put values or expressions in the place of parameters."""
+        left = tuple(p for p in self.parameters if p not in values)
+        return Recursion(tuple((a, b.xreplace(dict(values))) for a, b in self.updates), left)
+
+    def rename(self, names: Mapping[Any, Any]) -> Recursion:
+        """Give parameters other symbols."""
+        parameters = tuple(names.get(p, p) for p in self.parameters)
+        return Recursion(tuple((a, b.xreplace(dict(names))) for a, b in self.updates), parameters)
+
+    def extend(self, updates: Sequence[tuple[Any, Any]], parameters: Sequence[Any] = ()) -> Recursion:
+        """Append further equations."""
+        return Recursion((*self.updates, *updates), (*self.parameters, *parameters))
+
+    def compile(self, engine: str = "native") -> Any:
+        """Return a function over arrays; see `narx_sym.compile`."""
+        from .compile import compile
+
+        return compile(self, engine)
+
+
+def _bases(expr: sp.Expr) -> set[sp.IndexedBase]:
+    return {s.base for s in samples(expr)}

@@ -1,0 +1,69 @@
+"""The time index and the sequences: `y[k]`, `u[k-1]`, `phi1[k-2]`, ... as SymPy expressions.
+
+`expr.xreplace({k: k + 1})` is the shift operator q of the paper; `phi1` and `phi2` are the first difference
+of the input and its sign, `breve_phi1` and `breve_phi2` those of the output (the paper's inverse model).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sympy as sp
+
+k = sp.Symbol("k", integer=True)
+
+
+def signal(name: str) -> sp.IndexedBase:
+    """Return the real sequence called `name`; `signal("p")[k]` is its value at time k."""
+    # Without real=True, sign(x)*x would turn into a Piecewise.
+    return sp.IndexedBase(name, real=True)
+
+
+y, u, r, m = (signal(name) for name in "yurm")
+phi1, phi2 = signal("phi1"), signal("phi2")
+breve_phi1, breve_phi2 = signal("breve_phi1"), signal("breve_phi2")
+
+
+def differences(driver: sp.IndexedBase) -> tuple[sp.IndexedBase, sp.IndexedBase]:
+    """Return (phi1, phi2) of a driving sequence: those of u, or the breve pair of any other."""
+    return (phi1, phi2) if driver == u else (breve_phi1, breve_phi2)
+
+
+def lag(sample: sp.Indexed) -> int:
+    """Return i of `x[k-i]`; a lead is negative."""
+    return int(k - sample.indices[0])
+
+
+def samples(expr: Any, base: sp.IndexedBase | None = None) -> list[sp.Indexed]:
+    """Return the samples in an expression, of one sequence or of all, ordered by name and lag."""
+    found = (s for s in sp.sympify(expr).atoms(sp.Indexed) if base is None or s.base == base)
+    return sorted(found, key=lambda s: (str(s.base), lag(s)))
+
+
+def lags(expr: Any, base: sp.IndexedBase) -> list[int]:
+    """Return the sorted lags at which a sequence enters an expression."""
+    return sorted({lag(s) for s in samples(expr, base)})
+
+
+def shift(expr: Any, steps: int) -> Any:
+    """Apply q**steps: every `x[k]` becomes `x[k+steps]`."""
+    return expr.xreplace({k: k + steps})
+
+
+def expand_phi(expr: Any, driver: sp.IndexedBase = u, breve_driver: sp.IndexedBase = y) -> Any:
+    """Write phi1 and phi2 out as differences and signs of `driver` (the breve pair: of `breve_driver`)."""
+    written: dict[Any, Any] = {}
+    for first, second, source in ((phi1, phi2, driver), (breve_phi1, breve_phi2, breve_driver)):
+        for s in samples(expr, first):
+            i = s.indices[0]
+            written[s] = source[i] - source[i - 1]
+        for s in samples(expr, second):
+            i = s.indices[0]
+            written[s] = sp.sign(source[i] - source[i - 1])
+    return expr.xreplace(written)
+
+
+def swap(expr: Any, bases: dict[sp.IndexedBase, sp.IndexedBase], shifts: dict[Any, int] | None = None) -> Any:
+    """Rename sequences, each with its own shift in time: {u: m}, {y: 1} turns `u[k-1]` into `m[k]`."""
+    shifts = shifts or {}
+    return expr.xreplace({s: bases.get(s.base, s.base)[s.indices[0] + shifts.get(s.base, 0)] for s in samples(expr)})
