@@ -1,0 +1,404 @@
+"""y[k] = F(y[k-1], ..., u[k-tau_d], ..., phi1, phi2): models as expressions, and pools of candidate terms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations_with_replacement
+from math import comb
+from typing import Any
+
+import sympy as sp
+
+from . import assumptions, printing
+from .errors import ModelError
+from .identities import canonical, independent
+from .parsing import parse
+from .recursion import Recursion
+from .signals import differences, expand_phi, k, lags, samples, signal, u, y
+
+MAX_POOL = 20_000
+FUNCTIONS = {"abs": sp.Abs, "sin": sp.sin, "cos": sp.cos, "tanh": sp.tanh, "exp": sp.exp, "sign": sp.sign}
+
+
+class Model:
+    """A difference equation with named parameters, optionally fitted.
+
+    Parameters
+    ----------
+    F : expression
+        The right-hand side of y[k] = F, in samples, phi1, phi2 and the parameter symbols.
+    symbols : sequence of Symbol
+        The parameters, in the order of `theta`.
+    theta : (n_theta,) numbers, optional
+    output, input : IndexedBase
+        y and u; exchanged in an inverse model.
+    operating_point : mapping from a sequence to a number, optional
+        The model's signals are measured from here: F speaks of y[k] - y0 and u[k] - u0. `expand` and every law are in
+        the user's own units. [units of y and u]
+    lead : int
+        For an inverse model: y[k] in F stands for the measured y[k + lead] (the paper's tau_s).
+    Ts : float, optional
+        Sampling time [s].
+
+    Raises
+    ------
+    ModelError
+        Where F contains something that is neither a signal nor a parameter, or theta has the wrong length.
+    """
+
+    def __init__(
+        self,
+        F: Any,
+        symbols: Sequence[Any],
+        theta: Sequence[float] | None = None,
+        *,
+        output: sp.IndexedBase = y,
+        input: sp.IndexedBase = u,
+        operating_point: Mapping[Any, float] | None = None,
+        lead: int = 0,
+        Ts: float | None = None,
+        constraints: Sequence[Any] = (),
+    ):
+        self.F, self.symbols = sp.sympify(F), tuple(symbols)
+        self.output, self.input, self.lead, self.Ts = output, input, int(lead), Ts
+        self.operating_point = {b: float(v) for b, v in (operating_point or {}).items() if v}
+        self.constraints = tuple(constraints)
+        self.info: dict[str, Any] = {}
+        self.std: tuple[float, ...] | None = None
+        self.theta = theta
+        self.recursion  # noqa: B018  # checks F
+
+    # -- values ------------------------------------------------------------------------------------------------
+
+    @property
+    def theta(self) -> Any:
+        """The parameter values, (n_theta,) float array, or None before a fit."""
+        from .compile import values
+
+        return values(self._theta)
+
+    @theta.setter
+    def theta(self, theta: Sequence[float] | None) -> None:
+        if theta is not None and len(theta) != len(self.symbols):
+            raise ModelError(f"The model has {len(self.symbols)} parameters; {len(theta)} values were given.")
+        self._theta = None if theta is None else tuple(float(v) for v in theta)
+
+    @property
+    def values(self) -> dict[Any, Any]:
+        """Symbol to value, or an empty mapping before a fit."""
+        return {} if self._theta is None else dict(zip(self.symbols, map(sp.Float, self._theta), strict=True))
+
+    # -- equations ---------------------------------------------------------------------------------------------
+
+    @property
+    def equation(self) -> sp.Eq:
+        """y[k] = F in the paper's notation; around an operating point the signals are the shifted ones."""
+        return sp.Eq(self.output[k], self.F, evaluate=False)
+
+    @property
+    def right(self) -> Any:
+        """F in the user's units, phi1 and phi2 written out."""
+        return expand_phi(self.in_user_units(self.F)) + self.operating_point.get(self.output, 0)
+
+    def in_user_units(self, expr: Any) -> Any:
+        """Put y - y0 and u - u0 in the place of the model's shifted signals."""
+        return expr.xreplace(
+            {s: s - self.operating_point[s.base] for s in samples(expr) if s.base in self.operating_point}
+        )
+
+    def expand(self, numbers: bool = False) -> sp.Eq:
+        """Return the equation in the user's own units, in samples of y and u only."""
+        return sp.Eq(self.output[k], self.right.xreplace(self.values if numbers else {}), evaluate=False)
+
+    @property
+    def recursion(self) -> Recursion:
+        """The model as an update equation in the user's units."""
+        return Recursion(((self.output[k], self.right),), self.symbols)
+
+    @property
+    def predictor(self) -> Recursion:
+        """The one-step-ahead prediction: the model fed with measured outputs."""
+        return Recursion(((signal("prediction")[k], self.right),), self.symbols)
+
+    @property
+    def n_y(self) -> int:
+        """The largest lag of the output."""
+        return max([0, *lags(self.right, self.output)])
+
+    @property
+    def n_u(self) -> int:
+        """The largest lag of the input (phi1[k-2] and phi2[k-2] count as lag 2)."""
+        drivers = (self.input, *differences(self.input))
+        return max([0, *(i for b in drivers for i in lags(self.F, b))])
+
+    @property
+    def delay(self) -> int:
+        """The pure delay tau_d: the smallest lag of the input."""
+        return min(lags(self.right, self.input), default=0)
+
+    @property
+    def structure(self) -> assumptions.Structure:
+        """What the assumption rules need to know."""
+        return assumptions.Structure(self.output, self.input, self.delay)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the further measured sequences that enter."""
+        return tuple(str(b.label) for b in self.recursion.inputs if b not in (self.input, self.output))
+
+    @property
+    def sigma_y(self) -> Any:
+        """The sum of the parameters of the linear output regressors (Eq. of Lemma 1)."""
+        from .analysis import sigma_y
+
+        return sigma_y(self)
+
+    # -- doors: each is one call of the module that does it ----------------------------------------------------
+
+    def fit(
+        self, records: Any, constraints: Sequence[Any] | None = None, method: str = "one_step", **options: Any
+    ) -> Any:
+        """Estimate theta in place and return the model; see `narx_sym.estimate.fit`."""
+        from .estimate import fit
+
+        return fit(self, records, constraints=constraints, method=method, **options)
+
+    def simulate(
+        self, u: Any, y0: Any = None, channels: Mapping[str, Any] | None = None, engine: str = "native"
+    ) -> Any:
+        """Free run over an input; see `narx_sym.simulation.simulate`."""
+        from .simulation import simulate
+
+        return simulate(self, u, y0, channels, engine)
+
+    def predict(self, record: Any) -> Any:
+        """One-step-ahead prediction from measured outputs; see `narx_sym.simulation.predict`."""
+        from .simulation import predict
+
+        return predict(self, record)
+
+    def quasi_static(self) -> Any:
+        """Return the quasi-static solutions; see `narx_sym.analysis.quasi_static`."""
+        from .analysis import quasi_static
+
+        return quasi_static(self)
+
+    def check(self, rules: Sequence[str] | None = None) -> Any:
+        """Which terms break which assumption; see `narx_sym.analysis.check`."""
+        from .analysis import check
+
+        return check(self, rules)
+
+    def compensator(self) -> Any:
+        """Derive the compensation law; see `narx_sym.invert.compensator`."""
+        from .invert import compensator
+
+        return compensator(self)
+
+    def save(self, path: Any) -> None:
+        """Write the model file; see `narx_sym.store.save`."""
+        from .store import save
+
+        save(self, path)
+
+    # -- printing ----------------------------------------------------------------------------------------------
+
+    def latex(self, numbers: bool = False) -> str:
+        """LaTeX of the equation, with symbols or with numbers."""
+        values = self.values if numbers else {}
+        parts = [(c.xreplace(values), t) for c, t in self.parts()]
+        shown = printing.latex_sum(self.output[k], parts)
+        if self.operating_point:
+            where = ", ".join(rf"{b.label} \to {b.label} - ({v:.6g})" for b, v in self.operating_point.items())
+            shown += rf" \quad \text{{(around the operating point: }} {where} \text{{)}}"
+        return shown
+
+    def parts(self) -> list[tuple[Any, Any]]:
+        """(coefficient, term) pairs whose products add up to F."""
+        return [
+            part.as_independent(sp.Indexed, as_Add=False) if part.has(sp.Indexed) else (part, sp.S.One)
+            for part in sp.Add.make_args(self.F)
+        ]
+
+    def _repr_latex_(self) -> str:
+        return f"$\\displaystyle {self.latex()}$"
+
+    def table(self) -> list[dict[str, Any]]:
+        """One row per parameter: symbol, term, value, standard error."""
+        term_of = {c: t for c, t in self.parts() if c in self.symbols}
+        blank = [None] * len(self.symbols)
+        return [
+            {
+                "symbol": str(s),
+                "term": printing.text(term_of[s]) if s in term_of else "",
+                "theta": v,
+                "std": e,
+            }
+            for s, v, e in zip(self.symbols, self._theta or blank, self.std or blank, strict=True)
+        ]
+
+    def __repr__(self) -> str:
+        shown = printing.text(self.F.xreplace(self.values).xreplace({}) if self._theta else self.F)
+        return f"{type(self).__name__}({self.output.label}[k] = {shown})"
+
+
+class NARX(Model):
+    """A model linear in its parameters: y[k] = sum_i theta_i psi_i, the paper's Eq. (3).
+
+    Parameters
+    ----------
+    terms : sequence of expressions
+        The regressors psi_i, in order; the rest as for `Model`.
+    """
+
+    def __init__(self, terms: Iterable[Any], theta: Sequence[float] | None = None, **options: Any):
+        self.terms = [sp.sympify(t) for t in terms]
+        if not self.terms:
+            raise ModelError("A NARX model needs at least one term.")
+        if len(set(self.terms)) < len(self.terms):
+            raise ModelError("A term appears twice.")
+        symbols = sp.symbols(f"theta_1:{len(self.terms) + 1}", real=True)
+        F = sp.Add(*(s * t for s, t in zip(symbols, self.terms, strict=True)))
+        super().__init__(F, symbols, theta, **options)
+
+    @classmethod
+    def from_terms(
+        cls,
+        terms: Iterable[str],
+        theta: Sequence[float] | None = None,
+        input: str = "u",
+        output: str = "y",
+        channels: Iterable[str] = (),
+        **options: Any,
+    ) -> NARX:
+        """Build a model from texts such as "phi2[k-2]*phi1[k-2]*u[k-2]".
+
+        In an inverse model (`input="y", output="u"`) phi1 and phi2 are the paper's breve forms.
+
+        Raises
+        ------
+        ParseError
+            For a text that is not a term; ModelError for an unknown or repeated one.
+        """
+        if isinstance(terms, str):
+            raise ModelError("Give a list of terms, one text each.")
+        bases = {"u": u, "y": y}
+        if {input, output} != {"u", "y"}:
+            raise ModelError("A model goes from u to y, an inverse model from y to u.")
+        source = bases[input]
+        breve = dict(zip(differences(u), differences(source), strict=True))
+        written = [
+            t.xreplace({s: breve.get(s.base, s.base)[s.indices[0]] for s in samples(t)})
+            for t in (parse(text, signals=channels) for text in terms)
+        ]
+        return cls(written, theta, input=source, output=bases[output], **options)
+
+    def parts(self) -> list[tuple[Any, Any]]:
+        """(theta_i, psi_i) in the model's order."""
+        return list(zip(self.symbols, self.terms, strict=True))
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Candidate terms, and what was left out with the reason."""
+
+    terms: list[Any]
+    excluded: list[assumptions.Violation]
+    duplicates: dict[Any, str]
+    structure: assumptions.Structure
+    rules: tuple[str, ...] = field(default=())
+
+    def __len__(self) -> int:
+        return len(self.terms)
+
+    def __iter__(self) -> Any:
+        return iter(self.terms)
+
+    def __repr__(self) -> str:
+        banned = len({v.term for v in self.excluded})
+        return f"Pool({len(self.terms)} terms; {banned} excluded by rule, {len(self.duplicates)} duplicates)"
+
+
+def pool(
+    n_y: int = 1,
+    n_u: int = 2,
+    degree: int = 3,
+    delay: int = 1,
+    *,
+    rules: Sequence[str] = (),
+    lags: Mapping[str, Any] | None = None,
+    functions: Iterable[str] = (),
+    phi: bool = True,
+    constant: bool = False,
+    inverse: bool = False,
+) -> Pool:
+    """List the candidate terms: products up to `degree` of lagged outputs, inputs, phi1 and phi2.
+
+    Parameters
+    ----------
+    n_y, n_u : int
+        Largest lags of the output and of the input side.
+    degree : int
+        The paper's l.
+    delay : int
+        tau_d >= 0, the smallest lag of the input side.
+    rules : names of `assumptions.RULES`
+        Terms that violate one are excluded, with the reason kept.
+    lags : mapping, optional
+        Own lags for "y", "u", "phi1", "phi2" or a channel: an int (1 ... n), a range or a list.
+    functions : names among abs, sin, cos, tanh, exp, sign
+        Applied to each lagged sample (abs also to phi1) as further factors.
+    phi : bool
+        Whether phi1 and phi2 are candidates at all.
+    constant : bool
+        Whether the constant 1 is a candidate.
+    inverse : bool
+        Exchange y and u, as for the identified inverse.
+
+    Returns
+    -------
+    Pool
+        Free of terms that are identically equal to a combination of earlier ones.
+    """
+    output, source = (u, y) if inverse else (y, u)
+    first, second = differences(source)
+    if delay < 0 or n_u < delay or n_y < 0 or degree < 1:
+        raise ModelError(f"A pool needs n_y >= 0, degree >= 1 and n_u >= delay >= 0; got n_u = {n_u}, delay = {delay}.")
+    chosen: dict[str, Any] = {
+        str(output.label): range(1, n_y + 1),
+        "phi1": range(delay, n_u + 1) if phi else (),
+        "phi2": range(delay, n_u + 1) if phi else (),
+        str(source.label): range(delay, n_u + 1),
+    }
+    for name, wanted in (lags or {}).items():
+        chosen[name] = range(0 if name not in ("y",) else 1, wanted + 1) if isinstance(wanted, int) else wanted
+    named = {"phi1": first, "phi2": second}
+    factors = [(named.get(name) or signal(name))[k - i] for name, steps in chosen.items() for i in steps]
+    for name in functions:
+        if name not in FUNCTIONS:
+            raise ModelError(f"Unknown function {name!r}; there are {', '.join(FUNCTIONS)}.")
+        skip = (second,) if name != "abs" else (second, source)
+        factors += [FUNCTIONS[name](s) for s in list(factors) if isinstance(s, sp.Indexed) and s.base not in skip]
+    wanted = comb(len(factors) + degree, degree)
+    if wanted > MAX_POOL:
+        raise ModelError(
+            f"The pool would have {wanted} terms ({len(factors)} factors, degree {degree}); at most {MAX_POOL} are "
+            "built. Lower n_y, n_u or the degree, or name the lags."
+        )
+    structure = assumptions.Structure(output, source, delay)
+    terms: list[Any] = [sp.S.One] if constant else []
+    seen = set(terms)
+    for size in range(1, degree + 1):
+        for product in combinations_with_replacement(factors, size):
+            term = sp.Mul(*product)
+            if term not in seen:
+                seen.add(term)
+                terms.append(term)
+    # Shortened first: phi2^2 phi1 is phi1, and must not slip past a rule that excludes phi1.
+    shortened = {t: short for t in terms if (short := canonical(t)) != t and short in seen}
+    excluded = assumptions.violations([t for t in terms if t not in shortened], rules, structure)
+    banned = {v.term for v in excluded}
+    kept, duplicates = independent([t for t in terms if t not in banned and t not in shortened])
+    duplicates |= {t: f"= {printing.text(short)}" for t, short in shortened.items()}
+    return Pool(kept, excluded, duplicates, structure, tuple(rules))
