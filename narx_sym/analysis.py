@@ -1,0 +1,320 @@
+"""Section 3 of the paper: steady state, Sigma_y, the continuum of equilibria, quasi-static sets, attracting regions.
+
+Everything here is algebra on the model's equation; numbers enter only where a model has been fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+from sympy.solvers.solveset import NonlinearError
+
+from . import assumptions, printing
+from .errors import FitError, ModelError
+from .model import Model
+from .sensitivity import derivative
+from .signals import differences, k, samples
+
+ybar, ubar, ytilde = (sp.Symbol(n, real=True) for n in (r"\bar{y}", r"\bar{u}", r"\tilde{y}"))
+u_, phi1_ = sp.Symbol("u", real=True), sp.Symbol("phi_1", real=True)
+z = sp.Symbol("z")
+
+
+def _rest(base: Any) -> Any:
+    return sp.Symbol(rf"\bar{{{base.label}}}", real=True)
+
+
+def rest_map(model: Model) -> Any:
+    """Return G with ybar = G(ybar, ubar): all signals held constant, in the user's units.
+
+    phi1 and phi2 vanish because u[k] - u[k-1] does; they are not declared.
+    """
+    right = model.right
+    held = {model.output: ybar, model.input: ubar}
+    return right.xreplace({s: held.get(s.base, _rest(s.base)) for s in samples(right)})
+
+
+def sigma_y(model: Model) -> Any:
+    """Return the sum of the parameters of the linear output regressors."""
+    total = sp.S.Zero
+    for coefficient, term in model.parts():
+        if isinstance(term, sp.Indexed) and term.base == model.output:
+            total += coefficient
+    return total
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """The rest map and what follows from it.
+
+    Attributes
+    ----------
+    equation : Eq(ybar, G(ybar, ubar))
+    conditions : list of Eq
+        Necessary and sufficient for a continuum: every ybar is an equilibrium for every constant input (Lemma 1; the
+        paper asks for Sigma_y = 1, which is enough only where no input or constant term remains at rest).
+    equilibria : "continuum" or list of expressions in ubar
+    """
+
+    equation: sp.Eq
+    conditions: list[Any]
+    equilibria: Any
+
+    def latex(self) -> str:
+        """LaTeX of the equation and the continuum conditions."""
+        return printing.latex([self.equation, *self.conditions])
+
+
+def continuum_conditions(model: Model) -> list[Any]:
+    """Return the equations in theta under which ybar = G(ybar, ubar) holds identically."""
+    excess = sp.expand(rest_map(model) - ybar)
+    groups: dict[Any, Any] = {}
+    for part in sp.Add.make_args(excess):
+        held = {s for s in part.free_symbols if s not in model.symbols}
+        coefficient, function = part.as_independent(*held, as_Add=False) if held else (part, sp.S.One)
+        groups[function] = groups.get(function, sp.S.Zero) + coefficient
+    conditions = []
+    for function in sorted(groups, key=sp.default_sort_key):
+        balance = sp.factor_terms(sp.expand(groups[function]))
+        if function == ybar:
+            conditions.append(sp.Eq(sp.expand(groups[function]) + 1, 1, evaluate=False))
+        elif balance != 0:
+            conditions.append(sp.Eq(balance, 0, evaluate=False))
+    return conditions
+
+
+def continuum(model: Model, tolerance: float = 1e-9) -> bool:
+    """Return whether the fitted model has a continuum of equilibrium points (Definition 1, Lemma 1).
+
+    The whole rest map is tested: an input or constant term that survives at rest makes the output drift.
+    """
+    known = model.values
+    gaps = [(c.lhs - c.rhs).xreplace(known) if isinstance(c, sp.Eq) else c for c in continuum_conditions(model)]
+    return all(g.is_number and abs(float(g)) <= tolerance for g in map(sp.sympify, gaps))
+
+
+def steady_state(model: Model) -> SteadyState:
+    """Solve ybar = G(ybar, ubar)."""
+    right = rest_map(model)
+    equation = sp.Eq(ybar, right, evaluate=False)
+    if continuum(model):
+        return SteadyState(equation, continuum_conditions(model), "continuum")
+    excess = sp.expand((right - ybar).xreplace(model.values))
+    if excess == 0:
+        return SteadyState(equation, continuum_conditions(model), "continuum")
+    try:
+        solutions = sp.solve(excess, ybar) if excess.has(ybar) else []
+    except NotImplementedError:
+        solutions = []
+    return SteadyState(equation, continuum_conditions(model), solutions)
+
+
+def jacobian(model: Model) -> list[Any]:
+    """Return [dF/dy[k-1], ..., dF/dy[k-n_y]]: phi1, phi2 and time indices kept, in the user's units."""
+    F = model.in_user_units(model.F)
+    return [derivative(F, model.output[k - i]) for i in range(1, model.n_y + 1)]
+
+
+def characteristic(slopes: Sequence[Any]) -> Any:
+    """Return z^n - F_1 z^(n-1) - ... - F_n, whose roots are the eigenvalues of the companion matrix."""
+    n = len(slopes)
+    return z**n - sum(slope * z ** (n - 1 - i) for i, slope in enumerate(slopes))
+
+
+def jury(polynomial: Any) -> list[Any]:
+    """Return the conditions under which all roots of a polynomial in z lie inside the unit circle (Jury 1964).
+
+    For z - a it is |a| < 1. The conditions are relationals in the coefficients; p(1) > 0 comes first.
+    """
+    row = sp.Poly(polynomial, z).all_coeffs()
+    lead = row[0]
+    row = [sp.together(c / lead) for c in row]
+    n = len(row) - 1
+    if n == 0:
+        return []
+    if n == 1:
+        return [sp.Lt(sp.Abs(-row[1]), 1, evaluate=False)]
+    conditions = [sp.Gt(sum(row), 0, evaluate=False)]
+    conditions.append(sp.Gt((-1) ** n * sum(c * (-1) ** (n - i) for i, c in enumerate(row)), 0, evaluate=False))
+    while len(row) > 2:
+        conditions.append(sp.Lt(sp.Abs(row[-1]), sp.Abs(row[0]), evaluate=False))
+        if len(row) == 3:
+            break
+        row = [sp.expand(row[0] * a - row[-1] * b) for a, b in zip(row[:-1], row[:0:-1], strict=True)]
+    return conditions
+
+
+def without_integrator(polynomial: Any) -> tuple[Any, bool]:
+    """Divide out the root z = 1 where it is exact: a Sigma_y = 1 model and its law integrate by construction."""
+    if sp.simplify(polynomial.subs(z, 1)) == 0:
+        return sp.cancel(sp.quo(sp.Poly(polynomial, z), sp.Poly(z - 1, z)).as_expr()), True
+    return polynomial, False
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Property 1: under a constant input a model of hysteresis has two or more real non-diverging equilibria."""
+
+    equilibria: Any
+    diverging: bool | None
+    holds: bool
+    reason: str
+
+
+def property_1(model: Model) -> Verdict:
+    """Count the equilibria of a fitted model under a constant input and say whether they diverge.
+
+    At a continuum the eigenvalue that is exactly 1 is taken out before the others are judged.
+    """
+    if not model.values:
+        raise ModelError("Property 1 is a verdict on numbers: fit the model or give theta first.")
+    state = steady_state(model)
+    held = {model.output: ybar, model.input: ubar}
+    slopes = [
+        derivative(model.right, model.output[k - i]).xreplace(
+            {s: held.get(s.base, _rest(s.base)) for s in samples(model.right)}
+        )
+        for i in range(1, model.n_y + 1)
+    ]
+    polynomial = characteristic([s.xreplace(model.values) for s in slopes])
+    if state.equilibria == "continuum":
+        reduced, _ = sp.div(sp.Poly(polynomial, z), sp.Poly(z - 1, z))
+        roots = [abs(complex(r)) for r in reduced.nroots()] if reduced.degree() > 0 else []
+        diverging = any(r >= 1 for r in roots)
+        return Verdict("continuum", diverging, not diverging, "every output is an equilibrium at rest (Lemma 1)")
+    points = [p for p in state.equilibria if p.xreplace({ubar: sp.S.Zero}).is_real is not False]
+    if not points:
+        return Verdict([], None, False, "no equilibrium: the output drifts under a constant input")
+    flags = []
+    for point in points:
+        at = polynomial.xreplace({ybar: point, ubar: sp.S.Zero})
+        at = at.subs(ubar, 0)
+        flags.append(any(abs(complex(root)) >= 1 for root in sp.Poly(at, z).nroots()))
+    steady = [p for p, bad in zip(points, flags, strict=True) if not bad]
+    reason = f"{len(points)} equilibria for a constant input, {len(steady)} of them non-diverging; two are needed"
+    return Verdict(points, all(flags), len(steady) >= 2, reason)
+
+
+@dataclass(frozen=True)
+class QuasiStatic:
+    """The sets ytilde(u, phi1) under loading and unloading, and where they attract.
+
+    Attributes
+    ----------
+    loading, unloading : expressions in u and phi_1, in the user's units
+    jacobian : expression dF/dy[k-1], or a list of them for n_y > 1
+    attracting : relational, or `And` of the Jury conditions for n_y > 1
+    """
+
+    model: Model
+    loading: Any
+    unloading: Any
+    jacobian: Any
+    attracting: Any
+
+    @property
+    def repelling(self) -> Any:
+        """Where the sets do not attract."""
+        return sp.Not(self.attracting)
+
+    def conditions(self, loading: bool) -> Any:
+        """Return the attracting condition of one branch in u and phi_1."""
+        return _static(self.attracting, self.model, 1 if loading else -1)
+
+    @property
+    def branches(self) -> tuple[Any, Any]:
+        """(dF/dy under loading, under unloading) in u, phi_1 and ytilde; lists for n_y > 1."""
+        slopes = self.jacobian if isinstance(self.jacobian, list) else [self.jacobian]
+        loading, unloading = ([_static(s, self.model, d) for s in slopes] for d in (1, -1))
+        return loading, unloading
+
+    def evaluate(self, u: Any, phi1: Any = None) -> Any:
+        """Evaluate along an input; see `narx_sym.compile.evaluate_quasi_static`."""
+        from .compile import evaluate_quasi_static
+
+        return evaluate_quasi_static(self, u, phi1)
+
+    def latex(self) -> str:
+        """LaTeX of the two cases and of the attracting condition."""
+        cases = (
+            rf"\tilde{{{self.model.output.label}}} = \begin{{cases}} "
+            rf"{printing.latex(self.loading)}, & \phi_{{2}} = 1 \\[6pt] "
+            rf"{printing.latex(self.unloading)}, & \phi_{{2}} = -1 \end{{cases}}"
+        )
+        return cases + r" \\ " + printing.latex(self.attracting)
+
+
+def _static(expr: Any, model: Model, direction: int) -> Any:
+    """Drop the time indices: y[k-i] is ytilde, u[k-j] is u, phi1[k-j] is phi_1, phi2[k-j] the direction."""
+    first, second = differences(model.input)
+    values = {
+        model.output: ytilde,
+        model.input: u_,
+        first: phi1_,
+        second: sp.Integer(direction),
+    }
+    return expr.xreplace({s: values.get(s.base, _rest(s.base)) for s in samples(expr)})
+
+
+def quasi_static(model: Model) -> QuasiStatic:
+    """Solve ytilde = F(ytilde, u, phi1, phi2) for phi2 = 1 (loading) and phi2 = -1 (unloading), Eq. (090919b).
+
+    Raises
+    ------
+    ModelError
+        Where no closed form exists.
+    """
+    branches = []
+    offset = model.operating_point.get(model.output, 0)
+    for direction in (1, -1):
+        excess = _static(model.in_user_units(model.F), model, direction) + offset - ytilde
+        slope = sp.diff(excess, ytilde)
+        if slope != 0 and not slope.has(ytilde):
+            branches.append(sp.expand(excess.xreplace({ytilde: sp.S.Zero})) / sp.expand(-slope))
+            continue
+        solutions = sp.solve(excess, ytilde) if slope != 0 else []
+        if not solutions:
+            raise ModelError("The quasi-static equation has no closed-form solution for this model.")
+        branches.append(solutions[0] if len(solutions) == 1 else sp.FiniteSet(*solutions))
+    slopes = jacobian(model)
+    if not slopes:
+        return QuasiStatic(model, branches[0], branches[1], sp.S.Zero, sp.true)
+    # The second lines of the paper's conditions divide by theta_4 phi_2 and hold only where that is positive: |.| < 1.
+    conditions = jury(without_integrator(characteristic(slopes))[0])
+    attracting = sp.And(*conditions, evaluate=False) if len(conditions) > 1 else conditions[0]
+    return QuasiStatic(model, branches[0], branches[1], slopes[0] if len(slopes) == 1 else slopes, attracting)
+
+
+def check(model: Model, rules: Sequence[str] | None = None) -> list[assumptions.Violation]:
+    """Return every assumption that a model violates, term by term, with the reason.
+
+    Parameters
+    ----------
+    rules : names of `assumptions.RULES`
+        All of the paper's by default.
+    """
+    names = list(rules) if rules is not None else [*assumptions.CONTINUUM, *(("A1(i)",) if not model.lead else ())]
+    terms = [term for _, term in model.parts()]
+    found = assumptions.violations(terms, names, model.structure)
+    return found + (assumptions.structural(terms, model.structure) if rules is None else [])
+
+
+def constraint_matrix(equations: Sequence[Any], symbols: Sequence[Any]) -> tuple[sp.Matrix, sp.Matrix]:
+    """Derive S and c with S theta = c from equations in the symbols.
+
+    Raises
+    ------
+    FitError
+        Where an equation is not linear in the parameters.
+    """
+    try:
+        S, c = sp.linear_eq_to_matrix([sp.sympify(e) for e in equations], list(symbols))
+    except NonlinearError as error:
+        raise FitError(f"A constraint is not linear in the parameters: {error}") from None
+    if S.free_symbols | c.free_symbols:
+        unknown = ", ".join(map(str, S.free_symbols | c.free_symbols))
+        raise FitError(f"The constraints contain {unknown}, which are not parameters of this model.")
+    return S, c

@@ -1,0 +1,252 @@
+"""Section 4 of the paper: compensation laws by algebraic inversion, and from an identified inverse.
+
+A law is a recursion for m[k] in past m and (future) r; putting it back into the model gives r[k + tau_d] identically.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from . import printing
+from .analysis import characteristic, jury, without_integrator, z
+from .errors import NotInvertible
+from .model import Model
+from .recursion import Recursion
+from .sensitivity import derivative
+from .signals import expand_phi, k, lag, m, r, samples, shift, swap, u, y
+
+q = sp.Symbol("q")
+mbar, rbar, direction = (sp.Symbol(n, real=True) for n in (r"\bar{m}", r"\bar{r}", "s"))
+
+
+@dataclass(frozen=True)
+class Compensator:
+    """A compensation law m[k] = ... that makes the model's output follow the reference r.
+
+    Attributes
+    ----------
+    model : Model
+    law : expression
+        The right-hand side of m[k], in the user's units.
+    A, B : expressions in q, f : expression
+        A(q) y[k] = B(q) u[k] + f(...), the grouping of the paper; None for an identified inverse.
+    """
+
+    model: Model
+    law: Any
+    A: Any = None
+    B: Any = None
+    f: Any = None
+
+    @property
+    def equation(self) -> sp.Eq:
+        """m[k] = law."""
+        return sp.Eq(m[k], self.law, evaluate=False)
+
+    @property
+    def symbols(self) -> tuple[Any, ...]:
+        """The parameter symbols of the model."""
+        return self.model.symbols
+
+    @property
+    def recursion(self) -> Recursion:
+        """The law as an update equation; its inputs are r and any further channels."""
+        return Recursion(((m[k], self.law),), self.symbols)
+
+    @property
+    def preview(self) -> int:
+        """How many samples of the reference ahead of k the law needs (tau_d, or tau_s - 1)."""
+        return self.recursion.lead
+
+    def expand(self) -> sp.Eq:
+        """Return the law with numbers in the place of the parameters."""
+        return sp.Eq(m[k], self.law.xreplace(self.model.values), evaluate=False)
+
+    def residual(self) -> Any:
+        """Put the law into the model and subtract the reference: 0 where the inversion is exact."""
+        if self.A is None:  # an identified inverse is its own law: nothing was inverted
+            return sp.simplify(self.law - swap(self.model.right, {u: m, y: r}, {y: self.model.lead}))
+        delay = self.model.delay
+        followed = shift(swap(self.model.right, {u: m, y: r}), delay)
+        return sp.simplify(sp.expand(followed.xreplace({m[k]: self.law}) - r[k + delay]))
+
+    @property
+    def internal(self) -> InternalDynamics:
+        """The law's own dynamics: whether it can run away although the model follows."""
+        return internal_dynamics(self)
+
+    def run(self, reference: Any, m0: Any = None) -> Any:
+        """Compute m over a reference; see `narx_sym.simulation.run_law`."""
+        from .simulation import run_law
+
+        return run_law(self, reference, m0)
+
+    def latex(self, numbers: bool = False) -> str:
+        """LaTeX of the law, grouped as in the paper: one bracket over the coefficient of the newest input."""
+        values = self.model.values if numbers else {}
+        if self.A is None:
+            parts = [(c.xreplace(values), t) for c, t in self._grouped(self.law)]
+            return printing.latex_sum(m[k], parts)
+        numerator, gain = self._fraction()
+        parts = [(c.xreplace(values), t) for c, t in self._grouped(numerator)]
+        body = printing.latex_sum(m[k], parts)
+        opening = rf"&= \frac{{1}}{{{printing.latex(gain.xreplace(values))}}} \Big[ "
+        return body.replace("&= ", opening, 1).replace("\n\\end{aligned}", " \\Big]\n\\end{aligned}")
+
+    def _fraction(self) -> tuple[Any, Any]:
+        gain = derivative(self.model.right, self.model.input[k - self.model.delay])
+        return sp.Add(*(p * gain for p in sp.Add.make_args(self.law))), gain
+
+    def _grouped(self, expr: Any) -> list[tuple[Any, Any]]:
+        """(coefficient, term) pairs; differences stay in brackets as the model's own terms have them."""
+        pairs = []
+        for part in sp.Add.make_args(expr):
+            held = [f for f in sp.Mul.make_args(part) if not f.has(sp.Indexed)]
+            coefficient = sp.Mul(*held)
+            pairs.append((coefficient, sp.Mul(*(f for f in sp.Mul.make_args(part) if f.has(sp.Indexed)))))
+        # References first, then past inputs, then the nonlinear terms: the order of the paper.
+        return sorted(
+            pairs,
+            key=lambda p: (
+                len(samples(p[1])) > 1,
+                not p[1].has(r),
+                lag(min(samples(p[1]), key=lag)) if samples(p[1]) else 9,
+                len(str(p[1])),
+            ),
+        )
+
+    def _repr_latex_(self) -> str:
+        return f"$\\displaystyle {self.latex()}$"
+
+    def __repr__(self) -> str:
+        return f"Compensator(m[k] = {printing.text(self.expand().rhs)})"
+
+
+@dataclass(frozen=True)
+class InternalDynamics:
+    """How the law reacts to its own past, around slow motion: the condition of section 3 applied to the law.
+
+    Attributes
+    ----------
+    polynomial : expression in z, mbar, rbar and the direction s = sign of the last step
+        Its roots are the eigenvalues; the root that is exactly 1 is taken out.
+    integrates : bool
+        Whether that root was there: every law of a Sigma_y = 1 model has it.
+    condition : relational or true
+        Where the law is attracting.
+    """
+
+    polynomial: Any
+    integrates: bool
+    condition: Any
+
+
+def internal_dynamics(law: Compensator) -> InternalDynamics:
+    """Derive the eigenvalues of a law along slow motion (all past m equal mbar, all r equal rbar)."""
+    depth = max([0, *(lag(x) for x in samples(law.law, m))])
+    slopes = [derivative(law.law, m[k - i]) for i in range(1, depth + 1)]
+    still = {m: mbar, r: rbar}
+    held = []
+    for slope in slopes:
+        moving = slope.replace(sp.sign, lambda _: direction)
+        held.append(sp.simplify(moving.xreplace({x: still.get(x.base, x) for x in samples(moving)})))
+    polynomial, integrates = without_integrator(characteristic(held)) if held else (sp.S.One, False)
+    conditions = jury(polynomial) if polynomial.has(z) else []
+    return InternalDynamics(polynomial, integrates, sp.And(*conditions) if conditions else sp.true)
+
+
+def offending_terms(model: Model) -> list[Any]:
+    """Return the terms that contain u[k - tau_d] other than linearly with a constant coefficient (Assumption A1(i))."""
+    latest = model.input[k - model.delay]
+    bad = []
+    for _, term in model.parts():
+        written = expand_phi(model.in_user_units(term))
+        if (written.has(latest) and samples(derivative(written, latest))) or _hidden(written, latest):
+            bad.append(term)
+    return bad
+
+
+def _hidden(expr: Any, sample: Any) -> bool:
+    return any(f.has(sample) for f in expr.atoms(sp.Function, sp.Piecewise))
+
+
+def polynomials(model: Model) -> tuple[Any, Any, Any]:
+    """Group a model as A(q) y[k] = B(q) u[k] + f: the linear regressors, and all the rest in f."""
+    A, B, f = sp.S.One, sp.S.Zero, model.operating_point.get(model.output, sp.S.Zero)
+    for coefficient, term in model.parts():
+        written = coefficient * expand_phi(model.in_user_units(term))
+        pieces = sp.Add.make_args(sp.expand(written))
+        if all(len(_samples_with_powers(p)) <= 1 for p in pieces):
+            for piece in pieces:
+                found = _samples_with_powers(piece)
+                if not found or found[0].base not in (model.input, model.output):
+                    f += piece
+                elif found[0].base == model.output:
+                    A -= piece / found[0] * q ** (-lag(found[0]))
+                else:
+                    B += piece / found[0] * q ** (-lag(found[0]))
+        else:
+            f += written
+    return A, B, f
+
+
+def _samples_with_powers(piece: Any) -> list[Any]:
+    """Return the samples of a product with repetition; a sample inside a function counts twice."""
+    found: list[Any] = []
+    for factor in sp.Mul.make_args(piece):
+        base, exponent = factor.as_base_exp()
+        if isinstance(base, sp.Indexed) and exponent == 1:
+            found.append(base)
+        else:
+            found += samples(factor) * 2
+    return found
+
+
+def compensator(model: Model) -> Compensator:
+    """Derive the compensation law of a model, or of an identified inverse.
+
+    Strategy 1 (Eq. Cms:InputCompensation): y becomes r, u becomes m, and m[k - tau_d + 1] is isolated one step ahead;
+    written here for m[k], it needs the reference up to k + tau_d. Strategy 2 (Eq. Cci:InputCompensation): in an
+    identified inverse y[k-j] becomes r[k-j+tau_s].
+
+    Raises
+    ------
+    NotInvertible
+        Naming the terms that violate Assumption A1(i), or what else is missing.
+    """
+    if model.input == y:
+        law = swap(model.right, {u: m, y: r}, {y: model.lead})
+        return Compensator(model, law)
+    right = model.right
+    if not samples(right, model.input):
+        raise NotInvertible("The model has no input term: there is nothing to solve for (Assumption A1).")
+    bad = offending_terms(model)
+    delay = model.delay
+    latest = model.input[k - delay]
+    if bad:
+        named = ", ".join(printing.text(t) for t in bad)
+        raise NotInvertible(
+            f"{printing.text(latest)} cannot be isolated: {named} {'violates' if len(bad) == 1 else 'violate'} "
+            "Assumption A1(i) (the only regressor involving u[k-tau_d] must be linear). "
+            "Identify with for_compensation=True (--for-compensation), which keeps such terms out of the pool."
+        )
+    gain = derivative(right, latest)
+    value = gain.xreplace(model.values)
+    if value == 0 or (value.is_number and abs(float(value)) < 1e-300):
+        raise NotInvertible(f"The coefficient of {printing.text(latest)} is zero: the input does not act (A1(i)).")
+    rest = _drop(right, latest)
+    law = sp.Add(*(p / gain for p in (r[k + delay], *(-x for x in sp.Add.make_args(_renamed(rest, delay))))))
+    A, B, f = polynomials(model)
+    return Compensator(model, law, A, B, f)
+
+
+def _drop(right: Any, latest: Any) -> Any:
+    """Set the newest input to zero where it stands (it is linear, so nothing else changes)."""
+    return sp.Add(*(p.xreplace({latest: sp.S.Zero}) if p.has(latest) else p for p in sp.Add.make_args(right)))
+
+
+def _renamed(rest: Any, delay: int) -> Any:
+    return shift(swap(rest, {u: m, y: r}), delay)
