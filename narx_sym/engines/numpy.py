@@ -1,0 +1,124 @@
+"""NumPy: coefficients evaluated for all k at once and one banded solve per state, where the equations allow it.
+
+An update that is affine in its own past, with coefficients free of itself, is a lower banded system; the states are
+solved in order. Every other recursion is run step by step through `lambdify`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from scipy.linalg.blas import dtbsv
+
+from ..errors import ModelError
+from .plan import Plan
+
+CHUNK = 8192
+MODULES = [{"Heaviside": lambda x, *_: np.where(x > 0, 1.0, 0.0)}, "numpy"]
+
+
+def affine_rows(plan: Plan) -> list[tuple[list[int], list[sp.Expr]]] | None:
+    """Return per state its own lags and [constant, coefficient per lag], or None where a state is not affine."""
+    rows = []
+    for s, right in enumerate(plan.updates):
+        own = {i: symbol for (j, i), symbol in plan.sample.items() if j == s and i >= 1}
+        later = [symbol for (j, _), symbol in plan.sample.items() if s < j < len(plan.updates)]
+        lags = sorted(i for i, symbol in own.items() if right.has(symbol))
+        if any(right.has(x) for x in later) or any(
+            f.has(own[i]) for i in lags for f in right.atoms(sp.Function, sp.Piecewise)
+        ):
+            return None
+        slopes = [sp.diff(right, own[i]) for i in lags]
+        if any(c.has(own[i]) for c in slopes for i in lags):
+            return None
+        rows.append((lags, [right.xreplace({own[i]: sp.S.Zero for i in lags}), *slopes]))
+    return rows
+
+
+def build(plan: Plan) -> Callable[..., int]:
+    """Return run(arrays, theta, start, stop) for a plan."""
+    rows = affine_rows(plan)
+    solve = _stepwise(plan) if rows is None else _banded(plan, rows)
+
+    def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
+        try:
+            return solve(arrays, theta, start, stop)
+        except NameError as error:  # lambdify prints the name of any function
+            raise ModelError(f"The numpy engine has no rule for {error.name}.") from None
+
+    return run
+
+
+def _lambdify(plan: Plan, expressions: list[sp.Expr], keys: list[tuple[int, int]]) -> Callable[..., Any]:
+    arguments = [plan.sample[key] for key in keys] + list(plan.parameters) + [plan.time]
+    return sp.lambdify(arguments, expressions, modules=MODULES, cse=True, dummify=True)
+
+
+def _banded(plan: Plan, rows: list[tuple[list[int], list[sp.Expr]]]) -> Callable[..., int]:
+    keys = list(plan.sample)
+    functions = [_lambdify(plan, expressions, keys) for _, expressions in rows]
+
+    def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
+        for a in range(start, stop, CHUNK):
+            z = min(a + CHUNK, stop)
+            for s, ((lags, _), function) in enumerate(zip(rows, functions, strict=True)):
+                own = {(s, i) for i in range(max(lags, default=0) + 1)}
+                values = [
+                    np.zeros(z - a)
+                    if key in own or (key[0] < len(rows) and key[0] > s)
+                    else arrays[key[0]][a - key[1] : z - key[1]]
+                    for key in keys
+                ]
+                with np.errstate(all="ignore"):
+                    constant, *slopes = function(*values, *theta, np.arange(a, z, dtype=float))
+                arrays[s][a:z] = _solve(arrays[s], a, z, lags, np.broadcast_to(constant, z - a).astype(float), slopes)
+            block = np.array([arrays[s][a:z] for s in range(len(rows))])
+            bad = ~np.isfinite(block).all(axis=0)
+            if bad.any():
+                return int(a + np.argmax(bad))
+        return stop
+
+    return run
+
+
+def _solve(x: np.ndarray, a: int, z: int, lags: list[int], right: np.ndarray, slopes: list[Any]) -> np.ndarray:
+    """Solve x[k] - sum_i c_i[k] x[k-i] = right[k] for a <= k < z."""
+    if not lags:
+        return right
+    n, width = z - a, lags[-1]
+    band = np.zeros((width + 1, n), order="F")
+    band[0] = 1.0
+    for i, slope in zip(lags, slopes, strict=True):
+        c = np.broadcast_to(np.asarray(slope, dtype=float), n)
+        past = min(i, n)
+        with np.errstate(all="ignore"):
+            right[:past] += c[:past] * x[a - i : a - i + past]
+        band[i, : n - past] = -c[past:]
+    return dtbsv(width, band, right, lower=1, diag=1)
+
+
+def _stepwise(plan: Plan) -> Callable[..., int]:
+    states = range(len(plan.updates))
+    keys = [key for key in plan.sample if key[0] not in states or key[1] >= 1]
+    known = {plan.sample[s, 0]: right for s, right in enumerate(plan.updates)}
+    expressions: list[sp.Expr] = []
+    for right in plan.updates:  # a lag-0 use of an earlier state is written out
+        while right.free_symbols & known.keys():
+            right = right.xreplace(known)
+        expressions.append(right)
+    step = _lambdify(plan, expressions, keys)
+
+    def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
+        with np.errstate(all="ignore"):
+            for k in range(start, stop):
+                values = step(*[arrays[s][k - i] for s, i in keys], *theta, float(k))
+                for s in states:
+                    arrays[s][k] = values[s]
+                if not np.all(np.isfinite(values)):
+                    return k
+        return stop
+
+    return run

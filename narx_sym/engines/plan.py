@@ -1,0 +1,89 @@
+"""What every engine starts from: the update equations over plain symbols, collected in the newest output."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import sympy as sp
+
+from ..recursion import Recursion
+from ..signals import k, lag, samples
+
+MAX_HORNER = 4
+TIME = sp.Dummy("time_index", real=True)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A recursion with each sample `x[k-i]` replaced by a plain real symbol (SymPy differentiates these fast).
+
+    The symbols are dummies: whatever a parameter is called, it is another symbol.
+
+    `signals` is the order of the arrays (states, then inputs), `sample` maps (signal index, lag) to the symbol,
+    `updates` holds one expression per state, `parameters` the parameter symbols.
+    """
+
+    recursion: Recursion
+    signals: tuple[Any, ...]
+    sample: dict[tuple[int, int], sp.Symbol]
+    updates: tuple[sp.Expr, ...]
+    time: ClassVar[sp.Symbol] = TIME
+
+    @classmethod
+    def of(cls, recursion: Recursion) -> Plan:
+        """Make the plan of a recursion."""
+        signals = (*recursion.states, *recursion.inputs)
+        position = {base: i for i, base in enumerate(signals)}
+        names: dict[Any, Any] = {}
+        sample = {}
+        for left, right in recursion.updates:
+            for s in [left, *samples(right)]:
+                key = (position[s.base], lag(s))
+                side = f"m{-key[1]}" if key[1] < 0 else str(key[1])
+                names[s] = sample[key] = sp.Dummy(f"x{key[0]}_{side}", real=True)
+        updates = tuple(right.xreplace(names).xreplace({k: cls.time}) for _, right in recursion.updates)
+        return cls(recursion, signals, sample, updates)
+
+    @property
+    def parameters(self) -> tuple[sp.Symbol, ...]:
+        """The parameter symbols, in the order of `theta`."""
+        return self.recursion.parameters
+
+    @cached_property
+    def collected(self) -> tuple[tuple[sp.Expr, ...], ...]:
+        """Per state the coefficients c0, c1, ... of its own newest value, so that c0 + x*(c1 + ...) is the update.
+
+        The loop-carried dependency is then one product and one sum for every model affine in y[k-1].
+        """
+        return tuple(
+            horner(right, self.sample[i, 1]) if (i, 1) in self.sample else (right,)
+            for i, right in enumerate(self.updates)
+        )
+
+    @cached_property
+    def shared(self) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[tuple[sp.Expr, ...]]]:
+        """The coefficients with their common subexpressions taken out."""
+        flat = [c for row in self.collected for c in row]
+        common, reduced = sp.cse(flat, symbols=sp.numbered_symbols("shared_", cls=sp.Dummy), order="none")
+        rows, at = [], 0
+        for row in self.collected:
+            rows.append(tuple(reduced[at : at + len(row)]))
+            at += len(row)
+        return common, rows
+
+
+def horner(expr: sp.Expr, x: sp.Symbol) -> tuple[sp.Expr, ...]:
+    """Return the coefficients of a polynomial in x by differentiation (`Poly` would expand), or (expr,)."""
+    if any(f.has(x) for f in expr.atoms(sp.Function, sp.Piecewise)):
+        return (expr,)
+    if any((p.base.has(x) and not p.exp.is_nonnegative) or p.exp.has(x) for p in expr.atoms(sp.Pow)):
+        return (expr,)
+    coefficients, derivative = [], expr
+    for order in range(MAX_HORNER + 1):
+        coefficients.append(derivative.xreplace({x: sp.S.Zero}) / sp.factorial(order))
+        derivative = sp.diff(derivative, x)
+        if derivative == 0:
+            return tuple(coefficients)
+    return (expr,)
