@@ -1,0 +1,251 @@
+"""From measurements to a model in one call: pool, rules, selection, constrained fit, operating point."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from . import assumptions
+from .data import Record, check_excitation
+from .errors import FitError, ModelError, NotInvertible
+from .estimate import fit
+from .invert import compensator
+from .model import NARX, Model, pool
+from .selection import Selection, select
+from .signals import k, u, y
+from .simulation import Records, evaluate, law_radius, segments
+
+BASES = ("narx", "linear", "static")
+HELD_OUT = 0.3
+FEWEST = 20  # samples; below this a structure cannot be told from chance
+
+
+def operating_point(records: Records, inverse: bool = False, lead: int = 0) -> dict[Any, float]:
+    """Return the point to measure u and y from: zero where zero lies well inside both ranges, else their means.
+
+    Polynomial regressors are not shift-invariant: far from zero they become nearly dependent and the fit fails.
+    The means are rounded to three digits of the range, so that the equations stay readable.
+    """
+    parts = segments(records)
+    point = {}
+    for base in (u, y):
+        x = np.concatenate([getattr(p, str(base.label)) for p in parts])
+        low, high = float(x.min()), float(x.max())
+        reach = (high - low) / 2
+        if abs(high + low) / 2 <= 0.5 * reach:
+            point[base] = 0.0
+        else:
+            digit = 10.0 ** (np.floor(np.log10(reach)) - 2)
+            point[base] = float(np.round(x.mean() / digit) * digit)
+    return {b: float(f"{v:.12g}") for b, v in point.items() if v}
+
+
+def prepare(records: Any) -> list[Record]:
+    """Return the records as a list, each with a moving input and output."""
+    listed = [records] if isinstance(records, Record) else list(records)
+    if not listed:
+        raise FitError("No record was given.")
+    for record in listed:
+        check_excitation(record)
+    total = sum(len(r) for r in listed)
+    if total < FEWEST:
+        raise FitError(f"{total} samples are too few to choose a structure: at least {FEWEST} are needed.")
+    if len({round(r.Ts, 12) for r in listed}) > 1:
+        shown = ", ".join(f"{r.name}: {r.Ts:g} s" for r in listed)
+        raise FitError(f"The records have different sampling times ({shown}); a model has one.")
+    return listed
+
+
+def identify(
+    records: Records,
+    *,
+    base: str = "narx",
+    n_y: int = 1,
+    n_u: int = 2,
+    degree: int = 3,
+    delay: int | None = None,
+    for_compensation: bool = False,
+    rate_independent: bool = True,
+    functions: Iterable[str] = (),
+    lags: Mapping[str, Any] | None = None,
+    criterion: str = "free_run",
+    n_terms: int | None = None,
+    max_terms: int = 10,
+    method: str = "auto",
+    point: Mapping[Any, float] | str = "auto",
+) -> Model:
+    """Identify a model.
+
+    Parameters
+    ----------
+    records : Record or list of Record
+    base : "narx", "linear" or "static"
+        `narx`: the paper's pool with phi1, phi2 and Sigma_y = 1. `linear`: ARX, its orders and delay chosen in free
+        run. `static`: a polynomial of the input at the same instant. Each carries an operating point.
+    n_y, n_u, degree, delay : int
+        Of the pool; the delay is 1 by default, or chosen (`linear`).
+    for_compensation : bool
+        Keep Assumption A1, so that a law can be derived, and prefer models whose law is stable on the data.
+    rate_independent : bool
+        Keep the terms of first degree in phi1 only: the loop then does not depend on the speed of the input.
+    functions, lags, criterion, n_terms, max_terms
+        See `model.pool` and `selection.select`.
+    method : "auto", "one_step" or "free_run"
+        `auto` fits one step ahead, then in free run, and keeps the better free run.
+    point : mapping or "auto"
+        The operating point; {} measures the signals from zero.
+
+    Returns
+    -------
+    Model, fitted; `info["selection"]` says what was chosen and why
+    """
+    listed = prepare(records)
+    origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
+    if base == "narx":
+        rules: tuple[str, ...] = assumptions.CONTINUUM
+        rules += assumptions.COMPENSATION if for_compensation else ()
+        rules += ("rate",) if rate_independent else ()
+        candidates = pool(n_y, n_u, degree, 1 if delay is None else delay, rules=rules, functions=functions, lags=lags)
+        frame = NARX([y[k - 1]], operating_point=origin)
+        chosen = select(
+            candidates, listed, max_terms=max_terms, criterion=criterion, n_terms=n_terms, method=method, frame=frame,
+            accept=(lambda model: stable_law(model, listed)) if for_compensation else None,
+        )  # fmt: skip
+        return _finish(chosen, len(candidates))
+    if base == "linear":
+        return _linear(listed, origin, n_y, n_u, delay)
+    if base == "static":
+        return _static(listed, origin, degree, 0 if delay is None else delay)
+    raise ModelError(f"Unknown base {base!r}; there are {', '.join(BASES)}.")
+
+
+def identify_inverse(
+    records: Records,
+    *,
+    lead: int = 2,
+    n_y: int = 1,
+    n_u: int = 1,
+    degree: int = 3,
+    criterion: str = "free_run",
+    rate_independent: bool = False,
+    n_terms: int | None = None,
+    max_terms: int = 10,
+    method: str = "auto",
+    point: Mapping[Any, float] | str = "auto",
+) -> Model:
+    """Identify the inverse relationship u from y (section 4.3 of the paper), whose law needs no inversion.
+
+    Parameters
+    ----------
+    lead : int
+        tau_s >= tau_d + 1: y[k] in the model stands for the measured y[k + lead].
+    n_y, n_u : int
+        Largest lags of the model's own output u and of its input y.
+
+    Noise on y acts on the model's input here: smooth y first where it is noisy.
+    """
+    listed = prepare(records)
+    origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
+    if lead < 1:
+        raise ModelError(f"The lead tau_s must be at least 1 (tau_d + 1), not {lead}.")
+    rules = (*assumptions.CONTINUUM, *(("rate",) if rate_independent else ()))
+    candidates = pool(n_y, n_u, degree, 1, inverse=True, rules=rules)
+    frame = NARX([u[k - 1]], output=u, input=y, lead=lead, operating_point=origin)
+    chosen = select(
+        candidates,
+        listed,
+        max_terms=max_terms,
+        criterion=criterion,
+        n_terms=n_terms,
+        method=method,
+        frame=frame,
+    )
+    return _finish(chosen, len(candidates))
+
+
+def _finish(chosen: Selection, candidates: int) -> Model:
+    """Keep in the model why it has these terms."""
+    model = chosen.model
+    model.info["selection"] = {
+        "candidates": candidates,
+        "chosen": chosen.chosen,
+        "reason": chosen.reason,
+        "err": [float(e) for e in chosen.path.err[: chosen.chosen]],
+    }
+    return model
+
+
+def stable_law(model: Model, records: Records) -> bool:
+    """Whether the model's compensation law forgets its own errors on the data."""
+    try:
+        return law_radius(compensator(model), records) < 1
+    except NotInvertible:
+        return False
+
+
+def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
+    """Hold out the last record, or the last part of the only one."""
+    if len(records) > 1:
+        return records[:-1], records[-1:]
+    first, second = records[0].split(1 - HELD_OUT)
+    return [first], [second]
+
+
+def _choose(candidates: list[NARX], records: list[Record], what: str) -> Model:
+    """Fit each candidate on one part, judge it in free run on the other, refit the best on all."""
+    train, held = _validation(records)
+    scored = []
+    for i, model in enumerate(candidates):
+        try:
+            fit(model, train, method="auto")
+            score = evaluate(model, held).free_run_nrmse
+        except FitError:
+            continue
+        if np.isfinite(score):
+            scored.append((score, len(model.terms), i))
+    if not scored:
+        raise FitError(f"No {what} model follows these data in free run.")
+    best = min(scored)[0]
+    # The smallest model within 2 % of the best one.
+    _, _, i = min((s for s in scored if s[0] <= 1.02 * best), key=lambda s: (s[1], s[2]))
+    winner = candidates[i]
+    final = NARX(winner.terms, operating_point=winner.operating_point)
+    fit(final, records, method="auto")
+    final.info["selection"] = {
+        "candidates": len(candidates),
+        "reason": f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})",
+    }
+    return final
+
+
+def _linear(records: list[Record], origin: Mapping[Any, float], n_y: int, n_u: int, delay: int | None) -> Model:
+    """ARX with a constant: orders from 0 and delay chosen by free-run validation."""
+    delays = range(0, 4) if delay is None else (delay,)
+    candidates = [
+        NARX(
+            [*(y[k - i] for i in range(1, a + 1)), *(u[k - d - j] for j in range(b)), _one()],
+            operating_point=origin,
+        )
+        for a, b, d in product(range(0, max(2, n_y) + 1), range(1, max(2, n_u) + 1), delays)
+    ]
+    return _choose(candidates, records, "linear")
+
+
+def _static(records: list[Record], origin: Mapping[Any, float], degree: int, delay: int) -> Model:
+    candidates = [
+        NARX([_one(), *(u[k - delay] ** p for p in range(1, n + 1))], operating_point=origin)
+        for n in range(1, max(1, degree) + 1)
+    ]
+    return _choose(candidates, records, "static")
+
+
+def _one() -> Any:
+    from sympy import S
+
+    return S.One
+
+
+__all__ = ["BASES", "identify", "identify_inverse", "operating_point", "prepare"]

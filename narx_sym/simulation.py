@@ -1,0 +1,216 @@
+"""Free run, one-step prediction and the two errors; laws run over a reference."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .analysis import z
+from .compile import compile, largest_root
+from .data import Record
+from .errors import Diverged, ModelError
+from .invert import Compensator, direction, mbar, rbar
+from .metrics import mape, nrmse
+from .model import Model
+from .signals import u, y
+
+Array = np.ndarray
+Records = Record | Sequence[Record]
+
+
+# -- data of a model -------------------------------------------------------------------------------------------
+
+
+def segments(records: Records) -> list[Record]:
+    """Return the contiguous records among one or several."""
+    listed = [records] if isinstance(records, Record) else list(records)
+    return [s for record in listed for s in record.segments()]
+
+
+def arrays(model: Model, record: Record) -> dict[str, Array]:
+    """Return the sequences by name as the model means them: an inverse model's y is the measured y[k + lead]."""
+    missing = [c for c in model.channels if c not in record.channels]
+    if missing:
+        raise ModelError(f"The model needs the channel {missing[0]!r}; name it with channels (--channels).")
+    n, lead = len(record), model.lead if model.input == y else 0
+    data = {"u": record.u[: n - lead], "y": record.y[lead:]}
+    return data | {name: record.channels[name][: n - lead] for name in model.channels}
+
+
+def shifted(model: Model, data: Mapping[str, Array]) -> dict[str, Array]:
+    """Measure the sequences from the model's operating point."""
+    point = {str(b.label): v for b, v in model.operating_point.items()}
+    return {name: x - point.get(name, 0.0) for name, x in data.items()}
+
+
+def simulate(
+    model: Model, u: Any, y0: Any = None, channels: Mapping[str, Any] | None = None, engine: str = "native"
+) -> Array:
+    """Free run: only the first outputs are given.
+
+    Parameters
+    ----------
+    model : Model with theta
+    u : (N,) or (N, 1) array, list or Series
+        The model's input [its unit].
+    y0 : number or (depth,) array, optional
+        The outputs before the first computed sample [its unit]. By default the model's line through the data it was
+        fitted on, at u[0]; a model that was not fitted to data needs y0 unless it has no memory.
+    channels : mapping of names to (N,) arrays
+
+    Returns
+    -------
+    (N,) array [unit of the output]
+
+    Raises
+    ------
+    Diverged
+        Where the run leaves the finite numbers: the first bad sample and what to check.
+    """
+    theta = fitted(model)
+    source = np.asarray(u, dtype=float).ravel()
+    if source.size == 0 or not np.all(np.isfinite(source)):
+        raise ModelError("The input of a simulation must be a non-empty sequence of finite numbers.")
+    if y0 is None:
+        y0 = rest_output(model, source[0])
+    compiled = compile(model.recursion, engine)
+    given = {model.input: source, **(channels or {})}
+    if source.size <= compiled.recursion.depth:
+        return np.resize(np.asarray(y0, dtype=float), source.size)
+    return compiled(given, theta, {model.output: y0})[str(model.output.label)]
+
+
+def fitted(model: Model) -> Array:
+    """Return theta, or say that there is none."""
+    if model.theta is None:
+        raise ModelError("The model has no parameter values: fit it or give theta.")
+    return model.theta
+
+
+def rest_output(model: Model, value: float) -> float:
+    """Return the output to start from at rest with a given input: on the line through the fitted data."""
+    line = model.info.get("line")
+    if line is not None:
+        return float(line[0] + line[1] * value)
+    if value != 0:
+        warnings.warn("No initial output was given: the simulation starts from 0.", stacklevel=3)
+    return 0.0
+
+
+def predict(model: Model, record: Record) -> Array:
+    """One step ahead from measured outputs; the first samples, which have no past, are the measured ones.
+
+    Returns
+    -------
+    (N,) array [unit of the output]; (N - lead,) for an inverse model
+    """
+    theta = fitted(model)
+    data = arrays(model, record)
+    predictor = compile(model.predictor)
+    result = predictor(data, theta)["prediction"]
+    result[: predictor.recursion.depth] = data[str(model.output.label)][: predictor.recursion.depth]
+    return result
+
+
+def free_run(model: Model, record: Record, engine: str = "native") -> Array:
+    """Simulate along a record, starting from its first measured outputs."""
+    data = arrays(model, record)
+    output = str(model.output.label)
+    return simulate(model, data[str(model.input.label)], data[output][: max(1, model.recursion.depth)], data, engine)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """One-step and free-run errors, always in pairs: one-step accuracy alone says nothing."""
+
+    one_step_nrmse: float
+    free_run_nrmse: float
+    one_step_mape: float
+    free_run_mape: float
+
+
+def evaluate(model: Model, records: Records) -> Errors:
+    """Compare a model with measurements; a free run that diverges has an infinite error."""
+    measured, predicted, simulated = [], [], []
+    for record in segments(records):
+        data = arrays(model, record)[str(model.output.label)]
+        measured.append(data)
+        predicted.append(predict(model, record))
+        try:
+            simulated.append(free_run(model, record))
+        except Diverged:
+            simulated.append(np.full(data.size, np.inf))
+    target, one, free = (np.concatenate(parts) for parts in (measured, predicted, simulated))
+    finite = bool(np.all(np.isfinite(free)))
+    return Errors(
+        nrmse(target, one),
+        nrmse(target, free) if finite else float("inf"),
+        mape(target, one),
+        mape(target, free) if finite else float("inf"),
+    )
+
+
+# -- laws ------------------------------------------------------------------------------------------------------
+
+
+def run_law(law: Compensator, reference: Any, m0: Any = None) -> Array:
+    """Compute the compensated input over a reference.
+
+    Parameters
+    ----------
+    reference : (N,) array [unit of y]
+        The law looks `law.preview` samples ahead; after its end the reference is held.
+    m0 : number, optional
+        The input before the start, at rest [unit of u]. By default the line through the fitted data at r[0].
+
+    Returns
+    -------
+    m : (N,) array [unit of u]
+
+    Raises
+    ------
+    Diverged
+        Where the law runs away: the first bad sample.
+    """
+    theta = fitted(law.model)
+    r = np.asarray(reference, dtype=float).ravel()
+    if r.size < 2 or not np.all(np.isfinite(r)):
+        raise ModelError("The reference must have at least two samples, all finite.")
+    if m0 is None:
+        m0 = _rest_input(law.model, float(r[0]))
+    compiled = compile(law.recursion)
+    depth = compiled.recursion.depth
+    found = compiled({"r": np.concatenate([np.full(depth, r[0]), r])}, theta, {"m": m0}, start=depth)["m"]
+    return found[depth:]
+
+
+def law_radius(law: Compensator, records: Records) -> float:
+    """Return the largest internal eigenvalue of a law that 99 % of the measured points stay below.
+
+    Below 1 the law forgets its own errors; above, it amplifies them from sample to sample.
+    """
+    internal = law.internal
+    parts = segments(records)
+    m_values, r_values = (np.concatenate([getattr(p, n) for p in parts]) for n in ("u", "y"))
+    polynomial = internal.polynomial.xreplace(law.model.values)
+    radius = [
+        largest_root(polynomial, z, {mbar: m_values, rbar: r_values, direction: np.full(m_values.size, s)})
+        for s in (-1.0, 1.0)
+    ]
+    return float(np.quantile(np.maximum(*radius), 0.99))
+
+
+def _rest_input(model: Model, value: float) -> float:
+    line = model.info.get("line")
+    if line is None:
+        if value != 0:
+            warnings.warn("No initial input m0 was given: the law starts from 0.", stacklevel=4)
+        return 0.0
+    offset, slope = line
+    if model.input == u:
+        return float((value - offset) / slope) if slope else 0.0
+    return float(offset + slope * value)
