@@ -1,0 +1,194 @@
+"""Pictures: time response and loop, quasi-static sets with their regions, the path of a structure selection.
+
+Every function takes matplotlib axes or makes them, labels them with units, and returns the figure.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from .compile import evaluate_quasi_static
+from .data import Record
+from .model import Model
+from .simulation import arrays, free_run, simulate
+
+# Okabe & Ito (2008): distinguishable without colour vision.
+BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PINK = (
+    "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
+)  # fmt: skip
+
+
+def new_axes(rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]:
+    """Make a figure without a display (no window is opened, also not in scripts)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(layout="constrained", **options)
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns)
+
+
+def label(name: str, unit: str = "") -> str:
+    """Axis label with its unit, where one is known."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def thin(x: np.ndarray, most: int = 4000) -> np.ndarray:
+    """Return indices that keep the extremes of each bin: enough points to draw, none that matters lost."""
+    if x.size <= 2 * most:
+        return np.arange(x.size)
+    edges = np.linspace(0, x.size, most // 2 + 1).astype(int)
+    picks = [i for a, b in itertools.pairwise(edges) for i in (a + np.argmin(x[a:b]), a + np.argmax(x[a:b]))]
+    return np.unique([0, *picks, x.size - 1])
+
+
+def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[str, str] | None = None) -> Any:
+    """Draw measured and simulated output over time, the error, and both loops.
+
+    Parameters
+    ----------
+    axes : three matplotlib axes (time, error, loop), optional
+    units : mapping such as {"u": "V", "y": "um"}
+    """
+    units = units or {}
+    if axes is None:
+        figure, _ = new_axes(figsize=(11, 5))
+        figure.clear()
+        grid = figure.add_gridspec(2, 2, width_ratios=(3, 2), height_ratios=(3, 1))
+        top = figure.add_subplot(grid[0, 0])
+        axes = [top, figure.add_subplot(grid[1, 0], sharex=top), figure.add_subplot(grid[:, 1])]
+    data = arrays(model, record)
+    source, output = str(model.input.label), str(model.output.label)
+    simulated = free_run(model, record)
+    time, measured, driver = record.t[: simulated.size], data[output], data[source]
+    keep = np.union1d(thin(measured), thin(measured - simulated))
+    name = label(output, units.get(output, ""))
+    axes[0].plot(time[keep], measured[keep], color=BLACK, lw=1.6, label="measured")
+    axes[0].plot(time[keep], simulated[keep], color=ORANGE, lw=1.2, ls="--", label="free run")
+    axes[0].set_ylabel(name)
+    axes[0].legend(loc="upper right", ncols=2)
+    axes[1].plot(time[keep], (measured - simulated)[keep], color=BLUE, lw=0.8)
+    axes[1].axhline(0, color=BLACK, lw=0.5)
+    axes[1].set(xlabel="time [s]", ylabel=f"error of {name}")
+    axes[2].plot(driver[keep], measured[keep], color=BLACK, lw=1.2, label="measured")
+    axes[2].plot(driver[keep], simulated[keep], color=ORANGE, lw=1.0, ls="--", label="free run")
+    axes[2].set(xlabel=label(source, units.get(source, "")), ylabel=name)
+    axes[2].legend(loc="upper left")
+    return axes[0].figure
+
+
+def plot_quasi_static(
+    model: Model,
+    u: Any = None,
+    y0: Any = None,
+    ax: Any = None,
+    units: dict[str, str] | None = None,
+    window: float | None = None,
+) -> Any:
+    """Draw the attracting and repelling quasi-static sets with the model's loop and its orientation.
+
+    Parameters
+    ----------
+    u : (N,) array, optional
+        One loading-unloading cycle; a sine over the identified range by default (1000 samples).
+    y0 : number, optional
+        Where the first of three cycles starts; the last one is drawn.
+    window : float, optional
+        The vertical range shown, in ranges of the loop. The sets run to infinity where dF/dy crosses 1; by
+        default three quarters of the points of each set that matters are inside.
+    """
+    units = units or {}
+    source, output = str(model.input.label), str(model.output.label)
+    if u is None:
+        low, high = model.info.get("ranges", {}).get(source, (-1.0, 1.0))
+        u = (low + high) / 2 + (high - low) / 2 * np.sin(2 * np.pi * np.arange(1000) / 1000)
+    u = np.asarray(u, dtype=float)
+    if ax is None:
+        _, ax = new_axes(figsize=(6.5, 5.8))
+    # The cycle is closed, so that its first sample has a difference too.
+    sets = evaluate_quasi_static(model.quasi_static(), u, u - np.roll(u, 1))
+    loop = simulate(model, np.tile(u, 3), y0)[-u.size :]
+    middle = (loop.max() + loop.min()) / 2
+    distance = np.abs(sets.ytilde - middle)
+    half = _half_window(sets, distance, max(np.ptp(loop), 1e-12) / 2, window)
+    drawn: list[Any] = []
+    # Triangles point where the input goes: the branches differ without colour, and so do the line styles.
+    for branch, name, colour, marker, word in (
+        (sets.phi1 > 0, "L", BLUE, ">", "loading"), (sets.phi1 < 0, "U", RED, "<", "unloading"),
+    ):  # fmt: skip
+        for mask, style, kind, fill in (
+            (sets.attracting, "-", "attracting", colour), (sets.repelling, "-.", "repelling", "white"),
+        ):  # fmt: skip
+            shown = np.where(branch & mask & (distance <= half), sets.ytilde, np.nan)
+            if np.isfinite(shown).any():  # in the order of time: nothing joins separate pieces
+                symbol = rf"$\tilde{{{output}}}_\mathrm{{{name}}}^\mathrm{{{kind[0]}}}$"
+                drawn += ax.plot(
+                    u, shown, color=colour, ls=style, lw=1.6, marker=marker, markevery=0.12, ms=6, mfc=fill,
+                    label=f"{symbol} {word}, {kind}",
+                )  # fmt: skip
+    closed = [np.append(x, x[0]) for x in (u, loop)]
+    own = ax.plot(*closed, color=BLACK, ls=":", lw=1.8, label="loop of the model")[0]
+    drawn.insert(sum(h.get_marker() == ">" for h in drawn), own)  # a legend column for each branch
+    _arrows(ax, u, loop, sets.phi1)
+    ax.set(xlabel=label(source, units.get(source, "")), ylabel=label(output, units.get(output, "")))
+    ax.set_ylim(middle - half, middle + half)
+    ax.set_title(f"{orientation(u, loop)} loop", fontsize=10)
+    below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13), "ncols": 2}
+    ax.legend(handles=drawn, fontsize=9, frameon=False, **below)
+    return ax.figure
+
+
+def _half_window(sets: Any, distance: np.ndarray, loop: float, window: float | None) -> float:
+    """Half of the vertical range: the loop, and most of each set, but not its way to infinity."""
+    if window is not None:
+        return loop * window
+    reach = [np.nanquantile(distance[s], 0.75) for s in (sets.attracting, sets.repelling) if s.mean() > 0.1]
+    return float(np.clip(1.15 * max([loop, *reach]), 1.15 * loop, 5 * loop))
+
+
+def _arrows(ax: Any, u: np.ndarray, loop: np.ndarray, phi1: np.ndarray) -> None:
+    """Show the orientation of a loop: one arrow where loading, one where unloading passes the middle."""
+    step = max(1, u.size // 40)
+    for branch in (phi1 > 0, phi1 < 0):
+        if branch.any():
+            near = np.where(branch, np.abs(u - (u.max() + u.min()) / 2), np.inf)
+            tip = (int(np.argmin(near)) + np.array([-step, step])) % u.size
+            style = {"arrowstyle": "-|>", "color": PINK, "lw": 2, "mutation_scale": 18}
+            tail, head = zip(u[tip], loop[tip], strict=True)
+            ax.annotate("", xy=head, xytext=tail, arrowprops=style)
+
+
+def orientation(u: np.ndarray, loop: np.ndarray) -> str:
+    """Return "counter-clockwise" or "clockwise", from the sign of the enclosed area."""
+    area = np.sum(u * np.roll(loop, -1) - np.roll(u, -1) * loop)
+    return "counter-clockwise" if area > 0 else "clockwise"
+
+
+def plot_compensation(t: Any, r: Any, m: Any, outputs: dict[str, Any], units: dict[str, str] | None = None) -> Any:
+    """Draw the compensated input, the responses, the tracking errors and the loops r against y.
+
+    Parameters
+    ----------
+    outputs : mapping from a name ("compensated", "without") to the (N,) plant output
+    """
+    units = units or {}
+    figure, axes = new_axes(2, 2, figsize=(11, 7))
+    colours = (ORANGE, SKY, GREEN)
+    r, m = np.asarray(r, dtype=float), np.asarray(m, dtype=float)
+    keep = thin(r)
+    axes[0, 0].plot(np.asarray(t)[keep], m[keep], color=BLUE, lw=1.2, label="compensated input m")
+    axes[0, 0].set(xlabel="time [s]", ylabel=label("m", units.get("u", "")))
+    axes[0, 1].plot(np.asarray(t)[keep], r[keep], color=BLACK, lw=1.6, label="reference r")
+    for (name, values), colour in zip(outputs.items(), colours, strict=False):
+        axes[0, 1].plot(np.asarray(t)[keep], values[keep], color=colour, lw=1.1, ls="--", label=name)
+        axes[1, 0].plot(np.asarray(t)[keep], (r - values)[keep], color=colour, lw=1.0, label=name)
+        axes[1, 1].plot(r[keep], values[keep], color=colour, lw=1.1, label=name)
+    axes[0, 1].set(xlabel="time [s]", ylabel=label("y", units.get("y", "")))
+    axes[1, 0].set(xlabel="time [s]", ylabel=label("r - y", units.get("y", "")))
+    axes[1, 1].set(xlabel=label("r", units.get("y", "")), ylabel=label("y", units.get("y", "")))
+    for ax in axes.flat:
+        ax.legend(loc="best", fontsize=8)
+    return figure
