@@ -41,6 +41,7 @@ class Compiled:
         length: int | None = None,
         start: int | None = None,
         on_divergence: str = "raise",
+        out: Mapping[str, Array] | None = None,
     ) -> dict[str, Array]:
         """Run over N samples.
 
@@ -57,6 +58,9 @@ class Compiled:
             The first k that is computed, at least `recursion.depth` (the default).
         on_divergence : "raise" or "nan"
             What happens at the first value that is not finite: an error, or NaN from there on.
+
+        out : mapping from the states' names to contiguous (N,) float arrays, optional
+            Where the results go: fits that run the same recursion many times save the allocation.
 
         Returns
         -------
@@ -92,7 +96,7 @@ class Compiled:
         first = max(recursion.depth, start or 0)
         if recursion.lead:
             columns = [np.concatenate([c, np.repeat(c[-1:], recursion.lead)]) for c in columns]
-        states = self._start(n, min(first, n), initial or {})
+        states = self._start(n, min(first, n), initial or {}, out or {})
         theta = np.ascontiguousarray(theta, dtype=float)
         if theta.shape != (len(recursion.parameters),):
             raise ModelError(f"{len(recursion.parameters)} parameter values are needed, {theta.size} were given.")
@@ -100,17 +104,21 @@ class Compiled:
             reached = self._run([*states, *columns], theta, first, n)
             if reached < n:
                 if on_divergence == "raise":
-                    raise Diverged(self._explain(states, reached))
+                    raise Diverged(self._explain(states, reached), reached, states[0])
                 for state in states:
                     state[reached:] = np.nan
         return {str(base.label): state for base, state in zip(recursion.states, states, strict=True)}
 
-    def _start(self, n: int, first: int, initial: Mapping[Any, Any]) -> list[Array]:
+    def _start(self, n: int, first: int, initial: Mapping[Any, Any], out: Mapping[str, Array]) -> list[Array]:
         given = {str(getattr(base, "label", base)): value for base, value in initial.items()}
         used = {key[0] for key in self.plan.sample if key[1] >= 1}
         states = []
         for position, base in enumerate(self.recursion.states):
-            state = np.empty(n)
+            state = out[str(base.label)] if out else np.empty(n)
+            if state.shape != (n,) or state.dtype != float or not state.flags.c_contiguous:
+                raise ModelError(
+                    f"The result array of {base.label!s} must be a contiguous float array of shape ({n},)."
+                )
             value = given.get(str(base.label), None if position in used else np.nan)
             if value is None:
                 raise ModelError(f"The recursion needs {first} initial samples of {base.label!s}.")

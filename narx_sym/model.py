@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations_with_replacement
 from math import comb
 from typing import Any
@@ -40,6 +41,9 @@ class Model:
         For an inverse model: y[k] in F stands for the measured y[k + lead] (the paper's tau_s).
     Ts : float, optional
         Sampling time [s].
+
+    What follows from F, the symbols and the operating point is derived once; only theta and what belongs to a fit
+    change afterwards.
 
     Raises
     ------
@@ -96,7 +100,7 @@ class Model:
         """y[k] = F in the paper's notation; around an operating point the signals are the shifted ones."""
         return sp.Eq(self.output[k], self.F, evaluate=False)
 
-    @property
+    @cached_property
     def right(self) -> Any:
         """F in the user's units, phi1 and phi2 written out."""
         return expand_phi(self.in_user_units(self.F)) + self.operating_point.get(self.output, 0)
@@ -111,38 +115,38 @@ class Model:
         """Return the equation in the user's own units, in samples of y and u only."""
         return sp.Eq(self.output[k], self.right.xreplace(self.values if numbers else {}), evaluate=False)
 
-    @property
+    @cached_property
     def recursion(self) -> Recursion:
         """The model as an update equation in the user's units."""
         return Recursion(((self.output[k], self.right),), self.symbols)
 
-    @property
+    @cached_property
     def predictor(self) -> Recursion:
         """The one-step-ahead prediction: the model fed with measured outputs."""
         return Recursion(((signal("prediction")[k], self.right),), self.symbols)
 
-    @property
+    @cached_property
     def n_y(self) -> int:
         """The largest lag of the output."""
         return max([0, *lags(self.right, self.output)])
 
-    @property
+    @cached_property
     def n_u(self) -> int:
         """The largest lag of the input (phi1[k-2] and phi2[k-2] count as lag 2)."""
         drivers = (self.input, *differences(self.input))
         return max([0, *(i for b in drivers for i in lags(self.F, b))])
 
-    @property
+    @cached_property
     def delay(self) -> int:
         """The pure delay tau_d: the smallest lag of the input."""
         return min(lags(self.right, self.input), default=0)
 
-    @property
+    @cached_property
     def structure(self) -> assumptions.Structure:
         """What the assumption rules need to know."""
         return assumptions.Structure(self.output, self.input, self.delay)
 
-    @property
+    @cached_property
     def channels(self) -> tuple[str, ...]:
         """Names of the further measured sequences that enter."""
         return tuple(str(b.label) for b in self.recursion.inputs if b not in (self.input, self.output))

@@ -4,232 +4,183 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
-import llvmlite.binding as llvm
 import numpy as np
-import sympy as sp
 from llvmlite import ir
 
-from ..errors import ModelError
+from .emitter import BOOL, DOUBLE, INT, Emitter, loop, machine_code, multiply_add
 from .plan import Plan
 
-DOUBLE, INT, BOOL = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
 MAX_CARRIED = 8  # older samples of a state are read from memory
+BLOCK = 256  # steps whose coefficients are computed at once
 LARGEST, TINY = 1.7976931348623157e308, 1e-290
-LIBM = {
-    sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.tanh: "tanh", sp.exp: "exp", sp.log: "log", sp.atan: "atan",
-    sp.sinh: "sinh", sp.cosh: "cosh", sp.asin: "asin", sp.acos: "acos",
-}  # fmt: skip
-COMPARISONS = {
-    sp.StrictLessThan: "<", sp.LessThan: "<=", sp.StrictGreaterThan: ">", sp.GreaterThan: ">=",
-    sp.Equality: "==", sp.Unequality: "!=",
-}  # fmt: skip
 
 
-class _Emitter:
-    """A recursive walk from a SymPy expression to LLVM values; `known` maps symbols to values."""
+class _Function:
+    """The function `run(arrays..., theta, start, stop) -> first bad index or stop` while it is being written."""
 
-    def __init__(self, builder: ir.IRBuilder, known: dict[Any, Any]):
-        self.b, self.known = builder, known
+    def __init__(self, plan: Plan):
+        self.plan, self.states = plan, range(len(plan.updates))
+        self.module = ir.Module("narx")
+        pointer, count = DOUBLE.as_pointer(), len(plan.signals)
+        kind = ir.FunctionType(INT, [pointer] * (count + 1) + [INT, INT])
+        self.function = ir.Function(self.module, kind, "run")
+        for argument in self.function.args[: count + 1]:
+            argument.add_attribute("noalias")
+        *self.arrays, self.theta, self.start, self.stop = self.function.args
+        self.b = ir.IRBuilder(self.function.append_basic_block("entry"))
+        self.parameters = {
+            symbol: self.b.load(self.b.gep(self.theta, [ir.Constant(INT, i)]))
+            for i, symbol in enumerate(plan.parameters)
+        }
 
-    def __call__(self, expr: Any) -> Any:
-        if expr in self.known:
-            return self.known[expr]
-        value = self.known[expr] = self.walk(expr)
-        return value
+    def load(self, signal: int, index: Any, lag: int) -> Any:
+        return self.b.load(self.b.gep(self.arrays[signal], [self.b.sub(index, ir.Constant(INT, lag))]))
 
-    def walk(self, e: Any) -> Any:
+    def size(self, x: Any) -> Any:
+        return self.b.call(self.module.declare_intrinsic("llvm.fabs", [DOUBLE]), [x])
+
+    def finite(self, x: Any) -> Any:
+        return self.b.fcmp_ordered("<=", self.size(x), ir.Constant(DOUBLE, LARGEST))
+
+    def flushed(self, x: Any) -> Any:
+        """Put zero for a value about to become denormal: denormal arithmetic is 15 times slower."""
+        tiny = self.b.fcmp_ordered("<", self.size(x), ir.Constant(DOUBLE, TINY))
+        return self.b.select(tiny, ir.Constant(DOUBLE, 0.0), x)
+
+    def coefficients(self, index: Any, known: dict[Any, Any]) -> Callable[[Any], Any]:
+        """Return a function that computes expressions at one index; shared parts when they are first needed."""
+        known |= self.parameters
+        known[self.plan.time] = self.b.sitofp(index, DOUBLE)
+        value_of = Emitter(self.b, known)
+        waiting = dict(self.plan.shared[0])
+
+        def compute(expr: Any) -> Any:
+            for symbol in sorted(expr.free_symbols & waiting.keys(), key=str):
+                if symbol in waiting:  # an inner part may have needed it already
+                    known[symbol] = compute(waiting.pop(symbol))
+            return value_of(expr)
+
+        return compute
+
+    def checked(self, first: Any, last: Any) -> None:
+        """Return from `run` at the first index in first ... last - 1 where a state is not finite."""
         b = self.b
-        if e.is_Number or e.is_NumberSymbol:
-            return ir.Constant(DOUBLE, float(e))
-        if e.is_Add:
-            return self.fold(b.fadd, e.args)
-        if e.is_Mul:
-            numerator = [a for a in e.args if not (a.is_Pow and a.exp.is_negative)]
-            below = [a.base ** (-a.exp) for a in e.args if a.is_Pow and a.exp.is_negative]
-            top = self.fold(b.fmul, numerator) if numerator else ir.Constant(DOUBLE, 1.0)
-            return b.fdiv(top, self.fold(b.fmul, below)) if below else top
-        if e.is_Pow:
-            return self.power(*e.args)
-        if isinstance(e, sp.Abs):
-            return self.intrinsic("llvm.fabs", e.args[0])
-        if isinstance(e, sp.sign):
-            x, zero = self(e.args[0]), ir.Constant(DOUBLE, 0.0)
-            down = b.select(b.fcmp_ordered("<", x, zero), ir.Constant(DOUBLE, -1.0), x)  # keeps 0 and NaN
-            return b.select(b.fcmp_ordered(">", x, zero), ir.Constant(DOUBLE, 1.0), down)
-        if isinstance(e, (sp.Max, sp.Min)):
-            return self.extreme(">" if isinstance(e, sp.Max) else "<", e.args)
-        if isinstance(e, sp.Piecewise):
-            return self.piecewise(e.args)
-        if isinstance(e, sp.Heaviside):
-            return b.uitofp(b.fcmp_ordered(">", self(e.args[0]), ir.Constant(DOUBLE, 0.0)), DOUBLE)
-        if type(e) in LIBM:
-            return self.call(LIBM[type(e)], e.args)
-        raise ModelError(f"The native engine has no rule for {type(e).__name__} in {e}.")
-
-    def fold(self, operation: Callable[..., Any], arguments: Any) -> Any:
-        values = [self(a) for a in arguments]
-        total = values[0]
-        for value in values[1:]:
-            total = operation(total, value)
-        return total
-
-    def power(self, base: Any, exponent: Any) -> Any:
-        if exponent == sp.Rational(1, 2):
-            return self.intrinsic("llvm.sqrt", base)
-        if not exponent.is_Integer:
-            return self.call("pow", (base, exponent))
-        n, square, total = abs(int(exponent)), self(base), None
-        while n:  # products, never pow()
-            if n & 1:
-                total = square if total is None else self.b.fmul(total, square)
-            n >>= 1
-            square = self.b.fmul(square, square) if n else square
-        return total if exponent > 0 else self.b.fdiv(ir.Constant(DOUBLE, 1.0), total)
-
-    def extreme(self, comparison: str, arguments: Any) -> Any:
-        values = [self(a) for a in arguments]
-        best = values[0]
-        for value in values[1:]:
-            better = self.b.fcmp_unordered(comparison, value, best)  # unordered: a NaN is kept, not hidden
-            take = self.b.and_(better, self.b.fcmp_ordered("ord", best, best))
-            best = self.b.select(take, value, best)
-        return best
-
-    def piecewise(self, cases: Any) -> Any:
-        result = ir.Constant(DOUBLE, float("nan"))
-        for value, condition in reversed(cases):
-            result = self.b.select(self.condition(condition), self(value), result)
-        return result
-
-    def condition(self, c: Any) -> Any:
-        if c in (sp.true, sp.false):
-            return ir.Constant(BOOL, int(c == sp.true))
-        if isinstance(c, (sp.And, sp.Or)):
-            operation = self.b.and_ if isinstance(c, sp.And) else self.b.or_
-            parts = [self.condition(a) for a in c.args]
-            total = parts[0]
-            for part in parts[1:]:
-                total = operation(total, part)
-            return total
-        if isinstance(c, sp.Not):
-            return self.b.not_(self.condition(c.args[0]))
-        if type(c) in COMPARISONS:
-            return self.b.fcmp_ordered(COMPARISONS[type(c)], self(c.lhs), self(c.rhs))
-        raise ModelError(f"The native engine has no rule for the condition {c}.")
-
-    def intrinsic(self, name: str, argument: Any) -> Any:
-        return self.b.call(self.b.module.declare_intrinsic(name, [DOUBLE]), [self(argument)])
-
-    def call(self, name: str, arguments: Any) -> Any:
-        module = self.b.module
-        function = module.globals.get(name)
-        if function is None:
-            function = ir.Function(module, ir.FunctionType(DOUBLE, [DOUBLE] * len(arguments)), name)
-        return self.b.call(function, [self(a) for a in arguments])
+        with loop(self.b, first, last) as (index, _, _):
+            good = b.and_(ir.Constant(BOOL, 1), ir.Constant(BOOL, 1))
+            for s in self.states:
+                good = b.and_(good, self.finite(self.load(s, index, 0)))
+            with b.if_then(b.not_(good), likely=False):
+                b.ret(index)
 
 
 def emit(plan: Plan) -> ir.Module:
-    """Write the loop: for (i = start; i < stop; i++) { update the states; leave at the first bad value }."""
-    module = ir.Module("narx")
-    pointer = DOUBLE.as_pointer()
-    count = len(plan.signals)
-    function = ir.Function(module, ir.FunctionType(INT, [pointer] * (count + 1) + [INT, INT]), "run")
-    for argument in function.args[: count + 1]:
-        argument.add_attribute("noalias")
-    *arrays, theta, start, stop = function.args
-    entry, loop, good, done = (function.append_basic_block(n) for n in ("entry", "loop", "good", "done"))
-
-    b = ir.IRBuilder(entry)
-    states = range(len(plan.updates))
-    depth = {s: max([0, *(i for j, i in plan.sample if j == s and i <= MAX_CARRIED)]) for s in states}
-    known: dict[Any, Any] = {}
-    for position, symbol in enumerate(plan.parameters):
-        known[symbol] = b.load(b.gep(theta, [ir.Constant(INT, position)]))
-    first = {
-        (s, i): b.load(b.gep(arrays[s], [b.sub(start, ir.Constant(INT, i))]))
-        for s in states
-        for i in range(1, depth[s] + 1)
-    }
-    b.cbranch(b.icmp_signed("<", start, stop), loop, done)
-
-    b.position_at_end(loop)
-    index = b.phi(INT, "i")
-    carried = {key: b.phi(DOUBLE, f"x{key[0]}_{key[1]}") for key in first}
-    for key, symbol in plan.sample.items():
-        if key in carried:
-            known[symbol] = carried[key]
-        elif key[0] not in states or key[1] > MAX_CARRIED:
-            known[symbol] = b.load(b.gep(arrays[key[0]], [b.sub(index, ir.Constant(INT, key[1]))]))
-    known[plan.time] = b.sitofp(index, DOUBLE)
-    value_of = _Emitter(b, known)
-    common, rows = plan.shared
-    waiting = dict(common)
-
-    def compute(expr: Any) -> Any:
-        """Shared parts are computed when first needed: a later state may use an earlier one at lag 0."""
-        for symbol in sorted(expr.free_symbols & waiting.keys(), key=str):
-            if symbol in waiting:  # an inner part may have needed it already
-                known[symbol] = compute(waiting.pop(symbol))
-        return value_of(expr)
-
-    newest = {}
-    all_good = ir.Constant(BOOL, 1)
-    for s in states:
-        coefficients = [compute(c) for c in rows[s]]
-        x = coefficients[-1]
-        for c in reversed(coefficients[:-1]):
-            x = b.fadd(c, b.fmul(x, carried[s, 1]))
-        b.store(x, b.gep(arrays[s], [index]))
-        size = b.call(module.declare_intrinsic("llvm.fabs", [DOUBLE]), [x])
-        all_good = b.and_(all_good, b.fcmp_ordered("<=", size, ir.Constant(DOUBLE, LARGEST)))
-        newest[s] = x
-        if (s, 0) in plan.sample:
-            known[plan.sample[s, 0]] = x
-    b.cbranch(all_good, good, done)
-
-    b.position_at_end(good)
-    following = b.add(index, ir.Constant(INT, 1))
-    more = b.icmp_signed("<", following, stop)
-    b.cbranch(more, loop, done)
-
-    index.add_incoming(start, entry)
-    index.add_incoming(following, good)
-    for (s, i), phi in carried.items():
-        phi.add_incoming(first[s, i], entry)
-        phi.add_incoming(newest[s] if i == 1 else carried[s, i - 1], good)
-    b.position_at_end(done)
-    result = b.phi(INT)
-    result.add_incoming(start, entry)
-    result.add_incoming(index, loop)
-    result.add_incoming(following, good)
-    b.ret(result)
-    return module
+    """Write the loop over k: in blocks where the algebra allows it, else step by step."""
+    levels = scan_levels(plan)
+    return _emit_steps(plan) if levels is None else _emit_blocks(plan, levels)
 
 
-@cache
-def _target() -> Any:
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    host = llvm.Target.from_default_triple()
-    return host.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3
+def scan_levels(plan: Plan) -> list[list[int]] | None:
+    """Group the states so that each is affine in its own last value with coefficients known from earlier groups.
+
+    Such coefficients are computed for a whole block at once; what is left of the recursion is x = c0 + c1*x. The
+    sensitivities of a model form one group behind the model. None where a state does not fit.
+    """
+    rows = plan.collected
+    level: dict[int, int] = {}
+    owner = {symbol: s for (s, _), symbol in plan.sample.items() if s < len(plan.updates)}
+    for s, row in enumerate(rows):
+        used = {owner[symbol] for c in row for symbol in c.free_symbols if symbol in owner}
+        if len(row) > 2 or any(u >= s for u in used):
+            return None
+        level[s] = 1 + max((level[u] for u in used), default=-1)
+    return [[s for s in level if level[s] == n] for n in range(max(level.values()) + 1)]
+
+
+def _emit_blocks(plan: Plan, levels: list[list[int]]) -> ir.Module:
+    f = _Function(plan)
+    b, rows = f.b, plan.shared[1]
+    # Equal coefficients share a buffer: all sensitivities of a model have the same slope dF/dy.
+    buffers = {c: b.alloca(DOUBLE, ir.Constant(INT, BLOCK)) for row in rows for c in row}
+    computed: set[Any] = set()
+    begin = [f.load(s, f.start, 1) if (s, 1) in plan.sample else ir.Constant(DOUBLE, 0.0) for s in f.states]
+    outer = b.add(
+        b.sdiv(b.sub(b.sub(f.stop, f.start), ir.Constant(INT, 1)), ir.Constant(INT, BLOCK)), ir.Constant(INT, 1)
     )
+    outer = b.select(b.icmp_signed("<", f.start, f.stop), outer, ir.Constant(INT, 0))
+    with loop(b, ir.Constant(INT, 0), outer, begin) as (block, carried, successors):
+        first = b.add(f.start, b.mul(block, ir.Constant(INT, BLOCK)))
+        length = b.sub(f.stop, first)
+        length = b.select(b.icmp_signed("<", length, ir.Constant(INT, BLOCK)), length, ir.Constant(INT, BLOCK))
+        last = dict(enumerate(carried))
+        good = ir.Constant(BOOL, 1)
+        for group in levels:
+            with loop(b, ir.Constant(INT, 0), length) as (j, _, _):
+                index = b.add(first, j)
+                earlier = {s for level in levels[: levels.index(group)] for s in level}
+                known = {
+                    symbol: f.load(s, index, i)
+                    for (s, i), symbol in plan.sample.items()
+                    if s in earlier or s not in f.states
+                }
+                compute = f.coefficients(index, known)
+                for c in dict.fromkeys(c for s in group for c in rows[s] if c not in computed):
+                    b.store(compute(c), b.gep(buffers[c], [j]))
+                    computed.add(c)
+            with loop(b, ir.Constant(INT, 0), length, [good, *(last[s] for s in group)]) as (j, now, then):
+                sound, *values = now
+                following = []
+                for s, x in zip(group, values, strict=True):
+                    constant, *slope = (b.load(b.gep(buffers[c], [j])) for c in rows[s])
+                    x = multiply_add(b, slope[0], x, constant) if slope else constant
+                    b.store(x, b.gep(f.arrays[s], [b.add(first, j)]))
+                    sound = b.and_(sound, f.finite(x))
+                    following.append(x)
+                then += [sound, *following]
+            good = then[0]
+            last |= dict(zip(group, then[1:], strict=True))
+        with b.if_then(b.not_(good), likely=False):
+            f.checked(first, b.add(first, length))
+        successors += [f.flushed(last[s]) for s in f.states]
+    b.ret(f.stop)
+    return f.module
 
 
-def machine_code(module: ir.Module) -> Any:
-    """Optimise and load a module; the returned engine must be kept alive while its functions are used."""
-    machine = _target()
-    parsed = llvm.parse_assembly(str(module))
-    parsed.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
-    passes = llvm.create_pass_builder(machine, options)
-    passes.getModulePassManager().run(parsed, passes)
-    engine = llvm.create_mcjit_compiler(parsed, _target.__wrapped__())
-    engine.finalize_object()
-    return engine
+def _emit_steps(plan: Plan) -> ir.Module:
+    f = _Function(plan)
+    b, rows = f.b, plan.shared[1]
+    depth = {s: max([0, *(i for j, i in plan.sample if j == s and i <= MAX_CARRIED)]) for s in f.states}
+    keys = [(s, i) for s in f.states for i in range(1, depth[s] + 1)]
+    inner = ir.Constant(INT, BLOCK)
+    with loop(b, f.start, f.stop, [f.load(s, f.start, i) for s, i in keys]) as (index, now, then):
+        carried = dict(zip(keys, now, strict=True))
+        known = {}
+        for key, symbol in plan.sample.items():
+            if key in carried:
+                known[symbol] = carried[key]
+            elif key[0] not in f.states or key[1] > MAX_CARRIED:
+                known[symbol] = f.load(key[0], index, key[1])
+        compute = f.coefficients(index, known)
+        newest, good = {}, ir.Constant(BOOL, 1)
+        for s in f.states:
+            coefficients = [compute(c) for c in rows[s]]
+            x = coefficients[-1]
+            for c in reversed(coefficients[:-1]):
+                x = multiply_add(b, x, carried[s, 1], c)
+            b.store(x, b.gep(f.arrays[s], [index]))
+            good = b.and_(good, f.finite(x))
+            newest[s] = x
+            if (s, 0) in plan.sample:
+                known[plan.sample[s, 0]] = x
+        with b.if_then(b.not_(good), likely=False):
+            b.ret(index)
+        edge = b.icmp_signed("==", b.srem(index, inner), ir.Constant(INT, 0))
+        for s, i in keys:
+            x = newest[s] if i == 1 else carried[s, i - 1]
+            then.append(b.select(edge, f.flushed(x), x))
+    b.ret(f.stop)
+    return f.module
 
 
 def build(plan: Plan) -> Callable[..., int]:
