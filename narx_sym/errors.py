@@ -22,7 +22,19 @@ class NotInvertible(NarxError):  # noqa: N818
 
 
 class Diverged(NarxError):  # noqa: N818
-    """A free run left every reasonable range."""
+    """A free run left the finite numbers.
+
+    Attributes
+    ----------
+    at : int
+        The first bad sample.
+    trajectory : (N,) array or None
+        The first state; valid before `at`.
+    """
+
+    def __init__(self, message: str, at: int = -1, trajectory: object = None):
+        super().__init__(message)
+        self.at, self.trajectory = at, trajectory
 
 
 class FitError(NarxError):

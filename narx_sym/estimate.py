@@ -92,7 +92,9 @@ class Elimination:
         t0 = Q[:, :rank] @ w
         if not np.allclose(S @ t0, c, rtol=1e-10, atol=1e-12):
             raise FitError("The constraints contradict each other.")
-        if np.count_nonzero(S) == len(S):  # each constraint fixes one parameter: keep the others as they are
+        if all(
+            np.count_nonzero(row) == 1 for row in S
+        ):  # each constraint fixes one parameter: keep the others as they are
             free = [i for i in range(n) if not S[:, i].any()]
             return cls(t0, np.eye(n)[:, free])
         return cls(t0, Q[:, rank:])
@@ -192,24 +194,30 @@ def free_run_fit(
     free = elimination.Z.shape[1]
     start = np.concatenate([elimination.Z.T @ (theta0 - elimination.t0), np.zeros(len(parts))])
     spread = float(np.std(np.concatenate([d[name] for d in data]))) or 1.0
-    cache: dict[bytes, tuple[Array, Array]] = {}
+    names = [name, *moved]
+    lengths = [len(d[name]) - depth for d in data]
+    edges = np.cumsum([0, *lengths])
+    # The recursion writes straight into the columns of these: no allocation while the fit runs.
+    buffers = [np.empty((len(d[name]), len(names)), order="F") for d in data]
+    outs = [{n: w[:, i] for i, n in enumerate(names)} for w in buffers]
+    slopes = np.zeros((edges[-1], free + len(parts)), order="F")
+    residuals = np.empty(edges[-1])
+    last: list[Array] = []
 
     def run(z: Array) -> tuple[Array, Array]:
-        key = z.tobytes()
-        if key not in cache:
-            cache.clear()
-            theta = elimination.t0 + elimination.Z @ z[:free]
-            residuals, slopes = [], []
-            for i, d in enumerate(data):
-                initial = {name: d[name][:depth] + z[free + i], **dict.fromkeys(moved, 0.0), moved[-1]: 1.0}
-                found = compiled(d, theta, initial, on_divergence="nan")
-                residuals.append((found[name] - d[name])[depth:] / spread)
-                S = np.stack([found[m][depth:] for m in moved], axis=1) / spread
-                own = np.zeros((len(S), len(parts)))
-                own[:, i] = S[:, -1]
-                slopes.append(np.hstack([S[:, :-1] @ elimination.Z, own]))
-            cache[key] = np.concatenate(residuals), np.concatenate(slopes)
-        return cache[key]
+        if last and np.array_equal(last[0], z):
+            return residuals, slopes
+        theta = elimination.t0 + elimination.Z @ z[:free]
+        for i, (d, w) in enumerate(zip(data, buffers, strict=True)):
+            initial = {name: d[name][:depth] + z[free + i], **dict.fromkeys(moved, 0.0), moved[-1]: 1.0}
+            compiled(d, theta, initial, on_divergence="nan", out=outs[i])
+            rows = slice(edges[i], edges[i + 1])
+            np.subtract(w[depth:, 0], d[name][depth:], out=residuals[rows])
+            residuals[rows] /= spread
+            slopes[rows, :free] = w[depth:, 1:-1] @ (elimination.Z / spread)
+            slopes[rows, free + i] = w[depth:, -1] / spread
+        last[:] = [z.copy()]
+        return residuals, slopes
 
     first = run(start)[0]
     if not np.all(np.isfinite(first)):
@@ -218,7 +226,7 @@ def free_run_fit(
         )
     with np.errstate(all="ignore"):
         found = least_squares(
-            lambda z: run(z)[0], start, jac=lambda z: run(z)[1], x_scale="jac", method="trf",
+            lambda z: run(z)[0].copy(), start, jac=lambda z: run(z)[1].copy(), x_scale="jac", method="trf",
             max_nfev=max_steps, xtol=1e-12, ftol=1e-12, gtol=1e-12,
         )  # fmt: skip
     theta = elimination.t0 + elimination.Z @ found.x[:free]

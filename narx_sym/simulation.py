@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from .analysis import z
-from .compile import compile, largest_root
+from .analysis import jacobian, z
+from .compile import Columns, compile, largest_root
 from .data import Record
-from .errors import Diverged, ModelError
+from .errors import Diverged, ModelError, NarxError
 from .invert import Compensator, direction, mbar, rbar
 from .metrics import mape, nrmse
 from .model import Model
+from .printing import text
 from .signals import u, y
 
 Array = np.ndarray
@@ -72,16 +73,46 @@ def simulate(
         Where the run leaves the finite numbers: the first bad sample and what to check.
     """
     theta = fitted(model)
-    source = np.asarray(u, dtype=float).ravel()
-    if source.size == 0 or not np.all(np.isfinite(source)):
-        raise ModelError("The input of a simulation must be a non-empty sequence of finite numbers.")
+    source = vector(u, "input of a simulation")
     if y0 is None:
         y0 = rest_output(model, source[0])
     compiled = compile(model.recursion, engine)
     given = {model.input: source, **(channels or {})}
     if source.size <= compiled.recursion.depth:
         return np.resize(np.asarray(y0, dtype=float), source.size)
-    return compiled(given, theta, {model.output: y0})[str(model.output.label)]
+    try:
+        return compiled(given, theta, {model.output: y0})[str(model.output.label)]
+    except Diverged as error:
+        raise Diverged(f"{error} {_what_grew(model, given, error)}", error.at, error.trajectory) from None
+
+
+def _what_grew(model: Model, given: Mapping[Any, Any], error: Diverged) -> str:
+    """Name the terms that grew before a divergence, and the slope dF/dy there."""
+    depth, at = model.recursion.depth, error.at
+    names = {str(getattr(base, "label", base)): np.asarray(x, dtype=float) for base, x in given.items()}
+    names[str(model.output.label)] = np.asarray(error.trajectory)
+    end = max(depth, at - 1)  # the last sample whose past is still well inside the finite numbers
+    window = {n: x[max(0, end - depth) : end + 1 + model.recursion.lead] for n, x in names.items()}
+    parts = [(c * t).xreplace(model.values) for c, t in model.parts()]
+    slopes = [s.xreplace(model.values) for s in jacobian(model)]
+    try:
+        sizes = Columns([model.in_user_units(p) for p in parts])(window)[-1]
+        slope = float(np.abs(Columns([slopes[0]])(window)[-1, 0])) if slopes else 0.0
+    except (NarxError, IndexError, ValueError):
+        return ""
+    order = np.argsort(-np.abs(sizes))[:3]
+    grown = ", ".join(f"{text(model.parts()[i][1])} ({sizes[i]:.3g})" for i in order if np.isfinite(sizes[i]))
+    return f"Largest terms at sample {end}: {grown}; |dF/dy[k-1]| = {slope:.3g} there (stable below 1)."
+
+
+def vector(x: Any, what: str) -> Array:
+    """Return a signal as a (N,) array; (N, 1) is flattened, anything else is refused."""
+    values = np.asarray(x, dtype=float)
+    if values.ndim != 1 and (values.ndim != 2 or 1 not in values.shape):
+        raise ModelError(f"The {what} must have the shape (N,) or (N, 1), not {values.shape}.")
+    if values.size == 0 or not np.all(np.isfinite(values)):
+        raise ModelError(f"The {what} must be a non-empty sequence of finite numbers.")
+    return values.ravel()
 
 
 def fitted(model: Model) -> Array:
@@ -177,9 +208,7 @@ def run_law(law: Compensator, reference: Any, m0: Any = None) -> Array:
         Where the law runs away: the first bad sample.
     """
     theta = fitted(law.model)
-    r = np.asarray(reference, dtype=float).ravel()
-    if r.size < 2 or not np.all(np.isfinite(r)):
-        raise ModelError("The reference must have at least two samples, all finite.")
+    r = vector(reference, "reference")
     if m0 is None:
         m0 = _rest_input(law.model, float(r[0]))
     compiled = compile(law.recursion)
