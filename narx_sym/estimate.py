@@ -86,18 +86,27 @@ class Elimination:
             return cls(np.zeros(n), np.eye(n))
         S_symbolic, c_symbolic = constraint_matrix(equations, symbols)
         S, c = np.array(S_symbolic, dtype=float), np.array(c_symbolic, dtype=float).ravel()
-        Q, R, order = qr(S.T, pivoting=True)
-        rank = int(np.sum(np.abs(np.diag(R)) > 1e-12 * max(1.0, abs(R[0, 0]))))
-        w = solve_triangular(R[:rank, :rank], c[order][:rank], trans="T")
-        t0 = Q[:, :rank] @ w
+        t0, fixed = np.zeros(n), np.zeros(n, dtype=bool)
+        # A constraint that leaves one parameter free fixes it, exactly; what it fixes may make others so.
+        while True:
+            open_ = S * ~fixed
+            rest = c - S[:, fixed] @ t0[fixed]
+            lone = [i for i in range(len(S)) if np.count_nonzero(open_[i]) == 1]
+            if not lone:
+                break
+            at = int(np.flatnonzero(open_[lone[0]])[0])
+            t0[at], fixed[at] = rest[lone[0]] / S[lone[0], at], True
+        free = np.flatnonzero(~fixed)
+        Z = np.eye(n)[:, free]
+        rows = np.any(open_ != 0, axis=1)
+        if rows.any():
+            Q, R, order = qr(open_[rows][:, free].T, pivoting=True)
+            rank = int(np.sum(np.abs(np.diag(R)) > 1e-12 * max(1.0, abs(R[0, 0]))))
+            t0[free] = Q[:, :rank] @ solve_triangular(R[:rank, :rank], rest[rows][order][:rank], trans="T")
+            Z = Z @ Q[:, rank:]
         if not np.allclose(S @ t0, c, rtol=1e-10, atol=1e-12):
             raise FitError("The constraints contradict each other.")
-        if all(
-            np.count_nonzero(row) == 1 for row in S
-        ):  # each constraint fixes one parameter: keep the others as they are
-            free = [i for i in range(n) if not S[:, i].any()]
-            return cls(t0, np.eye(n)[:, free])
-        return cls(t0, Q[:, rank:])
+        return cls(t0, Z)
 
 
 def constraint_equations(model: Model, constraints: Sequence[Any] | None) -> list[Any]:

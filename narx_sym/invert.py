@@ -5,6 +5,7 @@ A law is a recursion for m[k] in past m and (future) r; putting it back into the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,11 +79,11 @@ class Compensator:
         """The law's own dynamics: whether it can run away although the model follows."""
         return internal_dynamics(self)
 
-    def run(self, reference: Any, m0: Any = None) -> Any:
+    def run(self, reference: Any, m0: Any = None, channels: Mapping[str, Any] | None = None) -> Any:
         """Compute m over a reference; see `narx_sym.simulation.run_law`."""
         from .simulation import run_law
 
-        return run_law(self, reference, m0)
+        return run_law(self, reference, m0, channels)
 
     def latex(self, numbers: bool = False) -> str:
         """LaTeX of the law, grouped as in the paper: one bracket over the coefficient of the newest input."""

@@ -382,8 +382,8 @@ def pool(
     for name in functions:
         if name not in FUNCTIONS:
             raise ModelError(f"Unknown function {name!r}; there are {', '.join(FUNCTIONS)}.")
-        skip = (second,) if name != "abs" else (second, source)
-        factors += [FUNCTIONS[name](s) for s in list(factors) if isinstance(s, sp.Indexed) and s.base not in skip]
+        plain = [s for s in factors if isinstance(s, sp.Indexed) and s.base != second]
+        factors += [FUNCTIONS[name](s) for s in plain]
     wanted = comb(len(factors) + degree, degree)
     if wanted > MAX_POOL:
         raise ModelError(

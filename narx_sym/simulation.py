@@ -74,8 +74,9 @@ def simulate(
     """
     theta = fitted(model)
     source = vector(u, "input of a simulation")
-    if y0 is None:
-        y0 = rest_output(model, source[0])
+    y0 = rest_output(model, source[0]) if y0 is None else np.asarray(y0, dtype=float)
+    if not np.all(np.isfinite(y0)):
+        raise ModelError("The initial output y0 is not finite.")
     compiled = compile(model.recursion, engine)
     given = {model.input: source, **(channels or {})}
     if source.size <= compiled.recursion.depth:
@@ -105,13 +106,14 @@ def _what_grew(model: Model, given: Mapping[Any, Any], error: Diverged) -> str:
     return f"Largest terms at sample {end}: {grown}; |dF/dy[k-1]| = {slope:.3g} there (stable below 1)."
 
 
-def vector(x: Any, what: str) -> Array:
+def vector(x: Any, what: str, least: int = 1) -> Array:
     """Return a signal as a (N,) array; (N, 1) is flattened, anything else is refused."""
     values = np.asarray(x, dtype=float)
     if values.ndim != 1 and (values.ndim != 2 or 1 not in values.shape):
         raise ModelError(f"The {what} must have the shape (N,) or (N, 1), not {values.shape}.")
-    if values.size == 0 or not np.all(np.isfinite(values)):
-        raise ModelError(f"The {what} must be a non-empty sequence of finite numbers.")
+    if values.size < least or not np.all(np.isfinite(values)):
+        wanted = "one sample" if least == 1 else "two samples"
+        raise ModelError(f"The {what} must have at least {wanted}, all of them finite numbers.")
     return values.ravel()
 
 
@@ -188,7 +190,7 @@ def evaluate(model: Model, records: Records) -> Errors:
 # -- laws ------------------------------------------------------------------------------------------------------
 
 
-def run_law(law: Compensator, reference: Any, m0: Any = None) -> Array:
+def run_law(law: Compensator, reference: Any, m0: Any = None, channels: Mapping[str, Any] | None = None) -> Array:
     """Compute the compensated input over a reference.
 
     Parameters
@@ -197,6 +199,8 @@ def run_law(law: Compensator, reference: Any, m0: Any = None) -> Array:
         The law looks `law.preview` samples ahead; after its end the reference is held.
     m0 : number, optional
         The input before the start, at rest [unit of u]. By default the line through the fitted data at r[0].
+    channels : mapping of names to (N,) arrays
+        Further measured sequences that the law uses.
 
     Returns
     -------
@@ -208,12 +212,15 @@ def run_law(law: Compensator, reference: Any, m0: Any = None) -> Array:
         Where the law runs away: the first bad sample.
     """
     theta = fitted(law.model)
-    r = vector(reference, "reference")
+    r = vector(reference, "reference", least=2)
     if m0 is None:
         m0 = _rest_input(law.model, float(r[0]))
     compiled = compile(law.recursion)
     depth = compiled.recursion.depth
-    found = compiled({"r": np.concatenate([np.full(depth, r[0]), r])}, theta, {"m": m0}, start=depth)["m"]
+    # Before the start everything rests at its first value.
+    given = {"r": r, **{name: vector(x, f"channel {name}") for name, x in (channels or {}).items()}}
+    padded = {name: np.concatenate([np.full(depth, x[0]), x]) for name, x in given.items()}
+    found = compiled(padded, theta, {"m": m0}, start=depth)["m"]
     return found[depth:]
 
 

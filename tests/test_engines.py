@@ -187,7 +187,7 @@ def test_a_chain_of_states_uses_lag_zero_in_order():
     assert results["native"]["x"].tolist() == [0, 0, 17, 53]
 
 
-@pytest.mark.parametrize("order", (9, 30))
+@pytest.mark.parametrize("order", (9, 30, 100))
 def test_long_lags(order):
     recursion = Recursion(((y[k], 0.5 * y[k - order] + 0.2 * y[k - 1] + u[k - order]),))
     n = 4 * order

@@ -17,6 +17,7 @@ from ..errors import ModelError
 from .plan import Plan
 
 CHUNK = 8192
+MAX_BAND = 64  # the band matrix holds CHUNK numbers for each lag up to the largest
 MODULES = [{"Heaviside": lambda x, *_: np.where(x > 0, 1.0, 0.0)}, "numpy"]
 
 
@@ -41,7 +42,8 @@ def affine_rows(plan: Plan) -> list[tuple[list[int], list[sp.Expr]]] | None:
 def build(plan: Plan) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) for a plan."""
     rows = affine_rows(plan)
-    solve = _stepwise(plan) if rows is None else _banded(plan, rows)
+    narrow = rows is not None and all(lag <= MAX_BAND for lags, _ in rows for lag in lags)
+    solve = _banded(plan, rows) if rows is not None and narrow else _stepwise(plan)
 
     def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
         try:
