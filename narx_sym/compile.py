@@ -185,7 +185,7 @@ class Columns:
 
     def __init__(self, terms: Iterable[Any]):
         self.terms = [sp.sympify(t) for t in terms]
-        self._factors: list[Any] = []
+        self._factors: dict[Any, int] = {}
         self._tree: list[tuple[int | None, int]] = []  # node = parent node times factor
         nodes: dict[tuple[int, ...], int] = {}
         self._nodes = []
@@ -213,9 +213,7 @@ class Columns:
             base, exponent = factor.as_base_exp()
             whole = exponent.is_Integer and 0 < exponent <= 8
             for one in [base] * int(exponent) if whole else [factor]:
-                if one not in self._factors:
-                    self._factors.append(one)
-                found.append(self._factors.index(one))
+                found.append(self._factors.setdefault(one, len(self._factors)))
         return sorted(found)
 
     def block(self, data: Mapping[str, Array], start: int, stop: int) -> Array:

@@ -81,8 +81,7 @@ def document(model: Model) -> str:
         law = compensator(model)
         parts.append(("Compensation law", [law.latex()]))
         if law.A is not None:
-            grouped = [rf"A(q) = {latex(law.A)}", rf"B(q) = {latex(law.B)}", rf"f(\cdot) = {latex(law.f)}"]
-            parts.append((r"Grouping $A(q)\,y_k = B(q)\,u_k + f(\cdot)$", grouped))
+            parts.append((r"Grouping $A(q)\,y_k = B(q)\,u_k + f(\cdot)$", law.latex_grouping()))
     except NotInvertible as error:
         parts.append(("Compensation law", [rf"\text{{{_escape(str(error))}}}"]))
     body = "\n\n".join(

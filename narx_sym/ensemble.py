@@ -82,7 +82,7 @@ def costs(model: Model, thetas: Any, records: Records) -> Array:
 def trajectories(model: Model, thetas: Any, record: Record) -> Array:
     """Return the free run of each parameter set along a record, (sets, N) [unit of the output]."""
     thetas = _checked(model, thetas)
-    return np.concatenate([kept.T for _, _, kept, _ in _run(model, thetas, record, keep=True)])
+    return np.concatenate([kept.T.copy() for _, _, kept, _ in _run(model, thetas, record, keep=True)])
 
 
 @dataclass(frozen=True)

@@ -97,6 +97,18 @@ class Compensator:
         opening = rf"&= \frac{{1}}{{{printing.latex(gain.xreplace(values))}}} \Big[ "
         return body.replace("&= ", opening, 1).replace("\n\\end{aligned}", " \\Big]\n\\end{aligned}")
 
+    def latex_grouping(self) -> list[str]:
+        """LaTeX of A(q), B(q) and f, the linear regressors and the rest; empty for an identified inverse."""
+        if self.A is None:
+            return []
+        back = sp.Symbol("back")  # q^{-1}
+        lines = []
+        for name, expr in (("A(q)", self.A), ("B(q)", self.B)):
+            powers = sp.Poly(expr.subs(q, 1 / back), back).terms()
+            terms = [(c, q ** (-n)) for (n,), c in reversed(powers) if c != 0]
+            lines.append(printing.latex_sum(sp.Symbol(name), terms, per_line=6))
+        return [*lines, printing.latex_sum(sp.Symbol(r"f(\cdot)"), self._grouped(self.f), per_line=2)]
+
     def _fraction(self) -> tuple[Any, Any]:
         gain = derivative(self.model.right, self.model.input[k - self.model.delay])
         return sp.Add(*(p * gain for p in sp.Add.make_args(self.law))), gain

@@ -37,6 +37,11 @@ class _Latex(LatexPrinter):
         mantissa, exponent = _number(expr)
         return rf"{mantissa} \times 10^{{{exponent}}}" if exponent else mantissa
 
+    def _print_Pow(self, expr: Any) -> str:
+        if expr.base == sp.Symbol("q"):  # the shift operator: q^{-1}, not 1/q
+            return rf"q^{{{self._print(expr.exp)}}}"
+        return str(super()._print_Pow(expr))
+
     def _print_sign(self, expr: Any, exp: Any = None) -> str:
         shown = rf"\operatorname{{sign}}\left({self._print(expr.args[0])}\right)"
         return rf"{shown}^{{{exp}}}" if exp else shown
