@@ -22,7 +22,7 @@ _WHERE = {
     "analysis": ("check", "continuum", "jacobian", "property_1", "quasi_static", "sigma_y", "steady_state"),
     "invert": ("Compensator", "compensator"),
     "sensitivity": ("sensitivities",),
-    "compile": ("to_casadi",),
+    "compile": ("to_c", "to_casadi"),
     "data": ("Record", "read"),
     "metrics": ("fit_percent", "mape", "nrmse", "nsavi", "rmse"),
     "simulation": ("evaluate", "free_run", "predict", "simulate"),

@@ -265,6 +265,7 @@ def compare(
 def compensate(
     model_file: ModelFile,
     latex: Annotated[Path | None, typer.Option("--latex", help="Write the law as LaTeX.")] = None,
+    c: Annotated[Path | None, typer.Option("--c", help="Write the law as C99 source.")] = None,
     reference: Annotated[Path | None, typer.Option("--reference", help="CSV with the wanted output.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="CSV for the compensated input.")] = None,
     column: Annotated[
@@ -282,7 +283,7 @@ def compensate(
     from .printing import text
     from .store import load
 
-    for path in (latex, out):
+    for path in (latex, c, out):
         check_target(path)
     if (reference is None) != (out is None):
         raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
@@ -294,6 +295,9 @@ def compensate(
     if latex:
         write_text(latex, f"\\[\n{law.latex(numbers=True)}\n\\]\n")
         console().print(f"LaTeX written to {latex}")
+    if c:
+        write_text(c, law.to_c())
+        console().print(f"C99 source written to {c}")
     if reference and out:
         r, step, stamps = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column")
         step_differs = step is not None and model.Ts and abs(step - model.Ts) > 1e-6 * model.Ts

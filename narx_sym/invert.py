@@ -85,6 +85,12 @@ class Compensator:
 
         return run_law(self, reference, m0, channels)
 
+    def to_c(self, name: str = "law", single: bool = False) -> str:
+        """Return the law as C99 source; see `narx_sym.compile.to_c`."""
+        from .compile import to_c
+
+        return to_c(self.recursion, self.model.values, name, single)
+
     def latex(self, numbers: bool = False) -> str:
         """LaTeX of the law, grouped as in the paper: one bracket over the coefficient of the newest input."""
         values = self.model.values if numbers else {}

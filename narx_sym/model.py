@@ -206,6 +206,12 @@ class Model:
 
         save(self, path)
 
+    def to_c(self, name: str = "model", single: bool = False) -> str:
+        """Return the free run as C99 source; see `narx_sym.compile.to_c`."""
+        from .compile import to_c
+
+        return to_c(self.recursion, self.values, name, single)
+
     # -- printing ----------------------------------------------------------------------------------------------
 
     def latex(self, numbers: bool = False) -> str:

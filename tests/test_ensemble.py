@@ -107,6 +107,7 @@ def test_long_parameter_vectors_are_fitted(record):
 def test_multi_start_leaves_a_bad_start(record):
     """A start at which the only slope is wrong by far ends in a worse minimum or fails; the cloud does not."""
     import sympy as sp
+
     from narx_sym.signals import k, phi1, u, y
 
     a, b, c, d = names = sp.symbols("a b c d", real=True)

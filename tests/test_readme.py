@@ -44,7 +44,16 @@ def test_walk_through_own_csv(own_data, monkeypatch, capsys):
         with pytest.raises(SystemExit) as stop:
             cli.main()
         assert not stop.value.code, line
-    for name in ("model.json", "compare.png", "derivation.tex", "sets.png", "law.tex", "input.csv", "expected.csv"):
+    for name in (
+        "model.json",
+        "compare.png",
+        "derivation.tex",
+        "sets.png",
+        "law.tex",
+        "law.c",
+        "input.csv",
+        "expected.csv",
+    ):
         assert (own_data / name).stat().st_size > 0, name
     # The law inverts the model: what it expects is what was wanted.
     expected, wanted = ns.read("expected.csv"), ns.read("input.csv", u="m", y="r")
