@@ -32,6 +32,10 @@ class Compiled:
         self.recursion, self.engine = recursion, engine
         self.plan = Plan.of(recursion)
         self._run = import_module(f".engines.{engine}", __package__).build(self.plan)
+        # Names once: SymPy's printer would take longer than a short run.
+        self._inputs = [str(base.label) for base in recursion.inputs]
+        self._states = [str(base.label) for base in recursion.states]
+        self._remembered = {s for s, i in self.plan.sample if i >= 1}
 
     def __call__(
         self,
@@ -74,16 +78,14 @@ class Compiled:
             For missing or unequal inputs.
         """
         recursion = self.recursion
-        given = {str(getattr(base, "label", base)): value for base, value in inputs.items()}
+        given = _named(inputs)
         columns = []
-        for base in recursion.inputs:
-            if str(base.label) not in given:
-                raise ModelError(f"The input sequence {base.label!s} is missing.")
-            column = np.ascontiguousarray(given[str(base.label)], dtype=float)
+        for name in self._inputs:
+            if name not in given:
+                raise ModelError(f"The input sequence {name} is missing.")
+            column = np.ascontiguousarray(given[name], dtype=float)
             if column.size != max(column.shape, default=1):
-                raise ModelError(
-                    f"The input sequence {base.label!s} has shape {column.shape}; one of shape (N,) is needed."
-                )
+                raise ModelError(f"The input sequence {name} has shape {column.shape}; one of shape (N,) is needed.")
             columns.append(column.ravel())
         sizes = {c.size for c in columns} | ({length} if length is not None else set())
         if not sizes:  # nothing is read from the inputs: they only say how long the run is
@@ -107,24 +109,21 @@ class Compiled:
                     raise Diverged(self._explain(states, reached), reached, states[0])
                 for state in states:
                     state[reached:] = np.nan
-        return {str(base.label): state for base, state in zip(recursion.states, states, strict=True)}
+        return dict(zip(self._states, states, strict=True))
 
     def _start(self, n: int, first: int, initial: Mapping[Any, Any], out: Mapping[str, Array]) -> list[Array]:
-        given = {str(getattr(base, "label", base)): value for base, value in initial.items()}
-        used = {key[0] for key in self.plan.sample if key[1] >= 1}
+        given = _named(initial)
         states = []
-        for position, base in enumerate(self.recursion.states):
-            state = out[str(base.label)] if out else np.empty(n)
+        for position, name in enumerate(self._states):
+            state = out[name] if out else np.empty(n)
             if state.shape != (n,) or state.dtype != float or not state.flags.c_contiguous:
-                raise ModelError(
-                    f"The result array of {base.label!s} must be a contiguous float array of shape ({n},)."
-                )
-            value = given.get(str(base.label), None if position in used else np.nan)
+                raise ModelError(f"The result array of {name} must be a contiguous float array of shape ({n},).")
+            value = given.get(name, None if position in self._remembered else np.nan)
             if value is None:
-                raise ModelError(f"The recursion needs {first} initial samples of {base.label!s}.")
+                raise ModelError(f"The recursion needs {first} initial samples of {name}.")
             value = np.asarray(value, dtype=float).ravel()
             if value.size != 1 and value.size < first:
-                raise ModelError(f"{base.label!s} needs {first} initial samples, {value.size} were given.")
+                raise ModelError(f"{name} needs {first} initial samples, {value.size} were given.")
             state[:first] = value if value.size == 1 else value[:first]
             states.append(state)
         return states
@@ -136,6 +135,11 @@ class Compiled:
             f"The simulation of {name!s} diverges: sample {at} is not finite (before it: {shown}). "
             "Likely causes: an unstable model, an input far outside the identified range, or wrong initial values."
         )
+
+
+def _named(mapping: Mapping[Any, Any]) -> dict[str, Any]:
+    """Key by name: a sequence may stand for its name."""
+    return {base if isinstance(base, str) else str(getattr(base, "label", base)): x for base, x in mapping.items()}
 
 
 @lru_cache(maxsize=256)

@@ -107,6 +107,8 @@ class Record:
 
     def segments(self) -> list[Record]:
         """Contiguous records between the breaks; a single sample left alone by a cut is no segment."""
+        if not self.breaks:
+            return [self]
         edges = (0, *self.breaks, len(self))
         return [self[a:b] for a, b in pairwise(edges) if b - a >= 2]
 

@@ -17,6 +17,7 @@ from .recursion import Recursion
 from .simulation import Records, arrays, segments
 
 Array = np.ndarray
+STRETCH, TINY = 4096, 1e-290  # values about to become denormal are put to zero after so many steps: they are slow
 
 
 @lru_cache(maxsize=32)
@@ -53,7 +54,9 @@ def _run(model: Model, thetas: Array, record: Record, keep: bool) -> Iterator[tu
         cost = np.zeros(sets)
         if keep:
             kept[:depth] = measured[:depth, None]
-        run(inputs, measured, past, theta, cost, kept, depth, n)
+        for begin in range(depth, n, STRETCH):
+            run(inputs, measured, past, theta, cost, kept, begin, min(begin + STRETCH, n))
+            past[np.abs(past) < TINY] = 0.0
         yield part, cost[:used], kept[:, :used], measured
 
 

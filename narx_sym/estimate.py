@@ -15,6 +15,7 @@ from .data import Record, check_excitation
 from .errors import FitError
 from .freerun import free_run_fit
 from .model import NARX, Model
+from .parallel import one_blas_thread
 from .signals import k
 from .simulation import arrays, evaluate, segments, shifted
 
@@ -52,17 +53,18 @@ def factor(columns: Columns, records: Sequence[Mapping[str, Array]], transform: 
     """
     R: Array | None = None
     rows = 0
-    for data in records:
-        n = min(len(x) for x in data.values()) - columns.lead
-        for start in range(columns.depth, n, BLOCK):
-            block = columns.block(data, start, min(start + BLOCK, n))
-            block = np.asfortranarray(block if transform is None else transform(block))
-            if not np.all(np.isfinite(block)):
-                raise FitError("A regressor is not finite on these data; check the ranges or drop the term.")
-            if R is None:
-                R = np.zeros((block.shape[1],) * 2, order="F")
-            rows += len(block)
-            R = stack_qr(R, block)
+    with one_blas_thread():
+        for data in records:
+            n = min(len(x) for x in data.values()) - columns.lead
+            for start in range(columns.depth, n, BLOCK):
+                block = columns.block(data, start, min(start + BLOCK, n))
+                block = np.asfortranarray(block if transform is None else transform(block))
+                if not np.all(np.isfinite(block)):
+                    raise FitError("A regressor is not finite on these data; check the ranges or drop the term.")
+                if R is None:
+                    R = np.zeros((block.shape[1],) * 2, order="F")
+                rows += len(block)
+                R = stack_qr(R, block)
     if R is None:
         raise FitError(f"The records are shorter than the largest lag ({columns.depth} samples).")
     return np.triu(R), rows

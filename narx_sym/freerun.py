@@ -15,7 +15,7 @@ from .constraints import Elimination
 from .ensemble import costs
 from .errors import FitError
 from .model import NARX, Model
-from .parallel import sweep
+from .parallel import one_blas_thread, sweep
 from .sensitivity import derivative, sensitivities
 from .signals import k
 from .simulation import Records, arrays, segments
@@ -145,7 +145,7 @@ class FreeRun:
             raise FitError(
                 "The free run of the start values diverges: fit one step ahead with fewer terms first, or give theta."
             )
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), one_blas_thread():
             found = least_squares(
                 lambda z: self.run(z)[0].copy(), start, jac=lambda z: self.run(z)[1].copy(),
                 x_scale="jac", method="trf", max_nfev=max_steps, xtol=1e-12, ftol=1e-12, gtol=1e-12,

@@ -6,8 +6,24 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import cache
 from typing import Any
+
+
+@cache
+def _pools() -> Any:
+    from threadpoolctl import ThreadpoolController  # looks once which libraries are loaded
+
+    return ThreadpoolController()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Run small matrix blocks on one thread: beside another busy process, BLAS threads wait for each other."""
+    with _pools().limit(limits=1, user_api="blas"):
+        yield
 
 
 def sweep(

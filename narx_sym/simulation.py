@@ -45,7 +45,7 @@ def arrays(model: Model, record: Record) -> dict[str, Array]:
 def shifted(model: Model, data: Mapping[str, Array]) -> dict[str, Array]:
     """Measure the sequences from the model's operating point."""
     point = {str(b.label): v for b, v in model.operating_point.items()}
-    return {name: x - point.get(name, 0.0) for name, x in data.items()}
+    return {name: x - point[name] if name in point else x for name, x in data.items()}
 
 
 def simulate(
