@@ -27,12 +27,13 @@ _WHERE = {
     "metrics": ("fit_percent", "mape", "nrmse", "nsavi", "rmse"),
     "simulation": ("evaluate", "free_run", "predict", "simulate"),
     "estimate": ("fit",),
+    "bootstrap": ("Bootstrap", "block_bootstrap"),
     "selection": ("select",),
     "identification": ("identify", "identify_inverse"),
     "store": ("load", "save"),
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
-_MODULES = ("assumptions", "plants", "plots")
+_MODULES = ("assumptions", "ensemble", "plants", "plots")
 __all__ = sorted([*_HOME, *_MODULES])
 
 

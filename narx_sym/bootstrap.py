@@ -50,7 +50,7 @@ class Bootstrap:
         return bands(self.model, self.thetas, record)
 
 
-def bootstrap(
+def block_bootstrap(
     model: Model, records: Records, draws: int = 200, block: int | None = None, seed: int = 0, steps: int = 2
 ) -> Bootstrap:
     """Resample the free-run residual in blocks and refit (Kunsch 1989).
@@ -102,4 +102,4 @@ def correlation_length(x: Array) -> int:
     return int(below[0]) if below.size else x.size
 
 
-__all__: list[Any] = ["Bootstrap", "bootstrap", "correlation_length"]
+__all__: list[Any] = ["Bootstrap", "block_bootstrap", "correlation_length"]

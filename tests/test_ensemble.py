@@ -9,7 +9,7 @@ import pytest
 
 import narx_sym as ns
 from narx_sym import ensemble, freerun
-from narx_sym.bootstrap import bootstrap, correlation_length
+from narx_sym.bootstrap import block_bootstrap, correlation_length
 from narx_sym.errors import ModelError
 from narx_sym.freerun import FreeRun
 from narx_sym.parallel import sweep
@@ -129,13 +129,13 @@ def test_bootstrap_agrees_with_theory_under_white_noise():
     y = truth.simulate(u, 0.0) + 0.1 * rng.standard_normal(u.size)
     record = ns.Record.from_arrays(u, y, Ts=1.0)
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"]).fit(record, method="free_run")
-    found = bootstrap(model, record, draws=150, seed=3)
+    found = block_bootstrap(model, record, draws=150, seed=3)
     assert np.allclose(found.std, model.std, rtol=0.3)
     low, high = found.interval()
     assert np.all(low < truth.theta) and np.all(truth.theta < high)
     bands = found.bands(record)
     assert np.all(bands.low <= bands.mean) and np.all(bands.mean <= bands.high)
-    assert np.array_equal(found.thetas, bootstrap(model, record, draws=150, seed=3).thetas)
+    assert np.array_equal(found.thetas, block_bootstrap(model, record, draws=150, seed=3).thetas)
 
 
 def test_correlation_length():
