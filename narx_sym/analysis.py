@@ -105,11 +105,13 @@ def steady_state(model: Model) -> SteadyState:
     excess = sp.expand((right - ybar).xreplace(model.values))
     if excess == 0:
         return SteadyState(equation, continuum_conditions(model), "continuum")
-    try:
-        solutions = sp.solve(excess, ybar) if excess.has(ybar) else []
-    except NotImplementedError:
-        solutions = []
+    solutions = sp.solve(excess, ybar) if _solvable(excess, ybar) else []
     return SteadyState(equation, continuum_conditions(model), solutions)
+
+
+def _solvable(expr: Any, unknown: Any) -> bool:
+    """Whether a closed form is worth looking for: polynomials of low degree. Others could take for ever."""
+    return bool(expr.has(unknown) and expr.is_polynomial(unknown) and sp.degree(expr, unknown) <= 4)
 
 
 def jacobian(model: Model) -> list[Any]:
@@ -194,7 +196,8 @@ def property_1(model: Model) -> Verdict:
         at = at.subs(ubar, 0)
         flags.append(any(abs(complex(root)) >= 1 for root in sp.Poly(at, z).nroots()))
     steady = [p for p, bad in zip(points, flags, strict=True) if not bad]
-    reason = f"{len(points)} equilibria for a constant input, {len(steady)} of them non-diverging; two are needed"
+    count = "one equilibrium" if len(points) == 1 else f"{len(points)} equilibria"
+    reason = f"{count} for a constant input, {len(steady)} non-diverging; two are needed"
     return Verdict(points, all(flags), len(steady) >= 2, reason)
 
 
@@ -275,7 +278,7 @@ def quasi_static(model: Model) -> QuasiStatic:
         if slope != 0 and not slope.has(ytilde):
             branches.append(sp.expand(excess.xreplace({ytilde: sp.S.Zero})) / sp.expand(-slope))
             continue
-        solutions = sp.solve(excess, ytilde) if slope != 0 else []
+        solutions = sp.solve(excess, ytilde) if _solvable(excess, ytilde) else []
         if not solutions:
             raise ModelError("The quasi-static equation has no closed-form solution for this model.")
         branches.append(solutions[0] if len(solutions) == 1 else sp.FiniteSet(*solutions))
@@ -296,7 +299,11 @@ def check(model: Model, rules: Sequence[str] | None = None) -> list[assumptions.
     rules : names of `assumptions.RULES`
         All of the paper's by default.
     """
-    names = list(rules) if rules is not None else [*assumptions.CONTINUUM, *(("A1(i)",) if not model.lead else ())]
+    total = sp.sympify(sigma_y(model)).xreplace(model.values)
+    # The rule about rest values belongs to Sigma_y = 1; a model with another known sum has one equilibrium anyway.
+    integrates = model.constraints or not total.is_number or abs(float(total) - 1) < 1e-9
+    first = assumptions.CONTINUUM if integrates else assumptions.ASSUMPTION_1
+    names = list(rules) if rules is not None else [*first, *(("A1(i)",) if not model.lead else ())]
     terms = [term for _, term in model.parts()]
     found = assumptions.violations(terms, names, model.structure)
     return found + (assumptions.structural(terms, model.structure) if rules is None else [])

@@ -46,13 +46,20 @@ def console(stderr: bool = False) -> Any:
     """Return a rich console; results go to stdout, progress and notes to stderr."""
     from rich.console import Console
 
-    return Console(stderr=stderr, highlight=False, soft_wrap=True)
+    shown = Console(stderr=stderr, highlight=False, soft_wrap=True)
+    # In a pipe or a log nothing is cut off.
+    return shown if shown.is_terminal else Console(stderr=stderr, highlight=False, soft_wrap=True, width=140)
 
 
 @contextmanager
 def working(what: str) -> Any:
     """Show on stderr that something longer is going on."""
-    with console(stderr=True).status(what):
+    shown = console(stderr=True)
+    if shown.is_terminal:
+        with shown.status(what):
+            yield
+    else:
+        print(f"{what} ...", file=sys.stderr, flush=True)
         yield
 
 
@@ -100,8 +107,10 @@ def save_figure(figure: Any, path: Path) -> None:
         part.unlink(missing_ok=True)
 
 
-def check_target(path: Path | None) -> None:
-    """Refuse an output path that cannot be written before any work is done."""
+def check_target(path: Path | None, *read: Path | None) -> None:
+    """Refuse an output path that cannot be written, or that is read, before any work is done."""
+    if path is not None and any(p is not None and p.resolve() == path.resolve() for p in read):
+        raise DataError(f"{path}: is read by this command; write to another file.")
     if path is not None and not path.parent.is_dir():
         raise DataError(f"{path}: the folder {path.parent} does not exist; make it first.")
     if path is not None and path.is_dir():
@@ -167,9 +176,11 @@ def fit(
     from .simulation import evaluate
     from .store import save
 
-    check_target(out)
+    check_target(out, *data)
+    if u == y:
+        raise DataError(f"Input and output are the same column {u!r}; choose with --input and --output.")
     measured = records(data, u, y, t, ts, channels, rows)
-    with working("Identifying"):
+    with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
         model = identify(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
             method=method,
@@ -197,7 +208,7 @@ def derive(
     from .store import load
 
     for path in (latex, plot):
-        check_target(path)
+        check_target(path, model_file)
     model = load(model_file)
     for heading, lines in summary(model):
         console().print(f"[bold]{heading}[/bold]")
@@ -241,7 +252,7 @@ def compare(
     from .store import load
 
     target = None if no_plot else plot
-    check_target(target)
+    check_target(target, model_file, *data)
     model = load(model_file)
     named = ",".join(filter(None, [channels, reference, *model.channels])) if channels != "all" else "all"
     measured = records(data, u, y, t, ts, named, rows)
@@ -284,7 +295,7 @@ def compensate(
     from .store import load
 
     for path in (latex, c, out):
-        check_target(path)
+        check_target(path, model_file, reference)
     if (reference is None) != (out is None):
         raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
     model = load(model_file)
@@ -299,26 +310,23 @@ def compensate(
         write_text(c, law.to_c())
         console().print(f"C99 source written to {c}")
     if reference and out:
-        r, step, stamps = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column")
+        r, step, stamps = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column", prefer="r")
         step_differs = step is not None and model.Ts and abs(step - model.Ts) > 1e-6 * model.Ts
         if step_differs:
             note(f"the reference has Ts = {step:g} s, the model was identified at {model.Ts:g} s")
-        outside(model, r)
-        m = law.run(r, m0)
+        start = law.rest_input(r[0]) if m0 is None else m0
+        m = law.run(r, start)
         write_csv(out, {"t": stamps, "r": r, "m": m})
         console().print(f"Compensated input: {len(m)} samples, m in [{m.min():.4g}, {m.max():.4g}]")
+        console().print(
+            f"It starts from rest at m = {start:.6g} with the output at {r[0]:.6g}. To see what the model expects:"
+        )
+        console().print(
+            f"  narx-sym simulate {model_file} {out} --input m --u0 {start:.10g} --y0 {r[0]:.10g} --out expected.csv"
+        )
         if abs(r - r[0]).max() > 0:
             console().print(f"NSAVI (effort against the reference's): {nsavi(m, r):.4g}")
         console().print(f"Written to {out}")
-
-
-def outside(model: Model, r: Any) -> None:
-    """Say where a reference leaves the outputs seen in identification."""
-    ranges = model.info.get("ranges", {})
-    low, high = ranges.get("y", (float("-inf"), float("inf")))
-    excess = max(low - float(r.min()), float(r.max()) - high)
-    if excess > 0.01 * (high - low):
-        note(f"the reference leaves the identified range [{low:.4g}, {high:.4g}] by {excess:.4g}: this extrapolates")
 
 
 @app.command()
@@ -327,7 +335,8 @@ def simulate(
     input_file: Annotated[Path, typer.Argument(metavar="INPUT.csv", help="CSV with the input.")],
     out: Annotated[Path, typer.Option("--out", help="CSV for the simulated output.")],
     u: Annotated[str | None, typer.Option("--input", help="Column of the input (default: u, or the only one).")] = None,
-    y0: Annotated[float | None, typer.Option("--y0", help="Output before the start.")] = None,
+    y0: Annotated[float | None, typer.Option("--y0", help="Output at the start.")] = None,
+    u0: Annotated[float | None, typer.Option("--u0", help="Input before the start, at rest with the output.")] = None,
     t: Time = "t",
     ts: Ts = None,
     rows: Rows = None,
@@ -337,13 +346,15 @@ def simulate(
     from .files import write_csv
     from .store import load
 
-    check_target(out)
+    check_target(out, model_file, input_file)
     model = load(model_file)
     if model.channels:
         raise DataError(f"{model_file}: the model needs the channel {model.channels[0]!r}; use Python for this one.")
-    values, _, stamps = read_signal(input_file, u, Ts=ts, t=t, rows=rows)
+    values, step, stamps = read_signal(input_file, u, Ts=ts, t=t, rows=rows, prefer=str(model.input.label))
+    if step is not None and model.Ts and abs(step - model.Ts) > 1e-6 * model.Ts:
+        note(f"the input has Ts = {step:g} s, the model was identified at {model.Ts:g} s")
     name = str(model.output.label)
-    simulated = model.simulate(values, y0)
+    simulated = model.simulate(values, y0, u0=u0)
     write_csv(out, {"t": stamps, str(model.input.label): values, name: simulated})
     low, high = float(simulated.min()), float(simulated.max())
     console().print(f"{len(values)} samples, {name} in [{low:.4g}, {high:.4g}], written to {out}")
@@ -376,12 +387,13 @@ def main() -> None:
     warnings.showwarning = lambda message, *_, **__: note(str(message))
     try:
         app()
+    except SystemExit as stop:
+        if stop.code == 130:  # typer has turned Ctrl-C into this
+            print("narx-sym: interrupted; files are either whole or as they were", file=sys.stderr)
+        raise
     except NarxError as error:
         print(f"narx-sym: {error}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        print("narx-sym: interrupted; files are either whole or as they were", file=sys.stderr)
-        sys.exit(130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

@@ -214,7 +214,13 @@ def to_c(recursion: Recursion, values: Mapping[Any, float], name: str = "narx", 
 
 def lambdify(expressions: Sequence[Any], arguments: Sequence[Any]) -> Any:
     """Return a NumPy function of plain symbols for expressions that are not recursions."""
-    return sp.lambdify(list(arguments), list(expressions), modules="numpy", cse=True, dummify=True)
+    function = sp.lambdify(list(arguments), list(expressions), modules="numpy", cse=True, dummify=True)
+
+    def quiet(*values: Any) -> Any:
+        with np.errstate(all="ignore"):  # what is not finite is looked for where it matters
+            return function(*values)
+
+    return quiet
 
 
 class Columns:
@@ -320,6 +326,9 @@ class StaticSets:
                 if isinstance(expression, sp.FiniteSet):
                     raise ModelError("The quasi-static equation has several solutions; evaluate them one by one.")
                 numeric = [sp.sympify(e).xreplace(model.values) for e in (expression, *derivatives)]
+                foreign = {s for e in numeric for s in e.free_symbols} - {u_, phi1_, ytilde}
+                if foreign:
+                    raise ModelError(f"The sets depend on further signals ({', '.join(map(str, foreign))}).")
                 values_at = lambdify([numeric[0]], [u_, phi1_])(u, phi1)[0]
                 solution.append(np.broadcast_to(np.asarray(values_at, dtype=float), u.shape))
                 found = lambdify(numeric[1:], [u_, phi1_, ytilde])(u, phi1, solution[-1]) if derivatives else []

@@ -229,13 +229,14 @@ def read_signal(
     t: str | None = "t",
     rows: slice | str | None = None,
     option: str = "--input",
+    prefer: str | None = None,
 ) -> tuple[Vector, float | None, Vector]:
     """Read one column, such as a reference.
 
     Parameters
     ----------
     column : str or None
-        Name of the column; None takes the only one beside `t`.
+        Name of the column; None takes `prefer` where there is one, else the only one beside `t`.
     option : str
         The command-line option named where the column is unknown.
 
@@ -248,7 +249,7 @@ def read_signal(
     table = load(path)
     cut = table.cut(rows)
     if column is None:
-        others = [n for n in table.columns if n != t]
+        others = [prefer] if prefer in table.columns else [n for n in table.columns if n != t]
         if len(others) != 1:
             raise DataError(
                 f"{table.path}: which column is the signal? There are {table.listing}; choose with {option}"

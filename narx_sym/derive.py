@@ -83,7 +83,7 @@ def document(model: Model) -> str:
         if law.A is not None:
             parts.append((r"Grouping $A(q)\,y_k = B(q)\,u_k + f(\cdot)$", law.latex_grouping()))
     except NotInvertible as error:
-        parts.append(("Compensation law", [rf"\text{{{_escape(str(error))}}}"]))
+        parts.append(("Compensation law", [rf"\parbox{{0.9\linewidth}}{{{_escape(str(error))}}}"]))
     body = "\n\n".join(
         rf"\section*{{{heading}}}" + "\n" + "\n".join(f"\\[\n{e}\n\\]" for e in equations)
         for heading, equations in parts

@@ -17,7 +17,7 @@ from .freerun import free_run_fit
 from .model import NARX, Model
 from .parallel import one_blas_thread
 from .signals import k
-from .simulation import arrays, evaluate, segments, shifted
+from .simulation import arrays, centre, evaluate, segments, shifted
 
 Array = np.ndarray
 BLOCK = 2048
@@ -124,6 +124,12 @@ def solve_factor(R: Array, rows: int, names: Sequence[str]) -> tuple[Array, Arra
 # -- the door ----------------------------------------------------------------------------------------------
 
 
+def check_method(method: str) -> None:
+    """Refuse an unknown way to fit."""
+    if method not in ("auto", "one_step", "free_run"):
+        raise FitError(f"Unknown method {method!r}: use 'auto', 'one_step' or 'free_run'.")
+
+
 def fit(
     model: Model,
     records: Records,
@@ -156,11 +162,10 @@ def fit(
     FitError
         For dependent regressors, contradicting constraints, too few samples, or a diverging start.
     """
-    if method not in ("auto", "one_step", "free_run"):
-        raise FitError(f"Unknown method {method!r}: use 'auto', 'one_step' or 'free_run'.")
+    check_method(method)
     if method == "auto":
         return _better_fit(model, records, constraints, max_steps)
-    for record in [records] if isinstance(records, Record) else records:
+    for record in segments(records):
         check_excitation(record)
     equations = constraint_equations(model, constraints)
     converged = True
@@ -204,8 +209,8 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> No
         np.concatenate([arrays(model, p)[str(b.label)] for p in parts]) for b in (model.input, model.output)
     )
     slope = np.polyfit(source, output, 1)[0]
-    # Through the operating point: a line through all data has an offset where the input merely lingered on one side.
-    offset = model.operating_point.get(model.output, 0.0) - slope * model.operating_point.get(model.input, 0.0)
+    # Through the centre: a line fitted to all data has an offset where the input merely lingered on one side.
+    offset = centre(output) - slope * centre(source)
     pair = evaluate(model, records)
     model.Ts = parts[0].Ts
     model.info |= {

@@ -44,6 +44,7 @@ class FreeRun:
         self.name, self.depth = str(model.output.label), max(1, model.recursion.depth)
         self.data = [arrays(model, p) for p in segments(records)]
         self.free = self.elimination.Z.shape[1]
+        self.shifts = len(self.data) if model.n_y else 0  # without memory the initial output moves nothing
         measured = [d[self.name] for d in self.data]
         self.spread = float(np.std(np.concatenate(measured))) or 1.0
         self.edges = np.cumsum([0, *(m.size - self.depth for m in measured)])
@@ -51,7 +52,7 @@ class FreeRun:
             raise FitError(f"{self.free} parameters cannot be estimated from {max(self.edges[-1], 0)} samples.")
         long = isinstance(model, NARX) and len(model.symbols) > MANY
         self._move = self._banded() if long else self._forward()
-        self.slopes = np.zeros((self.edges[-1], self.free + len(self.data)), order="F")
+        self.slopes = np.zeros((self.edges[-1], self.free + self.shifts), order="F")
         self.residuals = np.empty(self.edges[-1])
         self._last: Array | None = None
 
@@ -62,7 +63,7 @@ class FreeRun:
     def start(self, theta: Array) -> Array:
         """Return the unknowns of given parameters, with the measured initial outputs."""
         z = self.elimination.Z.T @ (np.asarray(theta) - self.elimination.t0)
-        return np.concatenate([z, np.zeros(len(self.data))])
+        return np.concatenate([z, np.zeros(self.shifts)])
 
     def theta(self, z: Array) -> Array:
         """Return the parameters of given unknowns."""
@@ -77,11 +78,12 @@ class FreeRun:
             return self.residuals, self.slopes
         theta = self.theta(z)
         for i, d in enumerate(self.data):
-            simulated, moved = self._move(i, theta, z[self.free + i])
+            simulated, moved = self._move(i, theta, z[self.free + i] if self.shifts else 0.0)
             rows = slice(self.edges[i], self.edges[i + 1])
             self.residuals[rows] = (simulated[self.depth :] - d[self.name][self.depth :]) / self.spread
             self.slopes[rows, : self.free] = moved[self.depth :, :-1] @ (self.elimination.Z / self.spread)
-            self.slopes[rows, self.free + i] = moved[self.depth :, -1] / self.spread
+            if self.shifts:
+                self.slopes[rows, self.free + i] = moved[self.depth :, -1] / self.spread
         self._last = z.copy()
         return self.residuals, self.slopes
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping
 from itertools import product
 from typing import Any
@@ -10,16 +11,17 @@ import numpy as np
 
 from . import assumptions
 from .data import Record, check_excitation
-from .errors import FitError, ModelError, NotInvertible
-from .estimate import fit
+from .errors import Diverged, FitError, ModelError, NotInvertible
+from .estimate import check_method, fit
 from .invert import compensator
 from .model import NARX, Model, pool
-from .selection import Selection, select
-from .signals import k, u, y
-from .simulation import Records, evaluate, law_radius, segments
+from .selection import PATH_STEPS, Selection, select
+from .signals import k, phi1, u, y
+from .simulation import Records, evaluate, law_radius, segments, simulate
 
 BASES = ("narx", "linear", "static")
 HELD_OUT = 0.3
+CYCLES = 10
 FEWEST = 20  # samples; below this a structure cannot be told from chance
 
 
@@ -57,6 +59,42 @@ def prepare(records: Any) -> list[Record]:
         shown = ", ".join(f"{r.name}: {r.Ts:g} s" for r in listed)
         raise FitError(f"The records have different sampling times ({shown}); a model has one.")
     return listed
+
+
+def judged(model: Model) -> Model:
+    """Warn where a model explains little, where its law is unstable, or where its free run is not bounded."""
+    error = model.info["nrmse"]["free_run"]
+    if error >= 0.95:
+        warnings.warn(
+            f"The free run is no better than a constant (NRMSE {error:.3g}): do not use this model. Another base, "
+            "delay or input column may fit; noise on the input of an inverse model has this effect too.",
+            stacklevel=3,
+        )
+    elif error >= 0.5:
+        warnings.warn(f"The free run explains little of the output (NRMSE {error:.3g}).", stacklevel=3)
+    if model.info.get("selection", {}).get("stable_law") is False:
+        warnings.warn("The compensation law of this model is unstable on these data: it may run away.", stacklevel=3)
+    growth = periodic_growth(model)
+    if growth > 1:
+        warnings.warn(
+            f"Under a periodic input over the identified range the free run drifts away by {growth:.2g} ranges in "
+            f"{CYCLES} periods: the model is not bounded.",
+            stacklevel=3,
+        )
+    return model
+
+
+def periodic_growth(model: Model) -> float:
+    """Return how far repeated loops over the identified input range move, in ranges of the output."""
+    (low, high), (bottom, top) = (model.info["ranges"][str(b.label)] for b in (model.input, model.output))
+    if model.channels or top <= bottom:
+        return 0.0
+    sine = (low + high) / 2 + (high - low) / 2 * np.sin(2 * np.pi * np.arange(400 * CYCLES) / 400)
+    try:
+        run = simulate(model, sine)
+    except Diverged:
+        return float("inf")
+    return float(np.abs(run[-1] - run[399]) / (top - bottom))
 
 
 def identify(
@@ -102,9 +140,14 @@ def identify(
     -------
     Model, fitted; `info["selection"]` says what was chosen and why
     """
+    check_method(method)
     listed = prepare(records)
+    if any(r.channels for r in listed) and base == "narx":
+        warnings.warn("The narx base uses the input and the output only; further channels take no part.", stacklevel=2)
     origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
     if base == "narx":
+        delay = 1 if delay is None else delay
+        n_u = max(n_u, delay + 1)  # Assumption A1(ii): some input terms must be older than the delay
         rules: tuple[str, ...] = assumptions.CONTINUUM
         rules += assumptions.COMPENSATION if for_compensation else ()
         rules += ("rate",) if rate_independent else ()
@@ -113,12 +156,18 @@ def identify(
         chosen = select(
             candidates, listed, max_terms=max_terms, criterion=criterion, n_terms=n_terms, method=method, frame=frame,
             accept=(lambda model: stable_law(model, listed)) if for_compensation else None,
+            # The term that the law divides by must be there, whatever ERR thinks of it.
+            first=[phi1[k - delay]] if for_compensation and phi1[k - delay] in candidates.terms else (),
         )  # fmt: skip
-        return _finish(chosen, len(candidates))
+        model = _finish(chosen, len(candidates))
+        if for_compensation:
+            compensator(model)  # NotInvertible here rather than later
+            model.info["selection"]["stable_law"] = stable_law(model, listed)
+        return judged(model)
     if base == "linear":
-        return _linear(listed, origin, n_y, n_u, delay)
+        return _linear(listed, origin, n_y, n_u, delay, for_compensation)
     if base == "static":
-        return _static(listed, origin, degree, 0 if delay is None else delay)
+        return _static(listed, origin, degree, 0 if delay is None else delay, for_compensation)
     raise ModelError(f"Unknown base {base!r}; there are {', '.join(BASES)}.")
 
 
@@ -149,8 +198,9 @@ def identify_inverse(
     """
     listed = prepare(records)
     origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
-    if lead < 1:
-        raise ModelError(f"The lead tau_s must be at least 1 (tau_d + 1), not {lead}.")
+    check_method(method)
+    if int(lead) != lead or lead < 1:
+        raise ModelError(f"The lead tau_s must be a whole number of at least 1 (tau_d + 1), not {lead}.")
     rules = (*assumptions.CONTINUUM, *(("rate",) if rate_independent else ()))
     candidates = pool(n_y, n_u, degree, 1, inverse=True, rules=rules)
     frame = NARX([u[k - 1]], output=u, input=y, lead=lead, operating_point=origin)
@@ -163,7 +213,7 @@ def identify_inverse(
         method=method,
         frame=frame,
     )
-    return _finish(chosen, len(candidates))
+    return judged(_finish(chosen, len(candidates)))
 
 
 def _finish(chosen: Selection, candidates: int) -> Model:
@@ -194,13 +244,13 @@ def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
     return [first], [second]
 
 
-def _choose(candidates: list[NARX], records: list[Record], what: str) -> Model:
+def _choose(candidates: list[NARX], records: list[Record], what: str, for_compensation: bool = False) -> Model:
     """Fit each candidate on one part, judge it in free run on the other, refit the best on all."""
     train, held = _validation(records)
     scored = []
     for i, model in enumerate(candidates):
         try:
-            fit(model, train, method="auto")
+            fit(model, train, method="auto", max_steps=PATH_STEPS)
             score = evaluate(model, held).free_run_nrmse
         except FitError:
             continue
@@ -208,6 +258,8 @@ def _choose(candidates: list[NARX], records: list[Record], what: str) -> Model:
             scored.append((score, len(model.terms), i))
     if not scored:
         raise FitError(f"No {what} model follows these data in free run.")
+    stable = [s for s in scored if stable_law(candidates[s[2]], train)] if for_compensation else scored
+    scored = stable or scored
     best = min(scored)[0]
     # The smallest model within 2 % of the best one.
     _, _, i = min((s for s in scored if s[0] <= 1.02 * best), key=lambda s: (s[1], s[2]))
@@ -218,10 +270,19 @@ def _choose(candidates: list[NARX], records: list[Record], what: str) -> Model:
         "candidates": len(candidates),
         "reason": f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})",
     }
-    return final
+    if for_compensation:
+        final.info["selection"]["stable_law"] = stable_law(final, records)
+    return judged(final)
 
 
-def _linear(records: list[Record], origin: Mapping[Any, float], n_y: int, n_u: int, delay: int | None) -> Model:
+def _linear(
+    records: list[Record],
+    origin: Mapping[Any, float],
+    n_y: int,
+    n_u: int,
+    delay: int | None,
+    for_compensation: bool,
+) -> Model:
     """ARX with a constant: orders from 0 and delay chosen by free-run validation."""
     delays = range(0, 4) if delay is None else (delay,)
     candidates = [
@@ -231,15 +292,19 @@ def _linear(records: list[Record], origin: Mapping[Any, float], n_y: int, n_u: i
         )
         for a, b, d in product(range(0, max(2, n_y) + 1), range(1, max(2, n_u) + 1), delays)
     ]
-    return _choose(candidates, records, "linear")
+    return _choose(candidates, records, "linear", for_compensation)
 
 
-def _static(records: list[Record], origin: Mapping[Any, float], degree: int, delay: int) -> Model:
+def _static(
+    records: list[Record], origin: Mapping[Any, float], degree: int, delay: int, for_compensation: bool
+) -> Model:
+    """Polynomial of the input; of first degree where a law is wanted."""
+    degree = 1 if for_compensation else degree
     candidates = [
         NARX([_one(), *(u[k - delay] ** p for p in range(1, n + 1))], operating_point=origin)
         for n in range(1, max(1, degree) + 1)
     ]
-    return _choose(candidates, records, "static")
+    return _choose(candidates, records, "static", for_compensation)
 
 
 def _one() -> Any:

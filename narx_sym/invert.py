@@ -85,6 +85,12 @@ class Compensator:
 
         return run_law(self, reference, m0, channels)
 
+    def rest_input(self, output: float) -> float:
+        """Return the input to start from; see `narx_sym.simulation.rest_input`."""
+        from .simulation import rest_input
+
+        return rest_input(self.model, float(output))
+
     def to_c(self, name: str = "law", single: bool = False) -> str:
         """Return the law as C99 source; see `narx_sym.compile.to_c`."""
         from .compile import to_c

@@ -71,7 +71,10 @@ class Model:
         self.info: dict[str, Any] = {}
         self.std: tuple[float, ...] | None = None
         self.theta = theta
-        self.recursion  # noqa: B018  # checks F
+        if self.recursion.lead:
+            raise ModelError(
+                f"{output.label}[k] depends on samples after k; a model uses present and past inputs only."
+            )
 
     # -- values ------------------------------------------------------------------------------------------------
 
@@ -86,6 +89,8 @@ class Model:
     def theta(self, theta: Sequence[float] | None) -> None:
         if theta is not None and len(theta) != len(self.symbols):
             raise ModelError(f"The model has {len(self.symbols)} parameters; {len(theta)} values were given.")
+        if theta is not None and not all(abs(float(v)) < float("inf") for v in theta):
+            raise ModelError("A parameter value is not a finite number.")
         self._theta = None if theta is None else tuple(float(v) for v in theta)
 
     @property
@@ -169,12 +174,17 @@ class Model:
         return fit(self, records, constraints=constraints, method=method, **options)
 
     def simulate(
-        self, u: Any, y0: Any = None, channels: Mapping[str, Any] | None = None, engine: str = "native"
+        self,
+        u: Any,
+        y0: Any = None,
+        channels: Mapping[str, Any] | None = None,
+        engine: str = "native",
+        u0: float | None = None,
     ) -> Any:
         """Free run over an input; see `narx_sym.simulation.simulate`."""
         from .simulation import simulate
 
-        return simulate(self, u, y0, channels, engine)
+        return simulate(self, u, y0, channels, engine, u0)
 
     def predict(self, record: Any) -> Any:
         """One-step-ahead prediction from measured outputs; see `narx_sym.simulation.predict`."""

@@ -69,7 +69,9 @@ def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[
     axes[0].plot(time[keep], measured[keep], color=BLACK, lw=1.6, label="measured")
     axes[0].plot(time[keep], simulated[keep], color=ORANGE, lw=1.2, ls="--", label="free run")
     axes[0].set_ylabel(name)
-    axes[0].legend(loc="upper right", ncols=2)
+    axes[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0.2)
+    share = float(np.sqrt(np.mean((measured - simulated) ** 2)) / (np.std(measured) or 1.0))
+    axes[0].set_title(f"{record.name}: free-run NRMSE {share:.3g}", loc="left", fontsize=10)
     axes[1].plot(time[keep], (measured - simulated)[keep], color=BLUE, lw=0.8)
     axes[1].axhline(0, color=BLACK, lw=0.5)
     axes[1].set(xlabel="time [s]", ylabel=f"error of {name}")
@@ -162,8 +164,10 @@ def _arrows(ax: Any, u: np.ndarray, loop: np.ndarray, phi1: np.ndarray) -> None:
 
 
 def orientation(u: np.ndarray, loop: np.ndarray) -> str:
-    """Return "counter-clockwise" or "clockwise", from the sign of the enclosed area."""
+    """Return "counter-clockwise" or "clockwise", from the sign of the enclosed area, or "no"."""
     area = np.sum(u * np.roll(loop, -1) - np.roll(u, -1) * loop)
+    if abs(area) < 1e-6 * np.ptp(u) * np.ptp(loop) * 2:
+        return "no"
     return "counter-clockwise" if area > 0 else "clockwise"
 
 

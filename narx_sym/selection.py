@@ -14,13 +14,14 @@ import numpy as np
 
 from .compile import Columns
 from .errors import FitError
-from .estimate import factor, fit
+from .estimate import check_method, factor, fit
 from .model import NARX, Model, Pool
 from .signals import k, samples, u, y
 from .simulation import Records, arrays, evaluate, segments, shifted
 
 Array = np.ndarray
 INDEPENDENT, TIE = 1e-10, 1e-7
+PATH_STEPS = 15  # of the free-run fits along the path; the chosen model is refined further
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,8 @@ class Selection:
         The number of picks.
     reason : str
         Why this many.
+    records : Record or list of Record
+        What was selected on.
     """
 
     model: Model
@@ -127,6 +130,7 @@ class Selection:
     free_run_nrmse: list[float] = field(default_factory=list)
     chosen: int = 0
     reason: str = ""
+    records: Any = None
 
     @property
     def picks(self) -> list[Any]:
@@ -149,11 +153,18 @@ def candidates_of(pool: Pool | Iterable[Any], continuum: bool, output: Any) -> t
     return candidates, output[k] - last, [last]
 
 
-def path_of(frame: Model, candidates: Sequence[Any], target: Any, records: Records, max_terms: int) -> Path:
-    """Read the records once and order the candidates."""
+def path_of(
+    frame: Model,
+    candidates: Sequence[Any],
+    target: Any,
+    records: Records,
+    max_terms: int,
+    first: Sequence[Any] = (),
+) -> Path:
+    """Read the records once and order the candidates, those in `first` before the others."""
     columns = Columns([*candidates, target])
     R, rows = factor(columns, [shifted(frame, arrays(frame, p)) for p in segments(records)])
-    return err_path(R, rows, max_terms)
+    return err_path(R, rows, max_terms, [list(candidates).index(t) for t in first])
 
 
 def select(
@@ -168,6 +179,7 @@ def select(
     validation: Records | None = None,
     frame: Model | None = None,
     accept: Callable[[Model], bool] | None = None,
+    first: Sequence[Any] = (),
 ) -> Selection:
     """Choose the terms of a NARX model.
 
@@ -190,6 +202,7 @@ def select(
         Carries operating point and lead.
     accept : function of a fitted model, optional
         With the criterion `free_run`, models that it refuses are chosen only where it refuses all.
+    first : candidates that are picked before the others
 
     Returns
     -------
@@ -198,7 +211,7 @@ def select(
     output, source = pool.structure.output, pool.structure.input
     frame = frame or NARX([output[k - 1]], output=output, input=source)
     candidates, target, always = candidates_of(pool, continuum, output)
-    path = path_of(frame, candidates, target, records, max_terms)
+    path = path_of(frame, candidates, target, records, max_terms, first)
     constraints = ("continuum",) if continuum else ()
     judged = validation if validation is not None else records
 
@@ -210,9 +223,10 @@ def select(
             terms, output=output, input=source, operating_point=frame.operating_point, lead=frame.lead,
             constraints=constraints,
         )  # fmt: skip
-        return fit(model, records, method=how)
+        return fit(model, records, method=how, max_steps=PATH_STEPS)
 
-    result = Selection(frame, candidates, path)
+    check_method(method)
+    result = Selection(frame, candidates, path, records=records)
     limit = len(path.order)
     if n_terms is None and criterion == "free_run":
         return _by_free_run(result, limit, fitted, methods(method), judged, accept)
@@ -261,6 +275,8 @@ def _by_free_run(
     good = [t for t in tried if t[2]] or tried
     best = min(t[1] for t in good)
     result.chosen, _, _, result.model = min((t for t in good if t[1] <= 1.1 * best), key=lambda t: (t[0], t[1]))
+    if result.model.info["method"] == "free_run":
+        fit(result.model, result.records, method="free_run")
     result.reason = f"fewest terms within 10 % of the best free-run error on the path ({best:.4g})"
     if len(good) < len(tried):
         result.reason += "; models whose law would run away were passed over"

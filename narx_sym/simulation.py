@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .analysis import jacobian, z
+from .analysis import jacobian, without_integrator, z
 from .compile import Columns, compile, largest_root
 from .data import Record
 from .errors import Diverged, ModelError, NarxError
@@ -21,6 +21,8 @@ from .signals import u, y
 
 Array = np.ndarray
 Records = Record | Sequence[Record]
+AMPLIFIES = 1.05  # a law that gains less per sample, and loses it again in the other direction, is not reported
+HUGE = 1e12  # a free run this many ranges away counts as diverged
 
 
 # -- data of a model -------------------------------------------------------------------------------------------
@@ -29,7 +31,15 @@ Records = Record | Sequence[Record]
 def segments(records: Records) -> list[Record]:
     """Return the contiguous records among one or several."""
     listed = [records] if isinstance(records, Record) else list(records)
+    if not listed or not all(isinstance(r, Record) for r in listed):
+        raise ModelError("Give a Record or a non-empty list of Records (ns.read, ns.Record.from_arrays).")
     return [s for record in listed for s in record.segments()]
+
+
+def centre(x: Array) -> float:
+    """Return where a signal is measured from: zero where zero lies well inside its range, else its mean."""
+    low, high = float(x.min()), float(x.max())
+    return 0.0 if abs(high + low) <= 0.5 * (high - low) else float(x.mean())
 
 
 def arrays(model: Model, record: Record) -> dict[str, Array]:
@@ -49,7 +59,12 @@ def shifted(model: Model, data: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def simulate(
-    model: Model, u: Any, y0: Any = None, channels: Mapping[str, Any] | None = None, engine: str = "native"
+    model: Model,
+    u: Any,
+    y0: Any = None,
+    channels: Mapping[str, Any] | None = None,
+    engine: str = "native",
+    u0: float | None = None,
 ) -> Array:
     """Free run: only the first outputs are given.
 
@@ -62,6 +77,9 @@ def simulate(
         The outputs before the first computed sample [its unit]. By default the model's line through the data it was
         fitted on, at u[0]; a model that was not fitted to data needs y0 unless it has no memory.
     channels : mapping of names to (N,) arrays
+    u0 : number, optional
+        The input before the start: everything rests at (u0, y0) until the first sample [unit of the input]. Without
+        it, y0 stands for the outputs at the first samples themselves.
 
     Returns
     -------
@@ -74,6 +92,11 @@ def simulate(
     """
     theta = fitted(model)
     source = vector(u, "input of a simulation")
+    if u0 is not None:
+        depth = max(1, model.recursion.depth)
+        before = {name: np.concatenate([np.full(depth, x[0]), x]) for name, x in (channels or {}).items()}
+        y0 = rest_output(model, float(u0)) if y0 is None else y0
+        return simulate(model, np.concatenate([np.full(depth, float(u0)), source]), y0, before, engine)[depth:]
     y0 = rest_output(model, source[0]) if y0 is None else np.asarray(y0, dtype=float)
     if not np.all(np.isfinite(y0)):
         raise ModelError("The initial output y0 is not finite.")
@@ -170,15 +193,22 @@ def evaluate(model: Model, records: Records) -> Errors:
     """Compare a model with measurements; a free run that diverges has an infinite error."""
     measured, predicted, simulated = [], [], []
     for record in segments(records):
+        if model.Ts and abs(record.Ts - model.Ts) > 1e-6 * model.Ts:
+            warnings.warn(
+                f"The record {record.name!r} has Ts = {record.Ts:g} s, the model was identified at {model.Ts:g} s.",
+                stacklevel=2,
+            )
         data = arrays(model, record)[str(model.output.label)]
-        measured.append(data)
-        predicted.append(predict(model, record))
+        # Each record around its own mean: offsets between records would hide what the model misses.
+        offset = data.mean()
+        measured.append(data - offset)
+        predicted.append(predict(model, record) - offset)
         try:
-            simulated.append(free_run(model, record))
+            simulated.append(free_run(model, record) - offset)
         except Diverged:
             simulated.append(np.full(data.size, np.inf))
     target, one, free = (np.concatenate(parts) for parts in (measured, predicted, simulated))
-    finite = bool(np.all(np.isfinite(free)))
+    finite = float(np.abs(free).max()) < HUGE * float(np.ptp(target) or 1.0)
     return Errors(
         nrmse(target, one),
         nrmse(target, free) if finite else float("inf"),
@@ -214,14 +244,53 @@ def run_law(law: Compensator, reference: Any, m0: Any = None, channels: Mapping[
     theta = fitted(law.model)
     r = vector(reference, "reference", least=2)
     if m0 is None:
-        m0 = _rest_input(law.model, float(r[0]))
+        m0 = rest_input(law.model, float(r[0]))
     compiled = compile(law.recursion)
     depth = compiled.recursion.depth
+    m0 = float(m0)
+    if not np.isfinite(m0):
+        raise ModelError("The input before the start, m0, is not finite.")
     # Before the start everything rests at its first value.
     given = {"r": r, **{name: vector(x, f"channel {name}") for name, x in (channels or {}).items()}}
     padded = {name: np.concatenate([np.full(depth, x[0]), x]) for name, x in given.items()}
-    found = compiled(padded, theta, {"m": m0}, start=depth)["m"]
-    return found[depth:]
+    m = compiled(padded, theta, {"m": m0}, start=depth)["m"][depth:]
+    for warning in law_warnings(law, r, m):
+        warnings.warn(warning, stacklevel=3)
+    return m
+
+
+def law_warnings(law: Compensator, r: Array, m: Array) -> list[str]:
+    """Say where a run of a law leaves what was identified, and whether it amplifies its own errors.
+
+    Raises
+    ------
+    Diverged
+        Where the input runs more than ten of the identified ranges away.
+    """
+    found = []
+    ranges = law.model.info.get("ranges", {})
+    if "y" in ranges and (excess := _excess(r, *ranges["y"])) > 0.01:
+        low, high = ranges["y"]
+        found.append(
+            f"the reference leaves the identified outputs [{low:.4g}, {high:.4g}] by {excess * (high - low):.3g}: "
+            "this extrapolates"
+        )
+    radius = float(np.quantile(_radii(law, m, r), 0.99))
+    unstable = f"the law amplifies its own errors (internal eigenvalue {radius:.3g}, stable below 1)"
+    if "u" in ranges and (excess := _excess(m, *ranges["u"])) > 0.01:
+        low, high = ranges["u"]
+        said = (
+            f"the compensated input leaves the identified inputs [{low:.4g}, {high:.4g}] by {excess * (high - low):.3g}"
+        )
+        if excess > 10:
+            raise Diverged(f"The law runs away: {said}; {unstable if radius >= 1 else 'check m0 and the reference'}.")
+        found.append(said)
+    return [*found, unstable] if radius > AMPLIFIES else found
+
+
+def _excess(x: Array, low: float, high: float) -> float:
+    """Return by how many ranges a signal leaves [low, high]."""
+    return max(low - float(x.min()), float(x.max()) - high) / max(high - low, 1e-300)
 
 
 def law_radius(law: Compensator, records: Records) -> float:
@@ -229,18 +298,24 @@ def law_radius(law: Compensator, records: Records) -> float:
 
     Below 1 the law forgets its own errors; above, it amplifies them from sample to sample.
     """
-    internal = law.internal
     parts = segments(records)
     m_values, r_values = (np.concatenate([getattr(p, n) for p in parts]) for n in ("u", "y"))
-    polynomial = internal.polynomial.xreplace(law.model.values)
-    radius = [
-        largest_root(polynomial, z, {mbar: m_values, rbar: r_values, direction: np.full(m_values.size, s)})
-        for s in (-1.0, 1.0)
-    ]
-    return float(np.quantile(np.maximum(*radius), 0.99))
+    return float(np.quantile(_radii(law, m_values, r_values), 0.99))
 
 
-def _rest_input(model: Model, value: float) -> float:
+def _radii(law: Compensator, m: Array, r: Array) -> Array:
+    """Return the largest internal eigenvalue at each point, for both directions."""
+    # With numbers a law may integrate that does not in symbols (theta_1 = 1 by constraint): take that root out too.
+    polynomial = without_integrator(law.internal.polynomial.xreplace(law.model.values))[0]
+    if polynomial.free_symbols - {z, mbar, rbar, direction}:
+        return np.zeros(m.size)  # it depends on further channels
+    return np.maximum(
+        *(largest_root(polynomial, z, {mbar: m, rbar: r, direction: np.full(m.size, s)}) for s in (-1.0, 1.0))
+    )
+
+
+def rest_input(model: Model, value: float) -> float:
+    """Return the input that holds an output at rest: on the line through the fitted data."""
     line = model.info.get("line")
     if line is None:
         if value != 0:

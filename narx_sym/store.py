@@ -7,6 +7,9 @@ import math
 from pathlib import Path
 from typing import Any
 
+from sympy import Eq, Indexed
+
+from .analysis import continuum_conditions
 from .errors import ModelError, NarxError, ParseError
 from .files import write_text
 from .model import NARX, Model
@@ -76,7 +79,7 @@ def from_dict(data: Any) -> Model:
     """Build a model from plain data; everything is checked before it is used."""
     if not isinstance(data, dict) or "schema" not in data:
         raise ModelError("not a model file: the field 'schema' is missing.")
-    if data["schema"] != SCHEMA:
+    if type(data["schema"]) is not int or data["schema"] != SCHEMA:
         raise ModelError(f"schema {str(data['schema'])[:40]!r} is not known; this version reads schema {SCHEMA}.")
     unknown = sorted(set(data) - FIELDS)
     if unknown:
@@ -84,7 +87,7 @@ def from_dict(data: Any) -> Model:
     channels = _texts(data, "channels")
     symbols = _texts(data, "symbols")
     bases = {"u": u, "y": y}
-    if {data.get("input"), data.get("output")} != {"u", "y"}:
+    if [data.get("input"), data.get("output")] not in (["u", "y"], ["y", "u"]):
         raise ModelError("'input' and 'output' must be 'u' and 'y', or 'y' and 'u'.")
     point = data.get("operating_point", {})
     if not isinstance(point, dict) or not set(point) <= {"u", "y"}:
@@ -92,6 +95,8 @@ def from_dict(data: Any) -> Model:
     lead = data.get("lead", 0)
     if not isinstance(lead, int) or isinstance(lead, bool) or not 0 <= lead <= 1000:
         raise ModelError("'lead' must be a whole number from 0 to 1000.")
+    if lead and data["input"] == "u":
+        raise ModelError("'lead' belongs to an inverse model (input 'y').")
     theta = None if data.get("theta") is None else _numbers(data["theta"], "theta")
     options: dict[str, Any] = {
         "input": bases[data["input"]],
@@ -120,20 +125,37 @@ def from_dict(data: Any) -> Model:
     model.constraints = tuple(
         c if c == "continuum" else _equation(c, [str(s) for s in model.symbols]) for c in _texts(data, "constraints")
     )
+    if model.Ts is not None and model.Ts <= 0:
+        raise ModelError("'Ts' must be a positive number of seconds.")
+    if any(abs(v) > 1e15 for v in model.operating_point.values()):
+        raise ModelError("'operating_point' is beyond 1e15.")
+    unused = set(channels) - set(model.channels)
+    if unused:
+        raise ModelError(f"the channel {sorted(unused)[0][:40]!r} appears in no term.")
+    _check_constraints(model)
     std = data.get("std")
     if std is not None:
         values = [float("nan") if s is None else s for s in std] if isinstance(std, list) else std
         model.std = tuple(_numbers(values, "std", finite=False))
-        if len(model.std) != len(model.symbols):
-            raise ModelError("'std' must have one number per parameter.")
+        if len(model.std) != len(model.symbols) or any(s < 0 for s in model.std):
+            raise ModelError("'std' must have one number per parameter, none negative.")
     info = data.get("info", {})
     model.info = _checked_info(info)
     return model
 
 
-def _equation(source: str, symbols: list[str]) -> Any:
-    from sympy import Eq
+def _check_constraints(model: Model) -> None:
+    """Refuse values that break the constraints they are said to meet."""
+    equations = [e for c in model.constraints for e in (continuum_conditions(model) if c == "continuum" else [c])]
+    for equation in equations:
+        gap = (equation.lhs - equation.rhs).xreplace(model.values)
+        if gap.atoms(Indexed):
+            raise ModelError("'constraints' speak of the parameters only.")
+        if model.values and abs(float(gap)) > 1e-6 * (1 + max(abs(v) for v in model.values.values())):
+            raise ModelError(f"theta does not meet the constraint {equation.lhs} = {equation.rhs}.")
 
+
+def _equation(source: str, symbols: list[str]) -> Any:
     return Eq(parse(source, symbols=symbols), 0, evaluate=False)
 
 
@@ -159,8 +181,10 @@ def _checked_info(info: Any) -> dict[str, Any]:
     if "line" in info and len(_numbers(info["line"], "info.line")) != 2:
         raise ModelError("'info.line' must hold two numbers.")
     ranges = info.get("ranges", {})
-    if not isinstance(ranges, dict) or any(len(_numbers(v, "info.ranges")) != 2 for v in ranges.values()):
-        raise ModelError("'info.ranges' must give two numbers for each signal.")
+    if not isinstance(ranges, dict) or not all(
+        len(pair := _numbers(v, "info.ranges")) == 2 and pair[0] < pair[1] for v in ranges.values()
+    ):
+        raise ModelError("'info.ranges' must give two increasing numbers for each signal.")
     return info
 
 
