@@ -69,7 +69,6 @@ def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[
     axes[0].plot(time[keep], measured[keep], color=BLACK, lw=1.6, label="measured")
     axes[0].plot(time[keep], simulated[keep], color=ORANGE, lw=1.2, ls="--", label="free run")
     axes[0].set_ylabel(name)
-    axes[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0.2)
     share = float(np.sqrt(np.mean((measured - simulated) ** 2)) / (np.std(measured) or 1.0))
     axes[0].set_title(f"{record.name}: free-run NRMSE {share:.3g}", loc="left", fontsize=10)
     axes[1].plot(time[keep], (measured - simulated)[keep], color=BLUE, lw=0.8)

@@ -253,7 +253,11 @@ def run_law(law: Compensator, reference: Any, m0: Any = None, channels: Mapping[
     # Before the start everything rests at its first value.
     given = {"r": r, **{name: vector(x, f"channel {name}") for name, x in (channels or {}).items()}}
     padded = {name: np.concatenate([np.full(depth, x[0]), x]) for name, x in given.items()}
-    m = compiled(padded, theta, {"m": m0}, start=depth)["m"][depth:]
+    try:
+        m = compiled(padded, theta, {"m": m0}, start=depth)["m"][depth:]
+    except Diverged as error:
+        outside = _reference_outside(law, r)
+        raise Diverged(f"{error}{f' Here {outside}.' if outside else ''}", error.at, error.trajectory) from None
     for warning in law_warnings(law, r, m):
         warnings.warn(warning, stacklevel=3)
     return m
@@ -269,12 +273,8 @@ def law_warnings(law: Compensator, r: Array, m: Array) -> list[str]:
     """
     found = []
     ranges = law.model.info.get("ranges", {})
-    if "y" in ranges and (excess := _excess(r, *ranges["y"])) > 0.01:
-        low, high = ranges["y"]
-        found.append(
-            f"the reference leaves the identified outputs [{low:.4g}, {high:.4g}] by {excess * (high - low):.3g}: "
-            "this extrapolates"
-        )
+    if outside := _reference_outside(law, r):
+        found.append(f"{outside}: this extrapolates")
     radius = float(np.quantile(_radii(law, m, r), 0.99))
     unstable = f"the law amplifies its own errors (internal eigenvalue {radius:.3g}, stable below 1)"
     if "u" in ranges and (excess := _excess(m, *ranges["u"])) > 0.01:
@@ -286,6 +286,14 @@ def law_warnings(law: Compensator, r: Array, m: Array) -> list[str]:
             raise Diverged(f"The law runs away: {said}; {unstable if radius >= 1 else 'check m0 and the reference'}.")
         found.append(said)
     return [*found, unstable] if radius > AMPLIFIES else found
+
+
+def _reference_outside(law: Compensator, r: Array) -> str:
+    low, high = law.model.info.get("ranges", {}).get("y", (-np.inf, np.inf))
+    excess = _excess(r, low, high) if np.isfinite(low) else 0.0
+    if excess <= 0.01:
+        return ""
+    return f"the reference leaves the identified outputs [{low:.4g}, {high:.4g}] by {excess * (high - low):.3g}"
 
 
 def _excess(x: Array, low: float, high: float) -> float:
