@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -100,6 +99,3 @@ def correlation_length(x: Array) -> int:
     rho = np.fft.irfft(spectrum, n)[: x.size]
     below = np.flatnonzero(rho < rho[0] / np.e)
     return int(below[0]) if below.size else x.size
-
-
-__all__: list[Any] = ["Bootstrap", "block_bootstrap", "correlation_length"]

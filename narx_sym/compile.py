@@ -13,7 +13,7 @@ import sympy as sp
 from .engines.plan import Plan
 from .errors import Diverged, ModelError
 from .recursion import Recursion
-from .signals import expand_phi, k, lag, samples
+from .signals import expand_phi, lag, samples
 
 ENGINES = ("native", "numpy", "casadi", "python")
 Array = np.ndarray
@@ -294,9 +294,6 @@ class Columns:
             else len(next(iter(data.values())))
         )
         return self.block(data, self.depth, n - self.lead)
-
-
-__all__ = ["ENGINES", "Columns", "Compiled", "compile", "k", "lambdify", "to_casadi"]
 
 
 class StaticSets:

@@ -17,7 +17,7 @@ from .invert import compensator
 from .model import NARX, Model, pool
 from .selection import PATH_STEPS, Selection, select
 from .signals import k, phi1, u, y
-from .simulation import Records, evaluate, law_radius, segments, simulate
+from .simulation import Records, centre, evaluate, law_radius, segments, simulate
 
 BASES = ("narx", "linear", "static")
 HELD_OUT = 0.3
@@ -25,7 +25,7 @@ CYCLES = 10
 FEWEST = 20  # samples; below this a structure cannot be told from chance
 
 
-def operating_point(records: Records, inverse: bool = False, lead: int = 0) -> dict[Any, float]:
+def operating_point(records: Records) -> dict[Any, float]:
     """Return the point to measure u and y from: zero where zero lies well inside both ranges, else their means.
 
     Polynomial regressors are not shift-invariant: far from zero they become nearly dependent and the fit fails.
@@ -35,13 +35,8 @@ def operating_point(records: Records, inverse: bool = False, lead: int = 0) -> d
     point = {}
     for base in (u, y):
         x = np.concatenate([getattr(p, str(base.label)) for p in parts])
-        low, high = float(x.min()), float(x.max())
-        reach = (high - low) / 2
-        if abs(high + low) / 2 <= 0.5 * reach:
-            point[base] = 0.0
-        else:
-            digit = 10.0 ** (np.floor(np.log10(reach)) - 2)
-            point[base] = float(np.round(x.mean() / digit) * digit)
+        digit = 10.0 ** (np.floor(np.log10(np.ptp(x) / 2)) - 2)
+        point[base] = float(np.round(centre(x) / digit) * digit)
     return {b: float(f"{v:.12g}") for b, v in point.items() if v}
 
 
@@ -311,6 +306,3 @@ def _one() -> Any:
     from sympy import S
 
     return S.One
-
-
-__all__ = ["BASES", "identify", "identify_inverse", "operating_point", "prepare"]

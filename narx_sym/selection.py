@@ -16,7 +16,7 @@ from .compile import Columns
 from .errors import FitError
 from .estimate import check_method, factor, fit
 from .model import NARX, Model, Pool
-from .signals import k, samples, u, y
+from .signals import k, samples
 from .simulation import Records, arrays, evaluate, segments, shifted
 
 Array = np.ndarray
@@ -90,6 +90,8 @@ def err_path(R: Array, rows: int, max_terms: int, forced: Sequence[int] = ()) ->
             gain = np.where(alive, (target @ W) ** 2 / left**2, -1.0)
         if step < len(forced):
             pick = forced[step]
+            if not alive[pick]:
+                raise FitError("A term that must be in the model is zero on these data, or repeats another.")
         else:
             pick = int(np.flatnonzero(gain >= gain.max() * (1 - TIE))[0])
         direction = W[:, pick] - basis @ (basis.T @ W[:, pick])
@@ -283,6 +285,3 @@ def _by_free_run(
     elif accept is not None and not good[0][2]:
         result.reason += "; the law of every model on the path is unstable on these data"
     return result
-
-
-__all__ = ["Path", "Selection", "err_path", "path_of", "select", "u", "y"]

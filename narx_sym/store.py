@@ -10,7 +10,7 @@ from typing import Any
 from sympy import Eq, Indexed
 
 from .analysis import continuum_conditions
-from .errors import ModelError, NarxError, ParseError
+from .errors import ModelError, NarxError
 from .files import write_text
 from .model import NARX, Model
 from .parsing import parse
@@ -186,6 +186,3 @@ def _checked_info(info: Any) -> dict[str, Any]:
     ):
         raise ModelError("'info.ranges' must give two increasing numbers for each signal.")
     return info
-
-
-__all__ = ["ParseError", "from_dict", "load", "save", "to_dict"]

@@ -133,16 +133,9 @@ def source(
     common, rows = plan.shared
     waiting = dict(common)
 
-    def settle(expr: Any) -> None:
-        for symbol in sorted(expr.free_symbols & waiting.keys(), key=str):
-            if symbol in waiting:
-                inner = waiting.pop(symbol)
-                settle(inner)
-                body.append(f"const {real} {symbol.name} = {printer.doprint(inner)};")
-
     for s in states:
         for c in rows[s]:
-            settle(c)
+            body += [f"const {real} {x.name} = {printer.doprint(e)};" for x, e in plan.needed(c, waiting)]
         shown = printer.doprint(rows[s][-1])
         for c in reversed(rows[s][:-1]):
             shown = f"{printer.doprint(c)} + ({shown})*{plan.sample[s, 1].name}"

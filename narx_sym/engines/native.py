@@ -57,9 +57,8 @@ class _Function:
         waiting = dict(self.plan.shared[0])
 
         def compute(expr: Any) -> Any:
-            for symbol in sorted(expr.free_symbols & waiting.keys(), key=str):
-                if symbol in waiting:  # an inner part may have needed it already
-                    known[symbol] = compute(waiting.pop(symbol))
+            for symbol, inner in self.plan.needed(expr, waiting):
+                known[symbol] = value_of(inner)
             return value_of(expr)
 
         return compute

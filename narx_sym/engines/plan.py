@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -61,6 +62,17 @@ class Plan:
             horner(right, self.sample[i, 1]) if (i, 1) in self.sample else (right,)
             for i, right in enumerate(self.updates)
         )
+
+    def needed(self, expr: sp.Expr, waiting: dict[Any, Any]) -> Iterator[tuple[sp.Symbol, sp.Expr]]:
+        """Yield the shared parts still `waiting` that an expression needs, each after what it needs itself.
+
+        They are taken when first needed: a later state may use an earlier one at lag 0.
+        """
+        for symbol in sorted(expr.free_symbols & waiting.keys(), key=str):
+            if symbol in waiting:  # an inner part may have needed it already
+                inner = waiting.pop(symbol)
+                yield from self.needed(inner, waiting)
+                yield symbol, inner
 
     @cached_property
     def shared(self) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[tuple[sp.Expr, ...]]]:

@@ -35,16 +35,9 @@ def source(plan: Plan) -> str:
     common, rows = plan.shared
     waiting = dict(common)
 
-    def settle(expr: Any) -> None:
-        for symbol in sorted(expr.free_symbols & waiting.keys(), key=str):
-            if symbol in waiting:  # an inner part may have needed it already
-                inner = waiting.pop(symbol)
-                settle(inner)
-                body.append(f"{symbol} = {printer.doprint(inner)}")
-
     for s in states:
         for c in rows[s]:
-            settle(c)
+            body += [f"{printer.doprint(x)} = {printer.doprint(e)}" for x, e in plan.needed(c, waiting)]
         shown = printer.doprint(rows[s][-1])
         for c in reversed(rows[s][:-1]):
             shown = f"{printer.doprint(c)} + ({shown})*{plan.sample[s, 1]}"
