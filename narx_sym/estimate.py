@@ -164,7 +164,7 @@ def fit(
     """
     check_method(method)
     if method == "auto":
-        return _better_fit(model, records, constraints, max_steps)
+        return _better_fit(model, records, constraints, max_steps, starts, seed)
     for record in segments(records):
         check_excitation(record)
     equations = constraint_equations(model, constraints)
@@ -186,13 +186,15 @@ def fit(
     return model
 
 
-def _better_fit(model: Model, records: Records, constraints: Sequence[Any] | None, max_steps: int) -> Model:
+def _better_fit(
+    model: Model, records: Records, constraints: Sequence[Any] | None, max_steps: int, starts: int, seed: int
+) -> Model:
     """Fit one step ahead and in free run, and keep the better free run; a failed free-run fit changes nothing."""
     if isinstance(model, NARX):
         fit(model, records, constraints)
     before = (model.theta, model.std, dict(model.info))
     try:
-        fit(model, records, constraints, "free_run", max_steps)
+        fit(model, records, constraints, "free_run", max_steps, starts, seed)
     except FitError:
         if before[0] is None:
             raise

@@ -146,7 +146,7 @@ def identify(
         rules: tuple[str, ...] = assumptions.CONTINUUM
         rules += assumptions.COMPENSATION if for_compensation else ()
         rules += ("rate",) if rate_independent else ()
-        candidates = pool(n_y, n_u, degree, 1 if delay is None else delay, rules=rules, functions=functions, lags=lags)
+        candidates = pool(n_y, n_u, degree, delay, rules=rules, functions=functions, lags=lags)
         frame = NARX([y[k - 1]], operating_point=origin)
         chosen = select(
             candidates, listed, max_terms=max_terms, criterion=criterion, n_terms=n_terms, method=method, frame=frame,
@@ -160,9 +160,9 @@ def identify(
             model.info["selection"]["stable_law"] = stable_law(model, listed)
         return judged(model)
     if base == "linear":
-        return _linear(listed, origin, n_y, n_u, delay, for_compensation)
+        return _linear(listed, origin, n_y, n_u, delay, method, for_compensation)
     if base == "static":
-        return _static(listed, origin, degree, 0 if delay is None else delay, for_compensation)
+        return _static(listed, origin, degree, delay or 0, method, for_compensation)
     raise ModelError(f"Unknown base {base!r}; there are {', '.join(BASES)}.")
 
 
@@ -239,13 +239,13 @@ def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
     return [first], [second]
 
 
-def _choose(candidates: list[NARX], records: list[Record], what: str, for_compensation: bool = False) -> Model:
+def _choose(candidates: list[NARX], records: list[Record], what: str, method: str, for_compensation: bool) -> Model:
     """Fit each candidate on one part, judge it in free run on the other, refit the best on all."""
     train, held = _validation(records)
     scored = []
     for i, model in enumerate(candidates):
         try:
-            fit(model, train, method="auto", max_steps=PATH_STEPS)
+            fit(model, train, method=method, max_steps=PATH_STEPS)
             score = evaluate(model, held).free_run_nrmse
         except FitError:
             continue
@@ -260,7 +260,7 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, for_compen
     _, _, i = min((s for s in scored if s[0] <= 1.02 * best), key=lambda s: (s[1], s[2]))
     winner = candidates[i]
     final = NARX(winner.terms, operating_point=winner.operating_point)
-    fit(final, records, method="auto")
+    fit(final, records, method=method)
     final.info["selection"] = {
         "candidates": len(candidates),
         "reason": f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})",
@@ -276,6 +276,7 @@ def _linear(
     n_y: int,
     n_u: int,
     delay: int | None,
+    method: str,
     for_compensation: bool,
 ) -> Model:
     """ARX with a constant: orders from 0 and delay chosen by free-run validation."""
@@ -287,11 +288,11 @@ def _linear(
         )
         for a, b, d in product(range(0, max(2, n_y) + 1), range(1, max(2, n_u) + 1), delays)
     ]
-    return _choose(candidates, records, "linear", for_compensation)
+    return _choose(candidates, records, "linear", method, for_compensation)
 
 
 def _static(
-    records: list[Record], origin: Mapping[Any, float], degree: int, delay: int, for_compensation: bool
+    records: list[Record], origin: Mapping[Any, float], degree: int, delay: int, method: str, for_compensation: bool
 ) -> Model:
     """Polynomial of the input; of first degree where a law is wanted."""
     degree = 1 if for_compensation else degree
@@ -299,7 +300,7 @@ def _static(
         NARX([_one(), *(u[k - delay] ** p for p in range(1, n + 1))], operating_point=origin)
         for n in range(1, max(1, degree) + 1)
     ]
-    return _choose(candidates, records, "static", for_compensation)
+    return _choose(candidates, records, "static", method, for_compensation)
 
 
 def _one() -> Any:

@@ -122,8 +122,6 @@ class Selection:
         The number of picks.
     reason : str
         Why this many.
-    records : Record or list of Record
-        What was selected on.
     """
 
     model: Model
@@ -132,7 +130,6 @@ class Selection:
     free_run_nrmse: list[float] = field(default_factory=list)
     chosen: int = 0
     reason: str = ""
-    records: Any = None
 
     @property
     def picks(self) -> list[Any]:
@@ -210,12 +207,12 @@ def select(
     -------
     Selection
     """
+    check_method(method)
     output, source = pool.structure.output, pool.structure.input
     frame = frame or NARX([output[k - 1]], output=output, input=source)
     candidates, target, always = candidates_of(pool, continuum, output)
     path = path_of(frame, candidates, target, records, max_terms, first)
     constraints = ("continuum",) if continuum else ()
-    judged = validation if validation is not None else records
 
     def fitted(n: int, how: str) -> Model:
         picks = [candidates[i] for i in path.order[:n]]
@@ -227,12 +224,12 @@ def select(
         )  # fmt: skip
         return fit(model, records, method=how, max_steps=PATH_STEPS)
 
-    check_method(method)
-    result = Selection(frame, candidates, path, records=records)
+    result = Selection(frame, candidates, path)
     limit = len(path.order)
     if n_terms is None and criterion == "free_run":
-        return _by_free_run(result, limit, fitted, methods(method), judged, accept)
-    if n_terms is not None:
+        ways = ("one_step", "free_run") if method == "auto" else (method,)
+        _by_free_run(result, limit, fitted, ways, validation, accept)
+    elif n_terms is not None:
         result.chosen, result.reason = min(n_terms, limit), "asked for"
     elif criterion in ("aic", "bic"):
         result.chosen = max(1, int(np.argmin(getattr(path, criterion))))
@@ -243,13 +240,11 @@ def select(
         result.reason = "knee of AIC: later picks lower it by less than 5 % of what the first did"
     else:
         raise FitError(f"Unknown criterion {criterion!r}: use free_run, aic, bic or knee.")
-    result.model = fitted(result.chosen, method)
+    if result.model is frame:  # chosen by number, not yet fitted
+        result.model = fitted(result.chosen, method)
+    if result.model.info["method"] == "free_run":
+        fit(result.model, records, method="free_run")
     return result
-
-
-def methods(method: str) -> tuple[str, ...]:
-    """Return the fits that a method compares."""
-    return ("one_step", "free_run") if method == "auto" else (method,)
 
 
 def _by_free_run(
@@ -257,9 +252,9 @@ def _by_free_run(
     limit: int,
     fitted: Callable[[int, str], Model],
     ways: Sequence[str],
-    judged: Records,
+    validation: Records | None,
     accept: Callable[[Model], bool] | None,
-) -> Selection:
+) -> None:
     """Take the fewest terms within 10 % of the best free run among the acceptable models of the path."""
     tried: list[tuple[int, float, bool, Model]] = []
     for n in range(1, limit + 1):
@@ -268,7 +263,8 @@ def _by_free_run(
                 model = fitted(n, how)
             except FitError:
                 continue
-            error = evaluate(model, judged).free_run_nrmse
+            own = model.info["nrmse"]["free_run"]  # the fit has judged itself on its own records
+            error = own if validation is None else evaluate(model, validation).free_run_nrmse
             if np.isfinite(error):
                 tried.append((n, error, accept is None or accept(model), model))
         result.free_run_nrmse.append(min([e for m, e, _, _ in tried if m == n], default=float("inf")))
@@ -277,11 +273,8 @@ def _by_free_run(
     good = [t for t in tried if t[2]] or tried
     best = min(t[1] for t in good)
     result.chosen, _, _, result.model = min((t for t in good if t[1] <= 1.1 * best), key=lambda t: (t[0], t[1]))
-    if result.model.info["method"] == "free_run":
-        fit(result.model, result.records, method="free_run")
     result.reason = f"fewest terms within 10 % of the best free-run error on the path ({best:.4g})"
     if len(good) < len(tried):
         result.reason += "; models whose law would run away were passed over"
     elif accept is not None and not good[0][2]:
         result.reason += "; the law of every model on the path is unstable on these data"
-    return result

@@ -116,7 +116,7 @@ def _what_grew(model: Model, given: Mapping[Any, Any], error: Diverged) -> str:
     names = {str(getattr(base, "label", base)): np.asarray(x, dtype=float) for base, x in given.items()}
     names[str(model.output.label)] = np.asarray(error.trajectory)
     end = max(depth, at - 1)  # the last sample whose past is still well inside the finite numbers
-    window = {n: x[max(0, end - depth) : end + 1 + model.recursion.lead] for n, x in names.items()}
+    window = {n: x[max(0, end - depth) : end + 1] for n, x in names.items()}
     parts = [(c * t).xreplace(model.values) for c, t in model.parts()]
     slopes = [s.xreplace(model.values) for s in jacobian(model)]
     try:
