@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,36 +18,59 @@ from .model import NARX, Model
 from .parallel import one_blas_thread, sweep
 from .sensitivity import derivative, sensitivities
 from .signals import k
-from .simulation import Records, arrays, segments
+from .simulation import Records, arrays, initial_values, segments
 
 Array = np.ndarray
 MANY = 16  # more parameters than this: one banded solve instead of one compiled equation each
 SPREAD, TRIED = 0.3, 64
 
 
+def starts(model: Model) -> list[tuple[Any, ...]]:
+    """Return the groups of states whose values before the first sample are unknown."""
+    groups: dict[str, list[Any]] = {}
+    for state in model.memory:
+        groups.setdefault(state.group, []).append(state.left.base)
+    # Without memory of its own the initial output moves nothing.
+    return [*([(model.inner,)] if model.n_y else []), *map(tuple, groups.values())]
+
+
+def _label(base: Any) -> str:
+    return str(base.label)
+
+
 class FreeRun:
     """Residuals and their derivatives of a model along records, under linear constraints.
 
-    The unknowns are z: the free parameters, then one shift of the initial outputs per record. (In a Sigma_y = 1 model
-    an error in the initial output never decays.)
+    The unknowns are z: the free parameters, then per record one shift of the initial values of each group in `starts`:
+    the outputs, and what each effect remembers. (In a Sigma_y = 1 model an error in the initial output never decays.)
 
     Parameters
     ----------
     model : Model
     records : Record or list of Record
     equations : sequence of Eq in the model's symbols
+    use : list of (N,) bool arrays, optional
+        Which samples of each segment count; all by default.
     """
 
-    def __init__(self, model: Model, records: Records, equations: Sequence[Any]):
-        self.model, self.records, self.equations = model, records, equations
+    def __init__(
+        self, model: Model, records: Records, equations: Sequence[Any], use: Sequence[Array] | None = None
+    ):
+        self.model, self.records, self.equations, self.use = model, records, equations, use
         self.elimination = Elimination.of(equations, model.symbols)
         self.name, self.depth = str(model.output.label), max(1, model.recursion.depth)
         self.data = [arrays(model, p) for p in segments(records)]
+        self.initial = [initial_values(model, d, self.depth) for d in self.data]
         self.free = self.elimination.Z.shape[1]
-        self.shifts = len(self.data) if model.n_y else 0  # without memory the initial output moves nothing
+        self.starts = starts(model)
+        self.shifts = len(self.data) * len(self.starts)
+        self.rows = [
+            slice(self.depth, None) if use is None else np.flatnonzero(use[i][self.depth :]) + self.depth
+            for i in range(len(self.data))
+        ]
         measured = [d[self.name] for d in self.data]
         self.spread = float(np.std(np.concatenate(measured))) or 1.0
-        self.edges = np.cumsum([0, *(m.size - self.depth for m in measured)])
+        self.edges = np.cumsum([0, *(m[r].size for m, r in zip(measured, self.rows, strict=True))])
         if min(m.size for m in measured) <= self.depth or self.edges[-1] <= self.free:
             raise FitError(f"{self.free} parameters cannot be estimated from {max(self.edges[-1], 0)} samples.")
         long = isinstance(model, NARX) and len(model.symbols) > MANY
@@ -58,7 +81,7 @@ class FreeRun:
 
     def __reduce__(self) -> Any:
         """Rebuild in another process: machine code does not travel."""
-        return FreeRun, (self.model, self.records, self.equations)
+        return FreeRun, (self.model, self.records, self.equations, self.use)
 
     def start(self, theta: Array) -> Array:
         """Return the unknowns of given parameters, with the measured initial outputs."""
@@ -78,30 +101,51 @@ class FreeRun:
             return self.residuals, self.slopes
         theta = self.theta(z)
         for i, d in enumerate(self.data):
-            simulated, moved = self._move(i, theta, z[self.free + i] if self.shifts else 0.0)
-            rows = slice(self.edges[i], self.edges[i + 1])
-            self.residuals[rows] = (simulated[self.depth :] - d[self.name][self.depth :]) / self.spread
-            self.slopes[rows, : self.free] = moved[self.depth :, :-1] @ (self.elimination.Z / self.spread)
-            if self.shifts:
-                self.slopes[rows, self.free + i] = moved[self.depth :, -1] / self.spread
+            own = slice(self.free + i * len(self.starts), self.free + (i + 1) * len(self.starts))
+            simulated, moved = self._move(i, theta, z[own])
+            rows, kept, p = slice(self.edges[i], self.edges[i + 1]), self.rows[i], len(theta)
+            self.residuals[rows] = (simulated[kept] - d[self.name][kept]) / self.spread
+            self.slopes[rows, : self.free] = moved[kept, :p] @ (self.elimination.Z / self.spread)
+            self.slopes[rows, own] = moved[kept, p:] / self.spread
         self._last = z.copy()
         return self.residuals, self.slopes
 
+    def shifted(self, i: int, shifts: Array) -> dict[str, Array]:
+        """Return the initial values of segment i with each group of starts shifted."""
+        moved = {name: s for group, s in zip(self.starts, shifts, strict=True) for name in map(_label, group)}
+        return {name: x + moved.get(name, 0.0) for name, x in self.initial[i].items()}
+
+    def simulate(self, z: Array, i: int) -> Array:
+        """Return the free run along segment i, (N,)."""
+        own = slice(self.free + i * len(self.starts), self.free + (i + 1) * len(self.starts))
+        compiled = compile(self.model.recursion)
+        run = compiled(self.data[i], self.theta(z), self.shifted(i, z[own]), on_divergence="nan")
+        return np.asarray(run[self.name])
+
     def _forward(self) -> Any:
         """Sensitivities in the same compiled pass as the run."""
-        recursion, directions = sensitivities(self.model.recursion, initial=True)
+        recursion, directions = sensitivities(self.model.recursion, initial=self.starts)
         compiled = compile(recursion)
-        moved = [str(d[self.model.output].label) for d in directions]
-        names = [self.name, *moved]
+        moved = [_label(d[self.model.output]) if self.model.output in d else None for d in directions]
+        shown = [self.name, *(m for m in moved if m)]
+        names = [*shown, *(n for n in map(_label, recursion.states) if n not in shown)]
+        at = [i for i, m in enumerate(moved) if m]
+        zero = dict.fromkeys((_label(s) for d in directions for s in d.values()), 0.0)
+        for group, d in zip(self.starts, directions[len(self.model.symbols) :], strict=True):
+            zero |= {_label(d[state]): 1.0 for state in group}
         # The recursion writes straight into the columns of these: no allocation while the fit runs.
         buffers = [np.empty((len(d[self.name]), len(names)), order="F") for d in self.data]
         outs = [{n: w[:, c] for c, n in enumerate(names)} for w in buffers]
 
-        def move(i: int, theta: Array, shift: float) -> tuple[Array, Array]:
-            d = self.data[i]
-            initial = {self.name: d[self.name][: self.depth] + shift, **dict.fromkeys(moved, 0.0), moved[-1]: 1.0}
-            compiled(d, theta, initial, on_divergence="nan", out=outs[i])
-            return buffers[i][:, 0], buffers[i][:, 1:]
+        def move(i: int, theta: Array, shifts: Array) -> tuple[Array, Array]:
+            initial = {**self.shifted(i, shifts), **zero}
+            compiled(self.data[i], theta, initial, on_divergence="nan", out=outs[i])
+            slopes = buffers[i][:, 1 : len(shown)]
+            if len(at) < len(moved):  # some directions move nothing
+                full = np.zeros((len(slopes), len(moved)), order="F")
+                full[:, at] = slopes
+                slopes = full
+            return buffers[i][:, 0], slopes
 
         return move
 
@@ -114,17 +158,17 @@ class FreeRun:
         terms = [model.in_user_units(t) for t in model.terms]  # type: ignore[attr-defined]
         psi = Columns(terms)
 
-        def move(i: int, theta: Array, shift: float) -> tuple[Array, Array]:
+        def move(i: int, theta: Array, shifts: Array) -> tuple[Array, Array]:
             d, depth = self.data[i], self.depth
             n, p = d[self.name].size, len(terms)
-            run = compiled(d, theta, {self.name: d[self.name][:depth] + shift}, on_divergence="nan")[self.name]
-            moved = np.zeros((n, p + 1), order="F")
+            run = compiled(d, theta, self.shifted(i, shifts), on_divergence="nan")[self.name]
+            moved = np.zeros((n, p + len(shifts)), order="F")
             if not np.all(np.isfinite(run)):
                 moved[:] = np.nan
                 return run, moved
             values = {**d, self.name: run}
             moved[depth:, :p] = psi.block(values, depth, n)
-            moved[:depth, p] = 1.0
+            moved[:depth, p:] = 1.0
             band = np.zeros((len(lags) + 1, n), order="F")
             band[0] = 1.0
             known = dict(zip(model.symbols, theta, strict=True))
@@ -140,28 +184,47 @@ class FreeRun:
 
         return move
 
-    def solve(self, theta: Array, max_steps: int) -> tuple[Array, Array, bool, float]:
-        """Minimise from given parameters: theta, standard errors, converged, half the sum of squares."""
-        start = self.start(theta)
+    def bounds(self, lowest: Mapping[Any, float]) -> tuple[Array, Array]:
+        """Return bounds of the unknowns from the lowest values of some parameters (those without constraints)."""
+        low = np.full(self.free + self.shifts, -np.inf)
+        for symbol, value in lowest.items():
+            row = self.elimination.Z[list(self.model.symbols).index(symbol)]
+            if np.count_nonzero(row) == 1 and row.max() == 1.0:
+                low[int(np.argmax(row))] = value
+        return low, np.full(low.size, np.inf)
+
+    def minimise(
+        self, start: Array, max_steps: int, tolerance: float = 1e-12, lowest: Mapping[Any, float] | None = None
+    ) -> Any:
+        """Minimise from given unknowns; return SciPy's result."""
         if not np.all(np.isfinite(self.run(start)[0])):
             raise FitError(
                 "The free run of the start values diverges: fit one step ahead with fewer terms first, or give theta."
             )
+        bounds = self.bounds(lowest or {})
         with np.errstate(all="ignore"), one_blas_thread():
-            found = least_squares(
-                lambda z: self.run(z)[0].copy(), start, jac=lambda z: self.run(z)[1].copy(),
-                x_scale="jac", method="trf", max_nfev=max_steps, xtol=1e-12, ftol=1e-12, gtol=1e-12,
+            return least_squares(
+                lambda z: self.run(z)[0].copy(), np.maximum(start, bounds[0]), jac=lambda z: self.run(z)[1].copy(),
+                bounds=bounds, x_scale="jac", method="trf", max_nfev=max_steps, xtol=tolerance, ftol=tolerance,
+                gtol=tolerance,
             )  # fmt: skip
+
+    def solve(self, theta: Array, max_steps: int) -> tuple[Array, Array, bool, float]:
+        """Minimise from given parameters: theta, standard errors, converged, half the sum of squares."""
+        found = self.minimise(self.start(theta), max_steps)
+        return self.theta(found.x), self.errors(found), bool(found.status > 0), float(found.cost)
+
+    def errors(self, found: Any) -> Array:
+        """Return the standard errors of the parameters at a minimum, under white noise; NaN where undetermined."""
         R = qr(found.jac, mode="economic")[1]
         freedom = max(1, found.fun.size - found.x.size)
         Z = self.elimination.Z
         try:
             inverse = solve_triangular(R, np.eye(R.shape[0]))
             covariance = (2 * found.cost / freedom * inverse @ inverse.T)[: self.free, : self.free]
-            std = np.sqrt(np.maximum(np.diag(Z @ covariance @ Z.T), 0.0))
+            return np.asarray(np.sqrt(np.maximum(np.diag(Z @ covariance @ Z.T), 0.0)))
         except (LinAlgError, ValueError):
-            std = np.full(Z.shape[0], np.nan)  # the data do not determine the parameters
-        return self.theta(found.x), std, bool(found.status > 0), float(found.cost)
+            return np.full(Z.shape[0], np.nan)  # the data do not determine the parameters
 
 
 def free_run_fit(

@@ -15,8 +15,8 @@ from . import assumptions, printing
 from .errors import ModelError
 from .identities import canonical, independent
 from .parsing import parse
-from .recursion import Recursion
-from .signals import differences, expand_phi, k, lags, samples, signal, u, y
+from .recursion import Recursion, State
+from .signals import differences, expand_phi, k, lag, lags, samples, shift, signal, t, u, v, x, y
 
 MAX_POOL = 20_000
 FUNCTIONS = {"abs": sp.Abs, "sin": sp.sin, "cos": sp.cos, "tanh": sp.tanh, "exp": sp.exp, "sign": sp.sign}
@@ -41,6 +41,9 @@ class Model:
         For an inverse model: y[k] in F stands for the measured y[k + lead] (the paper's tau_s).
     Ts : float, optional
         Sampling time [s].
+    states : sequence of State, optional
+        Further update equations, evaluated before the output and in the model's shifted signals: what added effects
+        remember, the input `v` that they act on, the output `x` that they add to.
 
     What follows from F, the symbols and the operating point is derived once; only theta and what belongs to a fit
     change afterwards.
@@ -63,7 +66,9 @@ class Model:
         lead: int = 0,
         Ts: float | None = None,
         constraints: Sequence[Any] = (),
+        states: Sequence[State] = (),
     ):
+        self.states = tuple(states)
         self.F, self.symbols = sp.sympify(F), tuple(symbols)
         self.output, self.input, self.lead, self.Ts = output, input, int(lead), Ts
         self.operating_point = {b: float(v) for b, v in (operating_point or {}).items() if v}
@@ -107,8 +112,46 @@ class Model:
 
     @cached_property
     def right(self) -> Any:
-        """F in the user's units, phi1 and phi2 written out."""
-        return expand_phi(self.in_user_units(self.F)) + self.operating_point.get(self.output, 0)
+        """The output's equation in the user's units, phi1 and phi2 written out, states without memory put in."""
+        return self.in_user_units(expand_phi(self._flat)) + self.operating_point.get(self.output, 0)
+
+    @cached_property
+    def _flat(self) -> Any:
+        """F with `x` and every state that has no memory eliminated, where algebra can do it."""
+        states = {s.left.base: s for s in self.states}
+        F = self.F
+        if x in states and not any(samples(s.right, x) for b, s in states.items() if b != x):
+            F = self._measured(states[x].right) + self._beside
+        for base, state in reversed(states.items()):
+            if not state.remembers:
+                F = F.xreplace({s: shift(state.right, -lag(s)) for s in samples(F, base)})
+        return F
+
+    @property
+    def core(self) -> Any:
+        """The right-hand side that the base's terms stand in: of `x` where effects act on the output, else F."""
+        return next((s.right for s in self.states if s.left.base == x), self.F)
+
+    @property
+    def inner(self) -> sp.IndexedBase:
+        """The sequence that the core computes: `x` where effects act on the output, else the output."""
+        return x if any(s.left.base == x for s in self.states) else self.output
+
+    @property
+    def memory(self) -> tuple[State, ...]:
+        """The states that effects remember."""
+        return tuple(s for s in self.states if s.remembers and s.left.base != x)
+
+    @property
+    def _beside(self) -> Any:
+        """What the output adds to `x`."""
+        return self.F - x[k]
+
+    def _measured(self, right: Any) -> Any:
+        """Put y - (what the output adds) in the place of past `x`."""
+        return right.xreplace(
+            {s: self.output[k - lag(s)] - shift(self._beside, -lag(s)) for s in samples(right, x) if lag(s)}
+        )
 
     def in_user_units(self, expr: Any) -> Any:
         """Put y - y0 and u - u0 in the place of the model's shifted signals."""
@@ -123,28 +166,42 @@ class Model:
     @cached_property
     def recursion(self) -> Recursion:
         """The model as an update equation in the user's units."""
-        return Recursion(((self.output[k], self.right),), self.symbols)
+        if not self.states:
+            return Recursion(((self.output[k], self.right),), self.symbols)
+        F = self.in_user_units(expand_phi(self.F)) + self.operating_point.get(self.output, 0)
+        return Recursion((*self._updates(), (self.output[k], F)), self.symbols)
+
+    def _updates(self, change: Any = lambda right: right) -> list[tuple[Any, Any]]:
+        return [(s.left, self.in_user_units(expand_phi(change(s.right)))) for s in self.states]
 
     @cached_property
     def predictor(self) -> Recursion:
         """The one-step-ahead prediction: the model fed with measured outputs."""
-        return Recursion(((signal("prediction")[k], self.right),), self.symbols)
+        ahead = signal("prediction")[k]
+        if self.inner != x:
+            F = self.in_user_units(expand_phi(self.F)) + self.operating_point.get(self.output, 0)
+            return Recursion((*self._updates(), (ahead, F)), self.symbols)
+        updates = self._updates(self._measured)
+        F = self.in_user_units(expand_phi(self.F)) + self.operating_point.get(self.output, 0)
+        return Recursion((*updates, (ahead, F)), self.symbols)
 
     @cached_property
     def n_y(self) -> int:
         """The largest lag of the output."""
-        return max([0, *lags(self.right, self.output)])
+        return max([0, *lags(self.core, self.inner)])
 
     @cached_property
     def n_u(self) -> int:
         """The largest lag of the input (phi1[k-2] and phi2[k-2] count as lag 2)."""
-        drivers = (self.input, *differences(self.input))
-        return max([0, *(i for b in drivers for i in lags(self.F, b))])
+        drivers = (self.input, v, *differences(self.input))
+        return max([0, *(i for b in drivers for i in lags(self.core, b))])
 
     @cached_property
     def delay(self) -> int:
         """The pure delay tau_d: the smallest lag of the input."""
-        return min(lags(self.right, self.input), default=0)
+        acting = [self.input, v] if self.states else [self.input]
+        core = expand_phi(self.core) if self.states else self.right
+        return min((i for b in acting for i in lags(core, b)), default=0)
 
     @cached_property
     def structure(self) -> assumptions.Structure:
@@ -154,7 +211,7 @@ class Model:
     @cached_property
     def channels(self) -> tuple[str, ...]:
         """Names of the further measured sequences that enter."""
-        return tuple(str(b.label) for b in self.recursion.inputs if b not in (self.input, self.output))
+        return tuple(str(b.label) for b in self.recursion.inputs if b not in (self.input, self.output, t))
 
     @property
     def sigma_y(self) -> Any:

@@ -6,7 +6,7 @@ A model, its sensitivities, its inverse and a compensator are all recursions. Al
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -15,6 +15,36 @@ import sympy as sp
 
 from .errors import ModelError
 from .signals import expand_phi, k, lag, samples
+
+
+@dataclass(frozen=True)
+class State:
+    """One further update equation of a model, evaluated before its output.
+
+    Attributes
+    ----------
+    left : Indexed
+        The state at time k, such as `p[k]`.
+    right : expression
+        Its update.
+    initial : expression
+        Its value before the first computed sample, in samples of the inputs and outputs at that time.
+    """
+
+    left: sp.Indexed
+    right: Any
+    initial: Any = sp.S.Zero
+    group: str = ""  # states of one group start together: their unknown past is one unknown
+
+    def map(self, change: Callable[[Any], Any]) -> State:
+        """Return the state with all three expressions changed alike."""
+        changed = (change(sp.sympify(e)) for e in (self.left, self.right, self.initial))
+        return State(*changed, group=self.group)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the state uses its own past."""
+        return bool(samples(self.right, self.left.base))
 
 
 @dataclass(frozen=True)

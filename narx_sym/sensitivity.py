@@ -24,7 +24,9 @@ def derivative(expr: Any, variable: Any) -> Any:
 
 
 def sensitivities(
-    recursion: Recursion, parameters: Sequence[Any] | None = None, initial: bool = False
+    recursion: Recursion,
+    parameters: Sequence[Any] | None = None,
+    initial: bool | Sequence[Sequence[Any]] = False,
 ) -> tuple[Recursion, list[dict[Any, Any]]]:
     """Append the derivatives of every state to a recursion.
 
@@ -32,32 +34,36 @@ def sensitivities(
     ----------
     parameters : sequence of Symbol, optional
         With respect to which; all of the recursion's by default.
-    initial : bool
-        Also the direction in which a common shift of the initial values of the first state moves the run. It starts
+    initial : groups of states, or True for the first state alone
+        Also the direction in which a common shift of the initial values of a group moves the run. Its states start
         from 1, every other direction from 0.
 
     Returns
     -------
     extended : Recursion
     directions : list of dict from a state of the recursion to the sequence of its derivative, one per direction
+        States that a direction does not move are left out.
     """
     chosen: list[Any] = list(recursion.parameters if parameters is None else parameters)
-    columns: list[Any] = [*chosen, *([None] if initial else [])]
+    groups = [recursion.states[:1]] if initial is True else [tuple(g) for g in initial or ()]
     updates: list[tuple[Any, Any]] = []
     directions: list[dict[Any, Any]] = []
-    local = {
-        (state, s): derivative(right, s)
-        for state, (_, right) in zip(recursion.states, recursion.updates, strict=True)
-        for s in samples(right)
-        if s.base in recursion.states
+    equations = list(zip(recursion.states, (right for _, right in recursion.updates), strict=True))
+    local: dict[Any, list[tuple[Any, Any]]] = {
+        state: [(s, derivative(right, s)) for s in samples(right) if s.base in recursion.states]
+        for state, right in equations
     }
-    for position, parameter in enumerate(columns):
-        moved = {state: signal(f"d{state.label}_{position}") for state in recursion.states}
-        for state, (_, right) in zip(recursion.states, recursion.updates, strict=True):
-            total = derivative(right, parameter) if parameter is not None else sp.S.Zero
-            for (owner, s), slope in local.items():
-                if owner == state:
-                    total += slope * moved[s.base][k - lag(s)]
-            updates.append((moved[state][k], total))
+    for position, cause in enumerate([*chosen, *groups]):
+        forced = {} if isinstance(cause, tuple) else {state: derivative(right, cause) for state, right in equations}
+        reached = set(cause) if isinstance(cause, tuple) else {state for state, slope in forced.items() if slope != 0}
+        grown = True
+        while grown:
+            more = {state for state, slopes in local.items() if any(s.base in reached for s, _ in slopes)} - reached
+            reached |= more
+            grown = bool(more)
+        moved = {state: signal(f"d{state.label}_{position}") for state in recursion.states if state in reached}
+        for state in moved:
+            through = (slope * moved[s.base][k - lag(s)] for s, slope in local[state] if s.base in moved)
+            updates.append((moved[state][k], sp.Add(forced.get(state, sp.S.Zero), *through)))
         directions.append(moved)
     return recursion.extend(updates), directions

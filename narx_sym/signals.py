@@ -20,6 +20,8 @@ def signal(name: str) -> sp.IndexedBase:
 
 
 y, u, r, m = (signal(name) for name in "yurm")
+# Time [s]; the input and the output that the core of a model sees where effects act on them.
+t, v, x = (signal(name) for name in "tvx")
 phi1, phi2 = signal("phi1"), signal("phi2")
 breve_phi1, breve_phi2 = signal("breve_phi1"), signal("breve_phi2")
 

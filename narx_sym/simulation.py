@@ -8,16 +8,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import sympy as sp
 
 from .analysis import jacobian, without_integrator, z
-from .compile import Columns, compile, largest_root
+from .compile import Columns, compile, lambdify, largest_root
 from .data import Record
 from .errors import Diverged, ModelError, NarxError
 from .invert import Compensator, direction, mbar, rbar
 from .metrics import mape, nrmse
 from .model import Model
 from .printing import text
-from .signals import u, y
+from .signals import lag, samples, t, u, y
 
 Array = np.ndarray
 Records = Record | Sequence[Record]
@@ -49,7 +50,30 @@ def arrays(model: Model, record: Record) -> dict[str, Array]:
         raise ModelError(f"The model needs the channel {missing[0]!r}; name it with channels (--channels).")
     n, lead = len(record), model.lead if model.input == y else 0
     data = {"u": record.u[: n - lead], "y": record.y[lead:]}
+    if t in model.recursion.inputs:
+        data["t"] = record.t[: n - lead]
     return data | {name: record.channels[name][: n - lead] for name in model.channels}
+
+
+def initial_values(model: Model, data: Mapping[str, Array], depth: int) -> dict[str, Array]:
+    """Return the values before the first computed sample, (depth,) arrays: of the output, and of what effects remember.
+
+    Parameters
+    ----------
+    data : the sequences by name, in the user's units; of the output at least `depth` samples
+    """
+    found = {str(model.output.label): np.asarray(data[str(model.output.label)][:depth])}
+    for state in model.states:
+        expression = model.in_user_units(state.initial).xreplace(model.values)
+        read = samples(expression)
+        if expression.free_symbols - {b for s in read for b in s.free_symbols}:
+            raise ModelError(f"The initial value of {state.left} must contain signals and numbers only.")
+        # Before the first sample everything is as at the first sample.
+        given = [[float(data[str(s.base.label)][max(0, i - lag(s))]) for s in read] for i in range(depth)]
+        value = lambdify([expression.xreplace({s: sp.Symbol(f"s{j}") for j, s in enumerate(read)})],
+                         [sp.Symbol(f"s{j}") for j in range(len(read))])  # fmt: skip
+        found[str(state.left.base.label)] = np.array([float(value(*row)[0]) for row in given])
+    return found
 
 
 def shifted(model: Model, data: Mapping[str, Array]) -> dict[str, Array]:
@@ -101,11 +125,18 @@ def simulate(
     if not np.all(np.isfinite(y0)):
         raise ModelError("The initial output y0 is not finite.")
     compiled = compile(model.recursion, engine)
-    given = {model.input: source, **(channels or {})}
-    if source.size <= compiled.recursion.depth:
+    given = {str(model.input.label): source, **{str(getattr(n, "label", n)): x for n, x in (channels or {}).items()}}
+    depth = compiled.recursion.depth
+    if source.size <= depth:
         return np.resize(np.asarray(y0, dtype=float), source.size)
+    if t in compiled.recursion.inputs and "t" not in given:
+        given["t"] = np.arange(source.size) * (model.Ts or 1.0)
+    initial: dict[str, Any] = {str(model.output.label): y0}
+    if model.states:
+        before = {**given, str(model.output.label): np.resize(np.asarray(y0, dtype=float), max(1, depth))}
+        initial = initial_values(model, before, max(1, depth)) | initial
     try:
-        return compiled(given, theta, {model.output: y0})[str(model.output.label)]
+        return compiled(given, theta, initial)[str(model.output.label)]
     except Diverged as error:
         raise Diverged(f"{error} {_what_grew(model, given, error)}", error.at, error.trajectory) from None
 
@@ -167,7 +198,8 @@ def predict(model: Model, record: Record) -> Array:
     theta = fitted(model)
     data = arrays(model, record)
     predictor = compile(model.predictor)
-    result = predictor(data, theta)["prediction"]
+    initial = initial_values(model, data, max(1, predictor.recursion.depth)) if model.states else {}
+    result = predictor(data, theta, initial)["prediction"]
     result[: predictor.recursion.depth] = data[str(model.output.label)][: predictor.recursion.depth]
     return result
 

@@ -1,0 +1,44 @@
+"""Friction and drag: forces that depend on the velocity of the moving part."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sympy as sp
+
+from ..signals import k
+from ._effect import SPEED, Scan, effect, step
+
+MOVING = {"inside": "y", "output": "u"}
+
+
+@effect(MOVING, source="Coulomb 1785")
+def coulomb_friction(x: Any) -> Any:
+    """Dry friction: a constant force against the motion, whatever the speed."""
+    return sp.sign(step(x))
+
+
+@effect(MOVING, scan={"s": SPEED}, unit={"s": "unit of the driver per sample"}, id="coulomb_friction", form="smooth",
+        source="Coulomb 1785, smoothed by tanh")  # fmt: skip
+def smooth_coulomb_friction(x: Any, s: Any) -> Any:
+    """Dry friction: a constant force against the motion, whatever the speed."""
+    return sp.tanh(step(x) / s)
+
+
+@effect({"output": "u"}, scan={"n": Scan("steps", (4, 10))}, id="coulomb_friction", form="averaged velocity",
+        source="Coulomb 1785, velocity over n samples")  # fmt: skip
+def averaged_coulomb_friction(x: Any, n: Any) -> Any:
+    """Dry friction: a constant force against the motion, whatever the speed."""
+    return sp.sign(x[k] - x[k - n])
+
+
+@effect(MOVING, scan={"s": SPEED}, unit={"s": "unit of the driver per sample"}, source="Stribeck 1902, Tustin 1947")
+def stribeck_friction(x: Any, s: Any) -> Any:
+    """Stiction: friction that is largest at rest and falls as the motion gets faster."""
+    return sp.exp(-((step(x) / s) ** 2)) * sp.sign(step(x))
+
+
+@effect(MOVING, source="Rayleigh 1876")
+def quadratic_drag(x: Any) -> Any:
+    """Drag that grows with the square of the speed, as in a fluid."""
+    return step(x) * sp.Abs(step(x))
