@@ -9,6 +9,7 @@ from typing import Any
 
 import sympy as sp
 
+from .analysis import continuum_conditions
 from .effects import EFFECTS, Catalogue, Effect, Form
 from .errors import ModelError
 from .model import Model
@@ -189,7 +190,7 @@ def extend(model: Model, variant: Variant) -> Extended:
         states, F = [*states, *form.states], F + total
     made = Model(
         F, (*model.symbols, *cs, *shapes), output=model.output, input=model.input,
-        operating_point=model.operating_point, Ts=model.Ts, constraints=model.constraints, states=states,
+        operating_point=model.operating_point, Ts=model.Ts, constraints=written_constraints(model), states=states,
     )  # fmt: skip
     made.info["effects"] = [
         *model.info.get("effects", []),
@@ -199,6 +200,11 @@ def extend(model: Model, variant: Variant) -> Extended:
         },
     ]  # fmt: skip
     return Extended(made, cs, shapes, form.z)
+
+
+def written_constraints(model: Model) -> list[Any]:
+    """Return a model's constraints as equations: those of the continuum are the core's, whatever is added to it."""
+    return [e for c in model.constraints for e in (continuum_conditions(model) if c == "continuum" else [c])]
 
 
 def _acted_on(F: Any) -> Any:

@@ -262,6 +262,7 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     final = NARX(winner.terms, operating_point=winner.operating_point)
     fit(final, records, method=method)
     final.info["selection"] = {
+        "base": what,
         "candidates": len(candidates),
         "reason": f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})",
     }

@@ -1,0 +1,204 @@
+"""Fits of extended models on one part of the data, judged in free run on another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import lstsq
+
+from .bootstrap import correlation_length
+from .constraints import constraint_equations
+from .data import Record
+from .errors import FitError
+from .extend import Extended, Variant, extend, without
+from .freerun import FreeRun
+from .model import Model
+from .simulation import segments
+
+Array = np.ndarray
+BLOCKS, SEALED, EVERY = 24, 2, 4
+STEPS, TOLERANCE = 40, 1e-7
+SLACK = 1.01
+
+
+@dataclass(frozen=True)
+class Split:
+    """Which samples of each segment are for fitting, for judging, and sealed until the end.
+
+    Blocks alternate, so that a staircase or a slow change is seen by both; the last blocks are sealed.
+    """
+
+    records: tuple[Record, ...]
+    train: tuple[Array, ...]
+    held: tuple[Array, ...]
+    test: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, records: Any) -> Split:
+        """Split records."""
+        parts = segments(records)
+        masks: list[list[Array]] = [[], [], []]
+        for part in parts:
+            block = np.minimum(np.arange(len(part)) * BLOCKS // len(part), BLOCKS - 1)
+            sealed = block >= BLOCKS - SEALED
+            held = ~sealed & (block % EVERY == EVERY // 2)
+            for kept, mask in zip(masks, (~sealed & ~held, held, sealed), strict=True):
+                kept.append(mask)
+        return cls(tuple(parts), *(tuple(m) for m in masks))
+
+
+@dataclass
+class Fitted:
+    """A model fitted on the training samples, with its free run everywhere.
+
+    Attributes
+    ----------
+    model : Model, with theta
+    unknowns : parameters and initial shifts
+    """
+
+    model: Model
+    split: Split
+    problem: FreeRun
+    unknowns: Array
+    converged: bool
+    std: Array
+
+    @cached_property
+    def errors(self) -> list[Array]:
+        """Measured minus simulated along each segment, (N,) [unit of y]; zero before the first computed sample."""
+        found = []
+        for i, data in enumerate(self.problem.data):
+            e = data[self.problem.name] - self.problem.simulate(self.unknowns, i)
+            e[: self.problem.depth] = 0.0
+            found.append(e)
+        return found
+
+    def error(self, masks: Sequence[Array]) -> Array:
+        """Return the errors on chosen samples, one array."""
+        return np.concatenate([e[m] for e, m in zip(self.errors, masks, strict=True)])
+
+    def mean_square(self, masks: Sequence[Array]) -> float:
+        """Return the mean squared free-run error on chosen samples [unit of y squared]."""
+        e = self.error(masks)
+        value = float(np.mean(e**2))
+        return value if np.isfinite(value) else float("inf")
+
+    @property
+    def criterion(self) -> float:
+        """Return BIC's compromise between the training error and the number of parameters."""
+        n = max(1, sum(int(m.sum()) for m in self.split.train))
+        e = self.error(self.split.train)
+        # Neighbouring samples of a slow error do not count as independent.
+        fewer = n / max(1, correlation_length(e) if np.any(e) else 1)
+        return float(fewer * np.log(max(self.mean_square(self.split.train), 1e-300)) + self.problem.free * np.log(n))
+
+
+def settle(
+    model: Model,
+    split: Split,
+    start: Array | None = None,
+    lowest: Mapping[Any, float] | None = None,
+    steps: int = STEPS,
+) -> Fitted:
+    """Fit a model in free run on the training samples.
+
+    Raises
+    ------
+    FitError
+        Where the free run diverges from the start, or ends unstable.
+    """
+    equations = constraint_equations(model, None)
+    problem = FreeRun(model, list(split.records), equations, split.train)
+    begin = problem.start(model.theta if start is None else start)
+    if not np.all(np.isfinite(problem.run(begin)[0])):
+        raise FitError("The free run of the start values diverges.")
+    found = problem.minimise(begin, steps, TOLERANCE, lowest)
+    model.theta = problem.theta(found.x).tolist()
+    std = problem.errors(found)
+    model.std = tuple(float(s) for s in std)
+    made = Fitted(model, split, problem, found.x, bool(found.status > 0), std)
+    if not all(np.all(np.isfinite(e)) for e in made.errors):
+        raise FitError("The fitted model is unstable.")
+    return made
+
+
+def add(
+    base: Fitted, variant: Variant, shape: Sequence[float], direction: Array, residual: Array, own: Array
+) -> Fitted | None:
+    """Fit a model with one more effect, from one point of its grid; None where no stable fit is found.
+
+    Parameters
+    ----------
+    direction, residual, own : arrays of the training rows
+        From which the first coefficients follow.
+    """
+    extended = extend(base.model, variant)
+    scale = np.linalg.norm(np.column_stack([own, direction]), axis=0)
+    scale[scale == 0] = 1.0
+    solution = lstsq(np.column_stack([own, direction]) / scale, residual, cond=1e-9)[0] / scale
+    c, moved = solution[own.shape[1] :], solution[: base.problem.free]
+    theta = base.problem.theta(base.unknowns)
+    nudged = theta + base.problem.elimination.Z @ moved
+    for base_theta, part in ((nudged, 1.0), (theta, 1.0), (theta, 0.2)):
+        try:
+            return settle(extended.model, base.split, np.concatenate([base_theta, part * c, shape]), lowest(extended))
+        except FitError:
+            continue
+    return None
+
+
+def lowest(extended: Extended) -> dict[Any, float]:
+    """Shape parameters are positive."""
+    return dict.fromkeys(extended.shape, 1e-12)
+
+
+def prune(fitted: Fitted, keep: Sequence[str]) -> Fitted:
+    """Delete backwards the terms that an added effect made redundant.
+
+    A term goes while the free-run error grows by less than 1 % on the training and on the held-out samples.
+
+    Parameters
+    ----------
+    keep : names of symbols that stay
+    """
+    limit = [SLACK * fitted.mean_square(m) for m in (fitted.split.train, fitted.split.held)]
+    refused: set[Any] = set(map(str, keep))
+    while True:
+        scored = [
+            (abs(v) / s if s > 0 and np.isfinite(s) else np.inf, symbol)
+            for symbol, v, s in zip(fitted.model.symbols, fitted.model.theta, fitted.std, strict=True)
+            if str(symbol) not in refused and _removable(fitted.model, symbol)
+        ]
+        if not scored:
+            return fitted
+        weight, symbol = min(scored, key=lambda p: (p[0], str(p[1])))
+        if weight > 60:
+            return fitted
+        refused.add(str(symbol))
+        try:
+            smaller = settle(without(fitted.model, [symbol]), fitted.split)
+        except FitError:
+            continue
+        if all(
+            smaller.mean_square(m) <= most
+            for m, most in zip((fitted.split.train, fitted.split.held), limit, strict=True)
+        ):
+            fitted = smaller
+
+
+def _removable(model: Model, symbol: Any) -> bool:
+    """Whether a parameter multiplies a term of the core, and the model has an input without it."""
+    if not any(c == symbol for c, _ in _core_parts(model)):
+        return False
+    return not any(symbol in c.free_symbols for c in model.constraints if not isinstance(c, str))
+
+
+def _core_parts(model: Model) -> list[tuple[Any, Any]]:
+    import sympy as sp
+
+    return [part.as_independent(sp.Indexed, as_Add=False) for part in sp.Add.make_args(model.core)]
