@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from scipy.linalg import lstsq
 from scipy.signal import lfilter
 
 from . import gate, printing
@@ -25,13 +24,18 @@ from .freerun import FreeRun
 from .identification import prepare
 from .model import NARX, Model
 from .refit import Fitted, Split, add, prune, settle
+from .sensitivity import derivative
 from .signals import k, u, y
 from .simulation import Records
 
 Array = np.ndarray
 REFITTED, FORMS = 6, 3  # effects that are fitted, and ways of each
 CLOSE = 1.02  # a candidate this near to the best held-out error cannot be told from it
-EXPLAINED, HELPS = 0.85, 0.3  # shares of the removable error
+EQUAL = 1.003  # errors this near are equal
+EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
+NEAR = 0.2  # "named" also needs an error within this of the noise floor, or nearly everything removed
+SLOW = 0.998  # a linear base whose pole is beyond this integrates
+WORSE = 1.1  # what makes the held-out error grow by more is no candidate
 DRAWS = 200
 FEATURES = 40
 OVERSAMPLED = 25
@@ -135,31 +139,51 @@ class Step:
 
 
 def fit_base(model: Model, split: Split) -> Fitted:
-    """Step 1: the given model, refitted in free run on the training samples."""
-    copy = _copy(roomy(model))
-    if copy.theta is None:
-        copy.fit(list(split.records))
-    try:
-        return settle(copy, split)
-    except FitError as error:
-        raise FitError(f"The base model cannot follow these data in free run: {error} Choose another base.") from None
+    """Step 1: the given model, refitted in free run on the training samples; a linear base gets room."""
+    models = [*(roomy(model, more) for more in (1, 0) if _is_linear(model)), model]
+    reason = ""
+    fits = []
+    for one in map(_copy, models):
+        try:
+            if one.theta is None:
+                one.fit(list(split.records))
+            made = settle(one, split)
+        except FitError as error:
+            reason = str(error)
+            continue
+        # A pole that moved to 1 imitates a drift by integrating a constant.
+        if not _is_linear(model) or slowest(made.model) <= max(SLOW, slowest(model)):
+            return made
+        fits.append(made)
+    if fits:
+        return fits[-1]
+    raise FitError(f"The base model cannot follow these data in free run: {reason} Choose another base.")
 
 
-def roomy(model: Model) -> Model:
-    """Return a linear base with one lag more on every side.
+def _is_linear(model: Model) -> bool:
+    return isinstance(model, NARX) and model.info.get("selection", {}).get("base") == "linear"
+
+
+def roomy(model: Any, more: int) -> Model:
+    """Return a linear base with one lag more on the input's sides, and `more` lags of the output.
 
     Its orders were chosen while something was missing, and may be too small once it is there; what is superfluous is
     deleted after each addition.
     """
-    if model.info.get("selection", {}).get("base") != "linear" or not isinstance(model, NARX):
-        return model
-    a = model.n_y and min(model.n_y + 1, 3)
+    a = model.n_y and min(model.n_y + more, 3)
     first, last = max(0, model.delay - 1), model.n_u + 1
     terms = [*(y[k - i] for i in range(1, a + 1)), *(u[k - j] for j in range(first, last + 1)), sp.S.One]
     known = dict(zip(model.terms, model.theta, strict=True))
     made = NARX(terms, [known.get(t, 0.0) for t in terms], operating_point=model.operating_point, Ts=model.Ts)
     made.info = dict(model.info)
     return made
+
+
+def slowest(model: Model) -> float:
+    """Return the largest pole of a linear model."""
+    values = dict(zip(model.symbols, map(float, model.theta), strict=True))
+    slopes = [float(derivative(model.core, model.inner[k - i]).xreplace(values)) for i in range(1, model.n_y + 1)]
+    return float(np.abs(np.roots([1.0, *(-s for s in slopes)])).max()) if slopes else 0.0
 
 
 def _copy(model: Model) -> Model:
@@ -195,7 +219,7 @@ def score(fitted: Fitted, channels: Iterable[str], catalogue: Catalogue, seed: i
     rows = np.concatenate([m[whole.depth :] for m in fitted.split.train])
     scores = gate.score(
         line.residual, line.own, matrix, [d.columns for d in directions], [d.searched for d in directions],
-        whole.edges, rows, seed,
+        whole.edges, rows, seed, [d.columns for d in directions if d.line],
     )  # fmt: skip
     return Scored(line, whole, directions, matrix, scores, rows)
 
@@ -249,7 +273,7 @@ def refit(base: Fitted, scored: Scored, report: Callable[[str], Any]) -> list[Ca
         sign = direction.variant.effect.sign
         if sign and sign * next(iter(candidate.parameters.values())) <= 0:
             continue
-        if not np.isfinite(candidate.mean_square):
+        if not candidate.mean_square < WORSE * base.mean_square(base.split.held):
             continue
         old = found.get(candidate.effect)
         if old is None or made.criterion < old.fitted.criterion:
@@ -257,8 +281,8 @@ def refit(base: Fitted, scored: Scored, report: Callable[[str], Any]) -> list[Ca
     return sorted(found.values(), key=lambda c: (c.mean_square, c.effect))
 
 
-def remainder(fitted: Fitted, scored: Scored) -> tuple[float, float]:
-    """Return the held-out mean square that is left when every clear pattern is taken out, and its p-value.
+def remainder(fitted: Fitted, scored: Scored) -> float:
+    """Return the held-out mean square that is left when every clear pattern is taken out.
 
     Beside the catalogue, random features of the signals are tried: what they explain is structure without a name.
     """
@@ -266,19 +290,11 @@ def remainder(fitted: Fitted, scored: Scored) -> tuple[float, float]:
     extra = features(scored.line)
     matrix = np.column_stack([scored.matrix, extra])
     held = np.concatenate([m[scored.whole.depth :] for m in split.held])
-    residual, own, rows = scored.line.residual, scored.line.own, scored.rows
-    noise = residual - own @ lstsq(own[rows], residual[rows])[0]
-    solution, used = np.zeros(0), own
-    for _ in range(3):
-        a = gate.autoregression(gate.pieces(noise, scored.whole.edges, rows))
-        white = gate.whiten(np.column_stack([residual, own, matrix]), a, scored.whole.edges)[rows]
-        e, P, D = white[:, 0], white[:, 1 : own.shape[1] + 1], white[:, own.shape[1] + 1 :]
-        _, picked = gate.explain(P, D, e)
-        used = np.column_stack([own, matrix[:, picked]])
-        solution = lstsq(np.column_stack([P, D[:, picked]]), e)[0]
-        noise = residual - used @ solution
+    residual = scored.line.residual
+    lines = [d.columns for d in scored.directions if d.line]
+    noise = gate.whitened(residual, scored.line.own, matrix, scored.whole.edges, scored.rows, lines)[0]
     before, after = float(np.mean(residual[held] ** 2)), float(np.mean(noise[held] ** 2))
-    return min(before, after), float(picked.size)
+    return min(before, after)
 
 
 def features(line: Linearised) -> Array:
@@ -340,19 +356,18 @@ def step(
     best = candidates[0]
     report("estimating the noise floor")
     rescored = score(best.fitted, channels, catalogue, seed)
-    left, _ = remainder(best.fitted, rescored)
-    base_left, _ = remainder(base, scored)
-    floor = min(left, base_left, best.mean_square)
+    floor = min(remainder(best.fitted, rescored), remainder(base, scored), best.mean_square)
     made.floor = float(np.sqrt(floor))
     shares(base, candidates, floor, seed)
-    made.candidates = candidates
+    made.candidates = sorted(candidates, key=lambda c: (c.effect not in confusion_set(candidates), c.mean_square))
+    best = made.candidates[0]
     if best.interval[0] <= 0:
         made.candidates = []
         return made
-    made.confusion_set = [c.effect for c in candidates if c.mean_square <= CLOSE**2 * best.mean_square]
+    made.confusion_set = confusion_set(candidates)
     if best.share < HELPS:
         made.verdict = "outside_library"
-    elif best.share < EXPLAINED:
+    elif best.share < EXPLAINED or best.mean_square > (1 + NEAR) ** 2 * floor and best.share < NEARLY_ALL:
         made.verdict = "helps_but_incomplete"
     elif len(made.confusion_set) > 1:
         made.verdict = "confused"
@@ -360,6 +375,23 @@ def step(
         made.verdict = "named"
     made.chosen = best.fitted
     return made
+
+
+def confusion_set(candidates: Sequence[Candidate]) -> list[str]:
+    """Step 8: the candidates that these data cannot tell from the best.
+
+    A richer form that contains a simpler one (plays contain a play) is left out where it explains nothing more.
+    """
+    best = candidates[0].mean_square
+    close = [c for c in candidates if c.mean_square <= CLOSE**2 * best]
+    simple = [
+        c for c in close
+        if not any(
+            o.fitted.problem.free + 2 <= c.fitted.problem.free and o.mean_square <= EQUAL**2 * c.mean_square
+            for o in close
+        )
+    ]  # fmt: skip
+    return [c.effect for c in simple]
 
 
 def _detectable(scored: Scored) -> dict[str, float]:

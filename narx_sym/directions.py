@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -28,6 +29,7 @@ from .simulation import segments
 
 Array = np.ndarray
 PUSH = "push"
+PADDING, LINE = 4, 6.0  # zero padding of spectra; a line is this many times (and the log of their number) above noise
 
 
 @effect({"input": "channel", "inside": "channel"}, id="injection", register=False)
@@ -46,12 +48,15 @@ class Direction:
         Its columns in the matrix of all directions, one per coefficient.
     searched : float
         How many alternatives its shape was picked from by looking at the residual (1 for none).
+    line : bool
+        Whether it is a sharp spectral line, which no noise has.
     """
 
     variant: Variant
     shape: tuple[float, ...]
     columns: slice
     searched: float = 1.0
+    line: bool = False
 
 
 class Linearised:
@@ -174,16 +179,31 @@ class Linearised:
         return [v * unit**scan.power for v in scan.values], 1.0
 
     def _peaks(self, count: int) -> tuple[list[float], float]:
-        """Return the strongest frequencies of the residual [Hz]."""
-        e = self.residual[: max(self.problem.edges[1], 16)]
-        e = e - np.polyval(np.polyfit(np.arange(e.size), e, 1), np.arange(e.size))
-        power = np.abs(np.fft.rfft(e * np.hanning(e.size), 4 * e.size)) ** 2
-        power[: 4 * 2] = 0.0  # less than two periods: a drift
-        at, _ = find_peaks(power, distance=8)
+        """Return the strongest frequencies of the residual [Hz], from its first segment."""
+        frequencies, power = self._spectrum
+        at, _ = find_peaks(power, distance=2 * PADDING)
         best = at[np.argsort(-power[at], kind="stable")[:count]]
         if not best.size:
             best = np.array([max(1, int(np.argmax(power)))])
-        return [float(i / (4 * e.size * (self.model.Ts or 1.0))) for i in best], e.size / 2
+        return [float(frequencies[i]) for i in best], power.size / PADDING
+
+    @cached_property
+    def _spectrum(self) -> tuple[Array, Array]:
+        """Frequencies [Hz] and power of the residual's first segment; what is slower than two periods is zero."""
+        e = self.residual[: max(self.problem.edges[1], 16)]
+        e = e - np.polyval(np.polyfit(np.arange(e.size), e, 1), np.arange(e.size))
+        power = np.abs(np.fft.rfft(e * np.hanning(e.size), PADDING * e.size)) ** 2
+        power[: 2 * PADDING] = 0.0
+        return np.arange(power.size) / (PADDING * e.size * (self.model.Ts or 1.0)), power
+
+    def is_line(self, frequency: float) -> bool:
+        """Whether the residual has a sharp spectral line there: far above its neighbourhood on both sides."""
+        frequencies, power = self._spectrum
+        at = int(np.argmin(np.abs(frequencies - frequency)))
+        near, far = 3 * PADDING, 25 * PADDING
+        sides = [power[max(2 * PADDING, at - far) : max(0, at - near)], power[at + near : at + far]]
+        medians = [float(np.median(s)) for s in sides if s.size > near]
+        return bool(medians) and power[at] > LINE * np.log(power.size / PADDING) * max(medians)
 
     def directions(
         self, channels: Iterable[str] = (), catalogue: Catalogue = EFFECTS
@@ -200,7 +220,8 @@ class Linearised:
                 if not np.all(np.isfinite(block)) or not np.any(block):
                     continue
                 searched = float(np.prod([s for _, s in grids])) if grids else 1.0
-                listed.append(Direction(variant, point, slice(at, at + block.shape[1]), searched))
+                line = searched > 1 and self.is_line(point[0])
+                listed.append(Direction(variant, point, slice(at, at + block.shape[1]), searched, line))
                 blocks.append(block)
                 at += block.shape[1]
         if not blocks:

@@ -86,9 +86,11 @@ def sequences(model: Model, variant: Variant) -> dict[str, Any]:
     """Return what each placeholder of an effect's equations means in a model: a function of the time index."""
     offset = model.operating_point.get(model.input, 0.0) if variant.raw else 0.0
     later = 1 if variant.where == "inside" else 0
+    # What stands inside the core sees the input as the core does.
+    acting = v if variant.where == "inside" and any(s.left.base == v for s in model.states) else u
 
     def source(i: Any) -> Any:
-        return u[i - variant.lag] + offset
+        return acting[i - variant.lag] + offset
 
     def inner(i: Any) -> Any:
         return (x if variant.where == "output" else model.inner)[i - later]
@@ -132,8 +134,9 @@ def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[
 
 
 def _measured(model: Model, initial: Any) -> Any:
-    """Before the start the inner output is taken as measured."""
-    return initial.xreplace({s: model.output[s.indices[0]] for s in samples(initial, x)})
+    """Before the start the inner output is taken as measured, and the input as it is."""
+    meant = {x: model.output, v: u}
+    return initial.xreplace({s: meant[b][s.indices[0]] for b in meant for s in samples(initial, b)})
 
 
 @dataclass(frozen=True)
@@ -176,6 +179,7 @@ def extend(model: Model, variant: Variant) -> Extended:
             states[at : at + 1] = [*form.states, State(v[k], seen.right + total, u[k])]
     elif variant.where == "output":
         if model.inner != x:
+            states = [State(s.left, _renamed(s.right, model.output), s.initial, s.group) for s in states]
             states.append(State(x[k], _renamed(F, model.output), model.output[k]))
             F = x[k]
         # What u drives stands before x, what x drives after it.
@@ -223,7 +227,7 @@ def without(model: Model, symbols: Iterable[Any]) -> Model:
     gone = dict.fromkeys(symbols, sp.S.Zero)
     states = [s.map(lambda e: e.xreplace(gone)) for s in model.states]
     F = model.F.xreplace(gone)
-    read = set().union(*({b.base for b in samples(e)} for e in (F, *(s.right for s in states))))
+    read = {b.base for b in samples(F)}.union(*({b.base for b in samples(s.right)} - {s.left.base} for s in states))
     states = [s for s in states if s.left.base in read]
     left = set().union(F.free_symbols, *(s.right.free_symbols for s in states))
     kept = tuple(s for s in model.symbols if s in left)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,21 +18,37 @@ from .errors import FitError
 from .model import NARX, Model
 from .parallel import one_blas_thread, sweep
 from .sensitivity import derivative, sensitivities
-from .signals import k
+from .signals import k, lags
 from .simulation import Records, arrays, initial_values, segments
 
 Array = np.ndarray
 MANY = 16  # more parameters than this: one banded solve instead of one compiled equation each
 SPREAD, TRIED = 0.3, 64
+HUGE = 1e12  # derivatives, in standard deviations of the output, of a run that is about to diverge
 
 
-def starts(model: Model) -> list[tuple[Any, ...]]:
-    """Return the groups of states whose values before the first sample are unknown."""
+@dataclass(frozen=True)
+class Start:
+    """One unknown about the time before the first computed sample: a shift of some states.
+
+    `back` counts from the last initial sample; without it all initial samples shift together.
+    """
+
+    states: tuple[Any, ...]
+    back: int | None = None
+
+    def shape(self, depth: int) -> Array:
+        """Return where the shift acts, (depth,)."""
+        return np.ones(depth) if self.back is None else (np.arange(depth) == depth - 1 - self.back) * 1.0
+
+
+def starts(model: Model) -> list[Start]:
+    """Return the unknowns about the time before the first sample: each output that the core uses, and each memory."""
     groups: dict[str, list[Any]] = {}
     for state in model.memory:
         groups.setdefault(state.group, []).append(state.left.base)
-    # Without memory of its own the initial output moves nothing.
-    return [*([(model.inner,)] if model.n_y else []), *map(tuple, groups.values())]
+    outputs = [i - 1 for i in lags(model.core, model.inner)]
+    return [*(Start((model.inner,), i) for i in outputs), *(Start(tuple(g)) for g in groups.values())]
 
 
 def _label(base: Any) -> str:
@@ -41,8 +58,8 @@ def _label(base: Any) -> str:
 class FreeRun:
     """Residuals and their derivatives of a model along records, under linear constraints.
 
-    The unknowns are z: the free parameters, then per record one shift of the initial values of each group in `starts`:
-    the outputs, and what each effect remembers. (In a Sigma_y = 1 model an error in the initial output never decays.)
+    The unknowns are z: the free parameters, then per record the shifts in `starts`: of each initial output, and of what
+    each effect remembers. (In a Sigma_y = 1 model an error in the initial output never decays.)
 
     Parameters
     ----------
@@ -99,6 +116,12 @@ class FreeRun:
         """
         if self._last is not None and np.array_equal(self._last, z):
             return self.residuals, self.slopes
+        with np.errstate(all="ignore"):  # what diverges is seen by its values
+            self._run(z)
+        self._last = z.copy()
+        return self.residuals, self.slopes
+
+    def _run(self, z: Array) -> None:
         theta = self.theta(z)
         for i, d in enumerate(self.data):
             own = slice(self.free + i * len(self.starts), self.free + (i + 1) * len(self.starts))
@@ -107,13 +130,14 @@ class FreeRun:
             self.residuals[rows] = (simulated[kept] - d[self.name][kept]) / self.spread
             self.slopes[rows, : self.free] = moved[kept, :p] @ (self.elimination.Z / self.spread)
             self.slopes[rows, own] = moved[kept, p:] / self.spread
-        self._last = z.copy()
-        return self.residuals, self.slopes
 
     def shifted(self, i: int, shifts: Array) -> dict[str, Array]:
         """Return the initial values of segment i with each group of starts shifted."""
-        moved = {name: s for group, s in zip(self.starts, shifts, strict=True) for name in map(_label, group)}
-        return {name: x + moved.get(name, 0.0) for name, x in self.initial[i].items()}
+        values = dict(self.initial[i])
+        for start, shift in zip(self.starts, shifts, strict=True):
+            for name in map(_label, start.states):
+                values[name] = values[name] + shift * start.shape(self.depth)
+        return values
 
     def simulate(self, z: Array, i: int) -> Array:
         """Return the free run along segment i, (N,)."""
@@ -124,15 +148,15 @@ class FreeRun:
 
     def _forward(self) -> Any:
         """Sensitivities in the same compiled pass as the run."""
-        recursion, directions = sensitivities(self.model.recursion, initial=self.starts)
+        recursion, directions = sensitivities(self.model.recursion, initial=[s.states for s in self.starts])
         compiled = compile(recursion)
         moved = [_label(d[self.model.output]) if self.model.output in d else None for d in directions]
         shown = [self.name, *(m for m in moved if m)]
         names = [*shown, *(n for n in map(_label, recursion.states) if n not in shown)]
         at = [i for i, m in enumerate(moved) if m]
-        zero = dict.fromkeys((_label(s) for d in directions for s in d.values()), 0.0)
-        for group, d in zip(self.starts, directions[len(self.model.symbols) :], strict=True):
-            zero |= {_label(d[state]): 1.0 for state in group}
+        zero: dict[str, Any] = dict.fromkeys((_label(s) for d in directions for s in d.values()), 0.0)
+        for start, d in zip(self.starts, directions[len(self.model.symbols) :], strict=True):
+            zero |= {_label(d[state]): start.shape(self.depth) for state in start.states}
         # The recursion writes straight into the columns of these: no allocation while the fit runs.
         buffers = [np.empty((len(d[self.name]), len(names)), order="F") for d in self.data]
         outs = [{n: w[:, c] for c, n in enumerate(names)} for w in buffers]
@@ -153,8 +177,8 @@ class FreeRun:
         """All derivatives from one banded system L S = Psi along the run, with L = 1 - sum dF/dy[k-i] q^-i."""
         model = self.model
         compiled = compile(model.recursion)
-        lags = range(1, model.n_y + 1)
-        gradients = [derivative(model.right, model.output[k - i]) for i in lags]
+        orders = range(1, model.n_y + 1)
+        gradients = [derivative(model.right, model.output[k - i]) for i in orders]
         terms = [model.in_user_units(t) for t in model.terms]  # type: ignore[attr-defined]
         psi = Columns(terms)
 
@@ -168,11 +192,11 @@ class FreeRun:
                 return run, moved
             values = {**d, self.name: run}
             moved[depth:, :p] = psi.block(values, depth, n)
-            moved[:depth, p:] = 1.0
-            band = np.zeros((len(lags) + 1, n), order="F")
+            moved[:depth, p:] = np.column_stack([s.shape(depth) for s in self.starts])
+            band = np.zeros((len(orders) + 1, n), order="F")
             band[0] = 1.0
             known = dict(zip(model.symbols, theta, strict=True))
-            for lag, slope in zip(lags, gradients, strict=True):
+            for lag, slope in zip(orders, gradients, strict=True):
                 column = np.zeros(n)
                 if slope != 0:
                     column[depth:] = Columns([slope.xreplace(known)]).block(values, depth, n)[:, 0]
@@ -202,9 +226,16 @@ class FreeRun:
                 "The free run of the start values diverges: fit one step ahead with fewer terms first, or give theta."
             )
         bounds = self.bounds(lowest or {})
+
+        def slopes(z: Array) -> Array:
+            moved = self.run(z)[1]
+            if not np.abs(moved).max() < HUGE:
+                raise FitError("The derivatives of the free run diverge: the model is unstable there.")
+            return moved.copy()
+
         with np.errstate(all="ignore"), one_blas_thread():
             return least_squares(
-                lambda z: self.run(z)[0].copy(), np.maximum(start, bounds[0]), jac=lambda z: self.run(z)[1].copy(),
+                lambda z: self.run(z)[0].copy(), np.maximum(start, bounds[0]), jac=slopes,
                 bounds=bounds, x_scale="jac", method="trf", max_nfev=max_steps, xtol=tolerance, ftol=tolerance,
                 gtol=tolerance,
             )  # fmt: skip
@@ -220,9 +251,10 @@ class FreeRun:
         freedom = max(1, found.fun.size - found.x.size)
         Z = self.elimination.Z
         try:
-            inverse = solve_triangular(R, np.eye(R.shape[0]))
-            covariance = (2 * found.cost / freedom * inverse @ inverse.T)[: self.free, : self.free]
-            return np.asarray(np.sqrt(np.maximum(np.diag(Z @ covariance @ Z.T), 0.0)))
+            with np.errstate(all="ignore"):
+                inverse = solve_triangular(R, np.eye(R.shape[0]))
+                covariance = (2 * found.cost / freedom * inverse @ inverse.T)[: self.free, : self.free]
+                return np.asarray(np.sqrt(np.maximum(np.diag(Z @ covariance @ Z.T), 0.0)))
         except (LinAlgError, ValueError):
             return np.full(Z.shape[0], np.nan)  # the data do not determine the parameters
 

@@ -18,8 +18,8 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 Array = np.ndarray
-DRAWS, LEVEL = 999, 0.05
-ORDER = 12
+DRAWS, SURROGATES, LEVEL = 999, 199, 0.05
+LONGEST = 120  # lags of the noise model at most
 MOST, CLEAR = 12, 18.0  # columns that the noise is freed of at most, and the gain (in variances) of each at least
 TINY = 1e-7  # share of a column's energy below which nothing but rounding is left
 
@@ -101,16 +101,32 @@ def explain(own: Array, directions: Array, residual: Array, variance: float | No
     return e, np.array(picked, dtype=int)
 
 
-def autoregression(noise: Sequence[Array], order: int = ORDER) -> Array:
-    """Return [1, a_1, ..., a_p] that whitens a noise, by least squares over all pieces."""
-    order = min(order, max(1, min(n.size for n in noise) // 20))
-    rows, targets = [], []
-    for piece in noise:
-        lagged = np.column_stack([piece[order - i : piece.size - i] for i in range(1, order + 1)])
-        rows.append(lagged)
-        targets.append(piece[order:])
-    a = lstsq(np.concatenate(rows), np.concatenate(targets))[0]
-    return np.concatenate([[1.0], -a])
+def autoregression(noise: Sequence[Array], longest: int = LONGEST) -> Array:
+    """Return [1, a_1, ..., a_p] that whitens a noise: Burg's method over all pieces, the order by AIC.
+
+    A slow wander under white noise needs many lags; white noise takes none.
+    """
+    count = sum(n.size for n in noise)
+    longest = max(1, min(longest, count // 20, min(n.size for n in noise) // 3))
+    forward = [np.asarray(n, dtype=float)[1:] for n in noise]
+    backward = [np.asarray(n, dtype=float)[:-1] for n in noise]
+    power = sum(float(n @ n) for n in noise) / count
+    a = np.ones(1)
+    best, chosen = np.log(power) if power > 0 else -np.inf, a
+    for order in range(1, longest + 1):
+        above = sum(float(f @ b) for f, b in zip(forward, backward, strict=True))
+        below = sum(float(f @ f + b @ b) for f, b in zip(forward, backward, strict=True))
+        if below <= 0:
+            break
+        reflection = -2 * above / below
+        a = np.append(a, 0.0) + reflection * np.append(a, 0.0)[::-1]
+        power *= 1 - reflection**2
+        pairs = [(f + reflection * b, b + reflection * f) for f, b in zip(forward, backward, strict=True)]
+        forward, backward = [f[1:] for f, _ in pairs], [b[:-1] for _, b in pairs]
+        criterion = np.log(max(power, 1e-300)) + 2 * order / count
+        if criterion < best:
+            best, chosen = criterion, a
+    return np.asarray(chosen)
 
 
 def whiten(columns: Array, a: Array, edges: Array) -> Array:
@@ -122,6 +138,36 @@ def whiten(columns: Array, a: Array, edges: Array) -> Array:
     return out
 
 
+def whitened(
+    residual: Array, own: Array, directions: Array, edges: Array, rows: Array, lines: Sequence[slice] = ()
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Estimate the noise and filter by it, in turns.
+
+    Returns
+    -------
+    noise : (N,) array, what remains of the residual without the columns that clearly explain it
+    e, P, D : whitened residual, own and further directions on the rows that count
+    picked : which columns were taken out
+    remaining : e without them
+    """
+    always = [np.arange(s.start, s.stop) for s in lines]
+    first = np.unique(np.concatenate(always)).astype(int) if always else np.zeros(0, dtype=int)
+    # What is missing is in here at first: it makes the noise look slower than it is, and is then taken out.
+    used = np.column_stack([own, directions[:, first]])
+    noise = residual - used @ lstsq(used[rows], residual[rows])[0]
+    for _ in range(3):  # the noise model and what it is estimated from improve each other
+        a = autoregression([noise[b:e] for b, e in itertools.pairwise(edges)])
+        white = whiten(np.column_stack([residual, own, directions]), a, edges)[rows]
+        e, P, D = white[:, 0], white[:, 1 : own.shape[1] + 1], white[:, own.shape[1] + 1 :]
+        _, more = explain(np.column_stack([P, D[:, first]]), D, e)
+        picked = np.unique(np.concatenate([first, more]))
+        chosen = np.column_stack([P, D[:, picked]])
+        solution = lstsq(chosen, e)[0]
+        remaining = e - chosen @ solution
+        noise = residual - np.column_stack([own, directions[:, picked]]) @ solution
+    return noise, e, P, D, picked, remaining
+
+
 def score(
     residual: Array,
     own: Array,
@@ -131,6 +177,7 @@ def score(
     edges: Array,
     rows: Array,
     seed: int = 0,
+    lines: Sequence[slice] = (),
 ) -> Scores:
     """Score groups of directions against a residual.
 
@@ -145,18 +192,11 @@ def score(
     edges : where the segments begin and end
     rows : (N,) bool array
         Which samples count; the filter runs over all.
+    lines : slices of the columns that are sharp spectral lines
+        An autoregressive model would take them for noise.
     """
-    # What is missing is in here at first: it makes the noise look slower than it is, and is then taken out.
-    noise = residual - own @ lstsq(own[rows], residual[rows])[0]
-    for _ in range(3):  # the noise model and what it is estimated from improve each other
-        a = autoregression(pieces(noise, edges, rows))
-        white = whiten(np.column_stack([residual, own, directions]), a, edges)[rows]
-        e, P, D = white[:, 0], white[:, 1 : own.shape[1] + 1], white[:, own.shape[1] + 1 :]
-        remaining, picked = explain(P, D, e)
-        chosen = np.column_stack([P, D[:, picked]])
-        solution = lstsq(chosen, e)[0]
-        noise = residual - np.column_stack([own, directions[:, picked]]) @ solution
-    variance = float(remaining @ remaining) / max(1, e.size - chosen.shape[1])
+    _, e, P, D, picked, remaining = whitened(residual, own, directions, edges, rows, lines)
+    variance = float(remaining @ remaining) / max(1, e.size - P.shape[1] - picked.size)
     Q = orthonormal(P)
     e = e - Q @ (Q.T @ e)
     energy = np.einsum("ij,ij->j", D, D)
@@ -186,22 +226,14 @@ def score(
     lowest = _null(np.column_stack(bases), np.concatenate(owners), freedoms, searched, seed)
     best = float(log_p.min())
     p_value = (1 + int(np.sum(lowest <= best))) / (DRAWS + 1)
+    if p_value <= LEVEL:
+        p_value = max(p_value, _by_surrogates(e, bases, int(np.argmin(log_p)), log_p, freedoms, variance, searched, seed))
     critical = float(np.quantile(lowest, LEVEL))
     for i, columns in enumerate(groups):
         detectable[i] = _detectable(
             D[:, columns], level_D[:, columns], variance, critical - np.log(searched[i]), freedoms[i]
         )
     return Scores(share, gain, log_p, absorbed, p_value, critical, detectable)
-
-
-def pieces(x: Array, edges: Array, rows: Array) -> list[Array]:
-    """Return the contiguous stretches of the samples that count."""
-    found = []
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
-        cuts = np.flatnonzero(np.diff(rows[begin:end].astype(int))) + 1 + begin
-        bounds = [begin, *cuts, end]
-        found += [x[i:j] for i, j in itertools.pairwise(bounds) if rows[i]]
-    return found
 
 
 def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float], seed: int) -> Array:
@@ -219,6 +251,31 @@ def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float]
         if of.size:
             lowest = np.minimum(lowest, chi2.logsf(energy[:, of].max(axis=1), f))
     return lowest
+
+
+def _by_surrogates(
+    e: Array, bases: Sequence[Array], group: int, log_p: Array, freedoms: Array, variance: float,
+    searched: Sequence[float], seed: int,
+) -> float:  # fmt: skip
+    """Return the p-value of the best group against surrogates of what it leaves (Theiler et al. 1992).
+
+    The noise model may miss a slow wander. Signals with the spectrum of the remaining residual and random phases show
+    how much of that any direction picks up by chance.
+    """
+    own = bases[group]
+    left = e - own @ (own.T @ e)
+    rng = np.random.default_rng([seed, 1])
+    size = np.abs(np.fft.rfft(left))
+    phases = np.exp(2j * np.pi * rng.uniform(size=(SURROGATES, size.size)))
+    drawn = np.fft.irfft(size * phases, left.size, axis=1)
+    wide = np.flatnonzero((np.asarray(searched) == 1.0) & (freedoms > 0))
+    lowest = np.zeros(SURROGATES)
+    for f in np.unique(freedoms[wide]):
+        of = [i for i in wide if freedoms[i] == f]
+        energy = (drawn @ np.column_stack([bases[i] for i in of])) ** 2
+        gains = energy.reshape(SURROGATES, len(of), f).sum(axis=2).max(axis=1) / variance
+        lowest = np.minimum(lowest, chi2.logsf(gains, f))
+    return float((1 + np.sum(lowest <= log_p[group])) / (SURROGATES + 1))
 
 
 def _detectable(D: Array, level: Array, variance: float, log_p: float, freedom: int) -> float:

@@ -22,6 +22,7 @@ from .simulation import Records, centre, evaluate, law_radius, segments, simulat
 BASES = ("narx", "linear", "static")
 HELD_OUT = 0.3
 CYCLES = 10
+CANCELS, CALM = 20.0, 1.2
 FEWEST = 20  # samples; below this a structure cannot be told from chance
 
 
@@ -256,8 +257,12 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     stable = [s for s in scored if stable_law(candidates[s[2]], train)] if for_compensation else scored
     scored = stable or scored
     best = min(scored)[0]
-    # The smallest model within 2 % of the best one.
-    _, _, i = min((s for s in scored if s[0] <= 1.02 * best), key=lambda s: (s[1], s[2]))
+    # The smallest model within 2 % of the best one; a well-conditioned one may be somewhat worse.
+    close = [s for s in scored if s[0] <= 1.02 * best]
+    calm = [s for s in scored if s[0] <= CALM * best and not _cancels(candidates[s[2]])]
+    if all(_cancels(candidates[s[2]]) for s in close) and calm:
+        close = [s for s in calm if s[0] <= 1.02 * min(calm)[0]]
+    _, _, i = min(close, key=lambda s: (_cancels(candidates[s[2]]), s[1], s[2]))
     winner = candidates[i]
     final = NARX(winner.terms, operating_point=winner.operating_point)
     fit(final, records, method=method)
@@ -269,6 +274,12 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     if for_compensation:
         final.info["selection"]["stable_law"] = stable_law(final, records)
     return judged(final)
+
+
+def _cancels(model: NARX) -> bool:
+    """Whether large input coefficients cancel: a finite-difference trick that smooth inputs allow."""
+    inputs = [c for c, term in zip(model.theta, model.terms, strict=True) if term.has(u)]
+    return bool(len(inputs) > 1 and np.sum(np.abs(inputs)) > CANCELS * abs(np.sum(inputs)))
 
 
 def _linear(

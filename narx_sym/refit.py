@@ -84,8 +84,8 @@ class Fitted:
 
     def mean_square(self, masks: Sequence[Array]) -> float:
         """Return the mean squared free-run error on chosen samples [unit of y squared]."""
-        e = self.error(masks)
-        value = float(np.mean(e**2))
+        with np.errstate(over="ignore"):
+            value = float(np.mean(self.error(masks) ** 2))
         return value if np.isfinite(value) else float("inf")
 
     @property
@@ -115,7 +115,7 @@ def settle(
     equations = constraint_equations(model, None)
     problem = FreeRun(model, list(split.records), equations, split.train)
     begin = problem.start(model.theta if start is None else start)
-    if not np.all(np.isfinite(problem.run(begin)[0])):
+    if not all(np.all(np.isfinite(part)) for part in problem.run(begin)):
         raise FitError("The free run of the start values diverges.")
     found = problem.minimise(begin, steps, TOLERANCE, lowest)
     model.theta = problem.theta(found.x).tolist()

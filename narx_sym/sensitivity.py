@@ -7,6 +7,7 @@ S[k] = sum_i dF/dy[k-i] S[k-i] + dF/dtheta (chain rule along the trajectory).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import sympy as sp
@@ -15,8 +16,11 @@ from .recursion import Recursion
 from .signals import k, lag, samples, signal
 
 
+@lru_cache(maxsize=20_000)
 def derivative(expr: Any, variable: Any) -> Any:
     """Differentiate with the kinks of sign, abs, Max and Min taken as they are away from them."""
+    if not expr.has(variable):
+        return sp.S.Zero
     name = sp.Dummy("x", real=True)
     result = sp.diff(expr.xreplace({variable: name}), name)
     result = result.replace(sp.DiracDelta, lambda *_: sp.S.Zero)

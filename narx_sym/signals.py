@@ -6,6 +6,7 @@ of the input and its sign, `breve_phi1` and `breve_phi2` those of the output (th
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import sympy as sp
@@ -38,8 +39,12 @@ def lag(sample: sp.Indexed) -> int:
 
 def samples(expr: Any, base: sp.IndexedBase | None = None) -> list[sp.Indexed]:
     """Return the samples in an expression, of one sequence or of all, ordered by name and lag."""
-    found = (s for s in sp.sympify(expr).atoms(sp.Indexed) if base is None or s.base == base)
-    return sorted(found, key=lambda s: (str(s.base), lag(s)))
+    return [s for s in _samples(sp.sympify(expr)) if base is None or s.base == base]
+
+
+@lru_cache(maxsize=20_000)
+def _samples(expr: Any) -> tuple[sp.Indexed, ...]:
+    return tuple(sorted(expr.atoms(sp.Indexed), key=lambda s: (str(s.base), lag(s))))
 
 
 def lags(expr: Any, base: sp.IndexedBase) -> list[int]:

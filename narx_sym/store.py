@@ -1,4 +1,7 @@
-"""Model files: JSON in a versioned schema. Terms are text in the grammar of `parsing`; nothing is evaluated."""
+"""Model files: JSON in a versioned schema. Equations are text in the grammar of `parsing`; nothing is evaluated.
+
+The equations of added effects stand in the file, as states: it is read without the catalogue that they came from.
+"""
 
 from __future__ import annotations
 
@@ -7,26 +10,34 @@ import math
 from pathlib import Path
 from typing import Any
 
-from sympy import Eq, Indexed
+from sympy import Eq, Indexed, Symbol, expand, true
 
 from .analysis import continuum_conditions
 from .errors import ModelError, NarxError
 from .files import write_text
 from .model import NARX, Model
-from .parsing import parse
+from .parsing import FUNCTIONS, SIGNALS, parse
 from .printing import text
-from .signals import u, y
+from .recursion import State
+from .signals import k, lag, samples, signal, u, x, y
 
-SCHEMA, MAX_BYTES = 1, 2_000_000
+SCHEMA, MAX_BYTES, MAX_STATES, MAX_NAME = 1, 2_000_000, 200, 100
 FIELDS = {
     "schema", "kind", "terms", "F", "symbols", "theta", "std", "input", "output", "lead", "operating_point", "Ts",
-    "constraints", "channels", "info",
+    "constraints", "channels", "states", "info",
 }  # fmt: skip
+STATE_FIELDS = {"state", "update", "initial", "group"}
+EFFECT_FIELDS = {"effect", "form", "where", "driver", "coefficients", "shape", "fixed"}
+# `x` and `v` are names of states: the core's output and the input that it sees.
+RESERVED = {*SIGNALS, *FUNCTIONS, "k", "t", "r", "m", "pi", "prediction"}
 
 
 def to_dict(model: Model) -> dict[str, Any]:
     """Return the model as plain data."""
     linear = isinstance(model, NARX)
+    names = {"parameter": list(map(str, model.symbols)), "channel": list(model.channels)}
+    for what, listed in (names | {"state": [str(s.left.base.label) for s in model.states]}).items():
+        _check_names(listed, what, set())
     return {
         "schema": SCHEMA,
         "kind": "narx" if linear else "equation",
@@ -39,8 +50,11 @@ def to_dict(model: Model) -> dict[str, Any]:
         "symbols": [str(s) for s in model.symbols],
         "theta": None if model.theta is None else model.theta.tolist(),
         "std": None if model.std is None else [s if math.isfinite(s) else None for s in model.std],
-        "constraints": [c if isinstance(c, str) else text(c.lhs - c.rhs) for c in model.constraints],
+        "constraints": [
+            c if isinstance(c, str) else text(expand(c.lhs - c.rhs)) for c in model.constraints if c != true
+        ],
         "channels": list(model.channels),
+        **({"states": [_state_to_dict(s) for s in model.states]} if model.states else {}),
         "info": model.info,
     }
 
@@ -86,6 +100,11 @@ def from_dict(data: Any) -> Model:
         raise ModelError(f"unknown field {unknown[0][:40]!r}; a newer version may have written this file.")
     channels = _texts(data, "channels")
     symbols = _texts(data, "symbols")
+    kind = data.get("kind")
+    terms = _texts(data, "terms") if kind == "narx" else []
+    parameters = [f"theta_{i}" for i in range(1, len(terms) + 1)] if kind == "narx" else symbols
+    states = _states(data, channels, parameters)
+    signals = [*channels, "t", *(str(s.left.base.label) for s in states)]
     bases = {"u": u, "y": y}
     if [data.get("input"), data.get("output")] not in (["u", "y"], ["y", "u"]):
         raise ModelError("'input' and 'output' must be 'u' and 'y', or 'y' and 'u'.")
@@ -104,21 +123,22 @@ def from_dict(data: Any) -> Model:
         "operating_point": {bases[n]: _numbers([v], "operating_point")[0] for n, v in point.items()},
         "lead": lead,
         "Ts": None if data.get("Ts") is None else _numbers([data["Ts"]], "Ts")[0],
+        "states": states,
     }
     model: Model
-    if data.get("kind") == "narx":
-        terms = [parse(t, signals=channels) for t in _texts(data, "terms")]
-        model = NARX(terms, theta, **options)
+    if kind == "narx":
+        model = NARX([parse(term, signals=signals) for term in terms], theta, **options)
         if symbols and symbols != [str(s) for s in model.symbols]:
             raise ModelError("'symbols' do not belong to 'terms': theta_1 ... theta_n, one per term.")
-    elif data.get("kind") == "equation":
+    elif kind == "equation":
         if not isinstance(data.get("F"), str):
             raise ModelError("'F' must be a text.")
-        expr = parse(data["F"], signals=channels, symbols=symbols)
-        names = {s.name: s for s in expr.free_symbols if hasattr(s, "name")}
+        expr = parse(data["F"], signals=signals, symbols=symbols)
+        free = expr.free_symbols.union(*(s.right.free_symbols for s in states))
+        names = {s.name: s for s in free if isinstance(s, Symbol) and s.name in symbols}
         missing = [n for n in symbols if n not in names]
         if missing:
-            raise ModelError(f"the parameter {missing[0]!r} does not appear in 'F'.")
+            raise ModelError(f"the parameter {missing[0][:40]!r} does not appear in 'F'{' or a state' * bool(states)}.")
         model = Model(expr, [names[n] for n in symbols], theta, **options)
     else:
         raise ModelError(f"'kind' must be 'narx' or 'equation', not {str(data.get('kind'))[:40]!r}.")
@@ -132,6 +152,7 @@ def from_dict(data: Any) -> Model:
     unused = set(channels) - set(model.channels)
     if unused:
         raise ModelError(f"the channel {sorted(unused)[0][:40]!r} appears in no term.")
+    _check_states(model)
     _check_constraints(model)
     std = data.get("std")
     if std is not None:
@@ -140,7 +161,7 @@ def from_dict(data: Any) -> Model:
         if len(model.std) != len(model.symbols) or any(s < 0 for s in model.std):
             raise ModelError("'std' must have one number per parameter, none negative.")
     info = data.get("info", {})
-    model.info = _checked_info(info)
+    model.info = _checked_info(info, [str(s) for s in model.symbols])
     return model
 
 
@@ -153,6 +174,62 @@ def _check_constraints(model: Model) -> None:
             raise ModelError("'constraints' speak of the parameters only.")
         if model.values and abs(float(gap)) > 1e-6 * (1 + max(abs(v) for v in model.values.values())):
             raise ModelError(f"theta does not meet the constraint {equation.lhs} = {equation.rhs}.")
+
+
+def _state_to_dict(state: State) -> dict[str, str]:
+    return {
+        "state": str(state.left.base.label), "update": text(state.right), "initial": text(state.initial),
+        "group": state.group,
+    }  # fmt: skip
+
+
+def _states(data: dict[str, Any], channels: list[str], symbols: list[str]) -> tuple[State, ...]:
+    """Read the states in order; whether each has what it needs is checked by the recursion."""
+    listed = data.get("states", [])
+    if not isinstance(listed, list) or len(listed) > MAX_STATES:
+        raise ModelError(f"'states' must be a list of at most {MAX_STATES} entries.")
+    for one in listed:
+        if not isinstance(one, dict) or not all(isinstance(v, str) for v in one.values()):
+            raise ModelError("each of 'states' must be an object of texts.")
+        wrong = sorted(set(one) ^ STATE_FIELDS)
+        if wrong and (wrong != ["group"] or "group" in one):
+            raise ModelError(f"a state has the fields state, update, initial and group; look at {wrong[0][:40]!r}.")
+        if len(one.get("group", "")) > MAX_NAME:
+            raise ModelError(f"the group of a state has more than {MAX_NAME} characters.")
+    names = [one["state"] for one in listed]
+    if names:
+        _check_names(symbols, "parameter", set())
+        _check_names(names, "state", {*symbols, *channels})
+    signals = [*channels, "t", *names]
+    return tuple(
+        State(
+            signal(one["state"])[k], parse(one["update"], signals=signals, symbols=symbols),
+            parse(one["initial"], signals=[*channels, "t"]), one.get("group", ""),
+        )
+        for one in listed
+    )  # fmt: skip
+
+
+def _check_names(names: list[str], what: str, taken: set[str]) -> None:
+    """Refuse names that the grammar cannot read back, or that mean something else."""
+    for name in names:
+        if not (name.isascii() and name.isidentifier()) or len(name) > MAX_NAME:
+            raise ModelError(f"the {what} {name[:40]!r} needs a plain name: letters, digits and underscores.")
+        if what == "state" and name in RESERVED:
+            raise ModelError(f"the state {name!r} has a name that means something else.")
+        if name in taken or names.count(name) > 1:
+            raise ModelError(f"the name {name!r} of a {what} appears twice.")
+
+
+def _check_states(model: Model) -> None:
+    """Refuse states that cannot start, and an `x` that the output is not made of."""
+    known = {model.input, model.output, *(b for b in model.recursion.inputs)}
+    for state in model.states:
+        for s in samples(state.initial):
+            if s.base not in known or lag(s) < 0:
+                raise ModelError(f"the initial value of {state.left} may contain measured signals up to now, not {s}.")
+    if model.inner == x and not samples(model.F, x):
+        raise ModelError("there is a state 'x', what effects at the output add to, but the output does not contain it.")
 
 
 def _equation(source: str, symbols: list[str]) -> Any:
@@ -175,7 +252,7 @@ def _numbers(values: Any, name: str, finite: bool = True) -> list[float]:
     return [float(v) for v in values]
 
 
-def _checked_info(info: Any) -> dict[str, Any]:
+def _checked_info(info: Any, symbols: list[str]) -> dict[str, Any]:
     if not isinstance(info, dict):
         raise ModelError("'info' must be an object.")
     if "line" in info and len(_numbers(info["line"], "info.line")) != 2:
@@ -185,4 +262,18 @@ def _checked_info(info: Any) -> dict[str, Any]:
         len(pair := _numbers(v, "info.ranges")) == 2 and pair[0] < pair[1] for v in ranges.values()
     ):
         raise ModelError("'info.ranges' must give two increasing numbers for each signal.")
+    effects = info.get("effects", [])
+    if not isinstance(effects, list) or len(effects) > MAX_STATES:
+        raise ModelError(f"'info.effects' must be a list of at most {MAX_STATES} entries.")
+    for one in effects:
+        if not isinstance(one, dict) or not {"effect", "coefficients"} <= set(one) <= EFFECT_FIELDS:
+            raise ModelError(f"each of 'info.effects' is an object with the fields {', '.join(sorted(EFFECT_FIELDS))}.")
+        if not all(isinstance(one.get(n, ""), str) for n in ("effect", "form", "where", "driver")):
+            raise ModelError("'info.effects' must name effect, form, where and driver by texts.")
+        unknown = [s for s in (*_texts(one, "coefficients"), *_texts(one, "shape")) if s not in symbols]
+        if unknown:
+            raise ModelError(f"'info.effects' speaks of {unknown[0][:40]!r}, which is no parameter.")
+        if not isinstance(one.get("fixed", {}), dict):
+            raise ModelError("'info.effects': 'fixed' must be an object.")
+        _numbers(list(one.get("fixed", {}).values()), "info.effects.fixed")
     return info

@@ -38,6 +38,7 @@ TIME = Scan("time", (0.0, 0.2, 0.4, 0.6, 0.8, 1.0))
 GAIN = Scan("gain", (0.7, 1.0, 1.3, 1.6, 2.0, 3.0))
 PEAKS = Scan("peaks", (0, 1, 2))
 STEPS = Scan("steps", (1, 2, 3, 5, 8))
+SCANS = {s.of: s for s in (AMPLITUDE, SPEED, TIME, GAIN, PEAKS, STEPS)}  # the usual ones
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,7 @@ def effect(
         return (x,) if isinstance(x, str) else tuple(x)
 
     places = {p: listed(d) for p, d in where.items()} if isinstance(where, dict) else {}
-    places = places or {p: listed(driver) for p in listed(where)}  # type: ignore[arg-type]
+    places = places or {p: listed(driver) for p in listed(where)}
 
     def decorate(function: Callable[..., Any]) -> Effect:
         name = id or function.__name__

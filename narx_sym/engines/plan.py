@@ -88,7 +88,7 @@ class Plan:
 
 def horner(expr: sp.Expr, x: sp.Symbol) -> tuple[sp.Expr, ...]:
     """Return the coefficients of a polynomial in x by differentiation (`Poly` would expand), or (expr,)."""
-    if any(f.has(x) for f in expr.atoms(sp.Function, sp.Piecewise)):
+    if any(f.has(x) for f in expr.atoms(sp.Function, sp.Piecewise, sp.Max, sp.Min)):
         return (expr,)
     if any((p.base.has(x) and not p.exp.is_nonnegative) or p.exp.has(x) for p in expr.atoms(sp.Pow)):
         return (expr,)
