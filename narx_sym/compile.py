@@ -46,6 +46,7 @@ class Compiled:
         start: int | None = None,
         on_divergence: str = "raise",
         out: Mapping[str, Array] | None = None,
+        output: Any = None,
     ) -> dict[str, Array]:
         """Run over N samples.
 
@@ -62,9 +63,10 @@ class Compiled:
             The first k that is computed, at least `recursion.depth` (the default).
         on_divergence : "raise" or "nan"
             What happens at the first value that is not finite: an error, or NaN from there on.
-
         out : mapping from the states' names to contiguous (N,) float arrays, optional
             Where the results go: fits that run the same recursion many times save the allocation.
+        output : a state or its name, optional
+            The state that an error speaks of; by default the first one that is not finite.
 
         Returns
         -------
@@ -106,7 +108,7 @@ class Compiled:
             reached = self._run([*states, *columns], theta, first, n)
             if reached < n:
                 if on_divergence == "raise":
-                    raise Diverged(self._explain(states, reached), reached, states[0])
+                    raise self._diverged(states, reached, output)
                 for state in states:
                     state[reached:] = np.nan
         return dict(zip(self._states, states, strict=True))
@@ -128,12 +130,16 @@ class Compiled:
             states.append(state)
         return states
 
-    def _explain(self, states: list[Array], at: int) -> str:
-        name = self.recursion.states[0].label
-        shown = ", ".join(f"{v:.3g}" for v in states[0][max(0, at - 3) : at])
-        return (
-            f"The simulation of {name!s} diverges: sample {at} is not finite (before it: {shown}). "
-            "Likely causes: an unstable model, an input far outside the identified range, or wrong initial values."
+    def _diverged(self, states: list[Array], at: int, output: Any) -> Diverged:
+        """Say where a run leaves the finite numbers: of the output, or else of the state that does so first."""
+        bad = (i for i, x in enumerate(states) if not np.isfinite(x[at]))
+        shown = next(bad, -1) if output is None else self._states.index(str(getattr(output, "label", output)))
+        before = ", ".join(f"{v:.3g}" for v in states[shown][max(0, at - 3) : at])
+        return Diverged(
+            f"The simulation of {self._states[shown]} diverges: sample {at} is not finite (before it: {before}). "
+            "Likely causes: an unstable model, an input far outside the identified range, or wrong initial values.",
+            at,
+            states[shown],
         )
 
 
@@ -174,7 +180,13 @@ def to_casadi(recursion: Recursion) -> Any:
     return step(Plan.of(recursion))[0]
 
 
-def to_c(recursion: Recursion, values: Mapping[Any, float], name: str = "narx", single: bool = False) -> str:
+def to_c(
+    recursion: Recursion,
+    values: Mapping[Any, float],
+    name: str = "narx",
+    single: bool = False,
+    output: Any = None,
+) -> str:
     """Return C99 source of a recursion: state in a struct, init and step, no heap, and a self-test.
 
     Parameters
@@ -184,14 +196,21 @@ def to_c(recursion: Recursion, values: Mapping[Any, float], name: str = "narx", 
         Prefix of the type and the functions.
     single : bool
         float instead of double.
+    output : IndexedBase or its name, optional
+        The state that a step returns; the last by default. (Sensitivities stand behind a model's output: name it.)
 
     Raises
     ------
     ModelError
-        For a name that is no C identifier, a missing value, or a function that C99 does not have.
+        For a name that is no C identifier, a missing value, a function that C99 does not have, or an output that the
+        recursion does not compute.
     """
     from .engines.c import CHECKED, source
 
+    wanted = str(getattr(output, "label", recursion.states[-1].label if output is None else output))
+    returned = next((base for base in recursion.states if str(base.label) == wanted), None)
+    if returned is None:
+        raise ModelError(f"The recursion does not compute {wanted}; it has {', '.join(map(str, recursion.states))}.")
     compiled = compile(recursion, "python")
     depth, lead = recursion.depth, recursion.lead
     wave = np.sin(np.arange(CHECKED + depth + lead) / 3) + 0.1 * np.arange(CHECKED + depth + lead) / CHECKED
@@ -200,16 +219,16 @@ def to_c(recursion: Recursion, values: Mapping[Any, float], name: str = "narx", 
     states = {str(b.label): 0.5 for b in recursion.states}
     theta = [values[p] for p in recursion.parameters]
     run = compiled(given, theta, states, length=wave.size, on_divergence="nan")
-    expected = run[str(recursion.states[0].label)][depth : depth + CHECKED]
+    expected = run[wanted][depth : depth + CHECKED]
     if not np.all(np.isfinite(expected)):
-        return source(recursion, values, name, single)
+        return source(recursion, values, name, single, output=returned)
     # What a step takes: the newest sample of each input that the equation reads.
     newest = {
         str(b.label): min(lag(s) for _, right in recursion.updates for s in samples(right, b)) for b in recursion.inputs
     }
     fed = {n: wave[depth - i : depth - i + CHECKED] for n, i in newest.items()}
     rest = {**dict.fromkeys(given, float(wave[depth])), **states}
-    return source(recursion, values, name, single, (fed, expected, rest))
+    return source(recursion, values, name, single, (fed, expected, rest), returned)
 
 
 def lambdify(expressions: Sequence[Any], arguments: Sequence[Any]) -> Any:

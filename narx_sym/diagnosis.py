@@ -292,7 +292,7 @@ def remainder(fitted: Fitted, scored: Scored) -> float:
     held = np.concatenate([m[scored.whole.depth :] for m in split.held])
     residual = scored.line.residual
     lines = [d.columns for d in scored.directions if d.line]
-    noise = gate.whitened(residual, scored.line.own, matrix, scored.whole.edges, scored.rows, lines)[0]
+    noise = gate.whitened(residual, scored.line.own, matrix, scored.whole.edges, scored.rows, lines)[1]
     before, after = float(np.mean(residual[held] ** 2)), float(np.mean(noise[held] ** 2))
     return min(before, after)
 
@@ -341,6 +341,7 @@ def step(
     report: Callable[[str], Any] = lambda what: None,
 ) -> Step:
     """Run one round of the procedure at a fitted base."""
+    split = base.split
     report("deriving the directions of all effects")
     scored = score(base, channels, catalogue, seed)
     scores = scored.scores
@@ -354,6 +355,12 @@ def step(
         made.verdict = "outside_library"
         return made
     best = candidates[0]
+    added = best.fitted.problem.free - base.problem.free
+    counted = [m & (np.arange(m.size) >= scored.whole.depth) for m in split.train]
+    chance = gate.by_surrogates(scores, base.error(counted), best.fitted.error(counted), max(1, added), seed)
+    made.p_value = max(made.p_value, chance)
+    if chance > gate.LEVEL:
+        return made
     report("estimating the noise floor")
     rescored = score(best.fitted, channels, catalogue, seed)
     floor = min(remainder(best.fitted, rescored), remainder(base, scored), best.mean_square)
@@ -361,7 +368,8 @@ def step(
     shares(base, candidates, floor, seed)
     made.candidates = sorted(candidates, key=lambda c: (c.effect not in confusion_set(candidates), c.mean_square))
     best = made.candidates[0]
-    if best.interval[0] <= 0:
+    # The sealed samples are opened here, once: what is real helps at the end of the record too.
+    if best.interval[0] <= 0 or best.fitted.mean_square(split.test) > base.mean_square(split.test):
         made.candidates = []
         return made
     made.confusion_set = confusion_set(candidates)

@@ -29,7 +29,7 @@ class Diverged(NarxError):  # noqa: N818
     at : int
         The first bad sample.
     trajectory : (N,) array or None
-        The first state; valid before `at`.
+        The output of a model, else the state that is not finite first; valid before `at`.
     """
 
     def __init__(self, message: str, at: int = -1, trajectory: object = None):

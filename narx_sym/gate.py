@@ -20,6 +20,7 @@ from scipy.stats import chi2
 Array = np.ndarray
 DRAWS, SURROGATES, LEVEL = 999, 199, 0.05
 LONGEST = 120  # lags of the noise model at most
+TRIALS = 6
 MOST, CLEAR = 12, 18.0  # columns that the noise is freed of at most, and the gain (in variances) of each at least
 TINY = 1e-7  # share of a column's energy below which nothing but rounding is left
 
@@ -44,6 +45,8 @@ class Scores:
         The log p-value below which 5 % of the records without any effect fall.
     detectable : (groups,) array
         rms of the smallest contribution that would be seen [unit of y].
+    filter, variance : the noise model
+    basis, owner : orthonormal whitened directions without what a refit absorbs, and the group of each
     """
 
     share: Array
@@ -53,6 +56,10 @@ class Scores:
     p_value: float
     critical: float
     detectable: Array
+    filter: Array
+    variance: float
+    basis: Array
+    owner: Array
 
     def corrected(self, group: int) -> float:
         """Return the p-value of one group after correction for all of them."""
@@ -101,8 +108,8 @@ def explain(own: Array, directions: Array, residual: Array, variance: float | No
     return e, np.array(picked, dtype=int)
 
 
-def autoregression(noise: Sequence[Array], longest: int = LONGEST) -> Array:
-    """Return [1, a_1, ..., a_p] that whitens a noise: Burg's method over all pieces, the order by AIC.
+def autoregression(noise: Sequence[Array], longest: int = LONGEST) -> tuple[Array, float]:
+    """Return [1, a_1, ..., a_p] that whitens a noise, and its AIC: Burg's method over all pieces.
 
     A slow wander under white noise needs many lags; white noise takes none.
     """
@@ -126,7 +133,7 @@ def autoregression(noise: Sequence[Array], longest: int = LONGEST) -> Array:
         criterion = np.log(max(power, 1e-300)) + 2 * order / count
         if criterion < best:
             best, chosen = criterion, a
-    return np.asarray(chosen)
+    return np.asarray(chosen), float(best * count)
 
 
 def whiten(columns: Array, a: Array, edges: Array) -> Array:
@@ -140,11 +147,12 @@ def whiten(columns: Array, a: Array, edges: Array) -> Array:
 
 def whitened(
     residual: Array, own: Array, directions: Array, edges: Array, rows: Array, lines: Sequence[slice] = ()
-) -> tuple[Array, Array, Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
     """Estimate the noise and filter by it, in turns.
 
     Returns
     -------
+    a : the whitening filter
     noise : (N,) array, what remains of the residual without the columns that clearly explain it
     e, P, D : whitened residual, own and further directions on the rows that count
     picked : which columns were taken out
@@ -152,11 +160,10 @@ def whitened(
     """
     always = [np.arange(s.start, s.stop) for s in lines]
     first = np.unique(np.concatenate(always)).astype(int) if always else np.zeros(0, dtype=int)
-    # What is missing is in here at first: it makes the noise look slower than it is, and is then taken out.
-    used = np.column_stack([own, directions[:, first]])
-    noise = residual - used @ lstsq(used[rows], residual[rows])[0]
-    for _ in range(3):  # the noise model and what it is estimated from improve each other
-        a = autoregression([noise[b:e] for b, e in itertools.pairwise(edges)])
+    first, noise, a = _dominant(residual, own, directions, edges, rows, first)
+    for turn in range(3):  # the noise model and what it is estimated from improve each other
+        if turn:
+            a = autoregression([noise[b:e] for b, e in itertools.pairwise(edges)])[0]
         white = whiten(np.column_stack([residual, own, directions]), a, edges)[rows]
         e, P, D = white[:, 0], white[:, 1 : own.shape[1] + 1], white[:, own.shape[1] + 1 :]
         _, more = explain(np.column_stack([P, D[:, first]]), D, e)
@@ -165,7 +172,32 @@ def whitened(
         solution = lstsq(chosen, e)[0]
         remaining = e - chosen @ solution
         noise = residual - np.column_stack([own, directions[:, picked]]) @ solution
-    return noise, e, P, D, picked, remaining
+    return a, noise, e, P, D, picked, remaining
+
+
+def _dominant(
+    residual: Array, own: Array, directions: Array, edges: Array, rows: Array, first: Array
+) -> tuple[Array, Array, Array]:
+    """Take out the one column without which the noise looks much slower than it is (AIC), if there is one.
+
+    An autoregressive model takes a strong drift for noise, and then nothing is left to be seen.
+    """
+    Q = orthonormal(own[rows])
+    e = residual[rows] - Q @ (Q.T @ residual[rows])
+    D = directions[rows] - Q @ (Q.T @ directions[rows])
+    size = np.einsum("ij,ij->j", D, D)
+    usable = size > 1e-6 * np.einsum("ij,ij->j", directions[rows], directions[rows])
+    share = np.where(usable, (D.T @ e) ** 2 / np.where(usable, size, 1.0), 0.0)
+    trials = [first, *(np.append(first, j) for j in np.argsort(-share, kind="stable")[:TRIALS] if j not in first)]
+    found = []
+    for trial in trials:
+        used = np.column_stack([own, directions[:, trial]])
+        noise = residual - used @ lstsq(used[rows], residual[rows])[0]
+        a, criterion = autoregression([noise[b:e] for b, e in itertools.pairwise(edges)])
+        found.append((criterion, trial, noise, a))
+    best = min(found, key=lambda f: f[0])
+    criterion, trial, noise, a = best if best[0] < found[0][0] - CLEAR else found[0]
+    return trial.astype(int), noise, a
 
 
 def score(
@@ -195,7 +227,7 @@ def score(
     lines : slices of the columns that are sharp spectral lines
         An autoregressive model would take them for noise.
     """
-    _, e, P, D, picked, remaining = whitened(residual, own, directions, edges, rows, lines)
+    a, _, e, P, D, picked, remaining = whitened(residual, own, directions, edges, rows, lines)
     variance = float(remaining @ remaining) / max(1, e.size - P.shape[1] - picked.size)
     Q = orthonormal(P)
     e = e - Q @ (Q.T @ e)
@@ -212,28 +244,27 @@ def score(
     bases, owners, freedoms = [], [], np.zeros(count, dtype=int)
     total = float(level_e @ level_e) or 1.0
     for i, columns in enumerate(groups):
-        basis = orthonormal(D[:, columns], energy[columns])
+        group = orthonormal(D[:, columns], energy[columns])
         level = orthonormal(level_D[:, columns], level_energy[columns])
         share[i] = float(np.sum((level.T @ level_e) ** 2)) / total
-        gain[i] = float(np.sum((basis.T @ e) ** 2)) / variance
-        freedoms[i] = basis.shape[1]
+        gain[i] = float(np.sum((group.T @ e) ** 2)) / variance
+        freedoms[i] = group.shape[1]
         left_over = np.einsum("ij,ij->", level_D[:, columns], level_D[:, columns])
         absorbed[i] = 1 - left_over / (level_energy[columns].sum() or 1.0)
-        log_p[i] = chi2.logsf(gain[i], basis.shape[1]) + np.log(searched[i]) if basis.shape[1] else 0.0
-        bases.append(basis)
-        owners.append(np.full(basis.shape[1], i))
+        log_p[i] = chi2.logsf(gain[i], freedoms[i]) + np.log(searched[i]) if freedoms[i] else 0.0
+        bases.append(group)
+        owners.append(np.full(freedoms[i], i))
     log_p = np.minimum(log_p, 0.0)
-    lowest = _null(np.column_stack(bases), np.concatenate(owners), freedoms, searched, seed)
+    basis, owner = np.column_stack(bases), np.concatenate(owners)
+    lowest = _null(basis, owner, freedoms, searched, seed)
     best = float(log_p.min())
     p_value = (1 + int(np.sum(lowest <= best))) / (DRAWS + 1)
-    if p_value <= LEVEL:
-        p_value = max(p_value, _by_surrogates(e, bases, int(np.argmin(log_p)), log_p, freedoms, variance, searched, seed))
     critical = float(np.quantile(lowest, LEVEL))
     for i, columns in enumerate(groups):
         detectable[i] = _detectable(
             D[:, columns], level_D[:, columns], variance, critical - np.log(searched[i]), freedoms[i]
         )
-    return Scores(share, gain, log_p, absorbed, p_value, critical, detectable)
+    return Scores(share, gain, log_p, absorbed, p_value, critical, detectable, a, variance, basis, owner)
 
 
 def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float], seed: int) -> Array:
@@ -253,29 +284,33 @@ def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float]
     return lowest
 
 
-def _by_surrogates(
-    e: Array, bases: Sequence[Array], group: int, log_p: Array, freedoms: Array, variance: float,
-    searched: Sequence[float], seed: int,
-) -> float:  # fmt: skip
-    """Return the p-value of the best group against surrogates of what it leaves (Theiler et al. 1992).
+def by_surrogates(scores: Scores, before: Array, after: Array, freedom: int, seed: int) -> float:
+    """Return the p-value of an improvement against surrogates of what it leaves (Theiler et al. 1992).
 
     The noise model may miss a slow wander. Signals with the spectrum of the remaining residual and random phases show
-    how much of that any direction picks up by chance.
+    how much of that the directions pick up by chance.
+
+    Parameters
+    ----------
+    before, after : (rows,) arrays
+        Residuals on the rows that count, without and with the effect.
+    freedom : int
+        Parameters that the effect brought.
     """
-    own = bases[group]
-    left = e - own @ (own.T @ e)
+    white = [whiten(x[:, None], scores.filter, np.array([0, x.size]))[:, 0] for x in (before, after)]
+    gain = max(0.0, float(white[0] @ white[0] - white[1] @ white[1])) / scores.variance
+    found = chi2.logsf(gain, freedom)
     rng = np.random.default_rng([seed, 1])
-    size = np.abs(np.fft.rfft(left))
+    size = np.abs(np.fft.rfft(white[1]))
     phases = np.exp(2j * np.pi * rng.uniform(size=(SURROGATES, size.size)))
-    drawn = np.fft.irfft(size * phases, left.size, axis=1)
-    wide = np.flatnonzero((np.asarray(searched) == 1.0) & (freedoms > 0))
+    drawn = np.fft.irfft(size * phases, after.size, axis=1)
+    energy = (drawn @ scores.basis) ** 2
     lowest = np.zeros(SURROGATES)
-    for f in np.unique(freedoms[wide]):
-        of = [i for i in wide if freedoms[i] == f]
-        energy = (drawn @ np.column_stack([bases[i] for i in of])) ** 2
-        gains = energy.reshape(SURROGATES, len(of), f).sum(axis=2).max(axis=1) / variance
-        lowest = np.minimum(lowest, chi2.logsf(gains, f))
-    return float((1 + np.sum(lowest <= log_p[group])) / (SURROGATES + 1))
+    for group in np.unique(scores.owner):
+        own = scores.owner == group
+        gains = energy[:, own].sum(axis=1) / scores.variance
+        lowest = np.minimum(lowest, chi2.logsf(gains, int(own.sum())))
+    return float((1 + np.sum(lowest <= found)) / (SURROGATES + 1))
 
 
 def _detectable(D: Array, level: Array, variance: float, log_p: float, freedom: int) -> float:

@@ -95,7 +95,7 @@ class Compensator:
         """Return the law as C99 source; see `narx_sym.compile.to_c`."""
         from .compile import to_c
 
-        return to_c(self.recursion, self.model.values, name, single)
+        return to_c(self.recursion, self.model.values, name, single, m)
 
     def latex(self, numbers: bool = False) -> str:
         """LaTeX of the law, grouped as in the paper: one bracket over the coefficient of the newest input."""

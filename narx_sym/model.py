@@ -277,7 +277,7 @@ class Model:
         """Return the free run as C99 source; see `narx_sym.compile.to_c`."""
         from .compile import to_c
 
-        return to_c(self.recursion, self.values, name, single)
+        return to_c(self.recursion, self.values, name, single, self.output)
 
     # -- printing ----------------------------------------------------------------------------------------------
 

@@ -20,7 +20,7 @@ from .model import Model
 from .simulation import segments
 
 Array = np.ndarray
-BLOCKS, SEALED, EVERY = 24, 2, 4
+BLOCKS, SEALED, EVERY = 24, 3, 4
 STEPS, TOLERANCE = 40, 1e-7
 SLACK = 1.01
 

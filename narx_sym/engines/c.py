@@ -15,6 +15,18 @@ from ..recursion import Recursion
 from .plan import Plan
 
 CHECKED = 24  # samples of the self-test
+PAST = "past"  # the pointer to the state
+# Words of C, of its mathematics, and of the source itself: signals of these names get an underscore behind them.
+WORDS = set(
+    """auto break case char const continue default do double else enum extern float for goto if inline int long
+    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs fdim floor fma fmax
+    fmin fmod fpclassify frexp hypot ilogb isfinite isgreater isgreaterequal isinf isless islessequal islessgreater
+    isnan isnormal isunordered ldexp lgamma llrint llround log log10 log1p log2 logb lrint lround math_errhandling modf
+    nan nearbyint nextafter nexttoward pow remainder remquo rint round scalbln scalbn signbit sin sinh sqrt tan tanh
+    tgamma trunc HUGE_VAL INFINITY NAN
+    main printf none expected sample worst got gap good""".split()
+) | {PAST}
 
 
 class _Printer(C99CodePrinter):
@@ -88,6 +100,7 @@ def source(
     name: str = "narx",
     single: bool = False,
     example: tuple[Mapping[str, Any], Any, Mapping[str, float]] | None = None,
+    output: Any = None,
 ) -> str:
     """Return one self-contained C99 file.
 
@@ -99,8 +112,10 @@ def source(
         Prefix of the type and the functions.
     single : bool
         float instead of double.
-    example : (inputs by name, expected first state, rest values by name), optional
+    example : (inputs by name, expected output, rest values by name), optional
         Samples for the self-test, compiled with -D<NAME>_SELF_TEST.
+    output : IndexedBase, optional
+        The state that a step returns; the last by default.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
         raise ModelError(f"{name!r} cannot be a C identifier.")
@@ -110,16 +125,17 @@ def source(
     if any(c.has(Plan.time) for c in plan.updates):
         raise ModelError("An equation with the time index itself cannot be exported.")
     printer, states = _Printer(single), range(len(plan.updates))
-    labels = [re.sub(r"\W", "_", str(base.label)) for base in plan.signals]
+    returned = len(plan.updates) - 1 if output is None else recursion.states.index(output)
+    labels = _labels(plan, name)
     oldest = {s: max([i for j, i in plan.sample if j == s]) for s in range(len(plan.signals))}
     ahead = {s: min([i for j, i in plan.sample if j == s]) for s in range(len(plan.signals)) if s not in states}
-    # Every state but the first, which is returned, can be read from the struct.
-    depth = {s: max(oldest[s], int(s > 0)) if s in states else oldest[s] - ahead[s] for s in oldest}
+    # Every state but the one that is returned can be read from the struct.
+    depth = {s: max(oldest[s], int(s != returned)) if s in states else oldest[s] - ahead[s] for s in oldest}
     held = [s for s in range(len(plan.signals)) if depth[s] > 0]
 
     def sample(s: int, i: int) -> str:
         back = i if s in states else i - ahead[s]
-        return f"x->{labels[s]}[{back - 1}]" if back else labels[s]
+        return f"{PAST}->{labels[s]}[{back - 1}]" if back else labels[s]
 
     real, upper = f"{name}_real", name.upper()
     inputs = [s for s in range(len(plan.signals)) if s not in states]
@@ -141,8 +157,8 @@ def source(
             shown = f"{printer.doprint(c)} + ({shown})*{plan.sample[s, 1].name}"
         body.append(f"const {real} {plan.sample[s, 0].name} = {shown};")
     for s in held:
-        body += [f"x->{labels[s]}[{i}] = x->{labels[s]}[{i - 1}];" for i in range(depth[s] - 1, 0, -1)]
-        body.append(f"x->{labels[s]}[0] = {plan.sample[s, 0].name if s in states else labels[s]};")
+        body += [f"{PAST}->{labels[s]}[{i}] = {PAST}->{labels[s]}[{i - 1}];" for i in range(depth[s] - 1, 0, -1)]
+        body.append(f"{PAST}->{labels[s]}[0] = {plan.sample[s, 0].name if s in states else labels[s]};")
     equations = [f"{text(left)} = {text(right)}" for left, right in recursion.subs(dict(values)).updates]
     when = ", ".join(f"{labels[s]}[k{-ahead[s]:+d}]" if ahead[s] else f"{labels[s]}[k]" for s in inputs)
     lines = [
@@ -150,7 +166,7 @@ def source(
         *(f" * {part}" for e in equations for part in _wrapped(e)),
         " *",
         f" * {name}_init fills the past with rest values; {name}_step takes {when or 'nothing'}",
-        f" * and returns {labels[0]}[k]; further states are in the struct, newest first.",
+        f" * and returns {labels[returned]}[k]; further states are in the struct, newest first.",
         " * No heap, no static data. C99; link with -lm.",
         f" * Self-test: cc -std=c99 -D{upper}_SELF_TEST file.c -lm && ./a.out",
         " */",
@@ -163,25 +179,41 @@ def source(
         *([] if held else ["    char none;"]),
         f"}} {name}_state;",
         "",
-        f"void {name}_init({name}_state *x{rest});",
-        f"{real} {name}_step({name}_state *x{arguments});",
+        f"void {name}_init({name}_state *{PAST}{rest});",
+        f"{real} {name}_step({name}_state *{PAST}{arguments});",
         "",
-        f"void {name}_init({name}_state *x{rest})",
+        f"void {name}_init({name}_state *{PAST}{rest})",
         "{",
-        *(f"    x->{labels[s]}[{i}] = {labels[s]};" for s in held for i in range(depth[s])),
-        *([] if held else ["    x->none = 0;"]),
+        *(f"    {PAST}->{labels[s]}[{i}] = {labels[s]};" for s in held for i in range(depth[s])),
+        *([] if held else [f"    {PAST}->none = 0;"]),
         "}",
         "",
-        f"{real} {name}_step({name}_state *x{arguments})",
+        f"{real} {name}_step({name}_state *{PAST}{arguments})",
         "{",
-        *([] if held else ["    (void)x;"]),
+        *([] if held else [f"    (void){PAST};"]),
         *(f"    {line}" for line in body),
-        f"    return {plan.sample[0, 0].name};",
+        f"    return {plan.sample[returned, 0].name};",
         "}",
     ]
     if example is not None:
-        lines += _self_test(name, real, [labels[s] for s in inputs], [labels[s] for s in held], example, printer)
+        plain = {label: str(base.label) for label, base in zip(labels, plan.signals, strict=True)}
+        read, rested = ({labels[s]: plain[labels[s]] for s in listed} for listed in (inputs, held))
+        lines += _self_test(name, real, read, rested, example, printer)
     return "\n".join(lines) + "\n"
+
+
+def _labels(plan: Plan, name: str) -> list[str]:
+    """Return a C identifier for each signal that means nothing else in the source."""
+    taken = WORDS | {name, *(f"{name}_{part}" for part in ("real", "state", "init", "step"))}
+    taken |= {symbol.name for symbol in (*plan.sample.values(), *(symbol for symbol, _ in plan.shared[0]))}
+    labels = []
+    for base in plan.signals:
+        label = re.sub(r"\W|^(?=\d)", "_", str(base.label), flags=re.ASCII)
+        while label in taken:
+            label += "_"
+        taken.add(label)
+        labels.append(label)
+    return labels
 
 
 def _wrapped(equation: str, width: int = 100) -> list[str]:
@@ -192,8 +224,14 @@ def _wrapped(equation: str, width: int = 100) -> list[str]:
 
 
 def _self_test(
-    name: str, real: str, inputs: list[str], held: list[str], example: tuple[Any, ...], printer: _Printer
+    name: str,
+    real: str,
+    inputs: Mapping[str, str],
+    held: Mapping[str, str],
+    example: tuple[Any, ...],
+    printer: _Printer,
 ) -> list[str]:
+    """Return a main function; `inputs` and `held` give the signal behind each identifier."""
     given, expected, rest = example
     n = min(CHECKED, len(expected))
     number = lambda v: printer.doprint(sp.Float(float(v)))  # noqa: E731
@@ -204,15 +242,18 @@ def _self_test(
         "#include <stdio.h>",
         "int main(void)",
         "{",
-        *(f"    static const {real} {i}[{n}] = {{{', '.join(number(v) for v in given[i][:n])}}};" for i in inputs),
+        *(
+            f"    static const {real} {i}[{n}] = {{{', '.join(number(v) for v in given[of][:n])}}};"
+            for i, of in inputs.items()
+        ),
         f"    static const {real} expected[{n}] = {{{', '.join(number(v) for v in expected[:n])}}};",
-        f"    {name}_state x;",
-        "    int k;",
+        f"    {name}_state {PAST};",
+        "    int sample;",
         "    double worst = 0.0;",
-        f"    {name}_init(&x{''.join(', ' + number(rest[h]) for h in held)});",
-        f"    for (k = 0; k < {n}; k++) {{",
-        f"        const double got = (double){name}_step(&x{''.join(f', {i}[k]' for i in inputs)});",
-        "        const double gap = fabs(got - (double)expected[k]) / (1.0 + fabs((double)expected[k]));",
+        f"    {name}_init(&{PAST}{''.join(', ' + number(rest[of]) for of in held.values())});",
+        f"    for (sample = 0; sample < {n}; sample++) {{",
+        f"        const double got = (double){name}_step(&{PAST}{''.join(f', {i}[sample]' for i in inputs)});",
+        "        const double gap = fabs(got - (double)expected[sample]) / (1.0 + fabs((double)expected[sample]));",
         "        if (!(gap <= worst)) worst = gap;",
         "    }",
         f"    const int good = worst <= {tolerance};",
