@@ -15,7 +15,6 @@ __version__ = "0.1.0"
 _WHERE = {
     "signals": ("breve_phi1", "breve_phi2", "k", "m", "phi1", "phi2", "r", "shift", "signal", "u", "y"),
     "errors": ("DataError", "Diverged", "FitError", "ModelError", "NarxError", "NotInvertible", "ParseError"),
-    "recursion": ("Recursion",),
     "parsing": ("parse",),
     "printing": ("latex", "mathml", "text"),
     "model": ("NARX", "Model", "Pool", "pool"),
@@ -30,6 +29,11 @@ _WHERE = {
     "bootstrap": ("Bootstrap", "block_bootstrap"),
     "selection": ("select",),
     "identification": ("identify", "identify_inverse"),
+    "effects": ("EFFECTS", "Effect", "Form", "Scan", "effect", "load_effects"),
+    "recursion": ("Recursion", "State"),
+    "diagnosis": ("Candidate", "Diagnosis", "diagnose"),
+    "experiment": ("Experiment",),
+    "misfit": ("where_it_fails",),
     "store": ("load", "save"),
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}

@@ -5,149 +5,25 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
+from . import cli_diagnose
 from .errors import DataError, NarxError
-
-# Heavy modules are imported inside the commands: `narx-sym --help` answers at once.
-if TYPE_CHECKING:
-    from .data import Record
-    from .model import Model
+from .terminal import (
+    Channels, DataFiles, Input, ModelFile, Output, Rows, Time, Ts, Units, check_target, console, note, print_errors,
+    print_fails, print_model, records, save_figure, table, unit_names, working,
+)  # fmt: skip
 
 app = typer.Typer(
-    help="Hysteretic actuators as symbolic NARX models: identify, derive, compensate, compare.",
+    help="Hysteretic actuators as symbolic NARX models: identify, derive, compensate, compare, diagnose.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-DataFiles = Annotated[
-    list[Path], typer.Argument(metavar="DATA...", help="CSV (or .npz, .mat, .parquet) with a header.")
-]
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model file.")]
-Input = Annotated[str, typer.Option("--input", help="Column of the input.")]
-Output = Annotated[str, typer.Option("--output", help="Column of the output.")]
-Time = Annotated[str, typer.Option("--time", help="Column of the time [s].")]
-Ts = Annotated[float | None, typer.Option("--ts", help="Sampling time [s]; overrides the time column.")]
-Channels = Annotated[str, typer.Option("--channels", help="Further columns: names with commas, or all.")]
-Rows = Annotated[str | None, typer.Option("--rows", help="Data rows A:B, counted from 0.")]
-Units = Annotated[str, typer.Option("--units", help="Units of input and output for the pictures, as V,um.")]
-
-
-# -- helpers ---------------------------------------------------------------------------------------------------
-
-
-def console(stderr: bool = False) -> Any:
-    """Return a rich console; results go to stdout, progress and notes to stderr."""
-    from rich.console import Console
-
-    shown = Console(stderr=stderr, highlight=False, soft_wrap=True)
-    # In a pipe or a log nothing is cut off.
-    return shown if shown.is_terminal else Console(stderr=stderr, highlight=False, soft_wrap=True, width=140)
-
-
-@contextmanager
-def working(what: str) -> Any:
-    """Show on stderr that something longer is going on."""
-    shown = console(stderr=True)
-    if shown.is_terminal:
-        with shown.status(what):
-            yield
-    else:
-        print(f"{what} ...", file=sys.stderr, flush=True)
-        yield
-
-
-def note(message: str) -> None:
-    """Print a note on stderr."""
-    print(f"note: {message}", file=sys.stderr)
-
-
-def records(
-    files: list[Path], u: str, y: str, t: str, Ts: float | None, channels: str, rows: str | None
-) -> list[Record]:
-    """Read the data files and say what was changed in them."""
-    from .data import read
-
-    listed = []
-    for file in files:
-        record = read(file, u=u, y=y, t=t, Ts=Ts, rows=rows, channels=channels)
-        for text in record.notes:
-            note(f"{file.name}: {text}")
-        listed.append(record)
-    return listed
-
-
-def unit_names(units: str) -> dict[str, str]:
-    """Turn "V,um" into units of u and y."""
-    first, _, second = units.partition(",")
-    return {"u": first.strip(), "y": second.strip()}
-
-
-def save_figure(figure: Any, path: Path) -> None:
-    """Write a picture; the format follows the suffix. It appears whole or not at all."""
-    supported = set(figure.canvas.get_supported_filetypes())
-    suffix = path.suffix.lstrip(".").lower()
-    if suffix not in supported:
-        raise DataError(f"{path}: pictures end in one of {', '.join(sorted('.' + s for s in supported))}.")
-    if not path.parent.is_dir():
-        raise DataError(f"{path}: the folder {path.parent} does not exist; make it first.")
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part.{suffix}")
-    try:
-        figure.savefig(part, dpi=130)
-        os.replace(part, path)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be written ({error.strerror or error}).") from None
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def check_target(path: Path | None, *read: Path | None) -> None:
-    """Refuse an output path that cannot be written, or that is read, before any work is done."""
-    if path is not None and any(p is not None and p.resolve() == path.resolve() for p in read):
-        raise DataError(f"{path}: is read by this command; write to another file.")
-    if path is not None and not path.parent.is_dir():
-        raise DataError(f"{path}: the folder {path.parent} does not exist; make it first.")
-    if path is not None and path.is_dir():
-        raise DataError(f"{path}: is a folder; give a file name.")
-
-
-def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:
-    """Print a table on stdout."""
-    from rich.markup import escape  # "y[k-1]" is not a style
-    from rich.table import Table
-
-    shown = Table(title=title, title_justify="left")
-    for i, name in enumerate(columns):
-        shown.add_column(name, justify="left" if i == 0 else "right")
-    for row in rows:
-        shown.add_row(*(f"{v:.4g}" if isinstance(v, float) else escape(str(v)) for v in row))
-    console().print(shown)
-
-
-def print_model(model: Model) -> None:
-    """Print terms, parameters and both errors."""
-    rows = [
-        [r["symbol"], r["term"], f"{r['theta']:.6g}", f"{r['std']:.2g}" if r["std"] else "fixed"] for r in model.table()
-    ]
-    table("Model", ["parameter", "term", "value", "standard error"], rows)
-    if model.operating_point:
-        around = ", ".join(f"{b.label} - ({v:g})" for b, v in model.operating_point.items())
-        console().print(f"Terms are in the signals measured from the operating point: {around}.")
-
-
-def print_errors(rows: list[tuple[str, Any]]) -> None:
-    """Print the pairs of errors."""
-    table(
-        "Errors, always in pairs (NRMSE = rms error / std of the output; MAPE in % of its range)",
-        ["record", "one-step NRMSE", "free-run NRMSE", "one-step MAPE", "free-run MAPE"],
-        [[n, e.one_step_nrmse, e.free_run_nrmse, e.one_step_mape, e.free_run_mape] for n, e in rows],
-    )
 
 
 # -- commands --------------------------------------------------------------------------------------------------
@@ -243,7 +119,7 @@ def compare(
     channels: Channels = "",
     rows: Rows = None,
 ) -> None:
-    """Compare a model with measurements: one-step and free-run errors, time response and loop.
+    """Compare a model with measurements: one-step and free-run errors, time response and loop, where it fails.
 
     With --reference the data are a log of reference, compensated input and measured output: tracking MAPE and NSAVI.
     """
@@ -252,24 +128,38 @@ def compare(
     from .store import load
 
     target = None if no_plot else plot
-    check_target(target, model_file, *data)
+    where = cli_diagnose.beside(target)
+    for path in (target, where):
+        check_target(path, model_file, *data)
     model = load(model_file)
     named = ",".join(filter(None, [channels, reference, *model.channels])) if channels != "all" else "all"
     measured = records(data, u, y, t, ts, named, rows)
     with working("Simulating"):
         pairs = [(r.name, evaluate(model, r)) for r in measured]
     print_errors(pairs)
+    names = unit_names(units)
+    failed = cli_diagnose.fails(model, measured)
+    if failed is not None:
+        print_fails(failed, names)
     if reference:
         tracked = [[r.name, mape(r.channels[reference], r.y), nsavi(r.u, r.channels[reference])] for r in measured]
         table("Tracking of the reference", ["record", "MAPE [% of range]", "NSAVI"], tracked)
     if target:
-        from .plots import plot_comparison
+        from .plots import plot_comparison, where_it_fails
 
         for i, record in enumerate(measured):
             path = target if i == 0 else target.with_stem(f"{target.stem}_{i + 1}")
             longest = max(record.segments(), key=len)
-            save_figure(plot_comparison(model, longest, units=unit_names(units)), path)
+            save_figure(plot_comparison(model, longest, units=names), path)
             console().print(f"Picture of {record.name}{' (longest segment)' if record.breaks else ''}: {path}")
+        if failed is not None and where is not None:
+            save_figure(where_it_fails(failed, units=names), where)
+            console().print(f"Picture of where it fails: {where}")
+
+
+app.command()(cli_diagnose.diagnose)
+app.command()(cli_diagnose.add)
+app.command()(cli_diagnose.effects)
 
 
 @app.command()
@@ -374,7 +264,7 @@ def demo(
 
 @app.callback(invoke_without_command=True)
 def root(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
-    """Hysteretic actuators as symbolic NARX models: identify, derive, compensate, compare."""
+    """Hysteretic actuators as symbolic NARX models: identify, derive, compensate, compare, diagnose."""
     if version:
         from importlib.metadata import version as installed
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,13 +19,16 @@ from .directions import Direction, Linearised
 from .effects import EFFECTS, Catalogue
 from .errors import FitError, ModelError
 from .experiment import Experiment, propose
+from .compile import Columns
+from .estimate import describe
 from .extend import Variant, equations, find
+from .misfit import Misfit, missing_input, where_it_fails
 from .freerun import FreeRun
 from .identification import prepare
 from .model import NARX, Model
-from .refit import Fitted, Split, add, prune, settle
+from .refit import Fitted, Split, add, period_noise, prune, settle
 from .sensitivity import derivative
-from .signals import k, u, y
+from .signals import expand_phi, k, samples, u, y
 from .simulation import Records
 
 Array = np.ndarray
@@ -35,6 +38,7 @@ EQUAL = 1.003  # errors this near are equal
 EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
 NEAR = 0.2  # "named" also needs an error within this of the noise floor, or nearly everything removed
 SLOW = 0.998  # a linear base whose pole is beyond this integrates
+LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
 WORSE = 1.1  # what makes the held-out error grow by more is no candidate
 DRAWS = 200
 FEATURES = 40
@@ -135,7 +139,74 @@ class Step:
     absorbed: list[str]
     experiment: Experiment | None = None
     chosen: Fitted | None = None
-    notes: list[str] = field(default_factory=list)
+
+    def nrmse(self, fitted: Fitted) -> dict[str, float]:
+        """Return the free-run errors of a model over the standard deviation of the output."""
+        spread, split = fitted.problem.spread, self.base.split
+        return {
+            "train": float(np.sqrt(fitted.mean_square(split.train)) / spread),
+            "validation": float(np.sqrt(fitted.mean_square(split.held)) / spread),
+        }
+
+    def sentence(self, units: Mapping[str, str]) -> str:
+        """Return the verdict in plain words."""
+        unit = f" {units['y']}" if units.get("y") else ""
+        error = np.sqrt(self.base.mean_square(self.base.split.held))
+        spread = self.base.problem.spread
+        sizes = f"The error is {error:.3g}{unit} rms ({100 * error / spread:.2g} % of the output's standard deviation)"
+        if self.verdict == "nothing_detectable":
+            seen = sorted(self.smallest_detectable.items(), key=lambda p: p[1])
+            shown = ", ".join(f"{name} above {size:.2g}{unit}" for name, size in seen[:3])
+            return f"Nothing is missing that these data can show. {sizes}; seen would have been {shown} rms."
+        sizes += f"; the noise floor is about {self.floor:.3g}{unit}"
+        if self.verdict == "outside_library":
+            return (
+                f"Something is missing that the catalogue does not know. {sizes}. Look at where the model fails, and "
+                "at the equivalent missing input."
+            )
+        best = self.candidates[0]
+        share = f"{100 * best.share:.0f} % of the removable error on data never used for fitting"
+        what = f"{best.variant.effect.sentence.rstrip('.')} ({best.effect})"
+        if self.verdict == "helps_but_incomplete":
+            return f"{what} explains {share}, but not all that is missing. {sizes}."
+        if self.verdict == "confused":
+            others = ", ".join(e for e in self.confusion_set if e != best.effect)
+            text = f"One of several effects is missing: {best.effect}, or as well {others}. {sizes}. {best.effect} removes {share}."
+            return f"{text} {self.experiment.sentence}" if self.experiment else text
+        return f"{best.effect} is probably missing. {what}. {sizes}. Adding it removes {share}."
+
+    def to_dict(self, experiment_file: str | None) -> dict[str, Any]:
+        """Return the step as plain data."""
+        base = self.base.model
+        terms = [printing.text(t) for t in base.terms] if isinstance(base, NARX) else [printing.text(base.F)]
+        return {
+            "verdict": self.verdict,
+            "sentence": self.sentence({}),
+            "confusion_set": self.confusion_set,
+            "p_value": self.p_value,
+            "base": {
+                "latex": base.latex(), "terms": terms, "theta": [float(v) for v in base.theta],
+                "nrmse": {
+                    **self.nrmse(self.base), "noise_floor": float(self.floor / self.base.problem.spread),
+                    "noise_floor_from": self.floor_kind,
+                },
+            },
+            "candidates": [
+                {
+                    "effect": c.effect, "where": c.where, "form": str(c.variant), "parameters": c.parameters,
+                    "latex": c.latex, "share_of_removable_error": c.share, "interval": list(c.interval),
+                    "p_value": c.p_value, "sentence": c.sentence, "nrmse": self.nrmse(c.fitted),
+                }
+                for c in self.candidates
+            ],
+            "smallest_detectable": self.smallest_detectable,
+            "absorbed_by_a_refit": self.absorbed,
+            "where_it_fails": [],
+            "experiment": self.experiment and {
+                "separates": list(self.experiment.separates), "file": experiment_file,
+                "sentence": self.experiment.sentence,
+            },
+        }  # fmt: skip
 
 
 def fit_base(model: Model, split: Split) -> Fitted:
@@ -219,7 +290,7 @@ def score(fitted: Fitted, channels: Iterable[str], catalogue: Catalogue, seed: i
     rows = np.concatenate([m[whole.depth :] for m in fitted.split.train])
     scores = gate.score(
         line.residual, line.own, matrix, [d.columns for d in directions], [d.searched for d in directions],
-        whole.edges, rows, seed, [d.columns for d in directions if d.line],
+        whole.edges, rows, seed, [d.columns for d in directions if d.line], period_noise(fitted.split.records),
     )  # fmt: skip
     return Scored(line, whole, directions, matrix, scores, rows)
 
@@ -321,15 +392,11 @@ def shares(base: Fitted, candidates: Sequence[Candidate], floor: float, seed: in
     """Step 7: the share of the removable error that each candidate removes, with a block-bootstrap interval."""
     e0 = base.error(base.split.held) ** 2
     removable = e0.mean() - floor
-    n = e0.size
-    block = int(min(max(10, 3 * correlation_length(np.sqrt(e0))), max(2, n // 8)))
-    rng = np.random.default_rng(seed)
-    starts = rng.integers(0, n - block + 1, size=(DRAWS, -(-n // block)))
-    index = (starts[:, :, None] + np.arange(block)).reshape(DRAWS, -1)[:, :n]
+    before = np.maximum(_drawn(e0, seed).mean(axis=1) - floor, 1e-300)
     for c in candidates:
         em = c.fitted.error(base.split.held) ** 2
         c.share = float((e0.mean() - em.mean()) / removable) if removable > 0 else 0.0
-        drawn = (e0 - em)[index].mean(axis=1) / np.maximum(e0[index].mean(axis=1) - floor, 1e-300)
+        drawn = _drawn(e0 - em, seed).mean(axis=1) / before
         c.interval = (float(np.quantile(drawn, 0.025)), float(np.quantile(drawn, 0.975)))
 
 
@@ -346,24 +413,31 @@ def step(
     scored = score(base, channels, catalogue, seed)
     scores = scored.scores
     detectable, absorbed = _detectable(scored), _absorbed(scored)
-    v0 = base.mean_square(base.split.held)
-    made = Step(base, "nothing_detectable", [], [], np.sqrt(v0), "estimate", scores.p_value, detectable, absorbed)
-    if scores.p_value > gate.LEVEL:
+    v0, repeats = base.mean_square(split.held), period_noise(split.records)
+    kind = "repeated periods" if repeats else "estimate"
+    floor = float(np.mean(np.concatenate(repeats) ** 2)) if repeats else v0
+    made = Step(base, "nothing_detectable", [], [], float(np.sqrt(floor)), kind, scores.p_value, detectable, absorbed)
+    if scores.p_value > gate.LEVEL and scores.share.max() < LARGE:
         return made
     candidates = refit(base, scored, report)
     if not candidates:
         made.verdict = "outside_library"
         return made
     best = candidates[0]
-    added = best.fitted.problem.free - base.problem.free
-    counted = [m & (np.arange(m.size) >= scored.whole.depth) for m in split.train]
-    chance = gate.by_surrogates(scores, base.error(counted), best.fitted.error(counted), max(1, added), seed)
+    chance = _chance(base, best, scored, seed)
     made.p_value = max(made.p_value, chance)
-    if chance > gate.LEVEL:
+    large = _large(base, best, seed)
+    if large is not None:
+        # No noise does this, whatever its colour; a periodic error that the noise model takes for noise passes here.
+        made.p_value = min(made.p_value, large)
+        for c in candidates:
+            c.p_value = max(c.p_value, made.p_value) if c.p_value > gate.LEVEL else c.p_value
+    if made.p_value > gate.LEVEL:
         return made
     report("estimating the noise floor")
     rescored = score(best.fitted, channels, catalogue, seed)
-    floor = min(remainder(best.fitted, rescored), remainder(base, scored), best.mean_square)
+    if not repeats:
+        floor = min(remainder(best.fitted, rescored), remainder(base, scored), best.mean_square)
     made.floor = float(np.sqrt(floor))
     shares(base, candidates, floor, seed)
     made.candidates = sorted(candidates, key=lambda c: (c.effect not in confusion_set(candidates), c.mean_square))
@@ -381,8 +455,42 @@ def step(
         made.verdict = "confused"
     else:
         made.verdict = "named"
-    made.chosen = best.fitted
+    if made.verdict == "confused":
+        report("looking for an experiment that separates them")
+        models = {c.effect: c.model for c in candidates if c.effect in made.confusion_set}
+        made.experiment = propose(models, list(split.records), made.floor, seed)
+    if made.verdict != "outside_library":
+        report("deleting what became redundant")
+        added = best.model.info["effects"][-1]
+        made.chosen = prune(best.fitted, [*added["coefficients"], *added["shape"]])
     return made
+
+
+def _chance(base: Fitted, best: Candidate, scored: Scored, seed: int) -> float:
+    """Return the p-value of the best candidate's improvement against surrogates of what it leaves."""
+    added = best.fitted.problem.free - base.problem.free
+    counted = [m & (np.arange(m.size) >= scored.whole.depth) for m in base.split.train]
+    before, after = base.error(counted), best.fitted.error(counted)
+    return gate.by_surrogates(scored.scores, before, after, max(1, added), seed)
+
+
+def _large(base: Fitted, best: Candidate, seed: int) -> float | None:
+    """Return the p-value of a large improvement on held-out samples (block bootstrap), or None where it is not large."""
+    held, sealed = base.split.held, base.split.test
+    if best.mean_square > (1 - LARGE) * base.mean_square(held):
+        return None
+    if best.fitted.mean_square(sealed) > (1 - LARGE / 2) * base.mean_square(sealed):
+        return None
+    drawn = _drawn(base.error(held) ** 2 - best.fitted.error(held) ** 2, seed)
+    return float((1 + np.sum(drawn.mean(axis=1) <= 0)) / (DRAWS + 1))
+
+
+def _drawn(x: Array, seed: int) -> Array:
+    """Return block-bootstrap samples of a series, (DRAWS, N) (Kunsch 1989)."""
+    n = x.size
+    block = int(min(max(10, 3 * correlation_length(x)), max(2, n // 8)))
+    starts = np.random.default_rng(seed).integers(0, n - block + 1, size=(DRAWS, -(-n // block)))
+    return np.asarray(x[(starts[:, :, None] + np.arange(block)).reshape(DRAWS, -1)[:, :n]])
 
 
 def confusion_set(candidates: Sequence[Candidate]) -> list[str]:
@@ -424,12 +532,13 @@ class Diagnosis:
     """What is missing from a model, step by step."""
 
     steps: list[Step]
+    misfit: Misfit
     seconds: float
     seed: int
 
     @property
     def verdict(self) -> str:
-        """The verdict of the first step."""
+        """The verdict of the first step: one of `VERDICTS`."""
         return self.steps[0].verdict
 
     @property
@@ -443,6 +552,11 @@ class Diagnosis:
         return self.steps[0].confusion_set
 
     @property
+    def experiment(self) -> Experiment | None:
+        """The experiment that separates the confusion set of the first step."""
+        return self.steps[0].experiment
+
+    @property
     def best(self) -> Candidate:
         """The best candidate."""
         if not self.candidates:
@@ -451,9 +565,50 @@ class Diagnosis:
 
     @property
     def model(self) -> Model:
-        """The model after the last step that added something, else the base."""
+        """The model after the last step that added something, else the base as fitted here."""
         fitted = next((s.chosen for s in reversed(self.steps) if s.chosen is not None), self.steps[0].base)
         return fitted.model
+
+    @property
+    def ladder(self) -> list[dict[str, Any]]:
+        """The errors after each addition, down to the noise floor: name, NRMSE on training and held-out samples."""
+        rungs = [{"added": "base", **self.steps[0].nrmse(self.steps[0].base)}]
+        for one in self.steps:
+            if one.chosen is not None:
+                rungs.append({"added": one.candidates[0].effect, **one.nrmse(one.chosen)})
+        return rungs
+
+    def sentence(self, units: Mapping[str, str] | None = None) -> str:
+        """Return the verdict in plain words."""
+        return self.steps[0].sentence(units or {})
+
+    def table(self) -> list[dict[str, Any]]:
+        """One row per candidate of the first step."""
+        return [
+            {
+                "effect": c.effect, "where": c.where, "share": c.share, "low": c.interval[0], "high": c.interval[1],
+                "nrmse": self.steps[0].nrmse(c.fitted)["validation"], "p_value": c.p_value,
+                "in_confusion_set": c.effect in self.confusion_set,
+                "parameters": ", ".join(f"{n} = {v:.4g}" for n, v in c.parameters.items()),
+            }
+            for c in self.candidates
+        ]  # fmt: skip
+
+    def to_dict(self, experiment_file: str | None = None) -> dict[str, Any]:
+        """Return everything as plain data, in the published schema."""
+        first = self.steps[0].to_dict(experiment_file)
+        first["where_it_fails"] = [
+            {"panel": row["panel"], "share": round(float(row["share"]), 6), "worst": row["worst"]}
+            for row in self.misfit.table()
+        ]
+        first |= {"schema": 1, "seed": self.seed, "seconds": round(self.seconds, 3), "ladder": self.ladder}
+        if len(self.steps) > 1:
+            rest = [s.to_dict(None) for s in self.steps[1:]]
+            first["steps"] = [{n: v for n, v in first.items() if n not in ("schema", "seconds", "seed")}, *rest]
+        return first
+
+    def __repr__(self) -> str:
+        return f"Diagnosis({self.sentence()})"
 
 
 def diagnose(
@@ -466,18 +621,128 @@ def diagnose(
     seed: int = 0,
     report: Callable[[str], Any] = lambda what: None,
 ) -> Diagnosis:
-    """Compare a model with measurements and name the physical effect that is missing."""
+    """Compare a model with measurements and name the physical effect that is missing.
+
+    Parameters
+    ----------
+    model : Model
+        The base. Its parameters are refitted in free run: what a refit absorbs is not missing.
+    records : Record or list of Record
+        Every record is split in blocks: for fitting, for judging, and a sealed end.
+    max_effects : int
+        How many effects are added, one after the other.
+    channels : names or "all"
+        Which further measured signals may act.
+    catalogue : Catalogue
+        The effects that are tried.
+    report : callable
+        Told what is going on.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    FitError
+        Where the base cannot follow the data at all.
+    """
     begin = time.perf_counter()
+    if max_effects < 1:
+        raise ModelError("max_effects must be at least 1.")
     listed = prepare(records)
-    named = list(listed[0].channels) if channels == "all" else list(channels)
+    measured = [n for n in listed[0].channels if all(n in r.channels for r in listed)]
+    unknown = [] if channels == "all" else [n for n in channels if n not in measured]
+    if unknown:
+        raise ModelError(f"There is no channel {unknown[0]!r} in every record; there are {', '.join(measured) or 'none'}.")
+    named = measured if channels == "all" else list(channels)
     split = Split.of(listed)
     report("fitting the base in free run")
     base = fit_base(model, split)
-    steps = []
-    for _ in range(max_effects):
+    steps: list[Step] = []
+    failed: Misfit | None = None
+    while True:
         made = step(base, named, catalogue, seed, report)
         steps.append(made)
-        if made.chosen is None:
+        failed = failed or misfit_of(base, made.floor)
+        if made.chosen is None or len(steps) >= max_effects:
             break
         base = made.chosen
-    return Diagnosis(steps, time.perf_counter() - begin, seed)
+    return Diagnosis(steps, failed, time.perf_counter() - begin, seed)
+
+
+def misfit_of(fitted: Fitted, floor: float | None) -> Misfit:
+    """Where a model fails along the longest segment: the free-run error and the equivalent missing input."""
+    i = int(np.argmax([len(r) for r in fitted.split.records]))
+    record, e = fitted.split.records[i], fitted.errors[i]
+    known = dict(zip(fitted.model.symbols, map(float, fitted.model.theta), strict=True))
+    simulated = record.y - e
+    seen = {"u": record.u, "y": simulated, "x": simulated, "v": record.u, "t": record.t, **record.channels}
+    slopes = np.zeros((len(record), fitted.model.n_y))
+    for j in range(fitted.model.n_y):
+        slope = sp.sympify(derivative(fitted.model.core, fitted.model.inner[k - j - 1]).xreplace(known))
+        if not slope.atoms(sp.Indexed):
+            slopes[:, j] = float(slope)
+            continue
+        columns = Columns([fitted.model.in_user_units(expand_phi(slope))])
+        if all(str(s.base.label) in seen for s in samples(columns.terms[0])):
+            slopes[columns.depth :, j] = columns(seen)[:, 0]
+    missing = missing_input(e, slopes, floor)
+    return where_it_fails(record.u, record.y, simulated, record.Ts, record.channels, missing, floor)
+
+
+class Addition:
+    """A model about to get an effect: `fit` finds how it acts, and returns the extended model.
+
+    Made by `Model.add`.
+    """
+
+    def __init__(self, model: Model, effect: str | Candidate, where: str | None = None, catalogue: Catalogue = EFFECTS):
+        self.model, self.effect, self.where, self.catalogue = model, effect, where, catalogue
+        if isinstance(effect, str):
+            self.forms, self.channel = find(effect, catalogue)
+            places = sorted({p for f in self.forms for p in f.places})
+            if where is not None and where not in places:
+                raise ModelError(f"{effect} does not act at {where!r}: choose among {', '.join(places)}.")
+
+    def fit(self, records: Records, seed: int = 0, report: Callable[[str], Any] = lambda what: None) -> Model:
+        """Fit the extended model in free run on all samples.
+
+        Raises
+        ------
+        FitError
+            Where no stable fit is found, or a refit of the model absorbs the effect.
+        """
+        listed = prepare(records)
+        split = Split.whole(listed)
+        if isinstance(self.effect, Candidate):
+            fitted = settle(_copy(self.effect.model), split, lowest=shape_bounds(self.effect.model))
+        else:
+            fitted = self._search(split, seed, report)
+        model = fitted.model
+        describe(model, listed, "free_run", fitted.converged)
+        return model
+
+    def _search(self, split: Split, seed: int, report: Callable[[str], Any]) -> Fitted:
+        only = Catalogue({self.forms[0].id: self.forms})
+        base = settle(_copy(self.model), split)
+        scored = score(base, [self.channel] if self.channel else [], only, seed)
+        kept = [i for i, d in enumerate(scored.directions) if self.where in (None, d.variant.where)]
+        own, e = scored.line.own[scored.rows], scored.residual
+        found = []
+        for i in sorted(kept, key=lambda i: -scored.scores.share[i])[:REFITTED]:
+            direction = scored.directions[i]
+            report(f"fitting {direction.variant}")
+            D = scored.matrix[scored.rows, direction.columns]
+            made = add(base, direction.variant, direction.shape, D, e, own)
+            if made is not None:
+                found.append(made)
+        if not found:
+            raise FitError(f"No stable fit with {self.effect} was found, or a refit of the model absorbs it.")
+        return min(found, key=lambda f: f.criterion)
+
+
+def shape_bounds(model: Model) -> dict[Any, float]:
+    """Return the lowest values of the shape parameters of a model with effects."""
+    names = {n for e in model.info.get("effects", []) for n in e["shape"]}
+    return {s: 1e-12 for s in model.symbols if str(s) in names}

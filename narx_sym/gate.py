@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import lstsq, qr
-from scipy.signal import lfilter
+from scipy.signal import oaconvolve
 from scipy.stats import chi2
 
 Array = np.ndarray
@@ -139,14 +139,20 @@ def autoregression(noise: Sequence[Array], longest: int = LONGEST) -> tuple[Arra
 def whiten(columns: Array, a: Array, edges: Array) -> Array:
     """Filter each segment by A(q); the first samples, which have no past, become zero."""
     out = np.empty_like(columns)
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
-        out[begin:end] = lfilter(a, [1.0], columns[begin:end], axis=0)
+    for begin, end in itertools.pairwise(edges):
+        out[begin:end] = oaconvolve(columns[begin:end], a[:, None], axes=0)[: end - begin]
         out[begin : begin + a.size - 1] = 0.0
     return out
 
 
 def whitened(
-    residual: Array, own: Array, directions: Array, edges: Array, rows: Array, lines: Sequence[slice] = ()
+    residual: Array,
+    own: Array,
+    directions: Array,
+    edges: Array,
+    rows: Array,
+    lines: Sequence[slice] = (),
+    measured: Sequence[Array] = (),
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
     """Estimate the noise and filter by it, in turns.
 
@@ -160,8 +166,11 @@ def whitened(
     """
     always = [np.arange(s.start, s.stop) for s in lines]
     first = np.unique(np.concatenate(always)).astype(int) if always else np.zeros(0, dtype=int)
-    first, noise, a = _dominant(residual, own, directions, edges, rows, first)
-    for turn in range(3):  # the noise model and what it is estimated from improve each other
+    if measured:
+        a = autoregression(measured)[0]
+    else:
+        first, noise, a = _dominant(residual, own, directions, edges, rows, first)
+    for turn in range(1 if measured else 3):  # the noise model and what it is estimated from improve each other
         if turn:
             a = autoregression([noise[b:e] for b, e in itertools.pairwise(edges)])[0]
         white = whiten(np.column_stack([residual, own, directions]), a, edges)[rows]
@@ -210,6 +219,7 @@ def score(
     rows: Array,
     seed: int = 0,
     lines: Sequence[slice] = (),
+    measured: Sequence[Array] = (),
 ) -> Scores:
     """Score groups of directions against a residual.
 
@@ -226,9 +236,15 @@ def score(
         Which samples count; the filter runs over all.
     lines : slices of the columns that are sharp spectral lines
         An autoregressive model would take them for noise.
+    measured : pieces of the noise itself, from repeated periods, where there are any
     """
-    a, _, e, P, D, picked, remaining = whitened(residual, own, directions, edges, rows, lines)
+    a, _, e, P, D, picked, remaining = whitened(
+        residual, own, directions, edges, rows, lines, measured
+    )
     variance = float(remaining @ remaining) / max(1, e.size - P.shape[1] - picked.size)
+    if measured:
+        white = np.concatenate([oaconvolve(m, a, mode="valid") for m in measured])
+        variance = float(np.mean(white**2))
     Q = orthonormal(P)
     e = e - Q @ (Q.T @ e)
     energy = np.einsum("ij,ij->j", D, D)

@@ -267,6 +267,12 @@ class Model:
 
         return compensator(self)
 
+    def add(self, effect: Any, where: str | None = None) -> Any:
+        """Add a physical effect by id, or a candidate of a diagnosis; `.fit(record)` returns the extended model."""
+        from .diagnosis import Addition
+
+        return Addition(self, effect, where)
+
     def save(self, path: Any) -> None:
         """Write the model file; see `narx_sym.store.save`."""
         from .store import save

@@ -1,4 +1,4 @@
-"""Pictures: time response and loop, quasi-static sets with their regions, the path of a structure selection.
+"""Pictures: time response and loop, quasi-static sets with their regions, where a model fails, what a diagnosis found.
 
 Every function takes matplotlib axes or makes them, labels them with units, and returns the figure.
 """
@@ -332,3 +332,117 @@ def _draw_grid(ax: Any, panel: Panel, units: dict[str, str]) -> None:
         ax.legend(
             *zip(*own, strict=True), fontsize=7, title=names[other], title_fontsize=7, ncols=len(own), framealpha=0.7
         )
+
+
+def plot_diagnosis(diagnosis: Any, path: str | Path | None = None, units: dict[str, str] | None = None) -> Any:
+    """Draw the candidates and the error ladder of a diagnosis side by side."""
+    if not diagnosis.candidates:
+        return plot_ladder(diagnosis, path, units)
+    figure, _ = new_axes(figsize=(12.5, _height(diagnosis)))
+    figure.clear()
+    axes = figure.subplots(1, 2, width_ratios=(3, 2))
+    plot_candidates(diagnosis, ax=axes[0])
+    plot_ladder(diagnosis, units=units, ax=axes[1])
+    if path is not None:
+        figure.savefig(path, dpi=150)
+    return figure
+
+
+def _height(diagnosis: Any) -> float:
+    return max(4.2, 1.8 + 0.55 * len(diagnosis.candidates))
+
+
+def plot_ladder(
+    diagnosis: Any, path: str | Path | None = None, units: dict[str, str] | None = None, ax: Any = None
+) -> Any:
+    """Draw the free-run error after each added effect, down to the noise floor.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    path : str or Path, optional
+        Where the picture is saved; its ending chooses the format.
+    units : mapping with the unit of "y", for a second axis in that unit
+    """
+    units = units or {}
+    rungs = diagnosis.ladder
+    step = diagnosis.steps[0]
+    spread = step.base.problem.spread
+    floor = min(s.floor for s in diagnosis.steps) / spread
+    if ax is None:
+        _, ax = new_axes(figsize=(max(5.0, 2.6 + 1.3 * len(rungs)), 4.2))
+    for key, colour, marker, style, word in (
+        ("train", SKY, "o", "--", "training samples"), ("validation", BLUE, "s", "-", "samples never used for fitting"),
+    ):  # fmt: skip
+        values = np.array([r[key] for r in rungs])
+        ax.hlines(values, np.arange(len(rungs)) - 0.32, np.arange(len(rungs)) + 0.32, color=colour, lw=3, ls=style)
+        ax.plot(values, color=colour, ls=":", lw=1.0, marker=marker, ms=6, label=word)
+    for i, rung in enumerate(rungs):
+        ax.annotate(
+            f"{rung['validation']:.2g}", (i, max(rung["validation"], rung["train"])), (0, 7), textcoords="offset points",
+            ha="center", fontsize=9,
+        )  # fmt: skip
+    kind = {"estimate": "estimated"}.get(step.floor_kind, f"from {step.floor_kind}")
+    ax.axhline(floor, color=BLACK, lw=1.2, ls="-.", label=f"noise floor, {kind}")
+    every = [floor, *(r[key] for r in rungs for key in ("train", "validation"))]
+    ax.set_yscale("log")
+    ax.set_ylim(min(every) / 1.5, max(every) * 1.7)
+    ax.set_xlim(-0.6, len(rungs) - 0.4)
+    ax.set_xticks(range(len(rungs)), [("" if i == 0 else "+ ") + r["added"].replace("_", " ") for i, r in enumerate(rungs)])
+    ax.set_ylabel("free-run error / standard deviation of the output")
+    if units.get("y"):
+        other = ax.secondary_yaxis("right", functions=(lambda x: x * spread, lambda x: x / spread))
+        other.set_ylabel(label("rms error", units["y"]))
+    ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2)
+    if path is not None:
+        ax.figure.savefig(path, dpi=150)
+    return ax.figure
+
+
+def plot_candidates(
+    diagnosis: Any, path: str | Path | None = None, units: dict[str, str] | None = None, ax: Any = None
+) -> Any:
+    """Draw the share of the removable error that each candidate removes, with its 95 % interval.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    path : str or Path, optional
+        Where the picture is saved; its ending chooses the format.
+    units : not used; as in the other pictures
+    """
+    rows = diagnosis.table()
+    if not rows:
+        raise NarxError(f"There is no candidate to draw: the verdict is {diagnosis.verdict}.")
+    if ax is None:
+        _, ax = new_axes(figsize=(8, _height(diagnosis)))
+    low = max(-0.5, min(0.0, 1.1 * min(r["low"] for r in rows)))
+    high = max(1.0, min(1.2, max(r["high"] for r in rows)))
+    for inside, colour, hatch, word in (
+        (True, ORANGE, "", "the set that these data cannot tell apart" if len(diagnosis.confusion_set) > 1 else "named"),
+        (False, SKY, "//", "explains less"),
+    ):  # fmt: skip
+        chosen = [i for i, r in enumerate(rows) if r["in_confusion_set"] == inside]
+        if chosen:
+            shares = np.clip([rows[i]["share"] for i in chosen], low, high)
+            ax.barh(chosen, shares, 0.6, color=colour, hatch=hatch, edgecolor="white", lw=0, label=word)
+    for i, row in enumerate(rows):
+        a, b = np.clip([row["low"], row["high"]], low, high)
+        interval = ax.plot([a, b], [i, i], color=BLACK, lw=1.3, marker="|", ms=9, label="95 % interval" if i == 0 else None)
+        interval[0].set_solid_capstyle("butt")
+        ax.annotate(
+            f"NRMSE {row['nrmse']:.2g}", (1.01, i), xycoords=("axes fraction", "data"), va="center", fontsize=9,
+            annotation_clip=False,
+        )  # fmt: skip
+    ax.axvline(0, color=BLACK, lw=0.6)
+    ax.set_xlim(low, high + 0.03)
+    ax.set_ylim(len(rows) - 0.4, -0.6)
+    ax.set_yticks(
+        range(len(rows)),
+        [f"{'* ' if r['in_confusion_set'] else ''}{r['effect'].replace('_', ' ')}, {r['where']}" for r in rows],
+    )
+    ax.set_xlabel("share of the removable error, on samples never used for fitting")
+    ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3)
+    if path is not None:
+        ax.figure.savefig(path, dpi=150)
+    return ax.figure

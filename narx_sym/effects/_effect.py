@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import sympy as sp
 
 from ..errors import ModelError
+from ..printing import text
 from ..recursion import State
 from ..signals import k, signal
 
@@ -92,19 +94,42 @@ class Effect:
         """Names of the shape parameters, in order."""
         return tuple(a for a in self.arguments if a not in SEQUENCES and a != "Ts")
 
-    def equations(self, Ts: float = 1.0, **values: Any) -> Form:
+    def equations(self, Ts: Any = 1.0, **values: Any) -> Form:
         """Return the form over the driving sequence `x` and `u`, `y`, `t`, `channel`.
 
         Shape parameters are real symbols of their own names unless `values` says otherwise.
         """
         given: dict[str, Any] = {name: signal(name) for name in SEQUENCES}
         # The sampling time enters as a number of few digits: equations stay readable.
-        given |= {"Ts": sp.Float(f"{Ts:.9g}")} | {p: sp.Symbol(p, positive=True) for p in self.shape} | values
+        given |= {"Ts": Ts if isinstance(Ts, sp.Basic) else sp.Float(f"{Ts:.9g}")} | {p: sp.Symbol(p, positive=True) for p in self.shape} | values
         made = self.function(**{name: given[name] for name in self.arguments})
         if isinstance(made, Form):
             return made
         listed = made if isinstance(made, (list, tuple)) else [made]
         return Form(tuple(sp.sympify(z) for z in listed))
+
+    @property
+    def written(self) -> str:
+        """The equations as text: c times each contribution, and what it remembers."""
+        # Numbers of samples stand in lags and must be numbers; the middle one of those that are tried is shown.
+        steps = {p: s.values[len(s.values) // 2] for p, s in self.scan.items() if s.of == "steps"}
+        form = self.equations(Ts=sp.Symbol("Ts", positive=True), **{p: int(n) for p, n in steps.items()})
+        many = len(form.z) > 1
+        parts = [sp.Symbol(f"c{i + 1 if many else ''}") * z for i, z in enumerate(form.z)]
+        said = [" + ".join(map(text, parts)), *(f"{text(s.left)} = {text(s.right)}" for s in form.states)]
+        shown = "; ".join(said) + "".join(f" (here {p} = {n:g})" for p, n in steps.items())
+        return re.sub(r"-(\w+\[k-\d+\]) \+ (\w+\[k\])", r"\2 - \1", shown)  # a difference, newest first
+
+    @property
+    def acts(self) -> str:
+        """Where it acts, what drives it, and what its shape parameters are, in words."""
+        words = {"u": "u", "y": "y", "uy": "u and y", "t": "time", "channel": "the channel"}
+        places = [
+            f"{'inside' if place == 'inside' else 'at the ' + place}, driven by {' or '.join(words[d] for d in drivers)}"
+            for place, drivers in self.places.items()
+        ]
+        units = [f"{p} in {self.unit[p]}" for p in self.shape if self.unit.get(p)]
+        return "; ".join([*places, *units])
 
     def __repr__(self) -> str:
         return f"Effect({self.id}{', ' + self.form if self.form else ''})"
