@@ -375,7 +375,7 @@ def fails(model: Model, measured: list[Record]) -> Misfit | None:
     from types import SimpleNamespace
 
     from .diagnosis import misfit_of
-    from .refit import period_floor
+    from .refit import period_noise
     from .signals import u
     from .simulation import free_run
 
@@ -385,10 +385,11 @@ def fails(model: Model, measured: list[Record]) -> Misfit | None:
     record = max((s for r in measured for s in r.segments()), key=len)
     try:
         error = record.y - free_run(model, record)
-        power = period_floor([record])
+        noise = [x for part in period_noise([record]) for x in part.tolist()]
+        floor = math.sqrt(math.fsum(x * x for x in noise) / len(noise)) if noise else None
         # Looked at as it is, without a fit.
         seen: Any = SimpleNamespace(model=model, split=SimpleNamespace(records=[record]), errors=[error])
-        return misfit_of(seen, None if power is None else math.sqrt(power))
+        return misfit_of(seen, floor)
     except NarxError as error:
         note(f"where it fails cannot be said: {error}")
         return None

@@ -38,6 +38,7 @@ EQUAL = 1.003  # errors this near are equal
 EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
 NEAR = 0.2  # "named" also needs an error within this of the noise floor, or nearly everything removed
 SLOW = 0.998  # a linear base whose pole is beyond this integrates
+BEYOND = 4.0  # times a shape parameter may leave its grid
 LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
 WORSE = 1.1  # what makes the held-out error grow by more is no candidate
 DRAWS = 200
@@ -276,6 +277,15 @@ class Scored:
     scores: gate.Scores
     rows: Array
 
+    def ranges(self, variant: Variant) -> dict[str, tuple[float, float]]:
+        """Return how far each shape parameter may leave its grid."""
+        found = {}
+        for name in variant.shape:
+            scan = variant.effect.scan[name]
+            grid, _ = self.line.scale(scan, variant)
+            found[name] = (-3.0, 3.0) if scan.of == "ratio" else (min(grid) / BEYOND, max(grid) * BEYOND)
+        return found
+
     @property
     def residual(self) -> Array:
         """Measured minus simulated on the training rows."""
@@ -334,7 +344,7 @@ def refit(base: Fitted, scored: Scored, report: Callable[[str], Any]) -> list[Ca
     for direction, i in shortlist(scored):
         report(f"fitting {direction.variant}")
         D = scored.matrix[scored.rows, direction.columns]
-        made = add(base, direction.variant, direction.shape, D, e, own)
+        made = add(base, direction.variant, direction.shape, D, e, own, scored.ranges(direction.variant))
         if made is None:
             continue
         candidate = Candidate(
@@ -443,7 +453,8 @@ def step(
     made.candidates = sorted(candidates, key=lambda c: (c.effect not in confusion_set(candidates), c.mean_square))
     best = made.candidates[0]
     # The sealed samples are opened here, once: what is real helps at the end of the record too.
-    if best.interval[0] <= 0 or best.fitted.mean_square(split.test) > base.mean_square(split.test):
+    worse = best.fitted.mean_square(split.test) > base.mean_square(split.test)
+    if best.interval[0] <= 0 or (large is None and worse):
         made.candidates = []
         return made
     made.confusion_set = confusion_set(candidates)
@@ -476,10 +487,8 @@ def _chance(base: Fitted, best: Candidate, scored: Scored, seed: int) -> float:
 
 def _large(base: Fitted, best: Candidate, seed: int) -> float | None:
     """Return the p-value of a large improvement on held-out samples (block bootstrap), or None where it is not large."""
-    held, sealed = base.split.held, base.split.test
+    held = base.split.held
     if best.mean_square > (1 - LARGE) * base.mean_square(held):
-        return None
-    if best.fitted.mean_square(sealed) > (1 - LARGE / 2) * base.mean_square(sealed):
         return None
     drawn = _drawn(base.error(held) ** 2 - best.fitted.error(held) ** 2, seed)
     return float((1 + np.sum(drawn.mean(axis=1) <= 0)) / (DRAWS + 1))
@@ -716,7 +725,7 @@ class Addition:
         listed = prepare(records)
         split = Split.whole(listed)
         if isinstance(self.effect, Candidate):
-            fitted = settle(_copy(self.effect.model), split, lowest=shape_bounds(self.effect.model))
+            fitted = settle(_copy(self.effect.model), split)
         else:
             fitted = self._search(split, seed, report)
         model = fitted.model
@@ -734,15 +743,9 @@ class Addition:
             direction = scored.directions[i]
             report(f"fitting {direction.variant}")
             D = scored.matrix[scored.rows, direction.columns]
-            made = add(base, direction.variant, direction.shape, D, e, own)
+            made = add(base, direction.variant, direction.shape, D, e, own, scored.ranges(direction.variant))
             if made is not None:
                 found.append(made)
         if not found:
             raise FitError(f"No stable fit with {self.effect} was found, or a refit of the model absorbs it.")
         return min(found, key=lambda f: f.criterion)
-
-
-def shape_bounds(model: Model) -> dict[Any, float]:
-    """Return the lowest values of the shape parameters of a model with effects."""
-    names = {n for e in model.info.get("effects", []) for n in e["shape"]}
-    return {s: 1e-12 for s in model.symbols if str(s) in names}

@@ -161,6 +161,8 @@ class Linearised:
         offset = self.model.operating_point.get(self.model.input, 0.0) if variant.raw else 0.0
         x = np.concatenate([seen[driver] for seen in self.seen]) + offset
         Ts, n = self.model.Ts or 1.0, max(len(r) for r in (s[driver] for s in self.seen))
+        if scan.of == "ratio":
+            return list(scan.values), 1.0
         if scan.of == "peaks":
             return self._peaks(len(scan.values))
         if scan.of == "amplitude":

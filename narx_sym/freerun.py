@@ -208,24 +208,25 @@ class FreeRun:
 
         return move
 
-    def bounds(self, lowest: Mapping[Any, float]) -> tuple[Array, Array]:
-        """Return bounds of the unknowns from the lowest values of some parameters (those without constraints)."""
+    def bounds(self, limits: Mapping[Any, tuple[float, float]]) -> tuple[Array, Array]:
+        """Return bounds of the unknowns from the limits of some parameters (those without constraints)."""
         low = np.full(self.free + self.shifts, -np.inf)
-        for symbol, value in lowest.items():
+        high = -low
+        for symbol, (least, most) in limits.items():
             row = self.elimination.Z[list(self.model.symbols).index(symbol)]
             if np.count_nonzero(row) == 1 and row.max() == 1.0:
-                low[int(np.argmax(row))] = value
-        return low, np.full(low.size, np.inf)
+                low[int(np.argmax(row))], high[int(np.argmax(row))] = least, most
+        return low, high
 
     def minimise(
-        self, start: Array, max_steps: int, tolerance: float = 1e-12, lowest: Mapping[Any, float] | None = None
+        self, start: Array, max_steps: int, tolerance: float = 1e-12, limits: Mapping[Any, Any] | None = None
     ) -> Any:
         """Minimise from given unknowns; return SciPy's result."""
         if not np.all(np.isfinite(self.run(start)[0])):
             raise FitError(
                 "The free run of the start values diverges: fit one step ahead with fewer terms first, or give theta."
             )
-        bounds = self.bounds(lowest or {})
+        bounds = self.bounds(limits or {})
 
         def slopes(z: Array) -> Array:
             moved = self.run(z)[1]
@@ -235,7 +236,7 @@ class FreeRun:
 
         with np.errstate(all="ignore"), one_blas_thread():
             return least_squares(
-                lambda z: self.run(z)[0].copy(), np.maximum(start, bounds[0]), jac=slopes,
+                lambda z: self.run(z)[0].copy(), np.clip(start, *bounds), jac=slopes,
                 bounds=bounds, x_scale="jac", method="trf", max_nfev=max_steps, xtol=tolerance, ftol=tolerance,
                 gtol=tolerance,
             )  # fmt: skip

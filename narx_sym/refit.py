@@ -14,7 +14,7 @@ from .bootstrap import correlation_length
 from .constraints import constraint_equations
 from .data import Record
 from .errors import FitError
-from .extend import Extended, Variant, extend, without
+from .extend import Variant, extend, without
 from .freerun import FreeRun
 from .model import Model
 from .simulation import segments
@@ -23,6 +23,7 @@ Array = np.ndarray
 BLOCKS, SEALED, EVERY = 24, 3, 4
 STEPS, TOLERANCE = 40, 1e-7
 SLACK = 1.01
+FULL = 1.1  # a full effect with the uncertainty of its coefficient
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ def settle(
     model: Model,
     split: Split,
     start: Array | None = None,
-    lowest: Mapping[Any, float] | None = None,
+    limits: Mapping[Any, Any] | None = None,
     steps: int = STEPS,
 ) -> Fitted:
     """Fit a model in free run on the training samples.
@@ -151,7 +152,7 @@ def settle(
     begin = problem.start(model.theta if start is None else start)
     if not all(np.all(np.isfinite(part)) for part in problem.run(begin)):
         raise FitError("The free run of the start values diverges.")
-    found = problem.minimise(begin, steps, TOLERANCE, lowest)
+    found = problem.minimise(begin, steps, TOLERANCE, limits)
     model.theta = problem.theta(found.x).tolist()
     std = problem.errors(found)
     model.std = tuple(float(s) for s in std)
@@ -162,7 +163,13 @@ def settle(
 
 
 def add(
-    base: Fitted, variant: Variant, shape: Sequence[float], direction: Array, residual: Array, own: Array
+    base: Fitted,
+    variant: Variant,
+    shape: Sequence[float],
+    direction: Array,
+    residual: Array,
+    own: Array,
+    ranges: Mapping[str, tuple[float, float]],
 ) -> Fitted | None:
     """Fit a model with one more effect, from one point of its grid; None where no stable fit is found.
 
@@ -170,8 +177,13 @@ def add(
     ----------
     direction, residual, own : arrays of the training rows
         From which the first coefficients follow.
+    ranges : limits of each shape parameter
     """
     extended = extend(base.model, variant)
+    limits: dict[Any, tuple[float, float]] = {s: ranges[p] for s, p in zip(extended.shape, variant.shape, strict=True)}
+    if variant.effect.sign and len(extended.coefficients) == 1:
+        most = FULL if variant.effect.full else np.inf
+        limits[extended.coefficients[0]] = (0.0, most) if variant.effect.sign > 0 else (-most, 0.0)
     scale = np.linalg.norm(np.column_stack([own, direction]), axis=0)
     scale[scale == 0] = 1.0
     solution = lstsq(np.column_stack([own, direction]) / scale, residual, cond=1e-9)[0] / scale
@@ -180,15 +192,10 @@ def add(
     nudged = theta + base.problem.elimination.Z @ moved
     for base_theta, part in ((nudged, 1.0), (theta, 1.0), (theta, 0.2)):
         try:
-            return settle(extended.model, base.split, np.concatenate([base_theta, part * c, shape]), lowest(extended))
+            return settle(extended.model, base.split, np.concatenate([base_theta, part * c, shape]), limits)
         except FitError:
             continue
     return None
-
-
-def lowest(extended: Extended) -> dict[Any, float]:
-    """Shape parameters are positive."""
-    return dict.fromkeys(extended.shape, 1e-12)
 
 
 def prune(fitted: Fitted, keep: Sequence[str]) -> Fitted:
@@ -218,6 +225,7 @@ def prune(fitted: Fitted, keep: Sequence[str]) -> Fitted:
             smaller = settle(without(fitted.model, [symbol]), fitted.split)
         except FitError:
             continue
+        smaller.model.info |= {n: v for n, v in fitted.model.info.items() if n not in ("effects",)}
         if all(
             smaller.mean_square(m) <= most
             for m, most in zip((fitted.split.train, fitted.split.held), limit, strict=True)

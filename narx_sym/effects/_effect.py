@@ -24,7 +24,7 @@ class Scan:
     """Where the search for a shape parameter starts: `values` times a scale of the driving signal.
 
     `of` is "amplitude" (half the range of the driver), "speed" (mean step of the driver), "time" (log-spaced between
-    a few samples and a fraction of the record), "gain" (slope of the line through the data), "peaks" (of the
+    a few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the line through the data), "peaks" (of the
     residual's periodogram) or "steps" (whole samples, not refined).
     """
 
@@ -39,6 +39,7 @@ SPEED = Scan("speed", (0.1, 0.5, 1.5))
 TIME = Scan("time", (0.0, 0.2, 0.4, 0.6, 0.8, 1.0))
 GAIN = Scan("gain", (0.7, 1.0, 1.3, 1.6, 2.0, 3.0))
 PEAKS = Scan("peaks", (0, 1, 2))
+RATIO = Scan("ratio", (1.0, -1.0))
 STEPS = Scan("steps", (1, 2, 3, 5, 8))
 SCANS = {s.of: s for s in (AMPLITUDE, SPEED, TIME, GAIN, PEAKS, STEPS)}  # the usual ones
 
@@ -67,6 +68,8 @@ class Effect:
         +1 where only a positive coefficient means this effect; 0 where both signs do.
     sentence, unit, source : str
         In plain words; the unit of each shape parameter; where the equation comes from.
+    full : bool
+        Whether a coefficient of 1 is the whole effect (a complete dead zone): more than that means something else.
     centred : bool
         Whether it matters where zero is: then it is tried around zero and around the operating point.
     """
@@ -81,6 +84,7 @@ class Effect:
     source: str
     form: str = ""
     centred: bool = False
+    full: bool = False
     family: str = ""
     formula: str = field(default="", compare=False)
 
@@ -166,6 +170,7 @@ def effect(
     id: str | None = None,
     form: str = "",
     centred: bool = False,
+    full: bool = False,
     sentence: str = "",
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
@@ -198,7 +203,7 @@ def effect(
             raise ModelError(f"Effect {name}: a place is one of {', '.join(PLACES)}, not {unknown.pop()!r}.")
         plain = " ".join((function.__doc__ or "").split())
         one = Effect(
-            name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
+            name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred, full,
             function.__module__.rpartition(".")[2],
         )  # fmt: skip
         missing = [p for p in one.shape if p not in one.scan]

@@ -23,20 +23,20 @@ def inertia(x: Any, n: Any) -> Any:
     return x[k - n]
 
 
-@effect("input", scan={"d": STEPS}, unit={"d": "samples"}, sign=1, source="Ljung 1999")
+@effect("input", scan={"d": STEPS}, unit={"d": "samples"}, sign=1, full=True, source="Ljung 1999")
 def input_delay(x: Any, d: Any) -> Any:
     """A dead time: the input acts later than the model says."""
     return x[k - d] - x[k]
 
 
-@effect("input", scan={"tau": TIME}, unit={"tau": "s"}, source="Ljung 1999")
+@effect("input", scan={"tau": TIME}, unit={"tau": "s"}, sign=1, full=True, source="Ljung 1999")
 def rate_dependence(x: Any, tau: Any, Ts: Any) -> Form:
     """A lag before the actuator (amplifier, eddy currents): fast inputs arrive late and small."""
     w = signal("w")
     return Form((w[k] - x[k],), (lag_of(x, w, tau, Ts),))
 
 
-@effect({"output": ("u", "y")}, scan={"tau": Scan("time", (0.35, 0.5, 0.65, 0.8))}, unit={"tau": "s"},
+@effect({"output": "y"}, scan={"tau": Scan("time", (0.35, 0.5, 0.65, 0.8))}, unit={"tau": "s"}, sign=1, full=True,
         source="Kuhnen 2005 (creep operators)")  # fmt: skip
 def creep(x: Any, tau: Any, Ts: Any) -> Form:
     """Creep: after a step the output goes on moving slowly."""

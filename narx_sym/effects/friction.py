@@ -25,11 +25,12 @@ def smooth_coulomb_friction(x: Any, s: Any) -> Any:
     return sp.tanh(step(x) / s)
 
 
-@effect({"output": "u"}, scan={"n": Scan("steps", (4, 10))}, id="coulomb_friction", form="averaged velocity",
+@effect({"output": "u"}, scan={"n": Scan("steps", (4, 10)), "s": Scan("speed", (0.5, 3.0))}, id="coulomb_friction",
+        form="averaged velocity", unit={"s": "unit of the driver"},
         source="Coulomb 1785, velocity over n samples")  # fmt: skip
-def averaged_coulomb_friction(x: Any, n: Any) -> Any:
+def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:
     """Dry friction: a constant force against the motion, whatever the speed."""
-    return sp.sign(x[k] - x[k - n])
+    return sp.tanh((x[k] - x[k - n]) / s)
 
 
 @effect(MOVING, scan={"s": SPEED}, unit={"s": "unit of the driver per sample"}, source="Stribeck 1902, Tustin 1947")

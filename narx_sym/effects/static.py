@@ -12,20 +12,20 @@ from ._effect import AMPLITUDE, Scan, clip, effect
 LIMIT = {"r": "unit of the driver"}
 
 
-@effect("input", scan={"r": AMPLITUDE}, sign=1, unit=LIMIT, source="Tao & Kokotovic 1996", centred=True)
+@effect("input", scan={"r": AMPLITUDE}, sign=1, full=True, unit=LIMIT, source="Tao & Kokotovic 1996", centred=True)
 def dead_zone(x: Any, r: Any) -> Any:
     """Dead zone: small inputs do nothing."""
     return -clip(x[k], r)
 
 
-@effect("input", scan={"r": Scan("amplitude", (0.3, 0.6, 1.0, 1.5))}, sign=1, unit=LIMIT, source="Tao & Kokotovic 1996",
+@effect("input", scan={"r": Scan("amplitude", (0.3, 0.6, 1.0, 1.5))}, sign=1, full=True, unit=LIMIT, source="Tao & Kokotovic 1996",
         form="soft", centred=True)  # fmt: skip
 def saturation(x: Any, r: Any) -> Any:
     """Saturation: large inputs do less and less."""
     return r * sp.tanh(x[k] / r) - x[k]
 
 
-@effect("input", scan={"r": AMPLITUDE}, sign=1, unit=LIMIT, id="saturation", source="Tao & Kokotovic 1996", form="hard",
+@effect("input", scan={"r": AMPLITUDE}, sign=1, full=True, unit=LIMIT, id="saturation", source="Tao & Kokotovic 1996", form="hard",
         centred=True)  # fmt: skip
 def hard_saturation(x: Any, r: Any) -> Any:
     """Saturation: large inputs do less and less."""
