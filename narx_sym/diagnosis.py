@@ -24,11 +24,11 @@ from .estimate import describe
 from .extend import Variant, equations, find
 from .misfit import Misfit, missing_input, where_it_fails
 from .freerun import FreeRun
-from .identification import prepare
+from .identification import cancels, prepare
 from .model import NARX, Model
 from .refit import Fitted, Split, add, period_noise, prune, settle
 from .sensitivity import derivative
-from .signals import expand_phi, k, samples, u, y
+from .signals import expand_phi, k, lags, samples, u, y
 from .simulation import Records
 
 Array = np.ndarray
@@ -38,6 +38,7 @@ EQUAL = 1.003  # errors this near are equal
 EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
 NEAR = 0.2  # "named" also needs an error within this of the noise floor, or nearly everything removed
 SLOW = 0.998  # a linear base whose pole is beyond this integrates
+MANY_MORE, CLEARLY = 3, 0.02  # so many parameters more must remove so much more of the error
 BEYOND = 4.0  # times a shape parameter may leave its grid
 LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
 WORSE = 1.1  # what makes the held-out error grow by more is no candidate
@@ -64,8 +65,8 @@ class Candidate:
         95 % interval of the share, by block bootstrap.
     p_value : float
         Corrected for everything that was tried.
-    mean_square : float
-        Held-out free-run error [unit of y squared].
+    mean_square, before : float
+        Held-out free-run error with the effect, and that of the base [unit of y squared].
     """
 
     effect: str
@@ -73,6 +74,7 @@ class Candidate:
     fitted: Fitted
     p_value: float
     mean_square: float
+    before: float
     share: float = 0.0
     interval: tuple[float, float] = (0.0, 0.0)
 
@@ -337,8 +339,62 @@ def shortlist(scored: Scored) -> list[tuple[Direction, int]]:
     return ranked
 
 
-def refit(base: Fitted, scored: Scored, report: Callable[[str], Any]) -> list[Candidate]:
+def simpler(base: Fitted) -> list[Fitted]:
+    """Return bases without the input differences of a linear base that has such: a lag or a velocity term.
+
+    They may only imitate what is missing: on one sine a lag looks like hysteresis, at one speed drag like friction.
+    """
+    model = base.model
+    if not _is_linear(model) or not cancels(model):
+        return []
+    now = min((i for i in lags(model.core, u)), default=0)
+    found = []
+    for orders in {model.n_y, 0}:
+        terms = [*(y[k - i] for i in range(1, orders + 1)), u[k - max(now, model.delay)], sp.S.One]
+        made = NARX(terms, operating_point=model.operating_point, Ts=model.Ts)
+        made.info = {n: v for n, v in model.info.items() if n == "selection"}
+        try:
+            made.fit(list(base.split.records))
+            found.append(settle(made, base.split))
+        except FitError:
+            continue
+    return found
+
+
+def ranked(found: Sequence[Candidate]) -> list[Candidate]:
+    """Return the best candidate of each effect, best first.
+
+    Among forms of one effect BIC decides. A form with many more parameters must be clearly better to come first.
+    """
+    best: dict[str, Candidate] = {}
+    for c in found:
+        old = best.get(c.effect)
+        if old is None or c.fitted.criterion < old.fitted.criterion:
+            best[c.effect] = c
+    listed = sorted(best.values(), key=lambda c: (c.mean_square, c.effect))
+    if not listed:
+        return []
+    worst = max(c.before for c in listed)
+    kept: list[Candidate] = []
+    for c in listed:
+        at = next(
+            (
+                i
+                for i, o in enumerate(kept)
+                if o.fitted.problem.free >= c.fitted.problem.free + MANY_MORE
+                and c.mean_square - o.mean_square < CLEARLY * worst
+            ),
+            len(kept),
+        )
+        kept.insert(at, c)
+    return kept
+
+
+def refit(
+    base: Fitted, scored: Scored, report: Callable[[str], Any], instead_of: Fitted | None = None
+) -> list[Candidate]:
     """Step 6: fit the shortlist; of each effect the form with the best compromise is kept."""
+    before = (instead_of or base).mean_square(base.split.held)
     own, e = scored.line.own[scored.rows], scored.residual
     found: dict[str, Candidate] = {}
     for direction, i in shortlist(scored):
@@ -349,17 +405,17 @@ def refit(base: Fitted, scored: Scored, report: Callable[[str], Any]) -> list[Ca
             continue
         candidate = Candidate(
             direction.variant.id, direction.variant, made, scored.scores.corrected(i),
-            made.mean_square(base.split.held),
+            made.mean_square(base.split.held), before,
         )  # fmt: skip
         sign = direction.variant.effect.sign
         if sign and sign * next(iter(candidate.parameters.values())) <= 0:
             continue
-        if not candidate.mean_square < WORSE * base.mean_square(base.split.held):
+        if not candidate.mean_square < WORSE * before:
             continue
         old = found.get(candidate.effect)
         if old is None or made.criterion < old.fitted.criterion:
             found[candidate.effect] = candidate
-    return sorted(found.values(), key=lambda c: (c.mean_square, c.effect))
+    return list(found.values())
 
 
 def remainder(fitted: Fitted, scored: Scored) -> float:
@@ -429,7 +485,11 @@ def step(
     made = Step(base, "nothing_detectable", [], [], float(np.sqrt(floor)), kind, scores.p_value, detectable, absorbed)
     if scores.p_value > gate.LEVEL and scores.share.max() < LARGE:
         return made
-    candidates = refit(base, scored, report)
+    found = refit(base, scored, report)
+    for other in simpler(base):
+        report("trying the effects in the place of base terms")
+        found += refit(other, score(other, channels, catalogue, seed), report, instead_of=base)
+    candidates = ranked(found)
     if not candidates:
         made.verdict = "outside_library"
         return made
@@ -447,11 +507,10 @@ def step(
     report("estimating the noise floor")
     rescored = score(best.fitted, channels, catalogue, seed)
     if not repeats:
-        floor = min(remainder(best.fitted, rescored), remainder(base, scored), best.mean_square)
+        floor = min(remainder(best.fitted, rescored), remainder(base, scored), *(c.mean_square for c in candidates))
     made.floor = float(np.sqrt(floor))
     shares(base, candidates, floor, seed)
-    made.candidates = sorted(candidates, key=lambda c: (c.effect not in confusion_set(candidates), c.mean_square))
-    best = made.candidates[0]
+    made.candidates = candidates
     # The sealed samples are opened here, once: what is real helps at the end of the record too.
     worse = best.fitted.mean_square(split.test) > base.mean_square(split.test)
     if best.interval[0] <= 0 or (large is None and worse):
@@ -507,12 +566,13 @@ def confusion_set(candidates: Sequence[Candidate]) -> list[str]:
 
     A richer form that contains a simpler one (plays contain a play) is left out where it explains nothing more.
     """
-    best = candidates[0].mean_square
-    close = [c for c in candidates if c.mean_square <= CLOSE**2 * best]
+    best = candidates[0]
+    close = [c for c in candidates if c is best or c.mean_square <= CLOSE**2 * best.mean_square]
     simple = [
         c for c in close
         if not any(
             o.fitted.problem.free + 2 <= c.fitted.problem.free and o.mean_square <= EQUAL**2 * c.mean_square
+            or (o is best and o.fitted.problem.free + MANY_MORE <= c.fitted.problem.free)
             for o in close
         )
     ]  # fmt: skip

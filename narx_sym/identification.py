@@ -259,10 +259,10 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     best = min(scored)[0]
     # The smallest model within 2 % of the best one; a well-conditioned one may be somewhat worse.
     close = [s for s in scored if s[0] <= 1.02 * best]
-    calm = [s for s in scored if s[0] <= CALM * best and not _cancels(candidates[s[2]])]
-    if all(_cancels(candidates[s[2]]) for s in close) and calm:
+    calm = [s for s in scored if s[0] <= CALM * best and not cancels(candidates[s[2]])]
+    if all(cancels(candidates[s[2]]) for s in close) and calm:
         close = [s for s in calm if s[0] <= 1.02 * min(calm)[0]]
-    _, _, i = min(close, key=lambda s: (_cancels(candidates[s[2]]), s[1], s[2]))
+    _, _, i = min(close, key=lambda s: (cancels(candidates[s[2]]), s[1], s[2]))
     winner = candidates[i]
     final = NARX(winner.terms, operating_point=winner.operating_point)
     fit(final, records, method=method)
@@ -276,7 +276,7 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     return judged(final)
 
 
-def _cancels(model: NARX) -> bool:
+def cancels(model: NARX) -> bool:
     """Whether large input coefficients cancel: a finite-difference trick that smooth inputs allow."""
     inputs = [c for c, term in zip(model.theta, model.terms, strict=True) if term.has(u)]
     return bool(len(inputs) > 1 and np.sum(np.abs(inputs)) > CANCELS * abs(np.sum(inputs)))

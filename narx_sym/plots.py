@@ -376,27 +376,39 @@ def plot_ladder(
     ):  # fmt: skip
         values = np.array([r[key] for r in rungs])
         ax.hlines(values, np.arange(len(rungs)) - 0.32, np.arange(len(rungs)) + 0.32, color=colour, lw=3, ls=style)
-        ax.plot(values, color=colour, ls=":", lw=1.0, marker=marker, ms=6, label=word)
+        ax.plot(values, color=colour, ls=":" if key == "validation" else "none", lw=1.0, marker=marker, ms=6, label=word)
     for i, rung in enumerate(rungs):
         ax.annotate(
-            f"{rung['validation']:.2g}", (i, max(rung["validation"], rung["train"])), (0, 7), textcoords="offset points",
-            ha="center", fontsize=9,
+            f"{rung['validation']:.2g}", (i, max(rung["validation"], rung["train"])), (9, 6), textcoords="offset points",
+            fontsize=9,
         )  # fmt: skip
     kind = {"estimate": "estimated"}.get(step.floor_kind, f"from {step.floor_kind}")
     ax.axhline(floor, color=BLACK, lw=1.2, ls="-.", label=f"noise floor, {kind}")
     every = [floor, *(r[key] for r in rungs for key in ("train", "validation"))]
     ax.set_yscale("log")
-    ax.set_ylim(min(every) / 1.5, max(every) * 1.7)
+    room = max(1.6, np.sqrt(10 / max(max(every) / max(min(every), 1e-300), 1e-300)))  # at least a decade is shown
+    ax.set_ylim(min(every) / room, max(every) * room)
+    _plain_numbers(ax.yaxis)
     ax.set_xlim(-0.6, len(rungs) - 0.4)
     ax.set_xticks(range(len(rungs)), [("" if i == 0 else "+ ") + r["added"].replace("_", " ") for i, r in enumerate(rungs)])
     ax.set_ylabel("free-run error / standard deviation of the output")
     if units.get("y"):
         other = ax.secondary_yaxis("right", functions=(lambda x: x * spread, lambda x: x / spread))
         other.set_ylabel(label("rms error", units["y"]))
+        _plain_numbers(other.yaxis)
     ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2)
     if path is not None:
         ax.figure.savefig(path, dpi=150)
     return ax.figure
+
+
+def _plain_numbers(axis: Any) -> None:
+    """Write 0.02 instead of 2 x 10^-2 along a logarithmic axis, at 1, 2 and 5 of each decade."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:.3g}"))
 
 
 def plot_candidates(
