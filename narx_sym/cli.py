@@ -254,7 +254,7 @@ def simulate(
 def demo(
     out: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("narx_sym_demo"),
 ) -> None:
-    """Run the main job on the paper's bench test: identify, derive, compensate, draw."""
+    """Run the main job on simulated machines: identify, derive, compensate, compare, find a hidden effect, add it."""
     from .demo import run
 
     if not out.parent.is_dir() or out.is_file():

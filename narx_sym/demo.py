@@ -1,4 +1,4 @@
-"""The main job on the paper's bench test, end to end: identify, derive, compensate, draw."""
+"""The main job end to end, on simulated machines: identify, derive, compensate, compare; then find a missing effect."""
 
 from __future__ import annotations
 
@@ -9,20 +9,27 @@ from typing import Any
 import numpy as np
 
 from . import analysis, plants
+from .cli_diagnose import show, write_json
 from .compile import compile
 from .data import Record
 from .derive import document
+from .diagnosis import diagnose
 from .files import write_csv, write_text
 from .identification import identify, identify_inverse
 from .metrics import mape, nsavi
-from .plots import plot_comparison, plot_compensation, plot_quasi_static
+from .plots import (
+    plot_candidates, plot_comparison, plot_compensation, plot_ladder, plot_quasi_static, where_it_fails,
+)  # fmt: skip
 from .printing import text
 from .simulation import evaluate
 from .store import save
+from .terminal import print_equations
 
 UNITS = {"u": "V", "y": "um", "r": "um", "m": "V"}
 PAPER = {"model": 0.398, "inverse": 0.413, "none": 6.536, "law": 0.322, "inverse law": 0.425}
 PEAK, SEED = 75.0, 0
+STAGE_UNITS = {"u": "rad", "y": "mm"}
+PLAY, STAGE_TS, STAGE_SAMPLES = 0.3, 0.01, 2000  # half-width of the gear's play [rad]; [s]
 
 
 def bench(seed: int = SEED, peak: float = PEAK) -> tuple[Record, Record]:
@@ -34,6 +41,31 @@ def bench(seed: int = SEED, peak: float = PEAK) -> tuple[Record, Record]:
         Record.from_arrays(u, plants.bouc_wen(u), Ts=1e-3, name="identification"),
         Record.from_arrays(sine, plants.bouc_wen(sine), Ts=1e-3, name="validation"),
     )
+
+
+def stage(play: float, seed: int = SEED) -> Record:
+    """Return a record of a motor that moves a stage through a gear with play, by an elastic spindle.
+
+    The gear follows the motor's angle once the slack is taken up; the stage obeys x'' + 2 d w x' + w^2 x = w^2 g p.
+    Integrated in small steps, with the noise of a position sensor.
+
+    Parameters
+    ----------
+    play : float
+        Half of the slack [rad].
+    """
+    w, d, gain, noise, fine = 2 * np.pi * 3.0, 0.5, 0.8, 0.02, 20  # [rad/s], -, [mm/rad], [mm], steps per sample
+    u = plants.filtered_noise(N=STAGE_SAMPLES, Ts=STAGE_TS, cutoff=2.0, peak=5.0, seed=seed + 1)
+    h, p, x, v = STAGE_TS / fine, float(u[0]), 0.0, 0.0
+    path = []
+    for angle in u.tolist():
+        path.append(x)
+        p = max(angle - play, min(angle + play, p))
+        for _ in range(fine):
+            v += h * (w * w * (gain * p - x) - 2 * d * w * v)
+            x += h * v
+    y = np.array(path) + noise * np.random.default_rng(seed + 2).standard_normal(u.size)
+    return Record.from_arrays(u, y, Ts=STAGE_TS, name="stage")
 
 
 def run(
@@ -112,4 +144,44 @@ def run(
         shown = {"with the law": outputs["law"][last], "without": outputs["without"][last]}
         figure = plot_compensation(validation.t[last], r[last], inputs["law"][last], shown, UNITS)
         save_figure(figure, out / "compensation.png")
+    find_missing(out, working, say, save_figure)
     say(f"Written to {out}/: " + ", ".join(sorted(p.name for p in out.iterdir())), markup=False)
+
+
+def find_missing(
+    out: Path, working: Callable[[str], Any], say: Callable[..., None], save_figure: Callable[[Any, Path], None]
+) -> None:
+    """Diagnose a machine with a hidden effect, add what is named, and diagnose one without it."""
+    say("[bold]5. Diagnose[/bold]: a motor moves a stage; its gear has play, which no linear model knows")
+    record = stage(PLAY)
+    write_csv(out / "stage.csv", {"t": record.t, "u": record.u, "y": record.y})
+    with working("Identifying a linear model of the stage"):
+        base = identify(record, base="linear")
+    with working("Diagnosing it: which effect is missing?") as report:
+        found = diagnose(base, record, report=report)
+    show(found, STAGE_UNITS, None)
+    write_json(found, out / "diagnosis.json", None)
+
+    say("[bold]6. Add[/bold] what is missing, and watch the error fall")
+    model = base
+    if found.candidates:
+        with working("Fitting the model with the effect"):
+            model = base.add(found.best).fit(record)
+        print_equations(model)
+        said = f"{found.best.effect} with {found.table()[0]['parameters']}"
+        say(f"  found: {said}; simulated: backlash with c = 1, r = {PLAY:g} rad", markup=False)
+    save(model, out / "model_with_effect.json")
+    before, after = (evaluate(m, record).free_run_nrmse for m in (base, model))
+    say(f"  free-run NRMSE: {before:.3g} before, {after:.3g} after", markup=False)
+    with working("Drawing"):
+        save_figure(plot_ladder(found, units=STAGE_UNITS), out / "ladder.png")
+        if found.candidates:
+            save_figure(plot_candidates(found), out / "candidates.png")
+        save_figure(where_it_fails(found.misfit, units=STAGE_UNITS), out / "where_it_fails.png")
+
+    say("[bold]7. Diagnose again[/bold]: the same stage with a new gear, without play")
+    repaired = stage(0.0)
+    with working("Identifying and diagnosing it"):
+        healthy = diagnose(identify(repaired, base="linear"), repaired)
+    say(f"  {healthy.verdict}: {healthy.sentence(STAGE_UNITS)}", markup=False)
+    say(f"  The same on your own data: narx-sym diagnose {out / 'stage.csv'} --units rad,mm", markup=False)

@@ -39,7 +39,7 @@ EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
 NEAR = 0.2  # "named" also needs an error within this of the noise floor, or nearly everything removed
 SLOW = 0.998  # a linear base whose pole is beyond this integrates
 MANY_MORE, CLEARLY = 3, 0.02  # so many parameters more must remove so much more of the error
-BEYOND = 4.0  # times a shape parameter may leave its grid
+BELOW = 4.0  # a shape parameter may leave its grid downwards by this factor
 LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
 WORSE = 1.1  # what makes the held-out error grow by more is no candidate
 DRAWS = 200
@@ -285,7 +285,7 @@ class Scored:
         for name in variant.shape:
             scan = variant.effect.scan[name]
             grid, _ = self.line.scale(scan, variant)
-            found[name] = (-3.0, 3.0) if scan.of == "ratio" else (min(grid) / BEYOND, max(grid) * BEYOND)
+            found[name] = (-3.0, 3.0) if scan.of == "ratio" else (min(grid) / BELOW, max(grid) * scan.beyond)
         return found
 
     @property
@@ -361,7 +361,7 @@ def simpler(base: Fitted) -> list[Fitted]:
     return found
 
 
-def ranked(found: Sequence[Candidate]) -> list[Candidate]:
+def ranked(found: Sequence[Candidate], independent: float) -> list[Candidate]:
     """Return the best candidate of each effect, best first.
 
     Among forms of one effect BIC decides. A form with many more parameters must be clearly better to come first.
@@ -369,7 +369,7 @@ def ranked(found: Sequence[Candidate]) -> list[Candidate]:
     best: dict[str, Candidate] = {}
     for c in found:
         old = best.get(c.effect)
-        if old is None or c.fitted.criterion < old.fitted.criterion:
+        if old is None or c.fitted.criterion(independent) < old.fitted.criterion(independent):
             best[c.effect] = c
     listed = sorted(best.values(), key=lambda c: (c.mean_square, c.effect))
     if not listed:
@@ -393,10 +393,10 @@ def ranked(found: Sequence[Candidate]) -> list[Candidate]:
 def refit(
     base: Fitted, scored: Scored, report: Callable[[str], Any], instead_of: Fitted | None = None
 ) -> list[Candidate]:
-    """Step 6: fit the shortlist; of each effect the form with the best compromise is kept."""
+    """Step 6: fit the shortlist on the training samples."""
     before = (instead_of or base).mean_square(base.split.held)
     own, e = scored.line.own[scored.rows], scored.residual
-    found: dict[str, Candidate] = {}
+    found: list[Candidate] = []
     for direction, i in shortlist(scored):
         report(f"fitting {direction.variant}")
         D = scored.matrix[scored.rows, direction.columns]
@@ -412,10 +412,8 @@ def refit(
             continue
         if not candidate.mean_square < WORSE * before:
             continue
-        old = found.get(candidate.effect)
-        if old is None or made.criterion < old.fitted.criterion:
-            found[candidate.effect] = candidate
-    return list(found.values())
+        found.append(candidate)
+    return found
 
 
 def remainder(fitted: Fitted, scored: Scored) -> float:
@@ -489,7 +487,7 @@ def step(
     for other in simpler(base):
         report("trying the effects in the place of base terms")
         found += refit(other, score(other, channels, catalogue, seed), report, instead_of=base)
-    candidates = ranked(found)
+    candidates = ranked(found, base.independent())
     if not candidates:
         made.verdict = "outside_library"
         return made
@@ -808,4 +806,5 @@ class Addition:
                 found.append(made)
         if not found:
             raise FitError(f"No stable fit with {self.effect} was found, or a refit of the model absorbs it.")
-        return min(found, key=lambda f: f.criterion)
+        independent = base.independent()
+        return min(found, key=lambda f: f.criterion(independent))

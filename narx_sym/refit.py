@@ -123,14 +123,15 @@ class Fitted:
             value = float(np.mean(self.error(masks) ** 2))
         return value if np.isfinite(value) else float("inf")
 
-    @property
-    def criterion(self) -> float:
-        """Return BIC's compromise between the training error and the number of parameters."""
-        n = max(1, sum(int(m.sum()) for m in self.split.train))
+    def independent(self) -> float:
+        """Return how many independent training errors there are: neighbours of a slow error do not count twice."""
         e = self.error(self.split.train)
-        # Neighbouring samples of a slow error do not count as independent.
-        fewer = n / max(1, correlation_length(e) if np.any(e) else 1)
-        return float(fewer * np.log(max(self.mean_square(self.split.train), 1e-300)) + self.problem.free * np.log(n))
+        return float(e.size / (correlation_length(e) if np.any(e) else 1))
+
+    def criterion(self, independent: float) -> float:
+        """Return BIC's compromise between the training error and the number of parameters."""
+        error = np.log(max(self.mean_square(self.split.train), 1e-300))
+        return float(independent * error + self.problem.free * np.log(max(independent, 2.0)))
 
 
 def settle(

@@ -25,17 +25,20 @@ class Scan:
 
     `of` is "amplitude" (half the range of the driver), "speed" (mean step of the driver), "time" (log-spaced between
     a few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the line through the data), "peaks" (of the
-    residual's periodogram) or "steps" (whole samples, not refined).
+    residual's periodogram) or "steps" (whole samples, not refined). The fit may leave the grid upwards by the factor
+    `beyond`, and downwards by four.
     """
 
     of: str
     values: tuple[float, ...] = ()
     power: int = 1
+    beyond: float = 4.0
 
 
 AMPLITUDE = Scan("amplitude", (0.03, 0.08, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9))
 CURVATURE = Scan("amplitude", (0.3, 1.0, 2.5, 6.0, 15.0), power=-1)
 SPEED = Scan("speed", (0.1, 0.5, 1.5))
+SLOW_SPEED = Scan("speed", (0.05, 0.15, 0.4), beyond=1.0)  # well below the speed: tanh reaches its plateau
 TIME = Scan("time", (0.0, 0.2, 0.4, 0.6, 0.8, 1.0))
 GAIN = Scan("gain", (0.7, 1.0, 1.3, 1.6, 2.0, 3.0))
 PEAKS = Scan("peaks", (0, 1, 2))

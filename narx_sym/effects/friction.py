@@ -7,7 +7,7 @@ from typing import Any
 import sympy as sp
 
 from ..signals import k
-from ._effect import SPEED, Scan, effect, step
+from ._effect import SLOW_SPEED, SPEED, Scan, effect, step
 
 MOVING = {"inside": "y", "output": "u"}
 
@@ -18,14 +18,14 @@ def coulomb_friction(x: Any) -> Any:
     return sp.sign(step(x))
 
 
-@effect(MOVING, scan={"s": SPEED}, unit={"s": "unit of the driver per sample"}, id="coulomb_friction", form="smooth",
+@effect(MOVING, scan={"s": SLOW_SPEED}, unit={"s": "unit of the driver per sample"}, id="coulomb_friction", form="smooth",
         source="Coulomb 1785, smoothed by tanh")  # fmt: skip
 def smooth_coulomb_friction(x: Any, s: Any) -> Any:
     """Dry friction: a constant force against the motion, whatever the speed."""
     return sp.tanh(step(x) / s)
 
 
-@effect({"output": "u"}, scan={"n": Scan("steps", (4, 10)), "s": Scan("speed", (0.5, 3.0))}, id="coulomb_friction",
+@effect({"output": "u"}, scan={"n": Scan("steps", (4, 10)), "s": Scan("speed", (0.5, 2.0), beyond=1.0)}, id="coulomb_friction",
         form="averaged velocity", unit={"s": "unit of the driver"},
         source="Coulomb 1785, velocity over n samples")  # fmt: skip
 def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:

@@ -71,7 +71,7 @@ def hysteretic_force(x: Any, b: Any, g: Any) -> Form:
 
 
 @effect(
-    {"output": "u", "input": "u"}, scan={"r": Scan("amplitude", (0.5, 1.0))}, unit={"r": "unit of the driver"},
+    {"output": "u", "input": "u"}, scan={"r": Scan("amplitude", (0.5, 1.0), beyond=1.0)}, unit={"r": "unit of the driver"},
     id="hysteresis", form="play superposition", source="Prandtl 1928, Ishlinskii 1944",
 )  # fmt: skip
 def play_superposition(x: Any, r: Any) -> Form:
