@@ -13,9 +13,27 @@ import typer
 from . import cli_diagnose
 from .errors import DataError, NarxError
 from .terminal import (
-    Channels, DataFiles, Input, ModelFile, Output, Rows, Time, Ts, Units, check_target, console, note, print_errors,
-    print_fails, print_model, records, save_figure, table, unit_names, working,
-)  # fmt: skip
+    Channels,
+    DataFiles,
+    Input,
+    ModelFile,
+    Output,
+    Rows,
+    Time,
+    Ts,
+    Units,
+    check_target,
+    console,
+    note,
+    print_errors,
+    print_fails,
+    print_model,
+    records,
+    save_figure,
+    table,
+    unit_names,
+    working,
+)
 
 app = typer.Typer(
     help="Hysteretic actuators as symbolic NARX models: identify, derive, compensate, compare, diagnose.",

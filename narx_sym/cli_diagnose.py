@@ -11,9 +11,27 @@ import typer
 
 from .errors import DataError, ModelError, NarxError
 from .terminal import (
-    Channels, DataFiles, Input, ModelFile, Output, Rows, Time, Ts, Units, check_target, console, note, print_equations,
-    print_errors, print_fails, records, save_figure, table, unit_names, working,
-)  # fmt: skip
+    Channels,
+    DataFiles,
+    Input,
+    ModelFile,
+    Output,
+    Rows,
+    Time,
+    Ts,
+    Units,
+    check_target,
+    console,
+    note,
+    print_equations,
+    print_errors,
+    print_fails,
+    records,
+    save_figure,
+    table,
+    unit_names,
+    working,
+)
 
 if TYPE_CHECKING:
     from .data import Record
@@ -226,7 +244,7 @@ def show(found: Diagnosis, units: dict[str, str], experiment: str | None) -> Non
             rows,
         )
     floor = min(s.floor for s in found.steps) / step.base.problem.spread
-    ladder = [[r["added"] if i == 0 else f"+ {r['added']}", r["train"], r["validation"]] for i, r in enumerate(found.ladder)]
+    ladder = [[f"{'+ ' if i else ''}{r['added']}", r["train"], r["validation"]] for i, r in enumerate(found.ladder)]
     ladder.append([f"noise floor ({step.floor_kind})", "", floor])
     table("Errors, step by step (free-run NRMSE)", ["model", "training", "held out"], ladder)
     for i, later in enumerate(found.steps[1:], 2):

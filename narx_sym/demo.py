@@ -18,8 +18,13 @@ from .files import write_csv, write_text
 from .identification import identify, identify_inverse
 from .metrics import mape, nsavi
 from .plots import (
-    plot_candidates, plot_comparison, plot_compensation, plot_ladder, plot_quasi_static, where_it_fails,
-)  # fmt: skip
+    plot_candidates,
+    plot_comparison,
+    plot_compensation,
+    plot_ladder,
+    plot_quasi_static,
+    where_it_fails,
+)
 from .printing import text
 from .simulation import evaluate
 from .store import save

@@ -254,9 +254,13 @@ def roomy(model: Any, more: int) -> Model:
 
 
 def slowest(model: Model) -> float:
-    """Return the largest pole of a linear model."""
+    """Return the largest pole of the linear part of a model's core."""
     values = dict(zip(model.symbols, map(float, model.theta), strict=True))
-    slopes = [float(derivative(model.core, model.inner[k - i]).xreplace(values)) for i in range(1, model.n_y + 1)]
+    slopes = []
+    for i in range(1, model.n_y + 1):
+        slope = derivative(model.core, model.inner[k - i])
+        constant = [p for p in sp.Add.make_args(slope) if not p.has(sp.Indexed)]
+        slopes.append(float(sum(p.xreplace(values) for p in constant)))
     return float(np.abs(np.roots([1.0, *(-s for s in slopes)])).max()) if slopes else 0.0
 
 
@@ -381,7 +385,7 @@ def ranked(found: Sequence[Candidate], independent: float) -> list[Candidate]:
             (
                 i
                 for i, o in enumerate(kept)
-                if o.fitted.problem.free >= c.fitted.problem.free + MANY_MORE
+                if len(o.parameters) >= len(c.parameters) + MANY_MORE
                 and c.mean_square - o.mean_square < CLEARLY * worst
             ),
             len(kept),
@@ -401,7 +405,7 @@ def refit(
         report(f"fitting {direction.variant}")
         D = scored.matrix[scored.rows, direction.columns]
         made = add(base, direction.variant, direction.shape, D, e, own, scored.ranges(direction.variant))
-        if made is None:
+        if made is None or (_is_linear(base.model) and slowest(made.model) > max(SLOW, slowest(base.model))):
             continue
         candidate = Candidate(
             direction.variant.id, direction.variant, made, scored.scores.corrected(i),
@@ -530,7 +534,7 @@ def step(
     if made.verdict != "outside_library":
         report("deleting what became redundant")
         added = best.model.info["effects"][-1]
-        made.chosen = prune(best.fitted, [*added["coefficients"], *added["shape"]])
+        made.chosen = prune(best.fitted, [*added["coefficients"], *added["shape"]], base)
     return made
 
 
@@ -569,8 +573,8 @@ def confusion_set(candidates: Sequence[Candidate]) -> list[str]:
     simple = [
         c for c in close
         if not any(
-            o.fitted.problem.free + 2 <= c.fitted.problem.free and o.mean_square <= EQUAL**2 * c.mean_square
-            or (o is best and o.fitted.problem.free + MANY_MORE <= c.fitted.problem.free)
+            len(o.parameters) + 2 <= len(c.parameters) and o.mean_square <= EQUAL**2 * c.mean_square
+            or (o is best and len(o.parameters) + MANY_MORE <= len(c.parameters))
             for o in close
         )
     ]  # fmt: skip

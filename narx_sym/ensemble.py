@@ -14,18 +14,18 @@ from .engines.plan import Plan
 from .errors import ModelError
 from .model import Model
 from .recursion import Recursion
-from .simulation import Records, arrays, segments
+from .simulation import Records, arrays, initial_values, segments
 
 Array = np.ndarray
 STRETCH, TINY = 4096, 1e-290  # values about to become denormal are put to zero after so many steps: they are slow
 
 
 @lru_cache(maxsize=32)
-def _built(recursion: Recursion, keep: bool) -> tuple[Plan, Any, list[tuple[int, int]], int]:
+def _built(recursion: Recursion, keep: bool, output: int) -> tuple[Plan, Any, list[tuple[int, int]], int]:
     from .engines import ensemble  # needs llvmlite
 
     plan = Plan.of(recursion)
-    return plan, ensemble.build(plan, keep), ensemble.past(plan), ensemble.SETS
+    return plan, ensemble.build(plan, keep, output), ensemble.past(plan), ensemble.SETS
 
 
 def _checked(model: Model, thetas: Any) -> Array:
@@ -37,20 +37,23 @@ def _checked(model: Model, thetas: Any) -> Array:
 
 def _run(model: Model, thetas: Array, record: Record, keep: bool) -> Iterator[tuple[slice, Array, Array, Array]]:
     """Yield per group of sets: their slice, sums of squares, kept runs (N, sets) and the measured output."""
-    plan, run, keys, sets = _built(model.recursion, keep)
+    states = model.recursion.states
+    plan, run, keys, sets = _built(model.recursion, keep, states.index(model.output))
     data = arrays(model, record)
     measured = np.ascontiguousarray(data[str(model.output.label)])
     inputs = [np.ascontiguousarray(data[str(base.label)]) for base in plan.recursion.inputs]
     n, depth = measured.size, max(1, plan.recursion.depth)
     if n <= depth:
         raise ModelError(f"The record {record.name!r} is shorter than the largest lag ({depth} samples).")
+    initial = initial_values(model, data, depth)
+    begins = np.array([initial[str(states[s].label)][depth - i] for s, i in keys])
     kept = np.empty((n if keep else 1, sets))
     for first in range(0, len(thetas), sets):
         part = slice(first, min(first + sets, len(thetas)))
         used = part.stop - part.start
         # The last group is filled up with copies of its last set.
         theta = np.ascontiguousarray(thetas[np.minimum(np.arange(first, first + sets), len(thetas) - 1)].T)
-        past = np.array([np.full(sets, measured[depth - i]) for _, i in keys])
+        past = np.tile(begins[:, None], (1, sets))
         cost = np.zeros(sets)
         if keep:
             kept[:depth] = measured[:depth, None]

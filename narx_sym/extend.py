@@ -14,7 +14,12 @@ from .effects import EFFECTS, Catalogue, Effect, Form
 from .errors import ModelError
 from .model import Model
 from .recursion import State
-from .signals import expand_phi, k, samples, signal, t, u, v, x
+from .signals import breve_phi1, breve_phi2, expand_phi, k, m, phi1, phi2, r, samples, signal, t, u, v, x, y
+
+
+MANY = 20  # coefficients of one effect
+# Names that no channel and no state of an effect may have.
+RESERVED = {str(b.label) for b in (u, y, t, x, v, r, m, phi1, phi2, breve_phi1, breve_phi2)} | {"k", "prediction"}
 
 
 @dataclass(frozen=True)
@@ -103,10 +108,21 @@ def sequences(model: Model, variant: Variant) -> dict[str, Any]:
 
 
 def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[Any] = ()) -> Form:
-    """Return the effect's equations in a model's own sequences; names that are taken get a number."""
+    """Return the effect's equations in a model's own sequences; names that are taken get a number.
+
+    Raises
+    ------
+    ModelError
+        For an inverse model, and for a channel whose name means something else.
+    """
+    if model.input != u or model.output != y:
+        raise ModelError("Effects are added to a model from u to y; this is an inverse model.")
+    _check_channels(model, variant)
     values: dict[str, Any] = {p: sp.Symbol(f"{p}_{suffix}" if suffix else p, real=True) for p in variant.shape}
     form = variant.effect.equations(Ts=model.Ts or 1.0, **values, **dict(variant.fixed))
-    used, renamed = {str(b.label) for b in taken} | set("uyxvtmr"), {}
+    used = {str(b.label) for b in taken} | {*model.channels, variant.channel or ""} | {str(s) for s in model.symbols}
+    used |= RESERVED | _new_names(variant, suffix)
+    renamed = {}
     for state in form.states:
         name = plain = str(state.left.base.label)
         number = 1
@@ -133,6 +149,23 @@ def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[
     return Form(tuple(written(sp.sympify(z)) for z in form.z), states)
 
 
+def _new_names(variant: Variant, suffix: str) -> set[str]:
+    """Return the names that the symbols of an extension may get."""
+    plain = ["c", *(f"c{i}" for i in range(1, MANY + 1)), *variant.shape]
+    return {f"{n}_{suffix}" if suffix else n for n in plain}
+
+
+def _check_channels(model: Model, variant: Variant) -> None:
+    """Refuse channels whose names mean something else in an extended model."""
+    used = {str(s.left.base.label) for s in model.states} | {str(s) for s in model.symbols}
+    own = [variant.channel] if variant.channel else []
+    for name in (*own, *model.channels):
+        if name in RESERVED or name in used:
+            raise ModelError(
+                f"The channel {name!r} has a name that means something else in the model: rename the column."
+            )
+
+
 def _measured(model: Model, initial: Any) -> Any:
     """Before the start the inner output is taken as measured, and the input as it is."""
     meant = {x: model.output, v: u}
@@ -154,17 +187,26 @@ def extend(model: Model, variant: Variant) -> Extended:
 
     Input effects act on u: the core sees v[k] = u[k] + c z[k]. Output effects add to the core's output x:
     y[k] = x[k] + c z[k]. Inside, c z[k] joins the core's terms.
+
+    Raises
+    ------
+    ModelError
+        For an inverse model, a channel whose name means something else, and a shape parameter called like a
+        coefficient.
     """
     name = variant.id.replace(":", "_")
     names = {str(s) for s in model.symbols}
-    count = 1
-    while any(n.endswith(f"_{name}" if count == 1 else f"_{name}{count}") for n in names):
+    signals = {*model.channels, variant.channel, *(str(s.left.base.label) for s in model.states)}
+    suffix, count = name, 1
+    while any(n.endswith(f"_{suffix}") for n in names) or signals & _new_names(variant, suffix):
         count += 1
-    suffix = name if count == 1 else f"{name}{count}"
+        suffix = f"{name}{count}"
     form = equations(model, variant, suffix, [s.left.base for s in model.states])
     many = len(form.z) > 1
     cs = tuple(sp.Symbol(f"c{i + 1 if many else ''}_{suffix}", real=True) for i in range(len(form.z)))
     shapes = tuple(sp.Symbol(f"{p}_{suffix}", real=True) for p in variant.shape)
+    if set(cs) & set(shapes):
+        raise ModelError(f"The effect {variant.effect.id} has a shape parameter called like a coefficient: rename it.")
     total = sp.Add(*(c * z for c, z in zip(cs, form.z, strict=True)))
 
     states, F = list(model.states), model.F
@@ -227,7 +269,10 @@ def without(model: Model, symbols: Iterable[Any]) -> Model:
     gone = dict.fromkeys(symbols, sp.S.Zero)
     states = [s.map(lambda e: e.xreplace(gone)) for s in model.states]
     F = model.F.xreplace(gone)
-    read = {b.base for b in samples(F)}.union(*({b.base for b in samples(s.right)} - {s.left.base} for s in states))
+    read, more = set(), {b.base for b in samples(F)}
+    while more:  # what the output reads, what that reads, ...
+        read |= more
+        more = {b.base for s in states if s.left.base in read for b in samples(s.right)} - read
     states = [s for s in states if s.left.base in read]
     left = set().union(F.free_symbols, *(s.right.free_symbols for s in states))
     kept = tuple(s for s in model.symbols if s in left)
@@ -235,13 +280,18 @@ def without(model: Model, symbols: Iterable[Any]) -> Model:
         c if isinstance(c, str) else sp.Eq(c.lhs.xreplace(gone), c.rhs.xreplace(gone)) for c in model.constraints
     ]
     made = Model(
-        F, kept, output=model.output, input=model.input, operating_point=model.operating_point, Ts=model.Ts,
-        constraints=[c for c in constraints if c != sp.true], states=states,
+        F, kept, output=model.output, input=model.input, operating_point=model.operating_point, lead=model.lead,
+        Ts=model.Ts, constraints=[c for c in constraints if c != sp.true], states=states,
     )  # fmt: skip
     if model.theta is not None:
         values = dict(zip(model.symbols, model.theta, strict=True))
         made.theta = [values[s] for s in kept]
-    effects = [e for e in model.info.get("effects", []) if any(str(s) in e["coefficients"] for s in kept)]
+    names = {str(s) for s in kept}
+    effects = [
+        {**e, **{what: [n for n in e[what] if n in names] for what in ("coefficients", "shape") if what in e}}
+        for e in model.info.get("effects", [])
+        if names & set(e["coefficients"])
+    ]
     made.info = {**({"effects": effects} if effects else {})}
     return made
 

@@ -113,15 +113,15 @@ class Model:
     @cached_property
     def right(self) -> Any:
         """The output's equation in the user's units, phi1 and phi2 written out, states without memory put in."""
-        return self.in_user_units(expand_phi(self._flat)) + self.operating_point.get(self.output, 0)
+        return self.in_user_units(expand_phi(self.flat)) + self.operating_point.get(self.output, 0)
 
     @cached_property
-    def _flat(self) -> Any:
-        """F with `x` and every state that has no memory eliminated, where algebra can do it."""
+    def flat(self) -> Any:
+        """F, in the model's shifted signals, with `x` and every state that has no memory eliminated, where algebra can do it."""
         states = {s.left.base: s for s in self.states}
         F = self.F
         if x in states and not any(samples(s.right, x) for b, s in states.items() if b != x):
-            F = self._measured(states[x].right) + self._beside
+            F = self._measured(states[x].right) + self.beside
         for base, state in reversed(states.items()):
             if not state.remembers:
                 F = F.xreplace({s: shift(state.right, -lag(s)) for s in samples(F, base)})
@@ -142,15 +142,21 @@ class Model:
         """The states that effects remember."""
         return tuple(s for s in self.states if s.remembers and s.left.base != x)
 
+    @cached_property
+    def hidden(self) -> tuple[State, ...]:
+        """The states that `right` still contains: what effects remember, and `x` where effects act on it."""
+        read = {s.base for s in samples(self.right)}
+        return tuple(s for s in self.states if s.left.base in read)
+
     @property
-    def _beside(self) -> Any:
+    def beside(self) -> Any:
         """What the output adds to `x`."""
         return self.F - x[k]
 
     def _measured(self, right: Any) -> Any:
         """Put y - (what the output adds) in the place of past `x`."""
         return right.xreplace(
-            {s: self.output[k - lag(s)] - shift(self._beside, -lag(s)) for s in samples(right, x) if lag(s)}
+            {s: self.output[k - lag(s)] - shift(self.beside, -lag(s)) for s in samples(right, x) if lag(s)}
         )
 
     def in_user_units(self, expr: Any) -> Any:
@@ -160,7 +166,7 @@ class Model:
         )
 
     def expand(self, numbers: bool = False) -> sp.Eq:
-        """Return the equation in the user's own units, in samples of y and u only."""
+        """Return the equation in the user's own units, in samples of y and u, and of what effects remember."""
         return sp.Eq(self.output[k], self.right.xreplace(self.values if numbers else {}), evaluate=False)
 
     @cached_property
@@ -288,10 +294,10 @@ class Model:
     # -- printing ----------------------------------------------------------------------------------------------
 
     def latex(self, numbers: bool = False) -> str:
-        """LaTeX of the equation, with symbols or with numbers."""
+        """LaTeX of the equations, states first and the output last, with symbols or with numbers."""
         values = self.values if numbers else {}
-        parts = [(c.xreplace(values), t) for c, t in self.parts()]
-        shown = printing.latex_sum(self.output[k], parts)
+        system = [(left, [(c.xreplace(values), e.xreplace(values)) for c, e in pairs]) for left, pairs in self.system()]
+        shown = printing.latex_system(system)
         if self.operating_point:
             where = ", ".join(rf"{b.label} \to {b.label} - ({v:.6g})" for b, v in self.operating_point.items())
             shown += rf" \quad \text{{(around the operating point: }} {where} \text{{)}}"
@@ -299,17 +305,24 @@ class Model:
 
     def parts(self) -> list[tuple[Any, Any]]:
         """(coefficient, term) pairs whose products add up to F."""
-        return [
-            part.as_independent(sp.Indexed, as_Add=False) if part.has(sp.Indexed) else (part, sp.S.One)
-            for part in sp.Add.make_args(self.F)
-        ]
+        return pairs(self.F)
+
+    def system(self) -> list[tuple[Any, list[tuple[Any, Any]]]]:
+        """Return each equation in order, the output's last: its left side and its (coefficient, term) pairs."""
+        return [*((s.left, pairs(s.right)) for s in self.states), (self.output[k], self.parts())]
+
+    def lines(self, numbers: bool = False) -> list[str]:
+        """Return each equation in order, the output's last, as a text."""
+        values = self.values if numbers else {}
+        equations = [*((s.left, s.right) for s in self.states), (self.output[k], self.F)]
+        return [f"{printing.text(left)} = {printing.text(right.xreplace(values))}" for left, right in equations]
 
     def _repr_latex_(self) -> str:
         return f"$\\displaystyle {self.latex()}$"
 
     def table(self) -> list[dict[str, Any]]:
         """One row per parameter: symbol, term, value, standard error."""
-        term_of = {c: t for c, t in self.parts() if c in self.symbols}
+        term_of = {c: e for _, listed in self.system() for c, e in listed if c in self.symbols}
         blank = [None] * len(self.symbols)
         return [
             {
@@ -322,8 +335,15 @@ class Model:
         ]
 
     def __repr__(self) -> str:
-        shown = printing.text(self.F.xreplace(self.values).xreplace({}) if self._theta else self.F)
-        return f"{type(self).__name__}({self.output.label}[k] = {shown})"
+        return f"{type(self).__name__}({'; '.join(self.lines(numbers=True))})"
+
+
+def pairs(expr: Any) -> list[tuple[Any, Any]]:
+    """Return (coefficient, term) pairs whose products add up to an expression."""
+    return [
+        part.as_independent(sp.Indexed, as_Add=False) if part.has(sp.Indexed) else (part, sp.S.One)
+        for part in sp.Add.make_args(expr)
+    ]
 
 
 class NARX(Model):

@@ -376,12 +376,11 @@ def plot_ladder(
     ):  # fmt: skip
         values = np.array([r[key] for r in rungs])
         ax.hlines(values, np.arange(len(rungs)) - 0.32, np.arange(len(rungs)) + 0.32, color=colour, lw=3, ls=style)
-        ax.plot(values, color=colour, ls=":" if key == "validation" else "none", lw=1.0, marker=marker, ms=6, label=word)
+        joined = ":" if key == "validation" else "none"
+        ax.plot(values, color=colour, ls=joined, lw=1.0, marker=marker, ms=6, label=word)
     for i, rung in enumerate(rungs):
-        ax.annotate(
-            f"{rung['validation']:.2g}", (i, max(rung["validation"], rung["train"])), (9, 6), textcoords="offset points",
-            fontsize=9,
-        )  # fmt: skip
+        top = max(rung["validation"], rung["train"])
+        ax.annotate(f"{rung['validation']:.2g}", (i, top), (9, 6), textcoords="offset points", fontsize=9)
     kind = {"estimate": "estimated"}.get(step.floor_kind, f"from {step.floor_kind}")
     ax.axhline(floor, color=BLACK, lw=1.2, ls="-.", label=f"noise floor, {kind}")
     every = [floor, *(r[key] for r in rungs for key in ("train", "validation"))]
@@ -390,7 +389,8 @@ def plot_ladder(
     ax.set_ylim(min(every) / room, max(every) * room)
     _plain_numbers(ax.yaxis)
     ax.set_xlim(-0.6, len(rungs) - 0.4)
-    ax.set_xticks(range(len(rungs)), [("" if i == 0 else "+ ") + r["added"].replace("_", " ") for i, r in enumerate(rungs)])
+    names = [r["added"].replace("_", " ") for r in rungs]
+    ax.set_xticks(range(len(rungs)), [names[0], *(f"+ {n}" for n in names[1:])])
     ax.set_ylabel("free-run error / standard deviation of the output")
     if units.get("y"):
         other = ax.secondary_yaxis("right", functions=(lambda x: x * spread, lambda x: x / spread))
@@ -430,9 +430,10 @@ def plot_candidates(
         _, ax = new_axes(figsize=(8, _height(diagnosis)))
     low = max(-0.5, min(0.0, 1.1 * min(r["low"] for r in rows)))
     high = max(1.0, min(1.2, max(r["high"] for r in rows)))
+    best = "these data cannot tell them apart" if len(diagnosis.confusion_set) > 1 else "the best"
     for inside, colour, hatch, word in (
-        (True, ORANGE, "", "the set that these data cannot tell apart" if len(diagnosis.confusion_set) > 1 else "named"),
-        (False, SKY, "//", "explains less"),
+        (True, ORANGE, "", best),
+        (False, SKY, "//", "others: they explain less, or need more parameters for the same"),
     ):  # fmt: skip
         chosen = [i for i, r in enumerate(rows) if r["in_confusion_set"] == inside]
         if chosen:
@@ -440,8 +441,8 @@ def plot_candidates(
             ax.barh(chosen, shares, 0.6, color=colour, hatch=hatch, edgecolor="white", lw=0, label=word)
     for i, row in enumerate(rows):
         a, b = np.clip([row["low"], row["high"]], low, high)
-        interval = ax.plot([a, b], [i, i], color=BLACK, lw=1.3, marker="|", ms=9, label="95 % interval" if i == 0 else None)
-        interval[0].set_solid_capstyle("butt")
+        first = "95 % interval" if i == 0 else None
+        ax.plot([a, b], [i, i], color=BLACK, lw=1.3, marker="|", ms=9, solid_capstyle="butt", label=first)
         ax.annotate(
             f"NRMSE {row['nrmse']:.2g}", (1.01, i), xycoords=("axes fraction", "data"), va="center", fontsize=9,
             annotation_clip=False,

@@ -65,20 +65,29 @@ def latex(thing: Any) -> str:
 
 def latex_sum(lhs: Any, terms: list[tuple[Any, Any]], per_line: int = 3) -> str:
     """Return `lhs = c1 t1 + c2 t2 ...` in the given order, a few terms a line, as an `aligned` block."""
+    return latex_system([(lhs, terms)], per_line)
+
+
+def latex_system(equations: list[tuple[Any, list[tuple[Any, Any]]]], per_line: int = 3) -> str:
+    """Return several equations like that of `latex_sum`, one below the other, as one `aligned` block."""
+    shown = " \\\\\n".join(f"{latex(lhs)} &= {_sum(terms, per_line)}" for lhs, terms in equations)
+    return f"\\begin{{aligned}}\n{shown}\n\\end{{aligned}}"
+
+
+def _sum(terms: list[tuple[Any, Any]], per_line: int) -> str:
     pieces = []
     for coefficient, term in terms:
         negative = sp.sympify(coefficient).could_extract_minus_sign()
         size = -coefficient if negative else coefficient
         unit = size.is_number and float(size) == 1 and term != 1
-        product = "" if unit else latex(size)
+        product = "" if unit else rf"\left({latex(size)}\right)" if size.is_Add and term != 1 else latex(size)
         shown = product if term == 1 else (product + r"\," if product else "") + _factors(term)
         pieces.append(("- " if negative else "+ ") + shown)
     if not pieces:
         pieces = ["+ 0"]
     pieces[0] = pieces[0].removeprefix("+ ")
     lines = [" ".join(pieces[i : i + per_line]) for i in range(0, len(pieces), per_line)]
-    joined = " \\\\\n &\\quad ".join(lines)
-    return f"\\begin{{aligned}}\n{latex(lhs)} &= {joined}\n\\end{{aligned}}"
+    return " \\\\\n &\\quad ".join(lines)
 
 
 def _factors(term: Any) -> str:

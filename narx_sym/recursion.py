@@ -38,8 +38,8 @@ class State:
 
     def map(self, change: Callable[[Any], Any]) -> State:
         """Return the state with all three expressions changed alike."""
-        changed = (change(sp.sympify(e)) for e in (self.left, self.right, self.initial))
-        return State(*changed, group=self.group)
+        left, right, initial = (change(sp.sympify(e)) for e in (self.left, self.right, self.initial))
+        return State(left, right, initial, self.group)
 
     @property
     def remembers(self) -> bool:

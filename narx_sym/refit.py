@@ -22,7 +22,8 @@ from .simulation import segments
 Array = np.ndarray
 BLOCKS, SEALED, EVERY = 24, 3, 4
 STEPS, TOLERANCE = 40, 1e-7
-SLACK = 1.01
+SLACK, RETURNED = 1.01, 0.001
+REFUSALS = 4  # after so many terms that must stay, no others are tried
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
 
 
@@ -199,39 +200,42 @@ def add(
     return None
 
 
-def prune(fitted: Fitted, keep: Sequence[str]) -> Fitted:
-    """Delete backwards the terms that an added effect made redundant.
+def prune(fitted: Fitted, keep: Sequence[str], before: Fitted) -> Fitted:
+    """Delete backwards the terms that an added effect made redundant, the least certain first.
 
-    A term goes while the free-run error grows by less than 1 % on the training and on the held-out samples.
+    A term goes while the free-run error grows by less than 1 %, or less than 0.1 % of what the effect removed comes
+    back, on the training and on the held-out samples.
 
     Parameters
     ----------
     keep : names of symbols that stay
+    before : the model without the effect
     """
-    limit = [SLACK * fitted.mean_square(m) for m in (fitted.split.train, fitted.split.held)]
+    masks = (fitted.split.train, fitted.split.held)
+    limits = []
+    for mask in masks:
+        now = fitted.mean_square(mask)
+        limits.append(max(SLACK * now, now + RETURNED * max(0.0, before.mean_square(mask) - now)))
     refused: set[Any] = set(map(str, keep))
-    while True:
+    while len(refused) < len(keep) + REFUSALS:
         scored = [
-            (abs(v) / s if s > 0 and np.isfinite(s) else np.inf, symbol)
+            (abs(v) / s if s > 0 and np.isfinite(s) else np.inf, str(symbol), symbol)
             for symbol, v, s in zip(fitted.model.symbols, fitted.model.theta, fitted.std, strict=True)
             if str(symbol) not in refused and _removable(fitted.model, symbol)
         ]
         if not scored:
-            return fitted
-        weight, symbol = min(scored, key=lambda p: (p[0], str(p[1])))
-        if weight > 60:
-            return fitted
-        refused.add(str(symbol))
+            break
+        _, name, symbol = min(scored, key=lambda p: p[:2])
+        refused.add(name)
         try:
             smaller = settle(without(fitted.model, [symbol]), fitted.split)
         except FitError:
             continue
-        smaller.model.info |= {n: v for n, v in fitted.model.info.items() if n not in ("effects",)}
-        if all(
-            smaller.mean_square(m) <= most
-            for m, most in zip((fitted.split.train, fitted.split.held), limit, strict=True)
-        ):
+        smaller.model.info |= {n: v for n, v in fitted.model.info.items() if n != "effects"}
+        if all(smaller.mean_square(mask) <= most for mask, most in zip(masks, limits, strict=True)):
             fitted = smaller
+            refused.discard(name)
+    return fitted
 
 
 def _removable(model: Model, symbol: Any) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from .analysis import jacobian, without_integrator, z
+from .analysis import without_integrator, z
 from .compile import Columns, compile, lambdify, largest_root
 from .data import Record
 from .errors import Diverged, ModelError, NarxError
@@ -18,7 +18,8 @@ from .invert import Compensator, direction, mbar, rbar
 from .metrics import mape, nrmse
 from .model import Model
 from .printing import text
-from .signals import lag, samples, t, u, y
+from .sensitivity import derivative
+from .signals import k, lag, samples, t, u, x, y
 
 Array = np.ndarray
 Records = Record | Sequence[Record]
@@ -61,6 +62,11 @@ def initial_values(model: Model, data: Mapping[str, Array], depth: int) -> dict[
     Parameters
     ----------
     data : the sequences by name, in the user's units; of the output at least `depth` samples
+
+    Raises
+    ------
+    ModelError
+        For an initial value that contains parameters, or is not finite.
     """
     found = {str(model.output.label): np.asarray(data[str(model.output.label)][:depth])}
     for state in model.states:
@@ -69,10 +75,14 @@ def initial_values(model: Model, data: Mapping[str, Array], depth: int) -> dict[
         if expression.free_symbols - {b for s in read for b in s.free_symbols}:
             raise ModelError(f"The initial value of {state.left} must contain signals and numbers only.")
         # Before the first sample everything is as at the first sample.
-        given = [[float(data[str(s.base.label)][max(0, i - lag(s))]) for s in read] for i in range(depth)]
+        given = [[np.float64(data[str(s.base.label)][max(0, i - lag(s))]) for s in read] for i in range(depth)]
         value = lambdify([expression.xreplace({s: sp.Symbol(f"s{j}") for j, s in enumerate(read)})],
                          [sp.Symbol(f"s{j}") for j in range(len(read))])  # fmt: skip
-        found[str(state.left.base.label)] = np.array([float(value(*row)[0]) for row in given])
+        name = str(state.left.base.label)
+        found[name] = np.array([float(value(*row)[0]) for row in given])
+        if not np.all(np.isfinite(found[name])):
+            shown = ", ".join(f"{text(s)} = {v:g}" for s, v in zip(read, given[0], strict=True))
+            raise ModelError(f"The initial value of {state.left}, {text(expression)}, is not finite at {shown}.")
     return found
 
 
@@ -118,7 +128,10 @@ def simulate(
     source = vector(u, "input of a simulation")
     if u0 is not None:
         depth = max(1, model.recursion.depth)
-        before = {name: np.concatenate([np.full(depth, x[0]), x]) for name, x in (channels or {}).items()}
+        held = {str(getattr(n, "label", n)): values for n, values in (channels or {}).items()}
+        if t in model.recursion.inputs:
+            held.setdefault("t", np.arange(source.size) * (model.Ts or 1.0))
+        before = {n: np.concatenate([np.full(depth, values[0]), values]) for n, values in held.items()}
         y0 = rest_output(model, float(u0)) if y0 is None else y0
         return simulate(model, np.concatenate([np.full(depth, float(u0)), source]), y0, before, engine)[depth:]
     y0 = rest_output(model, source[0]) if y0 is None else np.asarray(y0, dtype=float)
@@ -135,29 +148,33 @@ def simulate(
     if model.states:
         before = {**given, str(model.output.label): np.resize(np.asarray(y0, dtype=float), max(1, depth))}
         initial = initial_values(model, before, max(1, depth)) | initial
+    runs = {str(base.label): np.empty(source.size) for base in compiled.recursion.states}
     try:
-        return compiled(given, theta, initial)[str(model.output.label)]
+        return compiled(given, theta, initial, out=runs, output=model.output)[str(model.output.label)]
     except Diverged as error:
-        raise Diverged(f"{error} {_what_grew(model, given, error)}", error.at, error.trajectory) from None
+        raise Diverged(f"{error}{_what_grew(model, given | runs, error.at)}", error.at, error.trajectory) from None
 
 
-def _what_grew(model: Model, given: Mapping[Any, Any], error: Diverged) -> str:
-    """Name the terms that grew before a divergence, and the slope dF/dy there."""
-    depth, at = model.recursion.depth, error.at
-    names = {str(getattr(base, "label", base)): np.asarray(x, dtype=float) for base, x in given.items()}
-    names[str(model.output.label)] = np.asarray(error.trajectory)
+def _what_grew(model: Model, runs: Mapping[str, Any], at: int) -> str:
+    """Name the terms that grew before a divergence, and the slope of what the core computes there."""
+    depth, inner = model.recursion.depth, model.inner
     end = max(depth, at - 1)  # the last sample whose past is still well inside the finite numbers
-    window = {n: x[max(0, end - depth) : end + 1] for n, x in names.items()}
-    parts = [(c * t).xreplace(model.values) for c, t in model.parts()]
-    slopes = [s.xreplace(model.values) for s in jacobian(model)]
+    window = {n: np.asarray(x, dtype=float).ravel()[max(0, end - depth) : end + 1] for n, x in runs.items()}
+    # What effects add to the core's output counts beside the core's own terms.
+    terms = [(c, e) for _, pairs in model.system() for c, e in pairs if e != x[k]]
+    terms = [(c, e) for c, e in terms if samples(e)]
     try:
-        sizes = Columns([model.in_user_units(p) for p in parts])(window)[-1]
-        slope = float(np.abs(Columns([slopes[0]])(window)[-1, 0])) if slopes else 0.0
-    except (NarxError, IndexError, ValueError):
+        written = [model.in_user_units((c * e).xreplace(model.values)) for c, e in terms]
+        slope_of = model.in_user_units(derivative(model.core, inner[k - 1])).xreplace(model.values)
+        sizes, slope = Columns(written)(window)[-1], float(np.abs(Columns([slope_of])(window)[-1, 0]))
+    except (NarxError, LookupError, ValueError, TypeError):
         return ""
-    order = np.argsort(-np.abs(sizes))[:3]
-    grown = ", ".join(f"{text(model.parts()[i][1])} ({sizes[i]:.3g})" for i in order if np.isfinite(sizes[i]))
-    return f"Largest terms at sample {end}: {grown}; |dF/dy[k-1]| = {slope:.3g} there (stable below 1)."
+    order = [i for i in np.argsort(-np.abs(sizes)) if np.isfinite(sizes[i])][:3]
+    if not order:
+        return ""
+    grown = ", ".join(f"{text(terms[i][1])} ({sizes[i]:.3g})" for i in order)
+    said = f"; |dF/d{inner.label}[k-1]| = {slope:.3g} there (stable below 1)" if model.n_y else ""
+    return f" Largest terms at sample {end}: {grown}{said}."
 
 
 def vector(x: Any, what: str, least: int = 1) -> Array:
@@ -262,7 +279,7 @@ def run_law(law: Compensator, reference: Any, m0: Any = None, channels: Mapping[
     m0 : number, optional
         The input before the start, at rest [unit of u]. By default the line through the fitted data at r[0].
     channels : mapping of names to (N,) arrays
-        Further measured sequences that the law uses.
+        Further measured sequences that the law uses. `t`, time in seconds, starts from 0 unless it is given.
 
     Returns
     -------
@@ -282,11 +299,16 @@ def run_law(law: Compensator, reference: Any, m0: Any = None, channels: Mapping[
     m0 = float(m0)
     if not np.isfinite(m0):
         raise ModelError("The input before the start, m0, is not finite.")
-    # Before the start everything rests at its first value.
     given = {"r": r, **{name: vector(x, f"channel {name}") for name, x in (channels or {}).items()}}
-    padded = {name: np.concatenate([np.full(depth, x[0]), x]) for name, x in given.items()}
+    ahead = 0
+    if t in compiled.recursion.inputs and "t" not in given:
+        given["t"], ahead = np.arange(r.size) * (law.model.Ts or 1.0), compiled.recursion.lead
+    # Before the start everything rests at its first value; after the end at its last, while time goes on.
+    padded = {name: np.concatenate([np.full(depth, x[0]), x, np.full(ahead, x[-1])]) for name, x in given.items()}
+    if ahead:
+        padded["t"][depth + r.size :] += np.arange(1, ahead + 1) * (law.model.Ts or 1.0)
     try:
-        m = compiled(padded, theta, {"m": m0}, start=depth)["m"][depth:]
+        m = compiled(padded, theta, {"m": m0}, start=depth)["m"][depth : depth + r.size]
     except Diverged as error:
         outside = _reference_outside(law, r)
         raise Diverged(f"{error}{f' Here {outside}.' if outside else ''}", error.at, error.trajectory) from None

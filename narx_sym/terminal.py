@@ -33,6 +33,7 @@ Channels = Annotated[str, typer.Option("--channels", help="Further columns: name
 Rows = Annotated[str | None, typer.Option("--rows", help="Data rows A:B, counted from 0.")]
 Units = Annotated[str, typer.Option("--units", help="Units of input and output, as V,um.")]
 
+
 def console(stderr: bool = False) -> Any:
     """Return a rich console; results go to stdout, progress and notes to stderr."""
     from rich.console import Console

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,6 +18,8 @@ from ..signals import k, signal
 
 PLACES = ("input", "inside", "output")
 SEQUENCES = ("x", "u", "y", "t", "channel")  # names of arguments that are sequences; all others are shape parameters
+
+COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ AMPLITUDE = Scan("amplitude", (0.03, 0.08, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9))
 CURVATURE = Scan("amplitude", (0.3, 1.0, 2.5, 6.0, 15.0), power=-1)
 SPEED = Scan("speed", (0.1, 0.5, 1.5))
 SLOW_SPEED = Scan("speed", (0.05, 0.15, 0.4), beyond=1.0)  # well below the speed: tanh reaches its plateau
-TIME = Scan("time", (0.0, 0.2, 0.4, 0.6, 0.8, 1.0))
+TIME = Scan("time", (0.0, 0.15, 0.3, 0.45), beyond=1.0)  # slower lags are creep
 GAIN = Scan("gain", (0.7, 1.0, 1.3, 1.6, 2.0, 3.0))
 PEAKS = Scan("peaks", (0, 1, 2))
 RATIO = Scan("ratio", (1.0, -1.0))
@@ -108,7 +111,8 @@ class Effect:
         """
         given: dict[str, Any] = {name: signal(name) for name in SEQUENCES}
         # The sampling time enters as a number of few digits: equations stay readable.
-        given |= {"Ts": Ts if isinstance(Ts, sp.Basic) else sp.Float(f"{Ts:.9g}")} | {p: sp.Symbol(p, positive=True) for p in self.shape} | values
+        given["Ts"] = Ts if isinstance(Ts, sp.Basic) else sp.Float(f"{Ts:.9g}")
+        given |= {p: sp.Symbol(p, positive=True) for p in self.shape} | values
         made = self.function(**{name: given[name] for name in self.arguments})
         if isinstance(made, Form):
             return made
@@ -132,8 +136,8 @@ class Effect:
         """Where it acts, what drives it, and what its shape parameters are, in words."""
         words = {"u": "u", "y": "y", "uy": "u and y", "t": "time", "channel": "the channel"}
         places = [
-            f"{'inside' if place == 'inside' else 'at the ' + place}, driven by {' or '.join(words[d] for d in drivers)}"
-            for place, drivers in self.places.items()
+            f"{'inside' if place == 'inside' else f'at the {place}'}, driven by {' or '.join(words[d] for d in by)}"
+            for place, by in self.places.items()
         ]
         units = [f"{p} in {self.unit[p]}" for p in self.shape if self.unit.get(p)]
         return "; ".join([*places, *units])
@@ -190,7 +194,7 @@ def effect(
     Raises
     ------
     ModelError
-        For an unknown place, or a shape parameter without a scan rule.
+        For an unknown place, a shape parameter without a scan rule, or one that is called like a coefficient.
     """
 
     def listed(x: Any) -> tuple[str, ...]:
@@ -209,6 +213,11 @@ def effect(
             name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred, full,
             function.__module__.rpartition(".")[2],
         )  # fmt: skip
+        wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
+        if wrong:
+            raise ModelError(
+                f"Effect {name}: the shape parameter {wrong[0]!r} is called like a coefficient; choose another name."
+            )
         missing = [p for p in one.shape if p not in one.scan]
         if missing:
             raise ModelError(f"Effect {name}: give a scan rule for the shape parameter {missing[0]!r}.")

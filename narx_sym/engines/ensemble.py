@@ -52,11 +52,11 @@ class _Grouped(Emitter):
         return total
 
 
-def emit(plan: Plan, keep: bool) -> ir.Module:
+def emit(plan: Plan, keep: bool, output: int) -> ir.Module:
     """Write `run(inputs..., target, past, theta, cost, kept, start, stop)`.
 
-    `past` is (n_past, SETS), `theta` (n_parameters, SETS), `cost` (SETS,): the squared error of the first state against
-    the target. With `keep` the first state is written to `kept`, (stop, SETS).
+    `past` is (n_past, SETS), `theta` (n_parameters, SETS), `cost` (SETS,): the squared error of the state number
+    `output` against the target. With `keep` that state is written to `kept`, (stop, SETS).
     """
     module, pointer = ir.Module("ensemble"), DOUBLE.as_pointer()
     states = range(len(plan.updates))
@@ -95,17 +95,17 @@ def emit(plan: Plan, keep: bool) -> ir.Module:
                 value_of.varying.add(plan.sample[s, 0])
             for row, (s, i) in enumerate(keys):
                 b.store(newest[s] if i == 1 else held[s, i - 1], at(memory, row, j))
-            gap = b.fsub(newest[0], wanted)
+            gap = b.fsub(newest[output], wanted)
             b.store(b.fadd(b.load(b.gep(cost, [j])), b.fmul(gap, gap)), b.gep(cost, [j]))
             if keep:
-                b.store(newest[0], b.gep(kept, [b.add(b.mul(k, ir.Constant(INT, SETS)), j)]))
+                b.store(newest[output], b.gep(kept, [b.add(b.mul(k, ir.Constant(INT, SETS)), j)]))
     b.ret_void()
     return module
 
 
-def build(plan: Plan, keep: bool) -> Callable[..., None]:
+def build(plan: Plan, keep: bool, output: int) -> Callable[..., None]:
     """Return run(inputs, target, past, theta, cost, kept, start, stop)."""
-    engine = machine_code(emit(plan, keep))
+    engine = machine_code(emit(plan, keep, output))
     pointers = len(plan.signals) - len(plan.updates) + 5
     signature = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * pointers, *[ctypes.c_int64] * 2)
     function = signature(engine.get_function_address("run"))
