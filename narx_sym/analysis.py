@@ -14,9 +14,10 @@ from sympy.solvers.solveset import NonlinearError
 
 from . import assumptions, printing
 from .errors import FitError, ModelError
-from .model import Model
+from .model import Model, pairs
+from .recursion import State
 from .sensitivity import derivative
-from .signals import differences, k, samples
+from .signals import differences, k, lag, lags, samples, t, x
 
 ybar, ubar, ytilde = (sp.Symbol(n, real=True) for n in (r"\bar{y}", r"\bar{u}", r"\tilde{y}"))
 u_, phi1_ = sp.Symbol("u", real=True), sp.Symbol("phi_1", real=True)
@@ -27,23 +28,111 @@ def _rest(base: Any) -> Any:
     return sp.Symbol(rf"\bar{{{base.label}}}", real=True)
 
 
+def effects_of(model: Model, expr: Any = None, states: Sequence[State] = ()) -> str:
+    """Name the effects whose coefficients an expression contains or that brought some states, or the states."""
+    symbols = {str(s) for s in sp.sympify(expr or 0).free_symbols}
+    groups = {s.group for s in states if s.group}
+    named = [
+        one["effect"]
+        for one in model.info.get("effects", [])
+        if any(c in symbols or c.partition("_")[2] in groups for c in one["coefficients"])
+    ]
+    if named:
+        return f"the {'effect' if len(named) == 1 else 'effects'} {' and '.join(dict.fromkeys(named))}"
+    return f"the {'state' if len(states) == 1 else 'states'} {', '.join(printing.text(s.left) for s in states)}"
+
+
+def remembered(model: Model) -> str:
+    """Say what keeps a model from being one equation in y and u; an empty text where it is one."""
+    if not model.hidden:
+        return ""
+    if model.memory:
+        shown = ", ".join(printing.text(s.left) for s in model.memory)
+        return f"{effects_of(model, states=model.memory)} has a memory of its own ({shown})"
+    return f"{effects_of(model, model.beside, model.hidden)} acts on the inner output x[k], which is not measured"
+
+
+def _closed(model: Model, what: str, timeless: bool = True) -> None:
+    """Refuse what is not derived for models that remember, or that change with time.
+
+    Raises
+    ------
+    ModelError
+    """
+    why = remembered(model)
+    if not why and timeless and samples(model.right, t):
+        why = f"{_moving(model)} changes with time, so that nothing is at rest"
+    if why:
+        raise ModelError(f"{what} not derived for this model: {why}.")
+
+
+def _moving(model: Model) -> str:
+    """Name the effects that depend on time."""
+    symbols = {str(s): s for s in model.symbols}
+    for one in model.info.get("effects", []):
+        if any(c in symbols and samples(sp.diff(model.right, symbols[c]), t) for c in one["coefficients"]):
+            return f"the effect {one['effect']}"
+    return "the equation"
+
+
+def folded(model: Model) -> Any:
+    """Return the model's flat equation with differences of consecutive inputs written as phi1, their signs as phi2."""
+    first, second = differences(model.input)
+    expr = model.flat
+    found: dict[Any, Any] = {}
+    for node in expr.atoms(sp.Add):
+        read = samples(node, model.input)
+        if len(node.args) == len(read) == 2 and lag(read[1]) - lag(read[0]) == 1:
+            for sign in (1, -1):
+                if node == sign * (read[0] - read[1]):
+                    found[node] = sign * first[read[0].indices[0]]
+    expr = expr.xreplace(found)
+    return expr.xreplace({sp.sign(s): second[s.indices[0]] for s in samples(expr, first)})
+
+
 def rest_map(model: Model) -> Any:
     """Return G with ybar = G(ybar, ubar): all signals held constant, in the user's units.
 
     phi1 and phi2 vanish because u[k] - u[k-1] does; they are not declared.
+
+    Raises
+    ------
+    ModelError
+        For a model that remembers more than its outputs and inputs, or changes with time.
     """
+    _closed(model, "The steady state is")
     right = model.right
     held = {model.output: ybar, model.input: ubar}
     return right.xreplace({s: held.get(s.base, _rest(s.base)) for s in samples(right)})
 
 
 def sigma_y(model: Model) -> Any:
-    """Return the sum of the parameters of the linear output regressors."""
-    total = sp.S.Zero
-    for coefficient, term in model.parts():
-        if isinstance(term, sp.Indexed) and term.base == model.output:
-            total += coefficient
-    return total
+    """Return the sum of the parameters of the linear output regressors.
+
+    Where effects act on the output it is that of the inner output `x`.
+
+    Raises
+    ------
+    ModelError
+        Where the output also returns through what an effect remembers.
+    """
+    if any(s.left.base != x and _reads(model, s.right) & {x, model.output} for s in model.hidden):
+        _closed(model, "Sigma_y is", timeless=False)
+    if samples(model.beside, x) and model.inner == x:
+        _closed(model, "Sigma_y is", timeless=False)
+    terms = model.parts() if model.core == model.F else pairs(model.core)
+    return sp.Add(*(c for c, term in terms if isinstance(term, sp.Indexed) and term.base == model.inner))
+
+
+def _reads(model: Model, expr: Any) -> set[Any]:
+    """Return the sequences that an expression reads, itself or through other states."""
+    states = {s.left.base: s.right for s in model.states}
+    read: set[Any] = set()
+    more = {s.base for s in samples(expr)}
+    while more:
+        read |= more
+        more = {s.base for b in more if b in states and b != x for s in samples(states[b])} - read
+    return read
 
 
 @dataclass(frozen=True)
@@ -115,8 +204,15 @@ def _solvable(expr: Any, unknown: Any) -> bool:
 
 
 def jacobian(model: Model) -> list[Any]:
-    """Return [dF/dy[k-1], ..., dF/dy[k-n_y]]: phi1, phi2 and time indices kept, in the user's units."""
-    F = model.in_user_units(model.F)
+    """Return [dF/dy[k-1], ..., dF/dy[k-n_y]]: phi1, phi2 and time indices kept, in the user's units.
+
+    Raises
+    ------
+    ModelError
+        For a model that remembers more than its outputs and inputs.
+    """
+    _closed(model, "The slope is", timeless=False)
+    F = model.in_user_units(folded(model))
     return [derivative(F, model.output[k - i]) for i in range(1, model.n_y + 1)]
 
 
@@ -268,12 +364,16 @@ def quasi_static(model: Model) -> QuasiStatic:
     Raises
     ------
     ModelError
-        Where no closed form exists.
+        Where no closed form exists, and for a model that remembers more than its outputs and inputs or changes with
+        time.
     """
+    _closed(model, "The quasi-static solution is")
+    F = model.in_user_units(folded(model))
+    _no_lost_differences(model, F)
     branches = []
     offset = model.operating_point.get(model.output, 0)
     for direction in (1, -1):
-        excess = _static(model.in_user_units(model.F), model, direction) + offset - ytilde
+        excess = _static(F, model, direction) + offset - ytilde
         slope = sp.diff(excess, ytilde)
         if slope != 0 and not slope.has(ytilde):
             branches.append(sp.expand(excess.xreplace({ytilde: sp.S.Zero})) / sp.expand(-slope))
@@ -291,6 +391,17 @@ def quasi_static(model: Model) -> QuasiStatic:
     return QuasiStatic(model, branches[0], branches[1], slopes[0] if len(slopes) == 1 else slopes, attracting)
 
 
+def _no_lost_differences(model: Model, F: Any) -> None:
+    """Refuse differences that vanish when the time indices are dropped, other than phi1 and phi2."""
+    for node in F.atoms(sp.Add):
+        read = [lags(node, base) for base in (model.output, model.input)]
+        if max(map(len, read)) > 1 and sp.expand(_static(node, model, 1)) == 0:
+            raise ModelError(
+                f"The quasi-static solution is not derived for this model: {printing.text(node)} is a difference in "
+                "time other than phi1."
+            )
+
+
 def check(model: Model, rules: Sequence[str] | None = None) -> list[assumptions.Violation]:
     """Return every assumption that a model violates, term by term, with the reason.
 
@@ -298,13 +409,20 @@ def check(model: Model, rules: Sequence[str] | None = None) -> list[assumptions.
     ----------
     rules : names of `assumptions.RULES`
         All of the paper's by default.
+
+    Raises
+    ------
+    ModelError
+        For a model that remembers more than its outputs and inputs: the assumptions speak of regressors in these.
     """
+    _closed(model, "What the assumptions say is", timeless=False)
     total = sp.sympify(sigma_y(model)).xreplace(model.values)
     # The rule about rest values belongs to Sigma_y = 1; a model with another known sum has one equilibrium anyway.
     integrates = model.constraints or not total.is_number or abs(float(total) - 1) < 1e-9
     first = assumptions.CONTINUUM if integrates else assumptions.ASSUMPTION_1
     names = list(rules) if rules is not None else [*first, *(("A1(i)",) if not model.lead else ())]
-    terms = [term for _, term in model.parts()]
+    listed = pairs(sp.expand(folded(model))) if model.states else model.parts()
+    terms = list(dict.fromkeys(term for _, term in listed))
     found = assumptions.violations(terms, names, model.structure)
     return found + (assumptions.structural(terms, model.structure) if rules is None else [])
 

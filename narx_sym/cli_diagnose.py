@@ -111,16 +111,21 @@ def diagnose(
             written = next_file.name if json_file is None or same_folder(next_file, json_file) else str(next_file)
     if json_file is not None:
         write_json(found, json_file, written)
-    show(found, names, written)
-    if step.experiment is not None:
-        print_next(written, next_file)
-    if save is not None:
-        write_model(found, measured, save)
+    # All files are written before anything is printed: a closed pipe loses none.
     if plot is not None and where is not None:
         from .plots import plot_diagnosis, where_it_fails
 
         save_figure(plot_diagnosis(found, units=names), plot)
         save_figure(where_it_fails(found.misfit, units=names), where)
+    final = None if save is None else write_model(found, measured, save)
+    show(found, names, written)
+    if step.experiment is not None:
+        print_next(written, next_file)
+    if final is not None:
+        print_errors(final[1])
+        print_equations(final[0])
+        console().print(f"Model written to {save}")
+    if plot is not None:
         console().print(f"Pictures: {plot}, {where}")
     if json_file is not None:
         console().print(f"JSON written to {json_file}")
@@ -278,8 +283,8 @@ def print_next(written: str | None, path: Path | None) -> None:
         console().print("To write the input of the next experiment: --experiment next.csv")
 
 
-def write_model(found: Diagnosis, measured: list[Record], path: Path) -> None:
-    """Fit the last model again, on all samples, and write it."""
+def write_model(found: Diagnosis, measured: list[Record], path: Path) -> tuple[Model, list[tuple[str, Any]]]:
+    """Fit the last model again, on all samples, and write it; return it with the errors on the way there."""
     from .simulation import evaluate
     from .store import save
 
@@ -291,11 +296,9 @@ def write_model(found: Diagnosis, measured: list[Record], path: Path) -> None:
         model = refitted(found.model, measured)
     rows.append((f"{what}, fitted on all samples", evaluate(model, measured)))
     save(model, path)
-    print_errors(rows)
-    print_equations(model)
     if len(names) == 1:
         note("nothing was added: the model written is the base")
-    console().print(f"Model written to {path}")
+    return model, rows
 
 
 def refitted(model: Model, measured: list[Record]) -> Model:

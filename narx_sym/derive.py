@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from . import analysis
@@ -12,45 +14,50 @@ from .printing import latex, text
 
 
 def summary(model: Model) -> list[tuple[str, list[str]]]:
-    """Return headings and lines of plain text: what a user reads on the terminal."""
-    state = analysis.steady_state(model)
-    sections = [
-        ("Model", [f"{model.output.label}[k] = {text(model.F)}", *_values(model)]),
-        ("In your units", [f"{model.output.label}[k] = {text(model.expand(numbers=True).rhs)}"]),
-        ("Sigma_y", [_valued(analysis.sigma_y(model), model)]),
-        (
-            "Steady state",
-            [
-                f"{state.equation.lhs} = {state.equation.rhs}",
-                "continuum of equilibria (Lemma 1) if "
-                + (" and ".join(f"{c.lhs} = {c.rhs}" for c in state.conditions) or "always"),
-            ],
-        ),
-    ]
-    if model.values:
+    """Return headings and lines of plain text: what a user reads on the terminal.
+
+    Where something is not derived, its lines say why.
+    """
+
+    def steady() -> list[str]:
+        state = analysis.steady_state(model)
+        conditions = " and ".join(f"{c.lhs} = {c.rhs}" for c in state.conditions) or "always"
+        return [f"{state.equation.lhs} = {state.equation.rhs}", f"continuum of equilibria (Lemma 1) if {conditions}"]
+
+    def property_1() -> list[str]:
         verdict = analysis.property_1(model)
-        sections.append(("Property 1", [f"{'holds' if verdict.holds else 'fails'}: {verdict.reason}"]))
-    try:
+        return [f"{'holds' if verdict.holds else 'fails'}: {verdict.reason}"]
+
+    def quasi_static() -> list[str]:
         sets = analysis.quasi_static(model)
-        sections.append(
-            (
-                "Quasi-static solutions",
-                [
-                    f"loading:   {sets.loading}",
-                    f"unloading: {sets.unloading}",
-                    f"attracting where {sets.attracting}",
-                ],
-            )
-        )
-    except ModelError as error:
-        sections.append(("Quasi-static solutions", [str(error)]))
-    found = analysis.check(model)
-    sections.append(("Assumptions", [str(v) for v in found] or ["none is violated"]))
+        found = (f"loading:   {sets.loading}", f"unloading: {sets.unloading}", f"attracting where {sets.attracting}")
+        return list(found)
+
+    wanted: list[tuple[str, Callable[[], list[str]]]] = [
+        ("Model", lambda: [*model.lines(), *_values(model)]),
+        ("In your units", lambda: _expanded(model)),
+        ("Sigma_y", lambda: [_valued(analysis.sigma_y(model), model)]),
+        ("Steady state", steady),
+        *([("Property 1", property_1)] if model.values else []),
+        ("Quasi-static solutions", quasi_static),
+        ("Assumptions", lambda: [str(v) for v in analysis.check(model)] or ["none is violated"]),
+        ("Compensation law", lambda: [f"m[k] = {text(compensator(model).law)}"]),
+    ]
+    return [(heading, _tried(lines)) for heading, lines in wanted]
+
+
+def _tried(lines: Callable[[], list[str]], shown: Callable[[str], str] = str) -> list[str]:
+    """Return what can be derived, or the reason why it cannot."""
     try:
-        sections.append(("Compensation law", [f"m[k] = {text(compensator(model).law)}"]))
-    except NotInvertible as error:
-        sections.append(("Compensation law", [str(error)]))
-    return sections
+        return lines()
+    except (ModelError, NotInvertible) as error:
+        return [shown(str(error))]
+
+
+def _expanded(model: Model) -> list[str]:
+    """Return the equation in the user's units, or all of them where states remain."""
+    updates = model.recursion.updates if model.hidden else [model.expand(numbers=True).args]
+    return [f"{text(left)} = {text(right.xreplace(model.values))}" for left, right in updates]
 
 
 def _values(model: Model) -> list[str]:
@@ -64,26 +71,27 @@ def _valued(expr: Any, model: Model) -> str:
 
 def document(model: Model) -> str:
     """Return a LaTeX document with every derived equation; it compiles with amsmath alone."""
-    state = analysis.steady_state(model)
     parts: list[tuple[str, list[str]]] = [("Model", [model.latex()])]
     if model.values:
         parts[0][1].append(model.latex(numbers=True))
-    parts.append((r"Sum of the linear output parameters", [rf"\Sigma_y = {latex(analysis.sigma_y(model))}"]))
-    parts.append(("Steady state", [latex(state.equation)]))
-    conditions = [latex(c) for c in state.conditions]
-    parts.append(("Continuum of equilibrium points", conditions or [r"\text{always}"]))
-    try:
+    sigma_y, equation = (
+        _tried(lambda: [rf"\Sigma_y = {latex(analysis.sigma_y(model))}"], _boxed),
+        _tried(lambda: [latex(analysis.steady_state(model).equation)], _boxed),
+    )
+    parts += [("Sum of the linear output parameters", sigma_y), ("Steady state", equation)]
+    with suppress(ModelError):
+        conditions = [latex(c) for c in analysis.steady_state(model).conditions]
+        parts.append(("Continuum of equilibrium points", conditions or [r"\text{always}"]))
+    with suppress(ModelError):
         sets = analysis.quasi_static(model)
         parts.append(("Quasi-static sets and attracting condition", sets.latex().split(r" \\ ", 1)))
-    except ModelError:
-        pass
     try:
         law = compensator(model)
         parts.append(("Compensation law", [law.latex()]))
         if law.A is not None:
             parts.append((r"Grouping $A(q)\,y_k = B(q)\,u_k + f(\cdot)$", law.latex_grouping()))
     except NotInvertible as error:
-        parts.append(("Compensation law", [rf"\parbox{{0.9\linewidth}}{{{_escape(str(error))}}}"]))
+        parts.append(("Compensation law", [_boxed(str(error))]))
     body = "\n\n".join(
         rf"\section*{{{heading}}}" + "\n" + "\n".join(f"\\[\n{e}\n\\]" for e in equations)
         for heading, equations in parts
@@ -92,6 +100,10 @@ def document(model: Model) -> str:
         "\\documentclass{article}\n\\usepackage{amsmath}\n\\usepackage[margin=2cm]{geometry}\n"
         f"\\begin{{document}}\n{body}\n\\end{{document}}\n"
     )
+
+
+def _boxed(message: str) -> str:
+    return rf"\parbox{{0.9\linewidth}}{{{_escape(message)}}}"
 
 
 def _escape(message: str) -> str:

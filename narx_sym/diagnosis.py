@@ -39,6 +39,8 @@ EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
 NEAR = 0.2  # "named" also needs an error within this of the noise floor, or nearly everything removed
 SLOW = 0.998  # a linear base whose pole is beyond this integrates
 MANY_MORE, CLEARLY = 3, 0.02  # so many parameters more must remove so much more of the error
+NARROW, SHORT = 0.9, 100  # share of the energy in one spectral line; samples of a segment that do not count
+TAKES_OVER = 0.9  # of the base's error: without a term of the base, and still better
 BELOW = 4.0  # a shape parameter may leave its grid downwards by this factor
 LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
 WORSE = 1.1  # what makes the held-out error grow by more is no candidate
@@ -48,7 +50,7 @@ OVERSAMPLED = 25
 VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library")
 
 
-@dataclass
+@dataclass(repr=False)
 class Candidate:
     """One effect that may be missing, fitted.
 
@@ -67,6 +69,8 @@ class Candidate:
         Corrected for everything that was tried.
     mean_square, before : float
         Held-out free-run error with the effect, and that of the base [unit of y squared].
+    replaces : bool
+        Whether it took the place of a lag or velocity term of the base.
     """
 
     effect: str
@@ -75,8 +79,12 @@ class Candidate:
     p_value: float
     mean_square: float
     before: float
+    replaces: bool = False
     share: float = 0.0
     interval: tuple[float, float] = (0.0, 0.0)
+
+    def __repr__(self) -> str:
+        return f"Candidate({self.variant}, {100 * self.share:.0f} % of the removable error)"
 
     @property
     def model(self) -> Model:
@@ -344,12 +352,12 @@ def shortlist(scored: Scored) -> list[tuple[Direction, int]]:
 
 
 def simpler(base: Fitted) -> list[Fitted]:
-    """Return bases without the input differences of a linear base that has such: a lag or a velocity term.
+    """Return bases without the dynamics of a linear base that may only imitate what is missing.
 
-    They may only imitate what is missing: on one sine a lag looks like hysteresis, at one speed drag like friction.
+    On one sine a lag looks like hysteresis; at one speed drag looks like friction.
     """
     model = base.model
-    if not _is_linear(model) or not cancels(model):
+    if not _is_linear(model) or not (cancels(model) or all(narrow(r) for r in base.split.records if len(r) > SHORT)):
         return []
     now = min((i for i in lags(model.core, u)), default=0)
     found = []
@@ -365,6 +373,24 @@ def simpler(base: Fitted) -> list[Fitted]:
     return found
 
 
+def _takes_over(c: Candidate) -> bool:
+    return c.replaces and c.mean_square < TAKES_OVER * c.before
+
+
+def _preferred(c: Candidate, old: Candidate, independent: float) -> bool:
+    """Whether one form of an effect beats another: BIC, but first one that takes the place of base terms."""
+    if c.replaces != old.replaces:
+        return _takes_over(c if c.replaces else old) == c.replaces
+    return c.fitted.criterion(independent) < old.fitted.criterion(independent)
+
+
+def narrow(record: Any) -> bool:
+    """Whether nearly all of an input's energy is at one frequency, as in a sine or a triangle."""
+    power = np.abs(np.fft.rfft((record.u - record.u.mean()) * np.hanning(len(record)))) ** 2
+    peak = int(np.argmax(power))
+    return bool(power[max(0, peak - 3) : peak + 4].sum() > NARROW * power.sum())
+
+
 def ranked(found: Sequence[Candidate], independent: float) -> list[Candidate]:
     """Return the best candidate of each effect, best first.
 
@@ -373,7 +399,7 @@ def ranked(found: Sequence[Candidate], independent: float) -> list[Candidate]:
     best: dict[str, Candidate] = {}
     for c in found:
         old = best.get(c.effect)
-        if old is None or c.fitted.criterion(independent) < old.fitted.criterion(independent):
+        if old is None or _preferred(c, old, independent):
             best[c.effect] = c
     listed = sorted(best.values(), key=lambda c: (c.mean_square, c.effect))
     if not listed:
@@ -391,7 +417,8 @@ def ranked(found: Sequence[Candidate], independent: float) -> list[Candidate]:
             len(kept),
         )
         kept.insert(at, c)
-    return kept
+    # What does without a term of the base, and still beats the base, explains that term too.
+    return sorted(kept, key=lambda c: not _takes_over(c))
 
 
 def refit(
@@ -409,7 +436,7 @@ def refit(
             continue
         candidate = Candidate(
             direction.variant.id, direction.variant, made, scored.scores.corrected(i),
-            made.mean_square(base.split.held), before,
+            made.mean_square(base.split.held), before, instead_of is not None,
         )  # fmt: skip
         sign = direction.variant.effect.sign
         if sign and sign * next(iter(candidate.parameters.values())) <= 0:
@@ -498,12 +525,12 @@ def step(
     best = candidates[0]
     chance = _chance(base, best, scored, seed)
     made.p_value = max(made.p_value, chance)
-    large = _large(base, best, seed)
+    large, base_error = _large(base, best, seed), (1 - LARGE) * base.mean_square(split.held)
     if large is not None:
         # No noise does this, whatever its colour; a periodic error that the noise model takes for noise passes here.
         made.p_value = min(made.p_value, large)
         for c in candidates:
-            c.p_value = max(c.p_value, made.p_value) if c.p_value > gate.LEVEL else c.p_value
+            c.p_value = made.p_value if c.p_value > gate.LEVEL and c.mean_square < base_error else c.p_value
     if made.p_value > gate.LEVEL:
         return made
     report("estimating the noise floor")
@@ -519,7 +546,7 @@ def step(
         made.candidates = []
         return made
     made.confusion_set = confusion_set(candidates)
-    if best.share < HELPS:
+    if max(c.share for c in candidates) < HELPS:
         made.verdict = "outside_library"
     elif best.share < EXPLAINED or best.mean_square > (1 + NEAR) ** 2 * floor and best.share < NEARLY_ALL:
         made.verdict = "helps_but_incomplete"

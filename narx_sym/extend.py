@@ -16,7 +16,6 @@ from .model import Model
 from .recursion import State
 from .signals import breve_phi1, breve_phi2, expand_phi, k, m, phi1, phi2, r, samples, signal, t, u, v, x, y
 
-
 MANY = 20  # coefficients of one effect
 # Names that no channel and no state of an effect may have.
 RESERVED = {str(b.label) for b in (u, y, t, x, v, r, m, phi1, phi2, breve_phi1, breve_phi2)} | {"k", "prediction"}

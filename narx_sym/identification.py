@@ -22,7 +22,7 @@ from .simulation import Records, centre, evaluate, law_radius, segments, simulat
 BASES = ("narx", "linear", "static")
 HELD_OUT = 0.3
 CYCLES = 10
-CANCELS, CALM = 10.0, 2.0
+CANCELS, CALM = 5.0, 2.0
 FEWEST = 20  # samples; below this a structure cannot be told from chance
 
 

@@ -5,19 +5,19 @@ A law is a recursion for m[k] in past m and (future) r; putting it back into the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import sympy as sp
 
 from . import printing
-from .analysis import characteristic, jury, without_integrator, z
+from .analysis import characteristic, effects_of, jury, remembered, without_integrator, z
 from .errors import NotInvertible
 from .model import Model
 from .recursion import Recursion
 from .sensitivity import derivative
-from .signals import expand_phi, k, lag, m, r, samples, shift, swap, u, y
+from .signals import expand_phi, k, lag, lags, m, r, samples, shift, swap, u, y
 
 q = sp.Symbol("q")
 mbar, rbar, direction = (sp.Symbol(n, real=True) for n in (r"\bar{m}", r"\bar{r}", "s"))
@@ -70,7 +70,7 @@ class Compensator:
         """Put the law into the model and subtract the reference: 0 where the inversion is exact."""
         if self.A is None:  # an identified inverse is its own law: nothing was inverted
             return sp.simplify(self.law - swap(self.model.right, {u: m, y: r}, {y: self.model.lead}))
-        delay = self.model.delay
+        delay = newest_input(self.model)
         followed = shift(swap(self.model.right, {u: m, y: r}), delay)
         return sp.simplify(sp.expand(followed.xreplace({m[k]: self.law}) - r[k + delay]))
 
@@ -122,7 +122,7 @@ class Compensator:
         return [*lines, printing.latex_sum(sp.Symbol(r"f(\cdot)"), self._grouped(self.f), per_line=2)]
 
     def _fraction(self) -> tuple[Any, Any]:
-        gain = derivative(self.model.right, self.model.input[k - self.model.delay])
+        gain = derivative(self.model.right, self.model.input[k - newest_input(self.model)])
         return sp.Add(*(p * gain for p in sp.Add.make_args(self.law))), gain
 
     def _grouped(self, expr: Any) -> list[tuple[Any, Any]]:
@@ -183,15 +183,30 @@ def internal_dynamics(law: Compensator) -> InternalDynamics:
     return InternalDynamics(polynomial, integrates, sp.And(*conditions) if conditions else sp.true)
 
 
+def newest_input(model: Model) -> int:
+    """Return the smallest lag of the input: that of the core, or of an effect that acts faster."""
+    return min(lags(model.right, model.input), default=model.delay)
+
+
+def _addends(model: Model) -> list[tuple[Any, Any]]:
+    """Return what the output adds up: each term, and the same with its coefficient in the user's units."""
+    if model.states:
+        return [(part, part) for part in sp.Add.make_args(sp.expand(model.right))]
+    return [(term, c * expand_phi(model.in_user_units(term))) for c, term in model.parts()]
+
+
+def _offending(model: Model) -> list[tuple[Any, Any]]:
+    latest = model.input[k - newest_input(model)]
+    return [
+        (term, written)
+        for term, written in _addends(model)
+        if (written.has(latest) and samples(derivative(written, latest))) or _hidden(written, latest)
+    ]
+
+
 def offending_terms(model: Model) -> list[Any]:
     """Return the terms that contain u[k - tau_d] other than linearly with a constant coefficient (Assumption A1(i))."""
-    latest = model.input[k - model.delay]
-    bad = []
-    for _, term in model.parts():
-        written = expand_phi(model.in_user_units(term))
-        if (written.has(latest) and samples(derivative(written, latest))) or _hidden(written, latest):
-            bad.append(term)
-    return bad
+    return [term for term, _ in _offending(model)]
 
 
 def _hidden(expr: Any, sample: Any) -> bool:
@@ -200,9 +215,9 @@ def _hidden(expr: Any, sample: Any) -> bool:
 
 def polynomials(model: Model) -> tuple[Any, Any, Any]:
     """Group a model as A(q) y[k] = B(q) u[k] + f: the linear regressors, and all the rest in f."""
-    A, B, f = sp.S.One, sp.S.Zero, model.operating_point.get(model.output, sp.S.Zero)
-    for coefficient, term in model.parts():
-        written = coefficient * expand_phi(model.in_user_units(term))
+    offset = sp.S.Zero if model.states else model.operating_point.get(model.output, sp.S.Zero)
+    A, B, f = sp.S.One, sp.S.Zero, offset
+    for _, written in _addends(model):
         pieces = sp.Add.make_args(sp.expand(written))
         if all(len(_samples_with_powers(p)) <= 1 for p in pieces):
             for piece in pieces:
@@ -240,17 +255,29 @@ def compensator(model: Model) -> Compensator:
     Raises
     ------
     NotInvertible
-        Naming the terms that violate Assumption A1(i), or what else is missing.
+        Naming the terms or the effects that violate Assumption A1(i), the effects that remember, or what else is
+        missing.
     """
     if model.input == y:
         law = swap(model.right, {u: m, y: r}, {y: model.lead})
         return Compensator(model, law)
+    if model.hidden:
+        raise NotInvertible(_memory(model))
     right = model.right
     if not samples(right, model.input):
         raise NotInvertible("The model has no input term: there is nothing to solve for (Assumption A1).")
-    bad = offending_terms(model)
-    delay = model.delay
+    delay = newest_input(model)
     latest = model.input[k - delay]
+    found = _offending(model)
+    added = {str(s) for s in model.symbols} & {c for e in model.info.get("effects", []) for c in e["coefficients"]}
+    own = [one for one in found if added & {str(s) for s in one[1].free_symbols}]
+    if own:
+        names = effects_of(model, sp.Add(*(written for _, written in own)))
+        raise NotInvertible(
+            f"{printing.text(latest)} cannot be isolated: {names} uses it other than linearly, as in "
+            f"{printing.text(own[0][0])} (Assumption A1(i))."
+        )
+    bad = [term for term, _ in found]
     if bad:
         named = ", ".join(printing.text(t) for t in bad)
         raise NotInvertible(
@@ -266,6 +293,32 @@ def compensator(model: Model) -> Compensator:
     law = sp.Add(*(p / gain for p in (r[k + delay], *(-x for x in sp.Add.make_args(_renamed(rest, delay))))))
     A, B, f = polynomials(model)
     return Compensator(model, law, A, B, f)
+
+
+def _memory(model: Model) -> str:
+    """Say why a model with hidden states has no law: what remembers, and what drives it."""
+    arriving = list(_arrivals(model, model.F))
+    delay = min((i for i, _ in arriving), default=0)
+    passed = {base for i, through in arriving if i == delay for base in through}
+    holding = [s for s in model.memory if s.left.base in passed]
+    if holding:
+        shown = ", ".join(printing.text(s.left) for s in holding)
+        return (
+            f"{printing.text(model.input[k - delay])} cannot be isolated: {effects_of(model, states=holding)} "
+            f"remembers it ({shown}); there is no closed form yet."
+        )
+    return f"The law is not derived yet: {remembered(model)}, and the law would need it."
+
+
+def _arrivals(model: Model, expr: Any, through: frozenset[Any] = frozenset()) -> Iterator[tuple[int, frozenset[Any]]]:
+    """Yield the lags at which the input reaches an expression, each with the states that it passes."""
+    states = {s.left.base: s.right for s in model.states}
+    for s in samples(expand_phi(expr)):
+        if s.base == model.input:
+            yield lag(s), through
+        elif s.base in states and s.base not in through:
+            for i, passed in _arrivals(model, states[s.base], through | {s.base}):
+                yield lag(s) + i, passed
 
 
 def _drop(right: Any, latest: Any) -> Any:

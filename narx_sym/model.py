@@ -117,7 +117,7 @@ class Model:
 
     @cached_property
     def flat(self) -> Any:
-        """F, in the model's shifted signals, with `x` and every state that has no memory eliminated, where algebra can do it."""
+        """F in the model's shifted signals; `x` and states without memory are eliminated, where algebra can do it."""
         states = {s.left.base: s for s in self.states}
         F = self.F
         if x in states and not any(samples(s.right, x) for b, s in states.items() if b != x):

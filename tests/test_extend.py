@@ -137,7 +137,7 @@ def test_an_output_effect_is_taken_off_before_the_core_predicts(name):
         late = slice(REST, None)
         assert np.abs(model.predict(record) - base.predict(core) - part)[late].max() < 1e-9, str(variant)
         tried.add(variant.effect.id)
-    assert {"drift", "creep", "channel", "hysteresis", "coulomb_friction", "offset"} <= tried
+    assert {"drift", "channel", "hysteresis", "coulomb_friction", "offset"} <= tried
 
 
 SLIPS = sp.sign(y[k - 1] - y[k - 2])

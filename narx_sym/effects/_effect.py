@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -36,7 +36,7 @@ def rate_dependence(x: Any, tau: Any, Ts: Any) -> Form:
     return Form((w[k] - x[k],), (lag_of(x, w, tau, Ts),))
 
 
-@effect({"output": "y"}, scan={"tau": Scan("time", (0.35, 0.5, 0.65, 0.8))}, unit={"tau": "s"}, sign=1, full=True,
+@effect({"output": "y"}, scan={"tau": Scan("time", (0.35, 0.5, 0.65, 0.8), beyond=1.0)}, unit={"tau": "s"}, sign=1, full=True,
         source="Kuhnen 2005 (creep operators)")  # fmt: skip
 def creep(x: Any, tau: Any, Ts: Any) -> Form:
     """Creep: after a step the output goes on moving slowly."""
