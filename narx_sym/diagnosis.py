@@ -340,12 +340,12 @@ def shortlist(scored: Scored) -> list[tuple[Direction, int]]:
             forms[key] = i
     ranked: list[tuple[Direction, int]] = []
     # Both views count: energy in the output, and likelihood after whitening.
-    for measure in (share, gain):
+    for measure, effects, forms_each in ((share, REFITTED, FORMS), (gain, REFITTED // 2, 1)):
         order = sorted(best, key=lambda name: -max(measure[i] for i in best[name].values()))
-        for name in order[:REFITTED]:
+        for name in order[:effects]:
             forms_of = sorted(best[name].values(), key=lambda i: -measure[i])
             top = measure[forms_of[0]]
-            for i in forms_of[:FORMS]:
+            for i in forms_of[:forms_each]:
                 if measure[i] > 0.6 * top and all(j != i for _, j in ranked):
                     ranked.append((scored.directions[i], i))
     return ranked
@@ -357,12 +357,16 @@ def simpler(base: Fitted) -> list[Fitted]:
     On one sine a lag looks like hysteresis; at one speed drag looks like friction.
     """
     model = base.model
-    if not _is_linear(model) or not (cancels(model) or all(narrow(r) for r in base.split.records if len(r) > SHORT)):
+    if not isinstance(model, NARX) or not _is_linear(model):
+        return []
+    if not (cancels(model) or all(narrow(r) for r in base.split.records if len(r) > SHORT)):
         return []
     now = min((i for i in lags(model.core, u)), default=0)
     found = []
-    for orders in {model.n_y, 0}:
+    for orders in sorted({model.n_y, 0}):
         terms = [*(y[k - i] for i in range(1, orders + 1)), u[k - max(now, model.delay)], sp.S.One]
+        if len(terms) >= len(model.symbols):
+            continue
         made = NARX(terms, operating_point=model.operating_point, Ts=model.Ts)
         made.info = {n: v for n, v in model.info.items() if n == "selection"}
         try:
@@ -382,6 +386,11 @@ def _preferred(c: Candidate, old: Candidate, independent: float) -> bool:
     if c.replaces != old.replaces:
         return _takes_over(c if c.replaces else old) == c.replaces
     return c.fitted.criterion(independent) < old.fitted.criterion(independent)
+
+
+def imitated(catalogue: Catalogue) -> Catalogue:
+    """Return the effects that a lag or a velocity term may imitate."""
+    return Catalogue({name: forms for name, forms in catalogue.items() if forms[0].family in ("memory", "friction")})
 
 
 def narrow(record: Any) -> bool:
@@ -517,11 +526,13 @@ def step(
     found = refit(base, scored, report)
     for other in simpler(base):
         report("trying the effects in the place of base terms")
-        found += refit(other, score(other, channels, catalogue, seed), report, instead_of=base)
+        found += refit(other, score(other, channels, imitated(catalogue), seed), report, instead_of=base)
     candidates = ranked(found, base.independent())
     if not candidates:
         made.verdict = "outside_library"
         return made
+    confused = confusion_set(candidates)
+    candidates.sort(key=lambda c: c.effect not in confused)
     best = candidates[0]
     chance = _chance(base, best, scored, seed)
     made.p_value = max(made.p_value, chance)
@@ -545,7 +556,7 @@ def step(
     if best.interval[0] <= 0 or (large is None and worse):
         made.candidates = []
         return made
-    made.confusion_set = confusion_set(candidates)
+    made.confusion_set = confused
     if max(c.share for c in candidates) < HELPS:
         made.verdict = "outside_library"
     elif best.share < EXPLAINED or best.mean_square > (1 + NEAR) ** 2 * floor and best.share < NEARLY_ALL:
@@ -596,7 +607,7 @@ def confusion_set(candidates: Sequence[Candidate]) -> list[str]:
     A richer form that contains a simpler one (plays contain a play) is left out where it explains nothing more.
     """
     best = candidates[0]
-    close = [c for c in candidates if c is best or c.mean_square <= CLOSE**2 * best.mean_square]
+    close = [c for c in candidates if 1 / CLOSE**2 <= c.mean_square / best.mean_square <= CLOSE**2]
     simple = [
         c for c in close
         if not any(
