@@ -46,9 +46,11 @@ def remembered(model: Model) -> str:
     """Say what keeps a model from being one equation in y and u; an empty text where it is one."""
     if not model.hidden:
         return ""
-    if model.memory:
-        shown = ", ".join(printing.text(s.left) for s in model.memory)
-        return f"{effects_of(model, states=model.memory)} has a memory of its own ({shown})"
+    read = {base for state in model.hidden for base in {state.left.base} | _reads(model, state.right)}
+    held = [s for s in model.recurrent if s.left.base in read]
+    if held:
+        shown = ", ".join(printing.text(s.left) for s in held)
+        return f"{effects_of(model, states=held)} remembers more than outputs and inputs ({shown})"
     return f"{effects_of(model, model.beside, model.hidden)} acts on the inner output x[k], which is not measured"
 
 
@@ -116,9 +118,8 @@ def sigma_y(model: Model) -> Any:
     ModelError
         Where the output also returns through what an effect remembers.
     """
-    if any(s.left.base != x and _reads(model, s.right) & {x, model.output} for s in model.hidden):
-        _closed(model, "Sigma_y is", timeless=False)
-    if samples(model.beside, x) and model.inner == x:
+    returning = any(_reads(model, s.right) & {x, model.output} for s in model.states if s.left.base != x)
+    if model.hidden and (returning or (model.inner == x and samples(model.beside, x))):
         _closed(model, "Sigma_y is", timeless=False)
     terms = model.parts() if model.core == model.F else pairs(model.core)
     return sp.Add(*(c for c, term in terms if isinstance(term, sp.Indexed) and term.base == model.inner))
@@ -131,7 +132,7 @@ def _reads(model: Model, expr: Any) -> set[Any]:
     more = {s.base for s in samples(expr)}
     while more:
         read |= more
-        more = {s.base for b in more if b in states and b != x for s in samples(states[b])} - read
+        more = {s.base for b in more if b in states for s in samples(states[b])} - read
     return read
 
 

@@ -534,9 +534,10 @@ def step(
     confused = confusion_set(candidates)
     candidates.sort(key=lambda c: c.effect not in confused)
     best = candidates[0]
-    chance = _chance(base, best, scored, seed)
+    strongest = min(candidates, key=lambda c: c.mean_square)
+    chance = _chance(base, strongest, scored, seed)
     made.p_value = max(made.p_value, chance)
-    large, base_error = _large(base, best, seed), (1 - LARGE) * base.mean_square(split.held)
+    large, base_error = _large(base, strongest, seed), (1 - LARGE) * base.mean_square(split.held)
     if large is not None:
         # No noise does this, whatever its colour; a periodic error that the noise model takes for noise passes here.
         made.p_value = min(made.p_value, large)

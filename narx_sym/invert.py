@@ -300,7 +300,7 @@ def _memory(model: Model) -> str:
     arriving = list(_arrivals(model, model.F))
     delay = min((i for i, _ in arriving), default=0)
     passed = {base for i, through in arriving if i == delay for base in through}
-    holding = [s for s in model.memory if s.left.base in passed]
+    holding = [s for s in model.recurrent if s.left.base in passed]
     if holding:
         shown = ", ".join(printing.text(s.left) for s in holding)
         return (

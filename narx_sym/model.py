@@ -123,7 +123,7 @@ class Model:
         if x in states and not any(samples(s.right, x) for b, s in states.items() if b != x):
             F = self._measured(states[x].right) + self.beside
         for base, state in reversed(states.items()):
-            if not state.remembers:
+            if state not in self.recurrent and not (base == x and state.remembers):
                 F = F.xreplace({s: shift(state.right, -lag(s)) for s in samples(F, base)})
         return F
 
@@ -141,6 +141,20 @@ class Model:
     def memory(self) -> tuple[State, ...]:
         """The states that effects remember."""
         return tuple(s for s in self.states if s.remembers and s.left.base != x)
+
+    @cached_property
+    def recurrent(self) -> tuple[State, ...]:
+        """The states other than `x` that depend on their own past, through each other too."""
+        reads = {s.left.base: {e.base for e in samples(s.right)} - {x} for s in self.states}
+        found = []
+        for state in self.states:
+            base, seen, more = state.left.base, set(), reads[state.left.base]
+            while more - seen:
+                seen |= more
+                more = set().union(*(reads.get(b, set()) for b in more))
+            if base in seen and base != x:
+                found.append(state)
+        return tuple(found)
 
     @cached_property
     def hidden(self) -> tuple[State, ...]:
