@@ -77,6 +77,11 @@ def _moving(model: Model) -> str:
     return "the equation"
 
 
+def newest_input(model: Model) -> int:
+    """Return the smallest lag of the input: that of the core, or of an effect that acts faster."""
+    return min(lags(model.right, model.input), default=model.delay)
+
+
 def folded(model: Model) -> Any:
     """Return the model's flat equation with differences of consecutive inputs written as phi1, their signs as phi2."""
     first, second = differences(model.input)
@@ -424,8 +429,9 @@ def check(model: Model, rules: Sequence[str] | None = None) -> list[assumptions.
     names = list(rules) if rules is not None else [*first, *(("A1(i)",) if not model.lead else ())]
     listed = pairs(sp.expand(folded(model))) if model.states else model.parts()
     terms = list(dict.fromkeys(term for _, term in listed))
-    found = assumptions.violations(terms, names, model.structure)
-    return found + (assumptions.structural(terms, model.structure) if rules is None else [])
+    structure = assumptions.Structure(model.output, model.input, newest_input(model))
+    found = assumptions.violations(terms, names, structure)
+    return found + (assumptions.structural(terms, structure) if rules is None else [])
 
 
 def constraint_matrix(equations: Sequence[Any], symbols: Sequence[Any]) -> tuple[sp.Matrix, sp.Matrix]:

@@ -553,8 +553,8 @@ def step(
     shares(base, candidates, floor, seed)
     made.candidates = candidates
     # The sealed samples are opened here, once: what is real helps at the end of the record too.
-    worse = best.fitted.mean_square(split.test) > base.mean_square(split.test)
-    if best.interval[0] <= 0 or (large is None and worse):
+    worse = strongest.fitted.mean_square(split.test) > base.mean_square(split.test)
+    if strongest.interval[0] <= 0 or (large is None and worse):
         made.candidates = []
         return made
     made.confusion_set = confused

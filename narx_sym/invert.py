@@ -12,12 +12,12 @@ from typing import Any
 import sympy as sp
 
 from . import printing
-from .analysis import characteristic, effects_of, jury, remembered, without_integrator, z
+from .analysis import characteristic, effects_of, jury, newest_input, remembered, without_integrator, z
 from .errors import NotInvertible
 from .model import Model
 from .recursion import Recursion
 from .sensitivity import derivative
-from .signals import expand_phi, k, lag, lags, m, r, samples, shift, swap, u, y
+from .signals import expand_phi, k, lag, m, r, samples, shift, swap, u, y
 
 q = sp.Symbol("q")
 mbar, rbar, direction = (sp.Symbol(n, real=True) for n in (r"\bar{m}", r"\bar{r}", "s"))
@@ -181,11 +181,6 @@ def internal_dynamics(law: Compensator) -> InternalDynamics:
     polynomial, integrates = without_integrator(characteristic(held)) if held else (sp.S.One, False)
     conditions = jury(polynomial) if polynomial.has(z) else []
     return InternalDynamics(polynomial, integrates, sp.And(*conditions) if conditions else sp.true)
-
-
-def newest_input(model: Model) -> int:
-    """Return the smallest lag of the input: that of the core, or of an effect that acts faster."""
-    return min(lags(model.right, model.input), default=model.delay)
 
 
 def _addends(model: Model) -> list[tuple[Any, Any]]:
