@@ -3,6 +3,8 @@
 Read it in this order: `signals` (y[k] and the shift operator), `recursion` (the ordered list of update equations that
 everything is), `model` (NARX and pools), `analysis` (section 3 of the paper), `invert` (section 4), `estimate`
 (section 2). `compile` is the only bridge to numbers.
+
+Then `effects` (what a model may lack) and `diagnosis` (which of it is missing).
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ _WHERE = {
     "store": ("load", "save"),
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
-_MODULES = ("assumptions", "ensemble", "plants", "plots")
+_MODULES = ("assumptions", "effects", "ensemble", "plants", "plots")
 __all__ = sorted([*_HOME, *_MODULES])
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,18 +13,19 @@ from scipy.signal import lfilter
 
 from . import gate, printing
 from .bootstrap import correlation_length
+from .compile import Columns
 from .constraints import constraint_equations
 from .directions import Direction, Linearised
 from .effects import EFFECTS, Catalogue
 from .errors import FitError, ModelError
-from .experiment import Experiment, propose
-from .compile import Columns
 from .estimate import describe
+from .experiment import Experiment, propose
 from .extend import Variant, equations, find
-from .misfit import Misfit, missing_input, where_it_fails
 from .freerun import FreeRun
-from .identification import cancels, prepare
+from .identification import prepare
+from .misfit import Misfit, missing_input, where_it_fails
 from .model import NARX, Model
+from .parallel import one_blas_thread
 from .refit import Fitted, Split, add, period_noise, prune, settle
 from .sensitivity import derivative
 from .signals import expand_phi, k, lags, samples, u, y
@@ -39,6 +39,7 @@ EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
 NEAR = 0.2  # "named" also needs an error within this of the noise floor, or nearly everything removed
 SLOW = 0.998  # a linear base whose pole is beyond this integrates
 MANY_MORE, CLEARLY = 3, 0.02  # so many parameters more must remove so much more of the error
+CYCLES = 3  # of a periodic input at least
 NARROW, SHORT = 0.9, 100  # share of the energy in one spectral line; samples of a segment that do not count
 TAKES_OVER = 0.9  # of the base's error: without a term of the base, and still better
 BELOW = 4.0  # a shape parameter may leave its grid downwards by this factor
@@ -109,9 +110,7 @@ class Candidate:
         form = equations(self.model, self.variant)
         names = self.parameters
         coefficients = [n for n in names if n.startswith("c")]
-        shown = [
-            (sp.Float(f"{names[c]:.4g}"), z) for c, z in zip(coefficients, form.z, strict=False)
-        ]
+        shown = [(sp.Float(f"{names[c]:.4g}"), z) for c, z in zip(coefficients, form.z, strict=False)]
         target = {"input": r"v_{k} - u_{k}", "inside": r"\Delta F", "output": r"y_{k} - x_{k}"}[self.where]
         lines = [printing.latex_sum(sp.Symbol(target), shown)]
         lines += [f"{printing.latex(s.left)} = {printing.latex(s.right)}" for s in form.states]
@@ -359,7 +358,7 @@ def simpler(base: Fitted) -> list[Fitted]:
     model = base.model
     if not isinstance(model, NARX) or not _is_linear(model):
         return []
-    if not (cancels(model) or all(narrow(r) for r in base.split.records if len(r) > SHORT)):
+    if not all(narrow(r) for r in base.split.records if len(r) > SHORT):
         return []
     now = min((i for i in lags(model.core, u)), default=0)
     found = []
@@ -397,7 +396,7 @@ def narrow(record: Any) -> bool:
     """Whether nearly all of an input's energy is at one frequency, as in a sine or a triangle."""
     power = np.abs(np.fft.rfft((record.u - record.u.mean()) * np.hanning(len(record)))) ** 2
     peak = int(np.argmax(power))
-    return bool(power[max(0, peak - 3) : peak + 4].sum() > NARROW * power.sum())
+    return bool(peak >= CYCLES and power[max(0, peak - 3) : peak + 4].sum() > NARROW * power.sum())
 
 
 def ranked(found: Sequence[Candidate], independent: float) -> list[Candidate]:
@@ -524,7 +523,7 @@ def step(
     if scores.p_value > gate.LEVEL and scores.share.max() < LARGE:
         return made
     found = refit(base, scored, report)
-    for other in simpler(base):
+    for other in simpler(base) if imitated(catalogue) else []:
         report("trying the effects in the place of base terms")
         found += refit(other, score(other, channels, imitated(catalogue), seed), report, instead_of=base)
     candidates = ranked(found, base.independent())
@@ -560,7 +559,7 @@ def step(
     made.confusion_set = confused
     if max(c.share for c in candidates) < HELPS:
         made.verdict = "outside_library"
-    elif best.share < EXPLAINED or best.mean_square > (1 + NEAR) ** 2 * floor and best.share < NEARLY_ALL:
+    elif best.share < EXPLAINED or (best.mean_square > (1 + NEAR) ** 2 * floor and best.share < NEARLY_ALL):
         made.verdict = "helps_but_incomplete"
     elif len(made.confusion_set) > 1:
         made.verdict = "confused"
@@ -612,7 +611,7 @@ def confusion_set(candidates: Sequence[Candidate]) -> list[str]:
     simple = [
         c for c in close
         if not any(
-            len(o.parameters) + 2 <= len(c.parameters) and o.mean_square <= EQUAL**2 * c.mean_square
+            (len(o.parameters) + 2 <= len(c.parameters) and o.mean_square <= EQUAL**2 * c.mean_square)
             or (o is best and len(o.parameters) + MANY_MORE <= len(c.parameters))
             for o in close
         )
@@ -764,20 +763,23 @@ def diagnose(
     measured = [n for n in listed[0].channels if all(n in r.channels for r in listed)]
     unknown = [] if channels == "all" else [n for n in channels if n not in measured]
     if unknown:
-        raise ModelError(f"There is no channel {unknown[0]!r} in every record; there are {', '.join(measured) or 'none'}.")
+        raise ModelError(
+            f"There is no channel {unknown[0]!r} in every record; there are {', '.join(measured) or 'none'}."
+        )
     named = measured if channels == "all" else list(channels)
     split = Split.of(listed)
     report("fitting the base in free run")
     base = fit_base(model, split)
     steps: list[Step] = []
     failed: Misfit | None = None
-    while True:
-        made = step(base, named, catalogue, seed, report)
-        steps.append(made)
-        failed = failed or misfit_of(base, made.floor)
-        if made.chosen is None or len(steps) >= max_effects:
-            break
-        base = made.chosen
+    with one_blas_thread():
+        while True:
+            made = step(base, named, catalogue, seed, report)
+            steps.append(made)
+            failed = failed or misfit_of(base, made.floor)
+            if made.chosen is None or len(steps) >= max_effects:
+                break
+            base = made.chosen
     return Diagnosis(steps, failed, time.perf_counter() - begin, seed)
 
 
@@ -826,9 +828,10 @@ class Addition:
         listed = prepare(records)
         split = Split.whole(listed)
         if isinstance(self.effect, Candidate):
-            fitted = settle(_copy(self.effect.model), split)
+            fitted = settle(_copy(self.effect.model), split, limits=self.effect.fitted.limits)
         else:
-            fitted = self._search(split, seed, report)
+            with one_blas_thread():
+                fitted = self._search(split, seed, report)
         model = fitted.model
         describe(model, listed, "free_run", fitted.converged)
         return model

@@ -21,7 +21,6 @@ from .effects import EFFECTS, Catalogue, Scan, effect
 from .errors import ModelError
 from .extend import Variant, equations, extend, variants
 from .freerun import FreeRun
-from .model import Model
 from .recursion import Recursion
 from .sensitivity import sensitivities
 from .signals import k, samples, signal
@@ -132,7 +131,9 @@ class Linearised:
         for run, columns in zip(self.runs, z, strict=True):
             found = np.empty(columns.shape, order="F")
             for j in range(columns.shape[1]):
-                moved = compiled({**run, PUSH: columns[:, j]}, theta, zero, on_divergence="nan", start=self.problem.depth)
+                moved = compiled(
+                    {**run, PUSH: columns[:, j]}, theta, zero, on_divergence="nan", start=self.problem.depth
+                )
                 found[:, j] = moved[name]
             parts.append(found[self.problem.depth :])
         return np.concatenate(parts)
@@ -207,9 +208,7 @@ class Linearised:
         medians = [float(np.median(s)) for s in sides if s.size > near]
         return bool(medians) and power[at] > LINE * np.log(power.size / PADDING) * max(medians)
 
-    def directions(
-        self, channels: Iterable[str] = (), catalogue: Catalogue = EFFECTS
-    ) -> tuple[list[Direction], Array]:
+    def directions(self, channels: Iterable[str] = (), catalogue: Catalogue = EFFECTS) -> tuple[list[Direction], Array]:
         """Return every variant at every grid point, and the matrix of their directions (rows, columns)."""
         listed, blocks, at = [], [], 0
         for variant in variants(self.model, channels, catalogue):

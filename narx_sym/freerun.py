@@ -70,9 +70,7 @@ class FreeRun:
         Which samples of each segment count; all by default.
     """
 
-    def __init__(
-        self, model: Model, records: Records, equations: Sequence[Any], use: Sequence[Array] | None = None
-    ):
+    def __init__(self, model: Model, records: Records, equations: Sequence[Any], use: Sequence[Array] | None = None):
         self.model, self.records, self.equations, self.use = model, records, equations, use
         self.elimination = Elimination.of(equations, model.symbols)
         self.name, self.depth = str(model.output.label), max(1, model.recursion.depth)

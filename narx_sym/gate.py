@@ -238,9 +238,7 @@ def score(
         An autoregressive model would take them for noise.
     measured : pieces of the noise itself, from repeated periods, where there are any
     """
-    a, _, e, P, D, picked, remaining = whitened(
-        residual, own, directions, edges, rows, lines, measured
-    )
+    a, _, e, P, D, picked, remaining = whitened(residual, own, directions, edges, rows, lines, measured)
     variance = float(remaining @ remaining) / max(1, e.size - P.shape[1] - picked.size)
     if measured:
         white = np.concatenate([oaconvolve(m, a, mode="valid") for m in measured])

@@ -148,7 +148,8 @@ class Model:
         reads = {s.left.base: {e.base for e in samples(s.right)} - {x} for s in self.states}
         found = []
         for state in self.states:
-            base, seen, more = state.left.base, set(), reads[state.left.base]
+            base, more = state.left.base, reads[state.left.base]
+            seen: set[Any] = set()
             while more - seen:
                 seen |= more
                 more = set().union(*(reads.get(b, set()) for b in more))

@@ -95,6 +95,7 @@ class Fitted:
     ----------
     model : Model, with theta
     unknowns : parameters and initial shifts
+    limits : of some parameters
     """
 
     model: Model
@@ -103,6 +104,7 @@ class Fitted:
     unknowns: Array
     converged: bool
     std: Array
+    limits: Mapping[Any, Any]
 
     @cached_property
     def errors(self) -> list[Array]:
@@ -149,6 +151,7 @@ def settle(
     FitError
         Where the free run diverges from the start, or ends unstable.
     """
+    limits = {s: pair for s, pair in (limits or {}).items() if s in model.symbols}
     equations = constraint_equations(model, None)
     problem = FreeRun(model, list(split.records), equations, split.train)
     begin = problem.start(model.theta if start is None else start)
@@ -158,7 +161,7 @@ def settle(
     model.theta = problem.theta(found.x).tolist()
     std = problem.errors(found)
     model.std = tuple(float(s) for s in std)
-    made = Fitted(model, split, problem, found.x, bool(found.status > 0), std)
+    made = Fitted(model, split, problem, found.x, bool(found.status > 0), std, limits)
     if not all(np.all(np.isfinite(e)) for e in made.errors):
         raise FitError("The fitted model is unstable.")
     return made
@@ -182,7 +185,8 @@ def add(
     ranges : limits of each shape parameter
     """
     extended = extend(base.model, variant)
-    limits: dict[Any, tuple[float, float]] = {s: ranges[p] for s, p in zip(extended.shape, variant.shape, strict=True)}
+    limits: dict[Any, Any] = dict(base.limits)
+    limits |= {s: ranges[p] for s, p in zip(extended.shape, variant.shape, strict=True)}
     if variant.effect.sign and len(extended.coefficients) == 1:
         most = FULL if variant.effect.full else np.inf
         limits[extended.coefficients[0]] = (0.0, most) if variant.effect.sign > 0 else (-most, 0.0)
@@ -228,7 +232,7 @@ def prune(fitted: Fitted, keep: Sequence[str], before: Fitted) -> Fitted:
         _, name, symbol = min(scored, key=lambda p: p[:2])
         refused.add(name)
         try:
-            smaller = settle(without(fitted.model, [symbol]), fitted.split)
+            smaller = settle(without(fitted.model, [symbol]), fitted.split, limits=fitted.limits)
         except FitError:
             continue
         smaller.model.info |= {n: v for n, v in fitted.model.info.items() if n != "effects"}

@@ -12,6 +12,7 @@ import narx_sym as ns
 from narx_sym.compile import compile, to_c
 from narx_sym.errors import ModelError
 from narx_sym.recursion import Recursion
+from narx_sym.sensitivity import sensitivities
 from narx_sym.signals import k, phi1, phi2, r, signal, u, y
 
 gcc = shutil.which("gcc")
@@ -116,7 +117,59 @@ def test_what_c_cannot_say_is_refused():
         to_c(Recursion(((y[k], sp.zeta(u[k])),)), {})
 
 
+@needs_gcc
+def test_constants_are_numbers(tmp_path):
+    turning = Recursion(((y[k], sp.cos(2 * sp.pi * u[k]) + sp.E * y[k - 1] / 9),))
+    wave = np.linspace(0, 1, 50)
+    found = run_in_c(tmp_path, "turning", turning, {}, [wave], [0.0])
+    assert np.allclose(found[1:], compile(turning)({"u": wave}, (), {"y": found[0]})["y"][1:], rtol=0, atol=1e-12)
+
+
 def test_step_by_step_is_the_same_recursion():
     """The self-test's expected values come from the engines, not from the C printer."""
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0])
     assert compile(model.recursion)({"u": np.ones(4)}, [0.5, 1.0], {"y": 0.0})["y"].tolist() == [0.0, 1.0, 1.5, 1.75]
+
+
+def test_the_last_state_is_returned_unless_another_is_named():
+    pair = Recursion(((p[k], p[k - 1] / 2 + u[k]), (y[k], y[k - 1] / 3 + p[k])))
+    assert "returns y[k]" in to_c(pair, {}) and "returns p[k]" in to_c(pair, {}, output=p)
+    assert to_c(pair, {}, output="p") == to_c(pair, {}, output=p)
+    with pytest.raises(ModelError, match="does not compute z"):
+        to_c(pair, {}, output="z")
+
+
+@needs_gcc
+def test_sensitivities_behind_the_output(tmp_path):
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5])
+    extended, _ = sensitivities(model.recursion)
+    wave = np.sin(np.arange(100) / 9)
+    path = tmp_path / "s.c"
+    path.write_text(to_c(extended, model.values, "s", output=y))
+    flags = ["-shared", "-fPIC", path, "-o", tmp_path / "s.so", "-lm"]
+    subprocess.run([gcc, *FLAGS, *flags], check=True)
+    library, number = ctypes.CDLL(str(tmp_path / "s.so")), ctypes.c_double
+    library.s_step.restype = number
+    state = ctypes.create_string_buffer(4096)
+    library.s_init(state, *[number(0.0)] * 4)
+    found = [library.s_step(state, number(value)) for value in wave[:-1]]
+    assert np.allclose(found, model.simulate(wave, 0.0)[1:], rtol=0, atol=1e-12)
+
+
+AWKWARD = (
+    "x", "past", "t", "k", "sample", "expected", "worst", "double", "case", "sin", "fabs", "main", "printf", "x0_1",
+    "shared_0", "a_state", "a_real", "a", "INFINITY", "température", "2nd",
+)  # fmt: skip
+
+
+@needs_gcc
+@pytest.mark.parametrize("state", ("x", "past", "sample", "double"))
+def test_names_of_signals_do_not_matter(state, tmp_path):
+    others = [n for n in AWKWARD if n != state]
+    z = signal(state)
+    total = sum((i + 1) * signal(n)[k - i % 3] for i, n in enumerate(others))
+    recursion = Recursion(((z[k], z[k - 1] / 2 + sp.sin(total) + sp.Abs(total) / 9), (y[k], z[k] + y[k - 2] / 3)))
+    path = tmp_path / "a.c"
+    path.write_text(to_c(recursion, {}, "a"), encoding="utf-8")
+    subprocess.run([gcc, *FLAGS, "-DA_SELF_TEST", path, "-o", tmp_path / "a", "-lm"], check=True, capture_output=True)
+    assert "passed" in subprocess.run([tmp_path / "a"], capture_output=True, text=True, check=True).stdout

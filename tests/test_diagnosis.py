@@ -17,7 +17,6 @@ sys.path.insert(0, str(Path(__file__).parent / "bench"))  # scripts, no package
 import truths
 
 import narx_sym as ns
-from narx_sym.compile import compile as compiled
 from narx_sym.diagnosis import VERDICTS
 from narx_sym.effects import EFFECTS
 
@@ -145,7 +144,7 @@ def test_add_by_id_and_by_candidate(play):
     by_candidate = base.add(d.best).fit(record)
     by_id = base.add("backlash", where="input").fit(record)
     for model in (by_candidate, by_id):
-        assert model.info["effects"][-1]["id"] == "backlash"
+        assert model.info["effects"][-1]["effect"] == "backlash"
         assert model.info["nrmse"]["free_run"] < 0.9 * free_run
     assert "effects" not in base.info
     ratio = by_id.info["nrmse"]["free_run"] / by_candidate.info["nrmse"]["free_run"]
@@ -170,7 +169,7 @@ def test_extended_model_survives_saving_and_compiling(play, tmp_path):
     np.testing.assert_allclose(ns.free_run(again, record), first, rtol=1e-9, atol=1e-12)
     for engine in ("python", "numpy"):
         np.testing.assert_allclose(ns.free_run(d.model, record, engine=engine), first, rtol=1e-7, atol=1e-9)
-    assert "double" in d.model.to_c() and compiled(again.recursion()) is not None
+    assert again.to_c() == d.model.to_c()
 
 
 # ---- what the data cannot tell --------------------------------------------------------------------------------------
@@ -205,7 +204,7 @@ def test_boucwen_benchmark_has_hysteresis_inside():
 
 @needs_shared
 def test_seal_has_coulomb_friction():
-    record = ns.read(SHARED / "pneumatic_seal_friction" / "Oring_1bar.csv")
+    record = ns.read(SHARED / "pneumatic_seal_friction" / "Oring_1bar.csv")[:4300]  # six strokes
     d = ns.diagnose(ns.identify(record, base="static"), record, channels=[])
     assert d.best.effect == "coulomb_friction"
     assert abs(d.best.parameters["c"]) == pytest.approx(5.5, rel=0.1)  # N, the plateau at mid-stroke

@@ -11,8 +11,10 @@ import narx_sym as ns
 from narx_sym import ensemble, freerun
 from narx_sym.bootstrap import block_bootstrap, correlation_length
 from narx_sym.errors import ModelError
+from narx_sym.extend import extend, variants
 from narx_sym.freerun import FreeRun
 from narx_sym.parallel import sweep
+from narx_sym.signals import u, y
 
 PAPER = [
     "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2",
@@ -53,6 +55,43 @@ def test_sets_agree_with_single_runs(record, name, sets):
         assert costs[i] == pytest.approx(np.mean((single - record.y)[depth:] ** 2), rel=1e-9)
     assert np.allclose(bands.low, runs.min(axis=0)) and np.allclose(bands.high, runs.max(axis=0))
     assert np.allclose(bands.mean, runs.mean(axis=0))
+
+
+@pytest.mark.parametrize(
+    "wanted, where, values",
+    (
+        ("backlash", "input", (0.6, 8.0)), ("backlash", "output", (0.6, 8.0)), ("drift", "output", (0.5,)),
+        ("hysteresis", "output", (0.4, 0.05, 0.0)), ("rate_dependence", "input", (0.5, 0.3)),
+    ),
+)  # fmt: skip
+@pytest.mark.parametrize("point", ({}, {u: 3.0, y: -2.0}))
+def test_sets_of_a_model_with_states_agree_with_single_runs(record, wanted, where, values, point):
+    base = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]"], Ts=0.01, operating_point=point)
+    found = (v for v in variants(base) if v.id == wanted and v.where == where and v.effect.form in ("", "Bouc-Wen"))
+    model = extend(base, next(found)).model
+    values = np.array([1.2, -0.4, 0.2, *values][: len(model.symbols)])
+    thetas = cloud(values, 35)
+    late = record[200:]  # far from zero at the start
+    runs, costs = ensemble.trajectories(model, thetas, late), ensemble.costs(model, thetas, late)
+    depth = max(1, model.recursion.depth)
+    for i in range(0, 35, 8):
+        model.theta = thetas[i]
+        single = ns.free_run(model, late)
+        assert np.allclose(runs[i], single, rtol=1e-9, atol=1e-9 * np.abs(single).max())
+        assert costs[i] == pytest.approx(np.mean((single - late.y)[depth:] ** 2), rel=1e-9)
+
+
+def test_several_starts_fit_a_model_with_states():
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.7, 0.5], Ts=0.01)
+    model = extend(base, next(v for v in variants(base) if v.id == "backlash" and v.where == "input")).model
+    true = [0.7, 0.5, 0.8, 0.3]
+    model.theta = true
+    source = np.sin(np.arange(600) / 21) + np.sin(np.arange(600) / 7.3)
+    own = ns.Record.from_arrays(source, model.simulate(source, 0.0), Ts=0.01)
+    assert np.argmin(ensemble.costs(model, [[0.6, 0.6, 0.6, 0.2], true, [0.7, 0.5, 0.1, 0.6]], own)) == 1
+    model.theta = [0.6, 0.6, 0.6, 0.2]
+    model.fit(own, method="free_run", starts=3, seed=0)
+    assert model.theta == pytest.approx(true, rel=1e-4)
 
 
 def test_a_diverging_set_has_infinite_cost_and_spoils_no_other(record):

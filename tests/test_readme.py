@@ -63,10 +63,22 @@ def test_walk_through_own_csv(own_data, monkeypatch, capsys):
 
 def test_python_examples(own_data):
     names: dict = {}
-    for block in blocks("python"):
-        exec(compile(block, "README.md", "exec"), names)
+    try:
+        for block in blocks("python"):
+            exec(compile(block, "README.md", "exec"), names)
+    finally:
+        ns.EFFECTS.pop("soft_start", None)
+    assert names["found"].best.effect == "hysteresis"
     assert names["law"].residual() == 0
     assert np.allclose(names["bouc_wen"].theta, [0.7, 0.008, 0.008, 1.6], rtol=0.02)
+
+
+def test_effect_from_text(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(next(b for b in blocks("toml")), encoding="utf-8")
+    (one,) = ns.load_effects(path, ns.effects.Catalogue())
+    assert one.id == "soft_start"
+    assert one.shape == ("s",)
 
 
 def test_two_commands_stand_alone():

@@ -11,6 +11,20 @@ from ._text import load_effects, text_effect
 DETECTED = ("sensor_saturation", "quantisation")
 
 __all__ = [
-    "DETECTED", "EFFECTS", "Catalogue", "Effect", "Form", "Scan", "clip", "disturbance", "dynamics", "effect",
-    "friction", "load_effects", "memory", "static", "step", "text_effect",
-]  # fmt: skip
+    "DETECTED",
+    "EFFECTS",
+    "Catalogue",
+    "Effect",
+    "Form",
+    "Scan",
+    "clip",
+    "disturbance",
+    "dynamics",
+    "effect",
+    "friction",
+    "load_effects",
+    "memory",
+    "static",
+    "step",
+    "text_effect",
+]

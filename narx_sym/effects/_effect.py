@@ -25,10 +25,10 @@ COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
 class Scan:
     """Where the search for a shape parameter starts: `values` times a scale of the driving signal.
 
-    `of` is "amplitude" (half the range of the driver), "speed" (mean step of the driver), "time" (log-spaced between
-    a few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the line through the data), "peaks" (of the
-    residual's periodogram) or "steps" (whole samples, not refined). The fit may leave the grid upwards by the factor
-    `beyond`, and downwards by four.
+    `of` is "amplitude" (half the range of the driver), "speed" (rms step of the driver), "time" (log-spaced between a
+    few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the line through
+    the data), "peaks" (of the residual's periodogram) or "steps" (whole samples, not refined). The fit may leave the
+    grid upwards by the factor `beyond`, and downwards by four.
     """
 
     of: str
@@ -209,9 +209,19 @@ def effect(
             raise ModelError(f"Effect {name}: a place is one of {', '.join(PLACES)}, not {unknown.pop()!r}.")
         plain = " ".join((function.__doc__ or "").split())
         one = Effect(
-            name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred, full,
-            function.__module__.rpartition(".")[2],
-        )  # fmt: skip
+            name,
+            function,
+            places,
+            scan or {},
+            sign,
+            sentence or plain or name,
+            unit or {},
+            source,
+            form,
+            centred,
+            full,
+            (function.__module__ or "").rpartition(".")[2],
+        )
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:
             raise ModelError(

@@ -42,9 +42,12 @@ class Written:
     """
 
     def __init__(
-        self, z: tuple[str, ...], states: tuple[tuple[str, str, str], ...], shape: tuple[str, ...],
+        self,
+        z: tuple[str, ...],
+        states: tuple[tuple[str, str, str], ...],
+        shape: tuple[str, ...],
         steps: tuple[str, ...],
-    ):  # fmt: skip
+    ):
         self.z, self.states, self.shape, self.steps = z, states, shape, steps
         self._read: dict[tuple[int, ...], Form] = {}
         form = self.read((1,) * len(steps))
@@ -147,9 +150,17 @@ def _built(name: str, data: Mapping[str, Any]) -> Effect:
     if not words["sentence"].strip():
         raise ModelError("'sentence' says in plain words what the effect does.")
     made = effect(
-        places, scan=scan, sign=sign, unit=units, source=words["source"], id=name, form=words["form"], centred=centred,
-        sentence=words["sentence"], register=False,
-    )(function)  # fmt: skip
+        places,
+        scan=scan,
+        sign=sign,
+        unit=units,
+        source=words["source"],
+        id=name,
+        form=words["form"],
+        centred=centred,
+        sentence=words["sentence"],
+        register=False,
+    )(function)
     if ("channel" in made.arguments) != any("channel" in d for d in places.values()):
         raise ModelError("an equation uses channel[k] where, and only where, the driver is 'channel'.")
     return made

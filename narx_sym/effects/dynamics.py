@@ -36,8 +36,14 @@ def rate_dependence(x: Any, tau: Any, Ts: Any) -> Form:
     return Form((w[k] - x[k],), (lag_of(x, w, tau, Ts),))
 
 
-@effect({"output": "y"}, scan={"tau": Scan("time", (0.35, 0.5, 0.65, 0.8), beyond=1.0)}, unit={"tau": "s"}, sign=1, full=True,
-        source="Kuhnen 2005 (creep operators)")  # fmt: skip
+@effect(
+    {"output": "y"},
+    scan={"tau": Scan("time", (0.35, 0.5, 0.65, 0.8), beyond=1.0)},
+    unit={"tau": "s"},
+    sign=1,
+    full=True,
+    source="Kuhnen 2005 (creep operators)",
+)
 def creep(x: Any, tau: Any, Ts: Any) -> Form:
     """Creep: after a step the output goes on moving slowly."""
     ws = [signal(f"w{i}") for i in (1, 2, 3)]

@@ -18,16 +18,27 @@ def coulomb_friction(x: Any) -> Any:
     return sp.sign(step(x))
 
 
-@effect(MOVING, scan={"s": SLOW_SPEED}, unit={"s": "unit of the driver per sample"}, id="coulomb_friction", form="smooth",
-        source="Coulomb 1785, smoothed by tanh")  # fmt: skip
+@effect(
+    MOVING,
+    scan={"s": SLOW_SPEED},
+    unit={"s": "unit of the driver per sample"},
+    id="coulomb_friction",
+    form="smooth",
+    source="Coulomb 1785, smoothed by tanh",
+)
 def smooth_coulomb_friction(x: Any, s: Any) -> Any:
     """Dry friction: a constant force against the motion, whatever the speed."""
     return sp.tanh(step(x) / s)
 
 
-@effect({"output": "u"}, scan={"n": Scan("steps", (4, 10)), "s": Scan("speed", (0.5, 2.0), beyond=1.0)}, id="coulomb_friction",
-        form="averaged velocity", unit={"s": "unit of the driver"},
-        source="Coulomb 1785, velocity over n samples")  # fmt: skip
+@effect(
+    {"output": "u"},
+    scan={"n": Scan("steps", (4, 10)), "s": Scan("speed", (0.5, 2.0), beyond=1.0)},
+    id="coulomb_friction",
+    form="averaged velocity",
+    unit={"s": "unit of the driver"},
+    source="Coulomb 1785, velocity over n samples",
+)
 def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:
     """Dry friction: a constant force against the motion, whatever the speed."""
     return sp.tanh((x[k] - x[k - n]) / s)

@@ -20,9 +20,13 @@ def play(x: Any, p: Any, r: Any) -> State:
 
 
 @effect(
-    {"input": "u", "output": "y"}, scan={"r": AMPLITUDE}, sign=1, full=True, unit={"r": "unit of the driver"},
+    {"input": "u", "output": "y"},
+    scan={"r": AMPLITUDE},
+    sign=1,
+    full=True,
+    unit={"r": "unit of the driver"},
     source="Brokate & Sprekels 1996",
-)  # fmt: skip
+)
 def backlash(x: Any, r: Any) -> Form:
     """Play of half-width r: after a reversal nothing moves until the slack is taken up."""
     p = signal("p")
@@ -30,9 +34,12 @@ def backlash(x: Any, r: Any) -> Form:
 
 
 @effect(
-    {"output": ("u", "y"), "input": "u", "inside": "y"}, scan={"b": CURVATURE, "g": RATIO},
-    unit={"b": "1 / unit of the driver", "g": "1"}, source="Bouc 1967, Wen 1976 (rate-independent form)", form="Bouc-Wen",
-)  # fmt: skip
+    {"output": ("u", "y"), "input": "u", "inside": "y"},
+    scan={"b": CURVATURE, "g": RATIO},
+    unit={"b": "1 / unit of the driver", "g": "1"},
+    source="Bouc 1967, Wen 1976 (rate-independent form)",
+    form="Bouc-Wen",
+)
 def hysteresis(x: Any, b: Any, g: Any) -> Form:
     """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
     h = signal("h")
@@ -50,9 +57,13 @@ def quarter_steps(x: Any) -> list[Any]:
 
 
 @effect(
-    {"inside": "y"}, scan={"b": CURVATURE, "g": RATIO}, unit={"b": "1 / unit of the driver", "g": "1"},
-    id="hysteresis", form="Bouc-Wen force", source="Noel & Schoukens 2016 (benchmark); midpoint rule in four sub-steps",
-)  # fmt: skip
+    {"inside": "y"},
+    scan={"b": CURVATURE, "g": RATIO},
+    unit={"b": "1 / unit of the driver", "g": "1"},
+    id="hysteresis",
+    form="Bouc-Wen force",
+    source="Noel & Schoukens 2016 (benchmark); midpoint rule in four sub-steps",
+)
 def hysteretic_force(x: Any, b: Any, g: Any) -> Form:
     """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
     h = signal("h")
@@ -71,9 +82,13 @@ def hysteretic_force(x: Any, b: Any, g: Any) -> Form:
 
 
 @effect(
-    {"output": "u", "input": "u"}, scan={"r": Scan("amplitude", (0.5, 1.0), beyond=1.0)}, unit={"r": "unit of the driver"},
-    id="hysteresis", form="play superposition", source="Prandtl 1928, Ishlinskii 1944",
-)  # fmt: skip
+    {"output": "u", "input": "u"},
+    scan={"r": Scan("amplitude", (0.5, 1.0), beyond=1.0)},
+    unit={"r": "unit of the driver"},
+    id="hysteresis",
+    form="play superposition",
+    source="Prandtl 1928, Ishlinskii 1944",
+)
 def play_superposition(x: Any, r: Any) -> Form:
     """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
     ps = [signal(f"p{i}") for i in range(1, PLAYS + 1)]
@@ -82,9 +97,13 @@ def play_superposition(x: Any, r: Any) -> Form:
 
 
 @effect(
-    {"inside": "uy"}, scan={"d": GAIN}, unit={"d": "unit of y / unit of u"}, id="hysteresis", form="Bouc-Wen actuator",
+    {"inside": "uy"},
+    scan={"d": GAIN},
+    unit={"d": "unit of y / unit of u"},
+    id="hysteresis",
+    form="Bouc-Wen actuator",
     source="Rakotondrabe 2011; Martins & Aguirre 2016, Eq. System",
-)  # fmt: skip
+)
 def actuator_hysteresis(u: Any, y: Any, d: Any) -> list[Any]:
     """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
     h = d * u[k - 1] - y[k - 1]

@@ -18,15 +18,32 @@ def dead_zone(x: Any, r: Any) -> Any:
     return -clip(x[k], r)
 
 
-@effect("input", scan={"r": Scan("amplitude", (0.3, 0.6, 1.0, 1.5))}, sign=1, full=True, unit=LIMIT, source="Tao & Kokotovic 1996",
-        form="soft", centred=True)  # fmt: skip
+@effect(
+    "input",
+    scan={"r": Scan("amplitude", (0.3, 0.6, 1.0, 1.5))},
+    sign=1,
+    full=True,
+    unit=LIMIT,
+    source="Tao & Kokotovic 1996",
+    form="soft",
+    centred=True,
+)
 def saturation(x: Any, r: Any) -> Any:
     """Saturation: large inputs do less and less."""
     return r * sp.tanh(x[k] / r) - x[k]
 
 
-@effect("input", scan={"r": AMPLITUDE}, sign=1, full=True, unit=LIMIT, id="saturation", source="Tao & Kokotovic 1996", form="hard",
-        centred=True)  # fmt: skip
+@effect(
+    "input",
+    scan={"r": AMPLITUDE},
+    sign=1,
+    full=True,
+    unit=LIMIT,
+    id="saturation",
+    source="Tao & Kokotovic 1996",
+    form="hard",
+    centred=True,
+)
 def hard_saturation(x: Any, r: Any) -> Any:
     """Saturation: large inputs do less and less."""
     return clip(x[k], r) - x[k]

@@ -46,6 +46,12 @@ class _Printer(C99CodePrinter):
     def _print_Rational(self, expr: Any) -> str:
         return f"({int(expr.p)}.0{self.mark}/{int(expr.q)}.0{self.mark})"
 
+    def _print_Pi(self, expr: Any) -> str:
+        return self._print_Float(expr)  # C99 itself has no M_PI
+
+    def _print_Exp1(self, expr: Any) -> str:
+        return self._print_Float(expr)
+
     def _print_Dummy(self, expr: Any) -> str:
         return str(expr.name)
 

@@ -22,13 +22,14 @@ error after adding is that of the first step's model; the oracle is told the eff
 from __future__ import annotations
 
 import os
+import sys
 
-os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy loads its BLAS; workers inherit
+if __name__ == "__main__":  # before NumPy loads its BLAS; the workers inherit it
+    os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
 
 import argparse
 import hashlib
 import json
-import sys
 import traceback
 import warnings
 from collections import Counter
@@ -37,9 +38,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parents[1]))
-sys.path.insert(0, str(HERE))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 import truths
@@ -48,11 +47,11 @@ import narx_sym as ns
 from narx_sym.diagnosis import Step, ranked, refit, score, simpler
 from narx_sym.effects import EFFECTS, Catalogue
 
+HERE = Path(__file__).resolve().parent
 GROUPS = ("in", "off", "null", "removed", "pair")
 MOST = 3  # effects added to a pair
 REMOVED = 2  # seeds of the group `removed`
 SHOWN = 8  # candidates kept per case
-ADDED = ("named", "confused", "helps_but_incomplete")  # verdicts that name an effect
 Row = dict[str, Any]
 
 
@@ -92,6 +91,7 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
     held = step.base.split.held
     floor2 = float(np.mean((case.y - case.clean)[held[0]] ** 2))
     before2 = step.base.mean_square(held)
+    last = next((s.chosen for s in reversed(found.steps) if s.chosen), step.base)
     row: Row = {
         "name": case.name, "noise": case.noise, "excitation": case.excitation,
         "accept": [sorted(ids) for ids in case.accept], "left": case.info["left"],
@@ -100,10 +100,12 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
         "top": [f"{c.effect}@{c.where}" for c in step.candidates[:SHOWN]],
         "share": [c.share for c in step.candidates[:SHOWN]],
         "set": step.confusion_set,
-        "steps": [[s.verdict, s.candidates[0].effect if s.candidates else None, s.chosen is not None] for s in found.steps],
+        "steps": [
+            [s.verdict, s.candidates[0].effect if s.candidates else None, s.chosen is not None] for s in found.steps
+        ],
         "floor": floor2**0.5, "estimated_floor": step.floor, "before": before2**0.5,
         "after": float(np.sqrt((step.chosen or step.base).mean_square(held))),
-        "last": float(np.sqrt(next((s.chosen for s in reversed(found.steps) if s.chosen), step.base).mean_square(held))),
+        "last": float(np.sqrt(last.mean_square(held))),
         "seconds": [round(s, 3) for s in seconds],
     }  # fmt: skip
     if task in ("in", "off") and row["visible"]:
@@ -116,8 +118,10 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
     return row
 
 
-def run(task: str, spec: Row, compare: bool, code: str) -> Row:
+def run(task: str, spec: Row, compare: bool) -> Row:
     """Judge one case; an exception becomes its result."""
+    # Taken where and when the package was loaded: a worker may start late, after files were edited.
+    code = os.environ.setdefault("NARX_SYM_BATTERY_CODE", fingerprint())
     row: Row = {"task": task, "spec": spec, "code": code, "compared": compare}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -132,7 +136,9 @@ def run(task: str, spec: Row, compare: bool, code: str) -> Row:
 # ---- all cases ------------------------------------------------------------------------------------------------------
 
 
-def tasks(groups: Iterable[str], seeds: range, null: range, removed: range, kinds: set[str]) -> Iterator[tuple[str, Row]]:
+def tasks(
+    groups: Iterable[str], seeds: range, null: range, removed: range, kinds: set[str]
+) -> Iterator[tuple[str, Row]]:
     """Name every case that is asked for, in a fixed order."""
     for task in groups:
         chosen = {"null": null, "removed": removed}.get(task, seeds)
@@ -182,7 +188,7 @@ def run_all(wanted: Sequence[tuple[str, Row]], path: Path, compare: bool, jobs: 
     if len(todo) < len(wanted):
         console.print(f"{len(wanted) - len(todo)} of {len(wanted)} cases are in {path} already")
     results = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        delayed(run)(task, spec, compare, code) for task, spec in todo
+        delayed(run)(task, spec, compare) for task, spec in todo
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     cut_off = path.exists() and not path.read_text().endswith("\n") and path.stat().st_size > 0
@@ -245,9 +251,12 @@ class Table:
         low, high = wilson(k, n)
         target = f">= {100 * least:.0f} %" if least else f"<= {100 * most:.0f} %" if most < 1 else ""
         met = ("met" if least <= k / n <= most else "missed") if target else ""
-        self.add(group, what, f"{100 * k / n:.1f} % ({k}/{n})", f"{100 * low:.0f} ... {100 * high:.0f} %", f"{target} {met}")
+        interval = f"{100 * low:.0f} ... {100 * high:.0f} %"
+        self.add(group, what, f"{100 * k / n:.1f} % ({k}/{n})", interval, f"{target} {met}")
 
-    def number(self, group: str, what: str, values: Sequence[float | None], of: Any = np.median, most: float = 0.0) -> None:
+    def number(
+        self, group: str, what: str, values: Sequence[float | None], of: Any = np.median, most: float = 0.0
+    ) -> None:
         """Add a median or a mean."""
         kept = [v for v in values if v is not None and np.isfinite(v)]
         value = float(of(kept)) if kept else float("nan")
@@ -323,7 +332,8 @@ def figures(rows: Sequence[Row]) -> Table:
             table.share(group, "confident and wrong", [r["verdict"] == "named" for r in good])
         elif group == "removed":
             verdicts = [r.get("verdict", "exception") for r in seen]
-            table.share(group, "named or confused (or an exception)", [v in ("named", "confused", "exception") for v in verdicts])
+            wrong = [v in ("named", "confused", "exception") for v in verdicts]
+            table.share(group, "named or confused (or an exception)", wrong)
             right = [v in ("outside_library", "helps_but_incomplete") for v in verdicts]
             table.share(group, "outside_library or helps_but_incomplete", right)
             table.share(group, "nothing_detectable", [v == "nothing_detectable" for v in verdicts])
@@ -393,6 +403,7 @@ def main() -> None:
     wanted = list(tasks(groups, seeds, seeds_of(options.null_seeds), removed, kinds))
     if not wanted:
         parser.error("no case of these groups has these kinds and seeds")
+    warnings.simplefilter("ignore")  # of joblib, when it restarts a worker that has grown
     rows = run_all(wanted, options.out, options.baselines, options.jobs)
     table = figures(rows).text()
     if options.markdown:
