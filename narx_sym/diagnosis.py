@@ -1,4 +1,4 @@
-"""Which physical effect is missing: gate, score, refit, verify, verdict (the steps are the functions below, in order)."""
+"""Which physical effect is missing: gate, score, refit, verify, verdict; the functions below, in order."""
 
 from __future__ import annotations
 
@@ -181,7 +181,8 @@ class Step:
             return f"{what} explains {share}, but not all that is missing. {sizes}."
         if self.verdict == "confused":
             others = ", ".join(e for e in self.confusion_set if e != best.effect)
-            text = f"One of several effects is missing: {best.effect}, or as well {others}. {sizes}. {best.effect} removes {share}."
+            text = f"One of several effects is missing: {best.effect}, or as well {others}. {sizes}. "
+            text += f"{best.effect} removes {share}."
             return f"{text} {self.experiment.sentence}" if self.experiment else text
         return f"{best.effect} is probably missing. {what}. {sizes}. Adding it removes {share}."
 
@@ -585,7 +586,7 @@ def _chance(base: Fitted, best: Candidate, scored: Scored, seed: int) -> float:
 
 
 def _large(base: Fitted, best: Candidate, seed: int) -> float | None:
-    """Return the p-value of a large improvement on held-out samples (block bootstrap), or None where it is not large."""
+    """Return the p-value of a large improvement on held-out samples (block bootstrap), None if it is not large."""
     held = base.split.held
     if best.mean_square > (1 - LARGE) * base.mean_square(held):
         return None

@@ -26,9 +26,9 @@ class Scan:
     """Where the search for a shape parameter starts: `values` times a scale of the driving signal.
 
     `of` is "amplitude" (half the range of the driver), "speed" (rms step of the driver), "time" (log-spaced between a
-    few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the line through
-    the data), "peaks" (of the residual's periodogram) or "steps" (whole samples, not refined). The fit may leave the
-    grid upwards by the factor `beyond`, and downwards by four.
+    few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the line
+    through the data), "peaks" (of the residual's periodogram) or "steps" (whole samples, not refined). The fit may
+    leave the grid upwards by the factor `beyond`, and downwards by four.
     """
 
     of: str
