@@ -63,7 +63,7 @@ def loops():
     u_ = 5 * np.sin(2 * np.pi * 0.4 * T)
     record = Record.from_arrays(u_, 0.5 * play(u_, 0.8) + NOISE * np.random.default_rng(1).standard_normal(N), TS)
     backlash = fitted(with_effect(static(), "backlash", "input", [1.0, 0.7]), record)
-    hysteresis = fitted(with_effect(static(), "hysteresis", "output", [-0.3, 0.5], "Bouc-Wen"), record)
+    hysteresis = fitted(with_effect(static(), "hysteresis", "output", [-0.3, 0.25, 1.0], "Bouc-Wen"), record)
     return {"backlash": backlash, "hysteresis": hysteresis}, record
 
 
