@@ -385,7 +385,7 @@ def effects(effects: EffectFiles = None) -> None:
         for one in forms:
             say(f"    {f'{one.form}: ' if one.form else ''}{one.written}", markup=False)
             say(f"        {one.acts}{f'; {one.source}' if one.source else ''}", markup=False)
-    say("\nDetectors of their own, which look at the samples: " + ", ".join(DETECTED) + ".")
+    say("\nKnown, but without a detector yet: " + ", ".join(DETECTED) + ".")
 
 
 # -- compare ---------------------------------------------------------------------------------------------------

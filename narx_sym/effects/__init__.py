@@ -7,7 +7,7 @@ from . import disturbance, dynamics, friction, memory, static
 from ._effect import EFFECTS, Catalogue, Effect, Form, Scan, clip, effect, step
 from ._text import load_effects, text_effect
 
-# A model of a static or linear base explains these by its own terms; a detector of their own looks at the samples.
+# No directions of the free run: they need a look at the samples themselves. There is no detector for them yet.
 DETECTED = ("sensor_saturation", "quantisation")
 
 __all__ = [
