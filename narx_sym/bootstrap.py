@@ -11,6 +11,7 @@ from .data import Record
 from .ensemble import Bands, bands
 from .errors import FitError
 from .freerun import FreeRun
+from .metrics import correlation_length
 from .model import Model
 from .parallel import sweep
 from .simulation import Records
@@ -89,13 +90,3 @@ def _draw(problem: FreeRun, z: Array, residual: Array, block: int, seed: int, nu
         if not np.all(np.isfinite(problem.run(moved)[0])):
             break
     return problem.theta(moved)
-
-
-def correlation_length(x: Array) -> int:
-    """Return the first lag at which the autocorrelation falls below 1/e [samples]."""
-    x = x - x.mean()
-    n = 1 << (2 * x.size - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft(x, n)) ** 2
-    rho = np.fft.irfft(spectrum, n)[: x.size]
-    below = np.flatnonzero(rho < rho[0] / np.e)
-    return int(below[0]) if below.size else x.size

@@ -20,6 +20,7 @@ from .terminal import (
     Time,
     Ts,
     Units,
+    check_format,
     check_target,
     console,
     note,
@@ -90,7 +91,7 @@ def diagnose(
     given = [t.resolve() for t in targets if t is not None]
     if len(set(given)) < len(given):
         raise DataError("Two results would go to the same file; choose different names.")
-    check_picture(plot)
+    check_format(plot)
     catalogue = with_own(effect_files)
     start = loaded(base) if is_file(base) else None
     wanted = joined(channels, start.channels if start is not None else ())
@@ -105,10 +106,10 @@ def diagnose(
     step = found.steps[0]
     written = None
     if step.experiment is not None:
-        step.experiment = replace(step.experiment, units=names)
         if next_file is not None:
             step.experiment.save(next_file)
             written = next_file.name if json_file is None or same_folder(next_file, json_file) else str(next_file)
+        step.experiment = replace(step.experiment, units=names, file=written or "")
     if json_file is not None:
         write_json(found, json_file, written)
     # All files are written before anything is printed: a closed pipe loses none.
@@ -118,7 +119,7 @@ def diagnose(
         save_figure(plot_diagnosis(found, units=names), plot)
         save_figure(where_it_fails(found.misfit, units=names), where)
     final = None if save is None else write_model(found, measured, save)
-    show(found, names, written)
+    show(found, names)
     if step.experiment is not None:
         print_next(written, next_file)
     if final is not None:
@@ -185,24 +186,13 @@ def beside(plot: Path | None) -> Path | None:
     return plot and plot.with_stem(f"{plot.stem}_where")
 
 
-def check_picture(plot: Path | None) -> None:
-    """Refuse a picture that cannot be written, before any work is done."""
-    if plot is None:
-        return
-    from .plots import new_axes
-
-    supported = set(new_axes()[0].canvas.get_supported_filetypes())
-    if plot.suffix.lstrip(".").lower() not in supported:
-        raise DataError(f"{plot}: pictures end in one of {', '.join(sorted('.' + s for s in supported))}.")
-
-
 def write_json(found: Diagnosis, path: Path, experiment: str | None) -> None:
     """Write a diagnosis in the published schema: sorted keys, no NaN, `seconds` last."""
     from .files import write_text
 
     plain = finite(found.to_dict(experiment))
     seconds = plain.pop("seconds")
-    text = json.dumps(named(plain, experiment), indent=1, sort_keys=True, allow_nan=False)
+    text = json.dumps(plain, indent=1, sort_keys=True, allow_nan=False)
     write_text(path, f'{text[:-2]},\n "seconds": {json.dumps(seconds)}\n}}\n')
 
 
@@ -217,22 +207,11 @@ def finite(value: Any) -> Any:
     return value
 
 
-def named(value: Any, file: str | None) -> Any:
-    """Put the name of the file into the sentences about the next experiment."""
-    from .experiment import FILE
-
-    if isinstance(value, dict):
-        return {n: named(v, file) for n, v in value.items()}
-    if isinstance(value, list):
-        return [named(v, file) for v in value]
-    return value.replace(f"({FILE})", f"({file})") if isinstance(value, str) and file else value
-
-
-def show(found: Diagnosis, units: dict[str, str], experiment: str | None) -> None:
+def show(found: Diagnosis, units: dict[str, str]) -> None:
     """Print what was found."""
     step = found.steps[0]
     console().print(f"[bold]{found.verdict}[/bold]")
-    console().print(named(found.sentence(units), experiment), markup=False)
+    console().print(found.sentence(units), markup=False)
     before = step.nrmse(step.base)["validation"]
     rows = [
         [
@@ -253,7 +232,7 @@ def show(found: Diagnosis, units: dict[str, str], experiment: str | None) -> Non
     ladder.append([f"noise floor ({step.floor_kind})", "", floor])
     table("Errors, step by step (free-run NRMSE)", ["model", "training", "held out"], ladder)
     for i, later in enumerate(found.steps[1:], 2):
-        console().print(f"Step {i}: {named(later.sentence(units), experiment)}", markup=False)
+        console().print(f"Step {i}: {later.sentence(units)}", markup=False)
     print_fails(found.misfit, units)
     print_detectable(step, units)
 
@@ -303,19 +282,14 @@ def write_model(found: Diagnosis, measured: list[Record], path: Path) -> tuple[M
 
 def refitted(model: Model, measured: list[Record]) -> Model:
     """Return the model fitted in free run on all samples; where that fails, as it is."""
-    from copy import copy
-
     from .errors import FitError
     from .estimate import describe, fit
 
-    made = copy(model)
-    made.info = dict(model.info)
     try:
-        return fit(made, measured, method="free_run")
+        return fit(model.copy(), measured, method="free_run")
     except FitError as error:
         note(f"the fit on all samples failed ({error}); the one on the training blocks is kept")
-        kept = copy(model)
-        kept.info = dict(model.info)
+        kept = model.copy()
         describe(kept, measured, "free_run", True)
         return kept
 
@@ -339,7 +313,7 @@ def add(
     rows: Rows = None,
 ) -> None:
     """Add an effect to a model, fit both together in free run, and compare the errors before and after."""
-    from .diagnosis import Addition
+    from .addition import Addition
     from .identification import prepare
     from .simulation import evaluate
     from .store import save
@@ -393,9 +367,7 @@ def effects(effects: EffectFiles = None) -> None:
 
 def fails(model: Model, measured: list[Record]) -> Misfit | None:
     """Where a model as it is fails along the longest segment; None where that cannot be said."""
-    from types import SimpleNamespace
-
-    from .diagnosis import misfit_of
+    from .misfit import misfit_of
     from .refit import period_noise
     from .signals import u
     from .simulation import free_run
@@ -408,9 +380,7 @@ def fails(model: Model, measured: list[Record]) -> Misfit | None:
         error = record.y - free_run(model, record)
         noise = [x for part in period_noise([record]) for x in part.tolist()]
         floor = math.sqrt(math.fsum(x * x for x in noise) / len(noise)) if noise else None
-        # Looked at as it is, without a fit.
-        seen: Any = SimpleNamespace(model=model, split=SimpleNamespace(records=[record]), errors=[error])
-        return misfit_of(seen, floor)
+        return misfit_of(model, record, error, floor)
     except NarxError as error:
         note(f"where it fails cannot be said: {error}")
         return None

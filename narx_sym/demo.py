@@ -164,7 +164,7 @@ def find_missing(
         base = identify(record, base="linear")
     with working("Diagnosing it: which effect is missing?") as report:
         found = diagnose(base, record, report=report)
-    show(found, STAGE_UNITS, None)
+    show(found, STAGE_UNITS)
     write_json(found, out / "diagnosis.json", None)
 
     say("[bold]6. Add[/bold] what is missing, and watch the error fall")

@@ -57,6 +57,8 @@ class Experiment:
         rms of the noise [unit of y].
     outputs : dict of (N,) arrays
         What each candidate says will be measured [unit of y].
+    file : str
+        Where the input is written, if it is.
     units : mapping of "u" and "y" to texts
     together : list of pairs of ids
         No signal of the family separates these; where other pairs can be separated, the distances are of those.
@@ -70,6 +72,7 @@ class Experiment:
     present: float
     floor: float
     outputs: dict[str, Array]
+    file: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
     together: list[tuple[str, str]] = field(default_factory=list)
 
@@ -101,6 +104,7 @@ class Experiment:
         which = "their outputs" if len(most) == 1 else "any two of their outputs"
         least = "" if len(most) == 1 else "at least "
         which += " that can be told apart" if self.together else ""
+        where = f" ({self.file})" if self.file else ""
         noise = f", {self.ratio:.2g} times the noise" if np.isfinite(self.ratio) else ""
         if not self.visible:
             return (
@@ -108,7 +112,7 @@ class Experiment:
                 f"even on the best one found ({self.name})."
             )
         said = (
-            f"To decide between {between}: run this {self.duration:.3g} s input ({FILE}): {self.name}. "
+            f"To decide between {between}: run this {self.duration:.3g} s input{where}: {self.name}. "
             f"Even after a refit {which} then differ by {least}{self._y(self.separation)} rms{noise}."
         )
         if not self.clear:
@@ -370,7 +374,8 @@ def propose(
     name, u, outputs = tried[best]
     return Experiment(
         list(models), name, parts[0].Ts * np.arange(n), u, float(worst[best]), float(present[chosen].min()),
-        float(floor), outputs, dict(words), [p for p, c in zip(pairs, possible, strict=True) if not c],
+        float(floor), outputs, units=dict(words),
+        together=[p for p, c in zip(pairs, possible, strict=True) if not c],
     )  # fmt: skip
 
 

@@ -122,12 +122,16 @@ class FreeRun:
     def _run(self, z: Array) -> None:
         theta = self.theta(z)
         for i, d in enumerate(self.data):
-            own = slice(self.free + i * len(self.starts), self.free + (i + 1) * len(self.starts))
+            own = self.own(i)
             simulated, moved = self._move(i, theta, z[own])
             rows, kept, p = slice(self.edges[i], self.edges[i + 1]), self.rows[i], len(theta)
             self.residuals[rows] = (simulated[kept] - d[self.name][kept]) / self.spread
             self.slopes[rows, : self.free] = moved[kept, :p] @ (self.elimination.Z / self.spread)
             self.slopes[rows, own] = moved[kept, p:] / self.spread
+
+    def own(self, i: int) -> slice:
+        """Return where the shifts of segment i stand among the unknowns."""
+        return slice(self.free + i * len(self.starts), self.free + (i + 1) * len(self.starts))
 
     def shifted(self, i: int, shifts: Array) -> dict[str, Array]:
         """Return the initial values of segment i with each group of starts shifted."""
@@ -139,10 +143,12 @@ class FreeRun:
 
     def simulate(self, z: Array, i: int) -> Array:
         """Return the free run along segment i, (N,)."""
-        own = slice(self.free + i * len(self.starts), self.free + (i + 1) * len(self.starts))
+        return np.asarray(self.states(z, i)[self.name])
+
+    def states(self, z: Array, i: int) -> dict[str, Array]:
+        """Return every computed sequence along segment i, by name, (N,) each."""
         compiled = compile(self.model.recursion)
-        run = compiled(self.data[i], self.theta(z), self.shifted(i, z[own]), on_divergence="nan")
-        return np.asarray(run[self.name])
+        return dict(compiled(self.data[i], self.theta(z), self.shifted(i, z[self.own(i)]), on_divergence="nan"))
 
     def _forward(self) -> Any:
         """Sensitivities in the same compiled pass as the run."""

@@ -82,8 +82,8 @@ def orthonormal(columns: Array, energy: Array | None = None) -> Array:
     return np.asarray(Q[:, np.abs(np.diag(R)) ** 2 > TINY])
 
 
-def explain(own: Array, directions: Array, residual: Array, variance: float | None = None) -> tuple[Array, Array]:
-    """Return what remains of a residual after the few columns that clearly explain it, and which these are.
+def explain(own: Array, directions: Array, residual: Array) -> Array:
+    """Return which few columns clearly explain a residual.
 
     Greedy, like forward selection: taking out all columns would take out the slow part of the noise too.
     """
@@ -105,7 +105,7 @@ def explain(own: Array, directions: Array, residual: Array, variance: float | No
         picked.append(best)
         e = e - q * (q @ e)
         D = D - np.outer(q, q @ D)
-    return e, np.array(picked, dtype=int)
+    return np.array(picked, dtype=int)
 
 
 def autoregression(noise: Sequence[Array], longest: int = LONGEST) -> tuple[Array, float]:
@@ -145,6 +145,28 @@ def whiten(columns: Array, a: Array, edges: Array) -> Array:
     return out
 
 
+@dataclass(frozen=True)
+class Whitened:
+    """A residual and its directions, filtered by the model of the noise.
+
+    Attributes
+    ----------
+    a : the whitening filter
+    noise : (N,) array, what remains of the residual without the columns that clearly explain it
+    e, own, directions : whitened, on the rows that count
+    picked : which columns were taken out
+    remaining : e without them
+    """
+
+    a: Array
+    noise: Array
+    e: Array
+    own: Array
+    directions: Array
+    picked: Array
+    remaining: Array
+
+
 def whitened(
     residual: Array,
     own: Array,
@@ -153,17 +175,8 @@ def whitened(
     rows: Array,
     lines: Sequence[slice] = (),
     measured: Sequence[Array] = (),
-) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
-    """Estimate the noise and filter by it, in turns.
-
-    Returns
-    -------
-    a : the whitening filter
-    noise : (N,) array, what remains of the residual without the columns that clearly explain it
-    e, P, D : whitened residual, own and further directions on the rows that count
-    picked : which columns were taken out
-    remaining : e without them
-    """
+) -> Whitened:
+    """Estimate the noise and filter by it, in turns."""
     always = [np.arange(s.start, s.stop) for s in lines]
     first = np.unique(np.concatenate(always)).astype(int) if always else np.zeros(0, dtype=int)
     if measured:
@@ -175,13 +188,13 @@ def whitened(
             a = autoregression([noise[b:e] for b, e in itertools.pairwise(edges)])[0]
         white = whiten(np.column_stack([residual, own, directions]), a, edges)[rows]
         e, P, D = white[:, 0], white[:, 1 : own.shape[1] + 1], white[:, own.shape[1] + 1 :]
-        _, more = explain(np.column_stack([P, D[:, first]]), D, e)
+        more = explain(np.column_stack([P, D[:, first]]), D, e)
         picked = np.unique(np.concatenate([first, more]))
         chosen = np.column_stack([P, D[:, picked]])
         solution = lstsq(chosen, e)[0]
         remaining = e - chosen @ solution
         noise = residual - np.column_stack([own, directions[:, picked]]) @ solution
-    return a, noise, e, P, D, picked, remaining
+    return Whitened(a, noise, e, P, D, picked, remaining)
 
 
 def _dominant(
@@ -238,11 +251,12 @@ def score(
         An autoregressive model would take them for noise.
     measured : pieces of the noise itself, from repeated periods, where there are any
     """
-    a, _, e, P, D, picked, remaining = whitened(residual, own, directions, edges, rows, lines, measured)
-    variance = float(remaining @ remaining) / max(1, e.size - P.shape[1] - picked.size)
+    white = whitened(residual, own, directions, edges, rows, lines, measured)
+    e, P, D = white.e, white.own, white.directions
+    variance = float(white.remaining @ white.remaining) / max(1, e.size - P.shape[1] - white.picked.size)
     if measured:
-        white = np.concatenate([oaconvolve(m, a, mode="valid") for m in measured])
-        variance = float(np.mean(white**2))
+        pieces = np.concatenate([oaconvolve(m, white.a, mode="valid") for m in measured])
+        variance = float(np.mean(pieces**2))
     Q = orthonormal(P)
     e = e - Q @ (Q.T @ e)
     energy = np.einsum("ij,ij->j", D, D)
@@ -278,7 +292,7 @@ def score(
         detectable[i] = _detectable(
             D[:, columns], level_D[:, columns], variance, critical - np.log(searched[i]), freedoms[i]
         )
-    return Scores(share, gain, log_p, absorbed, p_value, critical, detectable, a, variance, basis, owner)
+    return Scores(share, gain, log_p, absorbed, p_value, critical, detectable, white.a, variance, basis, owner)
 
 
 def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float], seed: int) -> Array:

@@ -66,6 +66,16 @@ def fit_percent(y: ArrayLike, y_hat: ArrayLike) -> float:
     return 100.0 * (1.0 - nrmse(y, y_hat))
 
 
+def correlation_length(x: Vector) -> int:
+    """Return the first lag at which the autocorrelation falls below 1/e [samples]."""
+    x = x - x.mean()
+    n = 1 << (2 * x.size - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(x, n)) ** 2
+    rho = np.fft.irfft(spectrum, n)[: x.size]
+    below = np.flatnonzero(rho < rho[0] / np.e)
+    return int(below[0]) if below.size else x.size
+
+
 def _pair(a: ArrayLike, b: ArrayLike, metric: str, name_a: str, name_b: str) -> tuple[Vector, Vector]:
     """Both signals as finite (N,) arrays of one length."""
     first, second = _vector(a, metric, name_a), _vector(b, metric, name_b)

@@ -11,11 +11,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import sympy as sp
 from scipy.linalg import solveh_banded
 from scipy.optimize import brentq, minimize_scalar
 from scipy.signal import savgol_filter, welch
 
+from .compile import Columns
+from .data import Record
 from .errors import DataError
+from .metrics import correlation_length
+from .model import Model
+from .sensitivity import derivative
+from .signals import expand_phi, k, samples
 from .simulation import vector
 
 Array = np.ndarray
@@ -294,14 +301,14 @@ def reversals(u: Array, threshold: float) -> Array:
     found: list[int] = []
     low = high = 0
     way = 0
-    for k in [*steps[turns].tolist(), u.size - 1]:
-        low, high = (k if u[k] < u[low] else low), (k if u[k] > u[high] else high)
-        if way >= 0 and u[k] < u[high] - threshold:
+    for at in [*steps[turns].tolist(), u.size - 1]:
+        low, high = (at if u[at] < u[low] else low), (at if u[at] > u[high] else high)
+        if way >= 0 and u[at] < u[high] - threshold:
             found += [high] if way else []
-            way, low = -1, k
-        elif way <= 0 and u[k] > u[low] + threshold:
+            way, low = -1, at
+        elif way <= 0 and u[at] > u[low] + threshold:
             found += [low] if way else []
-            way, high = 1, k
+            way, high = 1, at
     return np.array(found, dtype=int)
 
 
@@ -460,7 +467,7 @@ def _fill(panel: Panel, r: Array) -> Panel:
     inside = cell >= 0
     means = np.bincount(cell[inside], r[inside], count.size) / np.maximum(count, 1)
     apart = np.where(inside, r - means[cell], 0.0)
-    length = _correlation_length(apart)
+    length = correlation_length(apart)
     enough = count >= max(LEAST, 3 * length)
     variance = np.full(count.size, np.nan)
     for i in np.flatnonzero(enough):
@@ -475,13 +482,6 @@ def _fill(panel: Panel, r: Array) -> Panel:
     share = float(np.nansum(between)) / energy if energy > 0 else 0.0
     means = np.where(enough, means, np.nan)
     return replace(panel, mean=means, error=np.sqrt(variance), share=float(np.clip(share, 0.0, 1.0)))
-
-
-def _correlation_length(x: Array) -> int:
-    """Return the first lag at which the autocorrelation falls below 1/e [samples]."""
-    spectrum = np.abs(np.fft.rfft(x, 1 << (2 * x.size - 1).bit_length())) ** 2
-    rho = np.fft.irfft(spectrum)[: x.size]
-    return max(1, int(np.argmax(rho < rho[0] / np.e)))
 
 
 def _spectrum(rest: Array, variance: float, Ts: float) -> list[Panel]:
@@ -507,3 +507,29 @@ def _spectrum(rest: Array, variance: float, Ts: float) -> list[Panel]:
         Panel("spectrum", "frequency", "Hz", np.maximum(f - half, 0), f + half, rms, rms / np.sqrt(4 * averages), count,
               share, np.empty(0, dtype=int), top)
     ]  # fmt: skip
+
+
+def misfit_of(model: Model, record: Record, error: Array, floor: float | None) -> Misfit:
+    """Where a model fails along a record: the free-run error, and the equivalent missing input.
+
+    Parameters
+    ----------
+    error : (N,) array
+        Measured minus simulated [unit of y].
+    floor : float, optional
+        rms of the noise [unit of y].
+    """
+    known = dict(zip(model.symbols, map(float, model.theta), strict=True))
+    simulated = record.y - error
+    seen = {"u": record.u, "y": simulated, "x": simulated, "v": record.u, "t": record.t, **record.channels}
+    slopes = np.zeros((len(record), model.n_y))
+    for j in range(model.n_y):
+        slope = sp.sympify(derivative(model.core, model.inner[k - j - 1]).xreplace(known))
+        if not slope.atoms(sp.Indexed):
+            slopes[:, j] = float(slope)
+            continue
+        columns = Columns([model.in_user_units(expand_phi(slope))])
+        if all(str(s.base.label) in seen for s in samples(columns.terms[0])):
+            slopes[columns.depth :, j] = columns(seen)[:, 0]
+    missing = missing_input(error, slopes, floor)
+    return where_it_fails(record.u, record.y, simulated, record.Ts, record.channels, missing, floor)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -187,10 +188,12 @@ class Model:
     @cached_property
     def recursion(self) -> Recursion:
         """The model as an update equation in the user's units."""
-        if not self.states:
-            return Recursion(((self.output[k], self.right),), self.symbols)
-        F = self.in_user_units(expand_phi(self.F)) + self.operating_point.get(self.output, 0)
-        return Recursion((*self._updates(), (self.output[k], F)), self.symbols)
+        return Recursion((*self._updates(), (self.output[k], self._output)), self.symbols)
+
+    @property
+    def _output(self) -> Any:
+        """F in the user's units."""
+        return self.in_user_units(expand_phi(self.F)) + self.operating_point.get(self.output, 0)
 
     def _updates(self, change: Any = lambda right: right) -> list[tuple[Any, Any]]:
         return [(s.left, self.in_user_units(expand_phi(change(s.right)))) for s in self.states]
@@ -199,12 +202,8 @@ class Model:
     def predictor(self) -> Recursion:
         """The one-step-ahead prediction: the model fed with measured outputs."""
         ahead = signal("prediction")[k]
-        if self.inner != x:
-            F = self.in_user_units(expand_phi(self.F)) + self.operating_point.get(self.output, 0)
-            return Recursion((*self._updates(), (ahead, F)), self.symbols)
-        updates = self._updates(self._measured)
-        F = self.in_user_units(expand_phi(self.F)) + self.operating_point.get(self.output, 0)
-        return Recursion((*updates, (ahead, F)), self.symbols)
+        updates = self._updates(self._measured) if self.inner == x else self._updates()
+        return Recursion((*updates, (ahead, self._output)), self.symbols)
 
     @cached_property
     def n_y(self) -> int:
@@ -220,9 +219,8 @@ class Model:
     @cached_property
     def delay(self) -> int:
         """The pure delay tau_d: the smallest lag of the input."""
-        acting = [self.input, v] if self.states else [self.input]
-        core = expand_phi(self.core) if self.states else self.right
-        return min((i for b in acting for i in lags(core, b)), default=0)
+        core = expand_phi(self.core)
+        return min((i for b in (self.input, v) for i in lags(core, b)), default=0)
 
     @cached_property
     def structure(self) -> assumptions.Structure:
@@ -240,6 +238,12 @@ class Model:
         from .analysis import sigma_y
 
         return sigma_y(self)
+
+    def copy(self) -> Model:
+        """Return the same model, to be fitted apart."""
+        made = copy.copy(self)
+        made.info = dict(self.info)
+        return made
 
     # -- doors: each is one call of the module that does it ----------------------------------------------------
 
@@ -290,7 +294,7 @@ class Model:
 
     def add(self, effect: Any, where: str | None = None) -> Any:
         """Add a physical effect by id, or a candidate of a diagnosis; `.fit(record)` returns the extended model."""
-        from .diagnosis import Addition
+        from .addition import Addition
 
         return Addition(self, effect, where)
 

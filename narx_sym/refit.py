@@ -8,14 +8,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import sympy as sp
 from scipy.linalg import lstsq
 
-from .bootstrap import correlation_length
 from .constraints import constraint_equations
 from .data import Record
 from .errors import FitError
 from .extend import Variant, extend, without
 from .freerun import FreeRun
+from .metrics import correlation_length
 from .model import Model
 from .simulation import segments
 
@@ -51,6 +52,11 @@ class Split:
             for kept, mask in zip(masks, (~sealed & ~held, held, sealed), strict=True):
                 kept.append(mask)
         return cls(tuple(parts), *(tuple(m) for m in masks))
+
+    @cached_property
+    def noise(self) -> list[Array]:
+        """What differs between repeated periods: pieces of the noise, where there are any."""
+        return period_noise(self.records)
 
     @classmethod
     def whole(cls, records: Any) -> Split:
@@ -190,9 +196,10 @@ def add(
     if variant.effect.sign and len(extended.coefficients) == 1:
         most = FULL if variant.effect.full else np.inf
         limits[extended.coefficients[0]] = (0.0, most) if variant.effect.sign > 0 else (-most, 0.0)
-    scale = np.linalg.norm(np.column_stack([own, direction]), axis=0)
+    columns = np.column_stack([own, direction])
+    scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0] = 1.0
-    solution = lstsq(np.column_stack([own, direction]) / scale, residual, cond=1e-9)[0] / scale
+    solution = lstsq(columns / scale, residual, cond=1e-9)[0] / scale
     c, moved = solution[own.shape[1] :], solution[: base.problem.free]
     theta = base.problem.theta(base.unknowns)
     nudged = theta + base.problem.elimination.Z @ moved
@@ -250,6 +257,4 @@ def _removable(model: Model, symbol: Any) -> bool:
 
 
 def _core_parts(model: Model) -> list[tuple[Any, Any]]:
-    import sympy as sp
-
     return [part.as_independent(sp.Indexed, as_Add=False) for part in sp.Add.make_args(model.core)]

@@ -91,15 +91,23 @@ def unit_names(units: str) -> dict[str, str]:
     return {"u": first.strip(), "y": second.strip()}
 
 
+def check_format(path: Path | None) -> None:
+    """Refuse a picture that cannot be written, before any work is done."""
+    if path is None:
+        return
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    supported = FigureCanvasBase.get_supported_filetypes()
+    if path.suffix.lstrip(".").lower() not in supported:
+        raise DataError(f"{path}: pictures end in one of {', '.join(sorted('.' + s for s in supported))}.")
+
+
 def save_figure(figure: Any, path: Path) -> None:
     """Write a picture; the format follows the suffix. It appears whole or not at all."""
-    supported = set(figure.canvas.get_supported_filetypes())
-    suffix = path.suffix.lstrip(".").lower()
-    if suffix not in supported:
-        raise DataError(f"{path}: pictures end in one of {', '.join(sorted('.' + s for s in supported))}.")
+    check_format(path)
     if not path.parent.is_dir():
         raise DataError(f"{path}: the folder {path.parent} does not exist; make it first.")
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part.{suffix}")
+    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         figure.savefig(part, dpi=130)
         os.replace(part, path)
@@ -138,9 +146,7 @@ def print_model(model: Model) -> None:
         [r["symbol"], r["term"], f"{r['theta']:.6g}", f"{r['std']:.2g}" if r["std"] else "fixed"] for r in model.table()
     ]
     table("Model", ["parameter", "term", "value", "standard error"], rows)
-    if model.operating_point:
-        around = ", ".join(f"{b.label} - ({v:g})" for b, v in model.operating_point.items())
-        console().print(f"Terms are in the signals measured from the operating point: {around}.")
+    _print_point(model)
 
 
 def print_errors(rows: list[tuple[str, Any]]) -> None:
@@ -166,9 +172,13 @@ def print_equations(model: Model) -> None:
 
     for equation in [*model.states, State(model.output[k], model.F)]:
         console().print(f"  {equation.left.base.label}[k] = {digits(equation.right)}", markup=False)
+    _print_point(model)
+
+
+def _print_point(model: Model) -> None:
     if model.operating_point:
         around = ", ".join(f"{b.label} - ({v:g})" for b, v in model.operating_point.items())
-        console().print(f"  in the signals measured from the operating point: {around}", markup=False)
+        console().print(f"Terms are in the signals measured from the operating point: {around}.", markup=False)
 
 
 def print_fails(misfit: Any, units: dict[str, str], most: int = 5) -> None:

@@ -1,14 +1,12 @@
 """The command line: the main commands on real and simulated files, and one clear message for every bad input."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import narx_sym as ns
-from narx_sym import cli
 
 SHARED = next(
     (p for n in (2, 1) if (p := Path(__file__).parents[n] / "shared" / "data").is_dir()),
@@ -17,23 +15,6 @@ SHARED = next(
 needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the measured data sets are not beside this folder")
 
 TERMS = ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"]
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    """Run a command in this process: (exit code, stdout, stderr)."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["narx-sym", *map(str, arguments)])
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return call
 
 
 @pytest.fixture(scope="module")

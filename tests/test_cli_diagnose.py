@@ -29,23 +29,6 @@ INVERSE = {"input": "y", "output": "u", "lead": 1, "terms": ["u[k-1]", "y[k-1]"]
 INVERSE |= {"symbols": ["theta_1", "theta_2"], "std": None, "constraints": [], "operating_point": {}}
 
 
-@pytest.fixture
-def run(monkeypatch, capsys):
-    """Run a command in this process: (exit code, stdout, stderr)."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["narx-sym", *map(str, arguments)])
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return call
-
-
 def one_message(code, err):
     """Whether a command failed with one message and no traceback."""
     return code == 2 and "Traceback" not in err and "internal error" not in err

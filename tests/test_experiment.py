@@ -135,7 +135,7 @@ def test_backlash_and_hysteresis(loops):
     assert found.separates == ["backlash", "hysteresis"]
     assert found.separation > 1.2 * found.present and found.ratio > 1.5
     assert all(run.shape == found.u.shape == found.t.shape for run in found.outputs.values())
-    assert found.sentence.startswith("To decide between backlash and hysteresis: run this 20 s input (next.csv): ")
+    assert found.sentence.startswith("To decide between backlash and hysteresis: run this 20 s input: ")
     assert "times the noise" in found.sentence and " um rms" in found.sentence
     kept(Limits.of([record]), found.u)
 

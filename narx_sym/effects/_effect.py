@@ -158,7 +158,16 @@ class Catalogue(dict[str, list[Effect]]):
         forms[:] = [f for f in forms if f.form != one.form] + [one]
 
     def without(self, *ids: str) -> Catalogue:
-        """Return a catalogue that lacks some effects."""
+        """Return a catalogue that lacks some effects.
+
+        Raises
+        ------
+        ModelError
+            For an id that it does not have; a channel is no part of the id here.
+        """
+        unknown = [name for name in ids if name not in self]
+        if unknown:
+            raise ModelError(f"Unknown effect {unknown[0]!r}; there are {', '.join(sorted(self))}.")
         return Catalogue({name: list(forms) for name, forms in self.items() if name not in ids})
 
 

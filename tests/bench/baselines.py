@@ -44,9 +44,9 @@ import sympy as sp
 import truths
 
 from narx_sym import NARX, Model, Record, identify
+from narx_sym.bases import fit_base
 from narx_sym.compile import Columns
 from narx_sym.constraints import constraint_equations
-from narx_sym.diagnosis import fit_base
 from narx_sym.directions import Linearised
 from narx_sym.effects import EFFECTS, Catalogue
 from narx_sym.errors import NarxError

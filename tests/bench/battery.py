@@ -44,7 +44,9 @@ import numpy as np
 import truths
 
 import narx_sym as ns
-from narx_sym.diagnosis import Step, ranked, refit, score, simpler
+from narx_sym.bases import simpler
+from narx_sym.candidates import ranked, refit, score
+from narx_sym.diagnosis import Step
 from narx_sym.effects import EFFECTS, Catalogue
 
 HERE = Path(__file__).resolve().parent

@@ -1,0 +1,74 @@
+"""A named effect added to a model: the same search as the diagnosis, for one effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .candidates import REFITTED, Candidate, score
+from .effects import EFFECTS, Catalogue
+from .errors import FitError, ModelError
+from .estimate import describe
+from .extend import find
+from .identification import prepare
+from .model import Model
+from .parallel import one_blas_thread
+from .refit import Fitted, Split, add, settle
+from .simulation import Records
+
+Array = np.ndarray
+
+
+class Addition:
+    """A model about to get an effect: `fit` finds how it acts, and returns the extended model.
+
+    Made by `Model.add`.
+    """
+
+    def __init__(self, model: Model, effect: str | Candidate, where: str | None = None, catalogue: Catalogue = EFFECTS):
+        self.model, self.effect, self.where = model, effect, where
+        if isinstance(effect, str):
+            self.forms, self.channel = find(effect, catalogue)
+            places = sorted({p for f in self.forms for p in f.places})
+            if where is not None and where not in places:
+                raise ModelError(f"{effect} does not act at {where!r}: choose among {', '.join(places)}.")
+
+    def fit(self, records: Records, seed: int = 0, report: Callable[[str], Any] = lambda what: None) -> Model:
+        """Fit the extended model in free run on all samples.
+
+        Raises
+        ------
+        FitError
+            Where no stable fit is found, or a refit of the model absorbs the effect.
+        """
+        listed = prepare(records)
+        split = Split.whole(listed)
+        if isinstance(self.effect, Candidate):
+            fitted = settle(self.effect.model.copy(), split, limits=self.effect.fitted.limits)
+        else:
+            with one_blas_thread():
+                fitted = self._search(split, seed, report)
+        model = fitted.model
+        describe(model, listed, "free_run", fitted.converged)
+        return model
+
+    def _search(self, split: Split, seed: int, report: Callable[[str], Any]) -> Fitted:
+        only = Catalogue({self.forms[0].id: self.forms})
+        base = settle(self.model.copy(), split)
+        scored = score(base, [self.channel] if self.channel else [], only, seed)
+        kept = [i for i, d in enumerate(scored.directions) if self.where in (None, d.variant.where)]
+        own, e = scored.line.own[scored.rows], scored.residual
+        found = []
+        for i in sorted(kept, key=lambda i: -scored.scores.share[i])[:REFITTED]:
+            direction = scored.directions[i]
+            report(f"fitting {direction.variant}")
+            D = scored.matrix[scored.rows, direction.columns]
+            made = add(base, direction.variant, direction.shape, D, e, own, scored.ranges(direction.variant))
+            if made is not None:
+                found.append(made)
+        if not found:
+            raise FitError(f"No stable fit with {self.effect} was found, or a refit of the model absorbs it.")
+        independent = base.independent()
+        return min(found, key=lambda f: f.criterion(independent))
