@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from .signals import k, lags, u, y
 
 Array = np.ndarray
 SLOW = 0.998  # a linear base whose pole is beyond this integrates
+STUCK = 0.98  # a base whose error falls below this share of what it was had not been fitted
 CYCLES = 3  # of a periodic input at least
 NARROW, SHORT = 0.9, 100  # share of the energy in one spectral line; samples of a segment that do not count
 
@@ -39,6 +41,23 @@ def fit_base(model: Model, split: Split) -> Fitted:
     if fits:
         return fits[-1]
     raise FitError(f"The base model cannot follow these data in free run: {reason} Choose another base.")
+
+
+def settled_again(base: Fitted, extended: Sequence[Fitted]) -> Fitted | None:
+    """Fit the base again from where the best extended model has its parameters; None where that is no better.
+
+    What only helped the fit out of a local minimum is not missing.
+    """
+    best = min(extended, key=lambda f: f.mean_square(base.split.train))
+    values = dict(zip(best.model.symbols, best.model.theta, strict=True))
+    start = np.array([values.get(s, t) for s, t in zip(base.model.symbols, base.model.theta, strict=True)])
+    try:
+        again = settle(base.model.copy(), base.split, start, base.limits)
+    except FitError:
+        return None
+    if integrates(again.model, base.model):
+        return None
+    return again if again.mean_square(base.split.train) < STUCK * base.mean_square(base.split.train) else None
 
 
 def is_linear(model: Model) -> bool:

@@ -31,6 +31,7 @@ BELOW = 4.0  # a shape parameter may leave its grid downwards by this factor
 LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
 WORSE = 1.1  # what makes the held-out error grow by more is no candidate
 DRAWS = 200
+LEAST = 0.2  # of the removable error: what is less in a bootstrap sample is no denominator
 FEATURES = 40
 
 
@@ -309,7 +310,7 @@ def shares(base: Fitted, candidates: Sequence[Candidate], floor: float, seed: in
     """Step 7: the share of the removable error that each candidate removes, with a block-bootstrap interval."""
     e0 = base.error(base.split.held) ** 2
     removable = e0.mean() - floor
-    before = np.maximum(_drawn(e0, seed).mean(axis=1) - floor, 1e-300)
+    before = np.maximum(_drawn(e0, seed).mean(axis=1) - floor, LEAST * abs(removable) or 1.0)
     for c in candidates:
         em = c.fitted.error(base.split.held) ** 2
         c.share = float((e0.mean() - em.mean()) / removable) if removable > 0 else 0.0

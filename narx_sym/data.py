@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .errors import DataError
+from .signals import plain_name
 from .tables import PathLike, load
 from .timegrid import Vector, check_step, regular_time, uniform_time
 
@@ -197,12 +198,14 @@ def read(
     rows : slice or "A:B"
         Data rows to keep, counted from 0 as in Python.
     channels : names or "all"
-        Further columns to keep.
+        Further columns to keep. A name that cannot stand in an equation is changed, and that is noted:
+        "temp [C]" becomes temp_C, and either name finds it.
     """
     table = load(path)
     cut = table.cut(rows)
-    names = {n: "--channels" for n in table.channels(channels, {u, y, t}, cut)}
-    data = {n: table.numbers(n, option, cut) for n, option in {**names, u: "--input", y: "--output"}.items()}
+    names = table.channels(channels, {u, y, t}, cut)
+    asked = {**dict.fromkeys(names, "--channels"), u: "--input", y: "--output"}
+    data = {n: table.numbers(n, option, cut) for n, option in asked.items()}
     grid = table.time(t, Ts, cut)
     if grid is None:
         raise DataError(
@@ -215,7 +218,7 @@ def read(
         data[y],
         grid.t,
         grid.Ts,
-        {n: data[n] for n in names},
+        {plain_name(n): data[n] for n in names},
         Path(path).stem,
         (*table.notes, *grid.notes),
         grid.breaks,

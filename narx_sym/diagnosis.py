@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import gate, printing
-from .bases import fit_base, simpler
+from .bases import fit_base, settled_again, simpler
 from .candidates import (
     LARGE,
     Candidate,
@@ -27,7 +27,7 @@ from .candidates import (
     shares,
 )
 from .effects import EFFECTS, Catalogue
-from .errors import ModelError
+from .errors import FitError, ModelError
 from .experiment import Experiment, propose
 from .identification import prepare
 from .misfit import Misfit, misfit_of
@@ -39,6 +39,7 @@ from .simulation import Records
 Array = np.ndarray
 EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
 NEAR = 0.2  # "named" also needs an error within this of the noise floor, or nearly everything removed
+FEWEST = 100  # samples: with less the noise cannot be told from an effect
 VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library")
 
 
@@ -164,6 +165,10 @@ def step(
     if scores.p_value > gate.LEVEL and scores.share.max() < LARGE:
         return made
     found = refit(base, scored, report)
+    again = settled_again(base, [c.fitted for c in found]) if found else None
+    if again is not None:
+        report("fitting the base from a better start")
+        return step(again, channels, catalogue, seed, report)
     for other in simpler(base) if imitated(catalogue) else []:
         report("trying the effects in the place of base terms")
         found += refit(other, score(other, channels, imitated(catalogue), seed), report, instead_of=base)
@@ -346,6 +351,9 @@ def diagnose(
         raise ModelError(
             f"There is no channel {unknown[0]!r} in every record; there are {', '.join(measured) or 'none'}."
         )
+    count = sum(len(r) for r in listed)
+    if count < FEWEST:
+        raise FitError(f"{count} samples are too few to judge what is missing: at least {FEWEST} are needed.")
     named = measured if channels == "all" else list(channels)
     split = Split.of(listed)
     report("fitting the base in free run")

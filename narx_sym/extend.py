@@ -14,7 +14,7 @@ from .effects import EFFECTS, Catalogue, Effect, Form
 from .errors import ModelError
 from .model import Model
 from .recursion import State
-from .signals import breve_phi1, breve_phi2, expand_phi, k, m, phi1, phi2, r, samples, signal, t, u, v, x, y
+from .signals import breve_phi1, breve_phi2, expand_phi, k, m, phi1, phi2, plain_name, r, samples, signal, t, u, v, x, y
 
 MANY = 20  # coefficients of one effect
 # Names that no channel and no state of an effect may have.
@@ -311,4 +311,4 @@ def find(effect_id: str, catalogue: Catalogue = EFFECTS) -> tuple[list[Effect], 
         raise ModelError(
             f"Name the channel: {name}:temperature." if needs else f"The effect {name} does not use a channel."
         )
-    return catalogue[name], channel or None
+    return catalogue[name], plain_name(channel) if channel else None

@@ -24,7 +24,7 @@ from .simulation import Records, arrays, initial_values, segments
 Array = np.ndarray
 MANY = 16  # more parameters than this: one banded solve instead of one compiled equation each
 SPREAD, TRIED = 0.3, 64
-HUGE = 1e12  # derivatives, in standard deviations of the output, of a run that is about to diverge
+HUGE = 1e12  # growth of the derivatives of a run that is about to diverge
 
 
 @dataclass(frozen=True)
@@ -226,15 +226,18 @@ class FreeRun:
         self, start: Array, max_steps: int, tolerance: float = 1e-12, limits: Mapping[Any, Any] | None = None
     ) -> Any:
         """Minimise from given unknowns; return SciPy's result."""
-        if not np.all(np.isfinite(self.run(start)[0])):
+        residuals, moved = self.run(start)
+        if not np.all(np.isfinite(residuals)):
             raise FitError(
                 "The free run of the start values diverges: fit one step ahead with fewer terms first, or give theta."
             )
         bounds = self.bounds(limits or {})
+        usual = np.abs(moved).max(axis=0)  # depends on the units
+        most = HUGE * np.where(usual > 0, usual, np.inf)
 
         def slopes(z: Array) -> Array:
             moved = self.run(z)[1]
-            if not np.abs(moved).max() < HUGE:
+            if not np.all(np.abs(moved).max(axis=0) < most):
                 raise FitError("The derivatives of the free run diverge: the model is unstable there.")
             return moved.copy()
 

@@ -6,6 +6,7 @@ of the input and its sign, `breve_phi1` and `breve_phi2` those of the output (th
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from typing import Any
 
@@ -74,3 +75,9 @@ def swap(expr: Any, bases: dict[sp.IndexedBase, sp.IndexedBase], shifts: dict[An
     """Rename sequences, each with its own shift in time: {u: m}, {y: 1} turns `u[k-1]` into `m[k]`."""
     shifts = shifts or {}
     return expr.xreplace({s: bases.get(s.base, s.base)[s.indices[0] + shifts.get(s.base, 0)] for s in samples(expr)})
+
+
+def plain_name(text: str) -> str:
+    """Return a text as a name that may stand in equations: letters, digits and underscores."""
+    name = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_")
+    return name if name.isidentifier() else f"channel_{name}"

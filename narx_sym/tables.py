@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import DataError
+from .signals import plain_name
 from .timegrid import Grid, Vector, check_step, regular_time, uniform_time
 
 PathLike = str | os.PathLike[str]
@@ -56,13 +57,26 @@ class Table:
         return slice(start, stop)
 
     def channels(self, wanted: str | Sequence[str], used: set[str | None], cut: slice) -> list[str]:
-        """Names of the further columns; "all" leaves out text, and says so."""
+        """Names of the further columns; "all" leaves out text, and says so; `plain_name` of a column finds it too."""
         if wanted != "all":
-            return [n.strip() for n in wanted.split(",") if n.strip()] if isinstance(wanted, str) else list(wanted)
-        names = [n for n in self.columns if n and n not in used]
-        for n in [n for n in names if self._first_text(self.columns[n][cut]) is not None]:
-            self.notes.append(f"column '{n}' holds text and is left out of the channels")
-            names.remove(n)
+            listed = [n.strip() for n in wanted.split(",") if n.strip()] if isinstance(wanted, str) else list(wanted)
+            plain = {plain_name(n): n for n in self.columns if n}
+            names = list(dict.fromkeys(n if n in self.columns else plain.get(n, n) for n in listed))
+        else:
+            names = [n for n in self.columns if n and n not in used]
+            for n in [n for n in names if self._first_text(self.columns[n][cut]) is not None]:
+                self.notes.append(f"column '{n}' holds text and is left out of the channels")
+                names.remove(n)
+        called: dict[str, str] = {}
+        for n in names:
+            other = called.setdefault(plain_name(n), n)
+            if other != n:
+                raise DataError(
+                    f"{self.path}: as channels the columns '{other}' and '{n}' would both be called {plain_name(n)}; "
+                    "rename one, or leave it out with --channels"
+                )
+            if plain_name(n) != n:
+                self.notes.append(f"column '{n}' is the channel {plain_name(n)}")
         return names
 
     def numbers(self, name: str, option: str, cut: slice) -> Vector:

@@ -572,3 +572,15 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
 
 def test_every_error_has_one_base():
     assert issubclass(DataError, NarxError) and issubclass(NarxError, ValueError)
+
+
+def test_a_channel_with_a_unit_in_its_name(tmp_path):
+    path = tmp_path / "rig.csv"
+    path.write_text("t,u,y,temp [C],2nd\n" + "".join(f"{i / 10},{i % 7},{i % 5},{20 + i},{i}\n" for i in range(30)))
+    record = read(path, channels="all")
+    assert list(record.channels) == ["temp_C", "channel_2nd"]
+    assert "column 'temp [C]' is the channel temp_C" in record.notes
+    assert list(read(path, channels="temp_C").channels) == list(read(path, channels="temp [C]").channels) == ["temp_C"]
+    path.write_text("t,u,y,a b,a-b\n" + "".join(f"{i / 10},{i % 7},{i % 5},{i},{i}\n" for i in range(30)))
+    with pytest.raises(DataError, match="'a b' and 'a-b' would both be called a_b"):
+        read(path, channels="all")
