@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import sympy as sp
-from scipy.signal import lfilter
 
 from . import gate, printing
 from .bases import integrates
+from .blackbox import predictable
 from .constraints import constraint_equations
 from .directions import Direction, Linearised
 from .effects import Catalogue
@@ -19,7 +20,7 @@ from .extend import Variant, equations
 from .freerun import FreeRun
 from .metrics import correlation_length
 from .model import Model
-from .refit import Fitted, add
+from .refit import Fitted, Split, add
 
 Array = np.ndarray
 REFITTED, FORMS = 6, 3  # effects that are fitted, and ways of each
@@ -27,12 +28,12 @@ CLOSE = 1.02  # a candidate this near to the best held-out error cannot be told 
 EQUAL = 1.003  # errors this near are equal
 MANY_MORE, CLEARLY = 3, 0.02  # so many parameters more must remove so much more of the error
 TAKES_OVER = 0.9  # of the base's error: without a term of the base, and still better
+SIMILAR = 2.0  # squared errors within this factor: the simpler explanation comes first
 BELOW = 4.0  # a shape parameter may leave its grid downwards by this factor
 LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
 WORSE = 1.1  # what makes the held-out error grow by more is no candidate
 DRAWS = 200
 LEAST = 0.2  # of the removable error: what is less in a bootstrap sample is no denominator
-FEATURES = 40
 
 
 @dataclass(repr=False)
@@ -115,6 +116,8 @@ class Scored:
     """Step 3 to 5: directions and scores of everything in the catalogue."""
 
     line: Linearised
+    split: Split
+    channels: tuple[str, ...]
     directions: list[Direction]
     matrix: Array
     scores: gate.Scores
@@ -128,6 +131,17 @@ class Scored:
             grid, _ = self.line.scale(scan, variant)
             found[name] = (-3.0, 3.0) if scan.of == "ratio" else (min(grid) / BELOW, max(grid) * scan.beyond)
         return found
+
+    @cached_property
+    def structure(self) -> float:
+        """Share of the held-out squared error that follows from the signals, as far as a black box can tell."""
+        return predictable(self.line, self.split, self.directions, self.matrix, self.channels)
+
+    @property
+    def missing(self) -> float:
+        """Share of the squared error that is no noise: what the black box tells, or a significant effect."""
+        significant = self.scores.p_value <= gate.LEVEL
+        return max(self.structure, float(self.scores.share.max()) if significant else 0.0)
 
     @property
     def residual(self) -> Array:
@@ -145,7 +159,7 @@ def score(fitted: Fitted, channels: Iterable[str], catalogue: Catalogue, seed: i
         line.residual, line.own, matrix, [d.columns for d in directions], [d.searched for d in directions],
         whole.edges, rows, seed, [d.columns for d in directions if d.line], fitted.split.noise,
     )  # fmt: skip
-    return Scored(line, directions, matrix, scores, rows)
+    return Scored(line, fitted.split, tuple(channels), directions, matrix, scores, rows)
 
 
 def shortlist(scored: Scored) -> list[tuple[Direction, int]]:
@@ -249,7 +263,8 @@ def ranked(found: Sequence[Candidate], independent: float) -> list[Candidate]:
         )
         kept.insert(at, c)
     # What does without a term of the base, and still beats the base, explains that term too.
-    return sorted(kept, key=lambda c: not _takes_over(c))
+    least = min(c.mean_square for c in kept)
+    return sorted(kept, key=lambda c: not (_takes_over(c) and c.mean_square < SIMILAR * least))
 
 
 def confusion_set(candidates: Sequence[Candidate]) -> list[str]:
@@ -268,42 +283,6 @@ def confusion_set(candidates: Sequence[Candidate]) -> list[str]:
         )
     ]  # fmt: skip
     return [c.effect for c in simple]
-
-
-def remainder(fitted: Fitted, scored: Scored) -> float:
-    """Return the held-out mean square that is left when every clear pattern is taken out.
-
-    Beside the catalogue, random features of the signals are tried: what they explain is structure without a name.
-    """
-    split = fitted.split
-    extra = features(scored.line)
-    matrix = np.column_stack([scored.matrix, extra])
-    held = np.concatenate([m[scored.line.problem.depth :] for m in split.held])
-    residual = scored.line.residual
-    lines = [d.columns for d in scored.directions if d.line]
-    noise = gate.whitened(residual, scored.line.own, matrix, scored.line.problem.edges, scored.rows, lines).noise
-    before, after = float(np.mean(residual[held] ** 2)), float(np.mean(noise[held] ** 2))
-    return min(before, after)
-
-
-def features(line: Linearised) -> Array:
-    """Return directions of random smooth functions of the signals: a black box for what the catalogue lacks."""
-    rng = np.random.default_rng(0)
-    weights = rng.standard_normal((9, FEATURES))
-    phases = rng.uniform(0, 2 * np.pi, FEATURES)
-    at_output, at_input = [], []
-    for seen in line.seen:
-        u, y = (seen[str(b.label)] for b in (line.model.input, line.model.inner))
-        slow = [lfilter([1 - a], [1, -a], u, zi=[a * u[0]])[0] for a in (0.8, 0.97)]
-        du, dy = np.diff(u, prepend=u[0]), np.diff(y, prepend=y[0])
-        base = np.column_stack([u, y, *slow, du, dy, np.sign(du) * np.abs(u), np.sign(dy), np.arange(u.size)])
-        spread = base.std(axis=0)
-        base = (base - base.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
-        z = np.cos(0.7 * base @ weights + phases)
-        at_output.append(z)
-        at_input.append(z[:, : FEATURES // 2])
-    blocks = [line.moved("output", at_output), line.moved("input", at_input)]
-    return np.concatenate(blocks, axis=1)
 
 
 def shares(base: Fitted, candidates: Sequence[Candidate], floor: float, seed: int) -> None:

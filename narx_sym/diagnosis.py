@@ -22,7 +22,6 @@ from .candidates import (
     large,
     ranked,
     refit,
-    remainder,
     score,
     shares,
 )
@@ -38,7 +37,8 @@ from .simulation import Records
 
 Array = np.ndarray
 EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
-NEAR = 0.2  # "named" also needs an error within this of the noise floor, or nearly everything removed
+INCOMPLETE = 0.1  # share of the error that is left: more structure than this, and something else is missing too
+NEAR = 0.2  # of a noise floor from repeated periods
 FEWEST = 100  # samples: with less the noise cannot be told from an effect
 VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library")
 
@@ -162,7 +162,8 @@ def step(
         detectable(scored),
         absorbed(scored),
     )
-    if scores.p_value > gate.LEVEL and scores.share.max() < LARGE:
+    unexplained = "outside_library" if scored.structure > HELPS else "nothing_detectable"
+    if scores.p_value > gate.LEVEL and scores.share.max() < LARGE and scored.structure <= HELPS:
         return made
     found = refit(base, scored, report)
     again = settled_again(base, [c.fitted for c in found]) if found else None
@@ -173,6 +174,8 @@ def step(
         report("trying the effects in the place of base terms")
         found += refit(other, score(other, channels, imitated(catalogue), seed), report, instead_of=base)
     candidates = ranked(found, base.independent())
+    if not repeats:
+        made.floor = float(np.sqrt(v0 * (1 - scored.structure)))
     if not candidates:
         made.verdict = "outside_library"
         return made
@@ -188,23 +191,28 @@ def step(
         for c in candidates:
             c.p_value = made.p_value if c.p_value > gate.LEVEL and c.mean_square < base_error else c.p_value
     if made.p_value > gate.LEVEL:
+        made.verdict = unexplained
         return made
     report("estimating the noise floor")
-    if not repeats:
-        rescored = score(best.fitted, channels, catalogue, seed)
-        floor = min(remainder(best.fitted, rescored), remainder(base, scored), *(c.mean_square for c in candidates))
+    if repeats:
+        complete = best.mean_square <= (1 + NEAR) ** 2 * floor
+    else:
+        left = score(best.fitted, channels, catalogue, seed).missing
+        floor = min(best.mean_square * (1 - left), made.floor**2, *(c.mean_square for c in candidates))
+        complete = left < INCOMPLETE
+    complete |= best.mean_square < (1 - NEARLY_ALL) * v0
     made.floor = float(np.sqrt(floor))
     shares(base, candidates, floor, seed)
     made.candidates = candidates
     # The sealed samples are opened here, once: what is real helps at the end of the record too.
     worse = strongest.fitted.mean_square(split.test) > base.mean_square(split.test)
     if strongest.interval[0] <= 0 or (no_accident is None and worse):
-        made.candidates = []
+        made.candidates, made.verdict = [], unexplained
         return made
     made.confusion_set = confused
     if max(c.share for c in candidates) < HELPS:
         made.verdict = "outside_library"
-    elif best.share < EXPLAINED or (best.mean_square > (1 + NEAR) ** 2 * floor and best.share < NEARLY_ALL):
+    elif best.share < EXPLAINED or not complete:
         made.verdict = "helps_but_incomplete"
     elif len(made.confusion_set) > 1:
         made.verdict = "confused"

@@ -196,6 +196,13 @@ class Linearised:
         power[: 2 * PADDING] = 0.0
         return np.arange(power.size) / (PADDING * e.size * (self.model.Ts or 1.0)), power
 
+    def tone(self) -> Array:
+        """Return cosine and sine of the residual's strongest frequency, (rows, 2), or (rows, 0) if it is no line."""
+        (frequency, *_), _ = self._peaks(1)
+        times = np.concatenate([run["t"][self.problem.depth :] for run in self.runs])
+        angle = 2 * np.pi * frequency * times
+        return np.column_stack([np.cos(angle), np.sin(angle)])[:, : 2 * self.is_line(frequency)]
+
     def is_line(self, frequency: float) -> bool:
         """Whether the residual has a sharp spectral line there: far above its neighbourhood on both sides."""
         frequencies, power = self._spectrum

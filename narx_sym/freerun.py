@@ -24,7 +24,7 @@ from .simulation import Records, arrays, initial_values, segments
 Array = np.ndarray
 MANY = 16  # more parameters than this: one banded solve instead of one compiled equation each
 SPREAD, TRIED = 0.3, 64
-HUGE = 1e12  # growth of the derivatives of a run that is about to diverge
+GROWTH, HUGE = 1e12, 1e100  # of the derivatives along a run that is about to diverge, and their size in any unit
 
 
 @dataclass(frozen=True)
@@ -226,18 +226,15 @@ class FreeRun:
         self, start: Array, max_steps: int, tolerance: float = 1e-12, limits: Mapping[Any, Any] | None = None
     ) -> Any:
         """Minimise from given unknowns; return SciPy's result."""
-        residuals, moved = self.run(start)
-        if not np.all(np.isfinite(residuals)):
+        if not np.all(np.isfinite(self.run(start)[0])):
             raise FitError(
                 "The free run of the start values diverges: fit one step ahead with fewer terms first, or give theta."
             )
         bounds = self.bounds(limits or {})
-        usual = np.abs(moved).max(axis=0)  # depends on the units
-        most = HUGE * np.where(usual > 0, usual, np.inf)
 
         def slopes(z: Array) -> Array:
             moved = self.run(z)[1]
-            if not np.all(np.abs(moved).max(axis=0) < most):
+            if _explodes(moved):
                 raise FitError("The derivatives of the free run diverge: the model is unstable there.")
             return moved.copy()
 
@@ -265,6 +262,13 @@ class FreeRun:
                 return np.asarray(np.sqrt(np.maximum(np.diag(Z @ covariance @ Z.T), 0.0)))
         except (LinAlgError, ValueError):
             return np.full(Z.shape[0], np.nan)  # the data do not determine the parameters
+
+
+def _explodes(moved: Array) -> bool:
+    """Whether derivatives grow along the run as those of an unstable model do, whatever their units."""
+    size = np.abs(moved)
+    early, most = size[: -(-len(size) // 4)].max(axis=0), size.max(axis=0)
+    return not bool(np.all(most < HUGE) and np.all(most[early > 0] < GROWTH * early[early > 0]))
 
 
 def free_run_fit(
