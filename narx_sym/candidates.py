@@ -298,7 +298,12 @@ def shares(base: Fitted, candidates: Sequence[Candidate], floor: float, seed: in
 
 
 def chance(base: Fitted, best: Candidate, scored: Scored, seed: int) -> float:
-    """Return the p-value of the best candidate's improvement against surrogates of what it leaves."""
+    """Return the p-value of the best candidate's improvement against surrogates of what it leaves.
+
+    Where the error wanders slowly no improvement counts, unless it is `large`.
+    """
+    if gate.wanders(max(base.errors, key=len)):
+        return 1.0
     added = best.fitted.problem.free - base.problem.free
     counted = [m & (np.arange(m.size) >= scored.line.problem.depth) for m in base.split.train]
     before, after = base.error(counted), best.fitted.error(counted)

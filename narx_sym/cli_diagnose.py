@@ -228,7 +228,7 @@ def show(found: Diagnosis, units: dict[str, str]) -> None:
             rows,
         )
     floor = min(s.floor for s in found.steps) / step.base.problem.spread
-    ladder = [[f"{'+ ' if i else ''}{r['added']}", r["train"], r["validation"]] for i, r in enumerate(found.ladder)]
+    ladder = [[name, r["train"], r["validation"]] for name, r in zip(found.rungs, found.ladder, strict=True)]
     ladder.append([f"noise floor ({step.floor_kind})", "", floor])
     table("Errors, step by step (free-run NRMSE)", ["model", "training", "held out"], ladder)
     for i, later in enumerate(found.steps[1:], 2):
@@ -267,9 +267,9 @@ def write_model(found: Diagnosis, measured: list[Record], path: Path) -> tuple[M
     from .simulation import evaluate
     from .store import save
 
-    names = [r["added"] for r in found.ladder]
+    names = found.rungs
     rows = [("base", evaluate(found.steps[0].base.model, measured))] if len(names) > 1 else []
-    what = " + ".join(names)
+    what = " ".join(names)
     rows.append((f"{what}, fitted on the training blocks", evaluate(found.model, measured)))
     with working("Fitting on all samples"):
         model = refitted(found.model, measured)

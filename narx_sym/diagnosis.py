@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from . import gate, printing
 from .bases import fit_base, settled_again, simpler
 from .candidates import (
+    CLOSE,
     LARGE,
     Candidate,
     absorbed,
@@ -28,11 +29,12 @@ from .candidates import (
 from .effects import EFFECTS, Catalogue
 from .errors import FitError, ModelError
 from .experiment import Experiment, propose
+from .extend import without
 from .identification import prepare
 from .misfit import Misfit, misfit_of
 from .model import NARX, Model
 from .parallel import one_blas_thread
-from .refit import Fitted, Split, prune
+from .refit import Fitted, Split, prune, settle
 from .simulation import Records
 
 Array = np.ndarray
@@ -52,6 +54,8 @@ class Step:
     base : Fitted
     floor : float
         rms of what no model could remove [unit of y].
+    withdrawn : list of str
+        Effects added before that this step made superfluous, or replaced.
     """
 
     base: Fitted
@@ -65,6 +69,7 @@ class Step:
     absorbed: list[str]
     experiment: Experiment | None = None
     chosen: Fitted | None = None
+    withdrawn: list[str] = field(default_factory=list)
 
     def nrmse(self, fitted: Fitted) -> dict[str, float]:
         """Return the free-run errors of a model over the standard deviation of the output."""
@@ -129,6 +134,7 @@ class Step:
             "smallest_detectable": self.smallest_detectable,
             "absorbed_by_a_refit": self.absorbed,
             "where_it_fails": [],
+            "withdrawn": self.withdrawn,
             "experiment": self.experiment and {
                 "separates": list(self.experiment.separates), "file": experiment_file,
                 "sentence": self.experiment.sentence,
@@ -229,6 +235,70 @@ def step(
     return made
 
 
+def reconsider(
+    steps: Sequence[Step],
+    channels: Sequence[str],
+    catalogue: Catalogue,
+    seed: int,
+    report: Callable[[str], Any],
+) -> Step | None:
+    """Ask whether the effects added before are still the right ones (floating search, Pudil et al. 1994).
+
+    One that is no longer needed goes, which is noted in the last step. Where another effect does better in the place of
+    one, the step that says so is returned.
+    """
+    made = steps[-1]
+    given = len(steps[0].base.model.info.get("effects", []))
+    if made.chosen is None:
+        return None
+    now = made.chosen
+    for one in now.model.info["effects"][given:-1]:
+        report(f"asking whether {one['effect']} is still the right effect")
+        others = [e["effect"] for e in now.model.info["effects"][given:] if e is not one]
+        smaller = _without(now, one, steps[0].base, others, channels, catalogue, seed)
+        if smaller is None:
+            continue
+        error = now.mean_square(now.split.held)
+        if smaller.mean_square(now.split.held) < CLOSE**2 * error:
+            made.withdrawn.append(one["effect"])
+            made.chosen = now = smaller
+            continue
+        trial = step(smaller, channels, catalogue, seed, report)
+        if trial.chosen is None or trial.candidates[0].effect == one["effect"]:
+            continue
+        if CLOSE**2 * trial.chosen.mean_square(now.split.held) < error:
+            trial.withdrawn.append(one["effect"])
+            return trial
+    return None
+
+
+def _without(
+    now: Fitted,
+    one: Mapping[str, Any],
+    base: Fitted,
+    others: Sequence[str],
+    channels: Sequence[str],
+    catalogue: Catalogue,
+    seed: int,
+) -> Fitted | None:
+    """Return the better of two fits without one effect: what is left of the model, and the base with the others."""
+    found = []
+    gone = [s for s in now.model.symbols if str(s) in one["coefficients"]]
+    try:
+        found.append(settle(without(now.model, gone), now.split, limits=now.limits))
+    except FitError:
+        pass
+    rebuilt: Fitted | None = base
+    for effect in others:
+        if rebuilt is not None:
+            name = effect.partition(":")[0]
+            scored = score(rebuilt, channels, Catalogue({name: catalogue[name]}), seed)
+            fits = [c for c in refit(rebuilt, scored, lambda what: None) if c.effect == effect]
+            rebuilt = min(fits, key=lambda c: c.mean_square).fitted if fits else None
+    found += [rebuilt] if rebuilt is not None else []
+    return min(found, key=lambda f: f.mean_square(now.split.train), default=None)
+
+
 @dataclass
 class Diagnosis:
     """What is missing from a model, step by step."""
@@ -278,7 +348,18 @@ class Diagnosis:
         for one in self.steps:
             if one.chosen is not None:
                 rungs.append({"added": one.candidates[0].effect, **one.nrmse(one.chosen)})
+                if one.withdrawn:
+                    rungs[-1]["withdrawn"] = one.withdrawn
         return rungs
+
+    @property
+    def rungs(self) -> list[str]:
+        """What each step of the ladder did, in words."""
+        found: list[str] = []
+        for rung in self.ladder:
+            gone = f" instead of {', '.join(rung['withdrawn'])}" if "withdrawn" in rung else ""
+            found.append(f"{'+ ' if found else ''}{rung['added']}{gone}")
+        return found
 
     def sentence(self, units: Mapping[str, str] | None = None) -> str:
         """Return the verdict in plain words."""
@@ -366,6 +447,7 @@ def diagnose(
     split = Split.of(listed)
     report("fitting the base in free run")
     base = fit_base(model, split)
+    given = len(base.model.info.get("effects", []))
     steps: list[Step] = []
     failed: Misfit | None = None
     with one_blas_thread():
@@ -373,9 +455,13 @@ def diagnose(
             made = step(base, named, catalogue, seed, report)
             steps.append(made)
             failed = failed or _misfit(base, made.floor)
-            if made.chosen is None or len(steps) >= max_effects:
+            if made.chosen is None:
                 break
-            base = made.chosen
+            again = reconsider(steps, named, catalogue, seed, report) if len(steps) < 2 * max_effects else None
+            steps += [again] if again else []
+            base = steps[-1].chosen or base
+            if len(base.model.info["effects"]) - given >= max_effects:
+                break
     return Diagnosis(steps, failed, time.perf_counter() - begin, seed)
 
 

@@ -24,7 +24,7 @@ from .simulation import Records, arrays, initial_values, segments
 Array = np.ndarray
 MANY = 16  # more parameters than this: one banded solve instead of one compiled equation each
 SPREAD, TRIED = 0.3, 64
-GROWTH, HUGE = 1e12, 1e100  # of the derivatives along a run that is about to diverge, and their size in any unit
+HUGE, LARGEST = 1e12, 1e100  # derivatives times parameters, in standard deviations of the output; in any unit
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,8 @@ class FreeRun:
 
         def slopes(z: Array) -> Array:
             moved = self.run(z)[1]
-            if _explodes(moved):
+            size = np.abs(moved).max(axis=0)
+            if not (np.all(size * np.abs(z) < HUGE) and np.all(size < LARGEST)):
                 raise FitError("The derivatives of the free run diverge: the model is unstable there.")
             return moved.copy()
 
@@ -262,13 +263,6 @@ class FreeRun:
                 return np.asarray(np.sqrt(np.maximum(np.diag(Z @ covariance @ Z.T), 0.0)))
         except (LinAlgError, ValueError):
             return np.full(Z.shape[0], np.nan)  # the data do not determine the parameters
-
-
-def _explodes(moved: Array) -> bool:
-    """Whether derivatives grow along the run as those of an unstable model do, whatever their units."""
-    size = np.abs(moved)
-    early, most = size[: -(-len(size) // 4)].max(axis=0), size.max(axis=0)
-    return not bool(np.all(most < HUGE) and np.all(most[early > 0] < GROWTH * early[early > 0]))
 
 
 def free_run_fit(

@@ -22,6 +22,7 @@ DRAWS, SURROGATES, LEVEL = 999, 199, 0.05
 LONGEST = 120  # lags of the noise model at most
 TRIALS = 6
 MOST, CLEAR = 12, 18.0  # columns that the noise is freed of at most, and the gain (in variances) of each at least
+WANDER = 5.0  # mean power of the slowest lines over that of the next, by which an error wanders
 TINY = 1e-7  # share of a column's energy below which nothing but rounding is left
 
 
@@ -339,6 +340,16 @@ def by_surrogates(scores: Scores, before: Array, after: Array, freedom: int, see
         gains = energy[:, own].sum(axis=1) / scores.variance
         lowest = np.minimum(lowest, chi2.logsf(gains, int(own.sum())))
     return float((1 + np.sum(lowest <= found)) / (SURROGATES + 1))
+
+
+def wanders(error: Array) -> bool:
+    """Whether most of an error is slower than a tenth of the record: the sort of noise that no model of it captures.
+
+    A wander looks like a drift, like creep or like a slow hum.
+    """
+    power = np.abs(np.fft.rfft((error - error.mean()) * np.hanning(error.size))) ** 2
+    slow, faster = power[1:6], power[10:41]
+    return bool(faster.size > 20 and slow.mean() * np.log(2) > WANDER * np.median(faster))
 
 
 def _detectable(D: Array, level: Array, variance: float, log_p: float, freedom: int) -> float:

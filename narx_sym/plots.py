@@ -389,8 +389,8 @@ def plot_ladder(
     ax.set_ylim(min(every) / room, max(every) * room)
     _plain_numbers(ax.yaxis)
     ax.set_xlim(-0.6, len(rungs) - 0.4)
-    names = [r["added"].replace("_", " ") for r in rungs]
-    ax.set_xticks(range(len(rungs)), [names[0], *(f"+ {n}" for n in names[1:])])
+    names = [name.replace("_", " ").replace(" instead", "\ninstead") for name in diagnosis.rungs]
+    ax.set_xticks(range(len(rungs)), names)
     ax.set_ylabel("free-run error / standard deviation of the output")
     if units.get("y"):
         other = ax.secondary_yaxis("right", functions=(lambda x: x * spread, lambda x: x / spread))

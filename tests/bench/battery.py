@@ -103,7 +103,11 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
         "share": [c.share for c in step.candidates[:SHOWN]],
         "set": step.confusion_set,
         "steps": [
-            [s.verdict, s.candidates[0].effect if s.candidates else None, s.chosen is not None] for s in found.steps
+            [
+                s.verdict, s.candidates[0].effect if s.candidates else None,
+                s.chosen is not None and not any(s.candidates[0].effect in o.withdrawn for o in found.steps[i:]),
+            ]
+            for i, s in enumerate(found.steps)
         ],
         "floor": floor2**0.5, "estimated_floor": step.floor, "before": before2**0.5,
         "after": float(np.sqrt((step.chosen or step.base).mean_square(held))),
