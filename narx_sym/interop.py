@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from .compile import transition
 from .data import Record
-from .engines.writer import numbered, shortened
+from .engines.layout import numbered, shortened
 from .errors import ModelError
+from .export import transition
 from .model import NARX, Model
 from .printing import text
 from .recursion import Recursion

@@ -92,8 +92,8 @@ class Compensator:
         return rest_input(self.model, float(output))
 
     def to_c(self, name: str = "law", single: bool = False) -> str:
-        """Return the law as C99 source; see `narx_sym.compile.to_c`."""
-        from .compile import to_c
+        """Return the law as C99 source; see `narx_sym.export.to_c`."""
+        from .export import to_c
 
         usual = {own: self.model.usual[of] for own, of in (("m", "u"), ("r", "y")) if of in self.model.usual}
         return to_c(
@@ -101,8 +101,8 @@ class Compensator:
         )
 
     def to_st(self, name: str = "law", single: bool = False) -> str:
-        """Return the law as an IEC 61131-3 function block; see `narx_sym.compile.to_st`."""
-        from .compile import to_st
+        """Return the law as an IEC 61131-3 function block; see `narx_sym.export.to_st`."""
+        from .export import to_st
 
         return to_st(self.recursion, self.model.values, name, single, m, Ts=self.model.Ts)
 
@@ -112,7 +112,7 @@ class Compensator:
         state : `recursion.past`, such as m[k-1], r[k]; `rest_state` gives its values at rest
         inputs : `recursion.given`, the reference at the end of the preview, such as r[k+1]; output is m[k]
         """
-        from .compile import transition
+        from .export import transition
 
         return transition(self.recursion, self.model.values, name, m)
 

@@ -312,14 +312,14 @@ class Model:
         save(self, path)
 
     def to_c(self, name: str = "model", single: bool = False) -> str:
-        """Return the free run as C99 source; see `narx_sym.compile.to_c`."""
-        from .compile import to_c
+        """Return the free run as C99 source; see `narx_sym.export.to_c`."""
+        from .export import to_c
 
         return to_c(self.recursion, self.values, name, single, self.output, self.starts, self.usual, self.Ts)
 
     def to_st(self, name: str = "model", single: bool = False) -> str:
-        """Return the free run as an IEC 61131-3 function block; see `narx_sym.compile.to_st`."""
-        from .compile import to_st
+        """Return the free run as an IEC 61131-3 function block; see `narx_sym.export.to_st`."""
+        from .export import to_st
 
         return to_st(self.recursion, self.values, name, single, self.output, self.starts, self.Ts)
 
@@ -329,7 +329,7 @@ class Model:
         state : `recursion.past`, such as y[k-1], y[k-2], u[k-1]; `rest_state` gives its values at rest
         inputs : `recursion.given`, such as u[k]; next is the state one sample later, output is y[k]
         """
-        from .compile import transition
+        from .export import transition
 
         return transition(self.recursion, self.values, name, self.output)
 

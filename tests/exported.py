@@ -8,7 +8,8 @@ import numpy as np
 import sympy as sp
 
 import narx_sym as ns
-from narx_sym.compile import compile, to_c, to_st
+from narx_sym.compile import compile
+from narx_sym.export import to_c, to_st
 from narx_sym.extend import extend, variants
 from narx_sym.recursion import Recursion
 from narx_sym.signals import k, phi1, phi2, signal, t, u, y

@@ -12,8 +12,9 @@ from hypothesis import HealthCheck, assume, given, settings
 from test_engines import recursions
 
 import narx_sym as ns
-from narx_sym.compile import compile, to_c
+from narx_sym.compile import compile
 from narx_sym.errors import ModelError
+from narx_sym.export import to_c
 from narx_sym.recursion import Recursion
 from narx_sym.sensitivity import sensitivities
 from narx_sym.signals import k, signal, u, y

@@ -9,8 +9,8 @@ import sympy as sp
 from exported import SUBJECTS, valued
 
 import narx_sym as ns
-from narx_sym.compile import transition
 from narx_sym.errors import ModelError
+from narx_sym.export import transition
 from narx_sym.interop import from_sysidentpy
 from narx_sym.printing import text
 from narx_sym.recursion import Recursion

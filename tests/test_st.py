@@ -14,8 +14,8 @@ from exported import AWKWARD, SUBJECTS, valued
 from iec import IDENTIFIER, KEYWORDS, Block
 
 import narx_sym as ns
-from narx_sym.compile import to_st
 from narx_sym.errors import ModelError
+from narx_sym.export import to_st
 from narx_sym.recursion import Recursion
 from narx_sym.signals import k, r, signal, u, y
 

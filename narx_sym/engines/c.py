@@ -11,8 +11,9 @@ import sympy as sp
 
 from ..errors import ModelError
 from ..recursion import Recursion
+from .layout import Layout, numbered, shortened, wrapped
 from .plan import Plan
-from .writer import Layout, Writer, indented, numbered, shortened, wrapped
+from .writer import Writer, indented
 
 TOLERANCE = {False: "1e-12", True: "1e-4"}  # of the self-test, relative; double and single
 UNROLLED = 3  # a longer past is shifted in a loop
@@ -127,7 +128,7 @@ def source(
     notes: Sequence[str] = (),
     example: Example | None = None,
 ) -> str:
-    """Return one self-contained C99 file; the arguments are those of `narx_sym.compile.to_c`."""
+    """Return one self-contained C99 file; the arguments are those of `narx_sym.export.to_c`."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
         raise ModelError(f"{name!r} cannot be a C identifier.")
     own = {name, *(f"{name}_{part}" for part in ("real", "state", "init", "step", *HELPERS))}

@@ -10,8 +10,9 @@ import sympy as sp
 
 from ..errors import ModelError
 from ..recursion import Recursion
+from .layout import Layout, numbered, shortened, wrapped
 from .plan import Plan
-from .writer import RELATIONS, Layout, Writer, indented, numbered, shortened, wrapped
+from .writer import RELATIONS, Writer, indented
 
 UNROLLED = 3  # a longer past is shifted in a loop
 LONGEST = 24  # letters of a name: with its ending it keeps to the 32 that every compiler reads
@@ -116,7 +117,7 @@ def source(
     initial: Mapping[Any, Any],
     notes: Sequence[str] = (),
 ) -> str:
-    """Return one function block; the arguments are those of `narx_sym.compile.to_st`."""
+    """Return one function block; the arguments are those of `narx_sym.export.to_st`."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name) or len(name) > 32 or name.lower() in WORDS:
         raise ModelError(f"{name!r} cannot be the name of a function block.")
     layout = Layout.of(recursion, values, returned, initial, _label, {name.lower(), "restart", "started", "i", "k"})
