@@ -196,7 +196,7 @@ def compensate(
     ts: Ts = None,
     rows: Rows = None,
 ) -> None:
-    """Derive the compensation law, print it, and run it over a reference."""
+    """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
     from .data import read_signal
     from .files import write_csv, write_text
     from .metrics import nsavi

@@ -71,9 +71,10 @@ def resting(subject, source, name):
 
 
 @needs_gcc
+@pytest.mark.parametrize("single", (False, True))
 @pytest.mark.parametrize("name", SUBJECTS)
-def test_compiles_cleanly_and_passes_its_own_test(name, tmp_path):
-    source = SUBJECTS[name].c("x1")
+def test_compiles_cleanly_and_passes_its_own_test(name, single, tmp_path):
+    source = SUBJECTS[name].c("x1", single=single)
     told = subprocess.run([built(tmp_path, source, "-DX1_SELF_TEST")], capture_output=True, text=True)
     assert told.returncode == 0 and "passed" in told.stdout
 
