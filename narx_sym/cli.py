@@ -185,6 +185,7 @@ def compensate(
     model_file: ModelFile,
     latex: Annotated[Path | None, typer.Option("--latex", help="Write the law as LaTeX.")] = None,
     c: Annotated[Path | None, typer.Option("--c", help="Write the law as C99 source.")] = None,
+    st: Annotated[Path | None, typer.Option("--st", help="Write the law as Structured Text (IEC 61131-3).")] = None,
     reference: Annotated[Path | None, typer.Option("--reference", help="CSV with the wanted output.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="CSV for the compensated input.")] = None,
     column: Annotated[
@@ -195,14 +196,14 @@ def compensate(
     ts: Ts = None,
     rows: Rows = None,
 ) -> None:
-    """Derive the compensation law, print it, and run it over a reference."""
+    """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
     from .data import read_signal
     from .files import write_csv, write_text
     from .metrics import nsavi
     from .printing import text
     from .store import load
 
-    for path in (latex, c, out):
+    for path in (latex, c, st, out):
         check_target(path, model_file, reference)
     if (reference is None) != (out is None):
         raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
@@ -217,6 +218,9 @@ def compensate(
     if c:
         write_text(c, law.to_c())
         console().print(f"C99 source written to {c}")
+    if st:
+        write_text(st, law.to_st())
+        console().print(f"Structured Text written to {st}")
     if reference and out:
         r, step, stamps = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column", prefer="r")
         step_differs = step is not None and model.Ts and abs(step - model.Ts) > 1e-6 * model.Ts

@@ -180,57 +180,6 @@ def to_casadi(recursion: Recursion) -> Any:
     return step(Plan.of(recursion))[0]
 
 
-def to_c(
-    recursion: Recursion,
-    values: Mapping[Any, float],
-    name: str = "narx",
-    single: bool = False,
-    output: Any = None,
-) -> str:
-    """Return C99 source of a recursion: state in a struct, init and step, no heap, and a self-test.
-
-    Parameters
-    ----------
-    values : mapping from each parameter to its number
-    name : str
-        Prefix of the type and the functions.
-    single : bool
-        float instead of double.
-    output : IndexedBase or its name, optional
-        The state that a step returns; the last by default. (Sensitivities stand behind a model's output: name it.)
-
-    Raises
-    ------
-    ModelError
-        For a name that is no C identifier, a missing value, a function that C99 does not have, or an output that the
-        recursion does not compute.
-    """
-    from .engines.c import CHECKED, source
-
-    wanted = str(getattr(output, "label", recursion.states[-1].label if output is None else output))
-    returned = next((base for base in recursion.states if str(base.label) == wanted), None)
-    if returned is None:
-        raise ModelError(f"The recursion does not compute {wanted}; it has {', '.join(map(str, recursion.states))}.")
-    compiled = compile(recursion, "python")
-    depth, lead = recursion.depth, recursion.lead
-    wave = np.sin(np.arange(CHECKED + depth + lead) / 3) + 0.1 * np.arange(CHECKED + depth + lead) / CHECKED
-    wave[: depth + 1] = wave[depth]  # at rest before the start
-    given = {str(b.label): wave for b in recursion.inputs}
-    states = {str(b.label): 0.5 for b in recursion.states}
-    theta = [values[p] for p in recursion.parameters]
-    run = compiled(given, theta, states, length=wave.size, on_divergence="nan")
-    expected = run[wanted][depth : depth + CHECKED]
-    if not np.all(np.isfinite(expected)):
-        return source(recursion, values, name, single, output=returned)
-    # What a step takes: the newest sample of each input that the equation reads.
-    newest = {
-        str(b.label): min(lag(s) for _, right in recursion.updates for s in samples(right, b)) for b in recursion.inputs
-    }
-    fed = {n: wave[depth - i : depth - i + CHECKED] for n, i in newest.items()}
-    rest = {**dict.fromkeys(given, float(wave[depth])), **states}
-    return source(recursion, values, name, single, (fed, expected, rest), returned)
-
-
 def lambdify(expressions: Sequence[Any], arguments: Sequence[Any]) -> Any:
     """Return a NumPy function of plain symbols for expressions that are not recursions."""
     function = sp.lambdify(list(arguments), list(expressions), modules="numpy", cse=True, dummify=True)

@@ -92,10 +92,35 @@ class Compensator:
         return rest_input(self.model, float(output))
 
     def to_c(self, name: str = "law", single: bool = False) -> str:
-        """Return the law as C99 source; see `narx_sym.compile.to_c`."""
-        from .compile import to_c
+        """Return the law as C99 source; see `narx_sym.export.to_c`."""
+        from .export import to_c
 
-        return to_c(self.recursion, self.model.values, name, single, m)
+        usual = {own: self.model.usual[of] for own, of in (("m", "u"), ("r", "y")) if of in self.model.usual}
+        return to_c(
+            self.recursion, self.model.values, name, single, m, ranges={**self.model.usual, **usual}, Ts=self.model.Ts
+        )
+
+    def to_st(self, name: str = "law", single: bool = False) -> str:
+        """Return the law as an IEC 61131-3 function block; see `narx_sym.export.to_st`."""
+        from .export import to_st
+
+        return to_st(self.recursion, self.model.values, name, single, m, Ts=self.model.Ts)
+
+    def to_casadi(self, name: str = "law") -> Any:
+        """Return one step as a CasADi `Function` (state, inputs) -> (next, output).
+
+        state : `recursion.past`, such as m[k-1], r[k]; `rest_state` gives its values at rest
+        inputs : `recursion.given`, the reference at the end of the preview, such as r[k+1]; output is m[k]
+        """
+        from .export import transition
+
+        return transition(self.recursion, self.model.values, name, m)
+
+    def rest_state(self, **rest: float) -> Any:
+        """Return the state of `to_casadi` at rest: `law.rest_state(m=1.0, r=2.0)`."""
+        from .interop import rest_state
+
+        return rest_state(self.recursion, {}, rest)
 
     def latex(self, numbers: bool = False) -> str:
         """LaTeX of the law, grouped as in the paper: one bracket over the coefficient of the newest input."""

@@ -198,6 +198,17 @@ class Model:
     def _updates(self, change: Any = lambda right: right) -> list[tuple[Any, Any]]:
         return [(s.left, self.in_user_units(expand_phi(change(s.right)))) for s in self.states]
 
+    @property
+    def starts(self) -> dict[Any, Any]:
+        """What each further state is at rest, in samples of the inputs and outputs in the user's units."""
+        return {s.left.base: self.in_user_units(s.initial) for s in self.states}
+
+    @property
+    def usual(self) -> dict[str, Any]:
+        """Where the signals usually are, (low, high) by name: the identified ranges, or around the operating point."""
+        around = {str(b.label): (value - 1.0, value + 1.0) for b, value in self.operating_point.items()}
+        return around | self.info.get("ranges", {})
+
     @cached_property
     def predictor(self) -> Recursion:
         """The one-step-ahead prediction: the model fed with measured outputs."""
@@ -305,10 +316,38 @@ class Model:
         save(self, path)
 
     def to_c(self, name: str = "model", single: bool = False) -> str:
-        """Return the free run as C99 source; see `narx_sym.compile.to_c`."""
-        from .compile import to_c
+        """Return the free run as C99 source; see `narx_sym.export.to_c`."""
+        from .export import to_c
 
-        return to_c(self.recursion, self.values, name, single, self.output)
+        return to_c(self.recursion, self.values, name, single, self.output, self.starts, self.usual, self.Ts)
+
+    def to_st(self, name: str = "model", single: bool = False) -> str:
+        """Return the free run as an IEC 61131-3 function block; see `narx_sym.export.to_st`."""
+        from .export import to_st
+
+        return to_st(self.recursion, self.values, name, single, self.output, self.starts, self.Ts)
+
+    def to_casadi(self, name: str = "model") -> Any:
+        """Return one step as a CasADi `Function` (state, inputs) -> (next, output).
+
+        state : `recursion.past`, such as y[k-1], y[k-2], u[k-1]; `rest_state` gives its values at rest
+        inputs : `recursion.given`, such as u[k]; next is the state one sample later, output is y[k]
+        """
+        from .export import transition
+
+        return transition(self.recursion, self.values, name, self.output)
+
+    def to_control(self, name: str = "model") -> Any:
+        """Return a discrete-time `control.NonlinearIOSystem`; see `narx_sym.interop.to_control`."""
+        from .interop import to_control
+
+        return to_control(self, name)
+
+    def rest_state(self, **rest: float) -> Any:
+        """Return the state of `to_casadi` and `to_control` at rest: `model.rest_state(u=1.0, y=2.0)`."""
+        from .interop import rest_state
+
+        return rest_state(self.recursion, self.starts, rest)
 
     # -- printing ----------------------------------------------------------------------------------------------
 

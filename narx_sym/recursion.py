@@ -105,6 +105,25 @@ class Recursion:
         """The preview: how many future samples of the inputs an update needs."""
         return max([0, *(-lag(s) for _, right in self.updates for s in samples(right))])
 
+    @cached_property
+    def past(self) -> tuple[sp.Indexed, ...]:
+        """What a step must remember: the samples `y[k-1]`, `y[k-2]`, ..., states first, each from the newest on.
+
+        With `given` it is the state-space form of the recursion: the state, and the inputs at time k.
+        """
+        oldest = {base: 0 for base in self.states} | {s.base: lag(s) for s in self.given}
+        newest = {base: 1 for base in self.states} | {s.base: lag(s) + 1 for s in self.given}
+        for _, right in self.updates:
+            for s in samples(right):
+                oldest[s.base] = max(oldest[s.base], lag(s))
+        return tuple(base[k - i] for base in oldest for i in range(newest[base], oldest[base] + 1))
+
+    @cached_property
+    def given(self) -> tuple[sp.Indexed, ...]:
+        """What a step is given: each input at time k, or the last sample of its preview."""
+        read = {s for _, right in self.updates for s in samples(right)}
+        return tuple(base[k - min(0, *(lag(s) for s in read if s.base == base))] for base in self.inputs)
+
     def subs(self, values: Mapping[Any, Any]) -> Recursion:
         """Put values or expressions in the place of parameters."""
         left = tuple(p for p in self.parameters if p not in values)

@@ -79,6 +79,15 @@ def test_compensate_tracks_and_compare_reads_the_log(run, bench, tmp_path):
     assert f"{ns.mape(log.y, y):.4g}" in text and f"{ns.nsavi(log.u, log.y):.4g}" in text
 
 
+def test_compensate_exports_the_law(run, bench, tmp_path):
+    code, text, err = run("compensate", bench / "model.json", "--c", tmp_path / "law.c", "--st", tmp_path / "law.st")
+    assert code == 0 and not err and "C99 source" in text and "Structured Text" in text
+    law = ns.load(bench / "model.json").compensator()
+    assert (tmp_path / "law.c").read_text() == law.to_c() and (tmp_path / "law.st").read_text() == law.to_st()
+    code, _, err = run("compensate", bench / "model.json", "--st", bench / "model.json")
+    assert code == 2 and "is read by this command" in err
+
+
 def test_version_and_help(run):
     code, text, _ = run("--version")
     assert code == 0 and text.strip() == ns.__version__

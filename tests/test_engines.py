@@ -110,6 +110,17 @@ def test_engines_agree_on_random_recursions(made):
     assert_agree(results)
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_is_not_chosen_cannot_fail(engine):
+    inverse = 1 / u[k]
+    guarded = Recursion(((y[k], sp.Piecewise((inverse + inverse**2, u[k] > 0), (sp.log(1 - u[k]), True))),))
+    given = {"u": np.array([0.0, 1.0, 2.0, 0.0, -1.0])}
+    found = compile(guarded, engine)(given)["y"]
+    np.testing.assert_allclose(found, [0.0, 2.0, 0.75, 0.0, np.log(2)], rtol=0, atol=1e-15)
+    with pytest.raises(Diverged):  # no case holds
+        compile(Recursion(((y[k], sp.Piecewise((u[k], u[k] > 0))),)), engine)(given)
+
+
 @pytest.mark.parametrize("banded", (True, False))
 def test_a_run_longer_than_one_chunk_agrees_with_the_loop(banded):
     past = y[k - 1] if banded else sp.sin(y[k - 1])

@@ -51,6 +51,7 @@ def test_walk_through_own_csv(own_data, monkeypatch, capsys):
         "sets.png",
         "law.tex",
         "law.c",
+        "law.st",
         "input.csv",
         "expected.csv",
     ):

@@ -3,268 +3,274 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import sympy as sp
-from sympy.printing.c import C99CodePrinter
 
 from ..errors import ModelError
-from ..printing import text
 from ..recursion import Recursion
+from .layout import Layout, numbered, shortened, wrapped
 from .plan import Plan
+from .writer import Writer, indented
 
-CHECKED = 24  # samples of the self-test
+TOLERANCE = {False: "1e-12", True: "1e-4"}  # of the self-test, relative; double and single
+UNROLLED = 3  # a longer past is shifted in a loop
 PAST = "past"  # the pointer to the state
-# Words of C, of its mathematics, and of the source itself: signals of these names get an underscore behind them.
+# Words of C (and of C++ and later C), of its library, of compilers, and of the source itself.
 WORDS = set(
     """auto break case char const continue default do double else enum extern float for goto if inline int long
     register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    alignas alignof asm bool class constexpr false namespace new nullptr private public static_assert template this
+    thread_local true typeof typeof_unqual using virtual catch delete friend operator protected throw try typename
     acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs fdim floor fma fmax
     fmin fmod fpclassify frexp hypot ilogb isfinite isgreater isgreaterequal isinf isless islessequal islessgreater
     isnan isnormal isunordered ldexp lgamma llrint llround log log10 log1p log2 logb lrint lround math_errhandling modf
     nan nearbyint nextafter nexttoward pow remainder remquo rint round scalbln scalbn signbit sin sinh sqrt tan tanh
-    tgamma trunc HUGE_VAL INFINITY NAN
-    main printf none expected sample worst got gap good""".split()
+    tgamma trunc stdin stdout stderr errno unix linux i386
+    main printf none expected sample worst size got gap good count i""".split()
 ) | {PAST}
+FUNCTIONS = {
+    sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.tanh: "tanh", sp.sinh: "sinh", sp.cosh: "cosh", sp.exp: "exp",
+    sp.log: "log", sp.atan: "atan", sp.asin: "asin", sp.acos: "acos", sp.Abs: "fabs", sp.sqrt: "sqrt",
+}  # fmt: skip
+# Unlike fmax and fmin these keep a NaN, and they need no library.
+HELPERS = {
+    "sign": ("x", "x > {zero} ? {one} : (x < {zero} ? -{one} : x)"),
+    "max": ("a, b", "a > b || a != a ? a : b"),
+    "min": ("a, b", "a < b || a != a ? a : b"),
+}
 
 
-class _Printer(C99CodePrinter):
-    """Products instead of pow, literals of the wanted precision, and an error for what C cannot say."""
+@dataclass(frozen=True)
+class Example:
+    """Samples for a self-test: what each step takes, what it must return, and the values at rest, all by signal."""
 
-    def __init__(self, single: bool):
-        super().__init__({"precision": 17})
-        self.mark = "F" if single else ""
+    given: Mapping[Any, Any]
+    rest: Mapping[Any, float]
+    expected: Any
 
-    def _print_Float(self, expr: Any) -> str:
-        shown = f"{float(expr):.17g}"
+
+class _C(Writer):
+    """The words of C99."""
+
+    language, functions = "C source", FUNCTIONS
+    joints, truth = ("&&", "||", "!"), ("0", "1")
+
+    def __init__(self, names: Mapping[Any, str], name: str, single: bool):
+        super().__init__(names, single)
+        self.prefix, self.real, self.mark = name, f"{name}_real", "F" if single else ""
+        self.helpers: set[str] = set()
+        self.mathematics = False
+
+    def number(self, value: float) -> str:
+        shown = repr(value)
         return (shown if re.search(r"[.e]", shown) else shown + ".0") + self.mark
 
-    def _print_Integer(self, expr: Any) -> str:
-        return f"{int(expr)}.0{self.mark}"
+    def call(self, name: str, *arguments: str) -> str:
+        self.mathematics = True
+        return super().call(name + ("f" if self.single else ""), *arguments)
 
-    def _print_Rational(self, expr: Any) -> str:
-        return f"({int(expr.p)}.0{self.mark}/{int(expr.q)}.0{self.mark})"
+    def power(self, base: str, exponent: str) -> str:
+        return self.call("pow", base, exponent)
 
-    def _print_Pi(self, expr: Any) -> str:
-        return self._print_Float(expr)  # C99 itself has no M_PI
+    def sign(self, x: Any) -> str:
+        return self.helper("sign", self(x))
 
-    def _print_Exp1(self, expr: Any) -> str:
-        return self._print_Float(expr)
+    def step(self, x: Any) -> str:
+        return f"({self(x)} > {self.number(0.0)} ? {self.number(1.0)} : {self.number(0.0)})"
 
-    def _print_Dummy(self, expr: Any) -> str:
-        return str(expr.name)
-
-    def _print_Pow(self, expr: Any) -> str:
-        base, exponent = expr.as_base_exp()
-        if exponent.is_Integer:
-            shown = "*".join([f"({self._print(base)})"] * abs(int(exponent)))
-            return shown if exponent > 0 else f"(1.0{self.mark}/({shown}))"
-        if exponent == sp.Rational(1, 2):
-            return f"{self._call('sqrt')}({self._print(base)})"
-        return f"{self._call('pow')}({self._print(base)}, {self._print(exponent)})"
-
-    def _print_sign(self, expr: Any) -> str:
-        x = self._print(expr.args[0])
-        one, zero = f"1.0{self.mark}", f"0.0{self.mark}"
-        return f"(({x}) > {zero} ? {one} : (({x}) < {zero} ? -{one} : {zero}))"
-
-    def _print_Abs(self, expr: Any) -> str:
-        return f"{self._call('fabs')}({self._print(expr.args[0])})"
-
-    def _print_Heaviside(self, expr: Any) -> str:
-        return f"(({self._print(expr.args[0])}) > 0.0{self.mark} ? 1.0{self.mark} : 0.0{self.mark})"
-
-    def _extreme(self, name: str, arguments: Any) -> str:
-        shown = self._print(arguments[0])
-        for argument in arguments[1:]:
-            shown = f"{self._call(name)}({shown}, {self._print(argument)})"
+    def extreme(self, largest: bool, values: Sequence[str]) -> str:
+        shown, *others = values
+        for value in others:
+            shown = self.helper("max" if largest else "min", shown, value)
         return shown
 
-    def _print_Max(self, expr: Any) -> str:
-        return self._extreme("fmax", expr.args)
+    def helper(self, name: str, *arguments: str) -> str:
+        self.helpers.add(name)
+        return f"{self.prefix}_{name}({', '.join(arguments)})"
 
-    def _print_Min(self, expr: Any) -> str:
-        return self._extreme("fmin", expr.args)
+    def undefined(self, expr: Any) -> str:
+        self.mathematics = True
+        return "NAN"
 
-    def _print_Function(self, expr: Any) -> str:
-        name = type(expr).__name__
-        if name not in ("sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "atan", "asin", "acos"):
-            raise ModelError(f"C source has no rule for {name} in {expr}.")
-        return f"{self._call(name)}({self._print(expr.args[0])})"
+    def define(self, name: str, shown: str, boolean: bool = False) -> list[str]:
+        return [f"const {'int' if boolean else self.real} {name} = {shown};"]
 
-    _print_sin = _print_cos = _print_tan = _print_tanh = _print_exp = _print_log = _print_atan = _print_Function
-    _print_sinh = _print_cosh = _print_asin = _print_acos = _print_Function
+    def declare(self, name: str) -> list[str]:
+        return [f"{self.real} {name};"]
 
-    def _call(self, name: str) -> str:
-        return name + ("f" if self.mark else "")
+    def assign(self, name: str, shown: str) -> str:
+        return f"{name} = {shown};"
+
+    def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
+        return [f"if ({condition}) {{", *then, "} else {", *otherwise, "}"]
+
+    def definitions(self) -> list[str]:
+        """Return the helpers that were used."""
+        lines = []
+        for name in sorted(self.helpers):
+            arguments, body = HELPERS[name]
+            shown = ", ".join(f"{self.real} {a}" for a in arguments.split(", "))
+            body = body.format(zero=self.number(0.0), one=self.number(1.0))
+            lines += [f"static {self.real} {self.prefix}_{name}({shown})", "{", f"    return {body};", "}", ""]
+        return lines
 
 
 def source(
     recursion: Recursion,
     values: Mapping[Any, float],
-    name: str = "narx",
-    single: bool = False,
-    example: tuple[Mapping[str, Any], Any, Mapping[str, float]] | None = None,
-    output: Any = None,
+    name: str,
+    single: bool,
+    returned: Any,
+    initial: Mapping[Any, Any],
+    notes: Sequence[str] = (),
+    example: Example | None = None,
 ) -> str:
-    """Return one self-contained C99 file.
-
-    Parameters
-    ----------
-    recursion : Recursion
-    values : mapping from each parameter to its number
-    name : str
-        Prefix of the type and the functions.
-    single : bool
-        float instead of double.
-    example : (inputs by name, expected output, rest values by name), optional
-        Samples for the self-test, compiled with -D<NAME>_SELF_TEST.
-    output : IndexedBase, optional
-        The state that a step returns; the last by default.
-    """
+    """Return one self-contained C99 file; the arguments are those of `narx_sym.export.to_c`."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
         raise ModelError(f"{name!r} cannot be a C identifier.")
-    plan = Plan.of(recursion.subs({p: sp.Float(v) for p, v in values.items()}))
-    if plan.parameters:
-        raise ModelError(f"No value was given for {', '.join(map(str, plan.parameters))}.")
-    if any(c.has(Plan.time) for c in plan.updates):
-        raise ModelError("An equation with the time index itself cannot be exported.")
-    printer, states = _Printer(single), range(len(plan.updates))
-    returned = len(plan.updates) - 1 if output is None else recursion.states.index(output)
-    labels = _labels(plan, name)
-    oldest = {s: max([i for j, i in plan.sample if j == s]) for s in range(len(plan.signals))}
-    ahead = {s: min([i for j, i in plan.sample if j == s]) for s in range(len(plan.signals)) if s not in states}
+    own = {name, *(f"{name}_{part}" for part in ("real", "state", "init", "step", *HELPERS))}
+    layout = Layout.of(recursion, values, returned, initial, _label, WORDS | own)
+    labels, inputs, rested = layout.labels, list(recursion.inputs), layout.rested
     # Every state but the one that is returned can be read from the struct.
-    depth = {s: max(oldest[s], int(s != returned)) if s in states else oldest[s] - ahead[s] for s in oldest}
-    held = [s for s in range(len(plan.signals)) if depth[s] > 0]
-
-    def sample(s: int, i: int) -> str:
-        back = i if s in states else i - ahead[s]
-        return f"{PAST}->{labels[s]}[{back - 1}]" if back else labels[s]
-
-    real, upper = f"{name}_real", name.upper()
-    inputs = [s for s in range(len(plan.signals)) if s not in states]
-    arguments = "".join(f", {real} {labels[s]}" for s in inputs)
-    rest = "".join(f", {real} {labels[s]}" for s in held)
-    body = [
-        f"const {real} {symbol.name} = {sample(s, i)};"
-        for (s, i), symbol in plan.sample.items()
-        if s not in states or i
-    ]
-    common, rows = plan.shared
-    waiting = dict(common)
-
-    for s in states:
-        for c in rows[s]:
-            body += [f"const {real} {x.name} = {printer.doprint(e)};" for x, e in plan.needed(c, waiting)]
-        shown = printer.doprint(rows[s][-1])
-        for c in reversed(rows[s][:-1]):
-            shown = f"{printer.doprint(c)} + ({shown})*{plan.sample[s, 1].name}"
-        body.append(f"const {real} {plan.sample[s, 0].name} = {shown};")
-    for s in held:
-        body += [f"{PAST}->{labels[s]}[{i}] = {PAST}->{labels[s]}[{i - 1}];" for i in range(depth[s] - 1, 0, -1)]
-        body.append(f"{PAST}->{labels[s]}[0] = {plan.sample[s, 0].name if s in states else labels[s]};")
-    equations = [f"{text(left)} = {text(right)}" for left, right in recursion.subs(dict(values)).updates]
-    when = ", ".join(f"{labels[s]}[k{-ahead[s]:+d}]" if ahead[s] else f"{labels[s]}[k]" for s in inputs)
+    depth = {b: 1 for b in recursion.states if b != returned} | layout.depth
+    clock = numbered("k", lambda free: free not in labels.values())
+    writer = _C({}, name, single)
+    start = _init(layout, depth, writer, clock)
+    step = _step(layout, depth, writer, clock)
+    real, upper = writer.real, name.upper()
+    takes = ", ".join(layout.when(b) for b in inputs) or "nothing"
+    opening = f"void {name}_init({', '.join([f'{name}_state *{PAST}', *(f'{real} {labels[b]}' for b in rested)])})"
+    stepping = f"{real} {name}_step({', '.join([f'{name}_state *{PAST}', *(f'{real} {labels[b]}' for b in inputs)])})"
+    fields = [*(f"{real} {labels[b]}[{d}];" for b, d in depth.items()), *[f"unsigned long {clock};"] * layout.counts]
+    library = " -lm" if writer.mathematics else ""
+    test = f"Self-test: cc -std=c99 -D{upper}_SELF_TEST file.c{library} && ./a.out"
+    comment = layout.comment(
+        *notes,
+        f"{name}_init fills the past with values at rest; {name}_step takes {takes} and returns {labels[returned]}[k]; "
+        "further states are in the struct, newest first.",
+        f"No heap, no static data. C99{'; link with -lm' if library else ''}.",
+        test if example else "No self-test: a short run from rest leaves the finite numbers.",
+    )
     lines = [
         "/*",
-        *(f" * {part}" for e in equations for part in _wrapped(e)),
-        " *",
-        f" * {name}_init fills the past with rest values; {name}_step takes {when or 'nothing'}",
-        f" * and returns {labels[returned]}[k]; further states are in the struct, newest first.",
-        " * No heap, no static data. C99; link with -lm.",
-        f" * Self-test: cc -std=c99 -D{upper}_SELF_TEST file.c -lm && ./a.out",
+        *(f" * {line}".rstrip() for line in comment),
         " */",
-        "#include <math.h>",
+        *["#include <math.h>"] * writer.mathematics,
         "",
         f"typedef {'float' if single else 'double'} {real};",
         "",
         "typedef struct {",
-        *(f"    {real} {labels[s]}[{depth[s]}];" for s in held),
-        *([] if held else ["    char none;"]),
+        *indented(fields or ["char none;"]),
         f"}} {name}_state;",
         "",
-        f"void {name}_init({name}_state *{PAST}{rest});",
-        f"{real} {name}_step({name}_state *{PAST}{arguments});",
+        f"{opening};",
+        f"{stepping};",
         "",
-        f"void {name}_init({name}_state *{PAST}{rest})",
+        *writer.definitions(),
+        opening,
         "{",
-        *(f"    {PAST}->{labels[s]}[{i}] = {labels[s]};" for s in held for i in range(depth[s])),
-        *([] if held else [f"    {PAST}->none = 0;"]),
+        *wrapped(start if fields else [f"{PAST}->none = 0;"]),
         "}",
         "",
-        f"{real} {name}_step({name}_state *{PAST}{arguments})",
+        stepping,
         "{",
-        *([] if held else [f"    (void){PAST};"]),
-        *(f"    {line}" for line in body),
-        f"    return {plan.sample[returned, 0].name};",
+        *wrapped(step if fields else [f"(void){PAST};", *step]),
         "}",
     ]
-    if example is not None:
-        plain = {label: str(base.label) for label, base in zip(labels, plan.signals, strict=True)}
-        read, rested = ({labels[s]: plain[labels[s]] for s in listed} for listed in (inputs, held))
-        lines += _self_test(name, real, read, rested, example, printer)
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *(_self_test(layout, writer, example) if example else [])]) + "\n"
 
 
-def _labels(plan: Plan, name: str) -> list[str]:
-    """Return a C identifier for each signal that means nothing else in the source."""
-    taken = WORDS | {name, *(f"{name}_{part}" for part in ("real", "state", "init", "step"))}
-    taken |= {symbol.name for symbol in (*plan.sample.values(), *(symbol for symbol, _ in plan.shared[0]))}
-    labels = []
-    for base in plan.signals:
-        label = re.sub(r"\W|^(?=\d)", "_", str(base.label), flags=re.ASCII)
-        while label in taken:
-            label += "_"
-        taken.add(label)
-        labels.append(label)
-    return labels
+def _init(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> list[str]:
+    """Return the body of the init function; a state that starts from others is computed from them."""
+    labels = layout.labels
+    lines = []
+    for base, d in depth.items():
+        shown = labels[base] if base in layout.rested else writer.number(0.0)
+        if base in layout.initial:
+            expr, writer.names = layout.at_rest(base, {b: labels[b] for b in layout.rested})
+            shown = writer(expr)
+        lines += _each(f"{PAST}->{labels[base]}[{{}}] = {shown};", 0, d)
+    start, writer.lines = writer.lines + lines, []
+    return start + [f"{PAST}->{clock} = {layout.recursion.depth}UL;"] * layout.counts
 
 
-def _wrapped(equation: str, width: int = 100) -> list[str]:
-    import textwrap
+def _step(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> list[str]:
+    """Return the body of the step function: the equations, the shift of the past, the value."""
+    labels, plan = layout.labels, layout.plan
+    writer.names = {Plan.time: f"({writer.real}){PAST}->{clock}"}
+    for key, symbol in plan.sample.items():
+        base, age = layout.place(key)
+        writer.names[symbol] = f"{PAST}->{labels[base]}[{age - 1}]" if age else labels[base]
 
-    # A comment must not end early.
-    return textwrap.wrap(equation.replace("*/", "* /"), width, break_long_words=False, break_on_hyphens=False)
+    def done(s: int, shown: str) -> None:
+        writer.lines.append(f"const {writer.real} {labels[layout.recursion.states[s]]} = {shown};")
+
+    writer.updates(plan, done)
+    read = {layout.place(key) for key in plan.sample}
+    unused = [f"(void){labels[b]};" for b in layout.recursion.inputs if b not in depth and (b, 0) not in read]
+    shifts = []
+    for base, d in depth.items():
+        label = f"{PAST}->{labels[base]}"
+        if d > UNROLLED + 1:
+            shifts += [f"for (int i = {d - 1}; i > 0; i--) {{", f"    {label}[i] = {label}[i - 1];", "}"]
+        else:
+            shifts += [f"{label}[{i}] = {label}[{i - 1}];" for i in range(d - 1, 0, -1)]
+        shifts.append(f"{label}[0] = {labels[base]};")
+    shifts += [f"{PAST}->{clock}++;"] * layout.counts
+    return [*unused, *writer.lines, *shifts, f"return {labels[layout.returned]};"]
 
 
-def _self_test(
-    name: str,
-    real: str,
-    inputs: Mapping[str, str],
-    held: Mapping[str, str],
-    example: tuple[Any, ...],
-    printer: _Printer,
-) -> list[str]:
-    """Return a main function; `inputs` and `held` give the signal behind each identifier."""
-    given, expected, rest = example
-    n = min(CHECKED, len(expected))
-    number = lambda v: printer.doprint(sp.Float(float(v)))  # noqa: E731
-    tolerance = "1e-4" if printer.mark else "1e-12"
+def _each(line: str, first: int, last: int) -> list[str]:
+    """Repeat a line for each index; in a loop where there are many."""
+    if last - first <= UNROLLED + 1:
+        return [line.format(i) for i in range(first, last)]
+    return [f"for (int i = {first}; i < {last}; i++) {{", f"    {line.format('i')}", "}"]
+
+
+def _label(plain: str, taken: set[str]) -> str:
+    """Return a C identifier; capitals alone may be a macro."""
+    name = shortened(plain, 40)
+    return numbered(
+        name, lambda n: n not in taken and not re.fullmatch(r"part_\d+", n) and (len(n) == 1 or n.upper() != n)
+    )
+
+
+def _self_test(layout: Layout, writer: _C, example: Example) -> list[str]:
+    """Return a main function that steps through the example."""
+    name, labels, real = writer.prefix, layout.labels, writer.real
+
+    def literal(value: float) -> str:
+        return writer(sp.Float(float(value)))
+
+    def table(label: str, numbers: Any) -> list[str]:
+        shown = [literal(v) for v in numbers]
+        rows = [", ".join(shown[i : i + 4]) for i in range(0, len(shown), 4)]
+        return [f"static const {real} {label}[{len(shown)}] = {{", *indented(f"{row}," for row in rows), "};"]
+
+    def size(of: str) -> str:
+        return f"({of} < 0.0 ? -{of} : {of})"
+
+    n, inputs = len(example.expected), layout.recursion.inputs
+    body = [
+        *(line for b in inputs for line in table(labels[b], example.given[b])),
+        *table("expected", example.expected),
+        f"{name}_state {PAST};",
+        "double worst = 0.0;",
+        "int good = 1;",
+        f"{name}_init(&{PAST}{''.join(', ' + literal(example.rest[b]) for b in layout.rested)});",
+        f"for (int sample = 0; sample < {n}; sample++) {{",
+        f"    const double got = (double){name}_step(&{PAST}{''.join(f', {labels[b]}[sample]' for b in inputs)});",
+        "    const double size = (double)expected[sample], gap = (got - size) / (1.0 + " + size("size") + ");",
+        f"    if (!({size('gap')} <= {TOLERANCE[writer.single]})) good = 0;",
+        f"    if ({size('gap')} > worst) worst = {size('gap')};",
+        "}",
+        f'printf("{name}: %s, worst relative difference %g\\n", good ? "passed" : "FAILED", worst);',
+        "return good ? 0 : 1;",
+    ]
     return [
-        "",
-        f"#ifdef {name.upper()}_SELF_TEST",
-        "#include <stdio.h>",
-        "int main(void)",
-        "{",
-        *(
-            f"    static const {real} {i}[{n}] = {{{', '.join(number(v) for v in given[of][:n])}}};"
-            for i, of in inputs.items()
-        ),
-        f"    static const {real} expected[{n}] = {{{', '.join(number(v) for v in expected[:n])}}};",
-        f"    {name}_state {PAST};",
-        "    int sample;",
-        "    double worst = 0.0;",
-        f"    {name}_init(&{PAST}{''.join(', ' + number(rest[of]) for of in held.values())});",
-        f"    for (sample = 0; sample < {n}; sample++) {{",
-        f"        const double got = (double){name}_step(&{PAST}{''.join(f', {i}[sample]' for i in inputs)});",
-        "        const double gap = fabs(got - (double)expected[sample]) / (1.0 + fabs((double)expected[sample]));",
-        "        if (!(gap <= worst)) worst = gap;",
-        "    }",
-        f"    const int good = worst <= {tolerance};",
-        f'    printf("{name}: %s, worst relative difference %g\\n", good ? "passed" : "FAILED", worst);',
-        "    return good ? 0 : 1;",
-        "}",
+        "", f"#ifdef {name.upper()}_SELF_TEST", "#include <stdio.h>", "int main(void)", "{", *indented(body), "}",
         "#endif",
-    ]
+    ]  # fmt: skip

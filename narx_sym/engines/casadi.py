@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import casadi as ca
@@ -10,6 +11,8 @@ import numpy as np
 import sympy as sp
 
 from ..errors import ModelError
+from ..recursion import Recursion
+from ..signals import k
 from .plan import Plan
 
 TABLE: dict[Any, Callable[..., Any]] = {
@@ -99,6 +102,24 @@ def step(plan: Plan) -> tuple[Any, list[tuple[int, int]], list[tuple[int, int]]]
         ["following", "newest"],
     )
     return function, past, used
+
+
+def transition(recursion: Recursion, values: Mapping[Any, Any], name: str, returned: Any) -> Any:
+    """Return f(state, inputs) -> (next, output) with numbers, over `recursion.past` and `recursion.given`."""
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name):
+        raise ModelError(f"{name!r} cannot be the name of a CasADi function.")
+    plan = Plan.of(recursion.subs(values))
+    if any(right.has(Plan.time) for right in plan.updates):
+        raise ModelError("An equation with the time index itself has no state-space form; use narx_sym.to_casadi.")
+    state, inputs = ca.SX.sym("state", len(recursion.past)), ca.SX.sym("inputs", len(recursion.given))
+    at = {s: state[i] for i, s in enumerate(recursion.past)} | {s: inputs[i] for i, s in enumerate(recursion.given)}
+    known = {symbol: at.get(plan.signals[s][k - i]) for (s, i), symbol in plan.sample.items()}
+    for s, right in enumerate(plan.updates):
+        at[plan.signals[s][k]] = known[plan.sample[s, 0]] = convert(right, known)
+    following = [at[s.base[s.indices[0] + 1]] for s in recursion.past]
+    return ca.Function(
+        name, [state, inputs], [ca.vertcat(*following), at[returned[k]]], ["state", "inputs"], ["next", "output"]
+    )
 
 
 def build(plan: Plan) -> Callable[..., int]:

@@ -3,54 +3,76 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import sympy as sp
-from sympy.printing.codeprinter import PrintMethodNotImplementedError
-from sympy.printing.pycode import PythonCodePrinter
 
-from ..errors import ModelError
 from .plan import Plan
+from .writer import Writer, indented
+
+FUNCTIONS = {
+    sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.tanh: "tanh", sp.sinh: "sinh", sp.cosh: "cosh", sp.exp: "exp",
+    sp.log: "log", sp.atan: "atan", sp.asin: "asin", sp.acos: "acos", sp.Abs: "abs", sp.sqrt: "sqrt",
+}  # fmt: skip
 
 
-class _Printer(PythonCodePrinter):
-    def _print_Dummy(self, e: Any) -> str:
-        return str(e)  # without the running number of dummies
+class _Python(Writer):
+    """The words of Python."""
 
-    def _print_sign(self, e: Any) -> str:
-        return f"sign({self._print(e.args[0])})"
+    language, functions = "The python engine", FUNCTIONS
+    joints, truth = ("and", "or", "not "), ("False", "True")
 
-    def _print_Heaviside(self, e: Any) -> str:
-        return f"(1.0 if {self._print(e.args[0])} > 0 else 0.0)"
+    def number(self, value: float) -> str:
+        return repr(value)
+
+    def power(self, base: str, exponent: str) -> str:
+        return self.call("pow", base, exponent)
+
+    def sign(self, x: Any) -> str:
+        return self.call("sign", self(x))
+
+    def step(self, x: Any) -> str:
+        return f"(1.0 if {self(x)} > 0.0 else 0.0)"
+
+    def extreme(self, largest: bool, values: Sequence[str]) -> str:
+        return self.call("max" if largest else "min", *values)
+
+    def undefined(self, expr: Any) -> str:
+        return "nan"
+
+    def define(self, name: str, shown: str, boolean: bool = False) -> list[str]:
+        return [self.assign(name, shown)]
+
+    def assign(self, name: str, shown: str) -> str:
+        return f"{name} = {shown}"
+
+    def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
+        return [f"if {condition}:", *then, "else:", *otherwise]
 
 
 def source(plan: Plan) -> str:
     """Return the text of the loop; its names are generated, none comes from a model file."""
-    printer = _Printer({"fully_qualified_modules": False, "allow_unknown_functions": False})
     states = range(len(plan.updates))
-    body = [f"{plan.time} = k"]
-    body += [f"{symbol} = a{s}[k - {i}]" for (s, i), symbol in plan.sample.items() if s not in states or i]
-    common, rows = plan.shared
-    waiting = dict(common)
+    parameters = {symbol: f"parameter_{i}" for i, symbol in enumerate(plan.parameters)}
+    past = {key: symbol.name for key, symbol in plan.sample.items() if key[0] not in states or key[1]}
+    writer = _Python({Plan.time: "k", **parameters, **{x: x.name for x in plan.sample.values()}})
 
-    for s in states:
-        for c in rows[s]:
-            body += [f"{printer.doprint(x)} = {printer.doprint(e)}" for x, e in plan.needed(c, waiting)]
-        shown = printer.doprint(rows[s][-1])
-        for c in reversed(rows[s][:-1]):
-            shown = f"{printer.doprint(c)} + ({shown})*{plan.sample[s, 1]}"
-        current = plan.sample[s, 0]
-        body += [f"{current} = a{s}[k] = {shown}", f"if not isfinite({current}): return k"]
+    def done(s: int, shown: str) -> None:
+        name = plan.sample[s, 0].name
+        writer.lines += [f"{name} = a{s}[k] = {shown}", f"if not isfinite({name}): return k"]
+
+    writer.updates(plan, done)
+    body = [*(f"{name} = a{s}[k - {i}]" for (s, i), name in past.items()), *writer.lines]
     arguments = ", ".join([f"a{i}" for i in range(len(plan.signals))] + ["theta", "start", "stop"])
     lines = [
         f"def run({arguments}):",
-        *(f"    {symbol} = theta[{i}]" for i, symbol in enumerate(plan.parameters)),
+        *(f"    {name} = theta[{i}]" for i, name in enumerate(parameters.values())),
         "    k = start",
         "    try:",
         "        for k in range(start, stop):",
-        *(f"            {line}" for line in body),
+        *indented(indented(indented(body))),
         "    except (OverflowError, ZeroDivisionError, ValueError):",
         "        return k",
         "    return stop",
@@ -64,15 +86,10 @@ def _keeping_nan(choose: Callable[..., float]) -> Callable[..., float]:
 
 def build(plan: Plan) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) for a plan."""
-    safe = {p: sp.Symbol(f"parameter_{i}", real=True) for i, p in enumerate(plan.parameters)}
     names: dict[str, Any] = {n: getattr(math, n) for n in dir(math) if not n.startswith("_")}
     names["sign"] = lambda x: (x > 0) - (x < 0) if x == x else x  # a NaN is kept, not hidden
     names["max"], names["min"] = (_keeping_nan(choose) for choose in (max, min))
-    try:
-        text = source(Plan.of(plan.recursion.rename(safe)))
-    except PrintMethodNotImplementedError as error:
-        raise ModelError(f"The python engine has no rule: {str(error).splitlines()[0]}.") from None
-    exec(compile(text, "<recursion>", "exec"), names)
+    exec(compile(source(plan), "<recursion>", "exec"), names)
     loop = names["run"]
 
     def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
