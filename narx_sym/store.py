@@ -257,6 +257,8 @@ def _checked_info(info: Any, symbols: list[str]) -> dict[str, Any]:
         raise ModelError("'info' must be an object.")
     if "line" in info and len(_numbers(info["line"], "info.line")) != 2:
         raise ModelError("'info.line' must hold two numbers.")
+    if "band" in info and ("line" not in info or _numbers([info["band"]], "info.band")[0] < 0):
+        raise ModelError("'info.band' must be a positive number beside 'info.line'.")
     ranges = info.get("ranges", {})
     if not isinstance(ranges, dict) or not all(
         len(pair := _numbers(v, "info.ranges")) == 2 and pair[0] < pair[1] for v in ranges.values()
