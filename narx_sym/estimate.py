@@ -224,5 +224,12 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> No
         },
         "line": [float(offset), float(slope)],
         "band": float(np.max(np.abs(output - offset - slope * source))),
+        "steps": {str(b.label): _step(model, parts, b) for b in (model.input, model.output)},
         "nrmse": {"one_step": pair.one_step_nrmse, "free_run": pair.free_run_nrmse},
     }
+
+
+def _step(model: Model, parts: Sequence[Record], base: Any) -> float:
+    """Return the median size of the steps of a signal, where it moves."""
+    moves = np.abs(np.concatenate([np.diff(arrays(model, p)[str(base.label)]) for p in parts]))
+    return float(np.median(moves[moves > 0]))

@@ -6,7 +6,7 @@ A law is a recursion for m[k] in past m and (future) r; putting it back into the
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +20,7 @@ from .model import Model
 from .recursion import Recursion
 from .sensitivity import derivative
 from .signals import expand_phi, k, lag, m, r, samples, shift, swap, u, y
+from .smoothing import smoothed, widths
 
 q = sp.Symbol("q")
 
@@ -79,6 +80,15 @@ class Compensator:
     def internal(self) -> InternalDynamics:
         """The law's own dynamics: whether it can run away although the model follows."""
         return internal_dynamics(self)
+
+    def smooth(self, eps: Any = None, form: Any = "tanh") -> Compensator:
+        """Put a smooth function in the place of the sign of a step of m or r; see `narx_sym.model.Model.smooth`.
+
+        `eps` speaks of u and y: m has the unit of u, r that of y.
+        """
+        own = widths(eps, {m: "u", r: "y"}, self.model.info)
+        f = None if self.f is None else smoothed(self.f, widths(eps, {u: "u", y: "y"}, self.model.info), form)
+        return replace(self, model=self.model.smooth(eps, form), law=smoothed(self.law, own, form), f=f)
 
     def run(self, reference: Any, m0: Any = None, channels: Mapping[str, Any] | None = None) -> Any:
         """Compute m over a reference; see `narx_sym.simulation.run_law`."""

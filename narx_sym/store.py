@@ -264,6 +264,9 @@ def _checked_info(info: Any, symbols: list[str]) -> dict[str, Any]:
         len(pair := _numbers(v, "info.ranges")) == 2 and pair[0] < pair[1] for v in ranges.values()
     ):
         raise ModelError("'info.ranges' must give two increasing numbers for each signal.")
+    steps = info.get("steps", {})
+    if not isinstance(steps, dict) or not all(v > 0 for v in _numbers(list(steps.values()), "info.steps")):
+        raise ModelError("'info.steps' must give a positive number for each signal.")
     effects = info.get("effects", [])
     if not isinstance(effects, list) or len(effects) > MAX_STATES:
         raise ModelError(f"'info.effects' must be a list of at most {MAX_STATES} entries.")
