@@ -63,7 +63,7 @@ class Excursion:
         when = f"sample {self.first}" + (f" (t = {self.first * Ts:.4g} s)" if Ts else "")
         grown = f"{self.growth:.3g} times" if self.growth < 1e4 else "more than 10 000 times"
         stays = (
-            f"over the whole run it shrinks (by {self.rate:.3g} per sample on average): a transient excursion"
+            f"over the whole run it shrinks ({self.rate:.3g} times per sample on average): a transient excursion"
             if self.rate < 1
             else "over the whole run it does not shrink: the law can run away"
         )

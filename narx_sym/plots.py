@@ -235,9 +235,11 @@ def plot_internal(
     across, up = np.meshgrid(*(np.linspace(spans[name][0], spans[name][1], 161) for name in ("r", "m")))
     figure, axes = new_axes(1, 2, figsize=(11, 4.8))
     maps, turns = [radius(law.internal, up, across, s) for s in (1, -1)], law.internal.turns
-    largest = max(1.2, np.ceil(5 * float(np.max(maps))) / 5)
+    largest = float(np.clip(np.ceil(5 * np.max(maps)) / 5, 1.2, 2.0))  # beyond it one colour
     for ax, values, s, word in zip(axes, maps, (1, -1), ("rises", "falls"), strict=True):
-        filled = ax.contourf(across, up, values, levels=np.arange(0, largest + 0.01, 0.05), cmap="cividis")
+        filled = ax.contourf(
+            across, up, values, levels=np.arange(0, largest + 0.01, 0.05), cmap="cividis", extend="max"
+        )
         if values.max() > 1:
             ax.contourf(across, up, values, levels=[1, np.inf], colors="none", hatches=["/"])
             ax.contour(across, up, values, levels=[1], colors="white", linewidths=1.8)
