@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -160,15 +161,19 @@ def excursion(internal: InternalDynamics, m: Any, r: Any, m0: float | None = Non
 
 def _along(turn: Any, past: Array, goal: Array) -> Array:
     """Evaluate a direction along a run; beyond its ends everything rests."""
-    read = samples(turn)
-    names = [sp.Symbol(f"x{i}", real=True) for i in range(len(read))]
-    rows = np.arange(goal.size)
-    sources = {M: (past, 1), R: (goal, 0)}
+    rows, sources = np.arange(goal.size), {M: (past, 1), R: (goal, 0)}
     columns = []
-    for s in read:
+    for s in samples(turn):
         x, offset = sources[s.base]
         columns.append(x[np.clip(rows - lag(s) + offset, 0, x.size - 1)])
-    return np.asarray(lambdify([turn.xreplace(dict(zip(read, names, strict=True)))], names)(*columns)[0], dtype=float)
+    return np.asarray(_function(turn)(*columns)[0], dtype=float)
+
+
+@lru_cache(maxsize=256)
+def _function(turn: Any) -> Any:
+    read = samples(turn)
+    names = [sp.Symbol(f"x{i}", real=True) for i in range(len(read))]
+    return lambdify([turn.xreplace(dict(zip(read, names, strict=True)))], names)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ question of its own Jacobian, fixed points and attracting regions.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import sympy as sp
@@ -54,7 +55,8 @@ class InternalDynamics:
     def numbers(self) -> Any:
         """The polynomial with the values of the parameters in it."""
         # A law may integrate with numbers that does not in symbols (theta_1 = 1 by constraint): that root goes too.
-        return without_integrator(self.polynomial.xreplace(self.law.model.values))[0]
+        known = self.polynomial.xreplace(self.law.model.values)
+        return known if self.integrates else without_integrator(known)[0]
 
     @property
     def eigenvalue(self) -> Any:
@@ -111,14 +113,19 @@ class InternalDynamics:
 
 def internal_dynamics(law: Compensator) -> InternalDynamics:
     """Derive Jacobian, eigenvalues and attracting condition of a law along slow motion."""
-    depth = max([0, *(lag(x) for x in samples(law.law, m))])
-    jacobian = [derivative(law.law, m[k - i]) for i in range(1, depth + 1)]
+    return InternalDynamics(law, *_derived(law.law))
+
+
+@lru_cache(maxsize=256)  # sweeps derive the same law many times
+def _derived(law: Any) -> tuple[list[Any], Any, bool, Any, dict[Any, Any]]:
+    depth = max([0, *(lag(x) for x in samples(law, m))])
+    jacobian = [derivative(law, m[k - i]) for i in range(1, depth + 1)]
     turns: dict[Any, Any] = {}
     slow = [sp.simplify(_slow(slope, turns)) for slope in jacobian]
     polynomial, integrates = without_integrator(characteristic(slow)) if slow else (sp.S.One, False)
     conditions = jury(polynomial) if polynomial.has(z) else []
     condition = sp.And(*conditions) if conditions else sp.true
-    return InternalDynamics(law, jacobian, polynomial, integrates, condition, turns)
+    return jacobian, polynomial, integrates, condition, turns
 
 
 def _slow(slope: Any, turns: dict[Any, Any]) -> Any:
