@@ -3,8 +3,8 @@
 # The bench test sampled at 1 ... 30 ms: accuracy of the models and of the tracking, both strategies. The plant is
 # integrated at 1 ms throughout. A model with $\phi_{1,k-1}$ answers one sample late, the plant does not: an error of
 # $T_s |\dot{r}|$ on average, 0.2 % per ms for 40 sin(2πt). "First differences of the input" are sensitive to $T_s$.
-# The inverse's $\theta_5$ and $\theta_6$ act per sample: its law's eigenvalue $\theta_1 + s_r\theta_5 r$ moves away from 1
-# with $T_s$, and from 40 ms on the law runs away on some seeds (tests/bench/sweeps.py).
+# The inverse's $\theta_5$ and $\theta_6$ act per sample: its law's eigenvalue $\theta_1 + s_r\theta_5 r$ moves away
+# from 1 with $T_s$, and from 40 ms on the law runs away on some seeds (tests/bench/sweeps.py).
 
 # %%
 import warnings

@@ -242,6 +242,38 @@ class Model:
 
         return sigma_y(self)
 
+    def smooth(self, eps: Any = None, form: Any = "tanh") -> Any:
+        """Put a smooth function in the place of sign(phi1), before or after identification.
+
+        Parameters
+        ----------
+        eps : number or mapping from "u" and "y" to numbers, optional
+            The width of the change from -1 to 1 [unit of u, of y]. By default 0.3 median steps of the
+            record that the model was fitted on.
+        form : "tanh", "root", "atan" or a function
+            See `narx_sym.smoothing.smoothed`.
+
+        Returns
+        -------
+        A model of the same parameters and values; `.fit(record)` fits it anew.
+        """
+        eps = widths(eps, {b: str(b.label) for b in (self.output, self.input)}, self.info)
+
+        def change(expr: Any) -> Any:
+            return smoothed(expr, eps, form)
+
+        options: dict[str, Any] = {
+            "output": self.output, "input": self.input, "operating_point": self.operating_point, "lead": self.lead,
+            "Ts": self.Ts, "constraints": self.constraints,
+        }  # fmt: skip
+        if isinstance(self, NARX):
+            made: Model = NARX([change(term) for term in self.terms], self._theta, **options)
+        else:
+            states = [s.map(change) for s in self.states]
+            made = Model(change(self.F), self.symbols, self._theta, states=states, **options)
+        made.info |= {n: v for n, v in self.info.items() if n in ("ranges", "line", "band", "steps", "effects")}
+        return made
+
     # -- doors: each is one call of the module that does it ----------------------------------------------------
 
     def fit(
@@ -288,38 +320,6 @@ class Model:
         from .invert import compensator
 
         return compensator(self)
-
-    def smooth(self, eps: Any = None, form: Any = "tanh") -> Any:
-        """Put a smooth function in the place of sign(phi1), before or after identification.
-
-        Parameters
-        ----------
-        eps : number or mapping from "u" and "y" to numbers, optional
-            The width of the change from -1 to 1 [unit of u, of y]. By default a fifth of the median step of the
-            record that the model was fitted on.
-        form : "tanh", "root", "atan" or a function
-            See `narx_sym.smoothing.smoothed`.
-
-        Returns
-        -------
-        A model of the same parameters and values; `.fit(record)` fits it anew.
-        """
-        eps = widths(eps, {b: str(b.label) for b in (self.output, self.input)}, self.info)
-
-        def change(expr: Any) -> Any:
-            return smoothed(expr, eps, form)
-
-        options: dict[str, Any] = {
-            "output": self.output, "input": self.input, "operating_point": self.operating_point, "lead": self.lead,
-            "Ts": self.Ts, "constraints": self.constraints,
-        }  # fmt: skip
-        if isinstance(self, NARX):
-            made: Model = NARX([change(term) for term in self.terms], self._theta, **options)
-        else:
-            states = [s.map(change) for s in self.states]
-            made = Model(change(self.F), self.symbols, self._theta, states=states, **options)
-        made.info |= {n: v for n, v in self.info.items() if n in ("ranges", "line", "band", "steps", "effects")}
-        return made
 
     def add(self, effect: Any, where: str | None = None) -> Any:
         """Add a physical effect by id, or a candidate of a diagnosis; `.fit(record)` returns the extended model."""

@@ -17,7 +17,7 @@ FORMS: dict[str, Callable[[Any], Any]] = {
     "atan": lambda x: 2 / sp.pi * sp.atan(sp.pi * x / 2),
 }
 # Of the record's median step. Wider smooths the hysteresis away, narrower leaves the jumps (derivations/B2).
-DEFAULT = 0.2
+DEFAULT = 0.3
 
 
 def smoothed(expr: Any, eps: Mapping[Any, float], form: str | Callable[[Any], Any] = "tanh") -> Any:

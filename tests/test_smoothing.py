@@ -89,7 +89,7 @@ def test_the_smooth_law_tends_to_the_sharp_one(form):
     assert near < 0.05 < far
 
 
-def test_the_default_is_a_fifth_of_the_records_step(tmp_path):
+def test_the_default_is_a_part_of_the_records_step(tmp_path):
     data = record()
     model = ns.NARX.from_terms(BENCH).fit(data, ["continuum"])
     for name, x in (("u", data.u), ("y", data.y)):
