@@ -10,14 +10,17 @@ import sympy as sp
 
 import narx_sym as ns
 from narx_sym import plots
+from narx_sym.internal import direction, mbar, rbar
 
 FIGURE = Path(__file__).parent / "figures" / "V1.png"
+REGIONS = FIGURE.with_stem("V1_regions")
 k, m, r = ns.k, ns.m, ns.r
 NUMBERS = [sp.Rational(x) for x in ("1", "-19.76", "19.32", "9.44", "-12.61")]
 INVERSE_NUMBERS = [sp.Rational(x) for x in ("1", "86.67", "-85.02", "-0.98", "1.72", "-1.13")]
 model = ns.NARX.from_terms(
     ["y[k-1]", "phi1[k-2]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"],
     theta=[float(x) for x in NUMBERS],
+    Ts=0.01,
 )
 inverse = ns.NARX.from_terms(
     [
@@ -45,6 +48,9 @@ print(second.latex(numbers=True))
 # says so before anyone wires it to a valve. The law's other eigenvalue is exactly 1: it integrates.
 
 # %%
+internal = law.internal
+print(ns.latex(internal.eigenvalue))
+print("repelling where", ns.latex(internal.region))
 exact = law.law.xreplace(dict(zip(model.symbols, NUMBERS, strict=True)))
 level, goal, dm = sp.symbols("m r dm", positive=True)
 factors = {}
@@ -63,6 +69,8 @@ for name, s in (("rising", 1), ("falling", -1)):
 t = 0.01 * np.arange(6005)
 reference = 0.56 * np.sin(0.2 * np.pi * np.maximum(t - 0.05, 0)) + 3
 volts, second_volts = law.run(reference, m0=3.0), second.run(reference, m0=3.0)
+visit = internal.along(volts, reference, m0=3.0)
+print(visit.sentence(model.Ts))
 followed = model.simulate(volts, y0=3.0)
 error = np.abs(followed - reference).max()
 print(f"largest error of the model under its own law: {error:.1e} V")
@@ -88,6 +96,7 @@ middle.legend(loc="upper left", fontsize=9)
 right.legend(loc="upper center", fontsize=9)
 FIGURE.parent.mkdir(exist_ok=True)
 figure.savefig(FIGURE, dpi=150)
+plots.plot_internal(law, volts[:-3], reference[:-3], units={"u": "V", "y": "V"}).savefig(REGIONS, dpi=150)
 
 # %%
 sign = sp.sign
@@ -108,6 +117,12 @@ assert sp.simplify(factors["rising"] - (a - c * level + d * goal) / b) == 0
 assert sp.simplify(factors["falling"] - (a + c * level - d * goal) / b) == 0
 at_three = [float(f.subs({level: 3, goal: 3})) for f in factors.values()]
 assert np.allclose(at_three, [1.515, 0.531], atol=1e-3)
+by_analysis = {s: internal.eigenvalue.subs({direction: s, mbar: level, rbar: goal}) for s in (1, -1)}
+assert all(abs(float(c)) < 1e-9 for c in sp.Poly(by_analysis[1] - factors["rising"], level, goal).coeffs())
+assert all(abs(float(c)) < 1e-9 for c in sp.Poly(by_analysis[-1] - factors["falling"], level, goal).coeffs())
+assert internal.integrates and internal.repelling(3, 3, 1) and not internal.repelling(3, 3, -1)
+# The reference enters the region on its first steps and leaves it again: flagged, and no divergence.
+assert visit.noteworthy and visit.first < 20 and visit.largest > 1.5 and visit.rate < 1
 assert ns.continuum(model) and ns.continuum(inverse)
 assert error < 1e-9
 assert volts[:100].max() > 5 and abs(volts[3000:-3].mean() - 4) < 0.2

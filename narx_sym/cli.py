@@ -198,6 +198,7 @@ def compensate(
 ) -> None:
     """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
     from .data import read_signal
+    from .excursions import operating_range
     from .files import write_csv, write_text
     from .metrics import nsavi
     from .printing import text
@@ -212,6 +213,8 @@ def compensate(
     console().print("[bold]Compensation law[/bold] (in your units)")
     console().print(f"  m[k] = {text(law.expand().rhs)}", markup=False)
     console().print(f"It looks {law.preview} sample(s) ahead in the reference.")
+    if (found := operating_range(law)) is not None and found.sentence:
+        console().print(found.sentence)
     if latex:
         write_text(latex, f"\\[\n{law.latex(numbers=True)}\n\\]\n")
         console().print(f"LaTeX written to {latex}")

@@ -123,6 +123,33 @@ class Record:
             )
         return self[:n], self[n:]
 
+    def smoothed(self, seconds: float) -> Record:
+        """Return the record with y smoothed by quadratic regression over a moving window (section 6 of the paper).
+
+        An inverse model has y as its input: noise on it would be an error in the variables. Each segment is smoothed
+        on its own, without delay (Savitzky & Golay 1964).
+
+        Parameters
+        ----------
+        seconds : float
+            Length of the window [s]; at least five samples, and no longer than the shortest segment.
+        """
+        from scipy.signal import savgol_filter
+
+        width = 2 * round(seconds / self.Ts / 2) + 1
+        parts = self.segments()
+        if not 5 <= width <= min(map(len, parts)):
+            raise DataError(
+                f"record '{self.name}': a window of {seconds:g} s has {width} samples; between 5 and the "
+                f"{min(map(len, parts))} samples of the shortest segment are needed"
+            )
+        edges = (0, *self.breaks, len(self))
+        y = np.concatenate(
+            [savgol_filter(self.y[a:b], width, 2) if b - a >= 2 else self.y[a:b] for a, b in pairwise(edges)]
+        )
+        notes = (*self.notes, f"y was smoothed by quadratic regression over {width} samples")
+        return Record(self.u, y, self.t, self.Ts, self.channels, self.name, notes, self.breaks)
+
     def __repr__(self) -> str:
         ranges = ", ".join(
             f"{n} in [{a.min():.4g}, {a.max():.4g}]" for n, a in {"u": self.u, "y": self.y, **self.channels}.items()

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+from sympy import false
+
 from . import analysis
 from .errors import ModelError, NotInvertible
 from .invert import compensator
@@ -33,6 +35,14 @@ def summary(model: Model) -> list[tuple[str, list[str]]]:
         found = (f"loading:   {sets.loading}", f"unloading: {sets.unloading}", f"attracting where {sets.attracting}")
         return list(found)
 
+    def dynamics() -> list[str]:
+        internal = compensator(model).internal
+        said = [f"attracting where {internal.condition}"]
+        if model.values:
+            region = internal.region
+            said.append("repelling nowhere" if region is false else f"repelling where {region}")
+        return [*said, *(f"{d} = {text(turn)}" for d, turn in internal.turns.items())]
+
     wanted: list[tuple[str, Callable[[], list[str]]]] = [
         ("Model", lambda: [*model.lines(), *_values(model)]),
         ("In your units", lambda: _expanded(model)),
@@ -42,6 +52,7 @@ def summary(model: Model) -> list[tuple[str, list[str]]]:
         ("Quasi-static solutions", quasi_static),
         ("Assumptions", lambda: [str(v) for v in analysis.check(model)] or ["none is violated"]),
         ("Compensation law", lambda: [f"m[k] = {text(compensator(model).law)}"]),
+        ("The law's own dynamics", dynamics),
     ]
     return [(heading, _tried(lines)) for heading, lines in wanted]
 
@@ -90,6 +101,7 @@ def document(model: Model) -> str:
         parts.append(("Compensation law", [law.latex()]))
         if law.A is not None:
             parts.append((r"Grouping $A(q)\,y_k = B(q)\,u_k + f(\cdot)$", law.latex_grouping()))
+        parts.append(("The law's own dynamics: attracting condition", [latex(law.internal.condition)]))
     except NotInvertible as error:
         parts.append(("Compensation law", [_boxed(str(error))]))
     body = "\n\n".join(

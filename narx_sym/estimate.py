@@ -205,7 +205,7 @@ def _better_fit(
 
 
 def describe(model: Model, records: Records, method: str, converged: bool) -> None:
-    """Keep in the model what it was fitted on: ranges, the line through the data, errors in pairs."""
+    """Keep in the model what it was fitted on: ranges, the line through the data and the band around it, errors."""
     parts = segments(records)
     source, output = (
         np.concatenate([arrays(model, p)[str(b.label)] for p in parts]) for b in (model.input, model.output)
@@ -223,5 +223,13 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> No
             str(b.label): [float(x.min()), float(x.max())] for b, x in ((model.input, source), (model.output, output))
         },
         "line": [float(offset), float(slope)],
+        "band": float(np.max(np.abs(output - offset - slope * source))),
+        "steps": {str(b.label): _step(model, parts, b) for b in (model.input, model.output)},
         "nrmse": {"one_step": pair.one_step_nrmse, "free_run": pair.free_run_nrmse},
     }
+
+
+def _step(model: Model, parts: Sequence[Record], base: Any) -> float:
+    """Return the median size of the steps of a signal, where it moves."""
+    moves = np.abs(np.concatenate([np.diff(arrays(model, p)[str(base.label)]) for p in parts]))
+    return float(np.median(moves[moves > 0]))

@@ -6,21 +6,23 @@ A law is a recursion for m[k] in past m and (future) r; putting it back into the
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import sympy as sp
 
 from . import printing
-from .analysis import characteristic, effects_of, jury, newest_input, remembered, without_integrator, z
+from .analysis import effects_of, newest_input, remembered
 from .errors import NotInvertible
+from .internal import InternalDynamics, internal_dynamics
 from .model import Model
 from .recursion import Recursion
 from .sensitivity import derivative
 from .signals import expand_phi, k, lag, m, r, samples, shift, swap, u, y
+from .smoothing import smoothed, widths
 
 q = sp.Symbol("q")
-mbar, rbar, direction = (sp.Symbol(n, real=True) for n in (r"\bar{m}", r"\bar{r}", "s"))
 
 
 @dataclass(frozen=True)
@@ -74,10 +76,19 @@ class Compensator:
         followed = shift(swap(self.model.right, {u: m, y: r}), delay)
         return sp.simplify(sp.expand(followed.xreplace({m[k]: self.law}) - r[k + delay]))
 
-    @property
+    @cached_property
     def internal(self) -> InternalDynamics:
         """The law's own dynamics: whether it can run away although the model follows."""
         return internal_dynamics(self)
+
+    def smooth(self, eps: Any = None, form: Any = "tanh") -> Compensator:
+        """Put a smooth function in the place of the sign of a step of m or r; see `narx_sym.model.Model.smooth`.
+
+        `eps` speaks of u and y: m has the unit of u, r that of y.
+        """
+        own = widths(eps, {m: "u", r: "y"}, self.model.info)
+        f = None if self.f is None else smoothed(self.f, widths(eps, {u: "u", y: "y"}, self.model.info), form)
+        return replace(self, model=self.model.smooth(eps, form), law=smoothed(self.law, own, form), f=f)
 
     def run(self, reference: Any, m0: Any = None, channels: Mapping[str, Any] | None = None) -> Any:
         """Compute m over a reference; see `narx_sym.simulation.run_law`."""
@@ -173,39 +184,6 @@ class Compensator:
 
     def __repr__(self) -> str:
         return f"Compensator(m[k] = {printing.text(self.expand().rhs)})"
-
-
-@dataclass(frozen=True)
-class InternalDynamics:
-    """How the law reacts to its own past, around slow motion: the condition of section 3 applied to the law.
-
-    Attributes
-    ----------
-    polynomial : expression in z, mbar, rbar and the direction s = sign of the last step
-        Its roots are the eigenvalues; the root that is exactly 1 is taken out.
-    integrates : bool
-        Whether that root was there: every law of a Sigma_y = 1 model has it.
-    condition : relational or true
-        Where the law is attracting.
-    """
-
-    polynomial: Any
-    integrates: bool
-    condition: Any
-
-
-def internal_dynamics(law: Compensator) -> InternalDynamics:
-    """Derive the eigenvalues of a law along slow motion (all past m equal mbar, all r equal rbar)."""
-    depth = max([0, *(lag(x) for x in samples(law.law, m))])
-    slopes = [derivative(law.law, m[k - i]) for i in range(1, depth + 1)]
-    still = {m: mbar, r: rbar}
-    held = []
-    for slope in slopes:
-        moving = slope.replace(sp.sign, lambda _: direction)
-        held.append(sp.simplify(moving.xreplace({x: still.get(x.base, x) for x in samples(moving)})))
-    polynomial, integrates = without_integrator(characteristic(held)) if held else (sp.S.One, False)
-    conditions = jury(polynomial) if polynomial.has(z) else []
-    return InternalDynamics(polynomial, integrates, sp.And(*conditions) if conditions else sp.true)
 
 
 def _addends(model: Model) -> list[tuple[Any, Any]]:

@@ -18,6 +18,7 @@ from .identities import canonical, independent
 from .parsing import parse
 from .recursion import Recursion, State
 from .signals import differences, expand_phi, k, lag, lags, samples, shift, signal, t, u, v, x, y
+from .smoothing import smoothed, widths
 
 MAX_POOL = 20_000
 FUNCTIONS = {"abs": sp.Abs, "sin": sp.sin, "cos": sp.cos, "tanh": sp.tanh, "exp": sp.exp, "sign": sp.sign}
@@ -254,6 +255,38 @@ class Model:
         """Return the same model, to be fitted apart."""
         made = copy.copy(self)
         made.info = dict(self.info)
+        return made
+
+    def smooth(self, eps: Any = None, form: Any = "tanh") -> Any:
+        """Put a smooth function in the place of sign(phi1), before or after identification.
+
+        Parameters
+        ----------
+        eps : number or mapping from "u" and "y" to numbers, optional
+            The width of the change from -1 to 1 [unit of u, of y]. By default 0.3 median steps of the
+            record that the model was fitted on.
+        form : "tanh", "root", "atan" or a function
+            See `narx_sym.smoothing.smoothed`.
+
+        Returns
+        -------
+        A model of the same parameters and values; `.fit(record)` fits it anew.
+        """
+        eps = widths(eps, {b: str(b.label) for b in (self.output, self.input)}, self.info)
+
+        def change(expr: Any) -> Any:
+            return smoothed(expr, eps, form)
+
+        options: dict[str, Any] = {
+            "output": self.output, "input": self.input, "operating_point": self.operating_point, "lead": self.lead,
+            "Ts": self.Ts, "constraints": self.constraints,
+        }  # fmt: skip
+        if isinstance(self, NARX):
+            made: Model = NARX([change(term) for term in self.terms], self._theta, **options)
+        else:
+            states = [s.map(change) for s in self.states]
+            made = Model(change(self.F), self.symbols, self._theta, states=states, **options)
+        made.info |= {n: v for n, v in self.info.items() if n in ("ranges", "line", "band", "steps", "effects")}
         return made
 
     # -- doors: each is one call of the module that does it ----------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -55,6 +56,7 @@ def bouc_wen(
     gamma: Any = 0.008,
     d_p: Any = 1.6,
     h0: float = 0.0,
+    substeps: int = 1,
 ) -> Array:
     """Piezoelectric actuator with Bouc-Wen hysteresis (Rakotondrabe 2011; the paper's Eq. System).
 
@@ -64,9 +66,11 @@ def bouc_wen(
     ----------
     u : (N,) or (N, batch) array [V]
     Ts : float [s]
-        Also the integration step, as in the paper.
+        Also the integration step, as in the paper, unless `substeps` divide it.
     A [um/V], beta [1/V], gamma [1/V], d_p [um/V] : float or (batch,)
     h0 : float [um]
+    substeps : int
+        Integration steps per sample.
 
     Returns
     -------
@@ -80,7 +84,71 @@ def bouc_wen(
         return A * du - beta * abs(du) * h - gamma * du * abs(h)
 
     start = h0 if u.ndim == 1 else np.full(u.shape[1], h0)
-    return d_p * u - rk4(f, start, u, Ts)
+    return d_p * u - rk4(f, start, u, Ts, substeps)
+
+
+def valve(
+    u: Any,
+    Ts: float = 0.01,
+    tau: float = 0.2,
+    Fc: float = 280.2,
+    Fs: float = 336.3,
+    Fv: float = 612.9,
+    vs: float = 2.54e-4,
+    M: float = 1.361,
+    k: float = 52_538.0,
+    S: float = 0.064516,
+    stroke: float = 0.1016,
+    substeps: int = 10,
+) -> Array:
+    """Pneumatic control valve: I/P converter, diaphragm, spring, stem with stiction (Kayihan & Doyle 2000).
+
+    tau p' = p_u - p,  M x'' = S p - k x - f,  with p_u = 0 ... 12 psi and x = 0 ... stroke for u, y = 1 ... 5 V.
+    Friction (Armstrong-Helouvry, Dupont & Canudas de Wit 1994): while it slides f = F sign(x') + Fv x' with
+    F = Fc + (Fs - Fc) exp(-(x'/vs)^2); while it sticks f balances the rest, up to Fs.
+
+    Each step is implicit in x' (Moreau 1988): sticking is a solution of the step, not a switch.
+
+    Parameters
+    ----------
+    u : (N,) array [V]
+        Linear between its samples; the valve starts at rest, pulled by no friction.
+    Ts : float [s]
+    tau : float [s]
+        Of converter and diaphragm chamber.
+    Fc, Fs : float [N]
+        Coulomb friction and breakaway force. By default 63 lbf, PTFE packing on a 5/8 in stem (Fisher Control Valve
+        Handbook, typical packing friction), and 1.2 times that, the ratio of Kayihan & Doyle, whose own valve (320 lbf)
+        hardly moves on the paper's 0.56 V.
+    Fv [N s/m], vs [m/s], M [kg], k [N/m], S [m^2], stroke [m] : float
+        3.5 lbf s/in, 0.01 in/s, 3 lb, 300 lbf/in, 100 in^2, 4 in (Kayihan & Doyle 2000; Choudhury, Thornhill & Shah
+        2005, Table 1).
+    substeps : int
+        Steps per sample.
+
+    Returns
+    -------
+    y : (N,) array [V]
+        Stem position.
+    """
+    u = np.asarray(u, dtype=float)
+    if u.ndim != 1 or u.size < 2 or not np.all(np.isfinite(u)):
+        raise DataError("The valve needs an input (N,) of at least two finite samples.")
+    h, full = Ts / substeps, k * stroke / S  # [Pa]: 12 psi moves the spring through its stroke
+    lag, inertia = -math.expm1(-h / tau), M + h * Fv + h * h * k
+    p = full * (float(u[0]) - 1) / 4
+    x, v = min(max(S * p / k, 0.0), stroke), 0.0
+    path = [x]
+    for now, following in itertools.pairwise(u.tolist()):
+        for i in range(1, substeps + 1):
+            p += lag * (full * (now + (following - now) * i / substeps - 1) / 4 - p)
+            push, friction = M * v + h * (S * p - k * x), h * (Fc + (Fs - Fc) * math.exp(-((v / vs) ** 2)))
+            v = (push - math.copysign(friction, push)) / inertia if abs(push) > friction else 0.0
+            x += h * v
+            if not 0.0 <= x <= stroke:
+                x, v = min(max(x, 0.0), stroke), 0.0  # the stops
+        path.append(x)
+    return 1 + 4 * np.array(path) / stroke
 
 
 def filtered_noise(

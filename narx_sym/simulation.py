@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from .analysis import without_integrator, z
-from .compile import Columns, compile, lambdify, largest_root
+from .compile import Columns, compile, lambdify
 from .data import Record
 from .errors import Diverged, ModelError, NarxError
-from .invert import Compensator, direction, mbar, rbar
+from .excursions import Excursion, excursion, radius
+from .invert import Compensator
 from .metrics import mape, nrmse
 from .model import Model
 from .printing import text
@@ -23,7 +23,6 @@ from .signals import k, lag, samples, t, u, x, y
 
 Array = np.ndarray
 Records = Record | Sequence[Record]
-AMPLIFIES = 1.05  # a law that gains less per sample, and loses it again in the other direction, is not reported
 HUGE = 1e12  # a free run this many ranges away counts as diverged
 
 
@@ -289,6 +288,13 @@ def run_law(law: Compensator, reference: Any, m0: Any = None, channels: Mapping[
     ------
     Diverged
         Where the law runs away: the first bad sample.
+
+    Warns
+    -----
+    UserWarning
+        Where the reference or the input leaves the identified ranges, and where the law's own dynamics repel for so
+        long that a disturbance at least doubles: share of the samples, first time, growth, and whether it shrinks
+        again. `law.internal.along(m, r)` holds the figures of every run.
     """
     theta = fitted(law.model)
     r = vector(reference, "reference", least=2)
@@ -311,13 +317,18 @@ def run_law(law: Compensator, reference: Any, m0: Any = None, channels: Mapping[
         m = compiled(padded, theta, {"m": m0}, start=depth)["m"][depth : depth + r.size]
     except Diverged as error:
         outside = _reference_outside(law, r)
-        raise Diverged(f"{error}{f' Here {outside}.' if outside else ''}", error.at, error.trajectory) from None
-    for warning in law_warnings(law, r, m):
+        said = f" Here {outside}." if outside else ""
+        path = np.asarray(error.trajectory)[depth : max(depth, error.at - 1)]
+        visit = _excursion(law, path, r[: path.size], m0) if path.size > 1 else None
+        if visit is not None and visit.first is not None:
+            said += f" Before that, {visit.sentence(law.model.Ts)}."
+        raise Diverged(f"{error}{said}", error.at, error.trajectory) from None
+    for warning in law_warnings(law, r, m, m0):
         warnings.warn(warning, stacklevel=3)
     return m
 
 
-def law_warnings(law: Compensator, r: Array, m: Array) -> list[str]:
+def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None) -> list[str]:
     """Say where a run of a law leaves what was identified, and whether it amplifies its own errors.
 
     Raises
@@ -329,17 +340,25 @@ def law_warnings(law: Compensator, r: Array, m: Array) -> list[str]:
     ranges = law.model.info.get("ranges", {})
     if outside := _reference_outside(law, r):
         found.append(f"{outside}: this extrapolates")
-    radius = float(np.quantile(_radii(law, m, r), 0.99))
-    unstable = f"the law amplifies its own errors (internal eigenvalue {radius:.3g}, stable below 1)"
+    visit = _excursion(law, m, r, m0)
+    unstable = visit.sentence(law.model.Ts) if visit is not None and visit.first is not None else ""
     if "u" in ranges and (excess := _excess(m, *ranges["u"])) > 0.01:
         low, high = ranges["u"]
         said = (
             f"the compensated input leaves the identified inputs [{low:.4g}, {high:.4g}] by {excess * (high - low):.3g}"
         )
         if excess > 10:
-            raise Diverged(f"The law runs away: {said}; {unstable if radius >= 1 else 'check m0 and the reference'}.")
+            raise Diverged(f"The law runs away: {said}; {unstable or 'check m0 and the reference'}.")
         found.append(said)
-    return [*found, unstable] if radius > AMPLIFIES else found
+    return [*found, unstable] if visit is not None and visit.noteworthy else found
+
+
+def _excursion(law: Compensator, m: Array, r: Array, m0: float | None = None) -> Excursion | None:
+    """Follow the law's internal eigenvalue; None where it depends on further channels."""
+    try:
+        return excursion(law.internal, m, r, m0)
+    except ModelError:
+        return None
 
 
 def _reference_outside(law: Compensator, r: Array) -> str:
@@ -362,18 +381,10 @@ def law_radius(law: Compensator, records: Records) -> float:
     """
     parts = segments(records)
     m_values, r_values = (np.concatenate([getattr(p, n) for p in parts]) for n in ("u", "y"))
-    return float(np.quantile(_radii(law, m_values, r_values), 0.99))
-
-
-def _radii(law: Compensator, m: Array, r: Array) -> Array:
-    """Return the largest internal eigenvalue at each point, for both directions."""
-    # With numbers a law may integrate that does not in symbols (theta_1 = 1 by constraint): take that root out too.
-    polynomial = without_integrator(law.internal.polynomial.xreplace(law.model.values))[0]
-    if polynomial.free_symbols - {z, mbar, rbar, direction}:
-        return np.zeros(m.size)  # it depends on further channels
-    return np.maximum(
-        *(largest_root(polynomial, z, {mbar: m, rbar: r, direction: np.full(m.size, s)}) for s in (-1.0, 1.0))
-    )
+    try:
+        return float(np.quantile(radius(law.internal, m_values, r_values), 0.99))
+    except ModelError:
+        return 0.0  # it depends on further channels
 
 
 def rest_input(model: Model, value: float) -> float:

@@ -257,11 +257,16 @@ def _checked_info(info: Any, symbols: list[str]) -> dict[str, Any]:
         raise ModelError("'info' must be an object.")
     if "line" in info and len(_numbers(info["line"], "info.line")) != 2:
         raise ModelError("'info.line' must hold two numbers.")
+    if "band" in info and ("line" not in info or _numbers([info["band"]], "info.band")[0] < 0):
+        raise ModelError("'info.band' must be a positive number beside 'info.line'.")
     ranges = info.get("ranges", {})
     if not isinstance(ranges, dict) or not all(
         len(pair := _numbers(v, "info.ranges")) == 2 and pair[0] < pair[1] for v in ranges.values()
     ):
         raise ModelError("'info.ranges' must give two increasing numbers for each signal.")
+    steps = info.get("steps", {})
+    if not isinstance(steps, dict) or not all(v > 0 for v in _numbers(list(steps.values()), "info.steps")):
+        raise ModelError("'info.steps' must give a positive number for each signal.")
     effects = info.get("effects", [])
     if not isinstance(effects, list) or len(effects) > MAX_STATES:
         raise ModelError(f"'info.effects' must be a list of at most {MAX_STATES} entries.")

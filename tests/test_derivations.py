@@ -8,7 +8,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[1] / "derivations"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
-ROWS = ("E1", "E2", *(f"P{n}" for n in range(1, 10)), "V1")
+ROWS = ("E1", "E2", *(f"P{n}" for n in range(1, 12)), "V1", "V2", "B2")
 
 
 def row_of(script):
