@@ -447,7 +447,7 @@ class NARX(Model):
     """
 
     def __init__(self, terms: Iterable[Any], theta: Sequence[float] | None = None, **options: Any):
-        self.terms = [sp.sympify(t) for t in terms]
+        self.terms = [parse(t) if isinstance(t, str) else sp.sympify(t) for t in terms]
         if not self.terms:
             raise ModelError("A NARX model needs at least one term.")
         if len(set(self.terms)) < len(self.terms):
