@@ -1,4 +1,4 @@
-"""Free run, one-step prediction and the two errors; laws run over a reference."""
+"""Free run, one-step prediction and the two errors; what is known about a run of a law."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ from .invert import Compensator, direction, mbar, rbar
 from .metrics import mape, nrmse
 from .model import Model
 from .printing import text
+from .recursion import Recursion
 from .sensitivity import derivative
-from .signals import k, lag, samples, t, u, x, y
+from .signals import expand_phi, k, lag, samples, signal, t, u, x, y
 
 Array = np.ndarray
 Records = Record | Sequence[Record]
 AMPLIFIES = 1.05  # a law that gains less per sample, and loses it again in the other direction, is not reported
+SETTLED = 400  # steps in which what effects remember comes to rest
 HUGE = 1e12  # a free run this many ranges away counts as diverged
 
 
@@ -124,7 +126,7 @@ def simulate(
     Diverged
         Where the run leaves the finite numbers: the first bad sample and what to check.
     """
-    theta = fitted(model)
+    fitted(model)
     source = vector(u, "input of a simulation")
     if u0 is not None:
         depth = max(1, model.recursion.depth)
@@ -132,20 +134,39 @@ def simulate(
         if t in model.recursion.inputs:
             held.setdefault("t", np.arange(source.size) * (model.Ts or 1.0))
         before = {n: np.concatenate([np.full(depth, values[0]), values]) for n, values in held.items()}
-        y0 = rest_output(model, float(u0)) if y0 is None else y0
-        return simulate(model, np.concatenate([np.full(depth, float(u0)), source]), y0, before, engine)[depth:]
+        y0 = np.asarray(rest_output(model, float(u0)) if y0 is None else y0, dtype=float)
+        if not np.all(np.isfinite(y0)):
+            raise ModelError("The initial output y0 is not finite.")
+        known = {n: float(values[0]) for n, values in held.items()}
+        rest = rest_states(model, float(u0), float(y0.ravel()[-1]), known)
+        return _run(model, np.concatenate([np.full(depth, float(u0)), source]), y0, before, engine, rest)[depth:]
     y0 = rest_output(model, source[0]) if y0 is None else np.asarray(y0, dtype=float)
     if not np.all(np.isfinite(y0)):
         raise ModelError("The initial output y0 is not finite.")
+    return _run(model, source, y0, channels or {}, engine)
+
+
+def _run(
+    model: Model,
+    source: Array,
+    y0: Any,
+    channels: Mapping[str, Any],
+    engine: str,
+    rest: Mapping[str, float] | None = None,
+) -> Array:
+    """Run a model from its first outputs; what it remembers starts from `rest`, or from its initial values."""
+    theta = fitted(model)
     compiled = compile(model.recursion, engine)
-    given = {str(model.input.label): source, **{str(getattr(n, "label", n)): x for n, x in (channels or {}).items()}}
+    given = {str(model.input.label): source, **{str(getattr(n, "label", n)): x for n, x in channels.items()}}
     depth = compiled.recursion.depth
     if source.size <= depth:
         return np.resize(np.asarray(y0, dtype=float), source.size)
     if t in compiled.recursion.inputs and "t" not in given:
         given["t"] = np.arange(source.size) * (model.Ts or 1.0)
     initial: dict[str, Any] = {str(model.output.label): y0}
-    if model.states:
+    if rest is not None:
+        initial |= rest
+    elif model.states:
         before = {**given, str(model.output.label): np.resize(np.asarray(y0, dtype=float), max(1, depth))}
         initial = initial_values(model, before, max(1, depth)) | initial
     runs = {str(base.label): np.empty(source.size) for base in compiled.recursion.states}
@@ -153,6 +174,39 @@ def simulate(
         return compiled(given, theta, initial, out=runs, output=model.output)[str(model.output.label)]
     except Diverged as error:
         raise Diverged(f"{error}{_what_grew(model, given | runs, error.at)}", error.at, error.trajectory) from None
+
+
+def rest_states(
+    model: Model, start: float, output: float, known: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    """Return the values of a model's states at rest with a given input and output.
+
+    What effects remember has its initial value there; the core's output `x` is what they leave of the output.
+
+    Parameters
+    ----------
+    start, output : numbers [units of u and y]
+    known : mapping of names to numbers
+        Further channels, and `t`.
+    """
+    if not model.states:
+        return {}
+    u0, y0 = (float(model.operating_point.get(b, 0.0)) for b in (model.input, model.output))
+    past = {s.left.base: s.left.base[k - 1] for s in model.states}
+    held = {u: sp.Float(start - u0), y: past.get(x, sp.Float(output - y0))}
+    held |= {signal(name): sp.Float(value) for name, value in (known or {}).items() if name not in ("r", "m")}
+    updates = []
+    for state in model.states:
+        right = state.initial if state in model.recurrent or state.remembers else state.right
+        right = expand_phi(sp.Float(output - y0) - model.beside if state.left.base == x else right)
+        updates.append(
+            (state.left, right.xreplace({s: {**held, **past}.get(s.base, sp.S.Zero) for s in samples(right)}))
+        )
+    begin = {str(b.label): {"x": output - y0, "v": start - u0}.get(str(b.label), 0.0) for b in past}
+    run = compile(Recursion(tuple(updates), model.symbols), "python")(
+        {}, fitted(model), begin, length=SETTLED, start=1, on_divergence="nan"
+    )
+    return {name: float(c[-1]) if np.isfinite(c[-1]) else begin[name] for name, c in run.items()}
 
 
 def _what_grew(model: Model, runs: Mapping[str, Any], at: int) -> str:
@@ -269,54 +323,6 @@ def evaluate(model: Model, records: Records) -> Errors:
 # -- laws ------------------------------------------------------------------------------------------------------
 
 
-def run_law(law: Compensator, reference: Any, m0: Any = None, channels: Mapping[str, Any] | None = None) -> Array:
-    """Compute the compensated input over a reference.
-
-    Parameters
-    ----------
-    reference : (N,) array [unit of y]
-        The law looks `law.preview` samples ahead; after its end the reference is held.
-    m0 : number, optional
-        The input before the start, at rest [unit of u]. By default the line through the fitted data at r[0].
-    channels : mapping of names to (N,) arrays
-        Further measured sequences that the law uses. `t`, time in seconds, starts from 0 unless it is given.
-
-    Returns
-    -------
-    m : (N,) array [unit of u]
-
-    Raises
-    ------
-    Diverged
-        Where the law runs away: the first bad sample.
-    """
-    theta = fitted(law.model)
-    r = vector(reference, "reference", least=2)
-    if m0 is None:
-        m0 = rest_input(law.model, float(r[0]))
-    compiled = compile(law.recursion)
-    depth = compiled.recursion.depth
-    m0 = float(m0)
-    if not np.isfinite(m0):
-        raise ModelError("The input before the start, m0, is not finite.")
-    given = {"r": r, **{name: vector(x, f"channel {name}") for name, x in (channels or {}).items()}}
-    ahead = 0
-    if t in compiled.recursion.inputs and "t" not in given:
-        given["t"], ahead = np.arange(r.size) * (law.model.Ts or 1.0), compiled.recursion.lead
-    # Before the start everything rests at its first value; after the end at its last, while time goes on.
-    padded = {name: np.concatenate([np.full(depth, x[0]), x, np.full(ahead, x[-1])]) for name, x in given.items()}
-    if ahead:
-        padded["t"][depth + r.size :] += np.arange(1, ahead + 1) * (law.model.Ts or 1.0)
-    try:
-        m = compiled(padded, theta, {"m": m0}, start=depth)["m"][depth : depth + r.size]
-    except Diverged as error:
-        outside = _reference_outside(law, r)
-        raise Diverged(f"{error}{f' Here {outside}.' if outside else ''}", error.at, error.trajectory) from None
-    for warning in law_warnings(law, r, m):
-        warnings.warn(warning, stacklevel=3)
-    return m
-
-
 def law_warnings(law: Compensator, r: Array, m: Array) -> list[str]:
     """Say where a run of a law leaves what was identified, and whether it amplifies its own errors.
 
@@ -327,7 +333,7 @@ def law_warnings(law: Compensator, r: Array, m: Array) -> list[str]:
     """
     found = []
     ranges = law.model.info.get("ranges", {})
-    if outside := _reference_outside(law, r):
+    if outside := reference_outside(law, r):
         found.append(f"{outside}: this extrapolates")
     radius = float(np.quantile(_radii(law, m, r), 0.99))
     unstable = f"the law amplifies its own errors (internal eigenvalue {radius:.3g}, stable below 1)"
@@ -342,7 +348,8 @@ def law_warnings(law: Compensator, r: Array, m: Array) -> list[str]:
     return [*found, unstable] if radius > AMPLIFIES else found
 
 
-def _reference_outside(law: Compensator, r: Array) -> str:
+def reference_outside(law: Compensator, r: Array) -> str:
+    """Say by how much a reference leaves the identified outputs, or nothing."""
     low, high = law.model.info.get("ranges", {}).get("y", (-np.inf, np.inf))
     excess = _excess(r, low, high) if np.isfinite(low) else 0.0
     if excess <= 0.01:
@@ -368,6 +375,8 @@ def law_radius(law: Compensator, records: Records) -> float:
 def _radii(law: Compensator, m: Array, r: Array) -> Array:
     """Return the largest internal eigenvalue at each point, for both directions."""
     # With numbers a law may integrate that does not in symbols (theta_1 = 1 by constraint): take that root out too.
+    if law.staged:
+        return np.zeros(m.size)  # not derived for these
     polynomial = without_integrator(law.internal.polynomial.xreplace(law.model.values))[0]
     if polynomial.free_symbols - {z, mbar, rbar, direction}:
         return np.zeros(m.size)  # it depends on further channels

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import sympy as sp
 
+from ..branches import Root
 from ..recursion import Recursion
 from ..signals import k, lag, samples
 
@@ -78,6 +79,8 @@ class Plan:
     def shared(self) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[tuple[sp.Expr, ...]]]:
         """The coefficients with their common subexpressions taken out."""
         flat = [c for row in self.collected for c in row]
+        if any(c.has(Root) for c in flat):  # the unknown of a root has no value outside it
+            return [], list(self.collected)
         common, reduced = sp.cse(flat, symbols=sp.numbered_symbols("shared_", cls=sp.Dummy), order="none")
         rows, at = [], 0
         for row in self.collected:

@@ -25,6 +25,10 @@ class _Printer(PythonCodePrinter):
     def _print_Heaviside(self, e: Any) -> str:
         return f"(1.0 if {self._print(e.args[0])} > 0 else 0.0)"
 
+    def _print_Root(self, e: Any) -> str:
+        gap, w, *given = map(self._print, e.args)
+        return f"root(lambda {w}: {gap}, {', '.join(given)})"
+
 
 def source(plan: Plan) -> str:
     """Return the text of the loop; its names are generated, none comes from a model file."""
@@ -62,11 +66,46 @@ def _keeping_nan(choose: Callable[..., float]) -> Callable[..., float]:
     return lambda *values: math.nan if any(x != x for x in values) else choose(values)
 
 
+def root(gap: Callable[[float], float], last: float, low: float, high: float) -> float:
+    """Return the root nearest to the last value by widening steps and Brent's method; else where the gap is least.
+
+    Source: Brent 1973, by SciPy.
+    """
+    from scipy.optimize import brentq
+
+    start = min(max(last, low), high)
+    here = gap(start)
+    if not here or here != here:
+        return start if not here else math.nan
+    ends, step = {-1: (start, here), 1: (start, here)}, max(abs(here), 1e-9 * abs(start), 1e-12)
+    best = (abs(here), start)
+    while True:
+        for side, (before, value) in list(ends.items()):
+            at = min(max(start + side * step, low), high)
+            if at == before:
+                del ends[side]
+                continue
+            try:
+                there = gap(at)
+            except OverflowError:
+                there = math.nan
+            if there != there:
+                del ends[side]
+                continue
+            if (there > 0) != (value > 0) or not there:
+                return float(brentq(gap, before, at, xtol=1e-300, rtol=8.9e-16, maxiter=200))
+            ends[side], best = (at, there), min(best, (abs(there), at))
+        if not ends:
+            return best[1]
+        step *= 2
+
+
 def build(plan: Plan) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) for a plan."""
     safe = {p: sp.Symbol(f"parameter_{i}", real=True) for i, p in enumerate(plan.parameters)}
     names: dict[str, Any] = {n: getattr(math, n) for n in dir(math) if not n.startswith("_")}
     names["sign"] = lambda x: (x > 0) - (x < 0) if x == x else x  # a NaN is kept, not hidden
+    names["root"] = root
     names["max"], names["min"] = (_keeping_nan(choose) for choose in (max, min))
     try:
         text = source(Plan.of(plan.recursion.rename(safe)))
