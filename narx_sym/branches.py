@@ -100,9 +100,12 @@ class Solution:
         for branch in self.branches:
             if branch.form is not None:
                 gap = branch.form.xreplace({self.unknown: branch.solution}) - self.target
-                inside = {f: next(a for a in f.args if a != 0) for f in gap.atoms(sp.Max) if 0 in f.args}
-                gap = gap.xreplace(inside)  # a discriminant, where there is a solution
-                if sp.simplify(sp.expand(gap)) != 0:
+                while limits := [
+                    f for f in gap.atoms(sp.Max, sp.Min) if self.how == "quadratic" and f.has(self.target)
+                ]:
+                    reached = {f: next(e for e in f.args if e.has(self.target)) for f in limits}
+                    gap = gap.xreplace(reached)  # the discriminant where there is a solution
+                if not vanishes(gap):
                     return gap
         return sp.S.Zero
 
@@ -126,6 +129,12 @@ class Solution:
             ends = f"above {low}" if self.reach[1] == sp.oo else f"below {high}"
             said += f" {ends if sp.oo in map(abs, self.reach) else f'from {low} to {high}'}; nothing else is reached"
         return "; ".join([said, *self.notes])
+
+
+def vanishes(expr: Any) -> bool:
+    """Whether an expression is identically zero; numbers are taken as they are written."""
+    exact = sp.nsimplify(expr, rational=True)
+    return bool(sp.expand(sp.fraction(sp.together(exact))[0]) == 0 or sp.simplify(exact) == 0)
 
 
 def number(expr: Any, values: Mapping[Any, Any]) -> float | None:
@@ -180,7 +189,7 @@ def solve_for(
     if not values:
         raise NotInvertible(f"{text(unknown)} is not alone in a linear term: a law needs the parameters' values.")
     if kinks:
-        if slope == 0 and len(set(_forms(G, w))) > 1 and not any(f.has(w) for f in _forms(G, w)):
+        if slope == 0:
             raise NotInvertible(f"{text(unknown)} acts only through its sign: most targets cannot be reached.")
         found = _kinked(G, w, target, values, rest, made)
     else:
@@ -197,9 +206,12 @@ def solve_for(
 def _quadratic(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: dict[str, Any]) -> Any:
     """Solve a quadratic equation: the root on the side of the vertex where the last value is."""
     a = derivative(derivative(G, w), w) / 2
-    if a.has(w) or not G.is_polynomial(w):
+    if a.has(w) or not G.is_polynomial(w) or number(a, values) == 0:
         return None
     b, gap = derivative(G, w).xreplace({w: sp.S.Zero}), target - G.xreplace({w: sp.S.Zero})
+    size = number(a, values)
+    if size is not None:  # beyond the vertex nothing is reached
+        gap = (sp.Max if size > 0 else sp.Min)(gap, -(b**2) / (4 * a))
     root = sp.sqrt(sp.Max(0, b**2 + 4 * a * gap))
     last = made["last"]
     upper = 2 * a * last + b >= 0  # where the slope is positive: 2 a w + b = root
@@ -215,7 +227,6 @@ def _quadratic(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: dic
     listed = [Branch(sp.And(side, decided.get(c, c)), solution, form) for side, c, solution in cases]
     branches = tuple(x for x in listed if x.condition != sp.false)
     vertex = G.xreplace({w: -b / (2 * a)})
-    size = number(a, values)
     reach = (-sp.oo, sp.oo)
     if size is not None and not samples(vertex):
         reach = (vertex, sp.oo) if size > 0 else (-sp.oo, vertex)
@@ -524,9 +535,13 @@ def _nodes(
         Branch(sp.Or(above <= below, upper <= lower), sp.Max(above, sp.Min(below, made["last"]))),
         Branch(sp.true, below + (above - below) * (T - lower) / (upper - lower)),
     )
-    return Solution(
-        how="nodes", branches=branches, steps=tuple(steps), notes=("the levels must rise from kink to kink",), **made
-    )
+    try:
+        slopes = [number(flip * s, values) for s in _forms(derivative(G, w), w)]
+        rising = all(s is not None and s > 0 for s in slopes)
+    except _Undecided:
+        rising = False
+    notes = () if rising else ("if the levels rise from kink to kink",)
+    return Solution(how="nodes", branches=branches, steps=tuple(steps), notes=notes, **made)
 
 
 def _far(expr: Any, w: Any, side: int, values: Mapping[Any, Any]) -> Any:

@@ -218,7 +218,8 @@ def to_c(
     compiled = compile(recursion, "python")
     depth, lead = recursion.depth, recursion.lead
     wave = np.sin(np.arange(CHECKED + depth + lead) / 3) + 0.1 * np.arange(CHECKED + depth + lead) / CHECKED
-    wave[: depth + 1] = wave[depth]  # at rest before the start
+    # At rest before the start, and in what the first step has seen already: it takes the newest sample.
+    wave[: depth + max(1, lead)] = wave[depth]
     given = {str(b.label): wave for b in recursion.inputs}
     states = {str(b.label): 0.5 for b in recursion.states}
     theta = [values[p] for p in recursion.parameters]

@@ -15,7 +15,7 @@ import sympy as sp
 
 from . import printing
 from .analysis import characteristic, effects_of, jury, newest_input, remembered, without_integrator, z
-from .branches import Branch
+from .branches import Branch, vanishes
 from .errors import ModelError, NotInvertible
 from .model import Model
 from .recursion import Recursion
@@ -87,14 +87,14 @@ class Compensator:
         ModelError
             For limits that are not increasing, and a rate that is not positive.
         """
-        low, high = (-sp.oo, sp.oo) if limits is None else map(sp.Float, limits)
-        if not low < high or (rate is not None and not 0 < rate < sp.oo):
+        low, high = (float("-inf"), float("inf")) if limits is None else map(float, limits)
+        if not low < high or (rate is not None and not 0 < float(rate) < float("inf")):
             raise ModelError("Limits are a lower and a higher number, and a rate is a positive number.")
 
         def clipped(asked: Any) -> Any:
             if rate is not None:
                 asked = sp.Max(m[k - 1] - sp.Float(rate), sp.Min(m[k - 1] + sp.Float(rate), asked))
-            return sp.Max(low, sp.Min(high, asked))
+            return sp.Max(sp.sympify(low), sp.Min(sp.sympify(high), asked))
 
         if self.model.input == y:
             asked = wanted(m)[k]
@@ -152,7 +152,8 @@ class Compensator:
             return sp.simplify(self.law - swap(self.model.right, {u: m, y: r}, {y: self.model.lead}))
         delay = newest_input(self.model)
         followed = shift(swap(self.model.right, {u: m, y: r}), delay)
-        return sp.simplify(sp.expand(followed.xreplace({m[k]: self.law}) - r[k + delay]))
+        gap = sp.expand(followed.xreplace({m[k]: self.law}) - r[k + delay])
+        return sp.S.Zero if gap == 0 or vanishes(gap) else gap
 
     @property
     def internal(self) -> InternalDynamics:

@@ -37,6 +37,8 @@ class Staged:
         The samples between the input and the output that it reaches first.
     own : mapping from each sequence of the model to its equation, the input called m
     leads : mapping from each sequence to the lead at which the law computes it
+    note : text
+        What makes the law delicate, if anything.
     """
 
     stages: tuple[Solution, ...]
@@ -44,6 +46,7 @@ class Staged:
     delay: int
     own: Mapping[Any, Any]
     leads: Mapping[Any, int]
+    note: str = ""
 
 
 def stages_of(model: Model) -> Staged:
@@ -76,7 +79,12 @@ def stages_of(model: Model) -> Staged:
     beside = [(b[k + leads[b]], swap(shift(e, leads[b]), {y: r})) for b, e in plain.items() if b in leads]
     taken = {left.base for left, _ in updates}
     everything = (*updates, *(one for one in beside if one[0].base not in taken))
-    return Staged(tuple(solved), everything, delays[y], own, leads)
+    early = delays[x] - delays[y] if delays.get(x) is not None else 0
+    note = (
+        f"what is added to the output sees the input {early} sample(s) before the core does: the law inverts that, and "
+        "runs away unless it outweighs the core"
+    )
+    return Staged(tuple(solved), everything, delays[y], own, leads, note if early else "")
 
 
 def _equations(model: Model) -> dict[Any, Any]:

@@ -123,7 +123,8 @@ def follow(
     start = rest_input(law.model, float(target[0])) if m0 is None else float(m0)
     if not np.isfinite(start):
         raise ModelError("The input before the start, m0, is not finite.")
-    beside = law.staged is not None or limits is not None or rate is not None
+    # What acts on the output by itself moves it before the law's first command arrives.
+    beside = bool(law.staged or law.model.states) or limits is not None or rate is not None
     compiled = compile(law.limited(limits, rate) if beside else law.recursion)
     given = _padded(law, compiled, target, channels or {})
     first = {name: float(c[0]) for name, c in given.items()}
@@ -144,7 +145,8 @@ def follow(
     ahead = law.staged.delay if law.staged else law.preview
     reached = np.concatenate([target[:ahead], values["y"]])[:n]
     gap = np.abs(reached - target)
-    missed = gap > MISSED * max(float(np.ptp(target)), 1e-3 * float(np.abs(target).max()), 1e-300)
+    size = float(np.abs(target).max())
+    missed = gap > MISSED * max(float(np.ptp(target)), 1e-3 * size) + 1e-12 * (1.0 + size)
     return Following(command, reached, held, missed, float(gap.max()), values)
 
 
@@ -225,10 +227,12 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
     Parameters
     ----------
     reference : (N,) array, optional [unit of y]
-        By default a slow sine through nine tenths of the identified outputs, where algebra leaves something open.
+        By default a slow sine through nine tenths of the identified outputs, where algebra leaves something open;
+        further channels are zero then.
     """
     stages = law.staged.stages if law.staged else ()
-    proofs = tuple(s.proof for s in stages) or ("m[k] enters linearly: exactly one for every reference",)
+    note = (law.staged.note,) if law.staged and law.staged.note else ()
+    proofs = (*(s.proof for s in stages), *note) or ("m[k] enters linearly: exactly one for every reference",)
     is_open = any(s.needs or s.notes or not s.closed_form for s in stages)
     low, high = law.model.info.get("ranges", {}).get("y", (0.0, 0.0))
     if not stages or not law.model.values or (reference is None and not (is_open and high > low)):
@@ -236,6 +240,7 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
     if reference is None:
         wave = np.sin(2 * np.pi * np.arange(TRIAL) / (TRIAL / 2))
         reference = (low + high) / 2 + 0.45 * (high - low) * wave
+        channels = {name: np.zeros(TRIAL) for name in law.model.channels} | dict(channels or {})
     target = vector(reference, "reference", least=2)
     try:
         found = follow(law, target, m0, channels)

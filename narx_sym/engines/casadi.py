@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
+from ..branches import Root
 from ..errors import ModelError
 from .plan import Plan
 
@@ -44,7 +45,7 @@ def convert(expr: Any, known: dict[Any, Any]) -> Any:
         return ca.SX(float(expr))
     if expr in (sp.true, sp.false):
         return ca.SX(int(expr == sp.true))
-    arguments = [] if isinstance(expr, sp.Piecewise) else [convert(a, known) for a in expr.args]
+    arguments = [] if isinstance(expr, (sp.Piecewise, Root)) else [convert(a, known) for a in expr.args]
     if type(expr) in FOLDS:
         total = arguments[0]
         for argument in arguments[1:]:

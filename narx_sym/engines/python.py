@@ -14,6 +14,8 @@ from sympy.printing.pycode import PythonCodePrinter
 from ..errors import ModelError
 from .plan import Plan
 
+WIDENED = 100  # steps of a root finder, each twice as wide
+
 
 class _Printer(PythonCodePrinter):
     def _print_Dummy(self, e: Any) -> str:
@@ -73,31 +75,34 @@ def root(gap: Callable[[float], float], last: float, low: float, high: float) ->
     """
     from scipy.optimize import brentq
 
+    def value(x: float) -> float:
+        try:
+            return gap(x)
+        except OverflowError:
+            return math.nan
+
     start = min(max(last, low), high)
-    here = gap(start)
+    here = value(start)
     if not here or here != here:
         return start if not here else math.nan
-    ends, step = {-1: (start, here), 1: (start, here)}, max(abs(here), 1e-9 * abs(start), 1e-12)
-    best = (abs(here), start)
-    while True:
-        for side, (before, value) in list(ends.items()):
+    ends, step, best = (
+        {-1: (start, here), 1: (start, here)},
+        max(abs(here), 1e-9 * abs(start), 1e-12),
+        (abs(here), start),
+    )
+    for _ in range(WIDENED):
+        for side, (before, known) in list(ends.items()):
             at = min(max(start + side * step, low), high)
-            if at == before:
+            while (there := value(at)) != there and abs(at - before) > 1e-9 * abs(at):
+                at = (before + at) / 2  # beyond where the function has values
+            if at == before or there != there:
                 del ends[side]
-                continue
-            try:
-                there = gap(at)
-            except OverflowError:
-                there = math.nan
-            if there != there:
-                del ends[side]
-                continue
-            if (there > 0) != (value > 0) or not there:
+            elif (there > 0) != (known > 0) or not there:
                 return float(brentq(gap, before, at, xtol=1e-300, rtol=8.9e-16, maxiter=200))
-            ends[side], best = (at, there), min(best, (abs(there), at))
-        if not ends:
-            return best[1]
+            else:
+                ends[side], best = (at, there), min(best, (abs(there), at))
         step *= 2
+    return best[1]
 
 
 def build(plan: Plan) -> Callable[..., int]:
