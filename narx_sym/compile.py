@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from .branches import Root
 from .engines.plan import Plan
 from .errors import Diverged, ModelError
 from .recursion import Recursion
 from .signals import expand_phi, lag, samples
+from .solution import Root
 
 ENGINES = ("native", "numpy", "casadi", "python")
 Array = np.ndarray

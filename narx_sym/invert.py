@@ -6,7 +6,7 @@ Models beyond Assumption A1 are inverted in stages (`stages`), each of them by b
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,16 +14,16 @@ from typing import Any
 import sympy as sp
 
 from . import printing
-from .analysis import characteristic, effects_of, jury, newest_input, remembered, without_integrator, z
-from .branches import Branch, vanishes
+from .analysis import characteristic, jury, newest_input, without_integrator, z
 from .errors import ModelError, NotInvertible
+from .grouping import offending, polynomials, q, why_not
 from .model import Model
 from .recursion import Recursion
 from .sensitivity import derivative
-from .signals import expand_phi, k, lag, m, r, samples, shift, swap, u, y
+from .signals import k, lag, m, r, samples, shift, swap, u, y
+from .solution import Branch, vanishes
 from .stages import Staged, guarded, in_order, stages_of, wanted
 
-q = sp.Symbol("q")
 mbar, rbar, direction = (sp.Symbol(n, real=True) for n in (r"\bar{m}", r"\bar{r}", "s"))
 
 
@@ -313,63 +313,6 @@ def internal_dynamics(law: Compensator) -> InternalDynamics:
     return InternalDynamics(polynomial, integrates, sp.And(*conditions) if conditions else sp.true)
 
 
-def _addends(model: Model) -> list[tuple[Any, Any]]:
-    """Return what the output adds up: each term, and the same with its coefficient in the user's units."""
-    if model.states:
-        return [(part, part) for part in sp.Add.make_args(sp.expand(model.right))]
-    return [(term, c * expand_phi(model.in_user_units(term))) for c, term in model.parts()]
-
-
-def _offending(model: Model) -> list[tuple[Any, Any]]:
-    latest = model.input[k - newest_input(model)]
-    return [
-        (term, written)
-        for term, written in _addends(model)
-        if (written.has(latest) and samples(derivative(written, latest))) or _hidden(written, latest)
-    ]
-
-
-def offending_terms(model: Model) -> list[Any]:
-    """Return the terms that contain u[k - tau_d] other than linearly with a constant coefficient (Assumption A1(i))."""
-    return [term for term, _ in _offending(model)]
-
-
-def _hidden(expr: Any, sample: Any) -> bool:
-    return any(f.has(sample) for f in expr.atoms(sp.Function, sp.Piecewise))
-
-
-def polynomials(model: Model) -> tuple[Any, Any, Any]:
-    """Group a model as A(q) y[k] = B(q) u[k] + f: the linear regressors, and all the rest in f."""
-    offset = sp.S.Zero if model.states else model.operating_point.get(model.output, sp.S.Zero)
-    A, B, f = sp.S.One, sp.S.Zero, offset
-    for _, written in _addends(model):
-        pieces = sp.Add.make_args(sp.expand(written))
-        if all(len(_samples_with_powers(p)) <= 1 for p in pieces):
-            for piece in pieces:
-                found = _samples_with_powers(piece)
-                if not found or found[0].base not in (model.input, model.output):
-                    f += piece
-                elif found[0].base == model.output:
-                    A -= piece / found[0] * q ** (-lag(found[0]))
-                else:
-                    B += piece / found[0] * q ** (-lag(found[0]))
-        else:
-            f += written
-    return A, B, f
-
-
-def _samples_with_powers(piece: Any) -> list[Any]:
-    """Return the samples of a product with repetition; a sample inside a function counts twice."""
-    found: list[Any] = []
-    for factor in sp.Mul.make_args(piece):
-        base, exponent = factor.as_base_exp()
-        if isinstance(base, sp.Indexed) and exponent == 1:
-            found.append(base)
-        else:
-            found += samples(factor) * 2
-    return found
-
-
 def compensator(model: Model) -> Compensator:
     """Derive the compensation law of a model, or of an identified inverse.
 
@@ -393,7 +336,7 @@ def compensator(model: Model) -> Compensator:
         raise NotInvertible("The model has no input term: there is nothing to solve for (Assumption A1).")
     delay = newest_input(model)
     latest = model.input[k - delay]
-    if model.hidden or _offending(model):
+    if model.hidden or offending(model):
         return _beyond(model)
     gain = derivative(right, latest)
     value = gain.xreplace(model.values)
@@ -412,51 +355,8 @@ def _beyond(model: Model) -> Compensator:
     try:
         staged = stages_of(model)
     except NotInvertible as error:
-        raise NotInvertible(_why_not(model, str(error))) from None
+        raise NotInvertible(why_not(model, str(error))) from None
     return Compensator(model, dict(staged.updates)[m[k]], staged=staged)
-
-
-def _why_not(model: Model, reason: str) -> str:
-    """Say which terms or effects keep the newest input from being isolated."""
-    arriving = min((i for i, _ in _arrivals(model, model.F)), default=0)
-    latest = printing.text(model.input[k - (arriving if model.hidden else newest_input(model))])
-    found = [] if model.hidden else _offending(model)
-    added = {str(s) for s in model.symbols} & {c for e in model.info.get("effects", []) for c in e["coefficients"]}
-    own = [one for one in found if added & {str(s) for s in one[1].free_symbols}]
-    if own:
-        names = effects_of(model, sp.Add(*(written for _, written in own)))
-        said = f"{names} uses it other than linearly, as in {printing.text(own[0][0])} (Assumption A1(i))"
-    elif found:
-        named = ", ".join(printing.text(t) for t, _ in found)
-        said = (
-            f"{named} {'violates' if len(found) == 1 else 'violate'} Assumption A1(i) (the only regressor involving "
-            "u[k-tau_d] must be linear; --for-compensation keeps such terms out of the pool)"
-        )
-    elif holding := _holding(model):
-        shown = ", ".join(printing.text(s.left) for s in holding)
-        said = f"{effects_of(model, states=holding)} remembers it ({shown})"
-    else:
-        return f"{why}: {reason}" if (why := remembered(model)) else reason
-    return f"{latest} cannot be isolated: {said}. {reason}"
-
-
-def _holding(model: Model) -> list[Any]:
-    """Return the states that remember and that the newest input passes."""
-    arriving = list(_arrivals(model, model.F))
-    delay = min((i for i, _ in arriving), default=0)
-    passed = {base for i, through in arriving if i == delay for base in through}
-    return [s for s in model.recurrent if s.left.base in passed]
-
-
-def _arrivals(model: Model, expr: Any, through: frozenset[Any] = frozenset()) -> Iterator[tuple[int, frozenset[Any]]]:
-    """Yield the lags at which the input reaches an expression, each with the states that it passes."""
-    states = {s.left.base: s.right for s in model.states}
-    for s in samples(expand_phi(expr)):
-        if s.base == model.input:
-            yield lag(s), through
-        elif s.base in states and s.base not in through:
-            for i, passed in _arrivals(model, states[s.base], through | {s.base}):
-                yield lag(s) + i, passed
 
 
 def _drop(right: Any, latest: Any) -> Any:

@@ -14,12 +14,13 @@ from typing import Any
 
 import sympy as sp
 
-from .branches import Solution, solve_for
+from .branches import solve_for
 from .errors import NotInvertible
 from .model import Model
 from .printing import text
 from .recursion import Recursion
 from .signals import k, lag, m, r, samples, shift, signal, swap, u, v, x, y
+from .solution import Solution
 
 Updates = tuple[tuple[Any, Any], ...]
 WIDER = 3.0  # how many ranges beyond the identified ones a root finder looks
@@ -155,9 +156,9 @@ def _leads(updates: Iterable[Any], own: Mapping[Any, Any], found: dict[Any, int]
         for s in [*reads, *(e for b, lead in found.items() for e in samples(shift(own[b], lead)))]:
             if s.base not in own or s.base == y:
                 continue
-            # What the input reaches as early as possible is computed with it, all else when it is first needed.
-            newest = -lag(s) == delays[s.base] or (delays[s.base] is not None and -lag(s) == delays[s.base] - 1)
-            lead = delays[s.base] if newest else -lag(s)
+            # What the newest input reaches is computed with it, all else when it is first needed.
+            newest = delays[s.base]
+            lead = newest if newest is not None and -lag(s) >= newest - 1 else -lag(s)
             if lead > found.get(s.base, -sp.oo):
                 more[s.base] = max(lead, more.get(s.base, lead))
         if not more:

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from .branches import Solution
 from .compile import Compiled, compile, lambdify
 from .errors import Diverged, ModelError, NarxError, Unreachable
 from .invert import Compensator
 from .signals import lag, r, samples, t, y
 from .simulation import fitted, law_warnings, reference_outside, rest_input, rest_states, vector
+from .solution import Solution
 
 Array = np.ndarray
 MISSED = 1e-6  # of the reference's range: more than this off is missed

@@ -8,11 +8,12 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from narx_sym.branches import Branch, Root, Solution, number, solve_for
+from narx_sym.branches import solve_for
 from narx_sym.effects import clip
 from narx_sym.engines.python import root
 from narx_sym.errors import NotInvertible
 from narx_sym.signals import k, m, r, samples, signal, v
+from narx_sym.solution import Branch, Root, Solution, number
 
 a, b, c, d, w, h = sp.symbols("a b c d width h", real=True)
 p = signal("p")

@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1] / "narx_sym"
 LAYERS = (
-    "errors signals recursion parsing printing identities assumptions sensitivity effects model analysis extend branches stages invert "
+    "errors signals recursion parsing printing identities assumptions sensitivity effects model analysis extend solution kinks branches stages grouping invert "
     "engines compile metrics timegrid tables data files simulation tracking misfit parallel constraints ensemble freerun estimate bootstrap selection identification directions gate refit experiment diagnosis store derive plots plants terminal cli_diagnose demo cli"
 ).split()
 SYMBOLIC = LAYERS[: LAYERS.index("engines")]  # these stay free of NUMERIC

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from ..branches import Root
 from ..errors import ModelError
+from ..solution import Root
 from .plan import Plan
 
 TABLE: dict[Any, Callable[..., Any]] = {

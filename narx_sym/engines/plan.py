@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 
 import sympy as sp
 
-from ..branches import Root
 from ..recursion import Recursion
 from ..signals import k, lag, samples
+from ..solution import Root
 
 MAX_HORNER = 4
 TIME = sp.Dummy("time_index", real=True)
