@@ -1,4 +1,4 @@
-"""Equations with kinks (sign, abs, Max, Min of the unknown): each affine piece is solved by itself.
+"""Equations with kinks (sign, abs, Max, Min of the unknown): each piece, affine or quadratic, is solved by itself.
 
 An increasing map passes its kinks in order, so that the target says which piece holds. A flat piece or a jump leaves a
 choice, and an end piece that is flat leaves targets that no value reaches; both are said.
@@ -108,16 +108,32 @@ def _at(expr: Any, w: Any, point: Any, values: Mapping[Any, Any]) -> Any:
 
 @dataclass(frozen=True)
 class _Piece:
-    """An affine piece between two kinks (None at the ends), and the number of its slope (None where unknown)."""
+    """A piece between two kinks (None at the ends): affine, with its slope and the number of it (None where unknown).
+
+    A quadratic piece has the curve too, half its second derivative, and the slopes at its kinks.
+    """
 
     expr: Any
     slope: Any
     size: float | None
     left: Any
     right: Any
+    curve: Any = sp.S.Zero
 
-    def solve(self, target: Any, w: Any) -> Any:
-        """Return where the piece equals the target, written as short as it can be."""
+    def slopes(self, w: Any) -> list[Any]:
+        """Return the slope, or that at each kink."""
+        ends = [at for at in (self.left, self.right) if at is not None] if self.curve != 0 else []
+        return [self.slope.xreplace({w: at}) for at in ends or [sp.S.Zero]]
+
+    def solve(self, target: Any, w: Any, side: int = 1) -> Any:
+        """Return where the piece equals the target, written as short as it can be.
+
+        A quadratic piece is solved from a kink, with the root next to it; `side` is the sign of the slope.
+        """
+        if self.curve != 0:
+            at = self.right if self.left is None else self.left
+            rise, slope = target - sp.expand(self.expr.xreplace({w: at})), self.slope.xreplace({w: at})
+            return at + 2 * rise / (slope + side * sp.sqrt(sp.Max(0, slope**2 + 4 * self.curve * rise)))
         zero = self.expr.xreplace({w: sp.S.Zero})
         forms = [sp.expand(target - zero) / self.slope if self.slope != 1 else sp.expand(target - zero)]
         for at in (self.left, self.right):
@@ -130,12 +146,12 @@ class _Piece:
 def solve_kinked(
     G: Any, w: Any, target: Any, values: Mapping[Any, Any], rest: Any, made: dict[str, Any]
 ) -> Solution | None:
-    """Solve a piecewise affine equation in w, or return None where it is not one.
+    """Solve an equation in w whose pieces are affine or quadratic, or return None where they are not.
 
     `made` holds what every solution says: the unknown, the target, the expression and the last value.
     """
-    smooth = derivative(G, w)
-    if smooth.replace(lambda e: isinstance(e, KINKS) and e.has(w), lambda e: sp.Dummy(real=True)).has(w):
+    slope = derivative(G, w)
+    if _smooth(derivative(slope, w)).has(w):
         return None
     try:
         breaks = _breaks(G, w, values)
@@ -144,11 +160,11 @@ def solve_kinked(
     try:
         pieces = _pieces(G, w, _ordered(breaks, values), values)
     except _Undecided:
-        return _nodes(G, w, target, breaks, values, made)
+        return None if _smooth(slope).has(w) else _nodes(G, w, target, breaks, values, made)
     # A decreasing map is an increasing one seen from below.
     known = [p.size for p in pieces if p.size is not None]
     steepest = max((abs(s) for s in known), default=0.0)
-    rising = sum(_direction(p, rest, values) for p in pieces if p.size is None)
+    rising = sum(_direction(p.slopes(w)[0], rest, values) for p in pieces if p.size is None)
     flip = -1 if (max(known, key=abs) if steepest else rising) < 0 else 1
     kept = [p for p in pieces if p.size is None or flip * p.size > FLAT * steepest]
     if not kept:
@@ -159,7 +175,7 @@ def solve_kinked(
         return sp.expand(flip * piece.expr.xreplace({w: at}))
 
     def solved(condition: Any, piece: _Piece) -> Branch:
-        return Branch(condition, piece.solve(target, w), piece.expr.xreplace({w: made["unknown"]}))
+        return Branch(condition, piece.solve(target, w, flip), piece.expr.xreplace({w: made["unknown"]}))
 
     branches: list[Branch] = []
     notes: list[str] = []
@@ -182,7 +198,7 @@ def solve_kinked(
         else:
             nearer = sp.true
             if jump is None or jump < 0:  # both sides reach some targets
-                down, up = (piece.solve(target, w) for piece in (lower, upper))
+                down, up = (piece.solve(target, w, flip) for piece in (lower, upper))
                 nearer = sp.Or(T < bottom, sp.Abs(down - last) <= sp.Abs(up - last))
                 notes.append(f"two solutions while {text(bottom)} <= {text(T)} <= {text(top)}: the nearer one is taken")
             branches.append(solved(sp.And(T <= top, nearer), lower))
@@ -194,15 +210,15 @@ def solve_kinked(
     else:
         reach[1] = edge(kept[-1], kept[-1].right)
         branches += [solved(T <= reach[1], kept[-1]), Branch(sp.true, kept[-1].right)]
+    needs = dict.fromkeys(sp.Gt(flip * s, 0) for p in kept if p.size is None for s in p.slopes(w))
     return Solution(
-        how="branches", branches=tuple(branches), reach=tuple(flip * e for e in reach[::flip]),
-        needs=tuple(sp.Gt(flip * p.slope, 0) for p in kept if p.size is None), notes=tuple(dict.fromkeys(notes)),
-        **made,
+        how="branches", branches=tuple(branches), reach=tuple(flip * e for e in reach[::flip]), needs=tuple(needs),
+        notes=tuple(dict.fromkeys(notes)), **made,
     )  # fmt: skip
 
 
 def _pieces(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) -> list[_Piece]:
-    """Return the affine pieces from left to right; neighbours that are the same become one."""
+    """Return the pieces from left to right; neighbours that are the same become one."""
     ends = [None, *breaks, None]
     pieces: list[_Piece] = []
     for left, right in pairwise(ends):
@@ -215,17 +231,23 @@ def _pieces(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) ->
         expr = _at(G, w, point, values)
         slope = derivative(expr, w)  # brackets are kept: they are the model's own
         slope = sp.expand(slope) if slope.has(w) else slope
-        if slope.has(w):
+        curve = derivative(slope, w) / 2
+        if curve.has(w) or (curve != 0 and len(ends) == 2):
             raise _Undecided
         if pieces and sp.expand(expr - pieces[-1].expr) == 0:
             left = pieces.pop().left
-        pieces.append(_Piece(expr, slope, number(slope, values), left, right))
+        pieces.append(_Piece(expr, slope, None if curve != 0 else number(slope, values), left, right, curve))
     return pieces
 
 
-def _direction(piece: _Piece, rest: Any, values: Mapping[Any, Any]) -> int:
+def _smooth(expr: Any) -> Any:
+    """Return an expression with constants in the place of its kinks."""
+    return expr.replace(lambda e: isinstance(e, KINKS), lambda e: sp.Dummy(real=True))
+
+
+def _direction(slope: Any, rest: Any, values: Mapping[Any, Any]) -> int:
     """Return the sign of a slope at rest."""
-    value = number(rest(piece.slope), values)
+    value = number(rest(slope), values)
     return 0 if not value else 1 if value > 0 else -1
 
 

@@ -85,9 +85,7 @@ class Solution:
         for branch in self.branches:
             if branch.form is not None:
                 gap = branch.form.xreplace({self.unknown: branch.solution}) - self.target
-                while limits := [
-                    f for f in gap.atoms(sp.Max, sp.Min) if self.how == "quadratic" and f.has(self.target)
-                ]:
+                while limits := [f for f in gap.atoms(sp.Max, sp.Min) if f.has(self.target)]:
                     reached = {f: next(e for e in f.args if e.has(self.target)) for f in limits}
                     gap = gap.xreplace(reached)  # the discriminant where there is a solution
                 if not vanishes(gap):

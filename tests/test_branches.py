@@ -22,7 +22,8 @@ LAST = m[k - 1]
 
 
 def solve(expr, values=NUMBERS, target=v[k], **options):
-    return solve_for(expr, m[k], target, LAST, values, **options)
+    rest = lambda e: e.xreplace(dict.fromkeys(samples(e), sp.S.Zero))  # noqa: E731
+    return solve_for(expr, m[k], target, LAST, values, rest=rest, **options)
 
 
 def evaluate(expr, known):
@@ -70,6 +71,9 @@ CASES = {
     "drag": 2 * m[k] + c * sp.Max(m[k], p[k - 1]) - sp.Abs(m[k] - LAST) / 3,
     "decreasing": p[k - 1] - 2 * m[k] + c * sp.Abs(m[k] - LAST),
     "linear with a changing gain": (1 + c * p[k - 1]) * m[k] + p[k - 2],
+    "hysteresis of a polynomial model": a * m[k] + b * sp.Abs(m[k] - LAST) * (m[k] - p[k - 1]) + b * m[k] * p[k - 2],
+    "bent dead zone": m[k] - c * clip(m[k], w) + 0.1 * m[k] * sp.Max(m[k], 0),
+    "falling hysteresis": p[k - 1] - a * m[k] + b * (m[k] - LAST) * sp.Abs(m[k]),
     "bounded": a * sp.tanh(2 * m[k] + p[k - 1]) + p[k - 2],
     "exponential": p[k - 1] + a * sp.exp(c * m[k]),
 }  # fmt: skip

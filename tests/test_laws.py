@@ -365,6 +365,17 @@ def test_a_law_without_closed_form_says_so():
         _ = law.internal
 
 
+def test_a_polynomial_hysteresis_without_a_delay_of_its_own():
+    """The newest input in every hysteresis term: each branch is a quadratic equation."""
+    model = ns.NARX.from_terms(
+        ["y[k-1]", "phi1[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]", "phi2[k-1]*phi1[k-1]*y[k-1]", "phi1[k-1]*u[k-2]"],
+        [1.0, 0.7, 0.1, -0.15, 0.02],
+    )
+    law = model.compensator()
+    assert law.closed_form and len(law.branches) == 2 and law.residual() == 0
+    assert followed(model, law, reference(model)) < 1e-9 and law.check(reference(model), 0.0).good
+
+
 def test_what_still_has_no_law():
     fast = next(
         o for o in variants(BASES["first order"]) if o.id == "coulomb_friction" and o.where == "output" and not o.lag

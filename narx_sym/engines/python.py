@@ -98,7 +98,8 @@ def root(gap: Callable[[float], float], last: float, low: float, high: float) ->
             if at == before or there != there:
                 del ends[side]
             elif (there > 0) != (known > 0) or not there:
-                return float(brentq(gap, before, at, xtol=1e-300, rtol=8.9e-16, maxiter=200))
+                near = max(4.5e-16 * max(abs(before), abs(at)), 1e-300)
+                return float(brentq(gap, before, at, xtol=near, rtol=8.9e-16, maxiter=300, disp=False))
             else:
                 ends[side], best = (at, there), min(best, (abs(there), at))
         step *= 2
