@@ -232,6 +232,8 @@ def compensate(
         step_differs = step is not None and model.Ts and abs(step - model.Ts) > 1e-6 * model.Ts
         if step_differs:
             note(f"the reference has Ts = {step:g} s, the model was identified at {model.Ts:g} s")
+        if model.channels:
+            raise DataError(f"{model_file}: the law needs the channel {model.channels[0]!r}; use Python for this one.")
         start = law.rest_input(r[0]) if m0 is None else m0
         m = law.run(r, start, limits=limits, rate=rate, clip=clip)
         write_csv(out, {"t": stamps, "r": r, "m": m})

@@ -187,6 +187,14 @@ class Compensator:
 
         return follow(self, reference, m0, channels, limits, rate)
 
+    def start(self, output: float, m0: float | None = None) -> dict[str, float]:
+        """Return the values before the start, at rest, by name: what the recursion and the C source begin with."""
+        from .simulation import rest_states
+
+        begin = self.rest_input(output) if m0 is None else float(m0)
+        rest = rest_states(self.model, begin, float(output))
+        return {"m": begin, "r": float(output), str(self.model.output.label): float(output)} | rest
+
     def rest_input(self, output: float) -> float:
         """Return the input to start from; see `narx_sym.simulation.rest_input`."""
         from .simulation import rest_input

@@ -100,8 +100,10 @@ def run_law(
     Unreachable
         Where no input gives the wanted output: the first sample, and how near the model comes.
     """
-    found = follow(law, reference, m0, channels, limits, rate)
+    fitted(law.model)
     target = vector(reference, "reference", least=2)
+    start = rest_input(law.model, float(target[0])) if m0 is None else m0
+    found = follow(law, target, start, channels, limits, rate)
     if found.missed.any() and limits is None and rate is None and not clip:
         raise _unreachable(law, found, target)
     for warning in [*found.report, *law_warnings(law, target, found.m)]:
@@ -143,8 +145,9 @@ def follow(
     if not beside or law.model.input == y:
         return Following(command, target, held, np.zeros(n, dtype=bool), 0.0, values)
     ahead = law.staged.delay if law.staged else law.preview
-    reached = np.concatenate([target[:ahead], values["y"]])[:n]
+    reached = np.concatenate([np.full(ahead, target[0]), values["y"]])[:n]
     gap = np.abs(reached - target)
+    gap[:ahead] = 0.0  # no law reaches these
     size = float(np.abs(target).max())
     missed = gap > MISSED * max(float(np.ptp(target)), 1e-3 * size) + 1e-12 * (1.0 + size)
     return Following(command, reached, held, missed, float(gap.max()), values)
@@ -271,7 +274,7 @@ def _count(law: Compensator, stage: Solution, found: Following, target: Array, a
     def along(s: Any) -> Array:
         """Return a sample at every chosen k."""
         if s.base == r:  # the law's own past is the model's
-            past = np.concatenate([target[:delay], found.values["y"]])
+            past = np.concatenate([np.full(delay, target[0]), found.values["y"]])
             return held[at + delay] if -lag(s) == delay else past[np.maximum(at - lag(s), 0)]
         if s == stage.target:
             return found.values[f"{s.base.label}_wanted"][at]

@@ -189,6 +189,7 @@ def test_the_start_is_at_rest():
     assert rest["x"] == pytest.approx(7.0 / 1.25) and rest["w1"] == rest["w2"] == pytest.approx(rest["x"])
     assert np.abs(model.simulate(np.full(30, 0.3), 5.0, u0=0.3) - 5.0).max() < 1e-9
     law = model.compensator()
+    assert law.start(5.0, 0.3) == {"m": 0.3, "r": 5.0, "y": 5.0} | rest
     assert law.run(np.full(30, 5.0), 0.3) == pytest.approx(np.full(30, 0.3))
     moving = 5.0 + reference(model) + 2.0
     driven = law.run(moving, 0.3)
