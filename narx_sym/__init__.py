@@ -16,7 +16,16 @@ __version__ = "0.1.0"
 
 _WHERE = {
     "signals": ("breve_phi1", "breve_phi2", "k", "m", "phi1", "phi2", "r", "shift", "signal", "u", "y"),
-    "errors": ("DataError", "Diverged", "FitError", "ModelError", "NarxError", "NotInvertible", "ParseError"),
+    "errors": (
+        "DataError",
+        "Diverged",
+        "FitError",
+        "ModelError",
+        "NarxError",
+        "NotInvertible",
+        "ParseError",
+        "Unreachable",
+    ),
     "parsing": ("parse",),
     "printing": ("latex", "mathml", "text"),
     "model": ("NARX", "Model", "Pool", "pool"),

@@ -192,6 +192,13 @@ def compensate(
         str | None, typer.Option("--column", help="Column of the reference (default: the only one).")
     ] = None,
     m0: Annotated[float | None, typer.Option("--m0", help="Input before the start.")] = None,
+    limits: Annotated[
+        tuple[float, float] | None, typer.Option("--limits", metavar="LO HI", help="Range of the actuator's input.")
+    ] = None,
+    rate: Annotated[float | None, typer.Option("--rate", help="Largest change of the input per sample.")] = None,
+    clip: Annotated[
+        bool, typer.Option("--clip", help="Come as near as possible where the reference cannot be reached.")
+    ] = False,
     t: Time = "t",
     ts: Ts = None,
     rows: Rows = None,
@@ -201,7 +208,6 @@ def compensate(
     from .excursions import operating_range
     from .files import write_csv, write_text
     from .metrics import nsavi
-    from .printing import text
     from .store import load
 
     for path in (latex, c, st, out):
@@ -211,26 +217,32 @@ def compensate(
     model = load(model_file)
     law = model.compensator()
     console().print("[bold]Compensation law[/bold] (in your units)")
-    console().print(f"  m[k] = {text(law.expand().rhs)}", markup=False)
+    for line in law.lines(numbers=True):
+        console().print(f"  {line}", markup=False)
     console().print(f"It looks {law.preview} sample(s) ahead in the reference.")
+    if law.staged:
+        with working("Counting the solutions of each stage"):
+            console().print(f"Checked: {law.checked}.", markup=False)
     if (found := operating_range(law)) is not None and found.sentence:
         console().print(found.sentence)
     if latex:
         write_text(latex, f"\\[\n{law.latex(numbers=True)}\n\\]\n")
         console().print(f"LaTeX written to {latex}")
     if c:
-        write_text(c, law.to_c())
+        write_text(c, law.to_c(limits=limits, rate=rate))
         console().print(f"C99 source written to {c}")
     if st:
-        write_text(st, law.to_st())
+        write_text(st, law.to_st(limits=limits, rate=rate))
         console().print(f"Structured Text written to {st}")
     if reference and out:
         r, step, stamps = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column", prefer="r")
         step_differs = step is not None and model.Ts and abs(step - model.Ts) > 1e-6 * model.Ts
         if step_differs:
             note(f"the reference has Ts = {step:g} s, the model was identified at {model.Ts:g} s")
+        if model.channels:
+            raise DataError(f"{model_file}: the law needs the channel {model.channels[0]!r}; use Python for this one.")
         start = law.rest_input(r[0]) if m0 is None else m0
-        m = law.run(r, start)
+        m = law.run(r, start, limits=limits, rate=rate, clip=clip)
         write_csv(out, {"t": stamps, "r": r, "m": m})
         console().print(f"Compensated input: {len(m)} samples, m in [{m.min():.4g}, {m.max():.4g}]")
         console().print(

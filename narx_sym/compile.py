@@ -14,6 +14,7 @@ from .engines.plan import Plan
 from .errors import Diverged, ModelError
 from .recursion import Recursion
 from .signals import expand_phi, lag, samples
+from .solution import Root
 
 ENGINES = ("native", "numpy", "casadi", "python")
 Array = np.ndarray
@@ -161,10 +162,13 @@ def compile(recursion: Recursion, engine: str = "native") -> Compiled:
     recursion : Recursion
     engine : "native", "numpy", "casadi" or "python"
         Machine code by LLVM, banded solves in NumPy, CasADi's virtual machine, or a generated Python loop. They agree
-        to rounding. Where llvmlite is not installed, "native" falls back to "python".
+        to rounding. Where llvmlite is not installed, and for laws that need a root finder, "native" falls back to
+        "python".
     """
     if engine not in ENGINES:
         raise ModelError(f"Unknown engine {engine!r}; there are {', '.join(ENGINES)}.")
+    if engine == "native" and any(right.has(Root) for _, right in recursion.updates):
+        engine = "python"  # only there is a root finder
     if engine == "native":
         try:
             import llvmlite  # noqa: F401

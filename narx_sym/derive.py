@@ -51,7 +51,7 @@ def summary(model: Model) -> list[tuple[str, list[str]]]:
         *([("Property 1", property_1)] if model.values else []),
         ("Quasi-static solutions", quasi_static),
         ("Assumptions", lambda: [str(v) for v in analysis.check(model)] or ["none is violated"]),
-        ("Compensation law", lambda: [f"m[k] = {text(compensator(model).law)}"]),
+        ("Compensation law", lambda: compensator(model).lines()),
         ("The law's own dynamics", dynamics),
     ]
     return [(heading, _tried(lines)) for heading, lines in wanted]

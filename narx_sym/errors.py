@@ -37,5 +37,19 @@ class Diverged(NarxError):  # noqa: N818
         self.at, self.trajectory = at, trajectory
 
 
+class Unreachable(NarxError):  # noqa: N818
+    """The model cannot follow a reference: its input saturates, or no input gives the wanted output.
+
+    Attributes
+    ----------
+    at : int
+        The first sample that is missed.
+    """
+
+    def __init__(self, message: str, at: int = -1):
+        super().__init__(message)
+        self.at = at
+
+
 class FitError(NarxError):
     """The parameters or the structure cannot be estimated."""

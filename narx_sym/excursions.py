@@ -213,8 +213,11 @@ def operating_range(law: Compensator) -> OperatingRange | None:
 
     Returns
     -------
-    OperatingRange, or None where the model does not know its ranges or the eigenvalues depend on further channels
+    OperatingRange, or None where the model does not know its ranges, the eigenvalues depend on further channels, or
+    the law has branches or further states
     """
+    if law.staged:
+        return None
     info, internal = law.model.info, law.internal
     ranges = info.get("ranges", {})
     if not {"u", "y"} <= set(ranges):

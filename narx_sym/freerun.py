@@ -226,6 +226,8 @@ class FreeRun:
         self, start: Array, max_steps: int, tolerance: float = 1e-12, limits: Mapping[Any, Any] | None = None
     ) -> Any:
         """Minimise from given unknowns; return SciPy's result."""
+        if not start.size:
+            raise FitError("There is nothing to fit: the model has no free parameter and no unknown start.")
         if not np.all(np.isfinite(self.run(start)[0])):
             raise FitError(
                 "The free run of the start values diverges: fit one step ahead with fewer terms first, or give theta."

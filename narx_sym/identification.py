@@ -227,7 +227,8 @@ def _finish(chosen: Selection, candidates: int) -> Model:
 def stable_law(model: Model, records: Records) -> bool:
     """Whether the model's compensation law forgets its own errors on the data."""
     try:
-        return law_radius(compensator(model), records) < 1
+        law = compensator(model)
+        return law.staged is None and law_radius(law, records) < 1
     except NotInvertible:
         return False
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import sympy as sp
 
 from .analysis import SteadyState, characteristic, jury, steady_state, ubar, without_integrator, ybar, z
+from .errors import ModelError
 from .model import Model
 from .sensitivity import derivative
 from .signals import k, lag, m, r, samples, shift
@@ -112,7 +113,15 @@ class InternalDynamics:
 
 
 def internal_dynamics(law: Compensator) -> InternalDynamics:
-    """Derive Jacobian, eigenvalues and attracting condition of a law along slow motion."""
+    """Derive Jacobian, eigenvalues and attracting condition of a law along slow motion.
+
+    Raises
+    ------
+    ModelError
+        For a law with branches or further states.
+    """
+    if law.staged:
+        raise ModelError("The internal dynamics are not derived for a law with branches or further states.")
     return InternalDynamics(law, *_derived(law.law))
 
 

@@ -1,11 +1,12 @@
 """Section 4 of the paper: compensation laws by algebraic inversion, and from an identified inverse.
 
 A law is a recursion for m[k] in past m and (future) r; putting it back into the model gives r[k + tau_d] identically.
+Models beyond Assumption A1 are inverted in stages (`stages`), each of them by branches (`branches`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,16 +14,17 @@ from typing import Any
 import sympy as sp
 
 from . import printing
-from .analysis import effects_of, newest_input, remembered
-from .errors import NotInvertible
+from .analysis import newest_input
+from .errors import ModelError, NotInvertible
+from .grouping import offending, polynomials, q, why_not
 from .internal import InternalDynamics, internal_dynamics
 from .model import Model
 from .recursion import Recursion
 from .sensitivity import derivative
-from .signals import expand_phi, k, lag, m, r, samples, shift, swap, u, y
+from .signals import k, lag, m, r, samples, shift, swap, u, y
 from .smoothing import smoothed, widths
-
-q = sp.Symbol("q")
+from .solution import Branch, vanishes
+from .stages import Staged, guarded, in_order, stages_of, wanted
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,9 @@ class Compensator:
     law : expression
         The right-hand side of m[k], in the user's units.
     A, B : expressions in q, f : expression
-        A(q) y[k] = B(q) u[k] + f(...), the grouping of the paper; None for an identified inverse.
+        A(q) y[k] = B(q) u[k] + f(...), the grouping of the paper; None for an identified inverse and beyond A1.
+    staged : Staged, optional
+        Beyond A1: what the law is made of, from the output back to the input.
     """
 
     model: Model
@@ -43,6 +47,7 @@ class Compensator:
     A: Any = None
     B: Any = None
     f: Any = None
+    staged: Staged | None = None
 
     @property
     def equation(self) -> sp.Eq:
@@ -55,26 +60,100 @@ class Compensator:
         return self.model.symbols
 
     @property
+    def updates(self) -> tuple[tuple[Any, Any], ...]:
+        """The law's equations in the order of the stages, in true time: x[k+1] is computed together with m[k]."""
+        return self.staged.updates if self.staged else ((m[k], self.law),)
+
+    @cached_property
     def recursion(self) -> Recursion:
-        """The law as an update equation; its inputs are r and any further channels."""
-        return Recursion(((m[k], self.law),), self.symbols)
+        """The law as update equations; its inputs are r and any further channels.
+
+        What is computed ahead of k is shifted: the recursion's x[k] is the x[k+1] of `updates`.
+        """
+        return in_order(self.updates, self.symbols)
+
+    def limited(self, limits: Sequence[float] | None = None, rate: float | None = None) -> Recursion:
+        """Return the law within the limits of the actuator, with the model beside it.
+
+        Where the actuator cannot follow, the law goes on from the model's own output instead of the reference's past.
+
+        Parameters
+        ----------
+        limits : (lowest, highest) input [unit of u]
+        rate : largest change of the input from sample to sample [unit of u]
+
+        Raises
+        ------
+        ModelError
+            For limits that are not increasing, and a rate that is not positive.
+        """
+        low, high = (float("-inf"), float("inf")) if limits is None else map(float, limits)
+        if not low < high or (rate is not None and not 0 < float(rate) < float("inf")):
+            raise ModelError("Limits are a lower and a higher number, and a rate is a positive number.")
+
+        def clipped(asked: Any) -> Any:
+            if rate is not None:
+                asked = sp.Max(m[k - 1] - sp.Float(rate), sp.Min(m[k - 1] + sp.Float(rate), asked))
+            return sp.Max(sp.sympify(low), sp.Min(sp.sympify(high), asked))
+
+        if self.model.input == y:
+            asked = wanted(m)[k]
+            return in_order([(asked, self.law), (m[k], clipped(asked))], self.symbols)
+        return in_order(self.beside(clipped), self.symbols)
+
+    def beside(self, clipped: Any = lambda asked: asked) -> Any:
+        """Return the law with the model beside it, in true time; see `narx_sym.stages.guarded`."""
+        return guarded(self.staged or stages_of(self.model), clipped)
 
     @property
     def preview(self) -> int:
         """How many samples of the reference ahead of k the law needs (tau_d, or tau_s - 1)."""
-        return self.recursion.lead
+        return max([0, *(-lag(s) for _, right in self.updates for s in samples(right, r))])
+
+    @property
+    def closed_form(self) -> bool:
+        """Whether no root finder is needed."""
+        return self.staged is None or all(s.closed_form for s in self.staged.stages)
+
+    @property
+    def branches(self) -> tuple[Branch, ...]:
+        """The cases of every stage that has several, from the output to the input: conditions and solutions."""
+        stages = self.staged.stages if self.staged else ()
+        return tuple(b for s in stages if len(s.branches) > 1 for b in s.branches)
+
+    @cached_property
+    def checked(self) -> str:
+        """What is known about the branches, in words: a proof, or what a check in numbers found; see `check`."""
+        return str(self.check())
+
+    def check(self, reference: Any = None, m0: Any = None, channels: Mapping[str, Any] | None = None) -> Any:
+        """Count the solutions of each stage along a run; see `narx_sym.tracking.check`."""
+        from .tracking import check
+
+        return check(self, reference, m0, channels)
 
     def expand(self) -> sp.Eq:
         """Return the law with numbers in the place of the parameters."""
         return sp.Eq(m[k], self.law.xreplace(self.model.values), evaluate=False)
 
+    def lines(self, numbers: bool = False) -> list[str]:
+        """Return each equation of the law as a text, in the order of the stages."""
+        values = self.model.values if numbers else {}
+        return [f"{printing.text(left)} = {printing.text(right.xreplace(values))}" for left, right in self.updates]
+
     def residual(self) -> Any:
-        """Put the law into the model and subtract the reference: 0 where the inversion is exact."""
+        """Put the law into the model and subtract the reference: 0 where the inversion is exact.
+
+        Beyond A1 each branch is put into the equation of its stage.
+        """
+        if self.staged:
+            return next((gap for s in self.staged.stages if (gap := s.residual()) != 0), sp.S.Zero)
         if self.A is None:  # an identified inverse is its own law: nothing was inverted
             return sp.simplify(self.law - swap(self.model.right, {u: m, y: r}, {y: self.model.lead}))
         delay = newest_input(self.model)
         followed = shift(swap(self.model.right, {u: m, y: r}), delay)
-        return sp.simplify(sp.expand(followed.xreplace({m[k]: self.law}) - r[k + delay]))
+        gap = sp.expand(followed.xreplace({m[k]: self.law}) - r[k + delay])
+        return sp.S.Zero if gap == 0 or vanishes(gap) else gap
 
     @cached_property
     def internal(self) -> InternalDynamics:
@@ -86,15 +165,46 @@ class Compensator:
 
         `eps` speaks of u and y: m has the unit of u, r that of y.
         """
+        if self.staged:
+            raise ModelError("A law with branches or further states is not smoothed: smooth the model first.")
         own = widths(eps, {m: "u", r: "y"}, self.model.info)
         f = None if self.f is None else smoothed(self.f, widths(eps, {u: "u", y: "y"}, self.model.info), form)
         return replace(self, model=self.model.smooth(eps, form), law=smoothed(self.law, own, form), f=f)
 
-    def run(self, reference: Any, m0: Any = None, channels: Mapping[str, Any] | None = None) -> Any:
-        """Compute m over a reference; see `narx_sym.simulation.run_law`."""
-        from .simulation import run_law
+    def run(
+        self,
+        reference: Any,
+        m0: Any = None,
+        channels: Mapping[str, Any] | None = None,
+        limits: Sequence[float] | None = None,
+        rate: float | None = None,
+        clip: bool = False,
+    ) -> Any:
+        """Compute m over a reference; see `narx_sym.tracking.run_law`."""
+        from .tracking import run_law
 
-        return run_law(self, reference, m0, channels)
+        return run_law(self, reference, m0, channels, limits, rate, clip)
+
+    def follow(
+        self,
+        reference: Any,
+        m0: Any = None,
+        channels: Mapping[str, Any] | None = None,
+        limits: Sequence[float] | None = None,
+        rate: float | None = None,
+    ) -> Any:
+        """Compute m and what the model then does, with what is held and missed; see `narx_sym.tracking.follow`."""
+        from .tracking import follow
+
+        return follow(self, reference, m0, channels, limits, rate)
+
+    def start(self, output: float, m0: float | None = None) -> dict[str, float]:
+        """Return the values before the start, at rest, by name: what the recursion and the C source begin with."""
+        from .simulation import rest_states
+
+        begin = self.rest_input(output) if m0 is None else float(m0)
+        rest = rest_states(self.model, begin, float(output))
+        return {"m": begin, "r": float(output), str(self.model.output.label): float(output)} | rest
 
     def rest_input(self, output: float) -> float:
         """Return the input to start from; see `narx_sym.simulation.rest_input`."""
@@ -102,20 +212,37 @@ class Compensator:
 
         return rest_input(self.model, float(output))
 
-    def to_c(self, name: str = "law", single: bool = False) -> str:
-        """Return the law as C99 source; see `narx_sym.export.to_c`."""
+    def to_c(
+        self,
+        name: str = "law",
+        single: bool = False,
+        limits: Sequence[float] | None = None,
+        rate: float | None = None,
+    ) -> str:
+        """Return the law as C99 source, within limits where they are given; see `narx_sym.export.to_c`.
+
+        Raises
+        ------
+        NotInvertible
+            Where the law has no closed form.
+        """
         from .export import to_c
 
-        usual = {own: self.model.usual[of] for own, of in (("m", "u"), ("r", "y")) if of in self.model.usual}
-        return to_c(
-            self.recursion, self.model.values, name, single, m, ranges={**self.model.usual, **usual}, Ts=self.model.Ts
-        )
+        recursion, usual = self._exported(limits, rate), self.model.usual
+        usual = {**usual, **{own: usual[of] for own, of in (("m", "u"), ("r", "y")) if of in usual}}
+        return to_c(recursion, self.model.values, name, single, m, ranges=usual, Ts=self.model.Ts)
 
-    def to_st(self, name: str = "law", single: bool = False) -> str:
-        """Return the law as an IEC 61131-3 function block; see `narx_sym.export.to_st`."""
+    def to_st(
+        self,
+        name: str = "law",
+        single: bool = False,
+        limits: Sequence[float] | None = None,
+        rate: float | None = None,
+    ) -> str:
+        """Return the law as an IEC 61131-3 function block; limits and errors as for `to_c`."""
         from .export import to_st
 
-        return to_st(self.recursion, self.model.values, name, single, m, Ts=self.model.Ts)
+        return to_st(self._exported(limits, rate), self.model.values, name, single, m, Ts=self.model.Ts)
 
     def to_casadi(self, name: str = "law") -> Any:
         """Return one step as a CasADi `Function` (state, inputs) -> (next, output).
@@ -125,7 +252,7 @@ class Compensator:
         """
         from .export import transition
 
-        return transition(self.recursion, self.model.values, name, m)
+        return transition(self._exported(), self.model.values, name, m)
 
     def rest_state(self, **rest: float) -> Any:
         """Return the state of `to_casadi` at rest: `law.rest_state(m=1.0, r=2.0)`."""
@@ -133,9 +260,19 @@ class Compensator:
 
         return rest_state(self.recursion, {}, rest)
 
+    def _exported(self, limits: Sequence[float] | None = None, rate: float | None = None) -> Recursion:
+        if not self.closed_form:
+            raise NotInvertible(f"This law cannot be exported: {self._open()}.")
+        return self.recursion if limits is None and rate is None else self.limited(limits, rate)
+
+    def _open(self) -> str:
+        return next(s.proof for s in self.staged.stages if not s.closed_form) if self.staged else ""
+
     def latex(self, numbers: bool = False) -> str:
         """LaTeX of the law, grouped as in the paper: one bracket over the coefficient of the newest input."""
         values = self.model.values if numbers else {}
+        if self.staged:
+            return printing.latex_law([(a, b.xreplace(values)) for a, b in self.updates])
         if self.A is None:
             parts = [(c.xreplace(values), t) for c, t in self._grouped(self.law)]
             return printing.latex_sum(m[k], parts)
@@ -183,64 +320,7 @@ class Compensator:
         return f"$\\displaystyle {self.latex()}$"
 
     def __repr__(self) -> str:
-        return f"Compensator(m[k] = {printing.text(self.expand().rhs)})"
-
-
-def _addends(model: Model) -> list[tuple[Any, Any]]:
-    """Return what the output adds up: each term, and the same with its coefficient in the user's units."""
-    if model.states:
-        return [(part, part) for part in sp.Add.make_args(sp.expand(model.right))]
-    return [(term, c * expand_phi(model.in_user_units(term))) for c, term in model.parts()]
-
-
-def _offending(model: Model) -> list[tuple[Any, Any]]:
-    latest = model.input[k - newest_input(model)]
-    return [
-        (term, written)
-        for term, written in _addends(model)
-        if (written.has(latest) and samples(derivative(written, latest))) or _hidden(written, latest)
-    ]
-
-
-def offending_terms(model: Model) -> list[Any]:
-    """Return the terms that contain u[k - tau_d] other than linearly with a constant coefficient (Assumption A1(i))."""
-    return [term for term, _ in _offending(model)]
-
-
-def _hidden(expr: Any, sample: Any) -> bool:
-    return any(f.has(sample) for f in expr.atoms(sp.Function, sp.Piecewise))
-
-
-def polynomials(model: Model) -> tuple[Any, Any, Any]:
-    """Group a model as A(q) y[k] = B(q) u[k] + f: the linear regressors, and all the rest in f."""
-    offset = sp.S.Zero if model.states else model.operating_point.get(model.output, sp.S.Zero)
-    A, B, f = sp.S.One, sp.S.Zero, offset
-    for _, written in _addends(model):
-        pieces = sp.Add.make_args(sp.expand(written))
-        if all(len(_samples_with_powers(p)) <= 1 for p in pieces):
-            for piece in pieces:
-                found = _samples_with_powers(piece)
-                if not found or found[0].base not in (model.input, model.output):
-                    f += piece
-                elif found[0].base == model.output:
-                    A -= piece / found[0] * q ** (-lag(found[0]))
-                else:
-                    B += piece / found[0] * q ** (-lag(found[0]))
-        else:
-            f += written
-    return A, B, f
-
-
-def _samples_with_powers(piece: Any) -> list[Any]:
-    """Return the samples of a product with repetition; a sample inside a function counts twice."""
-    found: list[Any] = []
-    for factor in sp.Mul.make_args(piece):
-        base, exponent = factor.as_base_exp()
-        if isinstance(base, sp.Indexed) and exponent == 1:
-            found.append(base)
-        else:
-            found += samples(factor) * 2
-    return found
+        return f"Compensator({'; '.join(self.lines(numbers=True))})"
 
 
 def compensator(model: Model) -> Compensator:
@@ -250,42 +330,29 @@ def compensator(model: Model) -> Compensator:
     written here for m[k], it needs the reference up to k + tau_d. Strategy 2 (Eq. Cci:InputCompensation): in an
     identified inverse y[k-j] becomes r[k-j+tau_s].
 
+    Beyond Assumption A1 (nonlinear in the newest input, effects that remember) the law is derived in stages.
+
     Raises
     ------
     NotInvertible
-        Naming the terms or the effects that violate Assumption A1(i), the effects that remember, or what else is
+        Naming the terms or the effects that violate Assumption A1(i) where there is no law beyond it, or what else is
         missing.
     """
     if model.input == y:
         law = swap(model.right, {u: m, y: r}, {y: model.lead})
         return Compensator(model, law)
-    if model.hidden:
-        raise NotInvertible(_memory(model))
     right = model.right
-    if not samples(right, model.input):
+    if not model.hidden and not samples(right, model.input):
         raise NotInvertible("The model has no input term: there is nothing to solve for (Assumption A1).")
     delay = newest_input(model)
     latest = model.input[k - delay]
-    found = _offending(model)
-    added = {str(s) for s in model.symbols} & {c for e in model.info.get("effects", []) for c in e["coefficients"]}
-    own = [one for one in found if added & {str(s) for s in one[1].free_symbols}]
-    if own:
-        names = effects_of(model, sp.Add(*(written for _, written in own)))
-        raise NotInvertible(
-            f"{printing.text(latest)} cannot be isolated: {names} uses it other than linearly, as in "
-            f"{printing.text(own[0][0])} (Assumption A1(i))."
-        )
-    bad = [term for term, _ in found]
-    if bad:
-        named = ", ".join(printing.text(t) for t in bad)
-        raise NotInvertible(
-            f"{printing.text(latest)} cannot be isolated: {named} {'violates' if len(bad) == 1 else 'violate'} "
-            "Assumption A1(i) (the only regressor involving u[k-tau_d] must be linear). "
-            "Identify with for_compensation=True (--for-compensation), which keeps such terms out of the pool."
-        )
+    if model.hidden or offending(model):
+        return _beyond(model)
     gain = derivative(right, latest)
     value = gain.xreplace(model.values)
     if value == 0 or (value.is_number and abs(float(value)) < 1e-300):
+        if model.states:  # an added effect takes the newest input away: a pure delay
+            return _beyond(model)
         raise NotInvertible(f"The coefficient of {printing.text(latest)} is zero: the input does not act (A1(i)).")
     rest = _drop(right, latest)
     law = sp.Add(*(p / gain for p in (r[k + delay], *(-x for x in sp.Add.make_args(_renamed(rest, delay))))))
@@ -293,30 +360,13 @@ def compensator(model: Model) -> Compensator:
     return Compensator(model, law, A, B, f)
 
 
-def _memory(model: Model) -> str:
-    """Say why a model with hidden states has no law: what remembers, and what drives it."""
-    arriving = list(_arrivals(model, model.F))
-    delay = min((i for i, _ in arriving), default=0)
-    passed = {base for i, through in arriving if i == delay for base in through}
-    holding = [s for s in model.recurrent if s.left.base in passed]
-    if holding:
-        shown = ", ".join(printing.text(s.left) for s in holding)
-        return (
-            f"{printing.text(model.input[k - delay])} cannot be isolated: {effects_of(model, states=holding)} "
-            f"remembers it ({shown}); there is no closed form yet."
-        )
-    return f"The law is not derived yet: {remembered(model)}, and the law would need it."
-
-
-def _arrivals(model: Model, expr: Any, through: frozenset[Any] = frozenset()) -> Iterator[tuple[int, frozenset[Any]]]:
-    """Yield the lags at which the input reaches an expression, each with the states that it passes."""
-    states = {s.left.base: s.right for s in model.states}
-    for s in samples(expand_phi(expr)):
-        if s.base == model.input:
-            yield lag(s), through
-        elif s.base in states and s.base not in through:
-            for i, passed in _arrivals(model, states[s.base], through | {s.base}):
-                yield lag(s) + i, passed
+def _beyond(model: Model) -> Compensator:
+    """Derive a law in stages."""
+    try:
+        staged = stages_of(model)
+    except NotInvertible as error:
+        raise NotInvertible(why_not(model, str(error))) from None
+    return Compensator(model, dict(staged.updates)[m[k]], staged=staged)
 
 
 def _drop(right: Any, latest: Any) -> Any:

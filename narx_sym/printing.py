@@ -8,7 +8,7 @@ import sympy as sp
 from sympy.printing.latex import LatexPrinter
 from sympy.printing.str import StrPrinter
 
-from .signals import lag
+from .signals import k, lag
 
 DIGITS = 6
 
@@ -45,6 +45,47 @@ class _Latex(LatexPrinter):
     def _print_sign(self, expr: Any, exp: Any = None) -> str:
         shown = rf"\operatorname{{sign}}\left({self._print(expr.args[0])}\right)"
         return rf"{shown}^{{{exp}}}" if exp else shown
+
+
+class _Law(_Latex):
+    """Newest samples first, differences without a leading minus, cases as in a textbook."""
+
+    def _print_Add(self, expr: Any, order: Any = None) -> str:
+        if not expr.has(sp.Indexed) and k in expr.free_symbols:
+            return str(super()._print_Add(expr, order))  # an index
+
+        def rank(term: Any) -> tuple[bool, int, str]:
+            lags = [lag(s) for s in term.atoms(sp.Indexed)]
+            return (
+                term.could_extract_minus_sign(),
+                -1 if term in term.atoms(sp.Indexed) else min(lags, default=-2),
+                "",
+            )
+
+        shown = ""
+        for term in sorted(expr.args, key=rank):
+            minus = term.could_extract_minus_sign()
+            printed = self._print(-term if minus else term)
+            shown += f"{' - ' if minus else ' + ' if shown else ''}{printed}"
+        return shown.strip()
+
+    def _print_Piecewise(self, expr: Any) -> str:
+        rows = [
+            rf"{self._print(value)}, & \text{{{'otherwise' if condition == sp.true else 'if '}}}"
+            + ("" if condition == sp.true else self._print(condition))
+            for value, condition in expr.args
+        ]
+        return r"\begin{cases} " + r" \\ ".join(rows) + r" \end{cases}"
+
+    def _print_Root(self, expr: Any) -> str:
+        gap, w, last, *_ = map(self._print, expr.args)
+        return rf"{w} \text{{ nearest to }} {last} \text{{ with }} {gap} = 0"
+
+
+def latex_law(equations: list[tuple[Any, Any]]) -> str:
+    """Return the equations of a law, one below the other, as one `aligned` block."""
+    shown = " \\\\\n".join(f"{latex(lhs)} &= {_Law(_LATEX_SETTINGS).doprint(rhs)}" for lhs, rhs in equations)
+    return f"\\begin{{aligned}}\n{shown}\n\\end{{aligned}}"
 
 
 _LATEX_SETTINGS: dict[str, Any] = {"mul_symbol": None, "fold_short_frac": False}
@@ -116,6 +157,13 @@ class _Text(StrPrinter):
 
     def _print_Abs(self, expr: Any) -> str:
         return f"abs({self._print(expr.args[0])})"
+
+    def _print_Dummy(self, expr: Any) -> str:
+        return str(expr.name)
+
+    def _print_Root(self, expr: Any) -> str:
+        gap, w, last, *_ = map(self._print, expr.args)
+        return f"({w} nearest to {last} with {gap} = 0)"
 
 
 def text(expr: Any) -> str:

@@ -1,4 +1,4 @@
-"""Free run, one-step prediction and the two errors; laws run over a reference."""
+"""Free run, one-step prediction and the two errors; what is known about a run of a law."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ from .invert import Compensator
 from .metrics import mape, nrmse
 from .model import Model
 from .printing import text
+from .recursion import Recursion
 from .sensitivity import derivative
-from .signals import k, lag, samples, t, u, x, y
+from .signals import expand_phi, k, lag, samples, signal, t, u, x, y
 
 Array = np.ndarray
 Records = Record | Sequence[Record]
+SETTLED = 400  # steps in which what effects remember comes to rest
 HUGE = 1e12  # a free run this many ranges away counts as diverged
 
 
@@ -123,7 +125,7 @@ def simulate(
     Diverged
         Where the run leaves the finite numbers: the first bad sample and what to check.
     """
-    theta = fitted(model)
+    fitted(model)
     source = vector(u, "input of a simulation")
     if u0 is not None:
         depth = max(1, model.recursion.depth)
@@ -131,20 +133,39 @@ def simulate(
         if t in model.recursion.inputs:
             held.setdefault("t", np.arange(source.size) * (model.Ts or 1.0))
         before = {n: np.concatenate([np.full(depth, values[0]), values]) for n, values in held.items()}
-        y0 = rest_output(model, float(u0)) if y0 is None else y0
-        return simulate(model, np.concatenate([np.full(depth, float(u0)), source]), y0, before, engine)[depth:]
+        y0 = np.asarray(rest_output(model, float(u0)) if y0 is None else y0, dtype=float)
+        if not np.all(np.isfinite(y0)):
+            raise ModelError("The initial output y0 is not finite.")
+        known = {n: float(values[0]) for n, values in held.items()}
+        rest = rest_states(model, float(u0), float(y0.ravel()[-1]), known)
+        return _run(model, np.concatenate([np.full(depth, float(u0)), source]), y0, before, engine, rest)[depth:]
     y0 = rest_output(model, source[0]) if y0 is None else np.asarray(y0, dtype=float)
     if not np.all(np.isfinite(y0)):
         raise ModelError("The initial output y0 is not finite.")
+    return _run(model, source, y0, channels or {}, engine)
+
+
+def _run(
+    model: Model,
+    source: Array,
+    y0: Any,
+    channels: Mapping[str, Any],
+    engine: str,
+    rest: Mapping[str, float] | None = None,
+) -> Array:
+    """Run a model from its first outputs; what it remembers starts from `rest`, or from its initial values."""
+    theta = fitted(model)
     compiled = compile(model.recursion, engine)
-    given = {str(model.input.label): source, **{str(getattr(n, "label", n)): x for n, x in (channels or {}).items()}}
+    given = {str(model.input.label): source, **{str(getattr(n, "label", n)): x for n, x in channels.items()}}
     depth = compiled.recursion.depth
     if source.size <= depth:
         return np.resize(np.asarray(y0, dtype=float), source.size)
     if t in compiled.recursion.inputs and "t" not in given:
         given["t"] = np.arange(source.size) * (model.Ts or 1.0)
     initial: dict[str, Any] = {str(model.output.label): y0}
-    if model.states:
+    if rest is not None:
+        initial |= rest
+    elif model.states:
         before = {**given, str(model.output.label): np.resize(np.asarray(y0, dtype=float), max(1, depth))}
         initial = initial_values(model, before, max(1, depth)) | initial
     runs = {str(base.label): np.empty(source.size) for base in compiled.recursion.states}
@@ -152,6 +173,39 @@ def simulate(
         return compiled(given, theta, initial, out=runs, output=model.output)[str(model.output.label)]
     except Diverged as error:
         raise Diverged(f"{error}{_what_grew(model, given | runs, error.at)}", error.at, error.trajectory) from None
+
+
+def rest_states(
+    model: Model, start: float, output: float, known: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    """Return the values of a model's states at rest with a given input and output.
+
+    What effects remember has its initial value there; the core's output `x` is what they leave of the output.
+
+    Parameters
+    ----------
+    start, output : numbers [units of u and y]
+    known : mapping of names to numbers
+        Further channels, and `t`.
+    """
+    if not model.states:
+        return {}
+    u0, y0 = (float(model.operating_point.get(b, 0.0)) for b in (model.input, model.output))
+    past = {s.left.base: s.left.base[k - 1] for s in model.states}
+    held = {u: sp.Float(start - u0), y: past.get(x, sp.Float(output - y0))}
+    held |= {signal(name): sp.Float(value) for name, value in (known or {}).items() if name not in ("r", "m")}
+    updates = []
+    for state in model.states:
+        right = state.initial if state in model.recurrent or state.remembers else state.right
+        right = expand_phi(sp.Float(output - y0) - model.beside if state.left.base == x else right)
+        updates.append(
+            (state.left, right.xreplace({s: {**held, **past}.get(s.base, sp.S.Zero) for s in samples(right)}))
+        )
+    begin = {str(b.label): {"x": output - y0, "v": start - u0}.get(str(b.label), 0.0) for b in past}
+    run = compile(Recursion(tuple(updates), model.symbols), "python")(
+        {}, fitted(model), begin, length=SETTLED, start=1, on_divergence="nan"
+    )
+    return {name: float(c[-1]) if np.isfinite(c[-1]) else begin[name] for name, c in run.items()}
 
 
 def _what_grew(model: Model, runs: Mapping[str, Any], at: int) -> str:
@@ -268,66 +322,6 @@ def evaluate(model: Model, records: Records) -> Errors:
 # -- laws ------------------------------------------------------------------------------------------------------
 
 
-def run_law(law: Compensator, reference: Any, m0: Any = None, channels: Mapping[str, Any] | None = None) -> Array:
-    """Compute the compensated input over a reference.
-
-    Parameters
-    ----------
-    reference : (N,) array [unit of y]
-        The law looks `law.preview` samples ahead; after its end the reference is held.
-    m0 : number, optional
-        The input before the start, at rest [unit of u]. By default the line through the fitted data at r[0].
-    channels : mapping of names to (N,) arrays
-        Further measured sequences that the law uses. `t`, time in seconds, starts from 0 unless it is given.
-
-    Returns
-    -------
-    m : (N,) array [unit of u]
-
-    Raises
-    ------
-    Diverged
-        Where the law runs away: the first bad sample.
-
-    Warns
-    -----
-    UserWarning
-        Where the reference or the input leaves the identified ranges, and where the law's own dynamics repel for so
-        long that a disturbance at least doubles: share of the samples, first time, growth, and whether it shrinks
-        again. `law.internal.along(m, r)` holds the figures of every run.
-    """
-    theta = fitted(law.model)
-    r = vector(reference, "reference", least=2)
-    if m0 is None:
-        m0 = rest_input(law.model, float(r[0]))
-    compiled = compile(law.recursion)
-    depth = compiled.recursion.depth
-    m0 = float(m0)
-    if not np.isfinite(m0):
-        raise ModelError("The input before the start, m0, is not finite.")
-    given = {"r": r, **{name: vector(x, f"channel {name}") for name, x in (channels or {}).items()}}
-    ahead = 0
-    if t in compiled.recursion.inputs and "t" not in given:
-        given["t"], ahead = np.arange(r.size) * (law.model.Ts or 1.0), compiled.recursion.lead
-    # Before the start everything rests at its first value; after the end at its last, while time goes on.
-    padded = {name: np.concatenate([np.full(depth, x[0]), x, np.full(ahead, x[-1])]) for name, x in given.items()}
-    if ahead:
-        padded["t"][depth + r.size :] += np.arange(1, ahead + 1) * (law.model.Ts or 1.0)
-    try:
-        m = compiled(padded, theta, {"m": m0}, start=depth)["m"][depth : depth + r.size]
-    except Diverged as error:
-        outside = _reference_outside(law, r)
-        said = f" Here {outside}." if outside else ""
-        path = np.asarray(error.trajectory)[depth : max(depth, error.at - 1)]
-        visit = _excursion(law, path, r[: path.size], m0) if path.size > 1 else None
-        if visit is not None and visit.first is not None:
-            said += f" Before that, {visit.sentence(law.model.Ts)}."
-        raise Diverged(f"{error}{said}", error.at, error.trajectory) from None
-    for warning in law_warnings(law, r, m, m0):
-        warnings.warn(warning, stacklevel=3)
-    return m
-
-
 def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None) -> list[str]:
     """Say where a run of a law leaves what was identified, and whether it amplifies its own errors.
 
@@ -338,7 +332,7 @@ def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None) 
     """
     found = []
     ranges = law.model.info.get("ranges", {})
-    if outside := _reference_outside(law, r):
+    if outside := reference_outside(law, r):
         found.append(f"{outside}: this extrapolates")
     visit = _excursion(law, m, r, m0)
     unstable = visit.sentence(law.model.Ts) if visit is not None and visit.first is not None else ""
@@ -353,6 +347,17 @@ def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None) 
     return [*found, unstable] if visit is not None and visit.noteworthy else found
 
 
+def run_away(law: Compensator, r: Array, path: Array, m0: float | None = None) -> list[str]:
+    """Say what may have made a law diverge: a reference outside what was identified, its own dynamics on the way."""
+    outside = reference_outside(law, r)
+    visit = _excursion(law, path, r[: path.size], m0) if path.size > 1 else None
+    repels = visit is not None and visit.first is not None
+    return [
+        *([f"Here {outside}."] if outside else []),
+        *([f"Before that, {visit.sentence(law.model.Ts)}."] if visit is not None and repels else []),
+    ]
+
+
 def _excursion(law: Compensator, m: Array, r: Array, m0: float | None = None) -> Excursion | None:
     """Follow the law's internal eigenvalue; None where it depends on further channels."""
     try:
@@ -361,7 +366,8 @@ def _excursion(law: Compensator, m: Array, r: Array, m0: float | None = None) ->
         return None
 
 
-def _reference_outside(law: Compensator, r: Array) -> str:
+def reference_outside(law: Compensator, r: Array) -> str:
+    """Say by how much a reference leaves the identified outputs, or nothing."""
     low, high = law.model.info.get("ranges", {}).get("y", (-np.inf, np.inf))
     excess = _excess(r, low, high) if np.isfinite(low) else 0.0
     if excess <= 0.01:

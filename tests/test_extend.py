@@ -18,7 +18,7 @@ from narx_sym.errors import Diverged, ModelError, NotInvertible
 from narx_sym.extend import equations, extend, find, variants, without
 from narx_sym.freerun import FreeRun
 from narx_sym.recursion import State
-from narx_sym.signals import k, signal, t, u, v, x, y
+from narx_sym.signals import k, m, signal, t, u, v, x, y
 from narx_sym.simulation import initial_values
 
 gcc = shutil.which("gcc")
@@ -466,7 +466,7 @@ def test_everything_derived_can_be_read(name):
             assert variant.id in REMEMBERING
             for heading in ("Steady state", "Property 1", "Quasi-static solutions", "Assumptions"):
                 assert "not derived for this model" in told[heading] and variant.id in told[heading]
-            assert ("remembers" in told["Compensation law"]) and variant.id in told["Compensation law"]
+            assert "m[k] = " in told["Compensation law"]
         elif variant.driver == "t" and variant.id != "offset":
             assert "changes with time" in told["Steady state"] and variant.id in told["Quasi-static solutions"]
         else:
@@ -531,7 +531,7 @@ def test_a_law_of_an_extended_model_makes_it_follow(wanted, where, late):
 
 
 @pytest.mark.parametrize("name", ("linear", "continuum"))
-def test_what_has_no_law_says_which_effect(name):
+def test_without_values_what_is_not_linear_has_no_law_and_says_which_effect(name):
     base = BASES[name]
     for wanted, where, driver, said in (
         ("dead_zone", "input", "u", r"u\[k-1\] cannot be isolated: the effect dead_zone uses it other than linearly"),
@@ -539,19 +539,20 @@ def test_what_has_no_law_says_which_effect(name):
         ("coulomb_friction", "output", "u", r"u\[k\] cannot be isolated: the effect coulomb_friction"),
         ("backlash", "input", "u", r"the effect backlash remembers it \(p\[k\]\)"),
         ("backlash", "output", "y", "the effect backlash remembers it"),
-        ("hysteresis", "inside", "y", r"not derived yet: the effect hysteresis remembers .* the law would need it"),
     ):
         with pytest.raises(NotInvertible, match=said):
             extend(base, first(base, wanted, where, driver)).model.compensator()
 
 
-def test_an_effect_on_the_inner_output_has_no_law():
+def test_an_effect_on_the_inner_output_needs_values():
     own = Catalogue()
     own.add(effect("output", driver="y", id="own", register=False)(lambda x: x[k] ** 2))
     base = BASES["linear"]
     model = extend(base, next(variants(base, catalogue=own))).model
     with pytest.raises(NotInvertible, match=r"the effect own acts on the inner output x\[k\]"):
         model.compensator()
+    law = valued(extend(base, next(variants(base, catalogue=own))), base, 0.1).compensator()
+    assert law.residual() == 0 and [s.how for s in law.staged.stages] == ["quadratic", "linear"]
 
 
 def test_what_remembers_through_others_is_found():
@@ -567,8 +568,9 @@ def test_what_remembers_through_others_is_found():
     base = BASES["linear"]
     model = extend(base, next(variants(base, catalogue=own))).model
     assert [s.left for s in model.recurrent] == [q[k], h[k]] and {s.left for s in model.hidden} == {h[k]}
-    with pytest.raises(NotInvertible, match="the effect own remembers it"):
-        model.compensator()
+    law = model.compensator()  # linear: no values are needed
+    assert law.residual() == 0
+    assert [left for left, _ in law.updates] == [v[k], m[k], q[k], h[k]]
 
 
 def test_time_rests_before_the_start():

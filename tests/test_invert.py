@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from narx_sym.compile import compile
 from narx_sym.errors import Diverged, ModelError, NotInvertible
-from narx_sym.invert import compensator, offending_terms, polynomials, q
+from narx_sym.grouping import offending_terms, polynomials, q
+from narx_sym.invert import compensator
 from narx_sym.model import NARX, Model
 from narx_sym.signals import expand_phi, k, lag, m, phi1, phi2, r, samples, shift, u, y
 

@@ -12,7 +12,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from narx_sym.errors import ModelError, NotInvertible, ParseError
-from narx_sym.model import NARX, pool
+from narx_sym.model import NARX, Model, pool
 from narx_sym.parsing import FUNCTIONS, MAX_POWER, parse
 from narx_sym.printing import latex, mathml, text
 from narx_sym.signals import breve_phi1, breve_phi2, k, phi1, phi2, signal, u, y
@@ -260,6 +260,12 @@ def formulas():
         yield f"{name} law", law.latex()
         yield f"{name} law in numbers", law.latex(numbers=True)
         yield f"{name} law expanded", latex(law.equation)
+    a, b = sp.symbols("a b", real=True)
+    branched = Model(y[k - 1] + a * phi1[k] + b * sp.Abs(phi1[k]) * (2 * u[k - 1] - y[k - 1]), (a, b), [0.7, 0.1])
+    bent = NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**3"], [0.5, 1, 0.1])
+    for name, m in (("branched", branched), ("bent", bent)):
+        yield f"{name} law", m.compensator().latex()
+        yield f"{name} law in numbers", m.compensator().latex(numbers=True)
     yield "constraint", latex(sp.Eq(model.sigma_y, 1, evaluate=False))
     yield "terms", latex(list(pool(degree=2, functions=("abs", "sin", "tanh"), constant=True)))
     yield "functions", latex([parse(f"{f}(u[k-1])") for f in FUNCTIONS if f not in ("Max", "Min")])

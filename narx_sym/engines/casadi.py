@@ -13,6 +13,7 @@ import sympy as sp
 from ..errors import ModelError
 from ..recursion import Recursion
 from ..signals import k
+from ..solution import Root
 from .plan import Plan
 
 TABLE: dict[Any, Callable[..., Any]] = {
@@ -47,7 +48,7 @@ def convert(expr: Any, known: dict[Any, Any]) -> Any:
         return ca.SX(float(expr))
     if expr in (sp.true, sp.false):
         return ca.SX(int(expr == sp.true))
-    arguments = [] if isinstance(expr, sp.Piecewise) else [convert(a, known) for a in expr.args]
+    arguments = [] if isinstance(expr, (sp.Piecewise, Root)) else [convert(a, known) for a in expr.args]
     if type(expr) in FOLDS:
         total = arguments[0]
         for argument in arguments[1:]:

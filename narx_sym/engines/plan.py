@@ -11,6 +11,7 @@ import sympy as sp
 
 from ..recursion import Recursion
 from ..signals import k, lag, samples
+from ..solution import Root
 
 MAX_HORNER = 4
 TIME = sp.Dummy("time_index", real=True)
@@ -78,6 +79,8 @@ class Plan:
     def shared(self) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[tuple[sp.Expr, ...]]]:
         """The coefficients with their common subexpressions taken out."""
         flat = [c for row in self.collected for c in row]
+        if any(c.has(Root) for c in flat):  # the unknown of a root has no value outside it
+            return [], list(self.collected)
         common, reduced = sp.cse(flat, symbols=sp.numbered_symbols("shared_", cls=sp.Dummy), order="none")
         rows, at = [], 0
         for row in self.collected:

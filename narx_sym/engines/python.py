@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from ..solution import Root
 from .plan import Plan
-from .writer import Writer, indented
+from .writer import CALL, Writer, indented
 
 FUNCTIONS = {
     sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.tanh: "tanh", sp.sinh: "sinh", sp.cosh: "cosh", sp.exp: "exp",
     sp.log: "log", sp.atan: "atan", sp.asin: "asin", sp.acos: "acos", sp.Abs: "abs", sp.sqrt: "sqrt",
 }  # fmt: skip
+
+WIDENED = 100  # steps of a root finder, each twice as wide
 
 
 class _Python(Writer):
@@ -51,6 +54,15 @@ class _Python(Writer):
     def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
         return [f"if {condition}:", *then, "else:", *otherwise]
 
+    def walk(self, e: Any) -> tuple[str, int]:
+        if not isinstance(e, Root):
+            return super().walk(e)
+        gap, unknown, *given = e.args
+        name = self.fresh()
+        self.names[unknown] = f"{name}_w"
+        self.lines += [f"def {name}({name}_w):", *self.block(lambda: self.lines.append(f"return {self(gap)}"))]
+        return self.call("root", name, *map(self, given)), CALL
+
 
 def source(plan: Plan) -> str:
     """Return the text of the loop; its names are generated, none comes from a model file."""
@@ -84,10 +96,49 @@ def _keeping_nan(choose: Callable[..., float]) -> Callable[..., float]:
     return lambda *values: math.nan if any(x != x for x in values) else choose(values)
 
 
+def root(gap: Callable[[float], float], last: float, low: float, high: float) -> float:
+    """Return the root nearest to the last value by widening steps and Brent's method; else where the gap is least.
+
+    Source: Brent 1973, by SciPy.
+    """
+    from scipy.optimize import brentq
+
+    def value(x: float) -> float:
+        try:
+            return gap(x)
+        except OverflowError:
+            return math.nan
+
+    start = min(max(last, low), high)
+    here = value(start)
+    if not here or here != here:
+        return start if not here else math.nan
+    ends, step, best = (
+        {-1: (start, here), 1: (start, here)},
+        max(abs(here), 1e-9 * abs(start), 1e-12),
+        (abs(here), start),
+    )
+    for _ in range(WIDENED):
+        for side, (before, known) in list(ends.items()):
+            at = min(max(start + side * step, low), high)
+            while (there := value(at)) != there and abs(at - before) > 1e-9 * abs(at):
+                at = (before + at) / 2  # beyond where the function has values
+            if at == before or there != there:
+                del ends[side]
+            elif (there > 0) != (known > 0) or not there:
+                near = max(4.5e-16 * max(abs(before), abs(at)), 1e-300)
+                return float(brentq(gap, before, at, xtol=near, rtol=8.9e-16, maxiter=300, disp=False))
+            else:
+                ends[side], best = (at, there), min(best, (abs(there), at))
+        step *= 2
+    return best[1]
+
+
 def build(plan: Plan) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) for a plan."""
     names: dict[str, Any] = {n: getattr(math, n) for n in dir(math) if not n.startswith("_")}
     names["sign"] = lambda x: (x > 0) - (x < 0) if x == x else x  # a NaN is kept, not hidden
+    names["root"] = root
     names["max"], names["min"] = (_keeping_nan(choose) for choose in (max, min))
     exec(compile(source(plan), "<recursion>", "exec"), names)
     loop = names["run"]
