@@ -140,7 +140,11 @@ def excursion(internal: InternalDynamics, m: Any, r: Any, m0: float | None = Non
         raise ModelError("m and r must have the same length, at least two samples.")
     past = np.concatenate([[past[0] if m0 is None else m0], past])  # past[k] is m[k-1]
     polynomial = _numbers(internal)
-    moving = {d: _along(turn, past, goal) for d, turn in internal.turns.items() if polynomial.has(d)}
+    moving = {
+        d: _along(turn.xreplace(internal.law.model.values), past, goal)
+        for d, turn in internal.turns.items()
+        if polynomial.has(d)
+    }
     found = _roots(polynomial, past[:-1], goal, moving)
     for name, way in moving.items():
         if internal.turns[name].has(sp.sign):
