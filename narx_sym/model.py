@@ -201,7 +201,7 @@ class Model:
 
     @property
     def starts(self) -> dict[Any, Any]:
-        """What each further state is at rest, in samples of the inputs and outputs in the user's units."""
+        """What each further state starts from, in samples of the inputs and outputs in the user's units."""
         return {s.left.base: self.in_user_units(s.initial) for s in self.states}
 
     @property

@@ -71,7 +71,11 @@ class Subject:
         waves, start = self.waves(n), self.at_rest(str(self.output.label))
         if isinstance(self.thing, ns.Model):
             own = str(self.thing.input.label)
-            return self.thing.simulate(waves.pop(own), start, waves or None, u0=self.at_rest(own))
+            depth = max(1, self.recursion.depth)
+            # What effects remember has its initial value, as in the source.
+            held = {a: np.concatenate([np.full(depth, x[0]), x]) for a, x in waves.items()}
+            held[own][:depth] = self.at_rest(own)
+            return self.thing.simulate(held.pop(own), start, held or None)[depth:]
         if isinstance(self.thing, ns.Compensator):
             return self.thing.run(waves.pop("r"), start, waves or None)
         depth, lead = self.recursion.depth, self.recursion.lead
