@@ -359,7 +359,7 @@ def effects(effects: EffectFiles = None) -> None:
         for one in forms:
             say(f"    {f'{one.form}: ' if one.form else ''}{one.written}", markup=False)
             say(f"        {one.acts}{f'; {one.source}' if one.source else ''}", markup=False)
-    say("\nKnown, but without a detector yet: " + ", ".join(DETECTED) + ".")
+    say("\nSeen in the record itself, without a model: " + ", ".join(DETECTED) + ".")
 
 
 # -- compare ---------------------------------------------------------------------------------------------------

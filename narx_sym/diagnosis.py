@@ -35,6 +35,7 @@ from .misfit import Misfit, misfit_of
 from .model import NARX, Model
 from .parallel import one_blas_thread
 from .refit import Fitted, Split, prune, settle
+from .sensor import Fault, sensor_faults
 from .simulation import Records
 
 Array = np.ndarray
@@ -307,6 +308,7 @@ class Diagnosis:
     misfit: Misfit
     seconds: float
     seed: int
+    faults: list[Fault] = field(default_factory=list)
 
     @property
     def verdict(self) -> str:
@@ -362,8 +364,8 @@ class Diagnosis:
         return found
 
     def sentence(self, units: Mapping[str, str] | None = None) -> str:
-        """Return the verdict in plain words."""
-        return self.steps[0].sentence(units or {})
+        """Return the verdict in plain words, and what the sensor does."""
+        return " ".join([self.steps[0].sentence(units or {}), *(fault.sentence for fault in self.faults)])
 
     def table(self) -> list[dict[str, Any]]:
         """One row per candidate of the first step."""
@@ -385,6 +387,8 @@ class Diagnosis:
             for row in self.misfit.table()
         ]
         first |= {"schema": 1, "seed": self.seed, "seconds": round(self.seconds, 3), "ladder": self.ladder}
+        first["sensor"] = [{"effect": f.effect, "size": f.size, "share": f.share} for f in self.faults]
+        first["sentence"] = self.sentence()
         if len(self.steps) > 1:
             rest = [s.to_dict(None) for s in self.steps[1:]]
             first["steps"] = [{n: v for n, v in first.items() if n not in ("schema", "seconds", "seed")}, *rest]
@@ -462,7 +466,8 @@ def diagnose(
             base = steps[-1].chosen or base
             if len(base.model.info["effects"]) - given >= max_effects:
                 break
-    return Diagnosis(steps, failed, time.perf_counter() - begin, seed)
+    faults = sensor_faults(listed, min(s.floor for s in steps))
+    return Diagnosis(steps, failed, time.perf_counter() - begin, seed, faults)
 
 
 def _misfit(fitted: Fitted, floor: float | None) -> Misfit:

@@ -93,6 +93,7 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
     held = step.base.split.held
     floor2 = float(np.mean((case.y - case.clean)[held[0]] ** 2))
     before2 = step.base.mean_square(held)
+    kept = {one["effect"] for one in found.model.info.get("effects", [])}
     last = next((s.chosen for s in reversed(found.steps) if s.chosen), step.base)
     row: Row = {
         "name": case.name, "noise": case.noise, "excitation": case.excitation,
@@ -105,9 +106,9 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
         "steps": [
             [
                 s.verdict, s.candidates[0].effect if s.candidates else None,
-                s.chosen is not None and not any(s.candidates[0].effect in o.withdrawn for o in found.steps[i:]),
+                s.chosen is not None and s.candidates[0].effect in kept,
             ]
-            for i, s in enumerate(found.steps)
+            for s in found.steps
         ],
         "floor": floor2**0.5, "estimated_floor": step.floor, "before": before2**0.5,
         "after": float(np.sqrt((step.chosen or step.base).mean_square(held))),
