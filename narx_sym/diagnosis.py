@@ -213,7 +213,7 @@ def step(
     made.candidates = candidates
     # The sealed samples are opened here, once: what is real helps at the end of the record too.
     worse = strongest.fitted.mean_square(split.test) > base.mean_square(split.test)
-    if strongest.interval[0] <= 0 or (no_accident is None and worse):
+    if no_accident is None and (worse or strongest.interval[0] <= 0):
         made.candidates, made.verdict = [], unexplained
         return made
     made.confusion_set = confused
