@@ -101,7 +101,8 @@ def document(model: Model) -> str:
         parts.append(("Compensation law", [law.latex()]))
         if law.A is not None:
             parts.append((r"Grouping $A(q)\,y_k = B(q)\,u_k + f(\cdot)$", law.latex_grouping()))
-        parts.append(("The law's own dynamics: attracting condition", [latex(law.internal.condition)]))
+        if not law.staged:
+            parts.append(("The law's own dynamics: attracting condition", [latex(law.internal.condition)]))
     except NotInvertible as error:
         parts.append(("Compensation law", [_boxed(str(error))]))
     body = "\n\n".join(
