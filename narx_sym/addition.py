@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from .candidates import REFITTED, Candidate, score
 from .effects import EFFECTS, Catalogue
 from .errors import FitError, ModelError
@@ -15,10 +13,8 @@ from .extend import find
 from .identification import prepare
 from .model import Model
 from .parallel import one_blas_thread
-from .refit import Fitted, Split, add, settle
+from .refit import Fitted, Split, settle
 from .simulation import Records
-
-Array = np.ndarray
 
 
 class Addition:
@@ -59,13 +55,10 @@ class Addition:
         base = settle(self.model.copy(), split)
         scored = score(base, [self.channel] if self.channel else [], only, seed)
         kept = [i for i, d in enumerate(scored.directions) if self.where in (None, d.variant.where)]
-        own, e = scored.line.own[scored.rows], scored.residual
         found = []
         for i in sorted(kept, key=lambda i: -scored.scores.share[i])[:REFITTED]:
-            direction = scored.directions[i]
-            report(f"fitting {direction.variant}")
-            D = scored.matrix[scored.rows, direction.columns]
-            made = add(base, direction.variant, direction.shape, D, e, own, scored.ranges(direction.variant))
+            report(f"fitting {scored.directions[i].variant}")
+            made = scored.extended(i)
             if made is not None:
                 found.append(made)
         if not found:

@@ -60,15 +60,9 @@ def predictable(
     Ridge regression on random features and on the directions of the catalogue (those of time alone left out: they
     follow a wandering noise), fitted on the training samples; the penalty is chosen among blocks of these.
     """
-    timed = [d.columns for d in directions if d.variant.driver == "t"]
-    keep = np.ones(matrix.shape[1], dtype=bool)
-    for columns in timed:
-        keep[columns] = False
-    X, e, depth = (
-        np.column_stack([matrix[:, keep], features(line, channels), line.tone()]),
-        line.residual,
-        line.problem.depth,
-    )
+    keep = [matrix[:, d.columns] for d in directions if d.variant.driver != "t"]
+    X = np.column_stack([*keep, features(line, channels), line.tone()])
+    e, depth = line.residual, line.problem.depth
     train, held = (np.flatnonzero(np.concatenate([m[depth:] for m in masks])) for masks in (split.train, split.held))
     train, held = (rows[:: max(1, rows.size // MOST)] for rows in (train, held))
     own = line.own[train]

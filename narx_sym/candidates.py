@@ -20,7 +20,7 @@ from .extend import Variant, equations
 from .freerun import FreeRun
 from .metrics import correlation_length
 from .model import Model
-from .refit import Fitted, Split, add
+from .refit import Fitted, add
 
 Array = np.ndarray
 REFITTED, FORMS = 6, 3  # effects that are fitted, and ways of each
@@ -115,15 +115,22 @@ class Candidate:
 class Scored:
     """Step 3 to 5: directions and scores of everything in the catalogue."""
 
+    fitted: Fitted
     line: Linearised
-    split: Split
     channels: tuple[str, ...]
     directions: list[Direction]
     matrix: Array
     scores: gate.Scores
     rows: Array
 
-    def ranges(self, variant: Variant) -> dict[str, tuple[float, float]]:
+    def extended(self, i: int) -> Fitted | None:
+        """Fit the model with what direction `i` stands for; None where no stable fit is found."""
+        direction = self.directions[i]
+        columns, own = self.matrix[self.rows, direction.columns], self.line.own[self.rows]
+        limits = self._ranges(direction.variant)
+        return add(self.fitted, direction.variant, direction.shape, columns, self.residual, own, limits)
+
+    def _ranges(self, variant: Variant) -> dict[str, tuple[float, float]]:
         """Return how far each shape parameter may leave its grid."""
         found = {}
         for name in variant.shape:
@@ -135,7 +142,7 @@ class Scored:
     @cached_property
     def structure(self) -> float:
         """Share of the held-out squared error that follows from the signals, as far as a black box can tell."""
-        return predictable(self.line, self.split, self.directions, self.matrix, self.channels)
+        return predictable(self.line, self.fitted.split, self.directions, self.matrix, self.channels)
 
     @property
     def missing(self) -> float:
@@ -159,10 +166,10 @@ def score(fitted: Fitted, channels: Iterable[str], catalogue: Catalogue, seed: i
         line.residual, line.own, matrix, [d.columns for d in directions], [d.searched for d in directions],
         whole.edges, rows, seed, [d.columns for d in directions if d.line], fitted.split.noise,
     )  # fmt: skip
-    return Scored(line, fitted.split, tuple(channels), directions, matrix, scores, rows)
+    return Scored(fitted, line, tuple(channels), directions, matrix, scores, rows)
 
 
-def shortlist(scored: Scored) -> list[tuple[Direction, int]]:
+def shortlist(scored: Scored) -> list[int]:
     """Return the directions to fit: the best forms of the best effects, with the sign that means this effect."""
     share, gain = scored.scores.share, scored.scores.gain
     own, e = scored.line.own[scored.rows], scored.residual
@@ -181,7 +188,7 @@ def shortlist(scored: Scored) -> list[tuple[Direction, int]]:
         key = str(variant)
         if key not in forms or share[i] > share[forms[key]]:
             forms[key] = i
-    ranked: list[tuple[Direction, int]] = []
+    picked: list[int] = []
     # Both views count: energy in the output, and likelihood after whitening.
     for measure, effects, forms_each in ((share, REFITTED, FORMS), (gain, REFITTED // 2, 1)):
         order = sorted(best, key=lambda name: -max(measure[i] for i in best[name].values()))
@@ -189,9 +196,9 @@ def shortlist(scored: Scored) -> list[tuple[Direction, int]]:
             forms_of = sorted(best[name].values(), key=lambda i: -measure[i])
             top = measure[forms_of[0]]
             for i in forms_of[:forms_each]:
-                if measure[i] > 0.6 * top and all(j != i for _, j in ranked):
-                    ranked.append((scored.directions[i], i))
-    return ranked
+                if measure[i] > 0.6 * top and i not in picked:
+                    picked.append(i)
+    return picked
 
 
 def imitated(catalogue: Catalogue) -> Catalogue:
@@ -199,17 +206,15 @@ def imitated(catalogue: Catalogue) -> Catalogue:
     return Catalogue({name: forms for name, forms in catalogue.items() if forms[0].family in ("memory", "friction")})
 
 
-def refit(
-    base: Fitted, scored: Scored, report: Callable[[str], Any], instead_of: Fitted | None = None
-) -> list[Candidate]:
+def refit(scored: Scored, report: Callable[[str], Any], instead_of: Fitted | None = None) -> list[Candidate]:
     """Step 6: fit the shortlist on the training samples."""
+    base = scored.fitted
     before = (instead_of or base).mean_square(base.split.held)
-    own, e = scored.line.own[scored.rows], scored.residual
     found: list[Candidate] = []
-    for direction, i in shortlist(scored):
+    for i in shortlist(scored):
+        direction = scored.directions[i]
         report(f"fitting {direction.variant}")
-        D = scored.matrix[scored.rows, direction.columns]
-        made = add(base, direction.variant, direction.shape, D, e, own, scored.ranges(direction.variant))
+        made = scored.extended(i)
         if made is None or integrates(made.model, base.model):
             continue
         candidate = Candidate(

@@ -172,14 +172,14 @@ def step(
     unexplained = "outside_library" if scored.structure > HELPS else "nothing_detectable"
     if scores.p_value > gate.LEVEL and scores.share.max() < LARGE and scored.structure <= HELPS:
         return made
-    found = refit(base, scored, report)
+    found = refit(scored, report)
     again = settled_again(base, [c.fitted for c in found]) if found else None
     if again is not None:
         report("fitting the base from a better start")
         return step(again, channels, catalogue, seed, report)
     for other in simpler(base) if imitated(catalogue) else []:
         report("trying the effects in the place of base terms")
-        found += refit(other, score(other, channels, imitated(catalogue), seed), report, instead_of=base)
+        found += refit(score(other, channels, imitated(catalogue), seed), report, instead_of=base)
     candidates = ranked(found, base.independent())
     if not repeats:
         made.floor = float(np.sqrt(v0 * (1 - scored.structure)))
@@ -249,10 +249,10 @@ def reconsider(
     one, the step that says so is returned.
     """
     made = steps[-1]
-    given = len(steps[0].base.model.info.get("effects", []))
-    if made.chosen is None:
-        return None
     now = made.chosen
+    if now is None:
+        return None
+    given = len(steps[0].base.model.info.get("effects", []))
     for one in now.model.info["effects"][given:-1]:
         report(f"asking whether {one['effect']} is still the right effect")
         others = [e["effect"] for e in now.model.info["effects"][given:] if e is not one]
@@ -294,7 +294,7 @@ def _without(
         if rebuilt is not None:
             name = effect.partition(":")[0]
             scored = score(rebuilt, channels, Catalogue({name: catalogue[name]}), seed)
-            fits = [c for c in refit(rebuilt, scored, lambda what: None) if c.effect == effect]
+            fits = [c for c in refit(scored, lambda what: None) if c.effect == effect]
             rebuilt = min(fits, key=lambda c: c.mean_square).fitted if fits else None
     found += [rebuilt] if rebuilt is not None else []
     return min(found, key=lambda f: f.mean_square(now.split.train), default=None)

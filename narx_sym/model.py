@@ -447,7 +447,10 @@ class NARX(Model):
     """
 
     def __init__(self, terms: Iterable[Any], theta: Sequence[float] | None = None, **options: Any):
-        self.terms = [parse(t) if isinstance(t, str) else sp.sympify(t) for t in terms]
+        listed = list(terms)
+        if any(isinstance(t, str) for t in listed):
+            raise ModelError("Terms given as text are read by NARX.from_terms.")
+        self.terms = [sp.sympify(t) for t in listed]
         if not self.terms:
             raise ModelError("A NARX model needs at least one term.")
         if len(set(self.terms)) < len(self.terms):

@@ -129,11 +129,6 @@ class Recursion:
         left = tuple(p for p in self.parameters if p not in values)
         return Recursion(tuple((a, b.xreplace(dict(values))) for a, b in self.updates), left)
 
-    def rename(self, names: Mapping[Any, Any]) -> Recursion:
-        """Give parameters other symbols."""
-        parameters = tuple(names.get(p, p) for p in self.parameters)
-        return Recursion(tuple((a, b.xreplace(dict(names))) for a, b in self.updates), parameters)
-
     def extend(self, updates: Sequence[tuple[Any, Any]], parameters: Sequence[Any] = ()) -> Recursion:
         """Append further equations."""
         return Recursion((*self.updates, *updates), (*self.parameters, *parameters))

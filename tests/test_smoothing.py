@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import sympy as sp
+from printed import BENCH, INVERSE, INVERSE_TABLE_1, TABLE_1
 
 import narx_sym as ns
 from narx_sym.errors import ModelError
@@ -11,16 +12,6 @@ from narx_sym.model import Model
 from narx_sym.signals import breve_phi1, breve_phi2, k, m, phi1, phi2, r, u, y
 from narx_sym.smoothing import DEFAULT, FORMS, smoothed
 
-BENCH = [
-    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]",
-    "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
-]  # fmt: skip
-TABLE_1 = [1.00, 0.77, 1.44e-2, -9.60e-3, 3.15e-4, -2.47e-4]
-INVERSE = [
-    "u[k-1]", "phi1[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]", "phi2[k-1]*phi1[k-1]*y[k-1]",
-    "phi2[k-1]*y[k-1]*u[k-1]", "phi2[k-1]*y[k-1]**2",
-]  # fmt: skip
-INVERSE_TABLE_1 = [1.00, 1.27, -2.13e-2, 1.37e-2, -1.07e-5, 7.99e-6]
 GOAL = 40 * np.sin(2e-3 * np.pi * np.arange(4000))
 
 

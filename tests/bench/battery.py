@@ -73,7 +73,7 @@ def oracle(step: Step, right: frozenset[str], seed: int = 0) -> float | None:
         channels = sorted({name.partition(":")[2] for name in right} - {""})
         found = []
         for base in (step.base, *simpler(step.base)):
-            found += refit(base, score(base, channels, only, seed), lambda what: None, instead_of=step.base)
+            found += refit(score(base, channels, only, seed), lambda what: None, instead_of=step.base)
         listed = [c.mean_square for c in ranked(found, step.base.independent())[:1]]
     return float(np.sqrt(min(listed))) if listed else None
 

@@ -11,13 +11,11 @@ minutes on two cores.
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sympy as sp
-from paper_tables import SINE, TS, N, direct, excitations, parallel, show  # sets the path to the package first
+from paper_tables import SINE, TS, N, command, direct, excitations, parallel, show  # sets the path to the package first
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
@@ -178,18 +176,5 @@ def report(seeds: int, jobs: int) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    """Read the options and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, help="also write the markdown here")
-    options = parser.parse_args()
-    text = report(options.seeds, options.jobs)
-    print(text)
-    if options.out:
-        options.out.write_text(text + "\n", encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main()
+    command(__doc__, report)

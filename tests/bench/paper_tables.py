@@ -359,9 +359,9 @@ def spread_table(u: Array, peaks: Array, outcomes: list[Outcome]) -> list[str]:
     return [*lines, ""]
 
 
-def main() -> None:
+def command(description: str | None, report: Callable[[int, int], str]) -> None:
     """Read the options and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, help="also write the markdown here")
@@ -373,4 +373,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, report)
