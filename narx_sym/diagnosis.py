@@ -458,7 +458,7 @@ def diagnose(
         while True:
             made = step(base, named, catalogue, seed, report)
             steps.append(made)
-            failed = failed or _misfit(base, made.floor)
+            failed = failed or _misfit(made.base, made.floor)
             if made.chosen is None:
                 break
             again = reconsider(steps, named, catalogue, seed, report) if len(steps) < 2 * max_effects else None
