@@ -123,12 +123,12 @@ class Scored:
     scores: gate.Scores
     rows: Array
 
-    def extended(self, i: int) -> Fitted | None:
-        """Fit the model with what direction `i` stands for; None where no stable fit is found."""
-        direction = self.directions[i]
-        columns, own = self.matrix[self.rows, direction.columns], self.line.own[self.rows]
-        limits = self._ranges(direction.variant)
-        return add(self.fitted, direction.variant, direction.shape, columns, self.residual, own, limits)
+    def extended(self, *chosen: int) -> Fitted | None:
+        """Fit the model with what the chosen directions stand for; None where no stable fit is found."""
+        directions = [self.directions[i] for i in chosen]
+        columns = [self.matrix[self.rows, d.columns] for d in directions]
+        added = [(d.variant, d.shape, self._ranges(d.variant)) for d in directions]
+        return add(self.fitted, added, columns, self.residual, self.line.own[self.rows])
 
     def _ranges(self, variant: Variant) -> dict[str, tuple[float, float]]:
         """Return how far each shape parameter may leave its grid."""
@@ -302,25 +302,25 @@ def shares(base: Fitted, candidates: Sequence[Candidate], floor: float, seed: in
         c.interval = (float(np.quantile(drawn, 0.025)), float(np.quantile(drawn, 0.975)))
 
 
-def chance(base: Fitted, best: Candidate, scored: Scored, seed: int) -> float:
-    """Return the p-value of the best candidate's improvement against surrogates of what it leaves.
+def chance(base: Fitted, best: Fitted, scored: Scored, seed: int) -> float:
+    """Return the p-value of an improvement against surrogates of what it leaves.
 
     Where the error wanders slowly no improvement counts, unless it is `large`.
     """
     if gate.wanders(max(base.errors, key=len)):
         return 1.0
-    added = best.fitted.problem.free - base.problem.free
+    added = best.problem.free - base.problem.free
     counted = [m & (np.arange(m.size) >= scored.line.problem.depth) for m in base.split.train]
-    before, after = base.error(counted), best.fitted.error(counted)
+    before, after = base.error(counted), best.error(counted)
     return gate.by_surrogates(scored.scores, before, after, max(1, added), seed)
 
 
-def large(base: Fitted, best: Candidate, seed: int) -> float | None:
+def large(base: Fitted, best: Fitted, seed: int) -> float | None:
     """Return the p-value of a large improvement on held-out samples (block bootstrap), None if it is not large."""
     held = base.split.held
-    if best.mean_square > (1 - LARGE) * base.mean_square(held):
+    if best.mean_square(held) > (1 - LARGE) * base.mean_square(held):
         return None
-    drawn = _drawn(base.error(held) ** 2 - best.fitted.error(held) ** 2, seed)
+    drawn = _drawn(base.error(held) ** 2 - best.error(held) ** 2, seed)
     return float((1 + np.sum(drawn.mean(axis=1) <= 0)) / (DRAWS + 1))
 
 

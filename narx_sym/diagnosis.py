@@ -33,6 +33,7 @@ from .extend import without
 from .identification import prepare
 from .misfit import Misfit, misfit_of
 from .model import NARX, Model
+from .pairs import Pair, best_pair
 from .parallel import one_blas_thread
 from .refit import Fitted, Split, prune, settle
 from .sensor import Fault, sensor_faults
@@ -57,6 +58,8 @@ class Step:
         rms of what no model could remove [unit of y].
     withdrawn : list of str
         Effects added before that this step made superfluous, or replaced.
+    pair : Pair
+        Two effects that only together explain the error, where there are.
     """
 
     base: Fitted
@@ -71,6 +74,13 @@ class Step:
     experiment: Experiment | None = None
     chosen: Fitted | None = None
     withdrawn: list[str] = field(default_factory=list)
+    pair: Pair | None = None
+
+    @property
+    def added(self) -> list[str]:
+        """The effects that this step added."""
+        before = len(self.base.model.info.get("effects", []))
+        return [e["effect"] for e in self.chosen.model.info["effects"][before:]] if self.chosen is not None else []
 
     def nrmse(self, fitted: Fitted) -> dict[str, float]:
         """Return the free-run errors of a model over the standard deviation of the output."""
@@ -95,6 +105,11 @@ class Step:
             return (
                 f"Something is missing that the catalogue does not know. {sizes}. Look at where the model fails, and "
                 "at the equivalent missing input."
+            )
+        if self.pair is not None:
+            return (
+                f"Two effects are probably missing: {' and '.join(self.pair.effects)}. {sizes}. Together they remove "
+                f"{100 * self.pair.share:.0f} % of the removable error on data never used for fitting."
             )
         best = self.candidates[0]
         share = f"{100 * best.share:.0f} % of the removable error on data never used for fitting"
@@ -136,6 +151,7 @@ class Step:
             "absorbed_by_a_refit": self.absorbed,
             "where_it_fails": [],
             "withdrawn": self.withdrawn,
+            "together": self.pair and {"effects": list(self.pair.effects), "share": self.pair.share},
             "experiment": self.experiment and {
                 "separates": list(self.experiment.separates), "file": experiment_file,
                 "sentence": self.experiment.sentence,
@@ -149,8 +165,9 @@ def step(
     catalogue: Catalogue = EFFECTS,
     seed: int = 0,
     report: Callable[[str], Any] = lambda what: None,
+    room: int = 1,
 ) -> Step:
-    """Run one round of the procedure at a fitted base."""
+    """Run one round of the procedure at a fitted base; `room` is how many effects may be added."""
     split = base.split
     report("deriving the directions of all effects")
     scored = score(base, channels, catalogue, seed)
@@ -176,7 +193,7 @@ def step(
     again = settled_again(base, [c.fitted for c in found]) if found else None
     if again is not None:
         report("fitting the base from a better start")
-        return step(again, channels, catalogue, seed, report)
+        return step(again, channels, catalogue, seed, report, room)
     for other in simpler(base) if imitated(catalogue) else []:
         report("trying the effects in the place of base terms")
         found += refit(score(other, channels, imitated(catalogue), seed), report, instead_of=base)
@@ -186,21 +203,8 @@ def step(
     if not candidates:
         made.verdict = "outside_library"
         return made
-    confused = confusion_set(candidates)
-    candidates.sort(key=lambda c: c.effect not in confused)
-    best = candidates[0]
-    strongest = min(candidates, key=lambda c: c.mean_square)
-    made.p_value = max(made.p_value, chance(base, strongest, scored, seed))
-    no_accident, base_error = large(base, strongest, seed), (1 - LARGE) * v0
-    if no_accident is not None:
-        # No noise does this, whatever its colour; a periodic error that the noise model takes for noise passes here.
-        made.p_value = min(made.p_value, no_accident)
-        for c in candidates:
-            c.p_value = made.p_value if c.p_value > gate.LEVEL and c.mean_square < base_error else c.p_value
-    if made.p_value > gate.LEVEL:
-        made.verdict = unexplained
-        return made
     report("estimating the noise floor")
+    best = candidates[0]
     if repeats:
         complete = best.mean_square <= (1 + NEAR) ** 2 * floor
     else:
@@ -208,16 +212,39 @@ def step(
         floor = min(best.mean_square * (1 - left), made.floor**2, *(c.mean_square for c in candidates))
         complete = left < INCOMPLETE
     complete |= best.mean_square < (1 - NEARLY_ALL) * v0
+    if not complete and scored.structure > HELPS:
+        made.pair = best_pair(scored, candidates, report)
+    if made.pair is not None:
+        floor = floor if repeats else min(floor, made.pair.mean_square)
+        members = made.pair.effects
+        candidates.sort(key=lambda c: best.effect not in members and c.effect not in members)
+    confused = confusion_set(candidates)
+    candidates.sort(key=lambda c: c.effect not in confused)
+    best = candidates[0]
+    strongest = min(candidates, key=lambda c: c.mean_square)
+    most = made.pair.fitted if made.pair is not None else strongest.fitted
+    made.p_value = max(made.p_value, chance(base, most, scored, seed))
+    no_accident, base_error = large(base, most, seed), (1 - LARGE) * v0
+    if no_accident is not None:
+        # No noise does this, whatever its colour; a periodic error that the noise model takes for noise passes here.
+        made.p_value = min(made.p_value, no_accident)
+        for c in candidates:
+            c.p_value = made.p_value if c.p_value > gate.LEVEL and c.mean_square < base_error else c.p_value
+    if made.p_value > gate.LEVEL:
+        made.verdict, made.pair = unexplained, None
+        return made
     made.floor = float(np.sqrt(floor))
     shares(base, candidates, floor, seed)
     made.candidates = candidates
     # The sealed samples are opened here, once: what is real helps at the end of the record too.
-    worse = strongest.fitted.mean_square(split.test) > base.mean_square(split.test)
+    worse = most.mean_square(split.test) > base.mean_square(split.test)
     if no_accident is None and (worse or strongest.interval[0] <= 0):
-        made.candidates, made.verdict = [], unexplained
+        made.candidates, made.verdict, made.pair = [], unexplained, None
         return made
     made.confusion_set = confused
-    if max(c.share for c in candidates) < HELPS:
+    if made.pair is not None:
+        made.pair.share = (v0 - made.pair.mean_square) / (v0 - floor)
+    if max(made.pair.share if made.pair is not None else 0.0, *(c.share for c in candidates)) < HELPS:
         made.verdict = "outside_library"
     elif best.share < EXPLAINED or not complete:
         made.verdict = "helps_but_incomplete"
@@ -231,8 +258,9 @@ def step(
         made.experiment = propose(models, list(split.records), made.floor, seed)
     if made.verdict != "outside_library":
         report("deleting what became redundant")
-        added = best.model.info["effects"][-1]
-        made.chosen = prune(best.fitted, [*added["coefficients"], *added["shape"]], base)
+        chosen = made.pair.fitted if made.pair is not None and room > 1 else best.fitted
+        added = chosen.model.info["effects"][len(base.model.info.get("effects", [])) :]
+        made.chosen = prune(chosen, [name for one in added for name in (*one["coefficients"], *one["shape"])], base)
     return made
 
 
@@ -253,7 +281,7 @@ def reconsider(
     if now is None:
         return None
     given = len(steps[0].base.model.info.get("effects", []))
-    for one in now.model.info["effects"][given:-1]:
+    for one in now.model.info["effects"][given : -len(made.added)]:
         report(f"asking whether {one['effect']} is still the right effect")
         others = [e["effect"] for e in now.model.info["effects"][given:] if e is not one]
         smaller = _without(now, one, steps[0].base, others, channels, catalogue, seed)
@@ -349,7 +377,7 @@ class Diagnosis:
         rungs = [{"added": "base", **self.steps[0].nrmse(self.steps[0].base)}]
         for one in self.steps:
             if one.chosen is not None:
-                rungs.append({"added": one.candidates[0].effect, **one.nrmse(one.chosen)})
+                rungs.append({"added": " + ".join(one.added), **one.nrmse(one.chosen)})
                 if one.withdrawn:
                     rungs[-1]["withdrawn"] = one.withdrawn
         return rungs
@@ -456,7 +484,8 @@ def diagnose(
     failed: Misfit | None = None
     with one_blas_thread():
         while True:
-            made = step(base, named, catalogue, seed, report)
+            room = max_effects - len(base.model.info.get("effects", [])) + given
+            made = step(base, named, catalogue, seed, report, room)
             steps.append(made)
             failed = failed or _misfit(made.base, made.floor)
             if made.chosen is None:

@@ -72,12 +72,13 @@ class Recursion:
         updates = tuple((left, expand_phi(sp.sympify(right))) for left, right in self.updates)
         object.__setattr__(self, "updates", updates)
         object.__setattr__(self, "parameters", tuple(self.parameters))
-        bases = [left.base for left, _ in updates]
-        if len(set(bases)) < len(bases) or any(lag(left) for left, _ in updates):
+        places = {left.base: position for position, (left, _) in enumerate(updates)}
+        if len(places) < len(updates) or any(lag(left) for left, _ in updates):
             raise ModelError("Each update defines one sequence at time k, once.")
         for position, (left, right) in enumerate(updates):
             for s in samples(right):
-                if s.base in bases and lag(s) < (0 if s.base in bases[:position] else 1):
+                defined = places.get(s.base)
+                if defined is not None and lag(s) < (0 if defined < position else 1):
                     raise ModelError(f"{left} needs {s}, which is not known yet at that point.")
             unknown = right.free_symbols - set(self.parameters) - {k} - {b.label for b in _bases(right)}
             unknown = {s for s in unknown if not isinstance(s, (sp.Indexed, sp.IndexedBase))}

@@ -175,37 +175,41 @@ def settle(
 
 def add(
     base: Fitted,
-    variant: Variant,
-    shape: Sequence[float],
-    direction: Array,
+    added: Sequence[tuple[Variant, Sequence[float], Mapping[str, tuple[float, float]]]],
+    directions: Sequence[Array],
     residual: Array,
     own: Array,
-    ranges: Mapping[str, tuple[float, float]],
 ) -> Fitted | None:
-    """Fit a model with one more effect, from one point of its grid; None where no stable fit is found.
+    """Fit a model with more effects, from one point of their grids; None where no stable fit is found.
 
     Parameters
     ----------
-    direction, residual, own : arrays of the training rows
+    added : variant, start and limits of its shape parameters, of each effect
+    directions, residual, own : arrays of the training rows
         From which the first coefficients follow.
-    ranges : limits of each shape parameter
     """
-    extended = extend(base.model, variant)
-    limits: dict[Any, Any] = dict(base.limits)
-    limits |= {s: ranges[p] for s, p in zip(extended.shape, variant.shape, strict=True)}
-    if variant.effect.sign and len(extended.coefficients) == 1:
-        most = FULL if variant.effect.full else np.inf
-        limits[extended.coefficients[0]] = (0.0, most) if variant.effect.sign > 0 else (-most, 0.0)
-    columns = np.column_stack([own, direction])
+    model, limits = base.model, dict(base.limits)
+    for variant, _, ranges in added:
+        extended = extend(model, variant)
+        model = extended.model
+        limits |= {s: ranges[p] for s, p in zip(extended.shape, variant.shape, strict=True)}
+        if variant.effect.sign and len(extended.coefficients) == 1:
+            most = FULL if variant.effect.full else np.inf
+            limits[extended.coefficients[0]] = (0.0, most) if variant.effect.sign > 0 else (-most, 0.0)
+    columns = np.column_stack([own, *directions])
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0] = 1.0
     solution = lstsq(columns / scale, residual, cond=1e-9)[0] / scale
-    c, moved = solution[own.shape[1] :], solution[: base.problem.free]
+    moved = solution[: base.problem.free]
+    ends = own.shape[1] + np.cumsum([0, *(d.shape[1] for d in directions)])
     theta = base.problem.theta(base.unknowns)
     nudged = theta + base.problem.elimination.Z @ moved
-    for base_theta, part in ((nudged, 1.0), (theta, 1.0), (theta, 0.2)):
+    for begin, part in ((nudged, 1.0), (theta, 1.0), (theta, 0.2)):
+        start = [begin]
+        for (_, shape, _), first, stop in zip(added, ends[:-1], ends[1:], strict=True):
+            start += [part * solution[first:stop], np.asarray(shape)]
         try:
-            return settle(extended.model, base.split, np.concatenate([base_theta, part * c, shape]), limits)
+            return settle(model, base.split, np.concatenate(start), limits)
         except FitError:
             continue
     return None

@@ -53,8 +53,9 @@ def sensitivities(
     updates: list[tuple[Any, Any]] = []
     directions: list[dict[Any, Any]] = []
     equations = list(zip(recursion.states, (right for _, right in recursion.updates), strict=True))
+    known = set(recursion.states)
     local: dict[Any, list[tuple[Any, Any]]] = {
-        state: [(s, derivative(right, s)) for s in samples(right) if s.base in recursion.states]
+        state: [(s, derivative(right, s)) for s in samples(right) if s.base in known]
         for state, right in equations
     }
     for position, cause in enumerate([*chosen, *groups]):

@@ -7,7 +7,7 @@ Every case of `truths.py` goes the way of a user: `identify(record, base="linear
 
 - in, off: one hidden effect, of a form that the catalogue has, or not.
 - null: nothing is hidden. Every verdict but `nothing_detectable` is a false alarm.
-- pair: two hidden effects, `max_effects=3`. Both are found where either is the top candidate of a step that was added.
+- pair: two hidden effects, `max_effects=3`. Both are found where each was added and kept.
 - removed: cases of `in` with the true effect taken out of the catalogue (its first two seeds, or `--removed-seeds`).
   `outside_library` and `helps_but_incomplete` are right, `named` and `confused` are wrong.
 
@@ -106,7 +106,7 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
         "steps": [
             [
                 s.verdict, s.candidates[0].effect if s.candidates else None,
-                s.chosen is not None and s.candidates[0].effect in kept,
+                [name for name in s.added if name in kept],
             ]
             for s in found.steps
         ],
@@ -236,7 +236,7 @@ def truth(row: Row) -> set[str]:
 
 def both(row: Row) -> bool:
     """Whether every hidden effect of a case is the top candidate of a step that was added."""
-    added = {effect for _, effect, kept in row.get("steps", []) if kept}
+    added = {name for _, _, names in row.get("steps", []) for name in names}
     return bool(row.get("accept")) and all(added & set(accept) for accept in row["accept"])
 
 
@@ -349,7 +349,7 @@ def figures(rows: Sequence[Row]) -> Table:
             table.share(group, "both found", [both(r) for r in seen])
             table.share(group, "top-1 of the first step", [bool(ids(r, 1) & truth(r)) for r in seen])
             good = [r for r in seen if "failed" not in r]
-            false = [any(e not in truth(r) for _, e, kept in r["steps"] if kept) for r in good]
+            false = [any(name not in truth(r) for _, _, names in r["steps"] for name in names) for r in good]
             table.share(group, "something else added", false)
             table.number(group, "error after adding / true floor (median)", [r["last"] / r["floor"] for r in good])
         table.seconds(group, own)
@@ -373,7 +373,7 @@ def line(row: Row) -> str:
         return f"{row['task']:8}{row['spec']['kind']}/s{row['spec']['seed']}: {row['failed']}"
     mark = "   " if right(row) else "XX " if row["visible"] else "x  "
     ratios = f"{row['before'] / row['floor']:6.2f} ->{row['last'] / row['floor']:5.2f} floors"
-    steps = " + ".join(f"{effect or '-'} ({verdict})" for verdict, effect, _ in row["steps"])
+    steps = " + ".join(f"{' & '.join(added) or effect or '-'} ({verdict})" for verdict, effect, added in row["steps"])
     return f"{mark}{row['task']:8}{row['name']:52}{ratios}  {steps}; {', '.join(row['top'][:4])}"
 
 
