@@ -15,7 +15,7 @@ from .sensitivity import derivative
 from .signals import k, lags, u, y
 
 Array = np.ndarray
-SLOW = 0.998  # a linear base whose pole is beyond this integrates
+SLOW = 0.25  # of the record: a linear base with a longer time constant integrates
 STUCK = 0.98  # a base whose error falls below this share of what it was had not been fitted
 CYCLES = 3  # of a periodic input at least
 NARROW, SHORT = 0.9, 100  # share of the energy in one spectral line; samples of a segment that do not count
@@ -35,7 +35,7 @@ def fit_base(model: Model, split: Split) -> Fitted:
             reason = str(error)
             continue
         # A pole that moved to 1 imitates a drift by integrating a constant.
-        if not integrates(made.model, model):
+        if not integrates(made, model):
             return made
         fits.append(made)
     if fits:
@@ -55,7 +55,7 @@ def settled_again(base: Fitted, extended: Sequence[Fitted]) -> Fitted | None:
         again = settle(base.model.copy(), base.split, start, base.limits)
     except FitError:
         return None
-    if integrates(again.model, base.model):
+    if integrates(again, base.model):
         return None
     return again if again.mean_square(base.split.train) < STUCK * base.mean_square(base.split.train) else None
 
@@ -91,9 +91,10 @@ def slowest(model: Model) -> float:
     return float(np.abs(np.roots([1.0, *(-s for s in slopes)])).max()) if slopes else 0.0
 
 
-def integrates(made: Model, base: Model) -> bool:
-    """Whether a pole of a linear base has moved to 1."""
-    return is_linear(base) and slowest(made) > max(SLOW, slowest(base))
+def integrates(made: Fitted, base: Model) -> bool:
+    """Whether a pole of a linear base has moved to 1, as far as the records tell."""
+    longest = max(len(r) for r in made.split.records)
+    return is_linear(base) and slowest(made.model) > max(float(np.exp(-1 / (SLOW * longest))), slowest(base))
 
 
 def simpler(base: Fitted) -> list[Fitted]:

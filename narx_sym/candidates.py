@@ -26,7 +26,7 @@ Array = np.ndarray
 REFITTED, FORMS = 6, 3  # effects that are fitted, and ways of each
 CLOSE = 1.02  # a candidate this near to the best held-out error cannot be told from it
 EQUAL = 1.003  # errors this near are equal
-MANY_MORE, CLEARLY = 3, 0.02  # so many parameters more must remove so much more of the error
+MANY_MORE, CLEARLY = 2, 0.02  # so many parameters more must remove so much more of the error
 TAKES_OVER = 0.9  # of the base's error: without a term of the base, and still better
 SIMILAR = 2.0  # squared errors within this factor: the simpler explanation comes first
 BELOW = 4.0  # a shape parameter may leave its grid downwards by this factor
@@ -215,7 +215,7 @@ def refit(scored: Scored, report: Callable[[str], Any], instead_of: Fitted | Non
         direction = scored.directions[i]
         report(f"fitting {direction.variant}")
         made = scored.extended(i)
-        if made is None or integrates(made.model, base.model):
+        if made is None or integrates(made, base.model):
             continue
         candidate = Candidate(
             direction.variant.id, direction.variant, made, scored.scores.corrected(i),

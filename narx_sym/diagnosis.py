@@ -79,8 +79,9 @@ class Step:
     @property
     def added(self) -> list[str]:
         """The effects that this step added."""
-        before = len(self.base.model.info.get("effects", []))
-        return [e["effect"] for e in self.chosen.model.info["effects"][before:]] if self.chosen is not None else []
+        before = {c for e in self.base.model.info.get("effects", []) for c in e["coefficients"]}
+        now = self.chosen.model.info["effects"] if self.chosen is not None else []
+        return [e["effect"] for e in now if not before & set(e["coefficients"])]
 
     def nrmse(self, fitted: Fitted) -> dict[str, float]:
         """Return the free-run errors of a model over the standard deviation of the output."""

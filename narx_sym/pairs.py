@@ -95,7 +95,7 @@ def best_pair(scored: Scored, candidates: Sequence[Candidate], report: Callable[
         first, second = (scored.directions[n].variant for n in (i, j))
         report(f"fitting {first.id} and {second.id} together")
         made = scored.extended(i, j)
-        if made is not None and not integrates(made.model, base.model):
+        if made is not None and not integrates(made, base.model):
             found.append(Pair((first.id, second.id), made, made.mean_square(base.split.held)))
     best = min(found, key=lambda p: p.mean_square, default=None)
     alone = min((c.mean_square for c in candidates), default=base.mean_square(base.split.held))
