@@ -18,6 +18,7 @@ Array = np.ndarray
 SLOW = 0.25  # of the record: a linear base with a longer time constant integrates
 STUCK = 0.98  # a base whose error falls below this share of what it was had not been fitted
 CYCLES = 3  # of a periodic input at least
+ALIKE, RESTING = 1.6, 0.1  # ratio of the quartiles of one speed; share of the top speed below which nothing moves
 NARROW, SHORT = 0.9, 100  # share of the energy in one spectral line; samples of a segment that do not count
 
 
@@ -128,3 +129,17 @@ def narrow(record: Any) -> bool:
     power = np.abs(np.fft.rfft((record.u - record.u.mean()) * np.hanning(len(record)))) ** 2
     peak = int(np.argmax(power))
     return bool(peak >= CYCLES and power[max(0, peak - 3) : peak + 4].sum() > NARROW * power.sum())
+
+
+def one_speed(base: Fitted, driver: str) -> bool:
+    """Whether a linear base has a velocity term of u or y, and the records show one speed.
+
+    Then the velocity and its sign are one signal: any friction law is a multiple of any other.
+    """
+    moving = base.model.input if driver == "u" else base.model.inner
+    if not is_linear(base.model) or len(lags(base.model.core, moving)) < 2:
+        return False
+    speed = np.concatenate([np.abs(np.diff(r.u if driver == "u" else r.y)) for r in base.split.records])
+    speed = speed[speed > RESTING * np.quantile(speed, 0.99)]
+    slow, fast = np.quantile(speed, [0.25, 0.75]) if speed.size else (0.0, 1.0)
+    return bool(fast < ALIKE * slow)

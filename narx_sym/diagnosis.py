@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import gate, printing
-from .bases import fit_base, settled_again, simpler
+from .bases import fit_base, one_speed, settled_again, simpler
 from .candidates import (
     CLOSE,
     LARGE,
@@ -44,6 +44,7 @@ EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
 INCOMPLETE = 0.1  # share of the error that is left: more structure than this, and something else is missing too
 NEAR = 0.2  # of a noise floor from repeated periods
 FEWEST = 100  # samples: with less the noise cannot be told from an effect
+BASE = "base"  # in a confusion set: the base's own terms
 VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library")
 
 
@@ -118,8 +119,11 @@ class Step:
         if self.verdict == "helps_but_incomplete":
             return f"{what} explains {share}, but not all that is missing. {sizes}."
         if self.verdict == "confused":
-            others = ", ".join(e for e in self.confusion_set if e != best.effect)
+            others = ", ".join(e for e in self.confusion_set if e not in (best.effect, BASE))
             text = f"One of several effects is missing: {best.effect}, or as well {others}. {sizes}. "
+            if BASE in self.confusion_set:
+                names = f"{best.effect}, or as well {others}," if others else best.effect
+                text = f"{names} may be missing: at one speed it and the base's velocity term are one signal. {sizes}. "
             text += f"{best.effect} removes {share}."
             return f"{text} {self.experiment.sentence}" if self.experiment else text
         return f"{best.effect} is probably missing. {what}. {sizes}. Adding it removes {share}."
@@ -253,9 +257,14 @@ def step(
         made.verdict = "confused"
     else:
         made.verdict = "named"
+    friction = best.variant.effect.family == "friction"
+    if friction and one_speed(base, best.variant.driver) and made.verdict in ("named", "helps_but_incomplete"):
+        made.verdict, made.pair = "confused", None
+        made.confusion_set.append(BASE)
     if made.verdict == "confused":
         report("looking for an experiment that separates them")
         models = {c.effect: c.model for c in candidates if c.effect in made.confusion_set}
+        models |= {BASE: base.model} if BASE in made.confusion_set else {}
         made.experiment = propose(models, list(split.records), made.floor, seed)
     if made.verdict != "outside_library":
         report("deleting what became redundant")

@@ -55,8 +55,7 @@ def sensitivities(
     equations = list(zip(recursion.states, (right for _, right in recursion.updates), strict=True))
     known = set(recursion.states)
     local: dict[Any, list[tuple[Any, Any]]] = {
-        state: [(s, derivative(right, s)) for s in samples(right) if s.base in known]
-        for state, right in equations
+        state: [(s, derivative(right, s)) for s in samples(right) if s.base in known] for state, right in equations
     }
     for position, cause in enumerate([*chosen, *groups]):
         forced = {} if isinstance(cause, tuple) else {state: derivative(right, cause) for state, right in equations}

@@ -17,8 +17,11 @@ sys.path.insert(0, str(Path(__file__).parent / "bench"))  # scripts, no package
 import truths
 
 import narx_sym as ns
-from narx_sym.diagnosis import VERDICTS
+from narx_sym.bases import fit_base
+from narx_sym.bases import one_speed as speed_is_one
+from narx_sym.diagnosis import BASE, VERDICTS
 from narx_sym.effects import EFFECTS
+from narx_sym.refit import Split
 
 SHARED = next(
     (p for n in (2, 1) if (p := Path(__file__).parents[n] / "shared" / "data").is_dir()),
@@ -183,15 +186,63 @@ def test_extended_model_survives_saving_and_compiling(play, tmp_path):
     assert again.to_c() == d.model.to_c()
 
 
+# ---- two effects that hide each other -------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Return the diagnosis of a record with a saturation and creep, and the true noise on its held-out samples."""
+    c = truths.case("pair", "saturation+creep", FIRST, N=N)
+    record, base = based(c)
+    d = ns.diagnose(base, record, max_effects=2)
+    return d, float(np.sqrt(np.mean((c.y - c.clean)[d.steps[0].base.split.held[0]] ** 2)))
+
+
+def test_a_pair_is_found_together(pair):
+    d, noise = pair
+    first = d.steps[0]
+    assert set(first.pair.effects) == set(first.added) == {"saturation", "creep"}
+    assert d.verdict == "helps_but_incomplete"  # no single effect is enough
+    alone = min(c.mean_square for c in first.candidates)
+    assert first.pair.mean_square < 0.75 * alone
+    assert np.sqrt(first.chosen.mean_square(first.base.split.held)) < WORST * noise
+    assert {e["effect"] for e in d.model.info["effects"]} == {"saturation", "creep"}
+
+
+def test_a_pair_is_told_in_words_and_data(pair):
+    d, _ = pair
+    first = d.steps[0]
+    names = " and ".join(first.pair.effects)
+    assert names in d.sentence() and "Together they remove" in d.sentence()
+    assert d.to_dict()["together"] == {"effects": list(first.pair.effects), "share": first.pair.share}
+    assert [r["added"] for r in d.ladder[:2]] == ["base", " + ".join(first.added)]
+    assert d.ladder[1]["validation"] < d.ladder[0]["validation"]
+
+
 # ---- what the data cannot tell --------------------------------------------------------------------------------------
 
 
-def test_one_speed_is_confused_and_gives_an_experiment():
-    # A slider moved to and fro at one speed: dry friction and drag give the same force.
+@pytest.fixture(scope="module")
+def one_speed():
+    """Return a slider moved to and fro at one speed: dry friction and drag give the same force."""
     rng = np.random.default_rng(FIRST)
     u = 5.0 * (2 * np.abs(np.arange(N) / 200 % 2 - 1) - 1)
     force = 2.0 * u + 3.0 * np.sign(np.diff(u, prepend=u[0]))
-    record = ns.Record.from_arrays(u, force + 0.1 * rng.standard_normal(N), Ts=0.01)
+    return ns.Record.from_arrays(u, force + 0.1 * rng.standard_normal(N), Ts=0.01)
+
+
+def test_at_one_speed_a_velocity_term_may_be_friction(one_speed):
+    terms = ["y[k-1]", "u[k]", "u[k-1]", "1"]
+    base = ns.NARX.from_terms(terms, Ts=0.01).fit(one_speed)
+    base.info["selection"] = {"base": "linear"}
+    fitted = fit_base(base, Split.of([one_speed]))
+    assert speed_is_one(fitted, "u")
+    still = ns.Record.from_arrays(np.sin(0.05 * np.arange(N)), one_speed.y, Ts=0.01)
+    assert not speed_is_one(fit_base(base, Split.of([still])), "u")
+
+
+def test_one_speed_is_confused_and_gives_an_experiment(one_speed):
+    record, u = one_speed, one_speed.u
     d = ns.diagnose(ns.identify(record, base="static", degree=1), record)
     assert d.verdict == "confused"
     assert {"coulomb_friction", "quadratic_drag"} <= set(d.confusion_set)
@@ -219,6 +270,14 @@ def test_seal_has_coulomb_friction():
     d = ns.diagnose(ns.identify(record, base="static"), record, channels=[])
     assert d.best.effect == "coulomb_friction"
     assert abs(d.best.parameters["c"]) == pytest.approx(5.5, rel=0.1)  # N, the plateau at mid-stroke
+
+
+@needs_shared
+def test_seal_at_one_speed_is_confused_with_the_velocity_term_of_the_base():
+    record = ns.read(SHARED / "pneumatic_seal_friction" / "Oring_1bar.csv")[:4300]
+    d = ns.diagnose(ns.identify(record, base="linear", n_y=1, n_u=2), record)
+    assert d.verdict == "confused" and {"coulomb_friction", BASE} <= set(d.confusion_set)
+    assert d.experiment is not None and d.experiment.sentence in d.sentence()
 
 
 @needs_shared
