@@ -217,7 +217,7 @@ def step(
         floor = min(best.mean_square * (1 - left), made.floor**2, *(c.mean_square for c in candidates))
         complete = left < INCOMPLETE
     complete |= best.mean_square < (1 - NEARLY_ALL) * v0
-    if not complete and scored.structure > HELPS:
+    if not (complete or best.replaces) and scored.structure > HELPS:
         made.pair = best_pair(scored, candidates, report)
     if made.pair is not None:
         floor = floor if repeats else min(floor, made.pair.mean_square)
