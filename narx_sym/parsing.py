@@ -158,6 +158,11 @@ def _short(text: str) -> str:
     return text if len(text) < 60 else text[:57] + "..."
 
 
+def _some(names: Iterable[str], most: int = 20) -> str:
+    listed = list(names)
+    return ", ".join(map(_short, listed[:most])) + (f" and {len(listed) - most} more" if len(listed) > most else "")
+
+
 class _Builder:
     """Turns the syntax tree into SymPy, refusing whatever could grow without bound."""
 
@@ -216,12 +221,12 @@ class _Builder:
             return sp.pi
         if name in self.signals:
             raise self.fail(f"{name} needs a time index: {name}[k-1].")
-        raise self.fail(f"unknown name {_short(name)!r}; known are {', '.join([*self.signals, *self.symbols])}.")
+        raise self.fail(f"unknown name {_short(name)!r}; known are {_some([*self.signals, *self.symbols])}.")
 
     def sample(self, name: str, sign: str | None, steps: str | None) -> Any:
         name = str(name)
         if name not in self.signals:
-            raise self.fail(f"unknown sequence {_short(name)!r}; known are {', '.join(self.signals)}.")
+            raise self.fail(f"unknown sequence {_short(name)!r}; known are {_some(self.signals)}.")
         if steps is None:
             return self.signals[name][k]
         if len(steps) > 6 or int(steps) > MAX_LAG:

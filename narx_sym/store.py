@@ -106,6 +106,8 @@ def from_dict(data: Any) -> Model:
         raise ModelError(f"unknown field {unknown[0][:40]!r}; a newer version may have written this file.")
     channels = _texts(data, "channels")
     symbols = _texts(data, "symbols")
+    _check_names(channels, "channel", set())
+    _check_names(symbols, "parameter", set())
     kind = data.get("kind")
     terms = _texts(data, "terms") if kind == "narx" else []
     parameters = [f"theta_{i}" for i in range(1, len(terms) + 1)] if kind == "narx" else symbols

@@ -20,8 +20,8 @@ from random import Random
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from hostile import Judge  # noqa: E402
-from sympy.core.cache import clear_cache  # noqa: E402
+from hostile import Judge
+from sympy.core.cache import clear_cache
 
 KINDS = ("term", "effect", "model")
 
