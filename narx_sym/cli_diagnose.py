@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -74,6 +75,9 @@ def diagnose(
     channels: Channels = "",
     rows: Rows = None,
     missing: Missing = "refuse",
+    resume: Annotated[
+        Path | None, typer.Option("--resume", help="Keep results here; an interrupted run goes on from them.")
+    ] = None,
 ) -> None:
     """Compare a model with measurements and name the physical effect that is missing.
 
@@ -83,23 +87,27 @@ def diagnose(
     from dataclasses import replace
 
     from .diagnosis import diagnose as run
+    from .journal import resuming
 
     effect_files = effects or []
     where = beside(plot)
     next_file = experiment or (json_file.parent / "next.csv" if json_file else None)
-    targets = [json_file, save, plot, where, experiment]
+    targets = [json_file, save, plot, where, experiment, resume]
     check_targets(targets, *data, *effect_files, *([Path(base)] if is_file(base) else []))
     check_format(plot)
     catalogue = with_own(effect_files)
     start = loaded(base) if is_file(base) else None
     wanted = joined(channels, start.channels if start is not None else ())
     measured = records(data, u, y, t, ts, wanted, rows, missing)
-    if start is None:
-        start = identified(measured, base)
-    elif start.Ts and abs(measured[0].Ts - start.Ts) > 1e-6 * start.Ts:
-        note(f"the data have Ts = {measured[0].Ts:g} s, the model was identified at {start.Ts:g} s")
-    with working("Diagnosing") as report:
-        found = run(start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, report=report)
+    with resuming(resume) if resume else nullcontext() as journal:
+        if start is None:
+            start = identified(measured, base)
+        elif start.Ts and abs(measured[0].Ts - start.Ts) > 1e-6 * start.Ts:
+            note(f"the data have Ts = {measured[0].Ts:g} s, the model was identified at {start.Ts:g} s")
+        with working("Diagnosing") as report:
+            found = run(start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, report=report)
+    if journal is not None and journal.found:
+        note(f"{journal.found} results were in {resume} already")
     names = unit_names(units)
     step = found.steps[0]
     written = None

@@ -226,6 +226,7 @@ def _load_text(name: str) -> Table:
             f"{name}: line {first} has numbers where the column names should be; add a header such as t,u,y"
         )
     body = raw[start:]
+    del raw  # a record of ten million samples is large
     decimal = "," if sep != "," and re.search(rb"(?:^|[;\t ])[ \"]*[+-]?\d*,\d", body, re.M) else "."
     numbers = first + 1 + full
     width = _width(name, body, edges - start, full, numbers, sep, len(header))
@@ -321,7 +322,7 @@ def _width(
         marks = ~blank & np.concatenate(([True], blank[:-1]))
     else:
         marks = read == ord(sep)
-    counts = np.add.reduceat(marks, np.minimum(edges[full], read.size - 1), dtype=np.int64) + (sep != " ")
+    counts = np.diff(np.searchsorted(np.flatnonzero(marks), np.append(edges, read.size)))[full] + (sep != " ")
     for i in np.flatnonzero(counts > width):
         line = body[edges[full[i]] :].split(b"\n", 1)[0].decode()
         if '"' in line:
