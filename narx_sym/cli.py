@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -324,7 +325,7 @@ def main() -> None:  # the entry point is `__main__.main`, which also catches Ct
         print(f"narx-sym: {error}", file=sys.stderr)
         sys.exit(2)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _close_output()
         sys.exit(1)
     except MemoryError:
         print("narx-sym: not enough memory; use fewer rows (--rows A:B), lags or terms", file=sys.stderr)
@@ -332,7 +333,7 @@ def main() -> None:  # the entry point is `__main__.main`, which also catches Ct
     except OSError as error:
         place = error.filename or "standard output"
         print(f"narx-sym: {place}: {error.strerror or error}; check space and permissions there", file=sys.stderr)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _close_output()
         sys.exit(2)
     except Exception as error:
         if os.environ.get("NARX_SYM_DEBUG"):
@@ -343,3 +344,9 @@ def main() -> None:  # the entry point is `__main__.main`, which also catches Ct
             file=sys.stderr,
         )
         sys.exit(1)
+
+
+def _close_output() -> None:
+    """Drop what cannot be written: Python would try once more at its end, and fail with a traceback."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

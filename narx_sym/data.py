@@ -13,10 +13,9 @@ import numpy as np
 
 from .errors import DataError
 from .signals import plain_name
-from .tables import PathLike, load
+from .tables import PathLike, check_size, load
 from .timegrid import Vector, check_step, regular_time, uniform_time
 
-LARGEST = 1e100  # beyond it, or below its inverse, squares leave the floating-point numbers
 YEARS = 3e8  # [s], ten years: a record that seems longer has its time in another unit
 
 
@@ -222,9 +221,7 @@ def _vector(x: Any, where: str) -> Vector:
             f"{where} has {bad.size} missing or infinite value(s), the first at index {bad[0]}; "
             "repair them or cut them away"
         )
-    size = float(np.abs(out).max(initial=0.0))
-    if size > LARGEST or 0 < size < 1 / LARGEST:
-        raise DataError(f"{where} has values of the size {size:.3g}; choose another unit")
+    check_size(out, where)
     out.flags.writeable = False
     return out
 

@@ -8,6 +8,7 @@ import math
 import os
 import re
 import zipfile
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +24,7 @@ from .timegrid import Grid, Vector, check_step, regular_time, uniform_time
 PathLike = str | os.PathLike[str]
 MOST_NAMED, LONGEST_HEADER = 40, 1_000_000  # columns in a message; characters
 MATLAB_NUMBERS = {"double", "single", "logical", *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64))}
+LARGEST = 1e100  # in any unit
 LARGEST_ARCHIVE = 8_000_000_000  # bytes of all arrays of a .npz or .mat file, unpacked
 
 
@@ -125,7 +127,7 @@ class Table:
             self.notes.append(f"column '{name}' holds True and False, read as 1 and 0")
         values = self._floats(raw)
         if keep is not None and keep.size == values.size:
-            return values[keep]
+            values = values[keep]
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             raise DataError(
@@ -133,6 +135,7 @@ class Table:
                 f"{self.where(cut.start + int(bad[0]))}; repair them, leave the rows out with --rows A:B, or drop them "
                 "with --missing drop"
             )
+        check_size(values, f"{self.path}: column '{name}'")
         return values
 
     def time(self, t: str | None, Ts: float | None, cut: slice, keep: NDArray[np.bool_] | None = None) -> Grid | None:
@@ -167,6 +170,13 @@ class Table:
             except (TypeError, ValueError):
                 return i
         return None
+
+
+def check_size(x: Vector, where: str) -> None:
+    """Refuse values whose squares would leave the floating-point numbers."""
+    size = float(max(np.max(x, initial=0.0), -np.min(x, initial=0.0)))
+    if size > LARGEST or 0 < size < 1 / LARGEST:
+        raise DataError(f"{where} has values of the size {size:.3g}; choose another unit")
 
 
 def _rows(rows: slice | str | None, path: str) -> slice:
@@ -252,7 +262,7 @@ def _load_text(name: str) -> Table:
         column = frame[i] if full.size else pd.Series([], dtype=float)
         numeric = pd.api.types.is_numeric_dtype(column.dtype)
         columns[h] = column.to_numpy(dtype=None if numeric else object)
-    repeated = frozenset(h for h in header if header.count(h) > 1)
+    repeated = frozenset(h for h, count in Counter(header).items() if count > 1)
     return Table(name, {h: columns[h] for h in header}, numbers, first, notes, repeated, decimal)
 
 
