@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(Path(__file__).parent / "bench"))  # scripts, no package
 from floors import FAST, floors
 
+ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 DIRECT = [re.match(r"[\w.-]+", text)[0] for text in PROJECT["dependencies"]]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
