@@ -48,6 +48,7 @@ _WHERE = {
     "experiment": ("Experiment",),
     "misfit": ("where_it_fails",),
     "store": ("load", "save"),
+    "journal": ("resuming",),
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
 _MODULES = ("assumptions", "effects", "ensemble", "plants", "plots")

@@ -18,6 +18,7 @@ from .directions import Direction, Linearised
 from .effects import Catalogue
 from .extend import Variant, equations
 from .freerun import FreeRun
+from .journal import remembered
 from .metrics import correlation_length
 from .model import Model
 from .refit import Fitted, add
@@ -142,7 +143,10 @@ class Scored:
     @cached_property
     def structure(self) -> float:
         """Share of the held-out squared error that follows from the signals, as far as a black box can tell."""
-        return predictable(self.line, self.fitted.split, self.directions, self.matrix, self.channels)
+        line, split, names = self.line, self.fitted.split, [str(d.variant) for d in self.directions]
+        depends = (line.problem, line.residual, line.own, self.matrix, names, split.train, split.held, self.channels)
+        given = (line, split, self.directions, self.matrix, self.channels)
+        return float(remembered(predictable, *given, on=depends))
 
     @property
     def missing(self) -> float:

@@ -5,24 +5,26 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from . import cli_diagnose
-from .errors import DataError, NarxError
+from .errors import INTERRUPTED, DataError, NarxError
 from .terminal import (
     Channels,
     DataFiles,
     Input,
+    Missing,
     ModelFile,
     Output,
     Rows,
     Time,
     Ts,
     Units,
-    check_target,
+    check_targets,
     console,
     note,
     print_errors,
@@ -64,16 +66,17 @@ def fit(
     ts: Ts = None,
     channels: Channels = "",
     rows: Rows = None,
+    missing: Missing = "refuse",
 ) -> None:
     """Select the structure and fit the parameters under Sigma_y = 1."""
     from .identification import identify
     from .simulation import evaluate
     from .store import save
 
-    check_target(out, *data)
+    check_targets([out], *data)
     if u == y:
         raise DataError(f"Input and output are the same column {u!r}; choose with --input and --output.")
-    measured = records(data, u, y, t, ts, channels, rows)
+    measured = records(data, u, y, t, ts, channels, rows, missing)
     with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
         model = identify(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
@@ -101,8 +104,7 @@ def derive(
     from .files import write_text
     from .store import load
 
-    for path in (latex, plot):
-        check_target(path, model_file)
+    check_targets([latex, plot], model_file)
     model = load(model_file)
     for heading, lines in summary(model):
         console().print(f"[bold]{heading}[/bold]")
@@ -136,6 +138,7 @@ def compare(
     ts: Ts = None,
     channels: Channels = "",
     rows: Rows = None,
+    missing: Missing = "refuse",
 ) -> None:
     """Compare a model with measurements: one-step and free-run errors, time response and loop, where it fails.
 
@@ -147,11 +150,10 @@ def compare(
 
     target = None if no_plot else plot
     where = cli_diagnose.beside(target)
-    for path in (target, where):
-        check_target(path, model_file, *data)
+    check_targets([target, where], model_file, *data)
     model = load(model_file)
     named = ",".join(filter(None, [channels, reference, *model.channels])) if channels != "all" else "all"
-    measured = records(data, u, y, t, ts, named, rows)
+    measured = records(data, u, y, t, ts, named, rows, missing)
     with working("Simulating"):
         pairs = [(r.name, evaluate(model, r)) for r in measured]
     print_errors(pairs)
@@ -210,8 +212,7 @@ def compensate(
     from .metrics import nsavi
     from .store import load
 
-    for path in (latex, c, st, out):
-        check_target(path, model_file, reference)
+    check_targets([latex, c, st, out], model_file, reference)
     if (reference is None) != (out is None):
         raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
     model = load(model_file)
@@ -273,7 +274,7 @@ def simulate(
     from .files import write_csv
     from .store import load
 
-    check_target(out, model_file, input_file)
+    check_targets([out], model_file, input_file)
     model = load(model_file)
     if model.channels:
         raise DataError(f"{model_file}: the model needs the channel {model.channels[0]!r}; use Python for this one.")
@@ -309,21 +310,31 @@ def root(version: Annotated[bool, typer.Option("--version", help="Print the vers
         raise typer.Exit
 
 
-def main() -> None:
+def main() -> None:  # the entry point is `__main__.main`, which also catches Ctrl-C while this module is loaded
     """Run the command: exit 0 on success, 2 with one message on bad usage or input, never a traceback."""
     warnings.showwarning = lambda message, *_, **__: note(str(message))
     try:
-        app()
-    except SystemExit as stop:
-        if stop.code == 130:  # typer has turned Ctrl-C into this
-            print("narx-sym: interrupted; files are either whole or as they were", file=sys.stderr)
-        raise
+        try:
+            app()
+        except SystemExit as stop:
+            if stop.code == 130:  # typer has turned Ctrl-C into this
+                print(INTERRUPTED, file=sys.stderr)
+            sys.stdout.flush()  # a full disk behind the pipe is seen here
+            raise
     except NarxError as error:
         print(f"narx-sym: {error}", file=sys.stderr)
         sys.exit(2)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _close_output()
         sys.exit(1)
+    except MemoryError:
+        print("narx-sym: not enough memory; use fewer rows (--rows A:B), lags or terms", file=sys.stderr)
+        sys.exit(2)
+    except OSError as error:
+        place = error.filename or "standard output"
+        print(f"narx-sym: {place}: {error.strerror or error}; check space and permissions there", file=sys.stderr)
+        _close_output()
+        sys.exit(2)
     except Exception as error:
         if os.environ.get("NARX_SYM_DEBUG"):
             raise
@@ -333,3 +344,9 @@ def main() -> None:
             file=sys.stderr,
         )
         sys.exit(1)
+
+
+def _close_output() -> None:
+    """Drop what cannot be written: Python would try once more at its end, and fail with a traceback."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

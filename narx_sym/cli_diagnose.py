@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .errors import DataError, ModelError, NarxError
+from .errors import ModelError, NarxError
 from .terminal import (
     Channels,
     DataFiles,
     Input,
+    Missing,
     ModelFile,
     Output,
     Rows,
@@ -21,7 +23,7 @@ from .terminal import (
     Ts,
     Units,
     check_format,
-    check_target,
+    check_targets,
     console,
     note,
     print_equations,
@@ -72,6 +74,10 @@ def diagnose(
     ts: Ts = None,
     channels: Channels = "",
     rows: Rows = None,
+    missing: Missing = "refuse",
+    resume: Annotated[
+        Path | None, typer.Option("--resume", help="Keep results here; an interrupted run goes on from them.")
+    ] = None,
 ) -> None:
     """Compare a model with measurements and name the physical effect that is missing.
 
@@ -81,27 +87,27 @@ def diagnose(
     from dataclasses import replace
 
     from .diagnosis import diagnose as run
+    from .journal import resuming
 
     effect_files = effects or []
     where = beside(plot)
     next_file = experiment or (json_file.parent / "next.csv" if json_file else None)
-    targets = [json_file, save, plot, where, experiment]
-    for target in targets:
-        check_target(target, *data, *effect_files, *([Path(base)] if is_file(base) else []))
-    given = [t.resolve() for t in targets if t is not None]
-    if len(set(given)) < len(given):
-        raise DataError("Two results would go to the same file; choose different names.")
+    targets = [json_file, save, plot, where, experiment, resume]
+    check_targets(targets, *data, *effect_files, *([Path(base)] if is_file(base) else []))
     check_format(plot)
     catalogue = with_own(effect_files)
     start = loaded(base) if is_file(base) else None
     wanted = joined(channels, start.channels if start is not None else ())
-    measured = records(data, u, y, t, ts, wanted, rows)
-    if start is None:
-        start = identified(measured, base)
-    elif start.Ts and abs(measured[0].Ts - start.Ts) > 1e-6 * start.Ts:
-        note(f"the data have Ts = {measured[0].Ts:g} s, the model was identified at {start.Ts:g} s")
-    with working("Diagnosing") as report:
-        found = run(start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, report=report)
+    measured = records(data, u, y, t, ts, wanted, rows, missing)
+    with resuming(resume) if resume else nullcontext() as journal:
+        if start is None:
+            start = identified(measured, base)
+        elif start.Ts and abs(measured[0].Ts - start.Ts) > 1e-6 * start.Ts:
+            note(f"the data have Ts = {measured[0].Ts:g} s, the model was identified at {start.Ts:g} s")
+        with working("Diagnosing") as report:
+            found = run(start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, report=report)
+    if journal is not None and journal.found:
+        note(f"{journal.found} results were in {resume} already")
     names = unit_names(units)
     step = found.steps[0]
     written = None
@@ -311,6 +317,7 @@ def add(
     ts: Ts = None,
     channels: Channels = "",
     rows: Rows = None,
+    missing: Missing = "refuse",
 ) -> None:
     """Add an effect to a model, fit both together in free run, and compare the errors before and after."""
     from .addition import Addition
@@ -318,11 +325,11 @@ def add(
     from .simulation import evaluate
     from .store import save
 
-    check_target(out, model_file, *data, *(effects or []))
+    check_targets([out], model_file, *data, *(effects or []))
     model = loaded(str(model_file))
     addition = Addition(model, effect, where, with_own(effects or []))
     wanted = joined(channels, [*model.channels, *([addition.channel] if addition.channel else [])])
-    measured = records(data, u, y, t, ts, wanted, rows)
+    measured = records(data, u, y, t, ts, wanted, rows, missing)
     prepare(measured)
     with working(f"Adding {effect}") as report:
         before = evaluate(model, measured)

@@ -13,8 +13,10 @@ import numpy as np
 
 from .errors import DataError
 from .signals import plain_name
-from .tables import PathLike, load
+from .tables import PathLike, check_size, load
 from .timegrid import Vector, check_step, regular_time, uniform_time
+
+YEARS = 3e8  # [s], ten years: a record that seems longer has its time in another unit
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,6 +108,23 @@ class Record:
             tuple(i - a for i in self.breaks if a < i < b),
         )
 
+    def remarks(self) -> list[str]:
+        """Return what to know about the data before anything is concluded from them; nothing was changed."""
+        found = []
+        for word, x in {"input": self.u, "output": self.y}.items():
+            low, high = float(x.min()), float(x.max())
+            if low < high and np.all((x == low) | (x == high)):
+                found.append(
+                    f"the {word} takes only two values, {low:.6g} and {high:.6g}: what happens between them, a bend "
+                    "or a dead zone, cannot be seen"
+                )
+        if self.Ts * len(self) > YEARS:
+            found.append(
+                f"the record seems to last {self.Ts * len(self) / 3.156e7:.3g} years: where the time is not in s, "
+                "convert it or give --ts"
+            )
+        return found
+
     def segments(self) -> list[Record]:
         """Contiguous records between the breaks; a single sample left alone by a cut is no segment."""
         if not self.breaks:
@@ -188,6 +207,7 @@ def _vector(x: Any, where: str) -> Vector:
     try:
         if np.iscomplexobj(x):
             raise TypeError
+        x = np.ma.filled(x.astype(np.float64), np.nan) if isinstance(x, np.ma.MaskedArray) else x
         out: Vector = np.array(x, dtype=np.float64, order="C")
     except (TypeError, ValueError):
         raise DataError(f"{where} is not an array of real numbers") from None
@@ -201,6 +221,7 @@ def _vector(x: Any, where: str) -> Vector:
             f"{where} has {bad.size} missing or infinite value(s), the first at index {bad[0]}; "
             "repair them or cut them away"
         )
+    check_size(out, where)
     out.flags.writeable = False
     return out
 
@@ -213,6 +234,7 @@ def read(
     Ts: float | None = None,
     rows: slice | str | None = None,
     channels: str | Sequence[str] = (),
+    missing: str = "refuse",
 ) -> Record:
     """Read one experiment from .csv, .txt, .tsv, .dat, .npz, .mat or .parquet.
 
@@ -227,13 +249,23 @@ def read(
     channels : names or "all"
         Further columns to keep. A name that cannot stand in an equation is changed, and that is noted:
         "temp [C]" becomes temp_C, and either name finds it.
+    missing : "refuse" or "drop"
+        What happens where a value is missing or infinite. "drop" leaves the row out; the hole is treated as one in the
+        time stamps: up to ten steps are filled by linear interpolation, a longer one splits the record. It is noted.
     """
+    if missing not in ("refuse", "drop"):
+        raise DataError(f"missing values are refused or dropped (--missing refuse or drop), not {missing!r}")
     table = load(path)
     cut = table.cut(rows)
     names = table.channels(channels, {u, y, t}, cut)
     asked = {**dict.fromkeys(names, "--channels"), u: "--input", y: "--output"}
-    data = {n: table.numbers(n, option, cut) for n, option in asked.items()}
-    grid = table.time(t, Ts, cut)
+    keep = (
+        table.complete([*asked, *([t] if Ts is None and t in table.columns else [])], cut)
+        if missing == "drop"
+        else None
+    )
+    data = {n: table.numbers(n, option, cut, keep) for n, option in asked.items()}
+    grid = table.time(t, Ts, cut, keep)
     if grid is None:
         raise DataError(
             f"{table.path}: no time column '{t}' and no sampling time; there are {table.listing}; "

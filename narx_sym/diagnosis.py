@@ -347,6 +347,7 @@ class Diagnosis:
     seconds: float
     seed: int
     faults: list[Fault] = field(default_factory=list)
+    data_notes: list[str] = field(default_factory=list)  # what was dropped, resampled or split, and what to know
 
     @property
     def verdict(self) -> str:
@@ -426,6 +427,7 @@ class Diagnosis:
         ]
         first |= {"schema": 1, "seed": self.seed, "seconds": round(self.seconds, 3), "ladder": self.ladder}
         first["sensor"] = [{"effect": f.effect, "size": f.size, "share": f.share} for f in self.faults]
+        first["data_notes"] = self.data_notes
         first["sentence"] = self.sentence()
         if len(self.steps) > 1:
             rest = [s.to_dict(None) for s in self.steps[1:]]
@@ -506,7 +508,8 @@ def diagnose(
             if len(base.model.info["effects"]) - given >= max_effects:
                 break
     faults = sensor_faults(listed, min(s.floor for s in steps))
-    return Diagnosis(steps, failed, time.perf_counter() - begin, seed, faults)
+    said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())]
+    return Diagnosis(steps, failed, time.perf_counter() - begin, seed, faults, said)
 
 
 def _misfit(fitted: Fitted, floor: float | None) -> Misfit:

@@ -1,5 +1,7 @@
 """Every error a user may see."""
 
+INTERRUPTED = "narx-sym: interrupted; files are either whole or as they were"
+
 
 class NarxError(ValueError):
     """Base of all errors of this package; the message says what is wrong, where, and what to do."""

@@ -32,19 +32,61 @@ def write_csv(path: PathLike, columns: Mapping[str, Any]) -> None:
 
 def write_text(path: PathLike, text: str) -> None:
     """Write UTF-8 text; the file appears whole or not at all."""
-    target = Path(path)
-    if not target.parent.is_dir():
-        raise DataError(f"{target}: the folder {target.parent} does not exist; make it first")
-    if target.is_dir():
-        raise DataError(f"{target}: is a folder; give a file name")
-    # The same folder, because a rename is atomic only within one file system.
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_figure(figure: Any, path: PathLike, dpi: int = 150) -> None:
+    """Write a picture in the format of its suffix; the file appears whole or not at all."""
+    raw, suffix = io.BytesIO(), Path(path).suffix.lstrip(".").lower()
     try:
-        part.write_text(text, encoding="utf-8", newline="\n")
-        os.replace(part, target)
+        figure.savefig(raw, dpi=dpi, format=suffix or None)
+    except ValueError as error:
+        raise DataError(f"{os.fspath(path)}: {str(error)[:300]}") from None
+    write_bytes(path, raw.getvalue())
+
+
+def write_bytes(path: PathLike, raw: bytes) -> None:
+    """Write a file under a temporary name beside the old one, flush it to the disk, and rename it.
+
+    Whatever stops it (Ctrl-C, kill -9, a full disk) leaves the old file or the new one. A link is followed, the old
+    file's permissions are kept, and what is no file (`/dev/stdout`, a pipe) is written to, never replaced.
+
+    Raises
+    ------
+    DataError
+        Where the folder is missing, the target is a folder, or the system refuses.
+    """
+    target = check_path(path)
+    # The same folder, because a rename is atomic only within one file system.
+    part = target.with_name(f".{target.name[:200]}.{os.getpid()}.part")
+    try:
+        if target.exists() and not target.is_file():
+            target.write_bytes(raw)
+            return
+        try:
+            with part.open("wb") as file:
+                file.write(raw)
+                file.flush()
+                os.fsync(file.fileno())
+            if target.exists():
+                os.chmod(part, target.stat().st_mode & 0o7777)
+            os.replace(part, target)
+        finally:
+            part.unlink(missing_ok=True)
     except OSError as error:
         raise DataError(
-            f"{target}: cannot be written ({error.strerror or error}); check the folder's permissions"
+            f"{os.fspath(path)}: cannot be written ({error.strerror or error}), the file is as it was; check the "
+            "folder's space and permissions"
         ) from None
-    finally:
-        part.unlink(missing_ok=True)
+
+
+def check_path(path: PathLike) -> Path:
+    """Return where a file would be written, links followed; refuse a missing folder, and a folder as the target."""
+    target = Path(os.path.realpath(path))
+    if not target.parent.is_dir():
+        raise DataError(f"{os.fspath(path)}: the folder {Path(path).parent} does not exist; make it first")
+    if target.is_dir():
+        raise DataError(f"{os.fspath(path)}: is a folder; give a file name")
+    if not os.access(target.parent, os.W_OK) and (target.is_file() or not target.exists()):
+        raise DataError(f"{os.fspath(path)}: the folder {Path(path).parent} is not writable; choose another")
+    return target

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -88,11 +89,15 @@ class FreeRun:
         self.edges = np.cumsum([0, *(m[r].size for m, r in zip(measured, self.rows, strict=True))])
         if min(m.size for m in measured) <= self.depth or self.edges[-1] <= self.free:
             raise FitError(f"{self.free} parameters cannot be estimated from {max(self.edges[-1], 0)} samples.")
-        long = isinstance(model, NARX) and len(model.symbols) > MANY
-        self._move = self._banded() if long else self._forward()
         self.slopes = np.zeros((self.edges[-1], self.free + self.shifts), order="F")
         self.residuals = np.empty(self.edges[-1])
         self._last: Array | None = None
+
+    @cached_property
+    def _move(self) -> Any:
+        """The run with its derivatives: derived and compiled when it is first needed."""
+        long = isinstance(self.model, NARX) and len(self.model.symbols) > MANY
+        return self._banded() if long else self._forward()
 
     def __reduce__(self) -> Any:
         """Rebuild in another process: machine code does not travel."""

@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
+from .journal import active, digest
+
 
 @cache
 def _pools() -> Any:
@@ -38,14 +40,23 @@ def sweep(
         A description: with it, a progress bar is shown on stderr.
     jobs : int, optional
         As `n_jobs` of joblib: -1 for all cores. By default what `joblib.parallel_config` says, else one.
+
+    Inside `with narx_sym.resuming(file):` each result is kept there, and results that are there are not computed again.
     """
     from joblib import Parallel, delayed
 
-    listed = list(calls)
-    results = Parallel(n_jobs=jobs, return_as="generator")(delayed(function)(*call) for call in listed)
-    if not what:
-        return list(results)
-    from rich.console import Console
-    from rich.progress import track
+    listed, journal = list(calls), active()
+    keys = [digest(function, *call) for call in listed] if journal is not None else []
+    done = {i: found[0] for i, key in enumerate(keys) if journal is not None and (found := journal.find(key))}
+    todo = [i for i in range(len(listed)) if i not in done]
+    results: Iterable[Any] = Parallel(n_jobs=jobs, return_as="generator")(delayed(function)(*listed[i]) for i in todo)
+    if what:
+        from rich.console import Console
+        from rich.progress import track
 
-    return list(track(results, description=what, total=len(listed), console=Console(file=sys.stderr)))
+        results = track(results, description=what, total=len(todo), console=Console(file=sys.stderr))
+    for i, result in zip(todo, results, strict=True):
+        if journal is not None:
+            journal.keep(keys[i], result)
+        done[i] = result
+    return [done[i] for i in range(len(listed))]

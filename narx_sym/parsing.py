@@ -6,8 +6,10 @@ bound (long texts, deep nesting, large powers), is refused with a `ParseError`.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from functools import cache
+from math import comb
 from typing import Any
 
 import sympy as sp
@@ -41,6 +43,7 @@ FUNCTIONS: dict[str, Any] = {
 SIGNALS = {str(b.label): b for b in (y, u, phi1, phi2, breve_phi1, breve_phi2)}
 MAX_LENGTH, MAX_DEPTH, MAX_POWER, MAX_DIGITS, MAX_LAG = 20_000, 40, 16, 310, 100_000
 MAX_COMPARED, LARGEST = 1_000, 1e300
+MAX_FACTORS, MAX_CALLS, MAX_CONSTANTS = 200, 500, 3  # in a product; functions, and those in a constant argument
 
 
 @cache
@@ -101,8 +104,63 @@ def parse(text: str, signals: Iterable[str] = (), symbols: Iterable[str] = ()) -
     return expr
 
 
+def read_json(text: str) -> Any:
+    """Read JSON in which no name stands twice in an object and every number is finite.
+
+    Raises
+    ------
+    ValueError, RecursionError
+        Not JSON, or JSON that two readers may take differently.
+    """
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            names = [n for n, _ in pairs]
+            raise ValueError(f"the name {next(n for n in names if names.count(n) > 1)[:40]!r} stands twice")
+        return found
+
+    def number(token: str) -> float:
+        value = float(token)
+        if value in (float("inf"), float("-inf")):
+            raise ValueError(f"the number {token[:40]} is too large")
+        return value
+
+    def constant(name: str) -> Any:
+        raise ValueError(f"{name} is no number")
+
+    return json.loads(text, object_pairs_hook=once, parse_float=number, parse_constant=constant)
+
+
+def expanded_terms(expr: Any) -> int:
+    """Return how many terms `expand` may make of an expression, the largest of its arguments included."""
+    largest = 1
+
+    def count(e: Any) -> int:
+        nonlocal largest
+        made = [count(a) for a in e.args] if not e.is_Indexed else []
+        found = 1
+        if e.is_Add:
+            found = sum(made)
+        elif e.is_Mul:
+            for n in made:
+                found *= n
+        elif e.is_Pow and e.exp.is_Integer and e.exp > 0:
+            found = comb(made[0] + int(e.exp) - 1, int(e.exp))
+        largest = max(largest, found)
+        return found
+
+    count(expr)
+    return largest
+
+
 def _short(text: str) -> str:
     return text if len(text) < 60 else text[:57] + "..."
+
+
+def _some(names: Iterable[str], most: int = 20) -> str:
+    listed = list(names)
+    return ", ".join(map(_short, listed[:most])) + (f" and {len(listed) - most} more" if len(listed) > most else "")
 
 
 class _Builder:
@@ -110,7 +168,7 @@ class _Builder:
 
     def __init__(self, text: str, signals: dict[str, Any], symbols: dict[str, Any]):
         self.text, self.signals, self.symbols = text, signals, symbols
-        self.compared = 0
+        self.compared = self.calls = 0
 
     def build(self, node: Any) -> Any:
         if node is None or not hasattr(node, "data"):
@@ -129,6 +187,8 @@ class _Builder:
             if operator == "/" and factor == 0:
                 raise self.fail("division by zero.")
             factors.append(factor if operator == "*" else 1 / factor)
+        if sum(len(sp.Mul.make_args(f)) for f in factors) > MAX_FACTORS:
+            raise self.fail(f"a product of more than {MAX_FACTORS} factors is refused.")
         return self.bounded(sp.Mul(*factors))
 
     def signed(self, sign: str, value: Any) -> Any:
@@ -161,12 +221,12 @@ class _Builder:
             return sp.pi
         if name in self.signals:
             raise self.fail(f"{name} needs a time index: {name}[k-1].")
-        raise self.fail(f"unknown name {_short(name)!r}; known are {', '.join([*self.signals, *self.symbols])}.")
+        raise self.fail(f"unknown name {_short(name)!r}; known are {_some([*self.signals, *self.symbols])}.")
 
     def sample(self, name: str, sign: str | None, steps: str | None) -> Any:
         name = str(name)
         if name not in self.signals:
-            raise self.fail(f"unknown sequence {_short(name)!r}; known are {', '.join(self.signals)}.")
+            raise self.fail(f"unknown sequence {_short(name)!r}; known are {_some(self.signals)}.")
         if steps is None:
             return self.signals[name][k]
         if len(steps) > 6 or int(steps) > MAX_LAG:
@@ -177,6 +237,9 @@ class _Builder:
         name = str(name)
         if name not in FUNCTIONS:
             raise self.fail(f"unknown function {_short(name)!r}; known are {', '.join(FUNCTIONS)}.")
+        self.calls += 1
+        if self.calls > MAX_CALLS:
+            raise self.fail(f"there are more than {MAX_CALLS} functions.")
         if name not in ("Max", "Min") and len(arguments) != 1:
             raise self.fail(f"{name} takes one argument, not {len(arguments)}.")
         if any(a.is_Number for a in arguments) and name in ("exp", "log", "tan"):
@@ -185,6 +248,8 @@ class _Builder:
             self.compared += sum(len(a.args) if isinstance(a, (sp.Max, sp.Min)) else 1 for a in arguments) ** 2
             if self.compared > MAX_COMPARED:
                 raise self.fail("there are too many arguments of Max and Min.")
+        if any(a.is_number and len(a.atoms(sp.Function)) >= MAX_CONSTANTS for a in arguments):
+            raise self.fail(f"{name} of nested constants is refused; write the number.")
         try:
             return FUNCTIONS[name](*arguments)
         except ValueError as error:

@@ -15,6 +15,7 @@ from .compile import evaluate_quasi_static
 from .data import Record
 from .errors import NarxError
 from .excursions import radius
+from .files import write_figure
 from .internal import direction
 from .invert import Compensator
 from .misfit import Misfit, Panel
@@ -310,7 +311,7 @@ def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[s
         marks.values(), marks.keys(), loc="outside lower center", ncols=2 * len(columns) + 1, fontsize=8, frameon=False
     )
     if path is not None:
-        figure.savefig(path, dpi=150)
+        write_figure(figure, path)
     return figure
 
 
@@ -406,7 +407,7 @@ def plot_diagnosis(diagnosis: Any, path: str | Path | None = None, units: dict[s
     plot_candidates(diagnosis, ax=axes[0])
     plot_ladder(diagnosis, units=units, ax=axes[1])
     if path is not None:
-        figure.savefig(path, dpi=150)
+        write_figure(figure, path)
     return figure
 
 
@@ -460,7 +461,7 @@ def plot_ladder(
         _plain_numbers(other.yaxis)
     ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2)
     if path is not None:
-        ax.figure.savefig(path, dpi=150)
+        write_figure(ax.figure, path)
     return ax.figure
 
 
@@ -519,5 +520,5 @@ def plot_candidates(
     ax.set_xlabel("share of the removable error, on samples never used for fitting")
     ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3)
     if path is not None:
-        ax.figure.savefig(path, dpi=150)
+        write_figure(ax.figure, path)
     return ax.figure

@@ -141,5 +141,26 @@ class Recursion:
         return compile(self, engine)
 
 
+def written_out(expr: Any, states: Sequence[State]) -> int:
+    """Return how many nodes an expression has when states without memory are put in, each where it occurs."""
+    reads = {s.left.base: {e.base for e in samples(s.right)} for s in states}
+    sizes: dict[Any, int] = {}
+
+    def remembers(base: Any) -> bool:
+        seen: set[Any] = set()
+        more = reads[base]
+        while more - seen:
+            seen |= more
+            more = set().union(*(reads.get(b, set()) for b in more))
+        return base in seen
+
+    def size(e: Any) -> int:
+        return sizes.get(e.base, 1) if isinstance(e, sp.Indexed) else 1 + sum(map(size, e.args))
+
+    for state in states:
+        sizes[state.left.base] = 1 if remembers(state.left.base) else size(state.right)
+    return size(expr)
+
+
 def _bases(expr: sp.Expr) -> set[sp.IndexedBase]:
     return {s.base for s in samples(expr)}

@@ -16,6 +16,7 @@ from .data import Record
 from .errors import FitError
 from .extend import Variant, extend, without
 from .freerun import FreeRun
+from .journal import remembered
 from .metrics import correlation_length
 from .model import Model
 from .simulation import segments
@@ -161,16 +162,21 @@ def settle(
     equations = constraint_equations(model, None)
     problem = FreeRun(model, list(split.records), equations, split.train)
     begin = problem.start(model.theta if start is None else start)
-    if not all(np.all(np.isfinite(part)) for part in problem.run(begin)):
-        raise FitError("The free run of the start values diverges.")
-    found = problem.minimise(begin, steps, TOLERANCE, limits)
-    model.theta = problem.theta(found.x).tolist()
-    std = problem.errors(found)
+    unknowns, std, converged = remembered(_minimum, problem, begin, steps, limits)
+    model.theta = problem.theta(unknowns).tolist()
     model.std = tuple(float(s) for s in std)
-    made = Fitted(model, split, problem, found.x, bool(found.status > 0), std, limits)
+    made = Fitted(model, split, problem, unknowns, converged, std, limits)
     if not all(np.all(np.isfinite(e)) for e in made.errors):
         raise FitError("The fitted model is unstable.")
     return made
+
+
+def _minimum(problem: FreeRun, begin: Array, steps: int, limits: Mapping[Any, Any]) -> tuple[Array, Array, bool]:
+    """Return the unknowns at the minimum, the standard errors of the parameters, and whether it converged."""
+    if not all(np.all(np.isfinite(part)) for part in problem.run(begin)):
+        raise FitError("The free run of the start values diverges.")
+    found = problem.minimise(begin, steps, TOLERANCE, limits)
+    return found.x, problem.errors(found), bool(found.status > 0)
 
 
 def add(

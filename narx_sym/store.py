@@ -12,16 +12,18 @@ from typing import Any
 
 from sympy import Eq, Indexed, Symbol, expand, true
 
-from .analysis import continuum_conditions
+from .analysis import continuum_conditions, rest_map
 from .errors import ModelError, NarxError
 from .files import write_text
 from .model import NARX, Model
-from .parsing import FUNCTIONS, SIGNALS, parse
+from .parsing import FUNCTIONS, SIGNALS, expanded_terms, parse, read_json
 from .printing import text
-from .recursion import State
+from .recursion import State, written_out
 from .signals import k, lag, samples, signal, u, x, y
 
 SCHEMA, MAX_BYTES, MAX_STATES, MAX_NAME = 1, 2_000_000, 200, 100
+MAX_LISTED, MAX_TEXT = 1000, 60_000  # entries of a list; characters of all equations
+MAX_WRITTEN, MAX_TERMS = 20_000, 20_000  # nodes of the output's equation; terms of its rest map, multiplied out
 FIELDS = {
     "schema", "kind", "terms", "F", "symbols", "theta", "std", "input", "output", "lead", "operating_point", "Ts",
     "constraints", "channels", "states", "info",
@@ -74,13 +76,17 @@ def load(path: Any) -> Model:
     """
     source = Path(path)
     try:
-        if source.stat().st_size > MAX_BYTES:
+        with source.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+        if len(raw) > MAX_BYTES:
             raise ModelError(f"{path}: the file is larger than {MAX_BYTES} bytes; this is not a model file.")
-        data = json.loads(source.read_text(encoding="utf-8"))
+        data = read_json(raw.decode("utf-8"))
     except FileNotFoundError:
         raise ModelError(f"{path}: no such model file.") from None
     except OSError as error:
         raise ModelError(f"{path}: cannot be read ({error.strerror or error}).") from None
+    except NarxError:
+        raise
     except (ValueError, RecursionError) as error:
         raise ModelError(f"{path}: not a model file (no valid JSON: {str(error)[:80]}).") from None
     try:
@@ -100,9 +106,15 @@ def from_dict(data: Any) -> Model:
         raise ModelError(f"unknown field {unknown[0][:40]!r}; a newer version may have written this file.")
     channels = _texts(data, "channels")
     symbols = _texts(data, "symbols")
+    _check_names(channels, "channel", set())
+    _check_names(symbols, "parameter", set())
     kind = data.get("kind")
     terms = _texts(data, "terms") if kind == "narx" else []
     parameters = [f"theta_{i}" for i in range(1, len(terms) + 1)] if kind == "narx" else symbols
+    constraints = _texts(data, "constraints")
+    length = sum(map(len, (*terms, *constraints, str(data.get("F", "")), *map(str, _listed_states(data)))))
+    if length > MAX_TEXT:
+        raise ModelError(f"the equations have {length} characters; at most {MAX_TEXT} are read.")
     states = _states(data, channels, parameters)
     signals = [*channels, "t", *(str(s.left.base.label) for s in states)]
     bases = {"u": u, "y": y}
@@ -143,7 +155,7 @@ def from_dict(data: Any) -> Model:
     else:
         raise ModelError(f"'kind' must be 'narx' or 'equation', not {str(data.get('kind'))[:40]!r}.")
     model.constraints = tuple(
-        c if c == "continuum" else _equation(c, [str(s) for s in model.symbols]) for c in _texts(data, "constraints")
+        c if c == "continuum" else _equation(c, [str(s) for s in model.symbols]) for c in constraints
     )
     if model.Ts is not None and model.Ts <= 0:
         raise ModelError("'Ts' must be a positive number of seconds.")
@@ -153,6 +165,7 @@ def from_dict(data: Any) -> Model:
     if unused:
         raise ModelError(f"the channel {sorted(unused)[0][:40]!r} appears in no term.")
     _check_states(model)
+    _check_size(model)
     _check_constraints(model)
     std = data.get("std")
     if std is not None:
@@ -163,6 +176,16 @@ def from_dict(data: Any) -> Model:
     info = data.get("info", {})
     model.info = _checked_info(info, [str(s) for s in model.symbols])
     return model
+
+
+def _check_size(model: Model) -> None:
+    """Refuse equations that grow without bound where algebra writes them out."""
+    size = written_out(model.F, model.states)
+    if model.inner == x:
+        core, beside = (written_out(e, model.states) for e in (model.core, model.beside))
+        size = core + (1 + len(samples(model.core, x))) * beside
+    if size > MAX_WRITTEN or ("continuum" in model.constraints and expanded_terms(rest_map(model)) > MAX_TERMS):
+        raise ModelError("the equations grow too large when they are written out; this is not a model of measurements.")
 
 
 def _check_constraints(model: Model) -> None:
@@ -185,9 +208,7 @@ def _state_to_dict(state: State) -> dict[str, str]:
 
 def _states(data: dict[str, Any], channels: list[str], symbols: list[str]) -> tuple[State, ...]:
     """Read the states in order; whether each has what it needs is checked by the recursion."""
-    listed = data.get("states", [])
-    if not isinstance(listed, list) or len(listed) > MAX_STATES:
-        raise ModelError(f"'states' must be a list of at most {MAX_STATES} entries.")
+    listed = _listed_states(data)
     for one in listed:
         if not isinstance(one, dict) or not all(isinstance(v, str) for v in one.values()):
             raise ModelError("each of 'states' must be an object of texts.")
@@ -208,6 +229,13 @@ def _states(data: dict[str, Any], channels: list[str], symbols: list[str]) -> tu
         )
         for one in listed
     )  # fmt: skip
+
+
+def _listed_states(data: dict[str, Any]) -> list[Any]:
+    listed = data.get("states", [])
+    if not isinstance(listed, list) or len(listed) > MAX_STATES:
+        raise ModelError(f"'states' must be a list of at most {MAX_STATES} entries.")
+    return listed
 
 
 def _check_names(names: list[str], what: str, taken: set[str]) -> None:
@@ -240,14 +268,14 @@ def _texts(data: dict[str, Any], name: str) -> list[str]:
     value = data.get(name, [])
     if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
         raise ModelError(f"{name!r} must be a list of texts.")
-    if len(value) > 2000:
-        raise ModelError(f"{name!r} has more than 2000 entries.")
+    if len(value) > MAX_LISTED:
+        raise ModelError(f"{name!r} has more than {MAX_LISTED} entries.")
     return value
 
 
 def _numbers(values: Any, name: str, finite: bool = True) -> list[float]:
     good = isinstance(values, list) and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values)
-    if not good or (finite and not all(abs(v) < 1e308 for v in values)):
+    if not good or not all(abs(v) < 1e308 for v in values if finite or v == v):
         raise ModelError(f"{name!r} must hold finite numbers.")
     return [float(v) for v in values]
 

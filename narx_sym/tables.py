@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import os
 import re
+import zipfile
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +22,10 @@ from .signals import plain_name
 from .timegrid import Grid, Vector, check_step, regular_time, uniform_time
 
 PathLike = str | os.PathLike[str]
+MOST_NAMED, LONGEST_HEADER = 40, 1_000_000  # columns in a message; characters
+MATLAB_NUMBERS = {"double", "single", "logical", *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64))}
+LARGEST = 1e100  # in any unit
+LARGEST_ARCHIVE = 8_000_000_000  # bytes of all arrays of a .npz or .mat file, unpacked
 
 
 @dataclass
@@ -27,7 +34,8 @@ class Table:
 
     path: str
     columns: dict[str, NDArray[Any]]
-    lines: list[int] | None = None  # line number in the file of each data row, for text files
+    lines: NDArray[np.int64] | None = None  # line number in the file of each data row, for text files
+    header: int = 1  # the line that the names were read from
     notes: list[str] = field(default_factory=list)
     repeated: frozenset[str] = frozenset()
     decimal: str = "."
@@ -35,7 +43,10 @@ class Table:
     @property
     def listing(self) -> str:
         """The columns there are, for messages."""
-        return "the columns " + ", ".join(n for n in self.columns if n)
+        named = [n if len(n) <= 60 else n[:57] + "..." for n in self.columns if n]
+        shown = ", ".join(named[:MOST_NAMED]) + (f" and {len(named) - MOST_NAMED} more" * (len(named) > MOST_NAMED))
+        line = "" if self.lines is None else f" (line {self.header})"
+        return f"the columns {shown}{line}" + "".join(f"; {n}" for n in self.notes if "left out" in n)
 
     def where(self, row: int) -> str:
         """Name a row as the user sees it: its line in a text file."""
@@ -79,8 +90,27 @@ class Table:
                 self.notes.append(f"column '{n}' is the channel {plain_name(n)}")
         return names
 
-    def numbers(self, name: str, option: str, cut: slice) -> Vector:
-        """Column `name` within `cut` as a finite (N,) array."""
+    def complete(self, names: Sequence[str], cut: slice) -> NDArray[np.bool_]:
+        """Rows of `cut` in which no named column is empty, NaN or infinite; what is dropped is noted."""
+        keep = np.ones(cut.stop - cut.start, dtype=bool)
+        for n in names:
+            raw = self.columns.get(n, np.zeros(0))[cut]
+            if raw.size == keep.size and self._first_text(raw) is None:
+                keep &= np.isfinite(self._floats(raw))
+        bad = np.flatnonzero(~keep)
+        if bad.size:
+            self.notes.append(
+                f"{bad.size} row(s) with missing or infinite values are dropped, the first in "
+                f"{self.where(cut.start + int(bad[0]))}"
+            )
+        if keep.size - bad.size < 2:
+            raise DataError(
+                f"{self.path}: {keep.size - bad.size} complete row(s) of {keep.size}; at least 2 are needed"
+            )
+        return keep
+
+    def numbers(self, name: str, option: str, cut: slice, keep: NDArray[np.bool_] | None = None) -> Vector:
+        """Column `name` within `cut`, and of the rows to `keep`, as a finite (N,) array."""
         if name not in self.columns:
             raise DataError(f"{self.path}: no column '{name}'; there are {self.listing}; choose with {option}")
         if name in self.repeated:
@@ -93,30 +123,42 @@ class Table:
                 f"{str(raw[text])!r}; correct it, leave the row out with --rows, "
                 f"or choose another column with {option}"
             )
-        values: Vector = np.array([self._number(x) for x in raw] if raw.dtype.kind == "O" else raw, dtype=np.float64)
+        if raw.dtype.kind == "b" or (raw.dtype.kind == "O" and any(isinstance(x, bool) for x in raw)):
+            self.notes.append(f"column '{name}' holds True and False, read as 1 and 0")
+        values = self._floats(raw)
+        if keep is not None and keep.size == values.size:
+            values = values[keep]
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             raise DataError(
                 f"{self.path}: column '{name}' has {bad.size} missing or infinite value(s), the first in "
-                f"{self.where(cut.start + int(bad[0]))}; repair them or leave the rows out with --rows A:B"
+                f"{self.where(cut.start + int(bad[0]))}; repair them, leave the rows out with --rows A:B, or drop them "
+                "with --missing drop"
             )
+        check_size(values, f"{self.path}: column '{name}'")
         return values
 
-    def time(self, t: str | None, Ts: float | None, cut: slice) -> Grid | None:
-        """Time grid of the rows, None where nothing says the time."""
+    def time(self, t: str | None, Ts: float | None, cut: slice, keep: NDArray[np.bool_] | None = None) -> Grid | None:
+        """Time grid of the rows (of those to `keep`), None where nothing says the time."""
+        kept = np.arange(cut.start, cut.stop) if keep is None else cut.start + np.flatnonzero(keep)
         if Ts is not None:
             if t in self.columns:
                 self.notes.append(f"time column '{t}' not used, Ts = {check_step(Ts):.10g} s was given")
-            return uniform_time(cut.stop - cut.start, check_step(Ts), cut.start)
+            if kept.size == cut.stop - cut.start:
+                return uniform_time(kept.size, check_step(Ts), cut.start)
+            return regular_time(kept * check_step(Ts), lambda i: self.where(int(kept[i])), f"{self.path}: ")
         if t is None or t not in self.columns:
             return None
-        stamps = self.numbers(t, "--time", cut)
-        return regular_time(stamps, lambda i: self.where(cut.start + i), f"{self.path}: column '{t}', ")
+        stamps = self.numbers(t, "--time", cut, keep)
+        return regular_time(stamps, lambda i: self.where(int(kept[i])), f"{self.path}: column '{t}', ")
 
     def _number(self, x: Any) -> float:
         if isinstance(x, str) and self.decimal == ",":
             x = x.replace(".", "?").replace(",", ".")
         return float(x)
+
+    def _floats(self, raw: NDArray[Any]) -> Vector:
+        return np.array([self._number(x) for x in raw] if raw.dtype.kind == "O" else raw, dtype=np.float64)
 
     def _first_text(self, raw: NDArray[Any]) -> int | None:
         """Position of the first entry that is no number."""
@@ -128,6 +170,13 @@ class Table:
             except (TypeError, ValueError):
                 return i
         return None
+
+
+def check_size(x: Vector, where: str) -> None:
+    """Refuse values whose squares would leave the floating-point numbers."""
+    size = float(max(np.max(x, initial=0.0), -np.min(x, initial=0.0)))
+    if size > LARGEST or 0 < size < 1 / LARGEST:
+        raise DataError(f"{where} has values of the size {size:.3g}; choose another unit")
 
 
 def _rows(rows: slice | str | None, path: str) -> slice:
@@ -173,25 +222,29 @@ def _load_text(name: str) -> Table:
     """Text with a header line; separator, decimal sign and encoding are found out."""
     import pandas as pd
 
-    text, notes = _decode(Path(name).read_bytes(), name)
-    numbered = [(i, s) for i, s in enumerate(re.split(r"\r\n|\r|\n", text), 1) if s.strip()]
-    if not numbered:
-        raise DataError(f"{name}: the file is empty; write a header such as t,u,y and the data below it")
-    numbers, lines = zip(*numbered, strict=True)
-    sep = _separator(lines)
-    header = [h.strip() for h in (lines[0].split() if sep == " " else next(csv.reader([lines[0]], delimiter=sep)))]
+    raw, notes = _decode(Path(name).read_bytes(), name)
+    raw = re.sub(rb"(?m)^[ \t\f\v]+$", b"", raw)  # lines of blanks are empty
+    first, top, start = _header(name, raw, notes)
+    ends = np.flatnonzero(np.frombuffer(raw, dtype=np.uint8)[start:] == ord("\n")) + start
+    edges = np.concatenate(([start], ends + 1))
+    full = np.flatnonzero(np.diff(np.append(edges, len(raw) + 1)) > 1)  # the lines that are not empty
+    sep = _separator([top, raw[edges[full[0]] :].split(b"\n", 1)[0].decode()] if full.size else [top])
+    names = top.split() if sep == " " else next(csv.reader([top], delimiter=sep))
+    header = [h.strip() for h in names]
     if all(re.fullmatch(r"[+-]?\d*[.,]?\d+([eE][+-]?\d+)?", h) for h in header):
         raise DataError(
-            f"{name}: line {numbers[0]} has numbers where the column names should be; add a header such as t,u,y"
+            f"{name}: line {first} has numbers where the column names should be; add a header such as t,u,y"
         )
-    body = "\n".join(lines[1:])
-    decimal = "," if sep != "," and re.search(r"(?:^|[;\t ])[ \"]*[+-]?\d*,\d", body, re.M) else "."
-    width = _check_width(name, numbers, lines, sep, len(header))
+    body = raw[start:]
+    del raw  # a record of ten million samples is large
+    decimal = "," if sep != "," and re.search(rb"(?:^|[;\t ])[ \"]*[+-]?\d*,\d", body, re.M) else "."
+    numbers = first + 1 + full
+    width = _width(name, body, edges - start, full, numbers, sep, len(header))
     frame = pd.DataFrame()
-    if body:
+    if full.size:
         try:
             frame = pd.read_csv(
-                io.StringIO(body),
+                io.BytesIO(body),
                 sep=r"\s+" if sep == " " else sep,
                 decimal=decimal,
                 header=None,
@@ -202,25 +255,59 @@ def _load_text(name: str) -> Table:
             )
         except (pd.errors.ParserError, ValueError) as error:
             raise DataError(f"{name}: cannot be read as a table ({error}); check the quotes") from None
+        if len(frame) != full.size:
+            raise DataError(f"{name}: {full.size} lines of data give {len(frame)} rows; check the quotes")
     columns = {}
     for i, h in reversed(list(enumerate(header))):
-        column = frame[i] if body else pd.Series([], dtype=float)
+        column = frame[i] if full.size else pd.Series([], dtype=float)
         numeric = pd.api.types.is_numeric_dtype(column.dtype)
         columns[h] = column.to_numpy(dtype=None if numeric else object)
-    repeated = frozenset(h for h in header if header.count(h) > 1)
-    return Table(name, {h: columns[h] for h in header}, list(numbers[1:]), notes, repeated, decimal)
+    repeated = frozenset(h for h, count in Counter(header).items() if count > 1)
+    return Table(name, {h: columns[h] for h in header}, numbers, first, notes, repeated, decimal)
 
 
-def _decode(raw: bytes, name: str) -> tuple[str, list[str]]:
-    """Text of the bytes, and a note where it is not UTF-8."""
+def _decode(raw: bytes, name: str) -> tuple[bytes, list[str]]:
+    """UTF-8 with plain line ends, and a note where the file was something else."""
+    notes = []
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return raw.decode("utf-16", errors="replace"), ["the file is UTF-16 text, not UTF-8"]
-    if b"\0" in raw:
+        raw, notes = raw.decode("utf-16", errors="replace").encode(), ["the file is UTF-16 text, not UTF-8"]
+    if re.search(rb"[\x00-\x08\x0e-\x1f]", raw):
         raise DataError(f"{name}: holds binary data, not text; export it as CSV")
-    try:
-        return raw.decode("utf-8-sig"), []
-    except UnicodeDecodeError:
-        return raw.decode("latin-1"), ["the file is not UTF-8; read as Latin-1, so check names with special letters"]
+    if not raw.isascii():
+        try:
+            raw = raw.removeprefix(b"\xef\xbb\xbf")
+            raw.decode("utf-8")
+        except UnicodeDecodeError:
+            if len(re.sub(rb"[\x80-\xff]+", b"", raw)) < 0.7 * len(raw):
+                raise DataError(f"{name}: holds binary data, not text; export it as CSV") from None
+            raw = raw.decode("latin-1").encode()
+            notes.append("the file is not UTF-8; read as Latin-1, so check names with special letters")
+    return raw.replace(b"\r\n", b"\n").replace(b"\r", b"\n"), notes
+
+
+def _header(name: str, raw: bytes, notes: list[str]) -> tuple[int, str, int]:
+    """Return number and text of the line with the names, and where the data start; comments above it are noted."""
+    number, start, comment, comments = 0, 0, "", 0
+    while start < len(raw):
+        end = raw.find(b"\n", start)
+        end = len(raw) if end < 0 else end
+        line, number = raw[start : min(end, start + LONGEST_HEADER + 1)].decode("utf-8", "replace"), number + 1
+        if len(line) > LONGEST_HEADER:
+            raise DataError(
+                f"{name}: line {number} has more than {LONGEST_HEADER} characters; this is no header of names"
+            )
+        if line.strip() and line.lstrip()[0] not in "#%":
+            break
+        if line.strip():
+            comment, comments = line, comments + 1
+        start = end + 1
+    else:
+        raise DataError(f"{name}: the file is empty; write a header such as t,u,y and the data below it")
+    if comments and re.fullmatch(r"[-+0-9.eE,; \t]+", line):  # names behind the mark, as numpy.savetxt writes them
+        return number - 1, comment.lstrip(" #%"), start
+    if comments:
+        notes.append(f"{comments} line(s) of comments above the header are skipped")
+    return number, line, end + 1
 
 
 def _separator(lines: Sequence[str]) -> str:
@@ -233,23 +320,36 @@ def _separator(lines: Sequence[str]) -> str:
     return " " if len(header.split()) > 1 and len(lines) > 1 and len(lines[1].split()) > 1 else ","
 
 
-def _check_width(name: str, numbers: Sequence[int], lines: Sequence[str], sep: str, width: int) -> int:
+def _width(
+    name: str, body: bytes, edges: NDArray[Any], full: NDArray[Any], numbers: NDArray[Any], sep: str, width: int
+) -> int:
     """Widest line in fields; refuse a line with more values than the header has names."""
-    for number, line in zip(numbers, lines, strict=True):
+    if not full.size:
+        return width
+    read = np.frombuffer(body, dtype=np.uint8)
+    if sep == " ":
+        blank = (read == ord(" ")) | (read == ord("\t")) | (read == ord("\n"))
+        marks = ~blank & np.concatenate(([True], blank[:-1]))
+    else:
+        marks = read == ord(sep)
+    counts = np.diff(np.searchsorted(np.flatnonzero(marks), np.append(edges, read.size)))[full] + (sep != " ")
+    for i in np.flatnonzero(counts > width):
+        line = body[edges[full[i]] :].split(b"\n", 1)[0].decode()
         if '"' in line:
             continue  # a quoted field may hold the separator
         fields = len(line.split()) if sep == " " else line.rstrip(sep + " ").count(sep) + 1
         if fields > width:
             raise DataError(
-                f"{name}: line {number} has {fields} values but the header has {width} names; "
+                f"{name}: line {numbers[i]} has {fields} values but the header has {width} names; "
                 "correct the line (a decimal comma needs semicolons between the columns)"
             )
-    return width if sep == " " else max(width, max(s.count(sep) + 1 for s in lines))
+    return width if sep == " " else max(width, int(counts.max()))
 
 
 def _load_npz(name: str) -> Table:
     """Vectors of a NumPy archive; pickled objects are refused."""
     try:
+        _check_archive(name)
         with np.load(name, allow_pickle=False) as archive:
             return _from_variables(name, {n: archive[n] for n in archive.files})
     except DataError:
@@ -258,12 +358,32 @@ def _load_npz(name: str) -> Table:
         raise DataError(f"{name}: cannot be read as .npz ({error}); save plain arrays with numpy.savez") from None
 
 
+def _check_archive(name: str) -> None:
+    """Refuse what is no archive, and one that would fill the memory when it is unpacked."""
+    with zipfile.ZipFile(name) as archive:
+        size = sum(one.file_size for one in archive.infolist())
+    if size > LARGEST_ARCHIVE:
+        raise DataError(
+            f"{name}: holds {size / 1e9:.3g} GB when unpacked, at most {LARGEST_ARCHIVE / 1e9:g} GB are read"
+        )
+
+
 def _load_mat(name: str) -> Table:
     """Vectors of a MATLAB file up to version 7."""
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
     try:
-        variables = loadmat(name)
+        found = whosmat(name)
+        plain = [n for n, _, kind in found if kind in MATLAB_NUMBERS]
+        size = 8 * sum(math.prod(shape) for n, shape, _ in found if n in plain)
+        if size > LARGEST_ARCHIVE:
+            raise DataError(f"{name}: holds {size / 1e9:.3g} GB, at most {LARGEST_ARCHIVE / 1e9:g} GB are read")
+        variables = loadmat(name, variable_names=plain)
+        variables |= {
+            n: np.empty(shape, dtype=[]) for n, shape, _ in found if n not in plain and math.prod(shape) < 1e6
+        }
+    except DataError:
+        raise
     except NotImplementedError:
         raise DataError(f"{name}: is a MATLAB v7.3 file, which cannot be read; save it with save(..., '-v7')") from None
     except Exception as error:  # a damaged file raises many kinds
@@ -281,7 +401,7 @@ def _from_variables(name: str, variables: Mapping[str, Any]) -> Table:
     notes = ["not a vector of real numbers, left out: " + ", ".join(others)] if others else []
     if not vectors:
         raise DataError(f"{name}: holds no vector of real numbers; " + "; ".join(notes or ["it is empty"]))
-    return Table(name, vectors, None, notes)
+    return Table(name, vectors, notes=notes)
 
 
 def _load_parquet(name: str) -> Table:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,6 +30,7 @@ Time = Annotated[str, typer.Option("--time", help="Column of the time, in s.")]
 Ts = Annotated[float | None, typer.Option("--ts", help="Sampling time in s; overrides the time column.")]
 Channels = Annotated[str, typer.Option("--channels", help="Further columns: names with commas, or all.")]
 Rows = Annotated[str | None, typer.Option("--rows", help="Data rows A:B, counted from 0.")]
+Missing = Annotated[str, typer.Option("--missing", help="Rows with missing values: refuse, or drop and say so.")]
 Units = Annotated[str, typer.Option("--units", help="Units of input and output, as V,um.")]
 
 
@@ -71,15 +71,23 @@ def note(message: str) -> None:
 
 
 def records(
-    files: list[Path], u: str, y: str, t: str, Ts: float | None, channels: str, rows: str | None
+    files: list[Path],
+    u: str,
+    y: str,
+    t: str,
+    Ts: float | None,
+    channels: str,
+    rows: str | None,
+    missing: str = "refuse",
 ) -> list[Record]:
-    """Read the data files and say what was changed in them."""
+    """Read the data files, and say what was changed in them and what to know about them."""
     from .data import read
+    from .sensor import sensor_faults
 
     listed = []
     for file in files:
-        record = read(file, u=u, y=y, t=t, Ts=Ts, rows=rows, channels=channels)
-        for text in record.notes:
+        record = read(file, u=u, y=y, t=t, Ts=Ts, rows=rows, channels=channels, missing=missing)
+        for text in (*record.notes, *record.remarks(), *(f.sentence for f in sensor_faults([record], 0.0))):
             note(f"{file.name}: {text}")
         listed.append(record)
     return listed
@@ -104,27 +112,27 @@ def check_format(path: Path | None) -> None:
 
 def save_figure(figure: Any, path: Path) -> None:
     """Write a picture; the format follows the suffix. It appears whole or not at all."""
+    from .files import write_figure
+
     check_format(path)
-    if not path.parent.is_dir():
-        raise DataError(f"{path}: the folder {path.parent} does not exist; make it first.")
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
-    try:
-        figure.savefig(part, dpi=130)
-        os.replace(part, path)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be written ({error.strerror or error}).") from None
-    finally:
-        part.unlink(missing_ok=True)
+    write_figure(figure, path, dpi=130)
 
 
-def check_target(path: Path | None, *read: Path | None) -> None:
-    """Refuse an output path that cannot be written, or that is read, before any work is done."""
-    if path is not None and any(p is not None and p.resolve() == path.resolve() for p in read):
-        raise DataError(f"{path}: is read by this command; write to another file.")
-    if path is not None and not path.parent.is_dir():
-        raise DataError(f"{path}: the folder {path.parent} does not exist; make it first.")
-    if path is not None and path.is_dir():
-        raise DataError(f"{path}: is a folder; give a file name.")
+def check_targets(targets: Sequence[Path | None], *read: Path | None) -> None:
+    """Refuse output paths that cannot be written, that are read, or that are the same, before any work is done."""
+    from .files import check_path
+
+    sources = {p.resolve() for p in read if p is not None}
+    given: set[Path] = set()
+    for path in targets:
+        if path is None:
+            continue
+        where = check_path(path)
+        if where in sources:
+            raise DataError(f"{path}: is read by this command; write to another file.")
+        if where in given and where.is_file() == where.exists():
+            raise DataError(f"{path}: two results would go to the same file; choose different names.")
+        given.add(where)
 
 
 def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:

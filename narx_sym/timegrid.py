@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .errors import DataError
 
 Vector = NDArray[np.float64]
+MOST_NOTES = 10
 GAP, SHORTEST = 10.0, 10  # a gap is longer than 10 median steps; shorter pieces than 10 samples are useless
 
 
@@ -129,6 +130,11 @@ def _split_at_gaps(
             notes.append(f"{where(a)}: a part of only {b - a} sample(s) beside a gap is dropped")
         else:
             keep.append(slice(a, b))
+    if len(notes) > MOST_NOTES:
+        rest = len(cuts) - sum(": gap of" in n for n in notes[:MOST_NOTES])
+        notes[MOST_NOTES:] = [
+            f"{rest} further gap(s) split the record; parts of less than {SHORTEST} samples are dropped"
+        ]
     if not keep:
         raise DataError(
             f"{source}the time stamps have gaps everywhere, no part has {SHORTEST} samples; "

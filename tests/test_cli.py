@@ -151,7 +151,7 @@ BAD_MODELS = {
     "text as value": (json.dumps(MODEL | {"theta": ["a", 1.0]}), "theta"),
     "infinite value": (
         '{"schema": 1, "kind": "narx", "input": "u", "output": "y", "terms": ["y[k-1]"], "theta": [1e999]}',
-        "theta",
+        "too large",
     ),
     "wrong kind": (json.dumps(MODEL | {"kind": "exe"}), "kind"),
     "operating point": (json.dumps(MODEL | {"operating_point": {"q": 1}}), "operating_point"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 import math
 import re
 import tomllib
@@ -14,12 +13,12 @@ from typing import Any
 import sympy as sp
 
 from ..errors import ModelError, NarxError
-from ..parsing import FUNCTIONS, SIGNALS, parse
-from ..recursion import Recursion, State
+from ..parsing import FUNCTIONS, LARGEST, SIGNALS, parse, read_json
+from ..recursion import Recursion, State, written_out
 from ..signals import k, lag, samples, signal
 from ._effect import EFFECTS, PLACES, SCANS, SEQUENCES, Catalogue, Effect, Form, Scan, effect
 
-MAX_BYTES, MAX_EFFECTS, MAX_PARTS, MAX_TEXT = 200_000, 100, 20, 2000
+MAX_BYTES, MAX_EFFECTS, MAX_PARTS, MAX_TEXT, MAX_WRITTEN = 200_000, 100, 20, 2000, 20_000
 REQUIRED = ("id", "where", "z", "sentence")
 FIELDS = {*REQUIRED, "driver", "scan", "states", "sign", "unit", "source", "form", "centred"}
 STATE_FIELDS = {"state", "update", "initial"}
@@ -205,10 +204,12 @@ def load_effects(path: Any, catalogue: Catalogue = EFFECTS) -> list[Effect]:
     """
     source = Path(path)
     try:
-        if source.stat().st_size > MAX_BYTES:
+        with source.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+        if len(raw) > MAX_BYTES:
             raise ModelError(f"{path}: the file is larger than {MAX_BYTES} bytes; this is no file of effects.")
-        text = source.read_text(encoding="utf-8")
-        data = json.loads(text) if source.suffix.lower() == ".json" else tomllib.loads(text)
+        text = raw.decode("utf-8").replace("\r\n", "\n")
+        data = read_json(text) if source.suffix.lower() == ".json" else tomllib.loads(text)
     except FileNotFoundError:
         raise ModelError(f"{path}: no such file of effects.") from None
     except OSError as error:
@@ -287,7 +288,7 @@ def _scan(name: str, rule: Any) -> Scan:
     usual = SCANS[table["of"]]
     values, power = table.get("values", list(usual.values)), table.get("power", 1)
     good = isinstance(values, list) and 1 <= len(values) <= 50
-    if not good or not all(type(v) in (int, float) and math.isfinite(v) and v >= 0 for v in values):
+    if not good or not all(type(v) in (int, float) and 0 <= v < math.inf for v in map(_float, values)):
         raise ModelError(f"the scan values of {name!r} are 1 to 50 numbers, none negative.")
     if usual.of == "steps" and not all(float(v).is_integer() and v <= 1000 for v in values):
         raise ModelError(f"the scan values of {name!r} are whole samples up to 1000.")
@@ -298,6 +299,11 @@ def _scan(name: str, rule: Any) -> Scan:
     if type(power) is not int or abs(power) > 3:
         raise ModelError(f"the scan power of {name!r} is a whole number from -3 to 3.")
     return Scan(usual.of, tuple(values), power)
+
+
+def _float(value: Any) -> Any:
+    """Return a whole number as a float, infinite where it is too large for one."""
+    return (float(value) if abs(value) < LARGEST else math.inf) if type(value) is int else value
 
 
 def _states(data: Mapping[str, Any], shape: set[str]) -> tuple[tuple[str, str, str], ...]:
@@ -326,6 +332,8 @@ def _computable(form: Form, places: Mapping[str, tuple[str, ...]], shape: tuple[
     updates = [(s.left, s.right) for s in form.states]
     updates += [(signal(f"contribution_{i}")[k], e) for i, e in enumerate(form.z)]
     Recursion(tuple(updates), tuple(sp.Symbol(n, real=True) for n in (*shape, "Ts")))
+    if sum(written_out(e, form.states) for e in form.z) > MAX_WRITTEN:
+        raise ModelError("the equations grow too large when the states are written out.")
     own = {str(s.left.base.label) for s in form.states}
     for _, right in updates:
         for s in samples(right):
