@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,8 @@ from .simulation import arrays, centre, evaluate, segments, shifted
 
 Array = np.ndarray
 BLOCK = 2048
+# Of the smallest scaled diagonal of R: above, nothing is gained; below, its square drowns in rounding.
+CORRECTED = (1e-7, 1e-2)
 Records = Record | Sequence[Record]
 
 
@@ -34,6 +36,15 @@ def stack_qr(R: Array, block: Array) -> Array:
     if info:
         raise FitError(f"LAPACK dtpqrt failed with code {info}.")
     return merged
+
+
+def blocks(columns: Columns, records: Sequence[Mapping[str, Array]], transform: Any = None) -> Iterator[Array]:
+    """Yield the rows of [Psi y], at most BLOCK at a time; arguments as for `factor`."""
+    for data in records:
+        n = min(len(x) for x in data.values()) - columns.lead
+        for start in range(columns.depth, n, BLOCK):
+            block = columns.block(data, start, min(start + BLOCK, n))
+            yield block if transform is None else transform(block)
 
 
 def factor(columns: Columns, records: Sequence[Mapping[str, Array]], transform: Any = None) -> tuple[Array, int]:
@@ -54,17 +65,14 @@ def factor(columns: Columns, records: Sequence[Mapping[str, Array]], transform: 
     R: Array | None = None
     rows = 0
     with one_blas_thread():
-        for data in records:
-            n = min(len(x) for x in data.values()) - columns.lead
-            for start in range(columns.depth, n, BLOCK):
-                block = columns.block(data, start, min(start + BLOCK, n))
-                block = np.asfortranarray(block if transform is None else transform(block))
-                if not np.all(np.isfinite(block)):
-                    raise FitError("A regressor is not finite on these data; check the ranges or drop the term.")
-                if R is None:
-                    R = np.zeros((block.shape[1],) * 2, order="F")
-                rows += len(block)
-                R = stack_qr(R, block)
+        for block in blocks(columns, records, transform):
+            block = np.asfortranarray(block)
+            if not np.all(np.isfinite(block)):
+                raise FitError("A regressor is not finite on these data; check the ranges or drop the term.")
+            if R is None:
+                R = np.zeros((block.shape[1],) * 2, order="F")
+            rows += len(block)
+            R = stack_qr(R, block)
     if R is None:
         raise FitError(f"The records are shorter than the largest lag ({columns.depth} samples).")
     return np.triu(R), rows
@@ -84,7 +92,8 @@ def one_step(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[A
     def reduced(block: Array) -> Array:
         return np.column_stack([block[:, :n] @ elimination.Z, block[:, n] - block[:, :n] @ elimination.t0])
 
-    R, rows = factor(columns, [shifted(model, arrays(model, p)) for p in parts], reduced)
+    data = [shifted(model, arrays(model, p)) for p in parts]
+    R, rows = factor(columns, data, reduced)
     if rows <= free:
         raise FitError(
             f"{free} parameters cannot be estimated from {rows} equations: give more samples or fewer terms."
@@ -92,6 +101,7 @@ def one_step(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[A
     if free == 0:
         return elimination.t0, np.zeros(n)
     z, covariance = solve_factor(R, rows, [str(t) for t in model.terms])
+    z = refined(z, R, blocks(columns, data, reduced))
     spread = elimination.Z @ covariance @ elimination.Z.T
     return elimination.t0 + elimination.Z @ z, np.sqrt(np.maximum(np.diag(spread), 0.0))
 
@@ -119,6 +129,29 @@ def solve_factor(R: Array, rows: int, names: Sequence[str]) -> tuple[Array, Arra
     inverse = solve_triangular(square, np.eye(p)) / scale[:, None]
     variance = R[p, p] ** 2 / (rows - p)
     return z, variance * inverse @ inverse.T
+
+
+def refined(z: Array, R: Array, rows: Iterable[Array]) -> Array:
+    """Correct a least-squares solution once, with residuals in extended precision (Bjorck 1987).
+
+    Parameters
+    ----------
+    z : (p,) array
+    R : (p + 1, p + 1) upper triangular
+        The factor of the rows [Psi y] that z was solved from.
+    rows : blocks of these rows
+    """
+    p = z.size
+    square = R[:p, :p] / np.linalg.norm(R[:p, :p], axis=0)
+    if not CORRECTED[0] < np.min(np.abs(np.diag(square))) < CORRECTED[1]:
+        return z
+    gradient = np.zeros(p, dtype=np.longdouble)
+    weights = np.append(-z, 1.0).astype(np.longdouble)
+    for block in rows:
+        wide = block.astype(np.longdouble)
+        gradient += (wide @ weights) @ wide[:, :p]
+    step = solve_triangular(R[:p, :p], gradient.astype(float), trans="T")
+    return np.asarray(z + solve_triangular(R[:p, :p], step))
 
 
 # -- the door ----------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from truth import exact_constrained
 
 from narx_sym.analysis import continuum
 from narx_sym.compile import Columns, compile
@@ -110,21 +111,6 @@ def test_a_second_order_oscillator_is_recovered_from_its_own_motion():
 
 
 # ---------------------------------------------------------------- constraints
-
-
-def exact_constrained(Psi, target, S, c):
-    """Minimise |y - Psi theta| under S theta = c in rational arithmetic, by a null space and exact normal equations."""
-    rational = lambda x: sp.Matrix([[sp.Rational(float(v)) for v in row] for row in np.atleast_2d(x)])  # noqa: E731
-    A, b, S, c = rational(Psi), rational(target[:, None]), sp.Matrix(S), sp.Matrix(c)
-    free = sp.symbols(f"w:{S.cols}")
-    (solution,) = sp.linsolve((S, c), *free)
-    t0 = sp.Matrix([e.subs(dict.fromkeys(free, 0)) for e in solution])
-    Z = sp.Matrix.hstack(*S.nullspace()) if S.rank() < S.cols else None
-    if Z is None:
-        return np.array(t0, dtype=float).ravel()
-    reduced = A * Z
-    w = (reduced.T * reduced).LUsolve(reduced.T * (b - A * t0))
-    return np.array(t0 + Z * w, dtype=float).ravel()
 
 
 CONSTRAINTS = {
