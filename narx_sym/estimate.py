@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ from .errors import FitError
 from .freerun import free_run_fit
 from .model import NARX, Model
 from .parallel import one_blas_thread
+from .seen import seen
 from .signals import k
 from .simulation import arrays, centre, evaluate, segments, shifted
 
@@ -171,6 +173,7 @@ def fit(
     max_steps: int = 60,
     starts: int = 1,
     seed: int = 0,
+    warn: bool = True,
 ) -> Model:
     """Estimate the parameters of a model in place.
 
@@ -185,10 +188,13 @@ def fit(
         `auto` fits one step ahead, then in free run, and keeps the better free run.
     starts, seed : int
         Of the free-run fit: how many start values are refined (see `freerun.free_run_fit`).
+    warn : bool
+        Whether to warn where the fit stops after `max_steps` without having converged.
 
     Returns
     -------
     model : the same object, with `theta`, `std` (standard errors under white noise) and `info`
+        A fit that stops before it converged keeps the best parameters found; `info["converged"]` is False then.
 
     Raises
     ------
@@ -197,7 +203,8 @@ def fit(
     """
     check_method(method)
     if method == "auto":
-        return _better_fit(model, records, constraints, max_steps, starts, seed)
+        _better_fit(model, records, constraints, max_steps, starts, seed)
+        return unfinished(model) if warn else model
     for record in segments(records):
         check_excitation(record)
     equations = constraint_equations(model, constraints)
@@ -216,33 +223,43 @@ def fit(
     if constraints is not None:
         model.constraints = tuple(equations)
     describe(model, records, method, converged)
+    return unfinished(model) if warn else model
+
+
+def unfinished(model: Model) -> Model:
+    """Warn where a fit stopped before it converged."""
+    if not model.info["converged"]:
+        warnings.warn(
+            "The fit stopped before it converged; the best parameters found are kept, marked by info['converged']. "
+            "Allow more max_steps, or begin from other values.",
+            stacklevel=4,
+        )
     return model
 
 
 def _better_fit(
     model: Model, records: Records, constraints: Sequence[Any] | None, max_steps: int, starts: int, seed: int
-) -> Model:
+) -> None:
     """Fit one step ahead and in free run, and keep the better free run; a failed free-run fit changes nothing."""
     if isinstance(model, NARX):
         fit(model, records, constraints)
     before = (model.theta, model.std, dict(model.info))
     try:
-        fit(model, records, constraints, "free_run", max_steps, starts, seed)
+        fit(model, records, constraints, "free_run", max_steps, starts, seed, warn=False)
     except FitError:
         if before[0] is None:
             raise
-        return model
+        return
     if isinstance(model, NARX) and model.info["nrmse"]["free_run"] > before[2]["nrmse"]["free_run"]:
         model.theta, model.std, model.info = before
-    return model
 
 
 def describe(model: Model, records: Records, method: str, converged: bool) -> None:
     """Keep in the model what it was fitted on: ranges, the line through the data and the band around it, errors."""
     parts = segments(records)
-    source, output = (
-        np.concatenate([arrays(model, p)[str(b.label)] for p in parts]) for b in (model.input, model.output)
-    )
+    used = [arrays(model, p) for p in parts]
+    signals = {str(b.label): [one[str(b.label)] for one in used] for b in (model.input, model.output)}
+    source, output = map(np.concatenate, signals.values())
     slope = np.polyfit(source, output, 1)[0]
     # Through the centre: a line fitted to all data has an offset where the input merely lingered on one side.
     offset = centre(output) - slope * centre(source)
@@ -252,17 +269,15 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> No
         "method": method,
         "converged": converged,
         "samples": int(sum(len(p) for p in parts)),
-        "ranges": {
-            str(b.label): [float(x.min()), float(x.max())] for b, x in ((model.input, source), (model.output, output))
-        },
+        **seen(signals, model.Ts),
         "line": [float(offset), float(slope)],
         "band": float(np.max(np.abs(output - offset - slope * source))),
-        "steps": {str(b.label): _step(model, parts, b) for b in (model.input, model.output)},
+        "steps": {name: _step(pieces) for name, pieces in signals.items()},
         "nrmse": {"one_step": pair.one_step_nrmse, "free_run": pair.free_run_nrmse},
     }
 
 
-def _step(model: Model, parts: Sequence[Record], base: Any) -> float:
+def _step(pieces: Sequence[Array]) -> float:
     """Return the median size of the steps of a signal, where it moves."""
-    moves = np.abs(np.concatenate([np.diff(arrays(model, p)[str(base.label)]) for p in parts]))
+    moves = np.abs(np.concatenate([np.diff(x) for x in pieces]))
     return float(np.median(moves[moves > 0]))

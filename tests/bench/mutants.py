@@ -24,7 +24,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 TESTS = {
-    "estimate": ("test_estimate", "test_numerical_truth test_range test_selection"),
+    "estimate": ("test_estimate", "test_numerical_truth test_seen test_selection"),
     "analysis": (
         "test_analysis test_paper",
         "test_internal test_extend::static test_extend::sigma_y test_extend::remembers",
