@@ -395,6 +395,26 @@ def test_sensitivities_of_chosen_parameters_through_several_states():
         np.testing.assert_allclose(found[str(directions[0][state].label)], (up - down) / (2 * h), atol=1e-7)
 
 
+def test_a_direction_holds_the_states_that_it_moves_and_no_others():
+    p, q = signal("p"), signal("q")
+    chain = ((p[k], C * p[k - 1] + u[k]), (q[k], D * q[k - 1] + u[k - 1]), (y[k], y[k - 1] / 2 + p[k] * q[k - 1] + C))
+    recursion = Recursion(chain, (C, D))
+    extended, directions = sensitivities(recursion, initial=True)
+    assert [set(d) for d in directions] == [{p, y}, {q, y}, {p, y}]  # True: the start of the first state alone
+    equations = dict(extended.updates)
+    by_c, by_d, by_start = directions
+    assert len(equations) == 3 + 6
+    assert equations[by_c[p][k]] == C * by_c[p][k - 1] + p[k - 1]
+    assert equations[by_c[y][k]] == by_c[y][k - 1] / 2 + q[k - 1] * by_c[p][k] + 1
+    assert equations[by_d[q][k]] == D * by_d[q][k - 1] + q[k - 1]
+    assert equations[by_d[y][k]] == by_d[y][k - 1] / 2 + p[k] * by_d[q][k - 1]
+    assert equations[by_start[p][k]] == C * by_start[p][k - 1]
+    _, (none, both) = sensitivities(recursion, [], [(y,), (q, p)])
+    assert set(none) == {y} and set(both) == {p, q, y}
+    _, (nothing,) = sensitivities(Recursion(((y[k], y[k - 1] / 2 + u[k]), (p[k], C * u[k])), (C,)), [C])
+    assert set(nothing) == {p}
+
+
 # ---------------------------------------------------------------- simulate and predict
 
 

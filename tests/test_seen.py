@@ -93,7 +93,7 @@ def test_within_what_was_seen_nothing_is_said(model):
         (sine(1.5, 0.5), ["the input leaves the identified inputs [-1, 1] by 0.5 [unit of u], 25 % of their range"]),
         (sine(0.2, 5.0), ["the input is faster: 99 % of its power lies below"]),
         (sine(0.9, 3.0), ["changes by up to 16.", "is faster"]),
-        (np.where(np.arange(600) < 300, 0.0, 0.9), ["changes by up to 90 [unit of u]/s, in identification by up to 6.28", "is faster"]),
+        (np.where(np.arange(600) < 300, 0.0, 0.9), ["changes by up to 90 [unit of u]/s, in identification by up to 6.279 (14.3 times)", "is faster"]),
         (sine(2.0, 3.0), ["leaves the identified inputs", "changes by up to", "is faster"]),
     ),
 )  # fmt: skip
