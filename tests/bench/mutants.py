@@ -1,9 +1,10 @@
 """Mutation testing: small faults are put into a module, one at a time, and the tests must notice.
 
-    python tests/bench/mutants.py [--modules estimate analysis] [--count 220] [--seed 7] [--out mutants.json]
+    python tests/bench/mutants.py [--modules estimate analysis] [--count 60] [--seed 7] [--out mutants.json]
 
-Each mutant runs in a fork of this process that has the other packages loaded already; its module is compiled from the
-changed tree, and no file is touched. A module's own tests run first, the further ones only on what they let pass.
+First the tests run once, and which test reaches which line is kept. Then each mutant runs in a fork of this process that
+has the other packages loaded already: its module is compiled from the changed tree (no file is touched), and the tests
+that reach the line run, quick ones first, until one fails. Needs `coverage`.
 """
 
 import argparse
@@ -17,28 +18,22 @@ import random
 import re
 import signal
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
-TESTS = {
-    "estimate": ("test_estimate", "test_numerical_truth::^(?!.*(engines|complex)) test_seen test_selection"),
-    "analysis": ("test_paper test_analysis", "test_internal test_extend::static|sigma_y|remembers|inner"),
-    "invert": (
-        "test_paper test_invert::^(?!.*random)",
-        "test_interop::casadi|rest|state|loop test_smoothing test_laws::limits|start|closed|stages|inverse|no_law|delay",
-    ),
-    "sensitivity": (
-        "test_estimate::sensitivities|direction",
-        "test_estimate::free_run test_engines::sensitivities test_extend::by_hand|initial",
-    ),
-}  # a module's own tests, and further ones; after :: a pattern of the names of tests
-SECONDS = 180  # for a mutant; an endless loop counts as noticed
-LOADED = (
-    "numpy scipy.linalg scipy.optimize sympy casadi llvmlite.binding pandas lark joblib hypothesis matplotlib.pyplot"
-)
+MODULES = ("estimate", "analysis", "invert", "sensitivity")
+TESTS = (
+    "test_estimate test_analysis test_invert test_paper test_internal test_seen test_selection test_smoothing "
+    "test_numerical_truth::^(?!.*engines) test_interop::casadi|rest|state|loop test_engines::sensitivities "
+    "test_laws::^(?!.*(random|every|completed)) test_extend::static|sigma_y|remembers|inner|by_hand|initial|law|time|rest"
+)  # after :: a pattern of the names of tests
+SECONDS = 120  # for a mutant; an endless loop counts as noticed
+MOST = 40  # tests for a mutant
+LOADED = "numpy scipy.linalg scipy.optimize sympy casadi llvmlite.binding pandas lark joblib hypothesis matplotlib.pyplot coverage"
 
 COMPARE = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -92,23 +87,26 @@ def skipped(node: ast.AST) -> bool:
     return typing or (isinstance(node, kinds) and not (isinstance(node, ast.AnnAssign) and node.value is not None))
 
 
-def sites(tree: ast.AST) -> list[tuple[int, int, str]]:
-    """(number of the node, number of the change, what) of every possible mutant."""
+def sites(tree: ast.AST) -> list[tuple[int, int, range]]:
+    """(number of the node, number of the change, lines) of every possible mutant."""
     numbers = {id(node): i for i, node in enumerate(ast.walk(tree))}
-    found: list[tuple[int, int, str]] = []
+    found: list[tuple[int, int, range]] = []
 
-    def visit(node: ast.AST) -> None:
+    def visit(node: ast.AST, lines: range) -> None:
         if skipped(node):
             return
-        found.extend((numbers[id(node)], j, what) for j, (what, _) in enumerate(changes(node)))
+        if isinstance(node, ast.expr | ast.stmt):
+            last = node.test if isinstance(node, ast.If | ast.While) else node
+            lines = range(node.lineno, (last.end_lineno or node.lineno) + 1)
+        found.extend((numbers[id(node)], j, lines) for j in range(len(list(changes(node)))))
         hidden = {"annotation", "returns", "decorator_list"}
         for name, value in ast.iter_fields(node):
             if name not in hidden:
                 for child in value if isinstance(value, list) else [value]:
                     if isinstance(child, ast.AST):
-                        visit(child)
+                        visit(child, lines)
 
-    visit(tree)
+    visit(tree, range(0))
     return found
 
 
@@ -138,7 +136,7 @@ class Changed(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def chosen_tests(names: str) -> list[str]:
-    """The tests of a list such as "test_a test_b::part"."""
+    """The tests of a list such as "test_a test_b::pattern"."""
     found = []
     for name, _, part in (n.partition("::") for n in names.split()):
         file = ROOT / "tests" / f"{name}.py"
@@ -147,25 +145,22 @@ def chosen_tests(names: str) -> list[str]:
     return found
 
 
-def noticed(finder: Changed | None, names: str) -> str:
-    """Run tests in a fork: "failed", "timeout" or "passed"."""
+def in_fork(work: Callable[[], int]) -> str:
+    """Run something in a fork, silently: "failed", "timeout", "crashed" or "passed"."""
     child = os.fork()
     if child == 0:
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1)
         os.dup2(null, 2)
-        signal.alarm(SECONDS)
-        if finder:
-            sys.meta_path.insert(0, finder)
-        import hypothesis
-        import pytest
-
-        phases = [hypothesis.Phase.explicit, hypothesis.Phase.generate]
-        hypothesis.settings.register_profile("mutants", phases=phases, database=None, derandomize=True, deadline=None)
-        hypothesis.settings.load_profile("mutants")
         code = 1
         try:
-            code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--no-header", *chosen_tests(names)]))
+            import hypothesis
+
+            phases = [hypothesis.Phase.explicit, hypothesis.Phase.generate]
+            options: dict[str, Any] = {"phases": phases, "database": None, "derandomize": True, "deadline": None}
+            hypothesis.settings.register_profile("mutants", **options)
+            hypothesis.settings.load_profile("mutants")
+            code = work()
         finally:
             os._exit(code)
     status = os.waitpid(child, 0)[1]
@@ -174,9 +169,58 @@ def noticed(finder: Changed | None, names: str) -> str:
     return "passed" if os.WEXITSTATUS(status) == 0 else "failed"
 
 
+def run_tests(tests: list[str], *plugins: Any) -> int:
+    import pytest
+
+    return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--no-header", *tests], list(plugins)))
+
+
+class Reached:
+    """A pytest plugin: how long each test takes, and which lines of the modules it reaches."""
+
+    def __init__(self, file: str):
+        import coverage
+
+        self.file, self.seconds = file, {}
+        self.cover = coverage.Coverage(data_file=None, include=[str(ROOT / "narx_sym" / f"{m}.py") for m in MODULES])
+        self.cover.start()
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        self.cover.switch_context(nodeid)
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
+
+    def pytest_sessionfinish(self) -> None:
+        self.cover.stop()
+        data = self.cover.get_data()
+        lines = {Path(f).stem: data.contexts_by_lineno(f) for f in data.measured_files()}
+        Path(self.file).write_text(json.dumps({"seconds": self.seconds, "lines": lines}), encoding="utf-8")
+
+
+def reached() -> dict[str, Any]:
+    """Run all tests once: {"seconds": by test, "lines": by module and line, the tests that reach it}."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = f"{folder}/reached.json"
+        if in_fork(lambda: run_tests(chosen_tests(TESTS), Reached(file))) != "passed":
+            raise SystemExit("The tests fail without any change.")
+        return dict(json.loads(Path(file).read_text(encoding="utf-8")))
+
+
+def verdict_of(module: str, tree: ast.AST, tests: list[str]) -> str:
+    """What the tests say to a changed module."""
+
+    def work() -> int:
+        signal.alarm(SECONDS)
+        sys.meta_path.insert(0, Changed(module, tree))
+        return run_tests(tests)
+
+    return in_fork(work) if tests else "not reached"
+
+
 def main() -> None:
     ask = argparse.ArgumentParser(description=__doc__)
-    ask.add_argument("--modules", nargs="*", default=list(TESTS))
+    ask.add_argument("--modules", nargs="*", default=list(MODULES))
     ask.add_argument("--count", type=int, default=60, help="Mutants per module, at most.")
     ask.add_argument("--seed", type=int, default=7)
     ask.add_argument("--out", type=Path)
@@ -185,34 +229,33 @@ def main() -> None:
     sys.path.insert(0, str(ROOT))
     for name in LOADED.split():
         importlib.import_module(name)
-    results = []
+    known, results = reached(), []
+    print(f"{len(known['seconds'])} tests, {sum(known['seconds'].values()):.0f} s", flush=True)
     for module in asked.modules:
-        first, further = TESTS[module]
-        for tests in (first, further):
-            began = time.perf_counter()
-            if noticed(None, tests) != "passed":
-                raise SystemExit(f"{tests}: some fail without any change")
-            print(f"{module}: {tests} take {time.perf_counter() - began:.1f} s", flush=True)
         tree = ast.parse((ROOT / "narx_sym" / f"{module}.py").read_text(encoding="utf-8"))
         possible = sites(tree)
         chosen = random.Random(asked.seed).sample(possible, min(asked.count, len(possible)))
-        for at, change, what in sorted(chosen):
+        by_line = known["lines"][module]
+        for at, change, lines in sorted(chosen, key=lambda c: (c[2].start, c[0])):
             changed, before, after = mutated(tree, at, change)
-            finder, began = Changed(module, changed), time.perf_counter()
-            verdict = noticed(finder, first)
-            if verdict == "passed":
-                verdict = noticed(finder, further)
-            line = getattr(before, "lineno", 0)
+            tests = {t for line in lines for t in by_line.get(str(line), ())}
+            if "" in tests:  # reached when the module is imported
+                tests |= {t for all_tests in by_line.values() for t in all_tests}
+            quick = sorted(tests - {""}, key=lambda t: (known["seconds"].get(t, 0.0), t))[:MOST]
+            began, verdict = time.perf_counter(), verdict_of(module, changed, quick)
+            what = list(changes(before))[change][0]
             shown = f"{ast.unparse(before)} -> {ast.unparse(after)}".replace("\n", " ")
-            results.append({"module": module, "line": line, "what": what, "change": shown, "verdict": verdict})
+            results.append({"module": module, "line": lines.start, "what": what, "change": shown, "verdict": verdict})
             seconds = time.perf_counter() - began
-            print(f"{module}:{line} {what}: {verdict} ({seconds:.1f} s) {shown[:150]}", flush=True)
-    for module in asked.modules:
-        own = [r for r in results if r["module"] == module]
-        killed = sum(r["verdict"] != "passed" for r in own)
-        print(f"{module}: {killed} of {len(own)} noticed")
-    killed = sum(r["verdict"] != "passed" for r in results)
-    print(f"all: {killed} of {len(results)} noticed, {killed / max(1, len(results)):.1%}")
+            print(
+                f"{module}:{lines.start} {what}: {verdict} ({seconds:.1f} s, {len(quick)} tests) {shown[:150]}",
+                flush=True,
+            )
+    unnoticed = ("passed", "not reached")
+    for names in (*([m] for m in asked.modules), asked.modules):
+        own = [r for r in results if r["module"] in names]
+        killed = sum(r["verdict"] not in unnoticed for r in own)
+        print(f"{' '.join(names)}: {killed} of {len(own)} noticed, {killed / max(1, len(own)):.1%}")
     if asked.out:
         asked.out.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
