@@ -247,7 +247,7 @@ def _better_fit(
     try:
         fit(model, records, constraints, "free_run", max_steps, starts, seed, warn=False)
     except FitError:
-        if before[0] is None:
+        if not isinstance(model, NARX):  # it has been fitted in no way
             raise
         return
     if isinstance(model, NARX) and model.info["nrmse"]["free_run"] > before[2]["nrmse"]["free_run"]:

@@ -61,8 +61,14 @@ def test_a_correction_gains_digits_and_leaves_easy_problems_alone(name):
     columns, sequences = Columns([*model.terms, y[k]]), {"u": record.u, "y": record.y}
     R, rows = factor(columns, [sequences])
     z, _ = solve_factor(R, rows, data.terms)
-    corrected = refined(z, R, [columns(sequences)])
+    block = columns(sequences)
+    corrected = refined(z, R, [block])
     assert digits(corrected, data.theta) > digits(z, data.theta) + 2
+    by_rows = refined(z, R, [block[i : i + 1] for i in range(len(block))])
+    assert digits(by_rows, data.theta) > digits(corrected, data.theta) - 1
+    # Units do not decide whether it is taken.
+    units = 10.0 ** np.array([9, 0, -9, 12, 0, 3, 0])
+    assert not np.array_equal(refined(z / units[:6], R * units, [block * units]), z / units[:6])
     easy = np.triu(np.random.default_rng(0).standard_normal((4, 4))) + 4 * np.eye(4)
     assert np.abs(np.diag(easy)[:3] / np.linalg.norm(easy[:3, :3], axis=0)).min() > CORRECTED[1]
     assert np.array_equal(refined(z[:3], easy, [np.full((2, 4), np.nan)]), z[:3])

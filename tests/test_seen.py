@@ -212,6 +212,18 @@ def test_a_fit_that_does_not_converge_says_so_and_keeps_the_best():
     assert whole.info["nrmse"]["free_run"] < short.info["nrmse"]["free_run"]
 
 
+def test_auto_warns_where_it_keeps_an_unfinished_free_run():
+    truth = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.9, 0.5])
+    source = np.random.default_rng(1).standard_normal(500)
+    out = truth.simulate(source, 0.0)
+    record = Record.from_arrays(source, out + 0.5 * np.random.default_rng(2).standard_normal(500), Ts=TS)
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"])
+    assert any("stopped before it converged" in w for w in said(model.fit, record, method="auto", max_steps=2))
+    assert model.info["method"] == "free_run" and model.info["converged"] is False
+    assert not said(ns.fit, model, record, method="auto", max_steps=2, warn=False)
+    assert not said(model.fit, record, method="auto") and model.info["converged"] is True
+
+
 def test_the_mark_is_in_the_model_file(tmp_path):
     record = model_of(sine())[1]
     model = ns.NARX.from_terms(TERMS, [1.0, 0.1, 0.4])
