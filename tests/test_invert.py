@@ -294,3 +294,28 @@ def test_the_start_is_on_the_line_or_where_it_is_asked():
 def test_a_law_in_one_piece_has_no_branches():
     law = NARX.from_terms(["y[k-1]", "phi1[k-1]"], [1.0, 0.5]).compensator()
     assert law.branches == () and law.closed_form and law.staged is None and law.preview == 1
+
+
+def lines(latex):
+    """The equation without its environment."""
+    return latex.removeprefix("\\begin{aligned}\n").removesuffix("\n\\end{aligned}")
+
+
+def test_the_grouping_is_printed_in_powers_of_q():
+    law = NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]", "phi1[k-2]*u[k-2]*y[k-1]"]).compensator()
+    assert [lines(text) for text in law.latex_grouping()] == [
+        r"A(q) &= 1 - \theta_{1}\,q^{-1} - \theta_{2}\,q^{-2}",
+        r"B(q) &= \theta_{3}\,q^{-1} + \theta_{4}\,q^{-2}",
+        r"f(\cdot) &= \theta_{5}\,u_{k-2} y_{k-1} \left(u_{k-2} - u_{k-3}\right)",
+    ]
+    inverse = NARX.from_terms(["u[k-1]", "breve_phi1[k-1]"], input="y", output="u", lead=2).compensator()
+    assert inverse.latex_grouping() == []
+
+
+def test_the_printed_law_has_references_first_then_inputs_then_what_is_not_linear():
+    law = NARX.from_terms(["u[k-2]*y[k-1]", "u[k-1]", "1", "u[k-3]", "y[k-2]", "y[k-1]"]).compensator()
+    printed = lines(law.latex()).replace("\\\\\n &\\quad ", "")
+    assert printed == (
+        r"m_{k} &= \frac{1}{\theta_{2}} \Big[ r_{k+1} - \theta_{6}\,r_{k} - \theta_{5}\,r_{k-1} "
+        r"- \theta_{4}\,m_{k-2} - \theta_{3} - \theta_{1}\,r_{k} m_{k-1} \Big]"
+    )

@@ -4,7 +4,8 @@
 
 First the tests run once, and which test reaches which line is kept. Then each mutant runs in a fork of this process that
 has the other packages loaded already: its module is compiled from the changed tree (no file is touched), and the tests
-that reach the line run, quick ones first, until one fails. Needs `coverage`.
+that reach the line run, quick ones first, until one fails. `--again mutants.json` runs those that were not noticed once
+more, with more tests, and takes over the others. Needs `coverage`.
 """
 
 import argparse
@@ -31,8 +32,9 @@ TESTS = (
     "test_numerical_truth::^(?!.*engines) test_interop::casadi|rest|state|loop test_engines::sensitivities "
     "test_laws::^(?!.*(random|every|completed)) test_extend::static|sigma_y|remembers|inner|by_hand|initial|law|time|rest"
 )  # after :: a pattern of the names of tests
-SECONDS = 120  # for a mutant; an endless loop counts as noticed
-MOST = 40  # tests for a mutant
+SECONDS = 150  # for a mutant; an endless loop counts as noticed
+UNNOTICED = ("passed", "not reached")
+MOST, MORE = 40, 250  # tests for a mutant, at first and again
 LOADED = "numpy scipy.linalg scipy.optimize sympy casadi llvmlite.binding pandas lark joblib hypothesis matplotlib.pyplot coverage"
 
 COMPARE = {
@@ -223,8 +225,11 @@ def main() -> None:
     ask.add_argument("--modules", nargs="*", default=list(MODULES))
     ask.add_argument("--count", type=int, default=60, help="Mutants per module, at most.")
     ask.add_argument("--seed", type=int, default=7)
+    ask.add_argument("--again", type=Path, help="Results of an earlier run.")
     ask.add_argument("--out", type=Path)
     asked = ask.parse_args()
+    earlier = json.loads(asked.again.read_text(encoding="utf-8")) if asked.again else []
+    most = MORE if asked.again else MOST
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
     for name in LOADED.split():
@@ -241,20 +246,22 @@ def main() -> None:
             tests = {t for line in lines for t in by_line.get(str(line), ())}
             if "" in tests:  # reached when the module is imported
                 tests |= {t for all_tests in by_line.values() for t in all_tests}
-            quick = sorted(tests - {""}, key=lambda t: (known["seconds"].get(t, 0.0), t))[:MOST]
-            began, verdict = time.perf_counter(), verdict_of(module, changed, quick)
+            quick = sorted(tests - {""}, key=lambda t: (known["seconds"].get(t, 0.0), t))[:most]
             what = list(changes(before))[change][0]
             shown = f"{ast.unparse(before)} -> {ast.unparse(after)}".replace("\n", " ")
+            began = time.perf_counter()
+            same = [e["verdict"] for e in earlier if (e["module"], e["what"], e["change"]) == (module, what, shown)]
+            done = same and not set(same) & set(UNNOTICED)
+            verdict = same[0] if done else verdict_of(module, changed, quick)
             results.append({"module": module, "line": lines.start, "what": what, "change": shown, "verdict": verdict})
             seconds = time.perf_counter() - began
             print(
                 f"{module}:{lines.start} {what}: {verdict} ({seconds:.1f} s, {len(quick)} tests) {shown[:150]}",
                 flush=True,
             )
-    unnoticed = ("passed", "not reached")
     for names in (*([m] for m in asked.modules), asked.modules):
         own = [r for r in results if r["module"] in names]
-        killed = sum(r["verdict"] not in unnoticed for r in own)
+        killed = sum(r["verdict"] not in UNNOTICED for r in own)
         print(f"{' '.join(names)}: {killed} of {len(own)} noticed, {killed / max(1, len(own)):.1%}")
     if asked.out:
         asked.out.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
