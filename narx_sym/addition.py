@@ -8,7 +8,7 @@ from typing import Any
 from .candidates import REFITTED, Candidate, score
 from .effects import EFFECTS, Catalogue
 from .errors import FitError, ModelError
-from .estimate import describe
+from .estimate import describe, unfinished
 from .extend import find
 from .identification import prepare
 from .model import Model
@@ -48,7 +48,7 @@ class Addition:
                 fitted = self._search(split, seed, report)
         model = fitted.model
         describe(model, listed, "free_run", fitted.converged)
-        return model
+        return unfinished(model)
 
     def _search(self, split: Split, seed: int, report: Callable[[str], Any]) -> Fitted:
         only = Catalogue({self.forms[0].id: self.forms})

@@ -86,8 +86,6 @@ def fit(
     save(model, out)
     print_model(model)
     console().print(f"Terms: {model.info['selection']['reason']}. Fit: {model.info['method']}.")
-    if not model.info["converged"]:
-        note("the fit stopped before it converged; the best parameters found are kept")
     print_errors(pairs)
     console().print(f"Model written to {out}")
 
@@ -145,7 +143,7 @@ def compare(
     With --reference the data are a log of reference, compensated input and measured output: tracking MAPE and NSAVI.
     """
     from .metrics import mape, nsavi
-    from .simulation import evaluate
+    from .simulation import arrays, evaluate, extrapolates
     from .store import load
 
     target = None if no_plot else plot
@@ -156,6 +154,9 @@ def compare(
     measured = records(data, u, y, t, ts, named, rows, missing)
     with working("Simulating"):
         pairs = [(r.name, evaluate(model, r)) for r in measured]
+    for record in measured:
+        for said in extrapolates(model, [arrays(model, s)[str(model.input.label)] for s in record.segments()]):
+            note(f"{record.name}: {said}")
     print_errors(pairs)
     names = unit_names(units)
     failed = cli_diagnose.fails(model, measured)

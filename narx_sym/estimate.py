@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,14 @@ from .errors import FitError
 from .freerun import free_run_fit
 from .model import NARX, Model
 from .parallel import one_blas_thread
+from .seen import seen
 from .signals import k
 from .simulation import arrays, centre, evaluate, segments, shifted
 
 Array = np.ndarray
 BLOCK = 2048
+# Of the smallest scaled diagonal of R: above, nothing is gained; below, its square drowns in rounding.
+CORRECTED = (1e-7, 1e-2)
 Records = Record | Sequence[Record]
 
 
@@ -34,6 +38,15 @@ def stack_qr(R: Array, block: Array) -> Array:
     if info:
         raise FitError(f"LAPACK dtpqrt failed with code {info}.")
     return merged
+
+
+def blocks(columns: Columns, records: Sequence[Mapping[str, Array]], transform: Any = None) -> Iterator[Array]:
+    """Yield the rows of [Psi y], at most BLOCK at a time; arguments as for `factor`."""
+    for data in records:
+        n = min(len(x) for x in data.values()) - columns.lead
+        for start in range(columns.depth, n, BLOCK):
+            block = columns.block(data, start, min(start + BLOCK, n))
+            yield block if transform is None else transform(block)
 
 
 def factor(columns: Columns, records: Sequence[Mapping[str, Array]], transform: Any = None) -> tuple[Array, int]:
@@ -54,17 +67,14 @@ def factor(columns: Columns, records: Sequence[Mapping[str, Array]], transform: 
     R: Array | None = None
     rows = 0
     with one_blas_thread():
-        for data in records:
-            n = min(len(x) for x in data.values()) - columns.lead
-            for start in range(columns.depth, n, BLOCK):
-                block = columns.block(data, start, min(start + BLOCK, n))
-                block = np.asfortranarray(block if transform is None else transform(block))
-                if not np.all(np.isfinite(block)):
-                    raise FitError("A regressor is not finite on these data; check the ranges or drop the term.")
-                if R is None:
-                    R = np.zeros((block.shape[1],) * 2, order="F")
-                rows += len(block)
-                R = stack_qr(R, block)
+        for block in blocks(columns, records, transform):
+            block = np.asfortranarray(block)
+            if not np.all(np.isfinite(block)):
+                raise FitError("A regressor is not finite on these data; check the ranges or drop the term.")
+            if R is None:
+                R = np.zeros((block.shape[1],) * 2, order="F")
+            rows += len(block)
+            R = stack_qr(R, block)
     if R is None:
         raise FitError(f"The records are shorter than the largest lag ({columns.depth} samples).")
     return np.triu(R), rows
@@ -84,7 +94,8 @@ def one_step(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[A
     def reduced(block: Array) -> Array:
         return np.column_stack([block[:, :n] @ elimination.Z, block[:, n] - block[:, :n] @ elimination.t0])
 
-    R, rows = factor(columns, [shifted(model, arrays(model, p)) for p in parts], reduced)
+    data = [shifted(model, arrays(model, p)) for p in parts]
+    R, rows = factor(columns, data, reduced)
     if rows <= free:
         raise FitError(
             f"{free} parameters cannot be estimated from {rows} equations: give more samples or fewer terms."
@@ -92,6 +103,7 @@ def one_step(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[A
     if free == 0:
         return elimination.t0, np.zeros(n)
     z, covariance = solve_factor(R, rows, [str(t) for t in model.terms])
+    z = refined(z, R, blocks(columns, data, reduced))
     spread = elimination.Z @ covariance @ elimination.Z.T
     return elimination.t0 + elimination.Z @ z, np.sqrt(np.maximum(np.diag(spread), 0.0))
 
@@ -121,6 +133,29 @@ def solve_factor(R: Array, rows: int, names: Sequence[str]) -> tuple[Array, Arra
     return z, variance * inverse @ inverse.T
 
 
+def refined(z: Array, R: Array, rows: Iterable[Array]) -> Array:
+    """Correct a least-squares solution once, with residuals in extended precision (Bjorck 1987).
+
+    Parameters
+    ----------
+    z : (p,) array
+    R : (p + 1, p + 1) upper triangular
+        The factor of the rows [Psi y] that z was solved from.
+    rows : blocks of these rows
+    """
+    p = z.size
+    square = R[:p, :p] / np.linalg.norm(R[:p, :p], axis=0)
+    if not CORRECTED[0] < np.min(np.abs(np.diag(square))) < CORRECTED[1]:
+        return z
+    gradient = np.zeros(p, dtype=np.longdouble)
+    weights = np.append(-z, 1.0).astype(np.longdouble)
+    for block in rows:
+        wide = block.astype(np.longdouble)
+        gradient += (wide @ weights) @ wide[:, :p]
+    step = solve_triangular(R[:p, :p], gradient.astype(float), trans="T")
+    return np.asarray(z + solve_triangular(R[:p, :p], step))
+
+
 # -- the door ----------------------------------------------------------------------------------------------
 
 
@@ -138,6 +173,7 @@ def fit(
     max_steps: int = 60,
     starts: int = 1,
     seed: int = 0,
+    warn: bool = True,
 ) -> Model:
     """Estimate the parameters of a model in place.
 
@@ -152,10 +188,13 @@ def fit(
         `auto` fits one step ahead, then in free run, and keeps the better free run.
     starts, seed : int
         Of the free-run fit: how many start values are refined (see `freerun.free_run_fit`).
+    warn : bool
+        Whether to warn where the fit stops after `max_steps` without having converged.
 
     Returns
     -------
     model : the same object, with `theta`, `std` (standard errors under white noise) and `info`
+        A fit that stops before it converged keeps the best parameters found; `info["converged"]` is False then.
 
     Raises
     ------
@@ -164,7 +203,8 @@ def fit(
     """
     check_method(method)
     if method == "auto":
-        return _better_fit(model, records, constraints, max_steps, starts, seed)
+        _better_fit(model, records, constraints, max_steps, starts, seed)
+        return unfinished(model) if warn else model
     for record in segments(records):
         check_excitation(record)
     equations = constraint_equations(model, constraints)
@@ -183,33 +223,43 @@ def fit(
     if constraints is not None:
         model.constraints = tuple(equations)
     describe(model, records, method, converged)
+    return unfinished(model) if warn else model
+
+
+def unfinished(model: Model) -> Model:
+    """Warn where a fit stopped before it converged."""
+    if not model.info["converged"]:
+        warnings.warn(
+            "The fit stopped before it converged; the best parameters found are kept, marked by info['converged']. "
+            "Allow more max_steps, or begin from other values.",
+            stacklevel=4,
+        )
     return model
 
 
 def _better_fit(
     model: Model, records: Records, constraints: Sequence[Any] | None, max_steps: int, starts: int, seed: int
-) -> Model:
+) -> None:
     """Fit one step ahead and in free run, and keep the better free run; a failed free-run fit changes nothing."""
     if isinstance(model, NARX):
         fit(model, records, constraints)
     before = (model.theta, model.std, dict(model.info))
     try:
-        fit(model, records, constraints, "free_run", max_steps, starts, seed)
+        fit(model, records, constraints, "free_run", max_steps, starts, seed, warn=False)
     except FitError:
-        if before[0] is None:
+        if not isinstance(model, NARX):  # it has been fitted in no way
             raise
-        return model
+        return
     if isinstance(model, NARX) and model.info["nrmse"]["free_run"] > before[2]["nrmse"]["free_run"]:
         model.theta, model.std, model.info = before
-    return model
 
 
 def describe(model: Model, records: Records, method: str, converged: bool) -> None:
     """Keep in the model what it was fitted on: ranges, the line through the data and the band around it, errors."""
     parts = segments(records)
-    source, output = (
-        np.concatenate([arrays(model, p)[str(b.label)] for p in parts]) for b in (model.input, model.output)
-    )
+    used = [arrays(model, p) for p in parts]
+    signals = {str(b.label): [one[str(b.label)] for one in used] for b in (model.input, model.output)}
+    source, output = map(np.concatenate, signals.values())
     slope = np.polyfit(source, output, 1)[0]
     # Through the centre: a line fitted to all data has an offset where the input merely lingered on one side.
     offset = centre(output) - slope * centre(source)
@@ -219,17 +269,15 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> No
         "method": method,
         "converged": converged,
         "samples": int(sum(len(p) for p in parts)),
-        "ranges": {
-            str(b.label): [float(x.min()), float(x.max())] for b, x in ((model.input, source), (model.output, output))
-        },
+        **seen(signals, model.Ts),
         "line": [float(offset), float(slope)],
         "band": float(np.max(np.abs(output - offset - slope * source))),
-        "steps": {str(b.label): _step(model, parts, b) for b in (model.input, model.output)},
+        "steps": {name: _step(pieces) for name, pieces in signals.items()},
         "nrmse": {"one_step": pair.one_step_nrmse, "free_run": pair.free_run_nrmse},
     }
 
 
-def _step(model: Model, parts: Sequence[Record], base: Any) -> float:
+def _step(pieces: Sequence[Array]) -> float:
     """Return the median size of the steps of a signal, where it moves."""
-    moves = np.abs(np.concatenate([np.diff(arrays(model, p)[str(base.label)]) for p in parts]))
+    moves = np.abs(np.concatenate([np.diff(x) for x in pieces]))
     return float(np.median(moves[moves > 0]))

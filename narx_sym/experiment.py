@@ -425,7 +425,7 @@ class _Bench:
         found = {}
         for name, model in models.items():
             try:
-                run = simulate(model, padded, self.line[1] + self.line[0] * u[0], given)[settle:]
+                run = simulate(model, padded, self.line[1] + self.line[0] * u[0], given, warn=False)[settle:]
             except NarxError:
                 return None
             if not (np.isfinite(run).all() and self.outputs[0] <= run.min() and run.max() <= self.outputs[1]):

@@ -87,7 +87,7 @@ def periodic_growth(model: Model) -> float:
         return 0.0
     sine = (low + high) / 2 + (high - low) / 2 * np.sin(2 * np.pi * np.arange(400 * CYCLES) / 400)
     try:
-        run = simulate(model, sine)
+        run = simulate(model, sine, warn=False)
     except Diverged:
         return float("inf")
     return float(np.abs(run[-1] - run[399]) / (top - bottom))
@@ -247,7 +247,7 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     scored = []
     for i, model in enumerate(candidates):
         try:
-            fit(model, train, method=method, max_steps=PATH_STEPS)
+            fit(model, train, method=method, max_steps=PATH_STEPS, warn=False)
             score = evaluate(model, held).free_run_nrmse
         except FitError:
             continue

@@ -286,7 +286,11 @@ class Model:
         else:
             states = [s.map(change) for s in self.states]
             made = Model(change(self.F), self.symbols, self._theta, states=states, **options)
-        made.info |= {n: v for n, v in self.info.items() if n in ("ranges", "line", "band", "steps", "effects")}
+        made.info |= {
+            n: v
+            for n, v in self.info.items()
+            if n in ("ranges", "rates", "frequencies", "line", "band", "steps", "effects")
+        }
         return made
 
     # -- doors: each is one call of the module that does it ----------------------------------------------------

@@ -118,7 +118,7 @@ def plot_quasi_static(
         _, ax = new_axes(figsize=(6.5, 5.8))
     # The cycle is closed, so that its first sample has a difference too.
     sets = evaluate_quasi_static(model.quasi_static(), u, u - np.roll(u, 1))
-    loop = simulate(model, np.tile(u, 3), y0)[-u.size :]
+    loop = simulate(model, np.tile(u, 3), y0, warn=False)[-u.size :]
     middle = (loop.max() + loop.min()) / 2
     distance = np.abs(sets.ytilde - middle)
     half = _half_window(sets, distance, max(np.ptp(loop), 1e-12) / 2, window)

@@ -222,7 +222,7 @@ def select(
             terms, output=output, input=source, operating_point=frame.operating_point, lead=frame.lead,
             constraints=constraints,
         )  # fmt: skip
-        return fit(model, records, method=how, max_steps=PATH_STEPS)
+        return fit(model, records, method=how, max_steps=PATH_STEPS, warn=False)
 
     result = Selection(frame, candidates, path)
     limit = len(path.order)

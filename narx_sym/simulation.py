@@ -19,6 +19,7 @@ from .metrics import mape, nrmse
 from .model import Model
 from .printing import text
 from .recursion import Recursion
+from .seen import beyond, excess, leaves
 from .sensitivity import derivative
 from .signals import expand_phi, k, lag, samples, signal, t, u, x, y
 
@@ -100,6 +101,7 @@ def simulate(
     channels: Mapping[str, Any] | None = None,
     engine: str = "native",
     u0: float | None = None,
+    warn: bool = True,
 ) -> Array:
     """Free run: only the first outputs are given.
 
@@ -115,6 +117,8 @@ def simulate(
     u0 : number, optional
         The input before the start: everything rests at (u0, y0) until the first sample [unit of the input]. Without
         it, y0 stands for the outputs at the first samples themselves.
+    warn : bool
+        Whether to warn where the input goes beyond the range, the rate or the frequency seen in identification.
 
     Returns
     -------
@@ -127,6 +131,9 @@ def simulate(
     """
     fitted(model)
     source = vector(u, "input of a simulation")
+    if warn:
+        for said in extrapolates(model, [source if u0 is None else np.concatenate([[float(u0)], source])]):
+            warnings.warn(said, stacklevel=3)
     if u0 is not None:
         depth = max(1, model.recursion.depth)
         held = {str(getattr(n, "label", n)): values for n, values in (channels or {}).items()}
@@ -278,7 +285,19 @@ def free_run(model: Model, record: Record, engine: str = "native") -> Array:
     """Simulate along a record, starting from its first measured outputs."""
     data = arrays(model, record)
     output = str(model.output.label)
-    return simulate(model, data[str(model.input.label)], data[output][: max(1, model.recursion.depth)], data, engine)
+    first = data[output][: max(1, model.recursion.depth)]
+    return simulate(model, data[str(model.input.label)], first, data, engine, warn=False)
+
+
+def extrapolates(model: Model, inputs: Sequence[Array]) -> list[str]:
+    """Say where inputs go beyond what the model has seen in identification; see `narx_sym.seen.beyond`.
+
+    Parameters
+    ----------
+    inputs : (N,) arrays, contiguous each [unit of the model's input]
+    """
+    name = str(model.input.label)
+    return [f"{said}: this extrapolates" for said in beyond(model.info, name, "input", inputs, model.Ts)]
 
 
 @dataclass(frozen=True)
@@ -330,26 +349,20 @@ def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None) 
     Diverged
         Where the input runs more than ten of the identified ranges away.
     """
-    found = []
     ranges = law.model.info.get("ranges", {})
-    if outside := reference_outside(law, r):
-        found.append(f"{outside}: this extrapolates")
+    found = [f"{s}: this extrapolates" for s in beyond(law.model.info, "y", "reference", [r], law.model.Ts)]
     visit = _excursion(law, m, r, m0)
     unstable = visit.sentence(law.model.Ts) if visit is not None and visit.first is not None else ""
-    if "u" in ranges and (excess := _excess(m, *ranges["u"])) > 0.01:
-        low, high = ranges["u"]
-        said = (
-            f"the compensated input leaves the identified inputs [{low:.4g}, {high:.4g}] by {excess * (high - low):.3g}"
-        )
-        if excess > 10:
-            raise Diverged(f"The law runs away: {said}; {unstable or 'check m0 and the reference'}.")
-        found.append(said)
+    if "u" in ranges and (out := leaves(law.model.info, "u", "compensated input", [m])):
+        if excess(m, *ranges["u"]) > 10:
+            raise Diverged(f"The law runs away: {out}; {unstable or 'check m0 and the reference'}.")
+        found.append(out)
     return [*found, unstable] if visit is not None and visit.noteworthy else found
 
 
 def run_away(law: Compensator, r: Array, path: Array, m0: float | None = None) -> list[str]:
     """Say what may have made a law diverge: a reference outside what was identified, its own dynamics on the way."""
-    outside = reference_outside(law, r)
+    outside = leaves(law.model.info, "y", "reference", [r])
     visit = _excursion(law, path, r[: path.size], m0) if path.size > 1 else None
     repels = visit is not None and visit.first is not None
     return [
@@ -364,20 +377,6 @@ def _excursion(law: Compensator, m: Array, r: Array, m0: float | None = None) ->
         return excursion(law.internal, m, r, m0)
     except ModelError:
         return None
-
-
-def reference_outside(law: Compensator, r: Array) -> str:
-    """Say by how much a reference leaves the identified outputs, or nothing."""
-    low, high = law.model.info.get("ranges", {}).get("y", (-np.inf, np.inf))
-    excess = _excess(r, low, high) if np.isfinite(low) else 0.0
-    if excess <= 0.01:
-        return ""
-    return f"the reference leaves the identified outputs [{low:.4g}, {high:.4g}] by {excess * (high - low):.3g}"
-
-
-def _excess(x: Array, low: float, high: float) -> float:
-    """Return by how many ranges a signal leaves [low, high]."""
-    return max(low - float(x.min()), float(x.max()) - high) / max(high - low, 1e-300)
 
 
 def law_radius(law: Compensator, records: Records) -> float:

@@ -292,6 +292,10 @@ def _checked_info(info: Any, symbols: list[str]) -> dict[str, Any]:
         len(pair := _numbers(v, "info.ranges")) == 2 and pair[0] < pair[1] for v in ranges.values()
     ):
         raise ModelError("'info.ranges' must give two increasing numbers for each signal.")
+    for name in ("rates", "frequencies"):
+        most = info.get(name, {})
+        if not isinstance(most, dict) or not all(v >= 0 for v in _numbers(list(most.values()), f"info.{name}")):
+            raise ModelError(f"'info.{name}' must give a number for each signal, none negative.")
     steps = info.get("steps", {})
     if not isinstance(steps, dict) or not all(v > 0 for v in _numbers(list(steps.values()), "info.steps")):
         raise ModelError("'info.steps' must give a positive number for each signal.")

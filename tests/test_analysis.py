@@ -11,11 +11,14 @@ from narx_sym.analysis import (
     constraint_matrix,
     continuum,
     continuum_conditions,
+    folded,
     jacobian,
     jury,
+    newest_input,
     phi1_,
     property_1,
     quasi_static,
+    remembered,
     rest_map,
     sigma_y,
     steady_state,
@@ -28,7 +31,8 @@ from narx_sym.analysis import (
 )
 from narx_sym.errors import FitError, ModelError
 from narx_sym.model import NARX, Model
-from narx_sym.signals import k, phi1, phi2, u, y
+from narx_sym.recursion import State
+from narx_sym.signals import k, phi1, phi2, signal, t, u, y
 
 PAPER = (
     "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]",
@@ -340,3 +344,75 @@ def test_around_an_operating_point_the_sets_are_those_of_the_shifted_problem(ter
     np.testing.assert_allclose(w.ytilde[1:], x.ytilde[1:] + y0, rtol=1e-9)
     np.testing.assert_allclose(w.spectral_radius, x.spectral_radius, rtol=1e-9)
     assert ytilde not in b.loading.free_symbols
+
+
+# ---------------------------------------------------------------- what is not one equation in y and u
+
+
+def remembering(right=0):
+    """A model with a state that remembers."""
+    h, (a_, b_) = signal("h"), sp.symbols("a_0 b_1", real=True)
+    return Model(
+        a_ * y[k - 1] + h[k] + right, (a_, b_), (0.5, 0.2), states=(State(h[k], b_ * h[k - 1] + u[k - 1], group="1"),)
+    )
+
+
+def test_what_remembers_is_named():
+    with pytest.raises(
+        ModelError, match=r"steady state is not derived .*: the state h\[k\] remembers more than outputs"
+    ):
+        rest_map(remembering())
+    named = remembering()
+    named.info["effects"] = [
+        {"effect": "offset", "coefficients": ["c_2"]}, {"effect": "creep", "coefficients": ["b_1"]},
+    ]  # fmt: skip
+    with pytest.raises(ModelError, match=r"the effect creep remembers more .* \(h\[k\]\)"):
+        quasi_static(named)
+    with pytest.raises(ModelError, match="the state h"):  # it changes with time too, but that is not the first reason
+        rest_map(remembering(t[k]))
+    assert remembered(NARX.from_terms(["y[k-1]", "u[k-1]"])) == ""
+
+
+def test_what_changes_with_time_is_named():
+    a_, b_ = sp.symbols("a_1 b_1", real=True)
+    drifting = Model(a_ * y[k - 1] + b_ * t[k] + u[k], (a_, b_), (0.5, 0.1))
+    with pytest.raises(ModelError, match="the equation changes with time, so that nothing is at rest"):
+        rest_map(drifting)
+    drifting.info["effects"] = [
+        {"effect": "offset", "coefficients": ["a_1"]}, {"effect": "drift", "coefficients": ["b_1"]},
+    ]  # fmt: skip
+    with pytest.raises(ModelError, match="the effect drift changes with time"):
+        rest_map(drifting)
+    assert jacobian(drifting) == [a_]  # a slope does not ask for rest
+
+
+def test_only_differences_of_neighbours_are_phi1():
+    parts = [
+        u[k - 1] - u[k - 2],
+        u[k - 2] - u[k - 1],
+        u[k - 1] + u[k - 2],
+        u[k - 1] - u[k - 3],
+        2 * u[k - 1] - u[k - 2],
+    ]
+    expected = [phi1[k - 1], -phi1[k - 1], *parts[2:]]
+    for part, wanted in zip(parts, expected, strict=True):
+        assert folded(Model(y[k - 1] / 2 + sp.exp(part), ())) == y[k - 1] / 2 + sp.exp(wanted)
+
+
+def test_conditions_of_a_continuum_as_they_are_written():
+    model = NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]", "y[k-2]", "1", "phi1[k-1]*y[k-1]"])
+    a, b, c, d, e, _ = model.symbols
+    written = {(cond.lhs, cond.rhs) for cond in continuum_conditions(model)}
+    assert written == {(a + d, 1), (b + c, 0), (e, 0)}
+    assert continuum_conditions(NARX.from_terms(["y[k-1]", "phi1[k-1]"]))[0].rhs == 1
+
+
+def test_only_a_root_at_one_is_an_integrator():
+    rest, integrates = without_integrator((z - 1) * (z - sp.Rational(1, 2)))
+    assert sp.expand(rest - z + sp.Rational(1, 2)) == 0 and integrates is True
+    assert without_integrator(z - sp.Rational(1, 2)) == (z - sp.Rational(1, 2), False)
+
+
+def test_a_model_without_input_has_its_delay():
+    assert newest_input(NARX.from_terms(["y[k-1]", "1"])) == 0
+    assert newest_input(NARX.from_terms(["y[k-1]", "u[k-3]", "phi1[k-2]"])) == 2

@@ -50,12 +50,12 @@ def assert_agree(results, rtol=1e-12):
 
 
 @st.composite
-def recursions(draw):
+def recursions(draw, small=False):
     """Contracting recursions: with states and inputs in [-1, 1] every term is in [-1, 1], the weights add to 0.9.
 
     The states `tie_i` at the end record what decides a sign or a branch.
     """
-    states = STATES[: draw(st.integers(1, 3))]
+    states = STATES[: draw(st.integers(1, 1 if small else 3))]
     inputs = (u, V)[: draw(st.integers(1, 2))]
     deciding = []
 
@@ -83,7 +83,7 @@ def recursions(draw):
 
     updates = []
     for position, base in enumerate(states):
-        terms = [term(position) for _ in range(draw(st.integers(1, 4)))]
+        terms = [term(position) for _ in range(draw(st.integers(1, 2 if small else 4)))]
         weights = [draw(st.sampled_from((-1, 1))) * sp.Float(draw(st.floats(0.05, 0.8))) for _ in terms]
         total = sum(abs(w) for w in weights)
         scale = min(1, 0.8 / float(total))
@@ -92,7 +92,11 @@ def recursions(draw):
         )
         updates.append((base[k], right))
     updates += [(signal(f"tie_{i}")[k], x) for i, x in enumerate(dict.fromkeys(deciding))]
-    return Recursion(tuple(updates), (A, B)), draw(st.sampled_from((40, 300, 530))), draw(st.integers(0, 99))
+    return (
+        Recursion(tuple(updates), (A, B)),
+        draw(st.sampled_from((40, 300, 530)[: 1 if small else 3])),
+        draw(st.integers(0, 99)),
+    )
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))

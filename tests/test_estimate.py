@@ -7,12 +7,13 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from truth import exact_constrained
 
 from narx_sym.analysis import continuum
 from narx_sym.compile import Columns, compile
 from narx_sym.data import Record
 from narx_sym.errors import DataError, Diverged, FitError, ModelError
-from narx_sym.estimate import Elimination, one_step
+from narx_sym.estimate import Elimination, factor, one_step
 from narx_sym.model import NARX, Model
 from narx_sym.recursion import Recursion
 from narx_sym.sensitivity import sensitivities
@@ -79,6 +80,16 @@ def test_several_records_are_one_stacked_regression():
     np.testing.assert_allclose(NARX.from_terms(MIXED).fit(gap).theta, model.theta, rtol=1e-12)
 
 
+def test_the_factor_is_that_of_all_rows_with_lags_and_previews():
+    record = noise_record(5_000)
+    columns = Columns([u[k + 2], y[k - 3] * u[k], y[k]])
+    R, rows = factor(columns, [{"u": record.u, "y": record.y}])
+    i = np.arange(3, 4_998)
+    stacked = np.column_stack([record.u[i + 2], record.y[i - 3] * record.u[i], record.y[i]])
+    assert rows == len(i) and np.array_equal(R, np.triu(R))
+    np.testing.assert_allclose(R.T @ R, stacked.T @ stacked, rtol=1e-11, atol=1e-9)
+
+
 def test_the_order_of_the_terms_does_not_matter():
     record = made(PAPER, THETA, slow(2_000), noise=0.01)
     reference = dict(zip(PAPER, NARX.from_terms(PAPER).fit(record, ["continuum"]).theta, strict=True))
@@ -110,21 +121,6 @@ def test_a_second_order_oscillator_is_recovered_from_its_own_motion():
 
 
 # ---------------------------------------------------------------- constraints
-
-
-def exact_constrained(Psi, target, S, c):
-    """Minimise |y - Psi theta| under S theta = c in rational arithmetic, by a null space and exact normal equations."""
-    rational = lambda x: sp.Matrix([[sp.Rational(float(v)) for v in row] for row in np.atleast_2d(x)])  # noqa: E731
-    A, b, S, c = rational(Psi), rational(target[:, None]), sp.Matrix(S), sp.Matrix(c)
-    free = sp.symbols(f"w:{S.cols}")
-    (solution,) = sp.linsolve((S, c), *free)
-    t0 = sp.Matrix([e.subs(dict.fromkeys(free, 0)) for e in solution])
-    Z = sp.Matrix.hstack(*S.nullspace()) if S.rank() < S.cols else None
-    if Z is None:
-        return np.array(t0, dtype=float).ravel()
-    reduced = A * Z
-    w = (reduced.T * reduced).LUsolve(reduced.T * (b - A * t0))
-    return np.array(t0 + Z * w, dtype=float).ravel()
 
 
 CONSTRAINTS = {
@@ -262,6 +258,8 @@ def test_data_that_do_not_determine_the_model():
         NARX.from_terms(["y[k-1]", "Min(u[k-1], 0)"]).fit(half)
     with pytest.raises(FitError, match="5 parameters cannot be estimated from 4 equations"):
         NARX.from_terms(MIXED).fit(noise_record(6))
+    with pytest.raises(FitError, match="5 parameters cannot be estimated from 5 equations"):
+        NARX.from_terms(MIXED).fit(noise_record(7))
     with pytest.raises(FitError, match="shorter than the largest lag"):
         NARX.from_terms(["y[k-30]"]).fit(noise_record(20))
     with pytest.raises(FitError, match="not finite"):
@@ -331,6 +329,40 @@ def test_a_diverging_start_is_said():
     record = made(PAPER, THETA, slow(600))
     with pytest.raises(FitError, match="diverges"):
         NARX.from_terms(["y[k-1]", "u[k-1]"], [4.0, 1.0]).fit(record, method="free_run")
+
+
+def test_auto_keeps_the_better_free_run():
+    noisy = made(PAPER, THETA, slow(1_500), noise=0.3)
+    one, auto = NARX.from_terms(PAPER).fit(noisy, ["continuum"]), NARX.from_terms(PAPER)
+    auto.fit(noisy, ["continuum"], method="auto")
+    assert auto.info["method"] == "free_run" and one.info["method"] == "one_step"
+    assert auto.info["nrmse"]["free_run"] < one.info["nrmse"]["free_run"]
+    assert auto.constraints == one.constraints and auto.theta[0] == 1
+
+
+def test_auto_keeps_one_step_where_the_free_run_is_worse_or_diverges():
+    random = np.random.default_rng(0)
+    wild = Record.from_arrays(random.standard_normal(400), np.cumsum(random.standard_cauchy(400)), Ts=1)
+    model = NARX.from_terms(["y[k-1]", "y[k-1]**3*u[k-1]", "y[k-1]**2"])
+    one = model.copy().fit(wild)
+    assert model.copy().fit(wild, method="free_run").info["nrmse"]["free_run"] > one.info["nrmse"]["free_run"]
+    auto = model.copy().fit(wild, method="auto")
+    assert auto.theta.tolist() == one.theta.tolist() and auto.std == one.std and auto.info == one.info
+    # An unstable plant, measured under feedback: its free run diverges.
+    source, out = np.zeros(3_000), np.zeros(3_000)
+    for i in range(1, 3_000):
+        source[i - 1] = -1.5 * out[i - 1] + random.standard_normal()
+        out[i] = 2 * out[i - 1] + source[i - 1]
+    record = Record.from_arrays(source, out, Ts=1)
+    model = NARX.from_terms(["y[k-1]", "u[k-1]"])
+    assert model.fit(record, method="auto") is model
+    np.testing.assert_allclose(model.theta, (2, 1), rtol=1e-9)
+    assert model.info["method"] == "one_step" and model.info["nrmse"]["free_run"] == np.inf
+    # A model that is not linear in its parameters has no other fit.
+    stuck = Model(A * y[k - 1] + B * u[k - 1], [A, B], [3.0, 1.0])
+    with pytest.raises(FitError, match="diverge"):
+        stuck.fit(record, method="auto")
+    assert stuck.theta.tolist() == [3, 1]
 
 
 # ---------------------------------------------------------------- sensitivities
@@ -407,6 +439,26 @@ def test_sensitivities_of_chosen_parameters_through_several_states():
     for state in (p, y):
         up, down = (compile(recursion)(inputs, theta + np.array([0, s]), start)[str(state.label)] for s in (h, -h))
         np.testing.assert_allclose(found[str(directions[0][state].label)], (up - down) / (2 * h), atol=1e-7)
+
+
+def test_a_direction_holds_the_states_that_it_moves_and_no_others():
+    p, q = signal("p"), signal("q")
+    chain = ((p[k], C * p[k - 1] + u[k]), (q[k], D * q[k - 1] + u[k - 1]), (y[k], y[k - 1] / 2 + p[k] * q[k - 1] + C))
+    recursion = Recursion(chain, (C, D))
+    extended, directions = sensitivities(recursion, initial=True)
+    assert [set(d) for d in directions] == [{p, y}, {q, y}, {p, y}]  # True: the start of the first state alone
+    equations = dict(extended.updates)
+    by_c, by_d, by_start = directions
+    assert len(equations) == 3 + 6
+    assert equations[by_c[p][k]] == C * by_c[p][k - 1] + p[k - 1]
+    assert equations[by_c[y][k]] == by_c[y][k - 1] / 2 + q[k - 1] * by_c[p][k] + 1
+    assert equations[by_d[q][k]] == D * by_d[q][k - 1] + q[k - 1]
+    assert equations[by_d[y][k]] == by_d[y][k - 1] / 2 + p[k] * by_d[q][k - 1]
+    assert equations[by_start[p][k]] == C * by_start[p][k - 1]
+    _, (none, both) = sensitivities(recursion, [], [(y,), (q, p)])
+    assert set(none) == {y} and set(both) == {p, q, y}
+    _, (nothing,) = sensitivities(Recursion(((y[k], y[k - 1] / 2 + u[k]), (p[k], C * u[k])), (C,)), [C])
+    assert set(nothing) == {p}
 
 
 # ---------------------------------------------------------------- simulate and predict

@@ -267,3 +267,55 @@ def test_a_law_prints_its_numbers():
     law = NARX.from_terms(PAPER, THETA).compensator()
     assert r"\frac{1}{\theta_{2}}" in law.latex() and r"\frac{1}{0.77}" in law.latex(numbers=True)
     assert repr(law).startswith("Compensator(m[k] = ")
+
+
+# ---------------------------------------------------------------- limits, starts, what is empty
+
+
+def test_limits_must_leave_room():
+    law = NARX.from_terms(["y[k-1]", "phi1[k-1]"], [1.0, 0.5]).compensator()
+    for limits in ((1, 1), (2, 1), (1, float("nan"))):
+        with pytest.raises(ModelError, match="lower and a higher"):
+            law.limited(limits)
+    for rate in (0, -1.0, float("inf"), float("nan")):
+        with pytest.raises(ModelError, match="positive"):
+            law.limited((0, 1), rate)
+    assert law.limited((0, 1), 0.5).depth >= 1
+
+
+def test_the_start_is_on_the_line_or_where_it_is_asked():
+    model = NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0])
+    model.info["line"] = [1.0, 2.0]
+    law = model.compensator()
+    assert law.start(5.0)["m"] == law.rest_input(5.0) == 2.0 and law.start(5.0)["r"] == law.start(5.0)["y"] == 5.0
+    assert law.start(5.0, 0.0)["m"] == 0.0 and law.start(5.0, 7)["m"] == 7.0
+
+
+def test_a_law_in_one_piece_has_no_branches():
+    law = NARX.from_terms(["y[k-1]", "phi1[k-1]"], [1.0, 0.5]).compensator()
+    assert law.branches == () and law.closed_form and law.staged is None and law.preview == 1
+
+
+def lines(latex):
+    """The equation without its environment."""
+    return latex.removeprefix("\\begin{aligned}\n").removesuffix("\n\\end{aligned}")
+
+
+def test_the_grouping_is_printed_in_powers_of_q():
+    law = NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]", "phi1[k-2]*u[k-2]*y[k-1]"]).compensator()
+    assert [lines(text) for text in law.latex_grouping()] == [
+        r"A(q) &= 1 - \theta_{1}\,q^{-1} - \theta_{2}\,q^{-2}",
+        r"B(q) &= \theta_{3}\,q^{-1} + \theta_{4}\,q^{-2}",
+        r"f(\cdot) &= \theta_{5}\,u_{k-2} y_{k-1} \left(u_{k-2} - u_{k-3}\right)",
+    ]
+    inverse = NARX.from_terms(["u[k-1]", "breve_phi1[k-1]"], input="y", output="u", lead=2).compensator()
+    assert inverse.latex_grouping() == []
+
+
+def test_the_printed_law_has_references_first_then_inputs_then_what_is_not_linear():
+    law = NARX.from_terms(["u[k-2]*y[k-1]", "u[k-1]", "1", "u[k-3]", "y[k-2]", "y[k-1]"]).compensator()
+    printed = lines(law.latex()).replace("\\\\\n &\\quad ", "")
+    assert printed == (
+        r"m_{k} &= \frac{1}{\theta_{2}} \Big[ r_{k+1} - \theta_{6}\,r_{k} - \theta_{5}\,r_{k-1} "
+        r"- \theta_{4}\,m_{k-2} - \theta_{3} - \theta_{1}\,r_{k} m_{k-1} \Big]"
+    )

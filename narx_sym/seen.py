@@ -1,0 +1,112 @@
+"""What an identification has seen of a signal (range, rate, frequency), and by how much another run goes beyond it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+POWER, PIECE = 0.99, 2**17  # share of the power that counts; samples of one periodogram
+RESOLUTION = 3.0  # periods per length of a record, within which its window cannot tell frequencies
+SLIGHT = {"range": 0.01, "rate": 0.1, "frequency": 0.1}  # shares by which a run may go beyond without a word
+WORDS = {"u": "inputs", "y": "outputs"}
+
+
+def rate(parts: Sequence[Array], Ts: float) -> float:
+    """Return the largest change of a signal [unit/s].
+
+    Parameters
+    ----------
+    parts : (N,) arrays, contiguous each
+    Ts : float [s]
+    """
+    return max((float(np.abs(np.diff(x)).max()) for x in parts if x.size > 1), default=0.0) / Ts
+
+
+def frequency(parts: Sequence[Array], Ts: float) -> float:
+    """Return the frequency below which 99 % of a signal's power lies [Hz]: of its Hann periodograms, without means.
+
+    Parameters
+    ----------
+    parts : (N,) arrays, contiguous each
+    Ts : float [s]
+    """
+    pieces = [x[i : i + PIECE] for x in parts for i in range(0, x.size, PIECE)]
+    n = max(x.size for x in pieces)
+    power = np.zeros(n // 2 + 1)
+    for x in pieces:
+        power += np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size), n)) ** 2
+    below = np.cumsum(power)
+    return float(np.searchsorted(below, POWER * below[-1]) / (n * Ts)) if below[-1] > 0 else 0.0
+
+
+def seen(signals: Mapping[str, Sequence[Array]], Ts: float) -> dict[str, dict[str, Any]]:
+    """Return what a model keeps of its signals in `info`: ranges [unit], rates [unit/s] and frequencies [Hz] by name.
+
+    Parameters
+    ----------
+    signals : mapping of names to lists of (N,) arrays, contiguous each
+    Ts : float [s]
+    """
+    return {
+        "ranges": {n: [float(min(map(np.min, p))), float(max(map(np.max, p)))] for n, p in signals.items()},
+        "rates": {n: rate(parts, Ts) for n, parts in signals.items()},
+        "frequencies": {n: frequency(parts, Ts) for n, parts in signals.items()},
+    }
+
+
+def excess(x: Array, low: float, high: float) -> float:
+    """Return by how many ranges a signal leaves [low, high]."""
+    return max(low - float(x.min()), float(x.max()) - high) / max(high - low, 1e-300)
+
+
+def beyond(info: Mapping[str, Any], name: str, what: str, parts: Sequence[Array], Ts: float | None) -> list[str]:
+    """Say in which quantities a signal goes beyond what was seen in identification, and by how much.
+
+    Parameters
+    ----------
+    info : of a model; what it does not know is not judged
+    name : "u" or "y", the signal of the identification that it is compared with
+    what : its name in the sentences, such as "input"
+    parts : (N,) arrays, contiguous each [unit of the signal]
+    Ts : float [s], or None where rates and frequencies are not known
+    """
+    found = [outside] if (outside := leaves(info, name, what, parts)) else []
+    if not Ts:
+        return found
+    most = info.get("rates", {}).get(name)
+    if most is not None and (now := rate(parts, Ts)) > (1 + SLIGHT["rate"]) * most:
+        found.append(
+            f"the {what} changes by up to {now:.4g} [unit of {name}]/s, in identification by up to "
+            f"{most:.4g}{_so(now, most)}"
+        )
+    most = info.get("frequencies", {}).get(name)
+    if most is not None:
+        longest = max(x.size for x in parts)
+        now = frequency(parts, Ts)
+        if now - RESOLUTION / (longest * Ts) > (1 + SLIGHT["frequency"]) * most:
+            found.append(
+                f"the {what} is faster: 99 % of its power lies below {now:.4g} Hz, in identification below "
+                f"{most:.4g} Hz{_so(now, most)}"
+            )
+    return found
+
+
+def leaves(info: Mapping[str, Any], name: str, what: str, parts: Sequence[Array]) -> str:
+    """Say by how much a signal leaves the identified range, or nothing."""
+    if name not in info.get("ranges", {}):
+        return ""
+    low, high = info["ranges"][name]
+    most = max(excess(x, low, high) for x in parts)
+    if most <= SLIGHT["range"]:
+        return ""
+    return (
+        f"the {what} leaves the identified {WORDS[name]} [{low:.4g}, {high:.4g}] by {most * (high - low):.3g} "
+        f"[unit of {name}], {100 * most:.3g} % of their range"
+    )
+
+
+def _so(now: float, most: float) -> str:
+    return f" ({now / most:.3g} times)" if most > 0 else ""
