@@ -83,17 +83,14 @@ def sections(
     scripts : bool
         Whether the interactive pictures are among them; their script is `interactive.bundle`.
     """
-    from markupsafe import Markup
-
-    units = {n: text for n, text in (units or {}).items() if text}
+    units = {"u": "", "y": "", **(units or {})}
     found = story.with_units(diagnosis, units)
     drawn = figures.pictures(found, units)
     compared = Comparison.of(found)
     script, elements = interactive.comparison(compared, units) if scripts else ("", {})
     known = {
         "verdict": lambda: _verdict(found, units),
-        "compare": lambda: {"script": Markup(script), "elements": {n: Markup(e) for n, e in elements.items()},
-                            "runs": list(compared.runs), "name": compared.name},
+        "compare": lambda: _compare(compared, drawn["compare"], script, elements),
         "ladder": lambda: {"rungs": _rungs(found), "kind": found.steps[0].floor_kind},
         "where": lambda: {"failures": figures.failures(found, units)},
         "candidates": lambda: {"rows": _candidates(found, units), "step": found.steps[0],
@@ -108,11 +105,8 @@ def sections(
     for key, title in PANELS:
         if key == "experiment" and found.experiment is None:
             continue
-        named = {p.key: p for p in drawn[key]}
         html = (
-            _templates()
-            .get_template(f"{key}.html")
-            .render(**known[key](), pictures=drawn[key], picture=named, units=units, d=found)
+            _templates().get_template(f"{key}.html").render(**known[key](), pictures=drawn[key], units=units, d=found)
         )
         made.append(Section(key, title, html))
     return made
@@ -171,6 +165,15 @@ def _verdict(d: Diagnosis, units: Units) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _compare(c: Comparison, drawn: Sequence[Picture], script: str, elements: Mapping[str, str]) -> dict[str, Any]:
+    from markupsafe import Markup
+
+    static = {p.key: p for p in drawn}
+    same = {"time": "time_0", "errors": "errors", "loop0": "loop_0", "loop1": "loop_1"}
+    live = [(name, static[same[name]], Markup(element)) for name, element in elements.items()]
+    return {"script": Markup(script), "live": live, "runs": list(c.runs)}
+
+
 def _rungs(d: Diagnosis) -> list[dict[str, Any]]:
     spread = d.steps[0].base.problem.spread
     rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
@@ -188,7 +191,7 @@ def _candidates(d: Diagnosis, units: Units) -> list[dict[str, Any]]:
 
 
 def _form(variant: Variant) -> str:
-    return str(variant).partition("(")[2].rstrip(")")
+    return str(variant).removeprefix(variant.id).strip()[1:-1]
 
 
 def _model(d: Diagnosis, units: Units) -> dict[str, Any]:
@@ -199,7 +202,10 @@ def _model(d: Diagnosis, units: Units) -> dict[str, Any]:
         {s.left.base for s in after.states} - {s.left.base for s in before.states}
     )
     rows = story.parameters(before, after, units, story.shape_units(d, units))
-    file = json.dumps(to_dict(after), indent=1, sort_keys=True)
+    try:
+        file = json.dumps(to_dict(after), indent=1, sort_keys=True)
+    except ModelError:  # a channel's name that a model file does not take
+        file = ""
     return {
         "before": [Markup(marked(before, values=v)) for v in (False, True)],
         "after": [Markup(marked(after, new, v)) for v in (False, True)] if after is not before else [],
