@@ -54,7 +54,7 @@ def from_latex(text: str, digits: int | None = None) -> str:
     return _math(rows)
 
 
-def marked(model: Any, new: Iterable[Any] = (), values: bool = False, width: int = 46) -> str:
+def marked(model: Any, new: Iterable[Any] = (), values: bool = False, width: int = 36) -> str:
     """Return the equations of a model as MathML; what contains one of the new symbols or states has the class "new".
 
     Parameters
@@ -114,7 +114,7 @@ def _math(rows: list[list[str]]) -> str:
         body = "".join(cells[0])
     else:
         body = "".join(
-            f'<mtr><mtd class="left">{before}{left}</mtd><mtd class="right">{right}</mtd></mtr>'
+            f'<mtr><mtd style="text-align: right">{before}{left}</mtd><mtd style="text-align: left">{right}</mtd></mtr>'
             for before, left, right in cells
         )
         body = f'<mtable displaystyle="true" class="lines">{body}</mtable>'

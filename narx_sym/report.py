@@ -55,7 +55,7 @@ def _templates() -> Any:
         lstrip_blocks=True,
     )
     made.filters |= {
-        "plain": story.plain, "number": story.number, "percent": story.percent,
+        "plain": story.plain, "number": story.number, "percent": story.percent, "plus_minus": story.plus_minus,
         "math": lambda text: Markup(from_latex(text, DIGITS)), "download": download,
     }  # fmt: skip
     return made
