@@ -18,7 +18,8 @@ from urllib.parse import quote
 from . import figures, interactive, story
 from .derive import derived
 from .diagnosis import Diagnosis
-from .errors import ModelError, NarxError, NotInvertible
+from .errors import ModelError, NotInvertible
+from .excursions import operating_range
 from .extend import Variant
 from .figures import PANELS, Picture
 from .files import PathLike, csv_text, write_text
@@ -109,6 +110,7 @@ def sections(
         html = (
             _templates().get_template(f"{key}.html").render(**known[key](), pictures=drawn[key], units=units, d=found)
         )
+        title = "The model" if key == "model" and len(found.ladder) == 1 else title
         made.append(Section(key, title, html))
     return made
 
@@ -220,10 +222,14 @@ def _derived(model: Model) -> dict[str, Any]:
              if one.latex or not one.heading.startswith("Continuum")]  # fmt: skip
     try:
         law = compensator(model)
-        lines, numbers, preview = law.lines(numbers=True), law.latex(numbers=True), law.preview
-    except (NarxError, NotInvertible, ModelError):
+    except NotInvertible:  # the reason stands among the parts
         return {"derived": parts, "law": None}
-    return {"derived": parts, "law": {"latex": law.latex(), "numbers": numbers, "lines": lines, "preview": preview}}
+    away = operating_range(law)
+    shown = {
+        "latex": law.latex(), "numbers": law.latex(numbers=True), "lines": law.lines(numbers=True),
+        "preview": law.preview, "checked": law.checked, "away": away.sentence if away is not None else "",
+    }  # fmt: skip
+    return {"derived": parts, "law": shown}
 
 
 def _experiment(d: Diagnosis, drawn: Sequence[Picture], units: Units, scripts: bool) -> dict[str, Any]:
