@@ -90,9 +90,10 @@ def sections(
     drawn = figures.pictures(found, units)
     compared = Comparison.of(found)
     script, elements = interactive.comparison(compared, units) if scripts else ("", {})
+    segments = len(found.steps[0].base.split.records)
     known = {
         "verdict": lambda: _verdict(found, units),
-        "compare": lambda: _compare(compared, drawn["compare"], script, elements),
+        "compare": lambda: _compare(compared, drawn["compare"], script, elements, segments),
         "ladder": lambda: {"rungs": _rungs(found), "kind": found.steps[0].floor_kind},
         "where": lambda: {"failures": figures.failures(found, units)},
         "candidates": lambda: {"rows": _candidates(found, units), "step": found.steps[0],
@@ -168,13 +169,15 @@ def _verdict(d: Diagnosis, units: Units) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _compare(c: Comparison, drawn: Sequence[Picture], script: str, elements: Mapping[str, str]) -> dict[str, Any]:
+def _compare(
+    c: Comparison, drawn: Sequence[Picture], script: str, elements: Mapping[str, str], count: int
+) -> dict[str, Any]:
     from markupsafe import Markup
 
     static = {p.key: p for p in drawn}
     same = {"time": "time_0", "errors": "errors", "loop0": "loop_0", "loop1": "loop_1"}
     live = [(name, static[same[name]], Markup(element)) for name, element in elements.items()]
-    return {"script": Markup(script), "live": live, "runs": list(c.runs)}
+    return {"script": Markup(script), "live": live, "runs": list(c.runs), "name": c.name, "count": count}
 
 
 def _rungs(d: Diagnosis) -> list[dict[str, Any]]:
