@@ -6,6 +6,7 @@ Every function takes matplotlib axes or makes them, labels them with units, and 
 from __future__ import annotations
 
 import itertools
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,8 @@ def new_axes(rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]
 
 def label(name: str, unit: str = "") -> str:
     """Axis label with its unit, where one is known."""
-    return f"{name} [{unit}]" if unit else name
+    # A dollar sign would start a formula.
+    return (f"{name} [{unit}]" if unit else name).replace("$", r"\$")
 
 
 def thin(x: np.ndarray, most: int = 4000) -> np.ndarray:
@@ -291,7 +293,7 @@ def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[s
         found = {panel.name: panel for panel in panels}
         floor = misfit.floor if panels is misfit.panels else None
         for row, name in enumerate(names):
-            _draw_panel(axes[row, column], found[name], floor, units)
+            draw_panel(axes[row, column], found[name], floor, units)
             what = "rms error in a bin" if name == "spectrum" else "mean error"
             what = what.replace("error", "missing input") if panels is misfit.panels_missing else what
             axes[row, column].set_ylabel(label(what, units.get("y", "")))
@@ -299,7 +301,7 @@ def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[s
             word, (0.5, 1), (0, 24), "axes fraction", "offset points", ha="center", fontsize=12, weight="bold"
         )
         # Only the spectrum has another quantity, and so its own range.
-        top = _top([found[name] for name in names if name != "spectrum"])
+        top = reach([found[name] for name in names if name != "spectrum"])
         for row, name in enumerate(names):
             axes[row, column].set_ylim(*((0, None) if name == "spectrum" else (-top, top)))
     marks: dict[str, Any] = {}
@@ -315,19 +317,19 @@ def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[s
     return figure
 
 
-def _top(panels: list[Panel]) -> float:
+def reach(panels: list[Panel]) -> float:
     """Return the half range for all means with two standard errors; a single unsure cell does not decide."""
     known = [p for p in panels if np.isfinite(p.mean).any()]
     tops = [np.abs(p.mean) + 2 * np.minimum(p.error, np.nanmedian(p.error)) for p in known]
     return 1.15 * max((float(np.nanmax(t)) for t in tops), default=0.0) or 1.0
 
 
-def _draw_panel(ax: Any, panel: Panel, floor: float | None, units: dict[str, str]) -> None:
+def draw_panel(ax: Any, panel: Panel, floor: float | None, units: dict[str, str]) -> None:
     """Draw one panel: means with two standard errors over the width of their cells."""
     ax.axhline(0, color=BLACK, lw=0.6, zorder=1)
     title = {"spectrum": "strongest line in the rest"}.get(panel.name, panel.label.replace(", ", " and "))
     ax.set_title(f"{title}: {100 * panel.share:.0f} % of the variance", loc="left", fontsize=10)
-    floor_label = "noise floor (± its standard deviation)"
+    floor_label = "noise floor (± rms)"
     if panel.name == "spectrum":
         middle = panel.low + panel.high
         ax.plot(middle / 2, panel.mean, color=BLUE, lw=1.0)
@@ -388,7 +390,7 @@ def _draw_grid(ax: Any, panel: Panel, units: dict[str, str]) -> None:
         for k in inverse[(panel.low[:, other] == low) & np.isnan(panel.mean)]:
             ax.axvspan(k + shift - 0.1, k + shift + 0.1, color="0.85", lw=0, zorder=0, label="too few samples")
     edges = [panel.high[panel.low[:, along] == p, along][0] for p in places]
-    ax.set_xticks(range(places.size), [f"{a:.3g} to {b:.3g}" for a, b in zip(places, edges, strict=True)])
+    ax.set_xticks(range(places.size), [f"{a:.3g} to\n{b:.3g}" for a, b in zip(places, edges, strict=True)])
     ax.set_xlabel(label(f"{names[along]} of a swing", kinds[along]))
     own = [(h, t) for h, t in zip(*ax.get_legend_handles_labels(), strict=True) if t.endswith("\u2009")]
     if len(own) > 1:
@@ -452,14 +454,14 @@ def plot_ladder(
     ax.set_ylim(min(every) / room, max(every) * room)
     _plain_numbers(ax.yaxis)
     ax.set_xlim(-0.6, len(rungs) - 0.4)
-    names = [name.replace("_", " ").replace(" instead", "\ninstead") for name in diagnosis.rungs]
+    names = [textwrap.fill(name.replace("_", " "), 18).replace("$", r"\$") for name in diagnosis.rungs]
     ax.set_xticks(range(len(rungs)), names)
-    ax.set_ylabel("free-run error / standard deviation of the output")
+    ax.set_ylabel("free-run error / std of the output")
     if units.get("y"):
         other = ax.secondary_yaxis("right", functions=(lambda x: x * spread, lambda x: x / spread))
         other.set_ylabel(label("rms error", units["y"]))
         _plain_numbers(other.yaxis)
-    ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2)
+    ax.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(-0.1, 1))
     if path is not None:
         write_figure(ax.figure, path)
     return ax.figure
@@ -496,7 +498,7 @@ def plot_candidates(
     best = "these data cannot tell them apart" if len(diagnosis.confusion_set) > 1 else "the best"
     for inside, colour, hatch, word in (
         (True, ORANGE, "", best),
-        (False, SKY, "//", "others: they explain less, or need more parameters for the same"),
+        (False, SKY, "//", "others: less, or with more parameters"),
     ):  # fmt: skip
         chosen = [i for i, r in enumerate(rows) if r["in_confusion_set"] == inside]
         if chosen:
@@ -515,10 +517,16 @@ def plot_candidates(
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_yticks(
         range(len(rows)),
-        [f"{'* ' if r['in_confusion_set'] else ''}{r['effect'].replace('_', ' ')}, {r['where']}" for r in rows],
+        [
+            textwrap.fill(
+                f"{'* ' if r['in_confusion_set'] else ''}{r['effect'].replace('_', ' ')}, {r['where']}", 26
+            ).replace("$", r"\$")
+            for r in rows
+        ],
     )
-    ax.set_xlabel("share of the removable error, on samples never used for fitting")
-    ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3)
+    ax.set_xlabel("share of the removable error, held-out samples")
+    place = {"loc": "lower left", "bbox_to_anchor": (-0.3, 1)}
+    ax.legend(fontsize=8, frameon=False, **place)
     if path is not None:
         write_figure(ax.figure, path)
     return ax.figure
