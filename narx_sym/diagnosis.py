@@ -33,7 +33,7 @@ from .extend import without
 from .identification import prepare
 from .misfit import Misfit, misfit_of
 from .model import NARX, Model
-from .pairs import Pair, best_pair
+from .pairs import Pair, best_pair, single
 from .parallel import one_blas_thread
 from .refit import Fitted, Split, prune, settle
 from .sensor import Fault, sensor_faults
@@ -206,24 +206,21 @@ def step(
     candidates = ranked(found, base.independent())
     if not repeats:
         made.floor = float(np.sqrt(v0 * (1 - scored.structure)))
-    if not candidates:
-        made.verdict = "outside_library"
-        return made
     report("estimating the noise floor")
-    best = candidates[0]
-    if repeats:
-        complete = best.mean_square <= (1 + NEAR) ** 2 * floor
-    else:
-        left = score(best.fitted, channels, catalogue, seed).missing
-        floor = min(best.mean_square * (1 - left), made.floor**2, *(c.mean_square for c in candidates))
-        complete = left < INCOMPLETE
-    complete |= best.mean_square < (1 - NEARLY_ALL) * v0
-    if not (complete or best.replaces) and scored.structure > HELPS:
+    floor, complete = _floor(made, candidates, channels, catalogue, seed)
+    if not (complete or (candidates and candidates[0].replaces)) and scored.structure > HELPS:
         made.pair = best_pair(scored, candidates, report)
+        enough = single(made.pair, scored) if made.pair is not None else None
+        if enough is not None:
+            made.pair, candidates = None, ranked([*found, enough], base.independent())
+            floor, complete = _floor(made, candidates, channels, catalogue, seed)
+    if not candidates:
+        made.verdict, made.pair = "outside_library", None
+        return made
     if made.pair is not None:
-        floor = floor if repeats else min(floor, made.pair.mean_square)
-        members = made.pair.effects
-        candidates.sort(key=lambda c: best.effect not in members and c.effect not in members)
+        floor, members = floor if repeats else min(floor, made.pair.mean_square), made.pair.effects
+        if candidates[0].effect not in members:
+            candidates.sort(key=lambda c: c.effect not in members)
     confused = confusion_set(candidates)
     candidates.sort(key=lambda c: c.effect not in confused)
     best = candidates[0]
@@ -273,6 +270,23 @@ def step(
         added = chosen.model.info["effects"][len(base.model.info.get("effects", [])) :]
         made.chosen = prune(chosen, [name for one in added for name in (*one["coefficients"], *one["shape"])], base)
     return made
+
+
+def _floor(
+    made: Step, candidates: Sequence[Candidate], channels: Sequence[str], catalogue: Catalogue, seed: int
+) -> tuple[float, bool]:
+    """Return the squared noise floor, and whether the best candidate comes down to it."""
+    floor, split = made.floor**2, made.base.split
+    if not candidates:
+        return floor, False
+    best = candidates[0]
+    if split.noise:
+        complete = best.mean_square <= (1 + NEAR) ** 2 * floor
+    else:
+        left = score(best.fitted, channels, catalogue, seed).missing
+        floor = min(best.mean_square * (1 - left), floor, *(c.mean_square for c in candidates))
+        complete = left < INCOMPLETE
+    return floor, complete or best.mean_square < (1 - NEARLY_ALL) * made.base.mean_square(split.held)
 
 
 def reconsider(

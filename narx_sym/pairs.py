@@ -11,8 +11,10 @@ import numpy as np
 
 from . import gate
 from .bases import integrates
-from .candidates import LARGE, Candidate, Scored
-from .refit import Fitted
+from .candidates import CLOSE, LARGE, Candidate, Scored
+from .errors import FitError
+from .extend import without
+from .refit import Fitted, settle
 
 Array = np.ndarray
 FIRST, POINTS = 8, 3  # effects that may be the stronger one of a pair, and grid points of each of its forms
@@ -28,6 +30,8 @@ class Pair:
     ----------
     effects : (str, str)
         Their ids.
+    places : (int, int)
+        Their directions.
     fitted : Fitted
         The model that has both.
     mean_square : float
@@ -37,6 +41,7 @@ class Pair:
     """
 
     effects: tuple[str, str]
+    places: tuple[int, int]
     fitted: Fitted
     mean_square: float
     share: float = 0.0
@@ -96,7 +101,27 @@ def best_pair(scored: Scored, candidates: Sequence[Candidate], report: Callable[
         report(f"fitting {first.id} and {second.id} together")
         made = scored.extended(i, j)
         if made is not None and not integrates(made, base.model):
-            found.append(Pair((first.id, second.id), made, made.mean_square(base.split.held)))
+            found.append(Pair((first.id, second.id), (i, j), made, made.mean_square(base.split.held)))
     best = min(found, key=lambda p: p.mean_square, default=None)
     alone = min((c.mean_square for c in candidates), default=base.mean_square(base.split.held))
     return best if best is not None and best.mean_square < (1 - LARGE) * alone else None
+
+
+def single(pair: Pair, scored: Scored) -> Candidate | None:
+    """Return one effect of a pair as a candidate of its own, where the other explains nothing.
+
+    Its own fit had ended in a local minimum, then.
+    """
+    base, model = scored.fitted, pair.fitted.model
+    listed = model.info["effects"][-2:]
+    for place, other in zip(pair.places, reversed(listed), strict=True):
+        gone = [s for s in model.symbols if str(s) in other["coefficients"]]
+        try:
+            made = settle(without(model, gone), base.split, limits=pair.fitted.limits)
+        except FitError:
+            continue
+        error = made.mean_square(base.split.held)
+        if error < CLOSE**2 * pair.mean_square:
+            variant, before = scored.directions[place].variant, base.mean_square(base.split.held)
+            return Candidate(variant.id, variant, made, scored.scores.corrected(place), error, before)
+    return None
