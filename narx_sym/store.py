@@ -195,8 +195,14 @@ def _check_constraints(model: Model) -> None:
         gap = (equation.lhs - equation.rhs).xreplace(model.values)
         if gap.atoms(Indexed):
             raise ModelError("'constraints' speak of the parameters only.")
-        if model.values and abs(float(gap)) > 1e-6 * (1 + max(abs(v) for v in model.values.values())):
-            raise ModelError(f"theta does not meet the constraint {equation.lhs} = {equation.rhs}.")
+        try:
+            size = abs(float(gap)) if model.values else 0.0
+        except (TypeError, ValueError, OverflowError):
+            size = math.nan
+        if not math.isfinite(size):
+            raise ModelError(f"the constraint {str(equation.lhs)[:200]} = {equation.rhs} has no finite value.")
+        if size > 1e-6 * (1 + max((abs(float(v)) for v in model.values.values()), default=0.0)):
+            raise ModelError(f"theta does not meet the constraint {str(equation.lhs)[:200]} = {equation.rhs}.")
 
 
 def _state_to_dict(state: State) -> dict[str, str]:

@@ -109,6 +109,9 @@ SLOW_MODELS = {
     ]),
     "a thousand terms": narx(terms=[f"y[k-{i + 1}]" for i in range(1000)], constraints=["continuum"]),
     "two thousand terms": narx(terms=[f"y[k-{i + 1}]" for i in range(2000)]),
+    "no number at rest": narx(
+        terms=["y[k-1]", "log(phi1[k-1]/phi1[k-2]*phi2[k-1])"], theta=[1.0, 1.0], constraints=["continuum"]
+    ),
     "huge lag": narx(terms=["y[k-1000000000]"]), "huge numbers": narx(theta=[10**400]), "huge errors": narx(std=[10**400]),
 }  # fmt: skip
 
@@ -129,7 +132,7 @@ def test_what_would_take_for_ever_is_read_or_refused_soon():
     )  # fmt: skip
     said = dict(line.split(" ", 1)[::-1] for line in done.stdout.splitlines())
     assert not done.stderr and set(said) == {*SLOW_TERMS, *SLOW_MODELS}
-    for name in ("states that double", "products of powers", "all states in all", "huge lag", "huge numbers", "huge errors",
+    for name in ("states that double", "no number at rest", "products of powers", "all states in all", "huge lag", "huge numbers", "huge errors",
                  "two thousand terms", "product of sums", "nested tanh of numbers"):  # fmt: skip
         assert said[name] == "refused", name
 
