@@ -416,3 +416,26 @@ def test_only_a_root_at_one_is_an_integrator():
 def test_a_model_without_input_has_its_delay():
     assert newest_input(NARX.from_terms(["y[k-1]", "1"])) == 0
     assert newest_input(NARX.from_terms(["y[k-1]", "u[k-3]", "phi1[k-2]"])) == 2
+
+
+def test_a_set_that_is_the_only_root():
+    sets = quasi_static(NARX.from_terms(["y[k-1]", "y[k-1]**2", "y[k-1]*u[k-1]", "u[k-1]**2"], (1, 1, -2, 1)))
+    for branch in (sets.loading, sets.unloading):
+        known = branch.xreplace(dict(zip(sets.model.symbols, map(sp.Integer, (1, 1, -2, 1)), strict=True)))
+        roots = known if isinstance(known, sp.FiniteSet) else [known]
+        assert {sp.simplify(root) for root in roots} == {u_}  # (ytilde - u)^2 = 0
+    pinned = quasi_static(Model(y[k - 1] + (y[k - 1] - u[k - 1]) ** 2, ()))
+    assert pinned.loading == pinned.unloading == u_
+
+
+@pytest.mark.parametrize(
+    "terms, theta, said",
+    (
+        (["y[k-1]", "u[k-1]"], (0.5, 1.0), "one equilibrium for a constant input, 1 non-diverging; two are needed"),
+        (["y[k-1]", "u[k-1]"], (1.5, 1.0), "one equilibrium for a constant input, 0 non-diverging; two are needed"),
+        (["y[k-1]", "y[k-1]**3"], (1.5, -0.5), "3 equilibria for a constant input, 2 non-diverging; two are needed"),
+    ),
+)
+def test_property_1_says_what_it_counted(terms, theta, said):
+    verdict = property_1(NARX.from_terms(terms, theta))
+    assert verdict.reason == said and verdict.holds == ("2 non" in said)

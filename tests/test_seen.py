@@ -80,6 +80,18 @@ def test_a_fit_keeps_what_it_has_seen(model):
     assert set(model.info["rates"]) == set(model.info["frequencies"]) == {"u", "y"}
 
 
+def test_the_line_through_the_data_and_the_band_around_it():
+    source = sine(level=4.0)
+    record = Record.from_arrays(source, 3 * source + 2 + 0.1 * np.sign(sine(hertz=7.0)), Ts=TS)
+    model = ns.NARX.from_terms(["1", "u[k]"]).fit(record)
+    assert model.info["line"] == pytest.approx([2.0, 3.0], abs=0.02)
+    assert model.info["band"] == pytest.approx(0.1, abs=0.03)
+    # Through zero where zero lies well inside both ranges, though the input lingers on one side.
+    lingering = np.where(np.arange(1_000) < 900, 1.0, -1.0) * np.abs(sine())
+    swing = Record.from_arrays(lingering, 3 * lingering + 0.3 * lingering**2, Ts=TS)
+    assert ns.NARX.from_terms(["1", "u[k]"]).fit(swing).info["line"][0] == 0.0
+
+
 def test_within_what_was_seen_nothing_is_said(model):
     assert not said(model.simulate, sine(), 0.0)
     assert not said(model.simulate, sine(0.5, 0.8, n=300), 0.0)

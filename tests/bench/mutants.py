@@ -5,7 +5,7 @@
 First the tests run once, and which test reaches which line is kept. Then each mutant runs in a fork of this process that
 has the other packages loaded already: its module is compiled from the changed tree (no file is touched), and the tests
 that reach the line run, quick ones first, until one fails. `--again mutants.json` runs those that were not noticed once
-more, with more tests, and takes over the others. Needs `coverage`.
+more, on all tests of the module's own files, and takes over the others. Needs `coverage`.
 """
 
 import argparse
@@ -32,9 +32,15 @@ TESTS = (
     "test_numerical_truth::^(?!.*engines) test_interop::casadi|rest|state|loop test_engines::sensitivities "
     "test_laws::^(?!.*(random|every|completed)) test_extend::static|sigma_y|remembers|inner|by_hand|initial|law|time|rest"
 )  # after :: a pattern of the names of tests
+OWN = {
+    "estimate": "test_seen test_estimate test_numerical_truth::^(?!.*(engines|complex|cover))",
+    "analysis": "test_analysis",
+    "invert": "test_invert::^(?!.*random)",
+    "sensitivity": "test_estimate::sensitivities|direction",
+}
 SECONDS = 150  # for a mutant; an endless loop counts as noticed
 UNNOTICED = ("passed", "not reached")
-MOST, MORE = 40, 250  # tests for a mutant, at first and again
+MOST = 40  # tests for a mutant
 LOADED = "numpy scipy.linalg scipy.optimize sympy casadi llvmlite.binding pandas lark joblib hypothesis matplotlib.pyplot coverage"
 
 COMPARE = {
@@ -229,24 +235,24 @@ def main() -> None:
     ask.add_argument("--out", type=Path)
     asked = ask.parse_args()
     earlier = json.loads(asked.again.read_text(encoding="utf-8")) if asked.again else []
-    most = MORE if asked.again else MOST
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
     for name in LOADED.split():
         importlib.import_module(name)
-    known, results = reached(), []
+    known, results = {"seconds": {}, "lines": {}} if asked.again else reached(), []
     print(f"{len(known['seconds'])} tests, {sum(known['seconds'].values()):.0f} s", flush=True)
     for module in asked.modules:
         tree = ast.parse((ROOT / "narx_sym" / f"{module}.py").read_text(encoding="utf-8"))
         possible = sites(tree)
         chosen = random.Random(asked.seed).sample(possible, min(asked.count, len(possible)))
-        by_line = known["lines"][module]
+        by_line = known["lines"].get(module, {})
         for at, change, lines in sorted(chosen, key=lambda c: (c[2].start, c[0])):
             changed, before, after = mutated(tree, at, change)
             tests = {t for line in lines for t in by_line.get(str(line), ())}
             if "" in tests:  # reached when the module is imported
                 tests |= {t for all_tests in by_line.values() for t in all_tests}
-            quick = sorted(tests - {""}, key=lambda t: (known["seconds"].get(t, 0.0), t))[:most]
+            quick = sorted(tests - {""}, key=lambda t: (known["seconds"].get(t, 0.0), t))[:MOST]
+            quick = chosen_tests(OWN[module]) if asked.again else quick
             what = list(changes(before))[change][0]
             shown = f"{ast.unparse(before)} -> {ast.unparse(after)}".replace("\n", " ")
             began = time.perf_counter()
