@@ -1,0 +1,154 @@
+"""The long pieces of work: each makes a rung, a model with the diagnosis of what it still lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..addition import Addition
+from ..data import Record
+from ..derive import summary
+from ..diagnosis import Diagnosis, diagnose
+from ..effects import EFFECTS
+from ..errors import FitError, ModelError, NarxError, NotInvertible
+from ..estimate import describe, fit
+from ..excursions import operating_range
+from ..identification import identify
+from ..invert import compensator
+from ..model import Model
+from ..refit import Fitted, prune
+
+Report = Callable[[str], Any]
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One state of the model.
+
+    Attributes
+    ----------
+    name : str
+        What was done to get here.
+    found : Diagnosis
+        Of this model: `found.steps[0].base` is the model as fitted on the training samples.
+    model : Model
+        Fitted on all samples: the one to take away.
+    effect : str
+        The effect that was added; "" for a base or an edited term.
+    notes : tuple of str
+    """
+
+    name: str
+    found: Diagnosis
+    model: Model
+    effect: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def base(self) -> Fitted:
+        """The model as fitted on the training samples."""
+        return self.found.steps[0].base
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Free-run NRMSE on training and on held-out samples."""
+        return self.found.steps[0].nrmse(self.base)
+
+
+@dataclass(frozen=True)
+class Law:
+    """A compensation law as text, or why there is none.
+
+    Attributes
+    ----------
+    lines, latex : the law with numbers
+    notes : what a user should know before it runs
+    code : C99 source, "" where the law has none
+    why_not : str
+        "" where there is a law.
+    """
+
+    lines: tuple[str, ...] = ()
+    latex: str = ""
+    notes: tuple[str, ...] = ()
+    code: str = ""
+    why_not: str = ""
+
+
+def first(base: str | Model, records: Sequence[Record], report: Report) -> Rung:
+    """Identify a base, unless it is a model already, and diagnose it."""
+    if isinstance(base, Model):
+        return climbed("model file", base, records, report)
+    report(f"identifying a {base} base from {sum(map(len, records))} samples")
+    return climbed(f"{base} base", identify(records, base=base), records, report)
+
+
+def added(rung: Rung, effect: str, records: Sequence[Record], report: Report) -> Rung:
+    """Add an effect: a candidate of the diagnosis as it was fitted there, or any other of the catalogue."""
+    step = rung.found.steps[0]
+    candidate = next((c for c in step.candidates if c.effect == effect), None)
+    if candidate is None:
+        model = Addition(rung.base.model, effect, None, EFFECTS).fit(records, report=report)
+    elif step.chosen is not None and candidate is step.candidates[0]:
+        model = step.chosen.model
+    else:
+        report("deleting what became redundant")
+        new = candidate.model.info["effects"][-1]
+        model = prune(candidate.fitted, [*new["coefficients"], *new["shape"]], rung.base).model
+    return climbed(f"+ {effect}", model, records, report, effect)
+
+
+def edited(model: Model, name: str, what: str, records: Sequence[Record], report: Report) -> Rung:
+    """Fit a model whose term with the parameter `name` is new."""
+    starts = [model.theta]
+    if model.theta is not None and name:  # the old value may be a bad one for the new term
+        starts.append([0.0 if str(s) == name else v for s, v in zip(model.symbols, model.theta, strict=True)])
+    for start in starts[:-1]:
+        model.theta = start
+        try:
+            return climbed(what, model, records, report)
+        except FitError:
+            continue
+    model.theta = starts[-1]
+    return climbed(what, model, records, report)
+
+
+def climbed(name: str, model: Model, records: Sequence[Record], report: Report, effect: str = "") -> Rung:
+    """Diagnose a model, and fit it on all samples."""
+    found = diagnose(model, records, report=report)
+    report("fitting on all samples")
+    final, notes = found.steps[0].base.model.copy(), ()
+    try:
+        fit(final, records, method="free_run")
+    except FitError as error:
+        notes = (f"The fit on all samples failed ({error}); the one on the training blocks is kept.",)
+        describe(final, records, "free_run", True)
+    return Rung(name, found, final, effect, notes)
+
+
+def law_of(model: Model, limits: tuple[float, float] | None, rate: float | None, report: Report) -> Law:
+    """Derive the compensation law of a model, with its source."""
+    report("deriving the compensation law")
+    try:
+        law = compensator(model)
+    except (NotInvertible, ModelError) as error:
+        return Law(why_not=str(error))
+    notes = [f"It looks {law.preview} sample(s) ahead in the reference."]
+    if law.staged:
+        report("counting the solutions of each stage")
+        notes.append(f"Checked: {law.checked}.")
+    if (repels := operating_range(law)) is not None and repels.sentence:
+        notes.append(repels.sentence)
+    try:
+        code = law.to_c(limits=limits, rate=rate)
+    except NarxError as error:
+        code = ""
+        notes.append(f"There is no C source: {error}")
+    return Law(tuple(law.lines(numbers=True)), law.latex(numbers=True), tuple(notes), code)
+
+
+def derived(model: Model, report: Report) -> list[tuple[str, list[str]]]:
+    """Derive everything that `narx-sym derive` prints."""
+    report("deriving")
+    return summary(model)

@@ -1,0 +1,390 @@
+"""What the page shows, without a page: data, columns, base, diagnosis, steps, compensator, downloads."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ..data import Record, read
+from ..errors import DataError, ModelError, NarxError
+from ..identification import BASES, prepare
+from ..model import Model
+from ..rewriting import rewritten, written_terms
+from ..signals import plain_name, u
+from ..store import load as load_model
+from ..store import to_text
+from ..tables import Table
+from ..tables import load as load_table
+from .jobs import Law, Rung, added, edited, first, law_of
+from .worker import Worker
+
+SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
+LIMIT = 50_000_000  # bytes of an upload
+PAUSE = 0.05  # seconds between looks at the process, where nothing else waits
+OPTIONS = {"input": "Input", "output": "Output", "time": "Time", "ts": "Sampling time", "rows": "Rows"}
+OPTIONS |= {"channels": "Channels"}  # what the options of the command line are called in the page
+
+
+@dataclass
+class Choice:
+    """Which columns and rows of a file are used; texts as a user types them."""
+
+    u: str = ""
+    y: str = ""
+    t: str = ""
+    Ts: str = ""
+    channels: list[str] = field(default_factory=list)
+    rows: str = ""
+    units: dict[str, str] = field(default_factory=lambda: {"u": "", "y": ""})
+
+
+class Workbench:
+    """Every state that the page shows, and what may be done in it. Nothing here knows of a browser.
+
+    Long work goes to a process: `poll` takes over what it made, `wait` waits for that, `cancel` ends it. Whatever fails
+    leaves one sentence in `error`, and everything else as it was.
+
+    Attributes
+    ----------
+    file, table : name and columns of the data file, or None
+    choice : Choice
+    record : Record or None
+        What was read with this choice.
+    base : str or Model
+        "static", "linear", "narx", or a model from a file, called `base_name`.
+    rungs : list of Rung
+        The models so far; the last one is shown.
+    law : Law or None
+        Of the last rung, where it was asked for.
+    version : int
+        Grows with every change that is worth a look.
+    """
+
+    def __init__(self, limit: int = LIMIT) -> None:
+        self.limit = limit
+        self.worker = Worker()
+        self.folder = Path(tempfile.mkdtemp(prefix="narx_sym_app_"))  # mode 0700
+        self.version, self.error = 0, ""
+        self.notes: tuple[str, ...] = ()
+        self.base: str | Model = "linear"
+        self.base_name = ""
+        self._take: Callable[[Any], None] = lambda made: None
+        self._forget()
+
+    def _forget(self) -> None:
+        self.file = ""
+        self.path: Path | None = None
+        self.table: Table | None = None
+        self.choice = Choice()
+        self.record: Record | None = None
+        self.rungs: list[Rung] = []
+        self.law: Law | None = None
+
+    # -- data --------------------------------------------------------------------------------------------------
+
+    def upload(self, name: str, content: bytes) -> None:
+        """Take a data file; its name is only shown, never used as a path."""
+        suffix = Path(name).suffix.lower()
+        shown = shortened(name)
+        with self._said():
+            if suffix not in SUFFIXES:
+                raise DataError(f"{shown}: drop a text file with columns ({', '.join(SUFFIXES)}).")
+            self._check_size(len(content), shown)
+            path = self.folder / f"data{time.monotonic_ns()}{suffix}"
+            path.write_bytes(content)
+            self._open(path, shown)
+
+    def _check_size(self, size: int, name: str) -> None:
+        if size > self.limit:
+            raise DataError(f"{name} has {size / 1e6:.1f} MB; at most {self.limit / 1e6:g} MB are taken.")
+
+    def open(self, path: Path) -> None:
+        """Take a data file that the user of this machine named."""
+        with self._said():
+            self._open(path, shortened(path.name))
+
+    def _open(self, path: Path, shown: str) -> None:
+        try:
+            table = load_table(path)
+        except NarxError as error:
+            raise DataError(str(error).replace(str(path), shown)) from None
+        table.path = shown
+        self.cancel()
+        self._forget()
+        self.file, self.path, self.table = shown, path, table
+        self.choice = guessed([n for n in table.columns if n])
+
+    def choose(self, **changed: Any) -> None:
+        """Change the choice of columns and rows, and read the record."""
+        for name, value in changed.items():
+            setattr(self.choice, name, value)
+        with self._said():
+            self.record, self.rungs, self.law = None, [], None
+            self.record = self._read()
+            prepare(self.record)
+            self.notes = self.record.notes
+
+    def _read(self) -> Record:
+        c = self.choice
+        if self.path is None:
+            raise DataError("Drop a data file first.")
+        if not c.u or not c.y:
+            raise DataError("Choose the columns of input and output.")
+        if c.u == c.y:
+            raise DataError(f"Input and output are the same column {c.u!r}.")
+        channels = [n for n in c.channels if n not in (c.u, c.y, c.t)]
+        try:
+            made = read(
+                self.path, u=c.u, y=c.y, t=c.t or None, Ts=number(c.Ts, "Sampling time"), rows=c.rows.strip() or None,
+                channels=channels,
+            )  # fmt: skip
+            return replace(made, name=Path(self.file).stem)
+        except NarxError as error:
+            raise DataError(str(error).replace(str(self.path), self.file)) from None
+
+    # -- base --------------------------------------------------------------------------------------------------
+
+    def choose_base(self, base: str) -> None:
+        """Choose a kind of base."""
+        with self._said():
+            if base not in BASES:
+                raise ModelError(f"Unknown base {base!r}: use {', '.join(BASES)}, or a model file.")
+            self.base, self.base_name = base, ""
+
+    def upload_model(self, name: str, content: bytes) -> None:
+        """Take a model file as the base."""
+        shown = shortened(name)
+        with self._said():
+            self._check_size(len(content), shown)
+            path = self.folder / f"model{time.monotonic_ns()}.json"
+            path.write_bytes(content)
+            try:
+                model = load_model(path)
+            except NarxError as error:
+                raise ModelError(str(error).replace(str(path), shown)) from None
+            finally:
+                path.unlink()
+            if model.input != u:
+                raise ModelError(f"{shown}: this is an inverse model; a base goes from u to y.")
+            if model.theta is None:
+                raise ModelError(f"{shown}: the model has no parameter values; fit it first.")
+            self.base, self.base_name = model, shown
+
+    # -- steps -------------------------------------------------------------------------------------------------
+
+    @property
+    def rung(self) -> Rung | None:
+        """The model that is shown."""
+        return self.rungs[-1] if self.rungs else None
+
+    def diagnose(self) -> None:
+        """Begin to identify the base and to diagnose it; what was added before goes when that is done."""
+        with self._said():
+            record, base = self._measured, self.base
+            needed = [n for n in base.channels if n not in record.channels] if isinstance(base, Model) else []
+            if needed:
+                raise ModelError(f"The model needs the channel {needed[0]!r}: choose it among the columns.")
+            self._begin(lambda made: self._put([made]), first, base, [record])
+
+    def add(self, effect: str) -> None:
+        """Begin to add an effect to the model."""
+        with self._said():
+            self._climb(added, self._last, effect)
+
+    def edit(self, name: str, text: str) -> None:
+        """Begin to fit the model with one term given as text: "" as name puts one in, "" as text takes it out."""
+        with self._said():
+            model = rewritten(self._last.base.model, name, text, self._measured.channels)
+            what = f"{name or 'new term'}: {text.strip()}" if text.strip() else f"without {name}"
+            self._climb(edited, model, name, what)
+
+    def _climb(self, work: Callable[..., Rung], *what: Any) -> None:
+        before = list(self.rungs)
+        self._begin(lambda made: self._put([*before, made]), work, *what, [self._measured])
+
+    @property
+    def _last(self) -> Rung:
+        if self.rung is None:
+            raise ModelError("Diagnose a base first.")
+        return self.rung
+
+    @property
+    def _measured(self) -> Record:
+        if self.record is None:
+            raise DataError("Choose the data first.")
+        return self.record
+
+    def _put(self, rungs: list[Rung]) -> None:
+        self.rungs, self.law = rungs, None
+        self.notes = rungs[-1].notes
+
+    def back(self) -> None:
+        """Take the last step back."""
+        with self._said():
+            if len(self.rungs) < 2:
+                raise ModelError("There is no step to take back.")
+            self._put(self.rungs[:-1])
+
+    @property
+    def ladder(self) -> list[dict[str, Any]]:
+        """Name and free-run NRMSE on training and on held-out samples of each rung."""
+        return [{"name": r.name, **r.errors} for r in self.rungs]
+
+    @property
+    def floor(self) -> float:
+        """The noise floor as NRMSE: the lowest that any rung tells."""
+        return min(r.found.steps[0].floor / r.base.problem.spread for r in self.rungs)
+
+    @property
+    def terms(self) -> dict[str, str]:
+        """Terms that may be edited, as text by their parameters."""
+        return written_terms(self.rungs[-1].base.model) if self.rungs else {}
+
+    # -- compensator -------------------------------------------------------------------------------------------
+
+    def open_law(self, low: str = "", high: str = "", rate: str = "") -> None:
+        """Begin to derive the compensation law; limits of the input and of its change per sample go into the source."""
+        with self._said():
+            model = self._last.model
+            ends = [number(low, "The lower limit"), number(high, "The upper limit")]
+            if None in ends and ends != [None, None]:
+                raise DataError("Give both limits, or none.")
+            if None not in ends and not ends[0] < ends[1]:
+                raise DataError("The lower limit must be below the upper one.")
+            largest = number(rate, "The largest change")
+            if largest is not None and largest <= 0:
+                raise DataError("The largest change must be positive.")
+            limits = None if None in ends else tuple(ends)
+            self._begin(self._show_law, law_of, model, limits, largest)
+
+    def _show_law(self, law: Law) -> None:
+        self.law = law
+
+    # -- the process -------------------------------------------------------------------------------------------
+
+    def _begin(self, take: Callable[[Any], None], work: Callable[..., Any], *arguments: Any) -> None:
+        if self.worker.busy:
+            raise NarxError("Something is under way: wait for it, or cancel it.")
+        self._take = take
+        self.worker.start(work, *arguments)
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is under way."""
+        return self.worker.busy
+
+    def poll(self) -> None:
+        """Take over what the process has done since the last look."""
+        outcome = self.worker.poll()
+        if outcome is None:
+            return
+        self.error = in_the_page(outcome.error)
+        if not outcome.error:
+            self._take(outcome.result)
+            self.notes = (*self.notes, *outcome.notes)
+        self.version += 1
+
+    def wait(self) -> None:
+        """Wait until nothing is under way."""
+        while self.busy:
+            self.poll()
+            time.sleep(PAUSE)
+
+    def cancel(self) -> None:
+        """End what is under way; everything stays as it was before."""
+        if self.worker.busy:
+            self.worker.stop()
+            self.version += 1
+
+    def close(self) -> None:
+        """End the process and remove what was uploaded."""
+        self.worker.stop()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _said(self) -> _Said:
+        return _Said(self)
+
+    # -- downloads ---------------------------------------------------------------------------------------------
+
+    def download(self, kind: str) -> tuple[str, str]:
+        """Return name and content of a file: "model.json", "model.tex", "model.c", "law.tex", "law.c"."""
+        from ..derive import document
+
+        rung, law = self._last, self.law
+        if kind.startswith("law.") and (law is None or law.why_not):
+            raise ModelError("There is no law: open the compensator first.")
+        if kind == "law.c" and law is not None and not law.code:
+            raise ModelError("This law has no C source.")
+        makers: dict[str, Callable[[], str]] = {
+            "model.json": lambda: to_text(rung.model),
+            "model.tex": lambda: document(rung.model),
+            "model.c": lambda: rung.model.to_c(),
+            "law.tex": lambda: f"\\[\n{law.latex if law else ''}\n\\]\n",
+            "law.c": lambda: law.code if law else "",
+        }
+        if kind not in makers:
+            raise ModelError(f"There is no {kind[:40]!r}; there are {', '.join(makers)}.")
+        return f"{plain_name(Path(self.file).stem)}_{kind}", makers[kind]()
+
+
+class _Said:
+    """Turns what a user may see into the workbench's one message; everything else passes."""
+
+    def __init__(self, bench: Workbench):
+        self.bench = bench
+
+    def __enter__(self) -> None:
+        self.bench.error, self.bench.notes = "", ()
+        self.bench.version += 1
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> bool:
+        self.bench.version += 1
+        if isinstance(error, NarxError):
+            self.bench.error = in_the_page(str(error))
+            return True
+        return False
+
+
+def in_the_page(message: str) -> str:
+    """Name the fields of the page in the place of options of the command line."""
+    return re.sub(r"--(\w+)", lambda found: OPTIONS.get(found[1], found[0]), message)
+
+
+def shortened(name: str) -> str:
+    """Return a file name to show: its last part, without control characters, at most 80 characters."""
+    last = re.split(r"[/\\]", name)[-1]
+    return "".join(c for c in last if c.isprintable())[-80:] or "file"
+
+
+def number(text: str, what: str) -> float | None:
+    """Return the number that a user typed, None for nothing."""
+    if not str(text).strip():
+        return None
+    try:
+        value = float(str(text).replace(",", "."))
+    except ValueError:
+        value = float("nan")
+    if not abs(value) < 1e300:
+        raise DataError(f"{what} must be a number, not {str(text)[:40]!r}.")
+    return value
+
+
+def guessed(columns: list[str]) -> Choice:
+    """Guess which columns are time, input and output: by name, else in this order."""
+    found = Choice()
+    lower = {n.lower(): n for n in reversed(columns)}
+    usual = {"t": ("t", "time", "time_s"), "u": ("u", "input", "in", "voltage"), "y": ("y", "output", "out", "position")}
+    for field_, names in usual.items():
+        setattr(found, field_, next((lower[n] for n in names if n in lower), ""))
+    left = [n for n in columns if n not in (found.t, found.u, found.y)]
+    for field_ in ("u", "y"):
+        if not getattr(found, field_) and left:
+            setattr(found, field_, left.pop(0))
+    return found
