@@ -30,6 +30,16 @@ def write_csv(path: PathLike, columns: Mapping[str, Any]) -> None:
     write_text(path, text.getvalue())
 
 
+def csv_text(columns: Mapping[str, Any]) -> str:
+    """Return (N,) columns of numbers (6 significant digits) or texts as CSV."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(columns)
+    for row in zip(*columns.values(), strict=True):
+        table.writerow([f"{x:.6g}" if isinstance(x, (float, np.floating)) else x for x in row])
+    return text.getvalue()
+
+
 def write_text(path: PathLike, text: str) -> None:
     """Write UTF-8 text; the file appears whole or not at all."""
     target = Path(path)

@@ -39,7 +39,8 @@ def new_axes(rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]
 
 def label(name: str, unit: str = "") -> str:
     """Axis label with its unit, where one is known."""
-    return f"{name} [{unit}]" if unit else name
+    # A dollar sign would start a formula.
+    return (f"{name} [{unit}]" if unit else name).replace("$", r"\$")
 
 
 def thin(x: np.ndarray, most: int = 4000) -> np.ndarray:
@@ -290,7 +291,7 @@ def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[s
         found = {panel.name: panel for panel in panels}
         floor = misfit.floor if panels is misfit.panels else None
         for row, name in enumerate(names):
-            _draw_panel(axes[row, column], found[name], floor, units)
+            draw_panel(axes[row, column], found[name], floor, units)
             what = "rms error in a bin" if name == "spectrum" else "mean error"
             what = what.replace("error", "missing input") if panels is misfit.panels_missing else what
             axes[row, column].set_ylabel(label(what, units.get("y", "")))
@@ -298,7 +299,7 @@ def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[s
             word, (0.5, 1), (0, 24), "axes fraction", "offset points", ha="center", fontsize=12, weight="bold"
         )
         # Only the spectrum has another quantity, and so its own range.
-        top = _top([found[name] for name in names if name != "spectrum"])
+        top = reach([found[name] for name in names if name != "spectrum"])
         for row, name in enumerate(names):
             axes[row, column].set_ylim(*((0, None) if name == "spectrum" else (-top, top)))
     marks: dict[str, Any] = {}
@@ -314,19 +315,19 @@ def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[s
     return figure
 
 
-def _top(panels: list[Panel]) -> float:
+def reach(panels: list[Panel]) -> float:
     """Return the half range for all means with two standard errors; a single unsure cell does not decide."""
     known = [p for p in panels if np.isfinite(p.mean).any()]
     tops = [np.abs(p.mean) + 2 * np.minimum(p.error, np.nanmedian(p.error)) for p in known]
     return 1.15 * max((float(np.nanmax(t)) for t in tops), default=0.0) or 1.0
 
 
-def _draw_panel(ax: Any, panel: Panel, floor: float | None, units: dict[str, str]) -> None:
+def draw_panel(ax: Any, panel: Panel, floor: float | None, units: dict[str, str]) -> None:
     """Draw one panel: means with two standard errors over the width of their cells."""
     ax.axhline(0, color=BLACK, lw=0.6, zorder=1)
     title = {"spectrum": "strongest line in the rest"}.get(panel.name, panel.label.replace(", ", " and "))
     ax.set_title(f"{title}: {100 * panel.share:.0f} % of the variance", loc="left", fontsize=10)
-    floor_label = "noise floor (± its standard deviation)"
+    floor_label = "noise floor (± rms)"
     if panel.name == "spectrum":
         middle = panel.low + panel.high
         ax.plot(middle / 2, panel.mean, color=BLUE, lw=1.0)
@@ -453,7 +454,7 @@ def plot_ladder(
     ax.set_xlim(-0.6, len(rungs) - 0.4)
     names = [name.replace("_", " ").replace(" instead", "\ninstead") for name in diagnosis.rungs]
     ax.set_xticks(range(len(rungs)), names)
-    ax.set_ylabel("free-run error / standard deviation of the output")
+    ax.set_ylabel("free-run error / std of the output")
     if units.get("y"):
         other = ax.secondary_yaxis("right", functions=(lambda x: x * spread, lambda x: x / spread))
         other.set_ylabel(label("rms error", units["y"]))
@@ -495,7 +496,7 @@ def plot_candidates(
     best = "these data cannot tell them apart" if len(diagnosis.confusion_set) > 1 else "the best"
     for inside, colour, hatch, word in (
         (True, ORANGE, "", best),
-        (False, SKY, "//", "others: they explain less, or need more parameters for the same"),
+        (False, SKY, "//", "others: less, or with more parameters"),
     ):  # fmt: skip
         chosen = [i for i, r in enumerate(rows) if r["in_confusion_set"] == inside]
         if chosen:
@@ -517,7 +518,7 @@ def plot_candidates(
         [f"{'* ' if r['in_confusion_set'] else ''}{r['effect'].replace('_', ' ')}, {r['where']}" for r in rows],
     )
     ax.set_xlabel("share of the removable error, on samples never used for fitting")
-    ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3)
+    ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
     if path is not None:
         ax.figure.savefig(path, dpi=150)
     return ax.figure

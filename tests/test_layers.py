@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1] / "narx_sym"
 LAYERS = (
     "errors signals recursion parsing printing smoothing identities assumptions sensitivity effects model analysis extend rewriting internal solution kinks branches stages grouping invert "
-    "engines compile excursions export metrics timegrid tables data files simulation tracking interop misfit parallel constraints ensemble freerun estimate bootstrap selection identification directions gate refit bases blackbox candidates sensor experiment diagnosis addition store derive plots plants terminal app cli_diagnose demo cli"
+    "engines compile excursions export metrics timegrid tables data files simulation tracking interop misfit parallel constraints ensemble freerun estimate bootstrap selection identification directions gate refit bases blackbox candidates sensor experiment diagnosis addition store derive plots svg figures plants terminal cli_diagnose demo app cli"
 ).split()
 SYMBOLIC = LAYERS[: LAYERS.index("engines")]  # these stay free of NUMERIC
 NUMERIC = {"numpy", "scipy", "casadi", "llvmlite", "pandas", "matplotlib"}
