@@ -55,7 +55,7 @@ def rewritten(model: Model, name: str, text: str, channels: Iterable[str] = ()) 
     if printing.text(term) in known.values():
         raise ModelError(f"The term {printing.text(term)} is in the model already.")
     ahead = [s for s in samples(term, model.inner) if (s.indices[0] - k).is_integer and s.indices[0] - k >= 0]
-    if ahead or samples(term, model.output) and model.inner != model.output:
+    if ahead or (model.inner != model.output and samples(term, model.output)):
         inner = model.inner.label
         raise ModelError(f"A term may contain past values of {inner} only, such as {inner}[k-1]: not {text.strip()}.")
     return _constrained(model, _more(model, name, term), name)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+import sympy as sp
 
 from ..addition import Addition
 from ..data import Record
@@ -17,12 +19,14 @@ from ..excursions import operating_range
 from ..identification import identify
 from ..invert import compensator
 from ..model import Model
+from ..printing import mathml
 from ..refit import Fitted, prune
+from .story import Drawing, drawings
 
 Report = Callable[[str], Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rung:
     """One state of the model.
 
@@ -37,6 +41,7 @@ class Rung:
     effect : str
         The effect that was added; "" for a base or an edited term.
     notes : tuple of str
+    shown : pictures of the way up to here, by the keys of `figures.PANELS`
     """
 
     name: str
@@ -44,6 +49,7 @@ class Rung:
     model: Model
     effect: str = ""
     notes: tuple[str, ...] = ()
+    shown: Mapping[str, list[Drawing]] = field(default_factory=dict)
 
     @property
     def base(self) -> Fitted:
@@ -62,7 +68,7 @@ class Law:
 
     Attributes
     ----------
-    lines, latex : the law with numbers
+    lines, latex, mathml : the law with numbers
     notes : what a user should know before it runs
     code : C99 source, "" where the law has none
     why_not : str
@@ -71,35 +77,46 @@ class Law:
 
     lines: tuple[str, ...] = ()
     latex: str = ""
+    mathml: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     code: str = ""
     why_not: str = ""
 
 
-def first(base: str | Model, records: Sequence[Record], report: Report) -> Rung:
+@dataclass(frozen=True)
+class Way:
+    """What every step needs: the measurements, their units, and the rungs before it."""
+
+    records: tuple[Record, ...]
+    units: Mapping[str, str]
+    rungs: tuple[Rung, ...] = ()
+
+
+def first(base: str | Model, way: Way, report: Report) -> Rung:
     """Identify a base, unless it is a model already, and diagnose it."""
     if isinstance(base, Model):
-        return climbed("model file", base, records, report)
-    report(f"identifying a {base} base from {sum(map(len, records))} samples")
-    return climbed(f"{base} base", identify(records, base=base), records, report)
+        return climbed("model file", base, way, report)
+    report(f"identifying a {base} base from {sum(map(len, way.records))} samples")
+    return climbed(f"{base} base", identify(way.records, base=base), way, report)
 
 
-def added(rung: Rung, effect: str, records: Sequence[Record], report: Report) -> Rung:
+def added(effect: str, way: Way, report: Report) -> Rung:
     """Add an effect: a candidate of the diagnosis as it was fitted there, or any other of the catalogue."""
+    rung = way.rungs[-1]
     step = rung.found.steps[0]
     candidate = next((c for c in step.candidates if c.effect == effect), None)
     if candidate is None:
-        model = Addition(rung.base.model, effect, None, EFFECTS).fit(records, report=report)
+        model = Addition(rung.base.model, effect, None, EFFECTS).fit(way.records, report=report)
     elif step.chosen is not None and candidate is step.candidates[0]:
         model = step.chosen.model
     else:
         report("deleting what became redundant")
         new = candidate.model.info["effects"][-1]
         model = prune(candidate.fitted, [*new["coefficients"], *new["shape"]], rung.base).model
-    return climbed(f"+ {effect}", model, records, report, effect)
+    return climbed(f"+ {effect}", model, way, report, effect)
 
 
-def edited(model: Model, name: str, what: str, records: Sequence[Record], report: Report) -> Rung:
+def edited(model: Model, name: str, what: str, way: Way, report: Report) -> Rung:
     """Fit a model whose term with the parameter `name` is new."""
     starts = [model.theta]
     if model.theta is not None and name:  # the old value may be a bad one for the new term
@@ -107,24 +124,27 @@ def edited(model: Model, name: str, what: str, records: Sequence[Record], report
     for start in starts[:-1]:
         model.theta = start
         try:
-            return climbed(what, model, records, report)
+            return climbed(what, model, way, report)
         except FitError:
             continue
     model.theta = starts[-1]
-    return climbed(what, model, records, report)
+    return climbed(what, model, way, report)
 
 
-def climbed(name: str, model: Model, records: Sequence[Record], report: Report, effect: str = "") -> Rung:
-    """Diagnose a model, and fit it on all samples."""
-    found = diagnose(model, records, report=report)
+def climbed(name: str, model: Model, way: Way, report: Report, effect: str = "") -> Rung:
+    """Diagnose a model, fit it on all samples, and draw."""
+    found = diagnose(model, way.records, report=report)
     report("fitting on all samples")
-    final, notes = found.steps[0].base.model.copy(), ()
+    final = found.steps[0].base.model.copy()
+    notes: tuple[str, ...] = ()
     try:
-        fit(final, records, method="free_run")
+        fit(final, way.records, method="free_run")
     except FitError as error:
         notes = (f"The fit on all samples failed ({error}); the one on the training blocks is kept.",)
-        describe(final, records, "free_run", True)
-    return Rung(name, found, final, effect, notes)
+        describe(final, way.records, "free_run", True)
+    report("drawing")
+    made = Rung(name, found, final, effect, notes)
+    return replace(made, shown=drawings([*way.rungs, made], way.units))
 
 
 def law_of(model: Model, limits: tuple[float, float] | None, rate: float | None, report: Report) -> Law:
@@ -145,7 +165,8 @@ def law_of(model: Model, limits: tuple[float, float] | None, rate: float | None,
     except NarxError as error:
         code = ""
         notes.append(f"There is no C source: {error}")
-    return Law(tuple(law.lines(numbers=True)), law.latex(numbers=True), tuple(notes), code)
+    shown = [mathml(sp.Eq(left, right.xreplace(model.values), evaluate=False)) for left, right in law.updates]
+    return Law(tuple(law.lines(numbers=True)), law.latex(numbers=True), tuple(shown), tuple(notes), code)
 
 
 def derived(model: Model, report: Report) -> list[tuple[str, list[str]]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import tempfile
@@ -14,6 +13,7 @@ from typing import Any
 
 from ..data import Record, read
 from ..errors import DataError, ModelError, NarxError
+from ..files import write_csv
 from ..identification import BASES, prepare
 from ..model import Model
 from ..rewriting import rewritten, written_terms
@@ -22,7 +22,7 @@ from ..store import load as load_model
 from ..store import to_text
 from ..tables import Table
 from ..tables import load as load_table
-from .jobs import Law, Rung, added, edited, first, law_of
+from .jobs import Law, Rung, Way, added, edited, first, law_of
 from .worker import Worker
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
@@ -120,16 +120,22 @@ class Workbench:
         self._forget()
         self.file, self.path, self.table = shown, path, table
         self.choice = guessed([n for n in table.columns if n])
+        if self.choice.t:  # all is clear: no click is needed
+            self._take_record()
 
     def choose(self, **changed: Any) -> None:
         """Change the choice of columns and rows, and read the record."""
         for name, value in changed.items():
             setattr(self.choice, name, value)
         with self._said():
-            self.record, self.rungs, self.law = None, [], None
-            self.record = self._read()
-            prepare(self.record)
-            self.notes = self.record.notes
+            self._take_record()
+
+    def _take_record(self) -> None:
+        self.cancel()
+        self.record, self.rungs, self.law = None, [], None
+        record = self._read()
+        prepare(record)
+        self.record, self.notes = record, record.notes
 
     def _read(self) -> Record:
         c = self.choice
@@ -148,6 +154,17 @@ class Workbench:
             return replace(made, name=Path(self.file).stem)
         except NarxError as error:
             raise DataError(str(error).replace(str(self.path), self.file)) from None
+
+    def example(self) -> None:
+        """Take simulated measurements of a stage behind a gear with play."""
+        from ..demo import stage
+
+        with self._said():
+            record = stage(play=0.4)
+            path = self.folder / f"example{time.monotonic_ns()}.csv"
+            write_csv(path, {"t": record.t, "u": record.u, "y": record.y})
+            self._open(path, "simulated_stage.csv")
+            self.choice.units = {"u": "rad", "y": "mm"}
 
     # -- base --------------------------------------------------------------------------------------------------
 
@@ -191,12 +208,12 @@ class Workbench:
             needed = [n for n in base.channels if n not in record.channels] if isinstance(base, Model) else []
             if needed:
                 raise ModelError(f"The model needs the channel {needed[0]!r}: choose it among the columns.")
-            self._begin(lambda made: self._put([made]), first, base, [record])
+            self._begin(lambda made: self._put([made]), first, base, Way((record,), self.choice.units))
 
     def add(self, effect: str) -> None:
         """Begin to add an effect to the model."""
         with self._said():
-            self._climb(added, self._last, effect)
+            self._climb(added, effect)
 
     def edit(self, name: str, text: str) -> None:
         """Begin to fit the model with one term given as text: "" as name puts one in, "" as text takes it out."""
@@ -206,8 +223,11 @@ class Workbench:
             self._climb(edited, model, name, what)
 
     def _climb(self, work: Callable[..., Rung], *what: Any) -> None:
-        before = list(self.rungs)
-        self._begin(lambda made: self._put([*before, made]), work, *what, [self._measured])
+        if not self.rungs:
+            raise ModelError("Diagnose a base first.")
+        before = tuple(self.rungs)
+        way = Way((self._measured,), self.choice.units, tuple(replace(r, shown={}) for r in before))
+        self._begin(lambda made: self._put([*before, made]), work, *what, way)
 
     @property
     def _last(self) -> Rung:
@@ -253,15 +273,15 @@ class Workbench:
         """Begin to derive the compensation law; limits of the input and of its change per sample go into the source."""
         with self._said():
             model = self._last.model
-            ends = [number(low, "The lower limit"), number(high, "The upper limit")]
-            if None in ends and ends != [None, None]:
+            a, b = number(low, "The lower limit"), number(high, "The upper limit")
+            if (a is None) != (b is None):
                 raise DataError("Give both limits, or none.")
-            if None not in ends and not ends[0] < ends[1]:
+            limits = None if a is None or b is None else (a, b)
+            if limits and not limits[0] < limits[1]:
                 raise DataError("The lower limit must be below the upper one.")
             largest = number(rate, "The largest change")
             if largest is not None and largest <= 0:
                 raise DataError("The largest change must be positive.")
-            limits = None if None in ends else tuple(ends)
             self._begin(self._show_law, law_of, model, limits, largest)
 
     def _show_law(self, law: Law) -> None:
@@ -307,6 +327,11 @@ class Workbench:
         """End the process and remove what was uploaded."""
         self.worker.stop()
         shutil.rmtree(self.folder, ignore_errors=True)
+
+    def refuse(self, message: str) -> None:
+        """Say what the page refused before it came here."""
+        with self._said():
+            raise DataError(message)
 
     def _said(self) -> _Said:
         return _Said(self)
@@ -380,7 +405,11 @@ def guessed(columns: list[str]) -> Choice:
     """Guess which columns are time, input and output: by name, else in this order."""
     found = Choice()
     lower = {n.lower(): n for n in reversed(columns)}
-    usual = {"t": ("t", "time", "time_s"), "u": ("u", "input", "in", "voltage"), "y": ("y", "output", "out", "position")}
+    usual = {
+        "t": ("t", "time", "time_s"),
+        "u": ("u", "input", "in", "voltage"),
+        "y": ("y", "output", "out", "position"),
+    }
     for field_, names in usual.items():
         setattr(found, field_, next((lower[n] for n in names if n in lower), ""))
     left = [n for n in columns if n not in (found.t, found.u, found.y)]
