@@ -10,8 +10,7 @@ from nicegui import run, ui
 
 from ..svg import stylesheet
 from . import results
-from .preview import signals_svg
-from .widgets import drop, heading, said, section
+from .widgets import drop, figure, heading, said, section
 from .workbench import SUFFIXES, Workbench
 
 HERE = Path(__file__).parent
@@ -57,10 +56,10 @@ class Page:
         ui.add_body_html(f"<script>{(HERE / 'page.js').read_text(encoding='utf-8')}</script>")
         ui.colors(primary="#0b5a94", negative="#a4262c")
         ui.on("refused", lambda event: self.refused(str(event.args)))
-        with ui.element("header").classes("head"):
+        with ui.element("div").classes("head"):
             heading("narx_sym", 1)
             said("See where a model fails, add what is missing, watch the error fall. Nothing leaves this machine.")
-        with ui.element("main").classes("main"):
+        with ui.element("div").classes("main"):
             self.parts = [
                 Part(lambda: (bench.error, bench.notes), self.message),
                 Part(lambda: (bench.path,), self.data),
@@ -75,7 +74,11 @@ class Page:
     def look(self) -> None:
         """Take over what the process has done, and show what has changed."""
         self.bench.poll()
-        changed = [part for part in self.parts if part.look()]
+        try:
+            changed = [part for part in self.parts if part.look()]
+        except Exception as error:
+            self.bench.refuse(f"Internal error, {type(error).__name__}: {error}. Please report it.")
+            raise
         if self.bench.busy:
             self.doing.text = f"{self.bench.worker.progress} ({self.bench.worker.seconds:.0f} s)"
         if self.found in changed and self.bench.rung is not None:
@@ -119,7 +122,7 @@ class Page:
                 self.select("Input", names, choice.u, "u")
                 self.select("Output", names, choice.y, "y")
                 self.select("Time [s]", {"": "none", **{n: n for n in names}}, choice.t, "t")
-                self.typed("Sampling time [s], without a time column", choice.Ts, "Ts")
+                self.typed("Sampling time [s]", choice.Ts, "Ts")
                 self.typed("Rows A:B, counted from 0", choice.rows, "rows")
                 self.select("Further channels", names, list(choice.channels), "channels", multiple=True)
                 self.unit("Unit of the input", "u")
@@ -155,8 +158,8 @@ class Page:
         record = self.bench.record
         if record is not None:
             said(f"Read: {len(record)} samples, {record.Ts:.6g} s apart, {record.t[-1] - record.t[0]:.6g} s.")
-            with ui.element("figure").classes("wide"):
-                ui.html(signals_svg(record, self.bench.choice.units), sanitize=False)
+            with ui.element("div").classes("wide"):
+                figure(self.bench.preview)
 
     def base(self) -> None:
         """Show the base, and the button that begins."""

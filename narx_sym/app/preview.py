@@ -11,7 +11,7 @@ from ..svg import svg
 
 def signals_svg(record: Record, units: Mapping[str, str]) -> str:
     """Return input and output over time as an `<svg>` element."""
-    figure, axes = new_axes(2, 1, figsize=(8.8, 3.4), sharex=True)
+    figure, axes = new_axes(2, figsize=(8.8, 3.4))
     for ax, name, values, colour in zip(axes, "uy", (record.u, record.y), (GREEN, BLUE), strict=True):
         keep = thin(values)
         ax.plot(record.t[keep], values[keep], color=colour, lw=0.9)

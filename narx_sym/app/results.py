@@ -11,7 +11,7 @@ from ..effects import EFFECTS
 from ..recursion import State
 from ..signals import k
 from .jobs import Rung
-from .widgets import caption, data_cells, drawn, equation, head, plain_table, said, section
+from .widgets import caption, data_cells, drawn, equation, head, plain_table, said, scrolled, section
 from .workbench import Workbench
 
 DOWNLOADS = {
@@ -87,7 +87,7 @@ def candidates(bench: Workbench, rung: Rung) -> None:
                 said(one.sentence)
     others = others_of(bench, {r["effect"] for r in rows})
     with ui.element("div").classes("fields"):
-        chosen = ui.select(others, label="Another effect of the catalogue").props("outlined dense options-dense")
+        chosen = ui.select(others, label="Another effect").props("outlined dense options-dense")
         chosen.classes("field")
         ui.button("Add it", on_click=lambda: bench.add(chosen.value or "")).props("no-caps outline")
 
@@ -172,7 +172,7 @@ def take_away(bench: Workbench) -> None:
             said(f"There is no law: {law.why_not}").classes("verdict").mark("law-text")
         elif law is not None:
             for markup in law.mathml:
-                ui.html(markup, sanitize=False).classes("equation")
+                scrolled(markup)
             with ui.element("ul").classes("notes").mark("law-text"):
                 for note in law.notes:
                     with ui.element("li"):

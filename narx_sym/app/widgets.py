@@ -47,7 +47,12 @@ def drawn(pictures: Iterable[Drawing], wide: bool = False) -> None:
     with ui.element("div").classes("wide" if wide else "pictures"):
         for one in pictures:
             markup = f"<figcaption>{escape(one.title)}</figcaption>{one.svg}"
-            ui.html(markup, tag="figure", sanitize=False)
+            figure(markup)
+
+
+def figure(markup: str) -> None:
+    """Show a picture; one that is wider than the screen may be scrolled."""
+    ui.html(markup, tag="figure", sanitize=False).props("tabindex=0")
 
 
 def equation(left: Any, right: Any) -> None:
@@ -55,7 +60,11 @@ def equation(left: Any, right: Any) -> None:
     import sympy as sp
 
     short = right.xreplace({f: sp.Float(f"{float(f):.6g}") for f in right.atoms(sp.Float)})
-    markup = mathml(sp.Eq(left, short, evaluate=False))
+    scrolled(mathml(sp.Eq(left, short, evaluate=False)))
+
+
+def scrolled(markup: str) -> None:
+    """Show MathML that may be scrolled, by keys too."""
     ui.html(markup, sanitize=False).classes("equation").props('tabindex=0 role=group aria-label="Equation"')
 
 

@@ -23,6 +23,7 @@ from ..store import to_text
 from ..tables import Table
 from ..tables import load as load_table
 from .jobs import Law, Rung, Way, added, edited, first, law_of
+from .preview import signals_svg
 from .worker import Worker
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
@@ -84,6 +85,7 @@ class Workbench:
         self.table: Table | None = None
         self.choice = Choice()
         self.record: Record | None = None
+        self.preview = ""
         self.rungs: list[Rung] = []
         self.law: Law | None = None
 
@@ -135,6 +137,7 @@ class Workbench:
         self.record, self.rungs, self.law = None, [], None
         record = self._read()
         prepare(record)
+        self.preview = signals_svg(record, self.choice.units)
         self.record, self.notes = record, record.notes
 
     def _read(self) -> Record:
