@@ -60,12 +60,13 @@ class Page:
             heading("narx_sym", 1)
             said("See where a model fails, add what is missing, watch the error fall. Nothing leaves this machine.")
         with ui.element("div").classes("main"):
-            self.parts = [
-                Part(lambda: (bench.error, bench.notes), self.message),
+            with ui.element("div").classes("dock"):  # in sight wherever the page is
+                self.parts = [Part(lambda: (bench.error,), self.message), Part(lambda: bench.busy, self.progress)]
+            self.parts += [
+                Part(lambda: bench.notes, self.notes),
                 Part(lambda: (bench.path,), self.data),
                 Part(lambda: (bench.record,), self.preview),
                 Part(lambda: (bench.base, bench.record is None), self.base),
-                Part(lambda: bench.busy, self.progress),
             ]
             self.found = Part(lambda: (bench.rung,), lambda: results.found(bench))
             self.parts += [self.found, Part(lambda: (bench.rung, bench.law), lambda: results.take_away(bench))]
@@ -92,10 +93,15 @@ class Page:
     # -- parts -------------------------------------------------------------------------------------------------
 
     def message(self) -> None:
-        """Show one message where something went wrong, and notes."""
-        with ui.element("div").props("role=alert"):
+        """Show one message where something went wrong."""
+        with ui.element("div").props("role=alert").classes("error" if self.bench.error else "idle"):
             if self.bench.error:
-                said(self.bench.error).classes("error").mark("error")
+                said(self.bench.error)
+                close = ui.button("Close", on_click=self.bench.understood).props("no-caps flat dense")
+                close.props('aria-label="Close the message"')
+
+    def notes(self) -> None:
+        """Show what was changed or kept in silence."""
         if self.bench.notes:
             with ui.element("ul").classes("notes"):
                 for note in self.bench.notes:

@@ -79,11 +79,13 @@ def candidates(bench: Workbench, rung: Rung) -> None:
                         data_cells(titles, cells)
                         with ui.element("td"):
                             add = ui.button("Add", on_click=lambda name=row["effect"]: bench.add(name))
-                            add.props(f'no-caps unelevated dense aria-label="Add {escape(row["effect"])}"')
+                            add.props(
+                                f'no-caps unelevated dense padding="4px 14px" aria-label="Add {escape(row["effect"])}"'
+                            )
                             add.mark(f"add-{row['effect']}")
-        for one in rung.found.candidates:
-            with ui.element("details"):
-                ui.html(escape(f"{one.effect.replace('_', ' ')}: what it is"), tag="summary", sanitize=False)
+        with ui.element("details"):
+            ui.html("What these effects are", tag="summary", sanitize=False)
+            for one in rung.found.candidates:
                 said(one.sentence)
     others = others_of(bench, {r["effect"] for r in rows})
     with ui.element("div").classes("fields"):
@@ -145,7 +147,7 @@ def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
     with ui.element("td"):
         if not return_cell:
             ui.button("Fit", on_click=lambda: bench.edit(name, field.value)).props(
-                f'no-caps outline dense aria-label="Fit with this term of {name or "a new parameter"}"'
+                f'no-caps outline dense padding="4px 12px" aria-label="Fit with this term of {name or "a new parameter"}"'
             ).mark(f"fit-{name or 'new'}")
             if name:
                 ui.button("Take out", on_click=lambda: bench.edit(name, "")).props(

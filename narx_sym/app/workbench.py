@@ -64,15 +64,14 @@ class Workbench:
         The models so far; the last one is shown.
     law : Law or None
         Of the last rung, where it was asked for.
-    version : int
-        Grows with every change that is worth a look.
+    error, notes : one message, and what was changed in silence
     """
 
     def __init__(self, limit: int = LIMIT) -> None:
         self.limit = limit
         self.worker = Worker()
         self.folder = Path(tempfile.mkdtemp(prefix="narx_sym_app_"))  # mode 0700
-        self.version, self.error = 0, ""
+        self.error = ""
         self.notes: tuple[str, ...] = ()
         self.base: str | Model = "linear"
         self.base_name = ""
@@ -312,7 +311,6 @@ class Workbench:
         if not outcome.error:
             self._take(outcome.result)
             self.notes = (*self.notes, *outcome.notes)
-        self.version += 1
 
     def wait(self) -> None:
         """Wait until nothing is under way."""
@@ -324,7 +322,6 @@ class Workbench:
         """End what is under way; everything stays as it was before."""
         if self.worker.busy:
             self.worker.stop()
-            self.version += 1
 
     def close(self) -> None:
         """End the process and remove what was uploaded."""
@@ -335,6 +332,10 @@ class Workbench:
         """Say what the page refused before it came here."""
         with self._said():
             raise DataError(message)
+
+    def understood(self) -> None:
+        """Take the message away."""
+        self.error = ""
 
     def _said(self) -> _Said:
         return _Said(self)
@@ -370,10 +371,8 @@ class _Said:
 
     def __enter__(self) -> None:
         self.bench.error, self.bench.notes = "", ()
-        self.bench.version += 1
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> bool:
-        self.bench.version += 1
         if isinstance(error, NarxError):
             self.bench.error = in_the_page(str(error))
             return True
