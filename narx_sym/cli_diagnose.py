@@ -64,6 +64,9 @@ def diagnose(
     experiment: Annotated[
         Path | None, typer.Option("--experiment", help="CSV for the next input (default: next.csv beside --json).")
     ] = None,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", help="Write one HTML page that shows everything.")
+    ] = None,
     effects: EffectFiles = None,
     units: Units = "",
     u: Input = "u",
@@ -85,7 +88,7 @@ def diagnose(
     effect_files = effects or []
     where = beside(plot)
     next_file = experiment or (json_file.parent / "next.csv" if json_file else None)
-    targets = [json_file, save, plot, where, experiment]
+    targets = [json_file, save, plot, where, experiment, report_file]
     for target in targets:
         check_target(target, *data, *effect_files, *([Path(base)] if is_file(base) else []))
     given = [t.resolve() for t in targets if t is not None]
@@ -118,6 +121,10 @@ def diagnose(
 
         save_figure(plot_diagnosis(found, units=names), plot)
         save_figure(where_it_fails(found.misfit, units=names), where)
+    if report_file is not None:
+        settings = {"base": base, "max_effects": max_effects, "channels": channels or "none", "rows": rows or "all"}
+        with working("Writing the report"):
+            found.report(report_file, names, data, settings)
     final = None if save is None else write_model(found, measured, save)
     show(found, names)
     if step.experiment is not None:
@@ -128,6 +135,8 @@ def diagnose(
         console().print(f"Model written to {save}")
     if plot is not None:
         console().print(f"Pictures: {plot}, {where}")
+    if report_file is not None:
+        console().print(f"Report: {report_file}")
     if json_file is not None:
         console().print(f"JSON written to {json_file}")
 

@@ -183,6 +183,9 @@ def find_missing(
         if found.candidates:
             save_figure(plot_candidates(found), out / "candidates.png")
         save_figure(where_it_fails(found.misfit, units=STAGE_UNITS), out / "where_it_fails.png")
+    with working("Writing the report"):
+        found.report(out / "report.html", STAGE_UNITS, [out / "stage.csv"], {"base": "linear"})
+    say(f"  All of it on one page: open {out / 'report.html'} in a browser", markup=False)
 
     say("[bold]7. Diagnose again[/bold]: the same stage with a new gear, without play")
     repaired = stage(0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 from sympy import false
@@ -57,12 +57,12 @@ def summary(model: Model) -> list[tuple[str, list[str]]]:
     return [(heading, _tried(lines)) for heading, lines in wanted]
 
 
-def _tried(lines: Callable[[], list[str]], shown: Callable[[str], str] = str) -> list[str]:
+def _tried(lines: Callable[[], list[str]]) -> list[str]:
     """Return what can be derived, or the reason why it cannot."""
     try:
         return lines()
     except (ModelError, NotInvertible) as error:
-        return [shown(str(error))]
+        return [str(error)]
 
 
 def _expanded(model: Model) -> list[str]:
@@ -80,31 +80,59 @@ def _valued(expr: Any, model: Model) -> str:
     return f"{expr} = {float(number):.12g}" if model.values and number.is_number else str(expr)
 
 
+@dataclass(frozen=True)
+class Derived:
+    """One thing that is derived from a model: LaTeX of its equations, or the reason why there are none."""
+
+    heading: str
+    latex: list[str] = field(default_factory=list)
+    reason: str = ""
+
+
+def derived(model: Model) -> list[Derived]:
+    """Return what is derived from a model, in the order of the paper; what cannot be derived has its reason."""
+
+    def conditions() -> list[str]:
+        return [latex(c) for c in analysis.steady_state(model).conditions] or [r"\text{always}"]
+
+    def tried(heading: str, equations: Callable[[], list[str]]) -> Derived:
+        try:
+            return Derived(heading, equations())
+        except (ModelError, NotInvertible) as error:
+            return Derived(heading, reason=str(error))
+
+    found = [
+        tried("Sum of the linear output parameters", lambda: [rf"\Sigma_y = {latex(analysis.sigma_y(model))}"]),
+        tried("Steady state", lambda: [latex(analysis.steady_state(model).equation)]),
+        tried("Continuum of equilibrium points", conditions),
+        tried(
+            "Quasi-static sets and attracting condition",
+            lambda: analysis.quasi_static(model).latex().split(r" \\ ", 1),
+        ),
+    ]
+    try:
+        law = compensator(model)
+    except NotInvertible as error:
+        return [*found, Derived("Compensation law", reason=str(error))]
+    found.append(Derived("Compensation law", [law.latex()]))
+    if law.A is not None:
+        found.append(Derived(r"Grouping $A(q)\,y_k = B(q)\,u_k + f(\cdot)$", law.latex_grouping()))
+    if not law.staged:
+        found.append(tried("The law's own dynamics: attracting condition", lambda: [latex(law.internal.condition)]))
+    return found
+
+
 def document(model: Model) -> str:
     """Return a LaTeX document with every derived equation; it compiles with amsmath alone."""
     parts: list[tuple[str, list[str]]] = [("Model", [model.latex()])]
     if model.values:
         parts[0][1].append(model.latex(numbers=True))
-    sigma_y, equation = (
-        _tried(lambda: [rf"\Sigma_y = {latex(analysis.sigma_y(model))}"], _boxed),
-        _tried(lambda: [latex(analysis.steady_state(model).equation)], _boxed),
-    )
-    parts += [("Sum of the linear output parameters", sigma_y), ("Steady state", equation)]
-    with suppress(ModelError):
-        conditions = [latex(c) for c in analysis.steady_state(model).conditions]
-        parts.append(("Continuum of equilibrium points", conditions or [r"\text{always}"]))
-    with suppress(ModelError):
-        sets = analysis.quasi_static(model)
-        parts.append(("Quasi-static sets and attracting condition", sets.latex().split(r" \\ ", 1)))
-    try:
-        law = compensator(model)
-        parts.append(("Compensation law", [law.latex()]))
-        if law.A is not None:
-            parts.append((r"Grouping $A(q)\,y_k = B(q)\,u_k + f(\cdot)$", law.latex_grouping()))
-        if not law.staged:
-            parts.append(("The law's own dynamics: attracting condition", [latex(law.internal.condition)]))
-    except NotInvertible as error:
-        parts.append(("Compensation law", [_boxed(str(error))]))
+    left_out = ("Continuum", "Quasi-static")  # the reason stands at the steady state
+    parts += [
+        (one.heading, one.latex or [_boxed(one.reason)])
+        for one in derived(model)
+        if one.latex or not one.heading.startswith(left_out)
+    ]
     body = "\n\n".join(
         rf"\section*{{{heading}}}" + "\n" + "\n".join(f"\\[\n{e}\n\\]" for e in equations)
         for heading, equations in parts

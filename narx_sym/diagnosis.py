@@ -394,6 +394,43 @@ class Diagnosis:
             first["steps"] = [{n: v for n, v in first.items() if n not in ("schema", "seconds", "seed")}, *rest]
         return first
 
+    # -- doors: each is one call of the module that does it ----------------------------------------------------
+
+    def report(self, path: Any, units: Mapping[str, str] | None = None, files: Any = (), settings: Any = None) -> None:
+        """Write one self-contained HTML file that shows everything; see `narx_sym.report.report`."""
+        from .report import report
+
+        report(self, path, units, files, settings)
+
+    def plot_comparison(self, axes: Any = None, units: Mapping[str, str] | None = None) -> Any:
+        """Draw measured and simulated output, before and after; see `narx_sym.traces.plot_comparison`."""
+        from .traces import plot_comparison
+
+        return plot_comparison(self, axes, units)
+
+    def plot_ladder(self, ax: Any = None, units: Mapping[str, str] | None = None) -> Any:
+        """Draw the error after each added effect; see `narx_sym.plots.plot_ladder`."""
+        from .plots import plot_ladder
+
+        return plot_ladder(self, units=dict(units or {}), ax=ax)
+
+    def plot_candidates(self, ax: Any = None) -> Any:
+        """Draw what each candidate removes; see `narx_sym.plots.plot_candidates`."""
+        from .plots import plot_candidates
+
+        return plot_candidates(self, ax=ax)
+
+    def plot_where_it_fails(self, units: Mapping[str, str] | None = None) -> Any:
+        """Draw the error in the panels that tell most; see `narx_sym.plots.where_it_fails`."""
+        from .plots import where_it_fails
+
+        return where_it_fails(self.misfit, units=dict(units or {}))
+
+    def _repr_html_(self) -> str:
+        from .notebook import diagnosis_html
+
+        return diagnosis_html(self)
+
     def __repr__(self) -> str:
         return f"Diagnosis({self.sentence()})"
 

@@ -15,7 +15,7 @@ import numpy as np
 from .diagnosis import Diagnosis
 from .errors import NarxError
 from .files import csv_text
-from .misfit import Misfit, Panel
+from .misfit import Panel
 from .model import Model
 from .plots import (
     BLACK,
@@ -24,8 +24,6 @@ from .plots import (
     ORANGE,
     PINK,
     RED,
-    SKY,
-    YELLOW,
     draw_panel,
     label,
     new_axes,
@@ -36,9 +34,8 @@ from .plots import (
     thin,
 )
 from .svg import svg
+from .traces import POINTS, Array, Comparison, Units, draw_errors, draw_loop, draw_region, draw_time, words
 
-Array = np.ndarray
-Units = Mapping[str, str]
 # The story, in the order in which it is told: key and heading.
 PANELS = (
     ("verdict", "What was found"),
@@ -51,8 +48,7 @@ PANELS = (
     ("experiment", "The next experiment"),
     ("provenance", "Where these figures come from"),
 )
-SHOWN = 4  # panels of where it fails
-POINTS = 2000  # of a line; extremes are kept
+SHOWN, LEAST = 4, 0.02  # panels of where it fails, and the share that each must explain
 NARROW, WIDE = (4.4, 3.1), (8.8, 2.6)  # [inch]
 
 
@@ -97,72 +93,6 @@ class Picture:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
-    """Measured and simulated output along the longest segment, before and after what was added.
-
-    Attributes
-    ----------
-    t, u, y : (N,) arrays [s, unit of u, unit of y]
-    runs : mapping from "base" or the names of the rungs to the (N,) free runs [unit of y]
-        The base first; the last model second, where something was added.
-    nrmse : mapping from the same names to the free-run error on held-out samples
-    floor : float
-        rms of the noise [unit of y].
-    name : str
-    misfit : Misfit
-        Where the base fails along the same samples.
-    """
-
-    t: Array
-    u: Array
-    y: Array
-    runs: dict[str, Array]
-    nrmse: dict[str, float]
-    floor: float
-    name: str
-    misfit: Misfit
-
-    @classmethod
-    def of(cls, diagnosis: Diagnosis) -> Comparison:
-        """Take it from a diagnosis."""
-        base = diagnosis.steps[0].base
-        last = next((s.chosen for s in reversed(diagnosis.steps) if s.chosen is not None), None)
-        i = int(np.argmax([len(r) for r in base.split.records]))
-        record = base.split.records[i]
-        runs, nrmse = {"base": record.y - base.errors[i]}, {"base": diagnosis.ladder[0]["validation"]}
-        if last is not None:
-            name = " ".join(diagnosis.rungs)
-            runs[name], nrmse[name] = record.y - last.errors[i], diagnosis.ladder[-1]["validation"]
-        floor = min(s.floor for s in diagnosis.steps)
-        return cls(record.t, record.u, record.y, runs, nrmse, floor, record.name, diagnosis.misfit)
-
-    @property
-    def errors(self) -> dict[str, Array]:
-        """Measured minus simulated, (N,) arrays [unit of y]."""
-        return {name: self.y - run for name, run in self.runs.items()}
-
-    @cached_property
-    def keep(self) -> Array:
-        """Indices of the samples that are drawn: the extremes of all signals are among them."""
-        signals = [self.y, self.u, *self.errors.values()]
-        return np.unique(np.concatenate([thin(x, POINTS // len(signals)) for x in signals]))
-
-    @cached_property
-    def drawn(self) -> dict[str, Array]:
-        """The drawn samples by name: t, u, measured, and each run."""
-        listed = {"t": self.t, "u": self.u, "measured": self.y, **self.runs}
-        return {name: x[self.keep] for name, x in listed.items()}
-
-    @cached_property
-    def span(self) -> tuple[float, float]:
-        """The range of all outputs, so that before and after have the same axes [unit of y]."""
-        every = [self.y, *self.runs.values()]
-        low, high = min(float(x.min()) for x in every), max(float(x.max()) for x in every)
-        room = 0.05 * (high - low) or 1.0
-        return low - room, high + room
-
-
-@dataclass(frozen=True, eq=False)
 class Failure:
     """One panel of where the model fails: what it explains of the error and of the missing input, and its pictures."""
 
@@ -189,50 +119,23 @@ def pictures(diagnosis: Diagnosis, units: Units | None = None) -> dict[str, list
 # -- measured and simulated ------------------------------------------------------------------------------------
 
 
-def draw_time(ax: Any, c: Comparison, run: str, units: Units) -> None:
-    """Draw measured and simulated output over time."""
-    ax.plot(c.drawn["t"], c.drawn["measured"], color=BLACK, lw=1.5, label="measured")
-    ax.plot(c.drawn["t"], c.drawn[run], color=_colour(c, run), lw=1.1, ls="--", label=f"free run of {_words(run)}")
-    ax.set(xlabel="time [s]", ylabel=label("y", units.get("y", "")), ylim=c.span)
-    ax.margins(x=0)
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, fontsize=9, frameon=False, borderaxespad=0.2)
-
-
-def draw_loop(ax: Any, c: Comparison, run: str, units: Units) -> None:
-    """Draw measured and simulated output against the input."""
-    ax.plot(c.drawn["u"], c.drawn["measured"], color=BLACK, lw=1.2, label="measured")
-    ax.plot(c.drawn["u"], c.drawn[run], color=_colour(c, run), lw=1.0, ls="--", label=f"free run of {_words(run)}")
-    ax.set(xlabel=label("u", units.get("u", "")), ylabel=label("y", units.get("y", "")), ylim=c.span)
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=1, fontsize=9, frameon=False, borderaxespad=0.2)
-
-
-def draw_errors(ax: Any, c: Comparison, units: Units) -> None:
-    """Draw the free-run errors over time, before and after, with the noise floor."""
-    ax.axhspan(-c.floor, c.floor, color=YELLOW, alpha=0.45, lw=0, label="noise floor (± rms)")
-    for name, error in c.errors.items():
-        ax.plot(c.drawn["t"], error[c.keep], color=_colour(c, name), lw=0.8, label=f"error of {_words(name)}")
-    ax.set(xlabel="time [s]", ylabel=label("measured - simulated", units.get("y", "")))
-    ax.margins(x=0)
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, fontsize=9, frameon=False, borderaxespad=0.2)
-
-
 def comparison(diagnosis: Diagnosis, units: Units) -> list[Picture]:
     """Return time responses, errors and loops, before and after, on the same axes."""
     c, found = Comparison.of(diagnosis), []
     for i, run in enumerate(c.runs):
         when = "before" if i == 0 else "after"
-        alt = f"Measured output and free run of {_words(run)} over time, {c.t[-1] - c.t[0]:.3g} s. "
+        alt = f"Measured output and free run of {words(run)} over time, {c.t[-1] - c.t[0]:.3g} s. "
         alt += f"The free-run error is {c.nrmse[run]:.2g} of the output's standard deviation."
         found.append(
             Picture(f"time_{when}", f"Time response {when}", alt, _with(draw_time, c, run, units), c.drawn, WIDE)
         )
-    sizes = ", ".join(f"{_words(n)} {_rms(e):.2g}" for n, e in c.errors.items())
+    sizes = ", ".join(f"{words(n)} {_rms(e):.2g}" for n, e in c.errors.items())
     alt = f"Free-run error over time; rms [{units.get('y') or 'unit of y'}]: {sizes}; noise floor {c.floor:.2g}."
     drawn = {"t": c.drawn["t"], **{f"error of {n}": e[c.keep] for n, e in c.errors.items()}}
     found.append(Picture("errors", "Error before and after", alt, _with(draw_errors, c, units), drawn, WIDE))
     for i, run in enumerate(c.runs):
         when = "before" if i == 0 else "after"
-        alt = f"Loop of output against input, measured and free run of {_words(run)}."
+        alt = f"Loop of output against input, measured and free run of {words(run)}."
         found.append(Picture(f"loop_{when}", f"Loop {when}", alt, _with(draw_loop, c, run, units), c.drawn))
     return found
 
@@ -263,8 +166,7 @@ def candidates(diagnosis: Diagnosis) -> Picture:
     """Return the share of the removable error that each candidate removes."""
     rows = diagnosis.table()
     listed = "; ".join(
-        f"{_plain(r['effect'])} {100 * r['share']:.0f} % ({100 * r['low']:.0f} to {100 * r['high']:.0f} %)"
-        for r in rows
+        f"{words(r['effect'])} {100 * r['share']:.0f} % ({100 * r['low']:.0f} to {100 * r['high']:.0f} %)" for r in rows
     )
     alt = f"Share of the removable error that each candidate removes, with 95 % intervals: {listed}."
     keys = ("effect", "where", "share", "low", "high", "nrmse", "in_confusion_set", "parameters")
@@ -276,40 +178,28 @@ def candidates(diagnosis: Diagnosis) -> Picture:
 # -- where it fails --------------------------------------------------------------------------------------------
 
 
-def draw_region(ax: Any, c: Comparison, region: Array, units: Units) -> None:
-    """Draw the error of the base over time, with the samples of a region marked."""
-    error = c.errors["base"]
-    ax.axhspan(-c.floor, c.floor, color=YELLOW, alpha=0.45, lw=0, label="noise floor (± rms)")
-    ax.plot(c.t[c.keep], error[c.keep], color=SKY, lw=0.8, label="error of the base")
-    inside = c.keep[region[c.keep]]
-    ax.plot(c.t[inside], error[inside], color=RED, ls="none", marker=".", ms=3.0, label="in the worst region")
-    ax.set(xlabel="time [s]", ylabel=label("error", units.get("y", "")))
-    ax.margins(x=0)
-    ax.legend(
-        loc="lower left", bbox_to_anchor=(-0.1, 1), ncols=2, fontsize=8, frameon=False, borderaxespad=0.2, markerscale=3
-    )
-
-
 def failures(diagnosis: Diagnosis, units: Units, most: int = SHOWN) -> list[Failure]:
     """Return the panels that explain most, each with the error, the missing input, and the worst region in time."""
     misfit, c = diagnosis.misfit, Comparison.of(diagnosis)
     errors, missing = ({p.name: p for p in ps} for ps in (misfit.panels, misfit.panels_missing))
     rows = [(max(r["share"], np.nan_to_num(r["share_missing"])), r) for r in misfit.table(units)]
     found = []
-    shown = [row for _, row in sorted(rows, key=lambda p: -p[0])[:most]]
+    ranked = sorted(rows, key=lambda p: -p[0])
+    shown = [row for i, (share, row) in enumerate(ranked[:most]) if share > LEAST or i == 0]
     tops = [reach([p[r["panel"]] for r in shown if r["panel"] != "spectrum"]) for p in (errors, missing) if p]
     for i, row in enumerate(shown):
         name, made = row["panel"], []
         both = [("error", "Free-run error", errors[name])]
         both += [("missing", "Equivalent missing input", missing[name])] if name in missing else []
         for (word, title, panel), top in zip(both, tops, strict=False):
+            title = f"{title}: {panel.label}"
             made.append(_panel(f"where_{i + 1}_{word}", title, panel, c.floor if word == "error" else None, top, units))
         if name != "spectrum":
             region = misfit.region(name)
             columns = {"t": c.t[c.keep], "error": c.errors["base"][c.keep], "in the worst region": region[c.keep]}
             alt = f"Error of the base over time; marked: {row['worst']}."
             draw = _with(draw_region, c, region, units)
-            made.append(Picture(f"where_{i + 1}_time", "The worst region in time", alt, draw, columns))
+            made.append(Picture(f"where_{i + 1}_time", f"The worst region in time: {words(name)}", alt, draw, columns))
         found.append(Failure(name, row["share"], row["share_missing"], row["worst"], made))
     return found
 
@@ -334,7 +224,7 @@ def _panel(key: str, title: str, panel: Panel, floor: float | None, top: float, 
     columns = {f"{side} {i + 1}" if len(low) > 1 else side: x for side, b in (("from", low), ("to", high))
                for i, x in enumerate(b)}  # fmt: skip
     columns |= {what: panel.mean, "standard error": panel.error, "samples": panel.count}
-    alt = f"{title} against {panel.label}: it explains {100 * panel.share:.0f} % of the variance; {panel.where(units)}."
+    alt = f"{title}. It explains {100 * panel.share:.0f} % of the variance; {panel.where(units)}."
     return Picture(key, title, alt, draw, columns)
 
 
@@ -369,7 +259,7 @@ def draw_outputs(ax: Any, t: Array, outputs: Mapping[str, Array], units: Units) 
     looks = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (PINK, ":"), (BLACK, "-"), (RED, "--"))
     for (name, y), (colour, style) in zip(outputs.items(), looks, strict=False):
         keep = thin(y - mean, POINTS)
-        ax.plot(t[keep], (y - mean)[keep], color=colour, ls=style, lw=1.0, label=_plain(name))
+        ax.plot(t[keep], (y - mean)[keep], color=colour, ls=style, lw=1.0, label=words(name))
     ax.set(xlabel="time [s]", ylabel=label("y - mean of all", units.get("y", "")))
     ax.margins(x=0)
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, fontsize=9, frameon=False, borderaxespad=0.2)
@@ -396,20 +286,8 @@ def _with(draw: Callable[..., None], *more: Any) -> Callable[[Any], None]:
     return lambda ax: draw(ax, *more)
 
 
-def _colour(c: Comparison, run: str) -> str:
-    return ORANGE if run == next(iter(c.runs)) else BLUE
-
-
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def _words(run: str) -> str:
-    return "the base" if run == "base" else _plain(run)
-
-
 def _after(rung: str) -> str:
-    return "for the base" if rung == "base" else f"with {_plain(rung)}"
+    return "for the base" if rung == "base" else f"with {words(rung)}"
 
 
 def _rms(x: Array) -> float:

@@ -319,6 +319,11 @@ class Compensator:
     def _repr_latex_(self) -> str:
         return f"$\\displaystyle {self.latex()}$"
 
+    def _repr_html_(self) -> str:
+        from .notebook import law_html
+
+        return law_html(self)
+
     def __repr__(self) -> str:
         return f"Compensator({'; '.join(self.lines(numbers=True))})"
 

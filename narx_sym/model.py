@@ -342,6 +342,18 @@ class Model:
 
         return Addition(self, effect, where)
 
+    def plot_quasi_static(self, u: Any = None, ax: Any = None, units: Mapping[str, str] | None = None) -> Any:
+        """Draw the quasi-static sets and the loop; see `narx_sym.plots.plot_quasi_static`."""
+        from .plots import plot_quasi_static
+
+        return plot_quasi_static(self, u, ax=ax, units=dict(units or {}))
+
+    def plot_comparison(self, record: Any, axes: Any = None, units: Mapping[str, str] | None = None) -> Any:
+        """Draw measured and simulated output, error and loop; see `narx_sym.plots.plot_comparison`."""
+        from .plots import plot_comparison
+
+        return plot_comparison(self, record, axes, dict(units or {}))
+
     def save(self, path: Any) -> None:
         """Write the model file; see `narx_sym.store.save`."""
         from .store import save
@@ -410,6 +422,11 @@ class Model:
 
     def _repr_latex_(self) -> str:
         return f"$\\displaystyle {self.latex()}$"
+
+    def _repr_html_(self) -> str:
+        from .notebook import model_html
+
+        return model_html(self)
 
     def table(self) -> list[dict[str, Any]]:
         """One row per parameter: symbol, term, value, standard error."""

@@ -1,4 +1,4 @@
-r"""LaTeX, MathML and text in the paper's notation: `\\phi_{1,\\,k-1}`, `1.44 \\times 10^{-2}`, `phi1[k-1]`."""
+r"""LaTeX and text in the paper's notation: `\\phi_{1,\\,k-1}`, `1.44 \\times 10^{-2}`, `phi1[k-1]`."""
 
 from __future__ import annotations
 
@@ -169,25 +169,3 @@ class _Text(StrPrinter):
 def text(expr: Any) -> str:
     """Return a text that `parse` reads back to the same expression."""
     return str(_Text().doprint(expr))
-
-
-def mathml(thing: Any) -> str:
-    """Return presentation MathML (renders in a browser without scripts)."""
-    from sympy.printing.mathml import MathMLPresentationPrinter
-
-    class Printer(MathMLPresentationPrinter):
-        def _print_Float(self, expr: Any) -> Any:
-            return super()._print_Float(sp.Float(expr, DIGITS))
-
-        def _print_Indexed(self, expr: Any) -> Any:
-            name = str(expr.base.label)
-            plain = sp.Symbol(f"{name}_{str(expr.indices[0]).replace(' ', '')}")
-            node = self.dom.createElement("msub")
-            for content in (name, str(plain)[len(name) + 1 :]):
-                leaf = self.dom.createElement("mi")
-                leaf.appendChild(self.dom.createTextNode(content))
-                node.appendChild(leaf)
-            return node
-
-    body = Printer().doprint(getattr(thing, "equation", thing))
-    return f'<math xmlns="http://www.w3.org/1998/Math/MathML" display="block">{body}</math>'

@@ -1,0 +1,100 @@
+"""Time response, errors and loops that can be zoomed and read with the pointer: Bokeh's own output.
+
+Bokeh's script stands inside the page (1.3 MB; plotly.js would be 4.8 MB), nothing is fetched. Colours that depend on a
+light or dark page are set by the page's style sheet (Bokeh's `--bk-...` variables).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .plots import BLUE, ORANGE, YELLOW, label
+from .traces import Comparison, Units, words
+
+MEASURED = "#767676"  # stands out from light and from dark paper
+HEIGHT, LOW, TOOLS = 280, 220, "pan,box_zoom,wheel_zoom,reset,save"
+
+
+def bundle() -> str:
+    """Return Bokeh's script, to stand inside the page once."""
+    from bokeh.resources import Resources
+
+    return str(Resources(mode="inline", components=["bokeh"]).render_js())
+
+
+def comparison(c: Comparison, units: Units) -> tuple[str, dict[str, str]]:
+    """Return the script and the elements of the interactive pictures, by name: "time", "errors", "loop0", "loop1".
+
+    Parameters
+    ----------
+    c : Comparison
+    units : mapping such as {"u": "V", "y": "um"}
+    """
+    from bokeh.embed import components
+    from bokeh.models import BoxAnnotation, ColumnDataSource, DataRange1d, Range1d
+
+    names = [f"run{i}" for i in range(len(c.runs))]
+    runs = dict(zip(names, c.runs, strict=True))
+    data = {"t": c.drawn["t"], "u": c.drawn["u"], "measured": c.drawn["measured"]}
+    data |= {n: c.drawn[run] for n, run in runs.items()}
+    data |= {f"error{i}": e[c.keep] for i, e in enumerate(c.errors.values())}
+    source = ColumnDataSource({n: np.asarray(x, dtype=np.float32) for n, x in data.items()})
+    y_name, u_name = label("y", units.get("y", "")), label("u", units.get("u", ""))
+    said = {n: f"free run of {words(run)}" for n, run in runs.items()}
+    looks = dict(zip(names, (ORANGE, BLUE), strict=False))
+    values = [("time", "@t{0.000} s"), (u_name, "@u{0.000}"), ("measured", "@measured{0.000}")]
+    values += [(said[n], f"@{n}{{0.000}}") for n in names]
+
+    time = _figure("time [s]", y_name, HEIGHT, Range1d(c.t[0], c.t[-1], bounds="auto"), Range1d(*c.span))
+    line = time.line("t", "measured", source=source, color=MEASURED, width=2)
+    for n in names:
+        time.line("t", n, source=source, color=looks[n], width=1.5)
+    _hover(time, values, [line])
+    errors = _figure("time [s]", label("error", units.get("y", "")), LOW, time.x_range, DataRange1d())
+    errors.add_layout(BoxAnnotation(bottom=-c.floor, top=c.floor, fill_color=YELLOW, fill_alpha=0.35, line_alpha=0))
+    drawn = [errors.line("t", f"error{i}", source=source, color=looks[n], width=1.2) for i, n in enumerate(names)]
+    _hover(errors, [("time", "@t{0.000} s"), *((f"error of {words(r)}", f"@error{i}{{0.0000}}")
+                                               for i, r in enumerate(c.runs))], drawn[:1])  # fmt: skip
+    loops: list[Any] = []
+    across = Range1d(*_room(c.u))
+    for n in names:
+        loop = _figure(u_name, y_name, HEIGHT + 40, across, time.y_range)
+        line = loop.line("u", "measured", source=source, color=MEASURED, width=2)
+        loop.line("u", n, source=source, color=looks[n], width=1.3)
+        _hover(loop, values, [line], mode="mouse")
+        loops.append(loop)
+    script, elements = components(
+        {"time": time, "errors": errors, **{f"loop{i}": loop for i, loop in enumerate(loops)}}, wrap_script=True
+    )
+    return str(script), dict(elements)
+
+
+def _figure(x: str, y: str, height: int, x_range: Any, y_range: Any) -> Any:
+    from bokeh.plotting import figure
+
+    made = figure(
+        height=height, sizing_mode="stretch_width", x_range=x_range, y_range=y_range, tools=TOOLS,
+        active_drag="box_zoom", toolbar_location="above", background_fill_color=None, border_fill_color=None,
+        outline_line_color=MEASURED,
+    )  # fmt: skip
+    made.toolbar.logo = None
+    for axis, name in ((made.xaxis, x), (made.yaxis, y)):
+        axis.axis_label = name
+        axis.axis_label_text_font_style = "normal"
+        axis.axis_line_color = axis.major_tick_line_color = MEASURED
+        axis.minor_tick_line_color = None
+    made.grid.grid_line_alpha = 0.25
+    return made
+
+
+def _hover(made: Any, values: list[tuple[str, str]], lines: list[Any], mode: str = "vline") -> None:
+    from bokeh.models import HoverTool
+
+    made.add_tools(HoverTool(tooltips=values, renderers=lines, mode=mode, point_policy="snap_to_data"))
+
+
+def _room(x: np.ndarray) -> tuple[float, float]:
+    room = 0.05 * float(np.ptp(x)) or 1.0
+    return float(x.min()) - room, float(x.max()) + room

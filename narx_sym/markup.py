@@ -1,0 +1,126 @@
+"""MathML from the paper's LaTeX: equations that a browser shows without scripts, with new terms marked."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from html import escape
+from typing import Any
+
+import sympy as sp
+
+from . import printing
+from .signals import samples
+
+SPACE = "http://www.w3.org/1998/Math/MathML"
+ELEMENTS = set("math mrow mi mn mo mtext mspace msub msup msubsup mover munder munderover mfrac msqrt mroot mstyle "
+               "mtable mtr mtd mpadded mphantom menclose merror".split())  # fmt: skip
+BREAK = " \\\\\n"  # between the lines of an `aligned` block
+
+
+def mathml(thing: Any) -> str:
+    """Return presentation MathML of a model, a law, a condition or an expression (no scripts are needed to show it)."""
+    return from_latex(printing.latex(getattr(thing, "equation", thing)))
+
+
+def from_latex(text: str, digits: int | None = None) -> str:
+    """Return MathML of the package's own LaTeX; an `aligned` block becomes a table of lines.
+
+    What is not understood, or is no MathML, is shown as its LaTeX.
+
+    Parameters
+    ----------
+    digits : int, optional
+        Numbers are rounded to so many significant digits.
+    """
+    if digits is not None:
+        text = re.sub(r"\d+\.\d+", lambda found: f"{float(found[0]):.{digits}g}", text)
+    inside = re.search(r"\\begin\{aligned\}\n(.*?)\n\\end\{aligned\}", text, flags=re.DOTALL)
+    if inside is None:
+        return _math([["", "", text]])
+    before, after = text[: inside.start()], text[inside.end() :]
+    rows = []
+    for line in inside[1].split(BREAK):
+        left, _, right = line.partition("&")
+        rows.append(["", left.strip(), right.removeprefix(r"\quad").strip()])
+    rows[0][0], rows[-1][2] = before, rows[-1][2] + after
+    return _math(rows)
+
+
+def marked(model: Any, new: Iterable[Any] = (), values: bool = False, per_line: int = 3) -> str:
+    """Return the equations of a model as MathML; what contains one of the new symbols or states has the class "new".
+
+    Parameters
+    ----------
+    model : Model
+    new : parameter symbols and sequences
+    values : bool
+        Numbers, with four digits, in the place of the parameters.
+    """
+    known = {s: sp.Float(f"{float(v):.4g}") for s, v in model.values.items()} if values else {}
+    wanted, rows = set(new), []
+    for left, terms in model.system():
+        whole = left.base in wanted
+        pieces = [_piece(c, e, known, not whole and _has(c * e, wanted)) for c, e in terms]
+        for i in range(0, len(pieces), per_line):
+            shown = "".join(pieces[i : i + per_line]).removeprefix("+" if i == 0 else "")
+            lead = printing.latex(left) if i == 0 else ""
+            row = [lead, ("= " if i == 0 else r"\quad ") + (shown or "0")]
+            rows.append(["", *(rf"\class{{new}}{{{cell}}}" if whole and cell else cell for cell in row)])
+    return _math(rows)
+
+
+def _piece(coefficient: Any, term: Any, known: dict[Any, Any], is_new: bool) -> str:
+    """Return one signed term as LaTeX."""
+    block = printing.latex_sum(sp.Symbol("A"), [(coefficient.xreplace(known), term.xreplace(known))])
+    shown = block.split("&= ")[1].split("\n")[0]
+    sign, body = ("-", shown[2:]) if shown.startswith("- ") else ("+", shown)
+    return f"{sign} " + (rf"\class{{new}}{{{body}}} " if is_new else f"{body} ")
+
+
+def _has(expr: Any, wanted: set[Any]) -> bool:
+    return bool(wanted & (expr.free_symbols | {s.base for s in samples(expr)}))
+
+
+def _math(rows: list[list[str]]) -> str:
+    """Return rows of LaTeX cells as one element."""
+    try:
+        cells = [[_converted(cell) for cell in row] for row in rows]
+    except ValueError:
+        return f'<code class="latex">{escape(" ".join(c for row in rows for c in row))}</code>'
+    if len(rows) == 1:
+        body = "".join(cells[0])
+    else:
+        body = "".join(
+            f'<mtr><mtd class="left">{before}{left}</mtd><mtd class="right">{right}</mtd></mtr>'
+            for before, left, right in cells
+        )
+        body = f'<mtable displaystyle="true" class="lines">{body}</mtable>'
+    return f'<math xmlns="{SPACE}" display="block">{body}</math>'
+
+
+def _converted(text: str) -> str:
+    """Return the content of one formula, checked element by element.
+
+    Raises
+    ------
+    ValueError
+        Where the result is no MathML.
+    """
+    from latex2mathml.converter import convert
+
+    if not text.strip():
+        return ""
+    # Names of several letters stand upright, in one piece.
+    text = re.sub(r"_\{([A-Za-z]{2,}[^{},]*)\}", r"_{\\text{\1}}", text.replace(r"\\[6pt]", r"\\"))
+    text = re.sub(r"\\mathrm\{([^{}]*)\}", r"\\text{\1}", text).replace("<", r"\lt ").replace(">", r"\gt ")
+    try:
+        shown = convert(text)
+        found = ET.fromstring(shown)
+    except Exception as error:  # whatever the converter raises: the LaTeX itself can still be read
+        raise ValueError(str(error)) from None
+    unknown = {e.tag.partition("}")[2] for e in found.iter()} - ELEMENTS
+    if unknown:
+        raise ValueError(f"unknown elements {unknown}")
+    return shown[shown.index(">") + 1 : shown.rindex("<")]
