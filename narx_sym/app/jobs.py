@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
-
-import sympy as sp
 
 from ..addition import Addition
 from ..data import Record
@@ -18,10 +16,10 @@ from ..estimate import describe, fit
 from ..excursions import operating_range
 from ..identification import identify
 from ..invert import compensator
+from ..markup import from_latex
 from ..model import Model
-from ..printing import mathml
 from ..refit import Fitted, prune
-from .story import Drawing, drawings
+from .story import Told, told
 
 Report = Callable[[str], Any]
 
@@ -41,7 +39,8 @@ class Rung:
     effect : str
         The effect that was added; "" for a base or an edited term.
     notes : tuple of str
-    shown : pictures of the way up to here, by the keys of `figures.PANELS`
+    shown : Told
+        The parts of the report, up to here.
     """
 
     name: str
@@ -49,7 +48,7 @@ class Rung:
     model: Model
     effect: str = ""
     notes: tuple[str, ...] = ()
-    shown: Mapping[str, list[Drawing]] = field(default_factory=dict)
+    shown: Told | None = None
 
     @property
     def base(self) -> Fitted:
@@ -68,7 +67,7 @@ class Law:
 
     Attributes
     ----------
-    lines, latex, mathml : the law with numbers
+    lines, latex, html : the law with numbers
     notes : what a user should know before it runs
     code : C99 source, "" where the law has none
     why_not : str
@@ -77,7 +76,7 @@ class Law:
 
     lines: tuple[str, ...] = ()
     latex: str = ""
-    mathml: tuple[str, ...] = ()
+    html: str = ""
     notes: tuple[str, ...] = ()
     code: str = ""
     why_not: str = ""
@@ -144,7 +143,7 @@ def climbed(name: str, model: Model, way: Way, report: Report, effect: str = "")
         describe(final, way.records, "free_run", True)
     report("drawing")
     made = Rung(name, found, final, effect, notes)
-    return replace(made, shown=drawings([*way.rungs, made], way.units))
+    return replace(made, shown=told([*way.rungs, made], way.units))
 
 
 def law_of(model: Model, limits: tuple[float, float] | None, rate: float | None, report: Report) -> Law:
@@ -165,8 +164,9 @@ def law_of(model: Model, limits: tuple[float, float] | None, rate: float | None,
     except NarxError as error:
         code = ""
         notes.append(f"There is no C source: {error}")
-    shown = [mathml(sp.Eq(left, right.xreplace(model.values), evaluate=False)) for left, right in law.updates]
-    return Law(tuple(law.lines(numbers=True)), law.latex(numbers=True), tuple(shown), tuple(notes), code)
+    latex = law.latex(numbers=True)
+    html = f'<div class="equation" tabindex="0" role="group" aria-label="Compensation law">{from_latex(latex)}</div>'
+    return Law(tuple(law.lines(numbers=True)), latex, html, tuple(notes), code)
 
 
 def derived(model: Model, report: Report) -> list[tuple[str, list[str]]]:

@@ -16,6 +16,20 @@
       refuse("The file did not arrive: is narx-sym still running?");
     }
   }
+  // Pictures that can be zoomed are drawn when their places are there.
+  window.narxDraw = (draw, left = 50) => {
+    const there = document.querySelector(".told .plot");
+    if (there && window.Bokeh) draw();
+    else if (left) setTimeout(() => window.narxDraw(draw, left - 1), 100);
+  };
+  document.addEventListener("click", async (event) => {
+    const button = event.target.closest?.("button[data-copy]");
+    if (!button) return;
+    await navigator.clipboard.writeText(document.getElementById(button.dataset.copy).textContent);
+    const before = button.textContent;
+    button.textContent = "Copied";
+    setTimeout(() => (button.textContent = before), 1500);
+  });
   const inputOf = (event) => event.target.closest?.(".drop")?.querySelector("input[type=file]");
   document.addEventListener("change", (event) => {
     if (!event.target.matches?.("input[type=file][data-to]")) return;

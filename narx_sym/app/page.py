@@ -8,6 +8,7 @@ from typing import Any
 
 from nicegui import run, ui
 
+from ..report import style
 from ..svg import stylesheet
 from . import results
 from .widgets import drop, figure, heading, said, section
@@ -52,7 +53,9 @@ class Page:
 
     def __init__(self, bench: Workbench):
         self.bench = bench
-        ui.add_css(stylesheet() + (HERE / "page.css").read_text(encoding="utf-8"))
+        # The style sheet of the report, for its parts alone.
+        ui.add_css(f"{stylesheet()}\n.told {{ {style()} }}\n{(HERE / 'page.css').read_text(encoding='utf-8')}")
+        ui.add_head_html('<script src="/bokeh.js"></script>')
         ui.add_body_html(f"<script>{(HERE / 'page.js').read_text(encoding='utf-8')}</script>")
         ui.colors(primary="#0b5a94", negative="#a4262c")
         ui.on("refused", lambda event: self.refused(str(event.args)))
@@ -164,7 +167,7 @@ class Page:
         record = self.bench.record
         if record is not None:
             said(f"Read: {len(record)} samples, {record.Ts:.6g} s apart, {record.t[-1] - record.t[0]:.6g} s.")
-            with ui.element("div").classes("wide"):
+            with ui.element("div"):
                 figure(self.bench.preview)
 
     def base(self) -> None:

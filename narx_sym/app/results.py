@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from html import escape
-from itertools import groupby
 
 from nicegui import ui
 
 from ..effects import EFFECTS
-from ..recursion import State
-from ..signals import k
 from .jobs import Rung
-from .widgets import caption, data_cells, drawn, equation, head, plain_table, said, scrolled, section
+from .widgets import caption, data_cells, head, heading, part, said, section, small
 from .workbench import Workbench
 
 DOWNLOADS = {
@@ -22,38 +20,31 @@ LAW_FILES = {"law.tex": "Law (LaTeX)", "law.c": "Law (C99)"}
 
 
 def found(bench: Workbench) -> None:
-    """Show the verdict, the ladder, before and after, where it fails, and the candidates."""
+    """Show the verdict, the ladder, the candidates, before and after, where it fails, and the model."""
     rung = bench.rung
-    if rung is None:
+    if rung is None or rung.shown is None:
         return
+    html = rung.shown.html
     with section("3. What was found", "found"):
-        said(rung.found.sentence(bench.choice.units)).classes("verdict").mark("verdict")
-        ladder(bench, rung)
-        drawn(rung.shown["ladder"])
+        part(html["verdict"])
+        part(html["ladder"])
+        if len(bench.rungs) > 1:
+            back = ui.button(f"Step back from “{rung.name}”", on_click=bench.back)
+            back.props("no-caps outline").mark("back")
     with section("4. What may be missing"):
         candidates(bench, rung)
-        drawn(rung.shown.get("candidates", []))
-        drawn(rung.shown["experiment"], wide=True)
+        part(html["candidates"])
+        part(html.get("experiment", ""))
     with section("5. Measured and simulated"):
-        drawn([d for d in rung.shown["compare"] if not d.key.startswith("loop")], wide=True)
-        drawn([d for d in rung.shown["compare"] if d.key.startswith("loop")])
+        part(html["compare"])
+        ui.run_javascript(f"narxDraw(() => {{ {rung.shown.script} }})")
     with section("6. Where the model fails"):
-        for place, pictures in groupby(rung.shown["where"], lambda d: d.place):
-            said(place).classes("place")
-            drawn(pictures)
+        part(html["where"])
     with section("7. The model"):
+        part(html["model"])
         model(bench, rung)
-
-
-def ladder(bench: Workbench, rung: Rung) -> None:
-    """Show the error after each step, as a table with a way back."""
-    columns = ["step", "error on training samples", "error on held-out samples"]
-    rows = [[r["name"], f"{r['train']:.4g}", f"{r['validation']:.4g}"] for r in bench.ladder]
-    rows.append(["noise floor", "", f"{bench.floor:.4g}"])
-    plain_table("Free-run error over the output's standard deviation", columns, rows, "ladder")
-    if len(bench.rungs) > 1:
-        back = ui.button(f"Step back from “{rung.name}”", on_click=bench.back).props("no-caps outline")
-        back.mark("back")
+    with section("8. What follows from the model"):
+        part(html["derived"])
 
 
 def candidates(bench: Workbench, rung: Rung) -> None:
@@ -78,15 +69,7 @@ def candidates(bench: Workbench, rung: Rung) -> None:
                     with ui.element("tr"):
                         data_cells(titles, cells)
                         with ui.element("td"):
-                            add = ui.button("Add", on_click=lambda name=row["effect"]: bench.add(name))
-                            add.props(
-                                f'no-caps unelevated dense padding="4px 14px" aria-label="Add {escape(row["effect"])}"'
-                            )
-                            add.mark(f"add-{row['effect']}")
-        with ui.element("details"):
-            ui.html("What these effects are", tag="summary", sanitize=False)
-            for one in rung.found.candidates:
-                said(one.sentence)
+                            small("Add", f"Add {row['effect']}", partial(bench.add, row["effect"]))
     others = others_of(bench, {r["effect"] for r in rows})
     with ui.element("div").classes("fields"):
         chosen = ui.select(others, label="Another effect").props("outlined dense options-dense")
@@ -105,16 +88,12 @@ def others_of(bench: Workbench, shown: set[str]) -> list[str]:
 
 
 def model(bench: Workbench, rung: Rung) -> None:
-    """Show the equations with numbers, the parameters, and the terms as text."""
+    """Show the parameters, and the terms as text."""
     now = rung.model
-    values = now.values
-    for state in [*now.states, State(now.output[k], now.F)]:
-        equation(state.left, state.right.xreplace(values))
-    if now.operating_point:
-        around = ", ".join(f"{b.label} - ({v:g})" for b, v in now.operating_point.items())
-        said(f"Terms are in the signals measured from the operating point: {around}.")
+    heading("Change a term", 3)
     said(
-        "Fitted on all samples. A term is changed by its text, in sums, products, powers and sign, abs, exp, Max, Min."
+        "The model fitted on all samples. A term is changed by its text: sums, products, powers, and the functions "
+        "sign, abs, sin, cos, tanh, exp, Max, Min."
     )
     rows = {r["symbol"]: r for r in now.table()}
     titles = ["parameter", "value", "standard error", "term", ""]
@@ -135,24 +114,17 @@ def model(bench: Workbench, rung: Rung) -> None:
 def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
     """Two cells: a term as text, and the buttons that fit the model with it."""
     own = bench.terms.get(name)
+    if name and own is None:
+        data_cells(titles[3:], [term or "shape of an effect", ""])
+        return
     with ui.element("td").props(f'data-title="{titles[3]}"'):
-        if name and own is None:
-            said(term or "shape of an effect", "span")
-            return_cell = True
-        else:
-            return_cell = False
-            what = f"Term of {name}" if name else "A further term, such as u[k-2]"
-            field = ui.input(what, value=own or "").props("outlined dense maxlength=500").classes("term")
-            field.mark(f"term-{name or 'new'}")
+        what = f"Term of {name}" if name else "A further term, such as u[k-2]"
+        field = ui.input(what, value=own or "").props("outlined dense maxlength=500").classes("term")
+    whose = name or "a new parameter"
     with ui.element("td"):
-        if not return_cell:
-            ui.button("Fit", on_click=lambda: bench.edit(name, field.value)).props(
-                f'no-caps outline dense padding="4px 12px" aria-label="Fit with this term of {name or "a new parameter"}"'
-            ).mark(f"fit-{name or 'new'}")
-            if name:
-                ui.button("Take out", on_click=lambda: bench.edit(name, "")).props(
-                    f'no-caps flat dense aria-label="Take out the term of {name}"'
-                )
+        small("Fit", f"Fit with this term of {whose}", lambda: bench.edit(name, field.value or ""))
+        if name:
+            small("Take out", f"Take out the term of {name}", lambda: bench.edit(name, ""))
 
 
 def take_away(bench: Workbench) -> None:
@@ -160,7 +132,7 @@ def take_away(bench: Workbench) -> None:
     if bench.rung is None:
         return
     law = bench.law
-    with section("8. Compensator"):
+    with section("9. Compensator"):
         said("The law that makes the output follow a reference. Limits go into its source.")
         with ui.element("div").classes("fields"):
             fields = [
@@ -173,13 +145,12 @@ def take_away(bench: Workbench) -> None:
         if law is not None and law.why_not:
             said(f"There is no law: {law.why_not}").classes("verdict").mark("law-text")
         elif law is not None:
-            for markup in law.mathml:
-                scrolled(markup)
+            part(law.html)
             with ui.element("ul").classes("notes").mark("law-text"):
                 for note in law.notes:
                     with ui.element("li"):
                         said(note)
-    with section("9. Take it away"):
+    with section("10. Take it away"):
         files = DOWNLOADS | (
             {n: t for n, t in LAW_FILES.items() if n != "law.c" or law.code} if law and not law.why_not else {}
         )

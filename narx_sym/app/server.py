@@ -60,6 +60,7 @@ def serve(bench: Workbench, port: int | None, browser: bool) -> None:
 
 def application(bench: Workbench) -> Any:
     """Return the ASGI application: the page, the places for files, and the downloads."""
+    from bokeh.resources import Resources
     from fastapi import FastAPI, Request
     from fastapi.concurrency import run_in_threadpool
     from fastapi.responses import PlainTextResponse, Response
@@ -88,6 +89,10 @@ def application(bench: Workbench) -> Any:
         headers = {"content-disposition": f'attachment; filename="{name}"', "cache-control": "no-store"}
         return Response(content, media_type=TYPES[Path(name).suffix], headers=headers)
 
+    def bokeh(request: Request) -> Response:
+        return Response("\n".join(Resources(mode="inline", components=["bokeh"]).js_raw), media_type="text/javascript")
+
+    app.add_route("/bokeh.js", bokeh, methods=["GET"])
     app.add_route("/data", take_data, methods=["POST"])
     app.add_route("/model", take_model, methods=["POST"])
     app.add_route("/download/{kind}", give, methods=["GET"])

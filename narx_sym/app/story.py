@@ -1,46 +1,53 @@
-"""The rungs as one diagnosis, with its pictures: what the page and the report tell."""
+"""The rungs as one diagnosis, and the parts of the report that the page shows of them."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from .. import figures
+from .. import report
 from ..diagnosis import Diagnosis, Step
 
 if TYPE_CHECKING:
     from .jobs import Rung
 
-Units = Mapping[str, str]
+LAST = ("verdict", "where", "candidates", "experiment")  # what the last model still lacks
+WAY = ("compare", "ladder", "model", "derived")  # from the base to the last model
+SCRIPT = re.compile(r"<script[^>]*>(.*?)</script>", re.DOTALL)
 
 
+@dataclass
 class Story(Diagnosis):
     """Several rungs told as one diagnosis, as if each next model had been the choice of the step before.
 
-    Parameters
+    Attributes
     ----------
-    rungs : sequence of Rung, the base first
+    way : name and errors of each rung, the base first
     """
 
-    def __init__(self, rungs: Sequence[Rung]):
+    way: tuple[tuple[str, Mapping[str, float]], ...] = ()
+
+    @classmethod
+    def of(cls, rungs: Sequence[Rung]) -> Story:
+        """Tell it."""
         steps = [_chosen(a, b) for a, b in pairwise(rungs)]
         steps.append(replace(rungs[-1].found.steps[0], chosen=None))
         first = rungs[0].found
-        super().__init__(steps, first.misfit, sum(r.found.seconds for r in rungs), first.seed, first.faults)
-        self._ladder = [{"added": r.name.removeprefix("+ "), **r.errors} for r in rungs]
-        self._rungs = ["base", *(r.name for r in rungs[1:])]
+        way = tuple((r.name if i else "base", r.errors) for i, r in enumerate(rungs))
+        return cls(steps, first.misfit, sum(r.found.seconds for r in rungs), first.seed, first.faults, way)
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
         """The errors of each rung: name, NRMSE on training and held-out samples."""
-        return self._ladder
+        return [{"added": name.removeprefix("+ "), **errors} for name, errors in self.way]
 
     @property
     def rungs(self) -> list[str]:
         """What was done on the way, in words."""
-        return self._rungs
+        return [name for name, _ in self.way]
 
 
 def _chosen(rung: Rung, after: Rung) -> Step:
@@ -51,38 +58,17 @@ def _chosen(rung: Rung, after: Rung) -> Step:
 
 
 @dataclass(frozen=True)
-class Drawing:
-    """A picture as it stands in the page; `place` says what it belongs to, such as the worst region of a panel."""
+class Told:
+    """The parts of the report as HTML by their keys, and the script that draws what can be zoomed."""
 
-    key: str
-    title: str
-    alt: str
-    svg: str
-    place: str = ""
+    html: Mapping[str, str]
+    script: str = ""
 
 
-def drawings(rungs: Sequence[Rung], units: Units) -> dict[str, list[Drawing]]:
-    """Return the pictures by the keys of `figures.PANELS`: the whole way, and what the last model still lacks."""
-    story, last = Story(rungs), rungs[-1]
-    found = {"compare": figures.comparison(story, units), "ladder": [figures.ladder(story, units)]}
-    if last.found.candidates:
-        found["candidates"] = [figures.candidates(last.found)]
-    found["derived"] = [p for p in [figures.quasi_static(last.model, units)] if p is not None]
-    found["experiment"] = figures.experiment(last.found, units)
-    made = {key: [_drawn(p) for p in pictures] for key, pictures in found.items()}
-    made["where"] = [
-        _drawn(p, _place(f)) for f in figures.failures(last.found, units) for p in f.pictures
-    ]  # fmt: skip
-    return made
-
-
-def _drawn(picture: figures.Picture, place: str = "") -> Drawing:
-    return Drawing(picture.key, picture.title, picture.alt, picture.svg, place)
-
-
-def _place(failure: figures.Failure) -> str:
-    """Say what a panel explains, and where it is worst."""
-    known = failure.share_missing == failure.share_missing
-    missing = f", {100 * failure.share_missing:.0f} % of the missing input" if known else ""
-    name = failure.name.replace("_", " ").replace("channel:", "")
-    return f"Against {name}: it explains {100 * failure.share:.0f} % of the error{missing}. Worst: {failure.worst}."
+def told(rungs: Sequence[Rung], units: Mapping[str, str]) -> Told:
+    """Tell the whole way, and what the last model still lacks."""
+    parts = report.sections(Story.of(rungs), units, keys=WAY)
+    parts += report.sections(Story.of(rungs[-1:]), units, keys=LAST)
+    html = {part.key: part.html for part in parts}
+    scripts = SCRIPT.findall(html["compare"])
+    return Told(html | {"compare": SCRIPT.sub("", html["compare"])}, "\n".join(scripts))

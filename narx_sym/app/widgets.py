@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
 from typing import Any
 
 from nicegui import ui
-
-from ..printing import mathml
-from .story import Drawing
 
 
 @contextmanager
@@ -42,41 +39,21 @@ def drop(target: str, name: str, accept: str, limit: int, title: str, more: list
     )
 
 
-def drawn(pictures: Iterable[Drawing], wide: bool = False) -> None:
-    """Show pictures side by side, or one below the other."""
-    with ui.element("div").classes("wide" if wide else "pictures"):
-        for one in pictures:
-            markup = f"<figcaption>{escape(one.title)}</figcaption>{one.svg}"
-            figure(markup)
+def part(html: str) -> None:
+    """Show a part of the report; its templates escape whatever comes from data."""
+    if html:
+        # The inner class is what the report's style sheet asks of a page with scripts.
+        ui.html(f'<div class="js">{html}</div>', sanitize=False).classes("told")
 
 
 def figure(markup: str) -> None:
     """Show a picture; one that is wider than the screen may be scrolled."""
-    ui.html(markup, tag="figure", sanitize=False).props("tabindex=0")
+    ui.html(markup, tag="figure", sanitize=False).classes("preview").props("tabindex=0")
 
 
-def equation(left: Any, right: Any) -> None:
-    """Show an equation as MathML; a long one may be scrolled."""
-    import sympy as sp
-
-    short = right.xreplace({f: sp.Float(f"{float(f):.6g}") for f in right.atoms(sp.Float)})
-    scrolled(mathml(sp.Eq(left, short, evaluate=False)))
-
-
-def scrolled(markup: str) -> None:
-    """Show MathML that may be scrolled, by keys too."""
-    ui.html(markup, sanitize=False).classes("equation").props('tabindex=0 role=group aria-label="Equation"')
-
-
-def plain_table(title: str, columns: list[str], rows: list[list[str]], name: str) -> None:
-    """Show a table of texts."""
-    with ui.element("table").classes("grid").mark(name):
-        caption(title)
-        head(columns)
-        with ui.element("tbody"):
-            for row in rows:
-                with ui.element("tr"):
-                    data_cells(columns, row)
+def small(text: str, means: str, do: Callable[[], Any]) -> None:
+    """Make a small button; `means` is what a reader hears."""
+    ui.button(text, on_click=do).props(f'no-caps outline dense padding="4px 12px" aria-label="{escape(means)}"')
 
 
 def caption(title: str) -> None:

@@ -24,6 +24,7 @@ from ..tables import Table
 from ..tables import load as load_table
 from .jobs import Law, Rung, Way, added, edited, first, law_of
 from .preview import signals_svg
+from .story import Story
 from .worker import Worker
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
@@ -228,7 +229,7 @@ class Workbench:
         if not self.rungs:
             raise ModelError("Diagnose a base first.")
         before = tuple(self.rungs)
-        way = Way((self._measured,), self.choice.units, tuple(replace(r, shown={}) for r in before))
+        way = Way((self._measured,), self.choice.units, tuple(replace(r, shown=None) for r in before))
         self._begin(lambda made: self._put([*before, made]), work, *what, way)
 
     @property
@@ -343,7 +344,7 @@ class Workbench:
     # -- downloads ---------------------------------------------------------------------------------------------
 
     def download(self, kind: str) -> tuple[str, str]:
-        """Return name and content of a file: "model.json", "model.tex", "model.c", "law.tex", "law.c"."""
+        """Return name and content of a file: "report.html", "model.json", "model.tex", ... (see `makers`)."""
         from ..derive import document
 
         rung, law = self._last, self.law
@@ -352,6 +353,7 @@ class Workbench:
         if kind == "law.c" and law is not None and not law.code:
             raise ModelError("This law has no C source.")
         makers: dict[str, Callable[[], str]] = {
+            "report.html": self._report,
             "model.json": lambda: to_text(rung.model),
             "model.tex": lambda: document(rung.model),
             "model.c": lambda: rung.model.to_c(),
@@ -361,6 +363,17 @@ class Workbench:
         if kind not in makers:
             raise ModelError(f"There is no {kind[:40]!r}; there are {', '.join(makers)}.")
         return f"{plain_name(Path(self.file).stem)}_{kind}", makers[kind]()
+
+    def _report(self) -> str:
+        from ..report import page
+
+        base = self.base_name or str(self.base)
+        settings = {
+            "base": base,
+            "rows": self.choice.rows or "all",
+            "channels": ", ".join(self.choice.channels) or "none",
+        }
+        return page(Story.of(self.rungs), self.choice.units, [self.path] if self.path else [], settings)
 
 
 class _Said:
