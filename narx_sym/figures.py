@@ -123,20 +123,29 @@ def comparison(diagnosis: Diagnosis, units: Units) -> list[Picture]:
     """Return time responses, errors and loops, before and after, on the same axes."""
     c, found = Comparison.of(diagnosis), []
     for i, run in enumerate(c.runs):
-        when = "before" if i == 0 else "after"
+        when = ("before", "after")[i] if len(c.runs) > 1 else ""
         alt = f"Measured output and free run of {words(run)} over time, {c.t[-1] - c.t[0]:.3g} s. "
         alt += f"The free-run error is {c.nrmse[run]:.2g} of the output's standard deviation."
         found.append(
-            Picture(f"time_{when}", f"Time response {when}", alt, _with(draw_time, c, run, units), c.drawn, WIDE)
+            Picture(f"time_{i}", f"Time response {when}".rstrip(), alt, _with(draw_time, c, run, units), c.drawn, WIDE)
         )
     sizes = ", ".join(f"{words(n)} {_rms(e):.2g}" for n, e in c.errors.items())
     alt = f"Free-run error over time; rms [{units.get('y') or 'unit of y'}]: {sizes}; noise floor {c.floor:.2g}."
     drawn = {"t": c.drawn["t"], **{f"error of {n}": e[c.keep] for n, e in c.errors.items()}}
-    found.append(Picture("errors", "Error before and after", alt, _with(draw_errors, c, units), drawn, WIDE))
+    found.append(
+        Picture(
+            "errors",
+            "Error before and after" if len(c.runs) > 1 else "Error",
+            alt,
+            _with(draw_errors, c, units),
+            drawn,
+            WIDE,
+        )
+    )
     for i, run in enumerate(c.runs):
-        when = "before" if i == 0 else "after"
+        when = ("before", "after")[i] if len(c.runs) > 1 else ""
         alt = f"Loop of output against input, measured and free run of {words(run)}."
-        found.append(Picture(f"loop_{when}", f"Loop {when}", alt, _with(draw_loop, c, run, units), c.drawn))
+        found.append(Picture(f"loop_{i}", f"Loop {when}".rstrip(), alt, _with(draw_loop, c, run, units), c.drawn))
     return found
 
 
@@ -186,6 +195,8 @@ def failures(diagnosis: Diagnosis, units: Units, most: int = SHOWN) -> list[Fail
     found = []
     ranked = sorted(rows, key=lambda p: -p[0])
     shown = [row for i, (share, row) in enumerate(ranked[:most]) if share > LEAST or i == 0]
+    # Rounding is no forcing.
+    missing = missing if misfit.missing is not None and np.abs(misfit.missing).max() > 1e-6 * c.floor else {}
     tops = [reach([p[r["panel"]] for r in shown if r["panel"] != "spectrum"]) for p in (errors, missing) if p]
     for i, row in enumerate(shown):
         name, made = row["panel"], []

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from .plots import BLUE, ORANGE, YELLOW, label
+from .plots import YELLOW, label
 from .traces import Comparison, Units, words
 
-MEASURED = "#767676"  # stands out from light and from dark paper
+# They stand out from light and from dark paper.
+MEASURED, BEFORE, AFTER = "#767676", "#C47F00", "#1F83C0"
 HEIGHT, LOW, TOOLS = 280, 220, "pan,box_zoom,wheel_zoom,reset,save"
 
 
@@ -43,7 +44,7 @@ def comparison(c: Comparison, units: Units) -> tuple[str, dict[str, str]]:
     source = ColumnDataSource({n: np.asarray(x, dtype=np.float32) for n, x in data.items()})
     y_name, u_name = label("y", units.get("y", "")), label("u", units.get("u", ""))
     said = {n: f"free run of {words(run)}" for n, run in runs.items()}
-    looks = dict(zip(names, (ORANGE, BLUE), strict=False))
+    looks = dict(zip(names, (BEFORE, AFTER), strict=False))
     values = [("time", "@t{0.000} s"), (u_name, "@u{0.000}"), ("measured", "@measured{0.000}")]
     values += [(said[n], f"@{n}{{0.000}}") for n in names]
 

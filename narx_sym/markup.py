@@ -16,6 +16,7 @@ from .signals import samples
 SPACE = "http://www.w3.org/1998/Math/MathML"
 ELEMENTS = set("math mrow mi mn mo mtext mspace msub msup msubsup mover munder munderover mfrac msqrt mroot mstyle "
                "mtable mtr mtd mpadded mphantom menclose merror".split())  # fmt: skip
+_HIDDEN = {ord(c): 0xE000 + i for i, c in enumerate("<>&")}  # the converter does not escape what stands in texts
 BREAK = " \\\\\n"  # between the lines of an `aligned` block
 
 
@@ -114,7 +115,9 @@ def _converted(text: str) -> str:
         return ""
     # Names of several letters stand upright, in one piece.
     text = re.sub(r"_\{([A-Za-z]{2,}[^{},]*)\}", r"_{\\text{\1}}", text.replace(r"\\[6pt]", r"\\"))
-    text = re.sub(r"\\mathrm\{([^{}]*)\}", r"\\text{\1}", text).replace("<", r"\lt ").replace(">", r"\gt ")
+    text = re.sub(r"\\mathrm\{([^{}]*)\}", r"\\text{\1}", text)
+    text = re.sub(r"\\text\{[^{}]*\}", lambda found: found[0].translate(_HIDDEN), text)
+    text = text.replace("<", r"\lt ").replace(">", r"\gt ")
     try:
         shown = convert(text)
         found = ET.fromstring(shown)
@@ -123,4 +126,5 @@ def _converted(text: str) -> str:
     unknown = {e.tag.partition("}")[2] for e in found.iter()} - ELEMENTS
     if unknown:
         raise ValueError(f"unknown elements {unknown}")
-    return shown[shown.index(">") + 1 : shown.rindex("<")]
+    shown = shown[shown.index(">") + 1 : shown.rindex("<")]
+    return re.sub("[\ue000-\ue002]", lambda found: escape("<>&"[ord(found[0]) - 0xE000]), shown)

@@ -6,6 +6,7 @@ Every function takes matplotlib axes or makes them, labels them with units, and 
 from __future__ import annotations
 
 import itertools
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -388,7 +389,7 @@ def _draw_grid(ax: Any, panel: Panel, units: dict[str, str]) -> None:
         for k in inverse[(panel.low[:, other] == low) & np.isnan(panel.mean)]:
             ax.axvspan(k + shift - 0.1, k + shift + 0.1, color="0.85", lw=0, zorder=0, label="too few samples")
     edges = [panel.high[panel.low[:, along] == p, along][0] for p in places]
-    ax.set_xticks(range(places.size), [f"{a:.3g} to {b:.3g}" for a, b in zip(places, edges, strict=True)])
+    ax.set_xticks(range(places.size), [f"{a:.3g} to\n{b:.3g}" for a, b in zip(places, edges, strict=True)])
     ax.set_xlabel(label(f"{names[along]} of a swing", kinds[along]))
     own = [(h, t) for h, t in zip(*ax.get_legend_handles_labels(), strict=True) if t.endswith("\u2009")]
     if len(own) > 1:
@@ -452,7 +453,7 @@ def plot_ladder(
     ax.set_ylim(min(every) / room, max(every) * room)
     _plain_numbers(ax.yaxis)
     ax.set_xlim(-0.6, len(rungs) - 0.4)
-    names = [name.replace("_", " ").replace(" instead", "\ninstead") for name in diagnosis.rungs]
+    names = [textwrap.fill(name.replace("_", " "), 18).replace("$", r"\$") for name in diagnosis.rungs]
     ax.set_xticks(range(len(rungs)), names)
     ax.set_ylabel("free-run error / std of the output")
     if units.get("y"):
@@ -515,7 +516,12 @@ def plot_candidates(
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_yticks(
         range(len(rows)),
-        [f"{'* ' if r['in_confusion_set'] else ''}{r['effect'].replace('_', ' ')}, {r['where']}" for r in rows],
+        [
+            textwrap.fill(
+                f"{'* ' if r['in_confusion_set'] else ''}{r['effect'].replace('_', ' ')}, {r['where']}", 26
+            ).replace("$", r"\$")
+            for r in rows
+        ],
     )
     ax.set_xlabel("share of the removable error, on samples never used for fitting")
     ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)

@@ -86,8 +86,6 @@ def sections(
     keys : names among `PANELS`, optional
         The parts that are wanted.
     """
-    from markupsafe import Markup
-
     units = {"u": "", "y": "", **(units or {})}
     found = story.with_units(diagnosis, units)
     drawn = figures.pictures(found, units)
@@ -95,8 +93,7 @@ def sections(
     script, elements = interactive.comparison(compared, units) if scripts else ("", {})
     known = {
         "verdict": lambda: _verdict(found, units),
-        "compare": lambda: {"script": Markup(script), "elements": {n: Markup(e) for n, e in elements.items()},
-                            "runs": list(compared.runs), "name": compared.name},
+        "compare": lambda: _compare(compared, drawn["compare"], script, elements),
         "ladder": lambda: {"rungs": _rungs(found), "kind": found.steps[0].floor_kind},
         "where": lambda: {"failures": figures.failures(found, units)},
         "candidates": lambda: {"rows": _candidates(found, units), "step": found.steps[0],
@@ -111,11 +108,8 @@ def sections(
     for key, title in PANELS:
         if (key == "experiment" and found.experiment is None) or (keys is not None and key not in keys):
             continue
-        named = {p.key: p for p in drawn[key]}
         html = (
-            _templates()
-            .get_template(f"{key}.html")
-            .render(**known[key](), pictures=drawn[key], picture=named, units=units, d=found)
+            _templates().get_template(f"{key}.html").render(**known[key](), pictures=drawn[key], units=units, d=found)
         )
         made.append(Section(key, title, html))
     return made
@@ -174,6 +168,15 @@ def _verdict(d: Diagnosis, units: Units) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _compare(c: Comparison, drawn: Sequence[Picture], script: str, elements: Mapping[str, str]) -> dict[str, Any]:
+    from markupsafe import Markup
+
+    static = {p.key: p for p in drawn}
+    same = {"time": "time_0", "errors": "errors", "loop0": "loop_0", "loop1": "loop_1"}
+    live = [(name, static[same[name]], Markup(element)) for name, element in elements.items()]
+    return {"script": Markup(script), "live": live, "runs": list(c.runs)}
+
+
 def _rungs(d: Diagnosis) -> list[dict[str, Any]]:
     spread = d.steps[0].base.problem.spread
     rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
@@ -191,7 +194,7 @@ def _candidates(d: Diagnosis, units: Units) -> list[dict[str, Any]]:
 
 
 def _form(variant: Variant) -> str:
-    return str(variant).partition("(")[2].rstrip(")")
+    return str(variant).removeprefix(variant.id).strip()[1:-1]
 
 
 def _model(d: Diagnosis, units: Units) -> dict[str, Any]:
@@ -202,7 +205,10 @@ def _model(d: Diagnosis, units: Units) -> dict[str, Any]:
         {s.left.base for s in after.states} - {s.left.base for s in before.states}
     )
     rows = story.parameters(before, after, units, story.shape_units(d, units))
-    file = json.dumps(to_dict(after), indent=1, sort_keys=True)
+    try:
+        file = json.dumps(to_dict(after), indent=1, sort_keys=True)
+    except ModelError:  # a channel's name that a model file does not take
+        file = ""
     return {
         "before": [Markup(marked(before, values=v)) for v in (False, True)],
         "after": [Markup(marked(after, new, v)) for v in (False, True)] if after is not before else [],

@@ -83,7 +83,7 @@ def headline(diagnosis: Diagnosis) -> str:
 def what_next(diagnosis: Diagnosis) -> str:
     """Say what to do next, after the last step."""
     last = next((s for s in reversed(diagnosis.steps) if s.chosen is not None), diagnosis.steps[0])
-    best = plain(last.candidates[0].effect) if last.candidates else ""
+    best = " and ".join(plain(rung.removeprefix("+ ")) for rung in diagnosis.rungs[1:])
     chosen = diagnosis.steps[0] if diagnosis.steps[0].verdict == "confused" else last
     return NEXT[chosen.verdict].format(best=best)
 

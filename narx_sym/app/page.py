@@ -97,7 +97,7 @@ class Page:
 
     def message(self) -> None:
         """Show one message where something went wrong."""
-        with ui.element("div").props("role=alert").classes("error" if self.bench.error else "idle"):
+        with ui.element("div").props("role=alert").classes("wrong" if self.bench.error else "idle"):
             if self.bench.error:
                 said(self.bench.error)
                 close = ui.button("Close", on_click=self.bench.understood).props("no-caps flat dense")
