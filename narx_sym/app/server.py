@@ -15,6 +15,7 @@ from .workbench import Workbench
 
 HOST, PORT = "127.0.0.1", 8537
 TYPES = {".json": "application/json", ".html": "text/html", ".tex": "text/x-tex", ".c": "text/x-c", ".csv": "text/csv"}
+RECONNECT = 20.0  # seconds that a page may be silent: a browser may be busy with drawing
 GRACE = 1  # seconds for open connections when the server ends
 
 
@@ -98,6 +99,6 @@ def application(bench: Workbench) -> Any:
     app.add_route("/download/{kind}", give, methods=["GET"])
     ui.run_with(
         app, root=lambda: Page(bench), title="narx_sym", language="en-US", dark=None, tailwind=False,
-        show_welcome_message=False,
+        show_welcome_message=False, reconnect_timeout=RECONNECT,
     )  # fmt: skip
     return app
