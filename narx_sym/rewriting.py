@@ -19,7 +19,8 @@ from .signals import k, samples, u, v, x
 
 def written_terms(model: Model) -> dict[str, str]:
     """Return the terms of the core that one parameter multiplies, as text by the parameter's name."""
-    return {str(c): printing.text(term) for c, term in pairs(model.core) if c in model.symbols}
+    terms = dict(pairs(model.core))
+    return {str(s): printing.text(terms[s]) for s in model.symbols if s in terms}
 
 
 def rewritten(model: Model, name: str, text: str, channels: Iterable[str] = ()) -> Model:
