@@ -21,10 +21,6 @@ HEADERS = (
 )  # fmt: skip
 
 
-class TooLarge(Exception):  # noqa: N818
-    """A request has more bytes than the limit."""
-
-
 class Guard:
     """An ASGI application before another one.
 
@@ -86,12 +82,12 @@ class Guard:
             nonlocal seen
             message = await receive()
             seen += len(message.get("body", b""))
-            if seen > self.limit:
-                raise TooLarge
-            return message
+            return message if seen <= self.limit else {"type": "http.disconnect"}
 
         async def marked(message: Any) -> None:
             nonlocal begun
+            if seen > self.limit and not begun:
+                return  # whatever the application says of a request that it did not get
             if message["type"] == "http.response.start":
                 begun = True
                 message = {**message, "headers": [*message.get("headers", ()), *HEADERS]}
@@ -99,9 +95,11 @@ class Guard:
 
         try:
             await self.app(scope, counted, marked)
-        except TooLarge:
-            if not begun:
-                await _refuse(scope, send, 413, self.too_large)
+        except Exception:
+            if seen <= self.limit:
+                raise
+        if seen > self.limit and not begun:
+            await _refuse(scope, send, 413, self.too_large)
 
 
 async def _refuse(scope: Scope, send: Send, status: int, reason: str) -> None:

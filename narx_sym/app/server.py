@@ -26,6 +26,7 @@ def listening(port: int | None) -> socket.socket:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             made.bind((HOST, wanted))
+            made.listen()  # who comes before the server runs waits
             return made
         except OSError as error:
             made.close()
@@ -97,8 +98,13 @@ def application(bench: Workbench) -> Any:
     app.add_route("/data", take_data, methods=["POST"])
     app.add_route("/model", take_model, methods=["POST"])
     app.add_route("/download/{kind}", give, methods=["GET"])
+
+    @ui.page("/")
+    def page() -> None:
+        Page(bench)
+
     ui.run_with(
-        app, root=lambda: Page(bench), title="narx_sym", language="en-US", dark=None, tailwind=False,
+        app, title="narx_sym", language="en-US", dark=None, tailwind=False,
         show_welcome_message=False, reconnect_timeout=RECONNECT,
     )  # fmt: skip
     return app
