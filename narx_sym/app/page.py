@@ -142,11 +142,11 @@ class Page:
         ui.select(
             options, label=title, value=value if value in options or more else None,
             on_change=lambda event: self.choose(**{name: event.value}), **more,
-        ).props("outlined dense options-dense").classes("field").mark(name)  # fmt: skip
+        ).props("outlined dense options-dense").classes("field")  # fmt: skip
 
     def typed(self, title: str, value: str, name: str) -> None:
         """Make a field with a text, read when it is left."""
-        field = ui.input(title, value=value).props("outlined dense").classes("field").mark(name)
+        field = ui.input(title, value=value).props("outlined dense").classes("field")
         field.on("change", lambda: self.choose(**{name: field.value}))
 
     def unit(self, title: str, name: str) -> None:
@@ -181,7 +181,7 @@ class Page:
                 ui.radio(options, value=value, on_change=lambda event: self.based(event.value))
             drop("/model", "model-file", ".json", bench.limit, "or drop a model file (.json)", [])
             button = ui.button("Diagnose", on_click=bench.diagnose).props("no-caps unelevated").classes("main-button")
-            button.mark("diagnose").set_enabled(bench.record is not None)
+            button.set_enabled(bench.record is not None)
             if bench.record is None:
                 said("Choose the measurements first.").classes("hint")
 
@@ -194,6 +194,6 @@ class Page:
         """Show what is under way, and how to end it."""
         with ui.element("div").classes("doing" if self.bench.busy else "idle").props("role=status"):
             if self.bench.busy:
-                self.doing = said("starting").mark("progress")
+                self.doing = said("starting")
                 ui.linear_progress(show_value=False).props('indeterminate aria-label="Working"')
-                ui.button("Cancel", on_click=self.bench.cancel).props("no-caps outline").mark("cancel")
+                ui.button("Cancel", on_click=self.bench.cancel).props("no-caps outline")

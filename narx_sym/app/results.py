@@ -30,7 +30,7 @@ def found(bench: Workbench) -> None:
         part(html["ladder"])
         if len(bench.rungs) > 1:
             back = ui.button(f"Step back from “{rung.name}”", on_click=bench.back)
-            back.props("no-caps outline").mark("back")
+            back.props("no-caps outline")
     with section("4. What may be missing"):
         candidates(bench, rung)
         part(html["candidates"])
@@ -55,7 +55,7 @@ def candidates(bench: Workbench, rung: Rung) -> None:
     else:
         said("Share of the removable error on samples never used for fitting. What is marked * cannot be told apart.")
         titles = ["effect", "where", "share", "95 % interval", "error after", "parameters", ""]
-        with ui.element("table").classes("grid").mark("candidates"):
+        with ui.element("table").classes("grid"):
             caption("Candidates")
             head(titles)
             with ui.element("tbody"):
@@ -97,7 +97,7 @@ def model(bench: Workbench, rung: Rung) -> None:
     )
     rows = {r["symbol"]: r for r in now.table()}
     titles = ["parameter", "value", "standard error", "term", ""]
-    with ui.element("table").classes("grid").mark("terms"):
+    with ui.element("table").classes("grid"):
         caption("Parameters and terms")
         head(titles)
         with ui.element("tbody"):
@@ -141,12 +141,12 @@ def take_away(bench: Workbench) -> None:
             ]
             ui.button(
                 "Open the compensator", on_click=lambda: bench.open_law(*(f.value for f in fields))
-            ).props("no-caps outline").mark("law")  # fmt: skip
+            ).props("no-caps outline")  # fmt: skip
         if law is not None and law.why_not:
-            said(f"There is no law: {law.why_not}").classes("verdict").mark("law-text")
+            said(f"There is no law: {law.why_not}").classes("verdict")
         elif law is not None:
             part(law.html)
-            with ui.element("ul").classes("notes").mark("law-text"):
+            with ui.element("ul").classes("notes"):
                 for note in law.notes:
                     with ui.element("li"):
                         said(note)
