@@ -49,7 +49,7 @@ PANELS = (
     ("provenance", "Where these figures come from"),
 )
 SHOWN, LEAST = 4, 0.02  # panels of where it fails, and the share that each must explain
-NARROW, WIDE = (4.4, 3.1), (8.8, 2.6)  # [inch]
+NARROW, WIDE = (3.9, 2.9), (8.8, 2.6)  # [inch]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +168,7 @@ def ladder(diagnosis: Diagnosis, units: Units) -> Picture:
         plot_ladder(diagnosis, units=dict(units), ax=ax)
 
     alt += f"the noise floor is {floor:.2g}."
-    return Picture("ladder", "Error ladder", alt, draw, columns, (max(4.4, 2.2 + 1.1 * len(rungs)), 3.6))
+    return Picture("ladder", "Error ladder", alt, draw, columns, (max(4.0, 1.8 + 1.1 * len(rungs)), 3.5))
 
 
 def candidates(diagnosis: Diagnosis) -> Picture:
@@ -180,7 +180,7 @@ def candidates(diagnosis: Diagnosis) -> Picture:
     alt = f"Share of the removable error that each candidate removes, with 95 % intervals: {listed}."
     keys = ("effect", "where", "share", "low", "high", "nrmse", "in_confusion_set", "parameters")
     columns = {key: [r[key] for r in rows] for key in keys}
-    size = (6.2, max(2.6, 1.6 + 0.38 * len(rows)))
+    size = (4.6, max(2.8, 1.7 + 0.42 * len(rows)))
     return Picture("candidates", "Candidates", alt, lambda ax: plot_candidates(diagnosis, ax=ax), columns, size)
 
 
@@ -205,13 +205,16 @@ def failures(diagnosis: Diagnosis, units: Units, most: int = SHOWN) -> list[Fail
         for (word, title, panel), top in zip(both, tops, strict=False):
             title = f"{title}: {panel.label}"
             made.append(_panel(f"where_{i + 1}_{word}", title, panel, c.floor if word == "error" else None, top, units))
+        # The residual that the panel explains better says where to look.
+        of_missing = name in missing and (missing[name].share > errors[name].share or errors[name].worst is None)
+        worst = missing[name].where(units).replace("error", "missing input") if of_missing else row["worst"]
         if name != "spectrum":
-            region = misfit.region(name)
+            region = misfit.region(name, of_missing)
             columns = {"t": c.t[c.keep], "error": c.errors["base"][c.keep], "in the worst region": region[c.keep]}
-            alt = f"Error of the base over time; marked: {row['worst']}."
+            alt = f"Error of the base over time; marked: {worst}."
             draw = _with(draw_region, c, region, units)
             made.append(Picture(f"where_{i + 1}_time", f"The worst region in time: {words(name)}", alt, draw, columns))
-        found.append(Failure(name, row["share"], row["share_missing"], row["worst"], made))
+        found.append(Failure(name, row["share"], row["share_missing"], worst, made))
     return found
 
 

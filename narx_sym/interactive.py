@@ -10,11 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from .plots import YELLOW, label
-from .traces import Comparison, Units, words
+from .experiment import Experiment
+from .plots import YELLOW, label, thin
+from .traces import POINTS, Comparison, Units, words
 
 # They stand out from light and from dark paper.
 MEASURED, BEFORE, AFTER = "#767676", "#C47F00", "#1F83C0"
+LOOKS = (AFTER, BEFORE, "#0E9A72", "#B8618F", MEASURED, "#D55E00")  # of several candidates
+DASHES = ("solid", "dashed", "dotdash", "dotted", "solid", "dashed")
 HEIGHT, LOW, TOOLS = 280, 220, "pan,box_zoom,wheel_zoom,reset,save"
 
 
@@ -69,6 +72,27 @@ def comparison(c: Comparison, units: Units) -> tuple[str, dict[str, str]]:
     script, elements = components(
         {"time": time, "errors": errors, **{f"loop{i}": loop for i, loop in enumerate(loops)}}, wrap_script=True
     )
+    return str(script), dict(elements)
+
+
+def experiment(e: Experiment, units: Units) -> tuple[str, dict[str, str]]:
+    """Return the script and the elements of the next experiment, by name: "input", "outputs"."""
+    from bokeh.embed import components
+    from bokeh.models import DataRange1d, Range1d
+
+    first = _figure(
+        "time [s]", label("u", units.get("u", "")), LOW, Range1d(e.t[0], e.t[-1], bounds="auto"), DataRange1d()
+    )
+    keep = thin(e.u, POINTS)
+    _hover(first, [("time", "$snap_x{0.000} s"), ("u", "$snap_y{0.000}")],
+           [first.line(e.t[keep], e.u[keep], color=AFTER, width=1.5)])  # fmt: skip
+    second = _figure("time [s]", label("y - mean of all", units.get("y", "")), LOW, first.x_range, DataRange1d())
+    mean = np.mean(list(e.outputs.values()), axis=0)
+    for (name, y), colour, dash in zip(e.outputs.items(), LOOKS, DASHES, strict=False):
+        keep = thin(y - mean, POINTS)
+        line = second.line(e.t[keep], (y - mean)[keep], color=colour, line_dash=dash, width=1.5)
+        _hover(second, [(words(name), "$snap_y{0.0000}"), ("time", "$snap_x{0.000} s")], [line], mode="mouse")
+    script, elements = components({"input": first, "outputs": second}, wrap_script=True)
     return str(script), dict(elements)
 
 

@@ -17,6 +17,9 @@ SPACE = "http://www.w3.org/1998/Math/MathML"
 ELEMENTS = set("math mrow mi mn mo mtext mspace msub msup msubsup mover munder munderover mfrac msqrt mroot mstyle "
                "mtable mtr mtd mpadded mphantom menclose merror".split())  # fmt: skip
 _HIDDEN = {ord(c): 0xE000 + i for i, c in enumerate("<>&")}  # the converter does not escape what stands in texts
+ATTRIBUTES = set("accent class columnalign columnlines columnspacing depth display displaystyle fence form "
+                 "height linethickness lspace mathvariant maxsize minsize movablelimits notation rowlines "
+                 "rowspacing rspace scriptlevel separator stretchy width xmlns".split())  # fmt: skip
 BREAK = " \\\\\n"  # between the lines of an `aligned` block
 
 
@@ -37,6 +40,8 @@ def from_latex(text: str, digits: int | None = None) -> str:
     """
     if digits is not None:
         text = re.sub(r"\d+\.\d+", lambda found: f"{float(found[0]):.{digits}g}", text)
+        # A factor 1 that came from a number is left out.
+        text = re.sub(r"(?<![\w.{^}])1 ?(?=[a-z]_|\\theta|\\phi|\\operatorname)", "", text)
     inside = re.search(r"\\begin\{aligned\}\n(.*?)\n\\end\{aligned\}", text, flags=re.DOTALL)
     if inside is None:
         return _math([["", "", text]])
@@ -49,7 +54,7 @@ def from_latex(text: str, digits: int | None = None) -> str:
     return _math(rows)
 
 
-def marked(model: Any, new: Iterable[Any] = (), values: bool = False, per_line: int = 3) -> str:
+def marked(model: Any, new: Iterable[Any] = (), values: bool = False, per_line: int = 2) -> str:
     """Return the equations of a model as MathML; what contains one of the new symbols or states has the class "new".
 
     Parameters
@@ -114,7 +119,7 @@ def _converted(text: str) -> str:
     if not text.strip():
         return ""
     # Names of several letters stand upright, in one piece.
-    text = re.sub(r"_\{([A-Za-z]{2,}[^{},]*)\}", r"_{\\text{\1}}", text.replace(r"\\[6pt]", r"\\"))
+    text = re.sub(r"_\{(\d*)([A-Za-z]{2,}[^{},]*)\}", r"_{\1\\text{\2}}", text.replace(r"\\[6pt]", r"\\"))
     text = re.sub(r"\\mathrm\{([^{}]*)\}", r"\\text{\1}", text)
     text = re.sub(r"\\text\{[^{}]*\}", lambda found: found[0].translate(_HIDDEN), text)
     text = text.replace("<", r"\lt ").replace(">", r"\gt ")
@@ -124,7 +129,8 @@ def _converted(text: str) -> str:
     except Exception as error:  # whatever the converter raises: the LaTeX itself can still be read
         raise ValueError(str(error)) from None
     unknown = {e.tag.partition("}")[2] for e in found.iter()} - ELEMENTS
+    unknown |= {name for e in found.iter() for name in e.attrib} - ATTRIBUTES
     if unknown:
-        raise ValueError(f"unknown elements {unknown}")
+        raise ValueError(f"unknown: {unknown}")
     shown = shown[shown.index(">") + 1 : shown.rindex("<")]
     return re.sub("[\ue000-\ue002]", lambda found: escape("<>&"[ord(found[0]) - 0xE000]), shown)

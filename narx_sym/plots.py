@@ -460,7 +460,7 @@ def plot_ladder(
         other = ax.secondary_yaxis("right", functions=(lambda x: x * spread, lambda x: x / spread))
         other.set_ylabel(label("rms error", units["y"]))
         _plain_numbers(other.yaxis)
-    ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2)
+    ax.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(-0.1, 1), ncols=2)
     if path is not None:
         ax.figure.savefig(path, dpi=150)
     return ax.figure
@@ -523,8 +523,9 @@ def plot_candidates(
             for r in rows
         ],
     )
-    ax.set_xlabel("share of the removable error, on samples never used for fitting")
-    ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
+    ax.set_xlabel("share of the removable error, held-out samples")
+    place = {"loc": "lower left", "bbox_to_anchor": (-0.3, 1)}
+    ax.legend(fontsize=8, frameon=False, **place)
     if path is not None:
         ax.figure.savefig(path, dpi=150)
     return ax.figure

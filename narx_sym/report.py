@@ -101,7 +101,7 @@ def sections(
                                "later": [(i, s) for i, s in enumerate(found.steps[1:], 2)]},
         "model": lambda: _model(found, units),
         "derived": lambda: _derived(found.model),
-        "experiment": lambda: _experiment(found),
+        "experiment": lambda: _experiment(found, drawn["experiment"], units, scripts),
         "provenance": lambda: _provenance(found, files, settings or {}, drawn, script),
     }  # fmt: skip
     made = []
@@ -187,7 +187,7 @@ def _rungs(d: Diagnosis) -> list[dict[str, Any]]:
 
 def _candidates(d: Diagnosis, units: Units) -> list[dict[str, Any]]:
     return [
-        row | {"latex": c.latex, "sentence": c.variant.effect.sentence, "form": _form(c.variant),
+        row | {"latex": c.latex.split(r",\quad "), "sentence": c.variant.effect.sentence, "form": _form(c.variant),
                "parameters": story.candidate_parameters(c, units)}
         for row, c in zip(d.table(), d.candidates, strict=True)
     ]  # fmt: skip
@@ -228,10 +228,16 @@ def _derived(model: Model) -> dict[str, Any]:
     return {"derived": parts, "law": {"latex": law.latex(), "numbers": numbers, "lines": lines, "preview": preview}}
 
 
-def _experiment(d: Diagnosis) -> dict[str, Any]:
+def _experiment(d: Diagnosis, drawn: Sequence[Picture], units: Units, scripts: bool) -> dict[str, Any]:
+    from markupsafe import Markup
+
     e = d.experiment
     assert e is not None
-    return {"e": e, "csv": csv_text({"t": e.t, "u": e.u})}
+    script, elements = interactive.experiment(e, units) if scripts else ("", {})
+    live = [(name, p, Markup(part)) for (name, part), p in zip(elements.items(), drawn, strict=False)]
+    looks = zip(map(story.plain, e.outputs), interactive.LOOKS, interactive.DASHES, strict=False)
+    csv = csv_text({"t": e.t, "u": e.u})
+    return {"e": e, "csv": csv, "script": Markup(script), "live": live, "looks": list(looks)}
 
 
 def _provenance(

@@ -45,8 +45,8 @@ def number(value: float, digits: int = 3) -> str:
     if value == 0 or not np.isfinite(value):
         return "0" if value == 0 else "-"
     if 1e-3 <= abs(value) < 1e5:
-        places = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
-        return f"{value:.{places}f}"
+        rounded = float(f"{value:.{digits - 1}e}")
+        return f"{value:.{max(0, digits - 1 - int(np.floor(np.log10(abs(rounded)))))}f}"
     mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
     return f"{mantissa}e{int(exponent)}"
 
@@ -175,7 +175,7 @@ def unit_of(left: Any, term: Any, units: Units) -> str:
 
 
 def _power(unit: str, power: int) -> str:
-    return unit if power == 1 else f"{unit}^{power}"
+    return unit if power == 1 else unit + "".join("⁰¹²³⁴⁵⁶⁷⁸⁹"[int(d)] for d in str(power))
 
 
 def _dimension(expr: Any) -> tuple[int, int] | None:
@@ -212,7 +212,7 @@ def shape_unit(said: str, driver: str, units: Units) -> str:
     said = said.replace("unit of the driver", f"unit of {driver}")
     for signal in "uy":
         said = said.replace(f"unit of {signal}", units.get(signal) or f"unit of {signal}")
-    return "" if said == "1" else said
+    return "" if said == "1" else said.replace(" / ", "/")
 
 
 def candidate_parameters(candidate: Candidate, units: Units) -> str:

@@ -4,7 +4,9 @@ import sys
 
 import pytest
 
+import narx_sym as ns
 from narx_sym import cli
+from narx_sym.demo import PLAY, STAGE_UNITS, stage
 
 
 @pytest.fixture
@@ -22,3 +24,18 @@ def run(monkeypatch, capsys):
         return code, out, err
 
     return call
+
+
+@pytest.fixture(scope="session")
+def stage_diagnosis():
+    """Return the demo's diagnosis of the stage with play in its gear."""
+    record = stage(PLAY)
+    return ns.diagnose(ns.identify(record, base="linear"), record)
+
+
+@pytest.fixture(scope="session")
+def stage_report(stage_diagnosis, tmp_path_factory):
+    """Return the demo's report."""
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    stage_diagnosis.report(path, STAGE_UNITS)
+    return path

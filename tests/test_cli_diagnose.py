@@ -1,5 +1,6 @@
 """The commands about effects: diagnose, add, effects, and where a model fails; files, errors, and the same twice."""
 
+import hashlib
 import json
 import sys
 
@@ -77,7 +78,7 @@ def diagnosed(files):
     out, err = io.StringIO(), io.StringIO()
     arguments = [
         "diagnose", "dead.csv", "--base", "linear.json", "--json", "d.json", "--save", "m.json", "--plot", "p.png",
-        "--units", "V,mm",
+        "--units", "V,mm", "--report", "r.html",
     ]  # fmt: skip
     arguments = [str(files / a) if "." in a else a for a in arguments]
     old, sys.argv = sys.argv, ["narx-sym", *arguments]
@@ -120,6 +121,13 @@ def test_json_has_the_published_form(files, diagnosed):
     assert all({"panel", "share"} <= set(row) and row["share"] <= 1 for row in data["where_it_fails"])
     # Sorted, and what differs from run to run comes last.
     assert list(data)[:-1] == sorted(set(data) - {"seconds"}) and list(data)[-1] == "seconds"
+
+
+def test_report_names_its_data(files, diagnosed):
+    text, _ = diagnosed
+    page = (files / "r.html").read_text(encoding="utf-8")
+    assert "Report: " in text and "Dead zone is probably missing." in page
+    assert hashlib.sha256((files / "dead.csv").read_bytes()).hexdigest() in page and "linear.json" in page
 
 
 def test_saved_model_is_read_and_fits(files, diagnosed, run):
