@@ -16,6 +16,14 @@ DOWNLOADS = {
     "report.html": "Report (HTML)", "model.json": "Model (JSON)", "model.tex": "Derivation (LaTeX)",
     "model.c": "Model (C99)",
 }  # fmt: skip
+NEXT = {
+    "nothing_detectable": "Next: take the model away. Smaller effects show with less noise, a longer record or a wider "
+    "input.",
+    "named": "Next: add it below, and watch the error fall.",
+    "confused": "Next: run the experiment below and diagnose its data; or add the one that you know to be there.",
+    "helps_but_incomplete": "Next: add the best one below, and see what is missing then.",
+    "outside_library": "Next: look where the model fails. A term of your own may be put in below.",
+}
 LAW_FILES = {"law.tex": "Law (LaTeX)", "law.c": "Law (C99)"}
 
 
@@ -27,6 +35,7 @@ def found(bench: Workbench) -> None:
     html = rung.shown.html
     with section("3. What was found", "found"):
         part(html["verdict"])
+        said(NEXT[rung.found.verdict]).classes("next-step")
         part(html["ladder"])
         if len(bench.rungs) > 1:
             back = ui.button(f"Step back from “{rung.name}”", on_click=bench.back)
@@ -38,7 +47,7 @@ def found(bench: Workbench) -> None:
     with section("5. Measured and simulated"):
         part(html["compare"])
         ui.run_javascript(f"narxDraw(() => {{ {rung.shown.script} }})")
-    with section("6. Where the model fails"):
+    with section("6. Where the model fails", "where"):
         part(html["where"])
     with section("7. The model"):
         part(html["model"])
@@ -92,7 +101,8 @@ def model(bench: Workbench, rung: Rung) -> None:
     now = rung.model
     heading("Change a term", 3)
     said(
-        "The model fitted on all samples. A term is changed by its text: sums, products, powers, and the functions "
+        "The same model fitted on all samples: the one to take away. A term is changed by its text: sums, products, "
+        "powers, and the functions "
         "sign, abs, sin, cos, tanh, exp, Max, Min."
     )
     rows = {r["symbol"]: r for r in now.table()}
