@@ -186,6 +186,10 @@ def test_the_whole_way(page, data, tmp_path):
     alert.get_by_text("Cannot read").wait_for()
     assert "Traceback" not in alert.inner_text() and ladder(page) == after
     assert serious(page) == [] and fits(page)
+    page.emulate_media(color_scheme="dark")
+    page.wait_for_timeout(300)
+    assert serious(page) == []
+    page.emulate_media(color_scheme="light")
     page.get_by_role("button", name="Close the message").click()
 
     page.get_by_role("button", name="Open the compensator").click()

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from .. import report
 from ..diagnosis import Diagnosis, Step
+from ..model import Model
 
 if TYPE_CHECKING:
     from .jobs import Rung
 
 LAST = ("verdict", "where", "candidates", "experiment")  # what the last model still lacks
-WAY = ("compare", "ladder", "model", "derived")  # from the base to the last model
+WAY = ("compare", "ladder", "model")  # from the base to the last model
+TAKEN = ("derived",)  # of the model that is taken away
 SCRIPT = re.compile(r"<script[^>]*>(.*?)</script>", re.DOTALL)
 
 
@@ -26,9 +28,16 @@ class Story(Diagnosis):
     Attributes
     ----------
     way : name and errors of each rung, the base first
+    final : the last model fitted on all samples, where it is the one that is told of
     """
 
     way: tuple[tuple[str, Mapping[str, float]], ...] = ()
+    final: Model | None = None
+
+    @property
+    def model(self) -> Model:
+        """The last model, or `final`."""
+        return self.final or super().model
 
     @classmethod
     def of(cls, rungs: Sequence[Rung]) -> Story:
@@ -69,6 +78,7 @@ def told(rungs: Sequence[Rung], units: Mapping[str, str]) -> Told:
     """Tell the whole way, and what the last model still lacks."""
     parts = report.sections(Story.of(rungs), units, keys=WAY)
     parts += report.sections(Story.of(rungs[-1:]), units, keys=LAST)
+    parts += report.sections(replace(Story.of(rungs), final=rungs[-1].model), units, keys=TAKEN)
     html = {part.key: part.html for part in parts}
     scripts = SCRIPT.findall(html["compare"])
     return Told(html | {"compare": SCRIPT.sub("", html["compare"])}, "\n".join(scripts))
