@@ -1,6 +1,7 @@
 """The live page in a real headless Chromium, and its server over raw HTTP."""
 
 import json
+import signal
 import subprocess
 import sys
 
@@ -82,12 +83,13 @@ def test_no_path_of_a_client_is_followed(server):
         assert status == 404 and "root:" not in text
 
 
-def test_ctrl_c_ends_it_with_a_message_and_leaves_nothing(tmp_path, data):
+@pytest.mark.parametrize("signal", (signal.SIGINT, signal.SIGTERM))
+def test_ctrl_c_ends_it_with_a_message_and_leaves_nothing(tmp_path, data, signal):
     u, y = data
     (tmp_path / "own.csv").write_bytes(live.csv(u=u, y=y))
     made = live.Server("own.csv", cwd=tmp_path)
     assert made.ask()[0] == 200 and list(tmp_path.glob("narx_sym_app_*"))
-    code, said = made.stop()
+    code, said = made.stop(signal)
     assert code == 0 and "ended" in said and "Traceback" not in said
     assert [p.name for p in tmp_path.iterdir()] == ["own.csv"]
 

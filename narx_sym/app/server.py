@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import threading
 import webbrowser
@@ -51,6 +52,7 @@ def serve(bench: Workbench, port: int | None, browser: bool) -> None:
         if browser:
             threading.Timer(1.0, webbrowser.open, (address,)).start()
         bench.worker.warm()
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: uploads are removed
         try:
             uvicorn.Server(config).run(sockets=[own])
         except KeyboardInterrupt:

@@ -119,6 +119,8 @@ class Workbench:
             raise DataError(str(error).replace(str(path), shown)) from None
         table.path = shown
         self.cancel()
+        if self.path is not None and self.path.parent == self.folder:
+            self.path.unlink(missing_ok=True)
         self._forget()
         self.file, self.path, self.table = shown, path, table
         self.choice = guessed([n for n in table.columns if n])
@@ -160,14 +162,14 @@ class Workbench:
 
     def example(self) -> None:
         """Take simulated measurements of a stage behind a gear with play."""
-        from ..demo import stage
+        from ..demo import PLAY, STAGE_UNITS, stage
 
         with self._said():
-            record = stage(play=0.4)
+            record = stage(PLAY)
             path = self.folder / f"example{time.monotonic_ns()}.csv"
             write_csv(path, {"t": record.t, "u": record.u, "y": record.y})
             self._open(path, "simulated_stage.csv")
-            self.choice.units = {"u": "rad", "y": "mm"}
+            self.choice.units = dict(STAGE_UNITS)
 
     # -- base --------------------------------------------------------------------------------------------------
 
@@ -323,6 +325,7 @@ class Workbench:
         """End what is under way; everything stays as it was before."""
         if self.worker.busy:
             self.worker.stop()
+            self.worker.warm()  # for what comes next
 
     def close(self) -> None:
         """End the process and remove what was uploaded."""

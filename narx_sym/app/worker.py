@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
+import threading
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,7 +55,8 @@ class Worker:
             self.stop()
         self.warm()
         self.progress, self.since, self.busy = "starting", time.monotonic(), True
-        self._pipe.send((work, arguments))
+        # A process that is still starting takes nothing yet: who waits for it is a thread, not the page.
+        threading.Thread(target=_hand_over, args=(self._pipe, work, arguments), daemon=True).start()
 
     def poll(self) -> Outcome | None:
         """Take what the process has said: None while it works."""
@@ -87,6 +90,11 @@ class Worker:
             process.kill()
             process.join()
         self._pipe.close()
+
+
+def _hand_over(pipe: Any, work: Callable[..., Any], arguments: Sequence[Any]) -> None:
+    with suppress(OSError):  # the process was stopped meanwhile
+        pipe.send((work, arguments))
 
 
 def _serve(pipe: Any) -> None:
