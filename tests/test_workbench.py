@@ -12,8 +12,9 @@ import pytest
 import narx_sym as ns
 from narx_sym import cli
 from narx_sym.app import command
+from narx_sym.app.choice import guessed, shortened
 from narx_sym.app.guard import Guard
-from narx_sym.app.workbench import Workbench, guessed, shortened
+from narx_sym.app.workbench import Workbench
 from narx_sym.app.worker import Worker
 
 
@@ -120,7 +121,8 @@ def test_names_of_files_are_shown_and_never_followed(bench, data, tmp_path):
     for name in ("../../../tmp/evil.csv", "/etc/passwd.csv", "..\\..\\evil.csv", "a\0b\n.csv", "x" * 300 + ".csv"):
         bench.upload(name, live.csv(u=u, y=y))
         assert not bench.error, bench.error
-        assert bench.path.parent == bench.folder and bench.path.name.startswith("data")
+        assert bench.path.parent.parent == bench.folder and bench.path.stem.isidentifier()
+        assert len(list(bench.folder.iterdir())) == 1  # the one before is gone
         assert len(bench.file) <= 80 and bench.file.isprintable() and "/" not in bench.file
     assert stat.S_IMODE(bench.folder.stat().st_mode) == 0o700
     bench.close()
@@ -146,7 +148,24 @@ def test_a_file_that_is_no_data_is_one_message(bench, data, name, content, why):
 def test_a_refused_file_leaves_the_data_as_they_were(bench, data):
     bench.upload("good.csv", live.csv(u=data[0], y=data[1]))
     bench.upload("bad.exe", b"x")
-    assert bench.error and bench.file == "good.csv" and bench.record is not None
+    bench.upload("bad.csv", b"")
+    assert bench.error and bench.file == "good.csv" and bench.record is not None and bench.path.exists()
+    assert len(list(bench.folder.iterdir())) == 1
+
+
+def test_the_example(bench):
+    bench.example()
+    assert not bench.error and len(bench.record) == 2000 and bench.choice.units["y"] == "mm"
+    assert "[mm]" in bench.preview
+
+
+def test_a_file_of_the_user_stays(bench, data, tmp_path):
+    own = tmp_path / "own.csv"
+    own.write_bytes(live.csv(u=data[0], y=data[1]))
+    bench.open(own)
+    bench.example()
+    bench.close()
+    assert own.exists() and not bench.error
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,32 +18,17 @@ from ..model import Model
 from ..rewriting import rewritten, written_terms
 from ..signals import plain_name, u
 from ..store import load as load_model
-from ..store import to_text
 from ..tables import Table
 from ..tables import load as load_table
+from .choice import Choice, guessed, in_the_page, number, shortened
+from .downloads import download
 from .jobs import Law, Rung, Way, added, edited, first, law_of
 from .preview import signals_svg
-from .story import Story
 from .worker import Worker
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
 LIMIT = 50_000_000  # bytes of an upload
 PAUSE = 0.05  # seconds between looks at the process, where nothing else waits
-OPTIONS = {"input": "Input", "output": "Output", "time": "Time", "ts": "Sampling time", "rows": "Rows"}
-OPTIONS |= {"channels": "Channels"}  # what the options of the command line are called in the page
-
-
-@dataclass
-class Choice:
-    """Which columns and rows of a file are used; texts as a user types them."""
-
-    u: str = ""
-    y: str = ""
-    t: str = ""
-    Ts: str = ""
-    channels: list[str] = field(default_factory=list)
-    rows: str = ""
-    units: dict[str, str] = field(default_factory=lambda: {"u": "", "y": ""})
 
 
 class Workbench:
@@ -99,9 +83,18 @@ class Workbench:
             if suffix not in SUFFIXES:
                 raise DataError(f"{shown}: drop a text file with columns ({', '.join(SUFFIXES)}).")
             self._check_size(len(content), shown)
-            path = self.folder / f"data{time.monotonic_ns()}{suffix}"
-            path.write_bytes(content)
-            self._open(path, shown)
+            self._open(self._keep(shown, suffix, content), shown)
+
+    def _keep(self, shown: str, suffix: str, content: bytes) -> Path:
+        """Write an upload into a folder of its own; of its name only letters, digits and underscores are kept."""
+        path = Path(tempfile.mkdtemp(dir=self.folder)) / f"{plain_name(Path(shown).stem)}{suffix}"
+        path.write_bytes(content)
+        return path
+
+    def _drop(self, path: Path | None) -> None:
+        """Remove an upload; a file of the user's own stays."""
+        if path is not None and self.folder in path.parents:
+            shutil.rmtree(path.parent, ignore_errors=True)
 
     def _check_size(self, size: int, name: str) -> None:
         if size > self.limit:
@@ -116,11 +109,11 @@ class Workbench:
         try:
             table = load_table(path)
         except NarxError as error:
+            self._drop(path)
             raise DataError(str(error).replace(str(path), shown)) from None
         table.path = shown
         self.cancel()
-        if self.path is not None and self.path.parent == self.folder:
-            self.path.unlink(missing_ok=True)
+        self._drop(self.path)
         self._forget()
         self.file, self.path, self.table = shown, path, table
         self.choice = guessed([n for n in table.columns if n])
@@ -166,10 +159,11 @@ class Workbench:
 
         with self._said():
             record = stage(PLAY)
-            path = self.folder / f"example{time.monotonic_ns()}.csv"
+            path = Path(tempfile.mkdtemp(dir=self.folder)) / "simulated_stage.csv"
             write_csv(path, {"t": record.t, "u": record.u, "y": record.y})
-            self._open(path, "simulated_stage.csv")
+            self._open(path, path.name)
             self.choice.units = dict(STAGE_UNITS)
+            self._take_record()
 
     # -- base --------------------------------------------------------------------------------------------------
 
@@ -185,14 +179,13 @@ class Workbench:
         shown = shortened(name)
         with self._said():
             self._check_size(len(content), shown)
-            path = self.folder / f"model{time.monotonic_ns()}.json"
-            path.write_bytes(content)
+            path = self._keep(shown, ".json", content)
             try:
                 model = load_model(path)
             except NarxError as error:
                 raise ModelError(str(error).replace(str(path), shown)) from None
             finally:
-                path.unlink()
+                self._drop(path)
             if model.input != u:
                 raise ModelError(f"{shown}: this is an inverse model; a base goes from u to y.")
             if model.theta is None:
@@ -344,39 +337,9 @@ class Workbench:
     def _said(self) -> _Said:
         return _Said(self)
 
-    # -- downloads ---------------------------------------------------------------------------------------------
-
     def download(self, kind: str) -> tuple[str, str]:
-        """Return name and content of a file: "report.html", "model.json", "model.tex", ... (see `makers`)."""
-        from ..derive import document
-
-        rung, law = self._last, self.law
-        if kind.startswith("law.") and (law is None or law.why_not):
-            raise ModelError("There is no law: open the compensator first.")
-        if kind == "law.c" and law is not None and not law.code:
-            raise ModelError("This law has no C source.")
-        makers: dict[str, Callable[[], str]] = {
-            "report.html": self._report,
-            "model.json": lambda: to_text(rung.model),
-            "model.tex": lambda: document(rung.model),
-            "model.c": lambda: rung.model.to_c(),
-            "law.tex": lambda: f"\\[\n{law.latex if law else ''}\n\\]\n",
-            "law.c": lambda: law.code if law else "",
-        }
-        if kind not in makers:
-            raise ModelError(f"There is no {kind[:40]!r}; there are {', '.join(makers)}.")
-        return f"{plain_name(Path(self.file).stem)}_{kind}", makers[kind]()
-
-    def _report(self) -> str:
-        from ..report import page
-
-        base = self.base_name or str(self.base)
-        settings = {
-            "base": base,
-            "rows": self.choice.rows or "all",
-            "channels": ", ".join(self.choice.channels) or "none",
-        }
-        return page(Story.of(self.rungs), self.choice.units, [self.path] if self.path else [], settings)
+        """Return name and content of a file; see `downloads.download`."""
+        return download(self, kind)
 
 
 class _Said:
@@ -393,45 +356,3 @@ class _Said:
             self.bench.error = in_the_page(str(error))
             return True
         return False
-
-
-def in_the_page(message: str) -> str:
-    """Name the fields of the page in the place of options of the command line."""
-    return re.sub(r"--(\w+)", lambda found: OPTIONS.get(found[1], found[0]), message)
-
-
-def shortened(name: str) -> str:
-    """Return a file name to show: its last part, without control characters, at most 80 characters."""
-    last = re.split(r"[/\\]", name)[-1]
-    return "".join(c for c in last if c.isprintable())[-80:] or "file"
-
-
-def number(text: str, what: str) -> float | None:
-    """Return the number that a user typed, None for nothing."""
-    if not str(text).strip():
-        return None
-    try:
-        value = float(str(text).replace(",", "."))
-    except ValueError:
-        value = float("nan")
-    if not abs(value) < 1e300:
-        raise DataError(f"{what} must be a number, not {str(text)[:40]!r}.")
-    return value
-
-
-def guessed(columns: list[str]) -> Choice:
-    """Guess which columns are time, input and output: by name, else in this order."""
-    found = Choice()
-    lower = {n.lower(): n for n in reversed(columns)}
-    usual = {
-        "t": ("t", "time", "time_s"),
-        "u": ("u", "input", "in", "voltage"),
-        "y": ("y", "output", "out", "position"),
-    }
-    for field_, names in usual.items():
-        setattr(found, field_, next((lower[n] for n in names if n in lower), ""))
-    left = [n for n in columns if n not in (found.t, found.u, found.y)]
-    for field_ in ("u", "y"):
-        if not getattr(found, field_) and left:
-            setattr(found, field_, left.pop(0))
-    return found
