@@ -101,7 +101,7 @@ def _figure(x: str, y: str, height: int, x_range: Any, y_range: Any) -> Any:
 
     made = figure(
         height=height, sizing_mode="stretch_width", x_range=x_range, y_range=y_range, tools=TOOLS,
-        active_drag="box_zoom", toolbar_location="above", background_fill_color=None, border_fill_color=None,
+        active_drag=None, toolbar_location="above", background_fill_color=None, border_fill_color=None,
         outline_line_color=MEASURED,
     )  # fmt: skip
     made.toolbar.logo = None

@@ -54,7 +54,7 @@ def from_latex(text: str, digits: int | None = None) -> str:
     return _math(rows)
 
 
-def marked(model: Any, new: Iterable[Any] = (), values: bool = False, per_line: int = 2) -> str:
+def marked(model: Any, new: Iterable[Any] = (), values: bool = False, width: int = 36) -> str:
     """Return the equations of a model as MathML; what contains one of the new symbols or states has the class "new".
 
     Parameters
@@ -63,14 +63,16 @@ def marked(model: Any, new: Iterable[Any] = (), values: bool = False, per_line: 
     new : parameter symbols and sequences
     values : bool
         Numbers, with four digits, in the place of the parameters.
+    width : int
+        About how many characters stand on a line.
     """
     known = {s: sp.Float(f"{float(v):.4g}") for s, v in model.values.items()} if values else {}
     wanted, rows = set(new), []
     for left, terms in model.system():
         whole = left.base in wanted
         pieces = [_piece(c, e, known, not whole and _has(c * e, wanted)) for c, e in terms]
-        for i in range(0, len(pieces), per_line):
-            shown = "".join(pieces[i : i + per_line]).removeprefix("+" if i == 0 else "")
+        for i, line in enumerate(_lines(pieces, width)):
+            shown = "".join(line).removeprefix("+" if i == 0 else "")
             lead = printing.latex(left) if i == 0 else ""
             row = [lead, ("= " if i == 0 else r"\quad ") + (shown or "0")]
             rows.append(["", *(rf"\class{{new}}{{{cell}}}" if whole and cell else cell for cell in row)])
@@ -83,6 +85,19 @@ def _piece(coefficient: Any, term: Any, known: dict[Any, Any], is_new: bool) -> 
     shown = block.split("&= ")[1].split("\n")[0]
     sign, body = ("-", shown[2:]) if shown.startswith("- ") else ("+", shown)
     return f"{sign} " + (rf"\class{{new}}{{{body}}} " if is_new else f"{body} ")
+
+
+def _lines(pieces: list[str], width: int) -> list[list[str]]:
+    """Distribute terms over lines; a long one stands alone."""
+    lines: list[list[str]] = [[]]
+    used = 0
+    for piece in pieces:
+        size = len(re.sub(r"\\class\{new\}|\\[a-zA-Z]+|[{}_^\\, ]", "", piece))
+        if lines[-1] and used + size > width:
+            lines, used = [*lines, []], 0
+        lines[-1].append(piece)
+        used += size
+    return lines
 
 
 def _has(expr: Any, wanted: set[Any]) -> bool:
@@ -99,7 +114,7 @@ def _math(rows: list[list[str]]) -> str:
         body = "".join(cells[0])
     else:
         body = "".join(
-            f'<mtr><mtd class="left">{before}{left}</mtd><mtd class="right">{right}</mtd></mtr>'
+            f'<mtr><mtd style="text-align: right">{before}{left}</mtd><mtd style="text-align: left">{right}</mtd></mtr>'
             for before, left, right in cells
         )
         body = f'<mtable displaystyle="true" class="lines">{body}</mtable>'
@@ -119,7 +134,7 @@ def _converted(text: str) -> str:
     if not text.strip():
         return ""
     # Names of several letters stand upright, in one piece.
-    text = re.sub(r"_\{(\d*)([A-Za-z]{2,}[^{},]*)\}", r"_{\1\\text{\2}}", text.replace(r"\\[6pt]", r"\\"))
+    text = re.sub(r"_\{(\d*) ?([A-Za-z]{2,}[^{},]*)\}", r"_{\1\\text{\2}}", text.replace(r"\\[6pt]", r"\\"))
     text = re.sub(r"\\mathrm\{([^{}]*)\}", r"\\text{\1}", text)
     text = re.sub(r"\\text\{[^{}]*\}", lambda found: found[0].translate(_HIDDEN), text)
     text = text.replace("<", r"\lt ").replace(">", r"\gt ")

@@ -460,7 +460,7 @@ def plot_ladder(
         other = ax.secondary_yaxis("right", functions=(lambda x: x * spread, lambda x: x / spread))
         other.set_ylabel(label("rms error", units["y"]))
         _plain_numbers(other.yaxis)
-    ax.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(-0.1, 1), ncols=2)
+    ax.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(-0.1, 1))
     if path is not None:
         ax.figure.savefig(path, dpi=150)
     return ax.figure

@@ -25,6 +25,7 @@ from .files import PathLike, csv_text, write_text
 from .invert import compensator
 from .markup import from_latex, marked
 from .model import Model
+from .signals import v, x
 from .store import to_dict
 from .svg import stylesheet
 from .traces import Comparison, Units
@@ -54,7 +55,7 @@ def _templates() -> Any:
         lstrip_blocks=True,
     )
     made.filters |= {
-        "plain": story.plain, "number": story.number, "percent": story.percent,
+        "plain": story.plain, "number": story.number, "percent": story.percent, "plus_minus": story.plus_minus,
         "math": lambda text: Markup(from_latex(text, DIGITS)), "download": download,
     }  # fmt: skip
     return made
@@ -201,9 +202,9 @@ def _model(d: Diagnosis, units: Units) -> dict[str, Any]:
     from markupsafe import Markup
 
     before, after = d.steps[0].base.model, d.model
-    new = (set(after.symbols) - set(before.symbols)) | (
-        {s.left.base for s in after.states} - {s.left.base for s in before.states}
-    )
+    # Of the base's own equation, and of the input that it sees, only what was added is new.
+    states = {s.left.base for s in after.states} - {s.left.base for s in before.states} - {x, v}
+    new = (set(after.symbols) - set(before.symbols)) | states
     rows = story.parameters(before, after, units, story.shape_units(d, units))
     try:
         file = json.dumps(to_dict(after), indent=1, sort_keys=True)

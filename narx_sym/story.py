@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
@@ -16,6 +17,7 @@ import sympy as sp
 from .candidates import Candidate
 from .data import Record
 from .diagnosis import Diagnosis, Step
+from .experiment import Experiment
 from .model import Model
 from .signals import expand_phi, phi1, phi2, samples, u, v, x, y
 
@@ -51,6 +53,11 @@ def number(value: float, digits: int = 3) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
+def plus_minus(value: tuple[float, float]) -> str:
+    """Return the standard error of a value; a parameter that the data do not fix has none."""
+    return f" ± {number(value[1], 2)}" if np.isfinite(value[1]) else " (not fixed by the data)"
+
+
 def percent(share: float) -> str:
     """Return a share in percent."""
     return f"{number(100 * share, 2)} %" if abs(share) < 0.1 else f"{100 * share:.0f} %"
@@ -61,8 +68,17 @@ def percent(share: float) -> str:
 
 def with_units(diagnosis: Diagnosis, units: Units) -> Diagnosis:
     """Return the diagnosis with units in the sentence of its experiment."""
-    steps = [replace(s, experiment=s.experiment and replace(s.experiment, units=dict(units))) for s in diagnosis.steps]
+    steps = [replace(s, experiment=s.experiment and _with_units(s.experiment, units)) for s in diagnosis.steps]
     return replace(diagnosis, steps=steps)
+
+
+def _with_units(e: Experiment, units: Units) -> Experiment:
+    """Put the unit of u behind the numbers in the name of an experiment that was proposed without units."""
+    name, unit = e.name, units.get("u")
+    if unit:
+        bare = rf"((?:amplitude|steps of|rest at) -?\d[\d.e+-]*)(?![\d.e+-]| {re.escape(unit)})"
+        name = re.sub(bare, lambda found: f"{found[1]} {unit}", name).replace(" per s", f" {unit}/s")
+    return replace(e, name=name, units=dict(units))
 
 
 def headline(diagnosis: Diagnosis) -> str:

@@ -78,4 +78,4 @@ def _variable(colour: str) -> str:
 def stylesheet(selector: str = ":root") -> str:
     """Return the CSS variables of the pictures, for light and for dark pages."""
     light, dark = ("; ".join(f"--{n}: {pair[i]}" for n, pair in COLOURS.items()) for i in (0, 1))
-    return f"{selector} {{ {light} }}\n@media (prefers-color-scheme: dark) {{ {selector} {{ {dark} }} }}\n"
+    return f"{selector} {{ {light} }}\n@media screen and (prefers-color-scheme: dark) {{ {selector} {{ {dark} }} }}\n"

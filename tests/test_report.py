@@ -298,3 +298,16 @@ def test_moved_parameters_are_named():
             story.Parameter("c", "", "", (1.0, 0.1), None)]  # fmt: skip
     said = story.moved(rows)
     assert "a from 1.00 to 2.00" in said and "b from" not in said and said.endswith("redundant: c.")
+
+
+def test_an_experiment_gets_its_units(stage_diagnosis):
+    e = stage_diagnosis.experiment
+    for name, told in (
+        ("sine of 2 Hz with growing amplitude, amplitude 0.5", "sine of 2 Hz with growing amplitude, amplitude 0.5 V"),
+        ("random levels, a new one every 1 s, moving at 42.1 per s", "random levels, a new one every 1 s, moving at 42.1 V/s"),
+        ("rest at -1.5 V for 3 s", None),
+        ("sine of 3 Hz, 10 % of the amplitude and then all of it, full range", None),
+    ):  # fmt: skip
+        step = story.replace(stage_diagnosis.steps[0], experiment=story.replace(e, name=name))
+        found = story.with_units(story.replace(stage_diagnosis, steps=[step]), {"u": "V"})
+        assert found.experiment.name == (told or name)

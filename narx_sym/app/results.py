@@ -46,7 +46,6 @@ def found(bench: Workbench) -> None:
         part(html.get("experiment", ""))
     with section("5. Measured and simulated"):
         part(html["compare"])
-        ui.run_javascript(f"narxDraw(() => {{ {rung.shown.script} }})")
     with section("6. Where the model fails", "where"):
         part(html["where"])
     with section("7. The model"):
@@ -54,6 +53,7 @@ def found(bench: Workbench) -> None:
         model(bench, rung)
     with section("8. What follows from the model"):
         part(html["derived"])
+    ui.run_javascript(f"narxDraw(() => {{ {rung.shown.script} }})")
 
 
 def candidates(bench: Workbench, rung: Rung) -> None:

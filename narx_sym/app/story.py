@@ -79,6 +79,5 @@ def told(rungs: Sequence[Rung], units: Mapping[str, str]) -> Told:
     parts = report.sections(Story.of(rungs), units, keys=WAY)
     parts += report.sections(Story.of(rungs[-1:]), units, keys=LAST)
     parts += report.sections(replace(Story.of(rungs), final=rungs[-1].model), units, keys=TAKEN)
-    html = {part.key: part.html for part in parts}
-    scripts = SCRIPT.findall(html["compare"])
-    return Told(html | {"compare": SCRIPT.sub("", html["compare"])}, "\n".join(scripts))
+    scripts = [script for part in parts for script in SCRIPT.findall(part.html)]
+    return Told({part.key: SCRIPT.sub("", part.html) for part in parts}, "\n".join(scripts))
