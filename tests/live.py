@@ -97,6 +97,7 @@ class Server:
         self.process = subprocess.Popen(
             [sys.executable, "-c", code, "--no-browser", "--port", "0", *map(str, arguments)], cwd=cwd, text=True,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=os.environ | {"PYTHONPATH": path, "TMPDIR": str(cwd)},
+            start_new_session=True,
         )  # fmt: skip
         self.said = []
         while not (found := re.search(r"http://127\.0\.0\.1:(\d+)/", "".join(self.said))):
@@ -110,7 +111,7 @@ class Server:
     def stop(self, signal=2):
         """Press Ctrl-C; return the exit code and all that was said."""
         if self.process.poll() is None:
-            self.process.send_signal(signal)
+            os.killpg(self.process.pid, signal)  # a terminal sends it to the workers too
         code = self.process.wait(30)
         self.reader.join(5)
         return code, "".join(self.said)

@@ -235,6 +235,23 @@ def test_a_too_large_file_is_refused_before_it_is_sent(page):
 
 
 @in_browser
+def test_a_file_is_dropped(page, data):
+    u, y = data
+    text = live.csv(u=u[:200], y=y[:200]).decode()
+    page.evaluate(
+        """text => {
+            const dropped = new DataTransfer();
+            dropped.items.add(new File([text], "dropped.csv"));
+            const event = new DragEvent("drop", {dataTransfer: dropped, bubbles: true, cancelable: true});
+            document.querySelector(".drop .what").dispatchEvent(event);
+        }""",
+        text,
+    )
+    page.get_by_text("dropped.csv: 200 rows").wait_for()
+    assert page.wrong == []
+
+
+@in_browser
 def test_names_from_data_are_text(page, data):
     u, y = data
     upload(page, f"{EVIL}.csv", live.csv(f'"u","y","t","{EVIL}"', u=y, y=live.np.arange(len(u)) * live.TS, c=u))

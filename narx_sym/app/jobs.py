@@ -153,7 +153,10 @@ def law_of(model: Model, limits: tuple[float, float] | None, rate: float | None,
         law = compensator(model)
     except (NotInvertible, ModelError) as error:
         return Law(why_not=str(error))
-    notes = [f"It looks {law.preview} sample(s) ahead in the reference."]
+    notes = [f"It looks {law.preview} sample{'' if law.preview == 1 else 's'} ahead in the reference."]
+    ranges = [f"{name} from {low:.4g} to {high:.4g}" for name, (low, high) in model.info.get("ranges", {}).items()]
+    if ranges:
+        notes.append(f"It was identified for {' and '.join(ranges)}: beyond that nothing was measured.")
     if law.staged:
         report("counting the solutions of each stage")
         notes.append(f"Checked: {law.checked}.")

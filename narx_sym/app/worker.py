@@ -7,8 +7,8 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,7 +46,8 @@ class Worker:
             context = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks
             self._pipe, other = context.Pipe()
             self._process = context.Process(target=_serve, args=(other,), daemon=True)
-            self._process.start()
+            with _deaf():
+                self._process.start()
             other.close()
 
     def start(self, work: Callable[..., Any], *arguments: Any) -> None:
@@ -92,6 +93,18 @@ class Worker:
         self._pipe.close()
 
 
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Let a process that is started here ignore Ctrl-C from its first moment; whoever started it ends it."""
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
+    try:
+        yield
+    finally:
+        if main:
+            signal.signal(signal.SIGINT, before)
+
+
 def _hand_over(pipe: Any, work: Callable[..., Any], arguments: Sequence[Any]) -> None:
     with suppress(OSError):  # the process was stopped meanwhile
         pipe.send((work, arguments))
@@ -99,7 +112,7 @@ def _hand_over(pipe: Any, work: Callable[..., Any], arguments: Sequence[Any]) ->
 
 def _serve(pipe: Any) -> None:
     """Do one piece of work after the other."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the server, which ends this process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     from .. import diagnosis  # noqa: F401 - loaded while the user still looks for a file
 
     while True:
