@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from sympy import false
+import sympy as sp
 
 from . import analysis
 from .errors import ModelError, NotInvertible
@@ -40,7 +40,7 @@ def summary(model: Model) -> list[tuple[str, list[str]]]:
         said = [f"attracting where {internal.condition}"]
         if model.values:
             region = internal.region
-            said.append("repelling nowhere" if region is false else f"repelling where {region}")
+            said.append("repelling nowhere" if region is sp.false else f"repelling where {region}")
         return [*said, *(f"{d} = {text(turn)}" for d, turn in internal.turns.items())]
 
     wanted: list[tuple[str, Callable[[], list[str]]]] = [
@@ -95,6 +95,12 @@ def derived(model: Model) -> list[Derived]:
     def conditions() -> list[str]:
         return [latex(c) for c in analysis.steady_state(model).conditions] or [r"\text{always}"]
 
+    def sigma_y() -> list[str]:
+        found = analysis.sigma_y(model)
+        number = found.xreplace(model.values)
+        valued = rf" = {latex(sp.Float(number))}" if found.free_symbols and number.is_number else ""
+        return [rf"\Sigma_y = {latex(found)}{valued}"]
+
     def tried(heading: str, equations: Callable[[], list[str]]) -> Derived:
         try:
             return Derived(heading, equations())
@@ -102,9 +108,9 @@ def derived(model: Model) -> list[Derived]:
             return Derived(heading, reason=str(error))
 
     found = [
-        tried("Sum of the linear output parameters", lambda: [rf"\Sigma_y = {latex(analysis.sigma_y(model))}"]),
+        tried("Sum of the linear output parameters", sigma_y),
         tried("Steady state", lambda: [latex(analysis.steady_state(model).equation)]),
-        tried("Continuum of equilibrium points", conditions),
+        tried("Continuum of equilibrium points, where", conditions),
         tried(
             "Quasi-static sets and attracting condition",
             lambda: analysis.quasi_static(model).latex().split(r" \\ ", 1),

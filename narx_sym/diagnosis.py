@@ -85,7 +85,8 @@ class Step:
         unit = f" {units['y']}" if units.get("y") else ""
         error = np.sqrt(self.base.mean_square(self.base.split.held))
         spread = self.base.problem.spread
-        sizes = f"The error is {error:.3g}{unit} rms ({100 * error / spread:.2g} % of the output's standard deviation)"
+        percent = float(f"{100 * error / spread:.2g}")
+        sizes = f"The error is {error:.3g}{unit} rms ({percent:g} % of the output's standard deviation)"
         if self.verdict == "nothing_detectable":
             seen = sorted(self.smallest_detectable.items(), key=lambda p: p[1])
             shown = ", ".join(f"{name} above {size:.2g}{unit}" for name, size in seen[:3])

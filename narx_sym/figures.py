@@ -33,6 +33,7 @@ from .plots import (
     reach,
     thin,
 )
+from .signals import differences, samples
 from .svg import svg
 from .traces import POINTS, Array, Comparison, Units, draw_errors, draw_loop, draw_region, draw_time, words
 
@@ -111,7 +112,11 @@ def pictures(diagnosis: Diagnosis, units: Units | None = None) -> dict[str, list
     found["ladder"] = [ladder(diagnosis, units)]
     found["where"] = [p for f in failures(diagnosis, units) for p in f.pictures]
     found["candidates"] = [candidates(diagnosis)] if diagnosis.candidates else []
-    found["derived"] = [p for p in [quasi_static(diagnosis.model, units)] if p is not None]
+    base = diagnosis.steps[0].base.model
+    sets = quasi_static(diagnosis.model, units)
+    if sets is None and any(samples(base.F, b) for b in differences(base.input)):
+        sets = quasi_static(base, units, " of the base")
+    found["derived"] = [] if sets is None else [sets]
     found["experiment"] = experiment(diagnosis, units)
     return found
 
@@ -245,7 +250,7 @@ def _panel(key: str, title: str, panel: Panel, floor: float | None, top: float, 
 # -- derived, and the experiment -------------------------------------------------------------------------------
 
 
-def quasi_static(model: Model, units: Units) -> Picture | None:
+def quasi_static(model: Model, units: Units, of: str = "") -> Picture | None:
     """Return the quasi-static sets, None where they are not derived or where the model does not stay finite."""
 
     def draw(ax: Any) -> None:
@@ -255,8 +260,8 @@ def quasi_static(model: Model, units: Units) -> Picture | None:
         draw(new_axes(figsize=(5.2, 5.0))[1])
     except NarxError:
         return None
-    alt = "Quasi-static sets of the model over the input: attracting and repelling parts, and the model's own loop."
-    return Picture("quasi_static", "Quasi-static sets", alt, draw, {}, (5.2, 5.0))
+    alt = "Quasi-static sets over the input: attracting and repelling parts, and the model's own loop."
+    return Picture("quasi_static", f"Quasi-static sets{of}", alt, draw, {}, (5.2, 5.0))
 
 
 def draw_input(ax: Any, t: Array, u: Array, units: Units) -> None:

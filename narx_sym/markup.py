@@ -81,7 +81,10 @@ def marked(model: Any, new: Iterable[Any] = (), values: bool = False, width: int
 
 def _piece(coefficient: Any, term: Any, known: dict[Any, Any], is_new: bool) -> str:
     """Return one signed term as LaTeX."""
-    block = printing.latex_sum(sp.Symbol("A"), [(coefficient.xreplace(known), term.xreplace(known))])
+    numbers = term.xreplace(known)
+    if known:
+        numbers = numbers.xreplace({f: sp.Float(f"{float(f):.4g}") for f in numbers.atoms(sp.Float)})
+    block = printing.latex_sum(sp.Symbol("A"), [(coefficient.xreplace(known), numbers)])
     shown = block.split("&= ")[1].split("\n")[0]
     sign, body = ("-", shown[2:]) if shown.startswith("- ") else ("+", shown)
     return f"{sign} " + (rf"\class{{new}}{{{body}}} " if is_new else f"{body} ")

@@ -18,7 +18,8 @@ from urllib.parse import quote
 from . import figures, interactive, story
 from .derive import derived
 from .diagnosis import Diagnosis
-from .errors import ModelError, NarxError, NotInvertible
+from .errors import ModelError, NotInvertible
+from .excursions import operating_range
 from .extend import Variant
 from .figures import PANELS, Picture
 from .files import PathLike, csv_text, write_text
@@ -92,9 +93,10 @@ def sections(
     drawn = figures.pictures(found, units)
     compared = Comparison.of(found)
     script, elements = interactive.comparison(compared, units) if scripts else ("", {})
+    segments = len(found.steps[0].base.split.records)
     known = {
         "verdict": lambda: _verdict(found, units),
-        "compare": lambda: _compare(compared, drawn["compare"], script, elements),
+        "compare": lambda: _compare(compared, drawn["compare"], script, elements, segments),
         "ladder": lambda: {"rungs": _rungs(found), "kind": found.steps[0].floor_kind},
         "where": lambda: {"failures": figures.failures(found, units)},
         "candidates": lambda: {"rows": _candidates(found, units), "step": found.steps[0],
@@ -112,6 +114,7 @@ def sections(
         html = (
             _templates().get_template(f"{key}.html").render(**known[key](), pictures=drawn[key], units=units, d=found)
         )
+        title = "The model" if key == "model" and len(found.ladder) == 1 else title
         made.append(Section(key, title, html))
     return made
 
@@ -169,13 +172,15 @@ def _verdict(d: Diagnosis, units: Units) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _compare(c: Comparison, drawn: Sequence[Picture], script: str, elements: Mapping[str, str]) -> dict[str, Any]:
+def _compare(
+    c: Comparison, drawn: Sequence[Picture], script: str, elements: Mapping[str, str], count: int
+) -> dict[str, Any]:
     from markupsafe import Markup
 
     static = {p.key: p for p in drawn}
     same = {"time": "time_0", "errors": "errors", "loop0": "loop_0", "loop1": "loop_1"}
     live = [(name, static[same[name]], Markup(element)) for name, element in elements.items()]
-    return {"script": Markup(script), "live": live, "runs": list(c.runs)}
+    return {"script": Markup(script), "live": live, "runs": list(c.runs), "name": c.name, "count": count}
 
 
 def _rungs(d: Diagnosis) -> list[dict[str, Any]]:
@@ -223,10 +228,14 @@ def _derived(model: Model) -> dict[str, Any]:
              if one.latex or not one.heading.startswith("Continuum")]  # fmt: skip
     try:
         law = compensator(model)
-        lines, numbers, preview = law.lines(numbers=True), law.latex(numbers=True), law.preview
-    except (NarxError, NotInvertible, ModelError):
+    except NotInvertible:  # the reason stands among the parts
         return {"derived": parts, "law": None}
-    return {"derived": parts, "law": {"latex": law.latex(), "numbers": numbers, "lines": lines, "preview": preview}}
+    away = operating_range(law)
+    shown = {
+        "latex": law.latex(), "numbers": law.latex(numbers=True), "lines": law.lines(numbers=True),
+        "preview": law.preview, "checked": law.checked, "away": away.sentence if away is not None else "",
+    }  # fmt: skip
+    return {"derived": parts, "law": shown}
 
 
 def _experiment(d: Diagnosis, drawn: Sequence[Picture], units: Units, scripts: bool) -> dict[str, Any]:

@@ -311,3 +311,13 @@ def test_an_experiment_gets_its_units(stage_diagnosis):
         step = story.replace(stage_diagnosis.steps[0], experiment=story.replace(e, name=name))
         found = story.with_units(story.replace(stage_diagnosis, steps=[step]), {"u": "V"})
         assert found.experiment.name == (told or name)
+
+
+def test_a_minus_is_not_between_factors():
+    c, s = sp.symbols("c s", real=True)
+    model = ns.Model(ns.y[ns.k - 1] + c * sp.tanh((ns.u[ns.k] - ns.u[ns.k - 1]) / s), (c, s), [5.72, 0.2486612])
+    for numbers in (False, True):
+        assert "5.72 " not in (shown := model.latex(numbers=numbers)) or r"5.72\,\tanh" in shown, shown
+        assert "- 1" not in shown and "-1 " not in shown
+    shown = marked(model, values=True)
+    assert "4.02" in shown and not re.search(r"\d\.\d{4}", shown)  # four digits, also inside a function
