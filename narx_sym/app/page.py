@@ -69,7 +69,7 @@ class Page:
                 Part(lambda: bench.notes, self.notes),
                 Part(lambda: (bench.path,), self.data),
                 Part(lambda: (bench.record,), self.preview),
-                Part(lambda: (bench.base, bench.record is None), self.base),
+                Part(lambda: (bench.base_name, bench.record is None), self.base),
             ]
             self.found = Part(lambda: (bench.rung,), lambda: results.found(bench))
             self.parts += [self.found, Part(lambda: (bench.rung, bench.law), lambda: results.take_away(bench))]
