@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from . import cli_diagnose
+from .app import command as live
 from .errors import INTERRUPTED, DataError, NarxError
 from .terminal import (
     Channels,
@@ -299,6 +300,9 @@ def demo(
     if not out.parent.is_dir() or out.is_file():
         raise DataError(f"{out}: cannot be a folder here; choose another with --out.")
     run(out, working, table, console(), save_figure)
+
+
+app.command("app")(live.app)
 
 
 @app.callback(invoke_without_command=True)

@@ -118,7 +118,7 @@ def latex_system(equations: list[tuple[Any, list[tuple[Any, Any]]]], per_line: i
 def _sum(terms: list[tuple[Any, Any]], per_line: int) -> str:
     pieces = []
     for coefficient, term in terms:
-        if term != 1 and sp.sympify(term).as_coeff_Mul()[0] == -1:  # a minus between two factors would be a difference
+        if sp.sympify(term).as_coeff_Mul()[0].is_negative:  # a minus between two factors would be a difference
             coefficient, term = -coefficient, -term
         negative = sp.sympify(coefficient).could_extract_minus_sign()
         size = -coefficient if negative else coefficient

@@ -73,6 +73,7 @@ def sections(
     files: Sequence[PathLike] = (),
     settings: Mapping[str, Any] | None = None,
     scripts: bool = True,
+    keys: Sequence[str] | None = None,
 ) -> list[Section]:
     """Return the parts of the story as HTML, in their order; one without content is left out.
 
@@ -84,6 +85,8 @@ def sections(
     settings : mapping of what else was chosen
     scripts : bool
         Whether the interactive pictures are among them; their script is `interactive.bundle`.
+    keys : names among `PANELS`, optional
+        The parts that are wanted.
     """
     units = {"u": "", "y": "", **(units or {})}
     found = story.with_units(diagnosis, units)
@@ -106,7 +109,7 @@ def sections(
     }  # fmt: skip
     made = []
     for key, title in PANELS:
-        if key == "experiment" and found.experiment is None:
+        if (key == "experiment" and found.experiment is None) or (keys is not None and key not in keys):
             continue
         html = (
             _templates().get_template(f"{key}.html").render(**known[key](), pictures=drawn[key], units=units, d=found)

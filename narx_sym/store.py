@@ -61,9 +61,14 @@ def to_dict(model: Model) -> dict[str, Any]:
     }
 
 
+def to_text(model: Model) -> str:
+    """Return the content of a model file."""
+    return json.dumps(to_dict(model), indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
 def save(model: Model, path: Any) -> None:
     """Write a model file; it appears whole or not at all."""
-    write_text(path, json.dumps(to_dict(model), indent=1, sort_keys=True, allow_nan=False) + "\n")
+    write_text(path, to_text(model))
 
 
 def load(path: Any) -> Model:

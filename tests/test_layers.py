@@ -8,8 +8,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1] / "narx_sym"
 LAYERS = (
-    "errors signals recursion parsing printing markup smoothing identities assumptions sensitivity effects model analysis extend internal solution kinks branches stages grouping invert "
-    "engines compile excursions export metrics timegrid tables data files seen simulation tracking interop misfit journal parallel constraints ensemble freerun estimate bootstrap selection identification directions gate refit bases blackbox candidates pairs sensor experiment diagnosis addition store derive plots svg traces figures interactive story report notebook plants terminal cli_diagnose demo cli"
+    "errors signals recursion parsing printing markup smoothing identities assumptions sensitivity effects model analysis extend rewriting internal solution kinks branches stages grouping invert "
+    "engines compile excursions export metrics timegrid tables data files seen simulation tracking interop misfit journal parallel constraints ensemble freerun estimate bootstrap selection identification directions gate refit bases blackbox candidates pairs sensor experiment diagnosis addition store derive plots svg traces figures interactive story report notebook plants terminal cli_diagnose demo app cli"
 ).split()
 SYMBOLIC = LAYERS[: LAYERS.index("engines")]  # these stay free of NUMERIC
 NUMERIC = {"numpy", "scipy", "casadi", "llvmlite", "pandas", "matplotlib"}

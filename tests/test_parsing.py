@@ -15,7 +15,7 @@ from narx_sym.errors import ModelError, NotInvertible, ParseError
 from narx_sym.markup import mathml
 from narx_sym.model import NARX, Model, pool
 from narx_sym.parsing import FUNCTIONS, MAX_POWER, parse
-from narx_sym.printing import latex, text
+from narx_sym.printing import latex, latex_sum, text
 from narx_sym.signals import breve_phi1, breve_phi2, k, phi1, phi2, signal, u, y
 
 A, B = sp.symbols("a theta_1", real=True)
@@ -308,3 +308,9 @@ def test_mathml_is_xml():
     model = NARX.from_terms(PAPER, THETA)
     for thing in (model, model.compensator(), phi1[k - 1] ** 2, sp.Float(1e-9) * u[k] / y[k - 1]):
         assert minidom.parseString(mathml(thing)).documentElement.tagName == "math"
+
+
+def test_a_number_before_a_negative_term_takes_its_sign():
+    """Not "0.5 - 1 max(...)", which is another equation."""
+    shown = latex_sum(sp.Symbol("z"), [(sp.Float(0.5), -sp.Max(-1, u[k])), (sp.Float(-2), -u[k])])
+    assert shown.split("&= ")[1].startswith(r"- 0.5\,\max\left(-1, u_{k}\right) + 2\,u_{k}")

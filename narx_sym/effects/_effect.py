@@ -144,6 +144,15 @@ class Effect:
     def __repr__(self) -> str:
         return f"Effect({self.id}{', ' + self.form if self.form else ''})"
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        # An effect of the catalogue has taken the name of its function, which is therefore not found by it.
+        known = any(form is self for form in EFFECTS.get(self.id, ()))
+        return (_of_catalogue, (self.id, self.form)) if known else super().__reduce_ex__(protocol)
+
+
+def _of_catalogue(name: str, form: str) -> Effect:
+    return next(one for one in EFFECTS[name] if one.form == form)
+
 
 class Catalogue(dict[str, list[Effect]]):
     """Effects by id; iterating over `all()` gives every form."""

@@ -1,0 +1,1 @@
+"""The live form: a local page over a workbench that knows nothing of pages."""

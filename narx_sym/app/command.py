@@ -1,0 +1,36 @@
+"""The command `narx-sym app`."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import NarxError
+
+MEGABYTE = 1_000_000
+
+
+def app(
+    data: Annotated[Path | None, typer.Argument(metavar="[DATA]", help="A data file to begin with.")] = None,
+    port: Annotated[int | None, typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1; 0: any.")] = None,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open a browser.")] = False,
+    most: Annotated[int, typer.Option("--max-mb", min=1, max=2000, help="Largest upload in MB.")] = 50,
+) -> None:
+    """Serve a page on this machine: see where a model fails, add what is missing, watch the error fall."""
+    if find_spec("nicegui") is None:
+        raise NarxError('The page needs further packages: pip install "narx-sym[app]"')
+    from .server import serve
+    from .workbench import Workbench
+
+    bench = Workbench(most * MEGABYTE)
+    try:
+        if data is not None:
+            bench.open(data)
+            if bench.error:
+                raise NarxError(bench.error)
+        serve(bench, port, not no_browser)
+    finally:
+        bench.close()

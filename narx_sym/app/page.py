@@ -1,0 +1,199 @@
+"""The page: a thin layer above the workbench. Each part is made anew when what it shows has changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from nicegui import run, ui
+
+from ..report import style
+from ..svg import stylesheet
+from . import results
+from .widgets import drop, figure, heading, said, section
+from .workbench import SUFFIXES, Workbench
+
+HERE = Path(__file__).parent
+BEAT = 0.2  # seconds between looks at the workbench
+BASES = {
+    "linear": "Linear: a difference equation, its orders and delay are chosen",
+    "static": "Static: a polynomial of the input",
+    "narx": "NARX: the paper's hysteresis terms",
+}
+
+
+class Part:
+    """A part of the page that is made anew when its key has changed."""
+
+    def __init__(self, key: Callable[[], Any], build: Callable[[], None]):
+        self.key, self.build = key, build
+        self.box = ui.element("div").classes("part")
+        self.seen: Any = key()
+        self.fill()
+
+    def fill(self) -> None:
+        """Make it anew."""
+        self.box.clear()
+        with self.box:
+            self.build()
+
+    def look(self) -> bool:
+        """Make it anew where the key has changed."""
+        now = self.key()
+        changed = bool(now != self.seen)
+        if changed:
+            self.seen = now
+            self.fill()
+        return changed
+
+
+class Page:
+    """One open page; several may look at the same workbench."""
+
+    def __init__(self, bench: Workbench):
+        self.bench = bench
+        # The style sheet of the report, for its parts alone.
+        ui.add_css(f"{stylesheet()}\n.told {{ {style()} }}\n{(HERE / 'page.css').read_text(encoding='utf-8')}")
+        ui.add_head_html('<script src="/bokeh.js"></script>')
+        ui.add_body_html(f"<script>{(HERE / 'page.js').read_text(encoding='utf-8')}</script>")
+        ui.colors(primary="#0b5a94", negative="#a4262c")
+        ui.on("refused", lambda event: self.refused(str(event.args)))
+        with ui.element("div").classes("head"):
+            heading("narx_sym", 1)
+            said("See where a model fails, add what is missing, watch the error fall. Nothing leaves this machine.")
+        with ui.element("div").classes("main"):
+            with ui.element("div").classes("dock"):  # in sight wherever the page is
+                self.parts = [Part(lambda: (bench.error,), self.message), Part(lambda: bench.busy, self.progress)]
+            self.parts += [
+                Part(lambda: bench.notes, self.notes),
+                Part(lambda: (bench.path,), self.data),
+                Part(lambda: (bench.record,), self.preview),
+                Part(lambda: (bench.base_name, bench.record is None), self.base),
+            ]
+            self.found = Part(lambda: (bench.rung,), lambda: results.found(bench))
+            self.parts += [self.found, Part(lambda: (bench.rung, bench.law), lambda: results.take_away(bench))]
+        ui.timer(BEAT, self.look)
+
+    def look(self) -> None:
+        """Take over what the process has done, and show what has changed."""
+        self.bench.poll()
+        try:
+            changed = [part for part in self.parts if part.look()]
+        except Exception as error:
+            self.bench.refuse(f"Internal error, {type(error).__name__}: {error}. Please report it.")
+            raise
+        if self.bench.busy:
+            self.doing.text = f"{self.bench.worker.progress} ({self.bench.worker.seconds:.0f} s)"
+        if self.found in changed and self.bench.rung is not None:
+            # Who uses a keyboard or a reader is led to the result.
+            ui.run_javascript("document.getElementById('found')?.focus()")
+
+    def refused(self, text: str) -> None:
+        """Show what the page itself refused."""
+        self.bench.refuse(text[:300])
+
+    # -- parts -------------------------------------------------------------------------------------------------
+
+    def message(self) -> None:
+        """Show one message where something went wrong."""
+        with ui.element("div").props("role=alert").classes("wrong" if self.bench.error else "idle"):
+            if self.bench.error:
+                said(self.bench.error)
+                close = ui.button("Close", on_click=self.bench.understood).props("no-caps flat dense")
+                close.props('aria-label="Close the message"')
+
+    def notes(self) -> None:
+        """Show what was changed or kept in silence."""
+        if self.bench.notes:
+            with ui.element("ul").classes("notes"):
+                for note in self.bench.notes:
+                    with ui.element("li"):
+                        said(note)
+
+    def data(self) -> None:
+        """Show the file, its columns and rows."""
+        bench, choice = self.bench, self.bench.choice
+        with section("1. Measurements"):
+            drop("/data", "data-file", ",".join(SUFFIXES), bench.limit, "Drop a CSV here, or choose one", [
+                f"A header such as t,u,y and numbers below it; at most {bench.limit / 1e6:g} MB. It stays in "
+                "a private folder of this machine until the program ends."
+            ])  # fmt: skip
+            if bench.table is None:
+                with ui.element("p"):
+                    said("No data at hand? ", "span")
+                    ui.button("Take a simulated example", on_click=self.example).props("flat no-caps dense")
+                return
+            names = [n for n in bench.table.columns if n]
+            rows = max(a.size for a in bench.table.columns.values())
+            said(f"{bench.file}: {rows} rows, columns {', '.join(names)}").classes("file")
+            with ui.element("div").classes("fields"):
+                self.select("Input", names, choice.u, "u")
+                self.select("Output", names, choice.y, "y")
+                self.select("Time [s]", {"": "none", **{n: n for n in names}}, choice.t, "t")
+                self.typed("Sampling time [s]", choice.Ts, "Ts")
+                self.typed("Rows A:B, counted from 0", choice.rows, "rows")
+                self.select("Further channels", names, list(choice.channels), "channels", multiple=True)
+                self.unit("Unit of the input", "u")
+                self.unit("Unit of the output", "y")
+
+    def select(self, title: str, options: Any, value: Any, name: str, **more: Any) -> None:
+        """Make a field that chooses columns."""
+        ui.select(
+            options, label=title, value=value if value in options or more else None,
+            on_change=lambda event: self.choose(**{name: event.value}), **more,
+        ).props("outlined dense options-dense").classes("field")  # fmt: skip
+
+    def typed(self, title: str, value: str, name: str) -> None:
+        """Make a field with a text, read when it is left."""
+        field = ui.input(title, value=value).props("outlined dense").classes("field")
+        field.on("change", lambda: self.choose(**{name: field.value}))
+
+    def unit(self, title: str, name: str) -> None:
+        """Make the field of one unit."""
+        field = ui.input(title, value=self.bench.choice.units[name]).props("outlined dense maxlength=12")
+        field.classes("field").on("change", lambda: self.choose(units=self.bench.choice.units | {name: field.value}))
+
+    async def choose(self, **changed: Any) -> None:
+        """Read the data with another choice."""
+        await run.io_bound(self.bench.choose, **changed)
+
+    async def example(self) -> None:
+        """Take simulated measurements."""
+        await run.io_bound(self.bench.example)
+
+    def preview(self) -> None:
+        """Show what was read."""
+        record = self.bench.record
+        if record is not None:
+            said(f"Read: {len(record)} samples, {record.Ts:.6g} s apart, {record.t[-1] - record.t[0]:.6g} s.")
+            with ui.element("div"):
+                figure(self.bench.preview)
+
+    def base(self) -> None:
+        """Show the base, and the button that begins."""
+        bench = self.bench
+        with section("2. Base"):
+            said("A simple model to begin with. Whatever it lacks is looked for.")
+            options = {**BASES, **({"file": f"Model file {bench.base_name}"} if bench.base_name else {})}
+            value = bench.base if isinstance(bench.base, str) else "file"
+            with ui.element("div").props('role=group aria-label="Kind of base"'):
+                ui.radio(options, value=value, on_change=lambda event: self.based(event.value))
+            drop("/model", "model-file", ".json", bench.limit, "or drop a model file (.json)", [])
+            button = ui.button("Diagnose", on_click=bench.diagnose).props("no-caps unelevated").classes("main-button")
+            button.set_enabled(bench.record is not None)
+            if bench.record is None:
+                said("Choose the measurements first.").classes("hint")
+
+    def based(self, kind: str) -> None:
+        """Choose a kind of base; that of a file is chosen already."""
+        if kind in BASES:
+            self.bench.choose_base(kind)
+
+    def progress(self) -> None:
+        """Show what is under way, and how to end it."""
+        with ui.element("div").classes("doing" if self.bench.busy else "idle").props("role=status"):
+            if self.bench.busy:
+                self.doing = said("starting")
+                ui.linear_progress(show_value=False).props('indeterminate aria-label="Working"')
+                ui.button("Cancel", on_click=self.bench.cancel).props("no-caps outline")

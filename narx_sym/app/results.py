@@ -1,0 +1,170 @@
+"""The parts of the page that show a rung: what was found, where it fails, candidates, model, law, downloads."""
+
+from __future__ import annotations
+
+from functools import partial
+from html import escape
+
+from nicegui import ui
+
+from ..effects import EFFECTS
+from .jobs import Rung
+from .widgets import caption, data_cells, head, heading, part, said, section, small
+from .workbench import Workbench
+
+DOWNLOADS = {
+    "report.html": "Report (HTML)", "model.json": "Model (JSON)", "model.tex": "Derivation (LaTeX)",
+    "model.c": "Model (C99)",
+}  # fmt: skip
+NEXT = {
+    "nothing_detectable": "Next: take the model away. Smaller effects show with less noise, a longer record or a wider "
+    "input.",
+    "named": "Next: add it below, and watch the error fall.",
+    "confused": "Next: run the experiment below and diagnose its data; or add the one that you know to be there.",
+    "helps_but_incomplete": "Next: add the best one below, and see what is missing then.",
+    "outside_library": "Next: look where the model fails. A term of your own may be put in below.",
+}
+LAW_FILES = {"law.tex": "Law (LaTeX)", "law.c": "Law (C99)"}
+
+
+def found(bench: Workbench) -> None:
+    """Show the verdict, the ladder, the candidates, before and after, where it fails, and the model."""
+    rung = bench.rung
+    if rung is None or rung.shown is None:
+        return
+    html = rung.shown.html
+    with section("3. What was found", "found"):
+        part(html["verdict"])
+        said(NEXT[rung.found.verdict]).classes("next-step")
+        part(html["ladder"])
+        if len(bench.rungs) > 1:
+            back = ui.button(f"Step back from “{rung.name}”", on_click=bench.back)
+            back.props("no-caps outline")
+    with section("4. What may be missing"):
+        candidates(bench, rung)
+        part(html["candidates"])
+        part(html.get("experiment", ""))
+    with section("5. Measured and simulated"):
+        part(html["compare"])
+    with section("6. Where the model fails", "where"):
+        part(html["where"])
+    with section("7. The model"):
+        part(html["model"])
+        model(bench, rung)
+    with section("8. What follows from the model"):
+        part(html["derived"])
+    ui.run_javascript(f"narxDraw(() => {{ {rung.shown.script} }})")
+
+
+def candidates(bench: Workbench, rung: Rung) -> None:
+    """Show the candidates, each with its button, and any other effect."""
+    rows = rung.found.table()
+    if not rows:
+        said("Nothing stands out: no effect of the catalogue would make this model clearly better.")
+    else:
+        said("Share of the removable error on samples never used for fitting. What is marked * cannot be told apart.")
+        titles = ["effect", "where", "share", "95 % interval", "error after", "parameters", ""]
+        with ui.element("table").classes("grid"):
+            caption("Candidates")
+            head(titles)
+            with ui.element("tbody"):
+                for row in rows:
+                    star = " *" if row["in_confusion_set"] else ""
+                    cells = [
+                        row["effect"].replace("_", " ") + star, row["where"], f"{100 * row['share']:.0f} %",
+                        f"{100 * row['low']:.0f} to {100 * row['high']:.0f} %", f"{row['nrmse']:.3g}",
+                        row["parameters"],
+                    ]  # fmt: skip
+                    with ui.element("tr"):
+                        data_cells(titles, cells)
+                        with ui.element("td"):
+                            small("Add", f"Add {row['effect']}", partial(bench.add, row["effect"]))
+    others = others_of(bench, {r["effect"] for r in rows})
+    with ui.element("div").classes("fields"):
+        chosen = ui.select(others, label="Another effect").props("outlined dense options-dense")
+        chosen.classes("field")
+        ui.button("Add it", on_click=lambda: bench.add(chosen.value or "")).props("no-caps outline")
+
+
+def others_of(bench: Workbench, shown: set[str]) -> list[str]:
+    """Ids of the effects that are no candidates, with the channels there are."""
+    channels = bench.record.channels if bench.record is not None else {}
+    names = []
+    for name, forms in sorted(EFFECTS.items()):
+        driven = any("channel" in f.arguments for f in forms)
+        names += [f"{name}:{c}" for c in channels] if driven else [name]
+    return [n for n in names if n not in shown]
+
+
+def model(bench: Workbench, rung: Rung) -> None:
+    """Show the parameters, and the terms as text."""
+    now = rung.model
+    heading("Change a term", 3)
+    said(
+        "The same model fitted on all samples: the one to take away. A term is changed by its text: sums, products, "
+        "powers, and the functions "
+        "sign, abs, sin, cos, tanh, exp, Max, Min."
+    )
+    rows = {r["symbol"]: r for r in now.table()}
+    titles = ["parameter", "value", "standard error", "term", ""]
+    with ui.element("table").classes("grid"):
+        caption("Parameters and terms")
+        head(titles)
+        with ui.element("tbody"):
+            for name, row in rows.items():
+                std = f"{row['std']:.2g}" if row["std"] else "fixed"
+                with ui.element("tr"):
+                    data_cells(titles, [name, f"{row['theta']:.6g}", std])
+                    editable(bench, titles, name, row["term"])
+            with ui.element("tr"):
+                data_cells(titles, ["new", "", ""])
+                editable(bench, titles, "", "")
+
+
+def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
+    """Two cells: a term as text, and the buttons that fit the model with it."""
+    own = bench.terms.get(name)
+    if name and own is None:
+        data_cells(titles[3:], [term or "shape of an effect", ""])
+        return
+    with ui.element("td").props(f'data-title="{titles[3]}"'):
+        what = f"Term of {name}" if name else "A further term, such as u[k-2]"
+        field = ui.input(what, value=own or "").props("outlined dense maxlength=500").classes("term")
+    whose = name or "a new parameter"
+    with ui.element("td"):
+        small("Fit", f"Fit with this term of {whose}", lambda: bench.edit(name, field.value or ""))
+        if name:
+            small("Take out", f"Take out the term of {name}", lambda: bench.edit(name, ""))
+
+
+def take_away(bench: Workbench) -> None:
+    """Show the compensator, and the files to download."""
+    if bench.rung is None:
+        return
+    law = bench.law
+    with section("9. Compensator"):
+        said("The law that makes the output follow a reference. Limits go into its source.")
+        with ui.element("div").classes("fields"):
+            fields = [
+                ui.input(title).props("outlined dense").classes("field")
+                for title in ("Smallest input", "Largest input", "Largest change per sample")
+            ]
+            ui.button(
+                "Open the compensator", on_click=lambda: bench.open_law(*(f.value for f in fields))
+            ).props("no-caps outline")  # fmt: skip
+        if law is not None and law.why_not:
+            said(f"There is no law: {law.why_not}").classes("verdict")
+        elif law is not None:
+            part(law.html)
+            with ui.element("ul").classes("notes"):
+                for note in law.notes:
+                    with ui.element("li"):
+                        said(note)
+    with section("10. Take it away"):
+        files = DOWNLOADS | (
+            {n: t for n, t in LAW_FILES.items() if n != "law.c" or law.code} if law and not law.why_not else {}
+        )
+        with ui.element("ul").classes("files"):
+            for name, title in files.items():
+                with ui.element("li"):
+                    ui.html(f'<a href="/download/{name}" download>{escape(title)}</a>', sanitize=False)

@@ -1,0 +1,74 @@
+"""Small things that the page is made of. Whatever comes from data or from a user is text, never markup."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from html import escape
+from typing import Any
+
+from nicegui import ui
+
+
+@contextmanager
+def section(title: str, name: str = "") -> Iterator[None]:
+    """Make a part of the story with its heading."""
+    with ui.element("section").classes("section"):
+        heading(title, 2, name)
+        yield
+
+
+def heading(text: str, level: int, name: str = "") -> ui.html:
+    """Make a heading; one with a name can be led to."""
+    made = ui.html(escape(text), tag=f"h{level}", sanitize=False)
+    return made.props(f"id={name} tabindex=-1") if name else made
+
+
+def said(text: str, tag: str = "p") -> Any:
+    """Make a text; whatever it holds is text."""
+    return ui.label(text).props(f"tag={tag}") if tag == "p" else ui.html(escape(text), tag=tag, sanitize=False)
+
+
+def drop(target: str, name: str, accept: str, limit: int, title: str, more: list[str]) -> None:
+    """Make a field for a file: a label over a file input, so that a click, a key or a dropped file will do."""
+    hints = "".join(f'<span class="hint">{escape(text)}</span>' for text in more)
+    ui.html(
+        f'<label class="drop" for="{name}"><span class="what">{escape(title)}</span>{hints}'
+        f'<input type="file" id="{name}" accept="{accept}" data-to="{target}" data-limit="{limit}"></label>',
+        sanitize=False,
+    )
+
+
+def part(html: str) -> None:
+    """Show a part of the report; its templates escape whatever comes from data."""
+    if html:
+        # The inner class is what the report's style sheet asks of a page with scripts.
+        ui.html(f'<div class="js">{html}</div>', sanitize=False).classes("told")
+
+
+def figure(markup: str) -> None:
+    """Show a picture; one that is wider than the screen may be scrolled."""
+    ui.html(markup, tag="figure", sanitize=False).classes("preview").props("tabindex=0")
+
+
+def small(text: str, means: str, do: Callable[[], Any]) -> None:
+    """Make a small button; `means` is what a reader hears."""
+    ui.button(text, on_click=do).props(f'no-caps outline dense padding="4px 12px" aria-label="{escape(means)}"')
+
+
+def caption(title: str) -> None:
+    """Give a table its title."""
+    ui.html(escape(title), tag="caption", sanitize=False)
+
+
+def head(titles: list[str]) -> None:
+    """Make the head of a table."""
+    with ui.element("thead"), ui.element("tr"):
+        for title in titles:
+            ui.html(escape(title), tag="th", sanitize=False).props("scope=col") if title else ui.element("td")
+
+
+def data_cells(titles: list[str], cells: list[str]) -> None:
+    """Make the cells of a row, each with its title for narrow screens."""
+    for title, cell in zip(titles, cells, strict=False):
+        ui.html(escape(cell), tag="td", sanitize=False).props(f'data-title="{escape(title)}"')

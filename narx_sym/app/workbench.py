@@ -1,0 +1,358 @@
+"""What the page shows, without a page: data, columns, base, diagnosis, steps, compensator, downloads."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..data import Record, read
+from ..errors import DataError, ModelError, NarxError
+from ..files import write_csv
+from ..identification import BASES, prepare
+from ..model import Model
+from ..rewriting import rewritten, written_terms
+from ..signals import plain_name, u
+from ..store import load as load_model
+from ..tables import Table
+from ..tables import load as load_table
+from .choice import Choice, guessed, in_the_page, number, shortened
+from .downloads import download
+from .jobs import Law, Rung, Way, added, edited, first, law_of
+from .preview import signals_svg
+from .worker import Worker
+
+SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
+LIMIT = 50_000_000  # bytes of an upload
+PAUSE = 0.05  # seconds between looks at the process, where nothing else waits
+
+
+class Workbench:
+    """Every state that the page shows, and what may be done in it. Nothing here knows of a browser.
+
+    Long work goes to a process: `poll` takes over what it made, `wait` waits for that, `cancel` ends it. Whatever fails
+    leaves one sentence in `error`, and everything else as it was.
+
+    Attributes
+    ----------
+    file, table : name and columns of the data file, or None
+    choice : Choice
+    record : Record or None
+        What was read with this choice.
+    base : str or Model
+        "static", "linear", "narx", or a model from a file, called `base_name`.
+    rungs : list of Rung
+        The models so far; the last one is shown.
+    law : Law or None
+        Of the last rung, where it was asked for.
+    error, notes : one message, and what was changed in silence
+    """
+
+    def __init__(self, limit: int = LIMIT) -> None:
+        self.limit = limit
+        self.worker = Worker()
+        self.folder = Path(tempfile.mkdtemp(prefix="narx_sym_app_"))  # mode 0700
+        self.error = ""
+        self.notes: tuple[str, ...] = ()
+        self.base: str | Model = "linear"
+        self.base_name = ""
+        self._take: Callable[[Any], None] = lambda made: None
+        self._forget()
+
+    def _forget(self) -> None:
+        self.file = ""
+        self.path: Path | None = None
+        self.table: Table | None = None
+        self.choice = Choice()
+        self.record: Record | None = None
+        self.preview = ""
+        self.rungs: list[Rung] = []
+        self.law: Law | None = None
+
+    # -- data --------------------------------------------------------------------------------------------------
+
+    def upload(self, name: str, content: bytes) -> None:
+        """Take a data file; its name is only shown, never used as a path."""
+        suffix = Path(name).suffix.lower()
+        shown = shortened(name)
+        with self._said():
+            if suffix not in SUFFIXES:
+                raise DataError(f"{shown}: drop a text file with columns ({', '.join(SUFFIXES)}).")
+            self._check_size(len(content), shown)
+            self._open(self._keep(shown, suffix, content), shown)
+
+    def _keep(self, shown: str, suffix: str, content: bytes) -> Path:
+        """Write an upload into a folder of its own; of its name only letters, digits and underscores are kept."""
+        path = Path(tempfile.mkdtemp(dir=self.folder)) / f"{plain_name(Path(shown).stem)}{suffix}"
+        path.write_bytes(content)
+        return path
+
+    def _drop(self, path: Path | None) -> None:
+        """Remove an upload; a file of the user's own stays."""
+        if path is not None and self.folder in path.parents:
+            shutil.rmtree(path.parent, ignore_errors=True)
+
+    def _check_size(self, size: int, name: str) -> None:
+        if size > self.limit:
+            raise DataError(f"{name} has {size / 1e6:.1f} MB; at most {self.limit / 1e6:g} MB are taken.")
+
+    def open(self, path: Path) -> None:
+        """Take a data file that the user of this machine named."""
+        with self._said():
+            self._open(path, shortened(path.name))
+
+    def _open(self, path: Path, shown: str) -> None:
+        try:
+            table = load_table(path)
+        except NarxError as error:
+            self._drop(path)
+            raise DataError(str(error).replace(str(path), shown)) from None
+        table.path = shown
+        self.cancel()
+        self._drop(self.path)
+        self._forget()
+        self.file, self.path, self.table = shown, path, table
+        self.choice = guessed([n for n in table.columns if n])
+        if self.choice.t:  # all is clear: no click is needed
+            self._take_record()
+
+    def choose(self, **changed: Any) -> None:
+        """Change the choice of columns and rows, and read the record."""
+        for name, value in changed.items():
+            setattr(self.choice, name, value)
+        with self._said():
+            self._take_record()
+
+    def _take_record(self) -> None:
+        self.cancel()
+        self.record, self.rungs, self.law = None, [], None
+        record = self._read()
+        prepare(record)
+        self.preview = signals_svg(record, self.choice.units)
+        self.record, self.notes = record, record.notes
+
+    def _read(self) -> Record:
+        c = self.choice
+        if self.path is None:
+            raise DataError("Drop a data file first.")
+        if not c.u or not c.y:
+            raise DataError("Choose the columns of input and output.")
+        if c.u == c.y:
+            raise DataError(f"Input and output are the same column {c.u!r}.")
+        channels = [n for n in c.channels if n not in (c.u, c.y, c.t)]
+        try:
+            made = read(
+                self.path, u=c.u, y=c.y, t=c.t or None, Ts=number(c.Ts, "Sampling time"), rows=c.rows.strip() or None,
+                channels=channels,
+            )  # fmt: skip
+            return replace(made, name=Path(self.file).stem)
+        except NarxError as error:
+            raise DataError(str(error).replace(str(self.path), self.file)) from None
+
+    def example(self) -> None:
+        """Take simulated measurements of a stage behind a gear with play."""
+        from ..demo import PLAY, STAGE_UNITS, stage
+
+        with self._said():
+            record = stage(PLAY)
+            path = Path(tempfile.mkdtemp(dir=self.folder)) / "simulated_stage.csv"
+            write_csv(path, {"t": record.t, "u": record.u, "y": record.y})
+            self._open(path, path.name)
+            self.choice.units = dict(STAGE_UNITS)
+            self._take_record()
+
+    # -- base --------------------------------------------------------------------------------------------------
+
+    def choose_base(self, base: str) -> None:
+        """Choose a kind of base."""
+        with self._said():
+            if base not in BASES:
+                raise ModelError(f"Unknown base {base!r}: use {', '.join(BASES)}, or a model file.")
+            self.base, self.base_name = base, ""
+
+    def upload_model(self, name: str, content: bytes) -> None:
+        """Take a model file as the base."""
+        shown = shortened(name)
+        with self._said():
+            self._check_size(len(content), shown)
+            path = self._keep(shown, ".json", content)
+            try:
+                model = load_model(path)
+            except NarxError as error:
+                raise ModelError(str(error).replace(str(path), shown)) from None
+            finally:
+                self._drop(path)
+            if model.input != u:
+                raise ModelError(f"{shown}: this is an inverse model; a base goes from u to y.")
+            if model.theta is None:
+                raise ModelError(f"{shown}: the model has no parameter values; fit it first.")
+            self.base, self.base_name = model, shown
+
+    # -- steps -------------------------------------------------------------------------------------------------
+
+    @property
+    def rung(self) -> Rung | None:
+        """The model that is shown."""
+        return self.rungs[-1] if self.rungs else None
+
+    def diagnose(self) -> None:
+        """Begin to identify the base and to diagnose it; what was added before goes when that is done."""
+        with self._said():
+            record, base = self._measured, self.base
+            needed = [n for n in base.channels if n not in record.channels] if isinstance(base, Model) else []
+            if needed:
+                raise ModelError(f"The model needs the channel {needed[0]!r}: choose it among the columns.")
+            self._begin(lambda made: self._put([made]), first, base, Way((record,), self.choice.units))
+
+    def add(self, effect: str) -> None:
+        """Begin to add an effect to the model."""
+        with self._said():
+            self._climb(added, effect)
+
+    def edit(self, name: str, text: str) -> None:
+        """Begin to fit the model with one term given as text: "" as name puts one in, "" as text takes it out."""
+        with self._said():
+            model = rewritten(self._last.base.model, name, text, self._measured.channels)
+            what = f"{name or 'new term'}: {text.strip()}" if text.strip() else f"without {name}"
+            self._climb(edited, model, name, what)
+
+    def _climb(self, work: Callable[..., Rung], *what: Any) -> None:
+        if not self.rungs:
+            raise ModelError("Diagnose a base first.")
+        before = tuple(self.rungs)
+        way = Way((self._measured,), self.choice.units, tuple(replace(r, shown=None) for r in before))
+        self._begin(lambda made: self._put([*before, made]), work, *what, way)
+
+    @property
+    def _last(self) -> Rung:
+        if self.rung is None:
+            raise ModelError("Diagnose a base first.")
+        return self.rung
+
+    @property
+    def _measured(self) -> Record:
+        if self.record is None:
+            raise DataError("Choose the data first.")
+        return self.record
+
+    def _put(self, rungs: list[Rung]) -> None:
+        self.rungs, self.law = rungs, None
+        self.notes = rungs[-1].notes
+
+    def back(self) -> None:
+        """Take the last step back."""
+        with self._said():
+            if len(self.rungs) < 2:
+                raise ModelError("There is no step to take back.")
+            self._put(self.rungs[:-1])
+
+    @property
+    def ladder(self) -> list[dict[str, Any]]:
+        """Name and free-run NRMSE on training and on held-out samples of each rung."""
+        return [{"name": r.name, **r.errors} for r in self.rungs]
+
+    @property
+    def floor(self) -> float:
+        """The noise floor as NRMSE: the lowest that any rung tells."""
+        return min(r.found.steps[0].floor / r.base.problem.spread for r in self.rungs)
+
+    @property
+    def terms(self) -> dict[str, str]:
+        """Terms that may be edited, as text by their parameters."""
+        return written_terms(self.rungs[-1].base.model) if self.rungs else {}
+
+    # -- compensator -------------------------------------------------------------------------------------------
+
+    def open_law(self, low: str = "", high: str = "", rate: str = "") -> None:
+        """Begin to derive the compensation law; limits of the input and of its change per sample go into the source."""
+        with self._said():
+            model = self._last.model
+            a, b = number(low, "The lower limit"), number(high, "The upper limit")
+            if (a is None) != (b is None):
+                raise DataError("Give both limits, or none.")
+            limits = None if a is None or b is None else (a, b)
+            if limits and not limits[0] < limits[1]:
+                raise DataError("The lower limit must be below the upper one.")
+            largest = number(rate, "The largest change")
+            if largest is not None and largest <= 0:
+                raise DataError("The largest change must be positive.")
+            self._begin(self._show_law, law_of, model, limits, largest)
+
+    def _show_law(self, law: Law) -> None:
+        self.law = law
+
+    # -- the process -------------------------------------------------------------------------------------------
+
+    def _begin(self, take: Callable[[Any], None], work: Callable[..., Any], *arguments: Any) -> None:
+        if self.worker.busy:
+            raise NarxError("Something is under way: wait for it, or cancel it.")
+        self._take = take
+        self.worker.start(work, *arguments)
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is under way."""
+        return self.worker.busy
+
+    def poll(self) -> None:
+        """Take over what the process has done since the last look."""
+        outcome = self.worker.poll()
+        if outcome is None:
+            return
+        self.error = in_the_page(outcome.error)
+        if not outcome.error:
+            self._take(outcome.result)
+            self.notes = (*self.notes, *outcome.notes)
+
+    def wait(self) -> None:
+        """Wait until nothing is under way."""
+        while self.busy:
+            self.poll()
+            time.sleep(PAUSE)
+
+    def cancel(self) -> None:
+        """End what is under way; everything stays as it was before."""
+        if self.worker.busy:
+            self.worker.stop()
+            self.worker.warm()  # for what comes next
+
+    def close(self) -> None:
+        """End the process and remove what was uploaded."""
+        self.worker.stop()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def refuse(self, message: str) -> None:
+        """Say what the page refused before it came here."""
+        with self._said():
+            raise DataError(message)
+
+    def understood(self) -> None:
+        """Take the message away."""
+        self.error = ""
+
+    def _said(self) -> _Said:
+        return _Said(self)
+
+    def download(self, kind: str) -> tuple[str, str]:
+        """Return name and content of a file; see `downloads.download`."""
+        return download(self, kind)
+
+
+class _Said:
+    """Turns what a user may see into the workbench's one message; everything else passes."""
+
+    def __init__(self, bench: Workbench):
+        self.bench = bench
+
+    def __enter__(self) -> None:
+        self.bench.error, self.bench.notes = "", ()
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> bool:
+        if isinstance(error, NarxError):
+            self.bench.error = in_the_page(str(error))
+            return True
+        return False
