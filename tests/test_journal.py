@@ -184,18 +184,18 @@ def test_bootstrap_and_many_starts_go_on(tmp_path):
 
 
 def test_killed_while_it_saves():
-    assert kill.saves(3, random.Random(1)) == []
+    assert kill.saves(2, random.Random(1)) == []
 
 
 def test_killed_while_it_sweeps():
-    assert kill.resumes(kill.SWEEP.format(root=str(kill.ROOT), count=40), 2, random.Random(2), "sweep") == []
+    assert kill.resumes(kill.SWEEP.format(root=str(kill.ROOT), count=30), 3, random.Random(2), "sweep") == []
 
 
 def test_diagnose_resumes(run, tmp_path, monkeypatch):
     """Stopped in the middle, started again: the same JSON but for the seconds, and fits are not repeated."""
     base, record = kill.two_effects()
     ns.save(base, tmp_path / "m.json")
-    rows = np.column_stack([record.t, record.u, record.y])[:400]
+    rows = np.column_stack([record.t, record.u, record.y])[:300]
     (tmp_path / "d.csv").write_text("t,u,y\n" + "\n".join(",".join(f"{v:.9g}" for v in row) for row in rows))
 
     def diagnosed(name, *more):
