@@ -184,11 +184,11 @@ def test_bootstrap_and_many_starts_go_on(tmp_path):
 
 
 def test_killed_while_it_saves():
-    assert kill.saves(2, random.Random(1)) == []
+    assert kill.saves(3, random.Random(1)) == []
 
 
 def test_killed_while_it_sweeps():
-    assert kill.resumes(kill.SWEEP.format(root=str(kill.ROOT), count=30), 3, random.Random(2), "sweep") == []
+    assert kill.resumes(kill.SWEEP.format(root=str(kill.ROOT), count=40), 2, random.Random(2), "sweep") == []
 
 
 def test_diagnose_resumes(run, tmp_path, monkeypatch):
