@@ -217,9 +217,12 @@ def test_no_pickle_no_eval_no_network():
     for path in sorted(PACKAGE.rglob("*.py")):
         name = path.relative_to(PACKAGE).as_posix()
         source = path.read_text(encoding="utf-8")
-        own = "from .compile import" in source or "def compile(" in source  # the bridge to numbers has that name
+        allowed = {"socket"} if name.startswith("app/") else set()  # a server on this machine
+        if "from .compile import" in source or "def compile(" in source:
+            allowed.add("compile()")  # the bridge to numbers has that name
         for call in calls(path):
-            if (call in FORBIDDEN or call.split(".")[0] in FORBIDDEN) and not (own and call == "compile()"):
+            forbidden = {call, call.split(".")[0]} & FORBIDDEN
+            if forbidden - allowed and not call.startswith("urllib.parse."):
                 found.add((name, call))
             if call == "np.load()":
                 assert source.count("np.load(") == source.count("allow_pickle=False"), name

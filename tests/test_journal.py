@@ -195,7 +195,7 @@ def test_diagnose_resumes(run, tmp_path, monkeypatch):
     """Stopped in the middle, started again: the same JSON but for the seconds, and fits are not repeated."""
     base, record = kill.two_effects()
     ns.save(base, tmp_path / "m.json")
-    rows = np.column_stack([record.t, record.u, record.y])[:400]
+    rows = np.column_stack([record.t, record.u, record.y])[:300]
     (tmp_path / "d.csv").write_text("t,u,y\n" + "\n".join(",".join(f"{v:.9g}" for v in row) for row in rows))
 
     def diagnosed(name, *more):

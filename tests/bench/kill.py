@@ -131,15 +131,23 @@ def run(program: str, folder: Path) -> tuple[str, float]:
     return (folder / "result").read_text(), time.perf_counter() - begin
 
 
-def kill(program: str, folder: Path, seconds: float) -> bool:
-    """Start a program, kill it after some seconds; return whether it was still at work."""
+def kill(program: str, folder: Path, seconds: float, lines: int = 0) -> bool:
+    """Start a program, kill it some seconds after its journal has so many lines; return whether it was still at work."""
     job = start(program, folder)
+    while lines and job.poll() is None and kept(folder) < lines:
+        time.sleep(0.001)
     time.sleep(seconds)
     alive = job.poll() is None
     if alive:
         os.kill(job.pid, signal.SIGKILL)
     job.communicate()
     return alive
+
+
+def kept(folder: Path) -> int:
+    """Return how many results a journal has."""
+    path = folder / "journal"
+    return path.read_bytes().count(b"\n") - 1 if path.exists() else 0
 
 
 def damage(folder: Path) -> list[str]:
@@ -183,20 +191,20 @@ def resumes(program: str, kills: int, pick: random.Random, what: str) -> list[st
     with tempfile.TemporaryDirectory() as name:
         (Path(name) / "0").mkdir()
         expected, seconds = run(program, Path(name) / "0")
-        number = 0
+        number, total = 0, kept(Path(name) / "0")
         while done < kills:
             number += 1
             folder = Path(name) / str(number)
             folder.mkdir()
             for _ in range(min(pick.randint(1, 3), kills - done)):
-                done += kill(program, folder, pick.uniform(0.0, 0.9 * seconds))
+                moment = pick.uniform(0.0, 0.9 * seconds / total)
+                done += kill(program, folder, moment, pick.randint(0, total - 1))
             found = run(program, folder)[0]
             if found != expected:
                 faults.append(f"{what}, run {number}: the resumed result differs")
-        kept = len((Path(name) / "0" / "journal").read_text().splitlines()) - 1
         replay = run(program, Path(name) / "0")[1]
         print(
-            f"{what}: {done} kills in {number} runs of {seconds:.1f} s; {kept} results kept; a finished one again: {replay:.1f} s"
+            f"{what}: {done} kills in {number} runs of {seconds:.1f} s; {total} results kept; a finished one again: {replay:.1f} s"
         )
     return faults
 
