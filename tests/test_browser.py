@@ -15,6 +15,7 @@ OPTIONS = [
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
 ]  # fmt: skip
+PATIENCE = 180_000  # [ms] on a machine that does much else at the same time
 WIDE, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 
 
@@ -27,11 +28,17 @@ def browser():
         started.close()
 
 
+def new_page(browser, **options):
+    """Return a page of a profile of its own."""
+    context = browser.new_context(**options)
+    context.set_default_timeout(PATIENCE)
+    return context.new_page()
+
+
 @pytest.fixture(scope="module")
 def opened(browser, stage_report):
     """The report on a wide screen: the page, and what it complained about or asked for."""
-    context = browser.new_context(accept_downloads=True, permissions=["clipboard-read", "clipboard-write"])
-    page, said = context.new_page(), []
+    page, said = new_page(browser, accept_downloads=True, permissions=["clipboard-read", "clipboard-write"]), []
     page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
     page.on("pageerror", lambda error: said.append(str(error)))
     page.on("request", lambda r: said.append(r.url) if not r.url.startswith(("file:", "data:", "blob:")) else None)
@@ -89,7 +96,7 @@ def test_copy_buttons_copy(opened):
         button = details.locator("button")
         button.click()
         expected = page.locator(f"#{name}").text_content()
-        sync_api.expect(button).to_have_text("Copied")
+        sync_api.expect(button).to_have_text("Copied", timeout=20_000)
         assert page.evaluate("navigator.clipboard.readText()").strip() == expected.strip() != ""
 
 
@@ -111,12 +118,12 @@ def test_pointing_shows_values(opened):
     plot.scroll_into_view_if_needed()
     box = plot.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    page.wait_for_selector(".bk-Tooltip, .bk-tooltip", state="visible", timeout=5000)
+    page.wait_for_selector(".bk-Tooltip, .bk-tooltip", state="visible")
 
 
 @pytest.mark.parametrize(("scheme", "size"), [("light", WIDE), ("dark", PHONE)], ids=["wide light", "phone dark"])
 def test_accessible(browser, stage_report, scheme, size):
-    page = browser.new_page()
+    page = new_page(browser)
     page.set_viewport_size(size)
     page.emulate_media(color_scheme=scheme)
     page.goto(stage_report.as_uri())
@@ -127,23 +134,23 @@ def test_accessible(browser, stage_report, scheme, size):
     found = axe.Axe().run(page).response["violations"]
     serious = [(v["id"], v["nodes"][0]["html"][:200]) for v in found if v["impact"] in ("serious", "critical")]
     assert serious == []
-    page.close()
+    page.context.close()
 
 
 def test_readable_without_scripts(browser, stage_report):
-    page = browser.new_page(java_script_enabled=False)
+    page = new_page(browser, java_script_enabled=False)
     page.goto(stage_report.as_uri())
     assert page.locator("#compare svg.drawn").first.is_visible() and not page.locator(".plot.time").is_visible()
     page.locator("details summary").first.click()
     assert page.locator("#model-latex").is_visible() and not page.locator("details button").first.is_visible()
-    page.close()
+    page.context.close()
 
 
 def test_prints_still_pictures(browser, stage_report, tmp_path):
-    page = browser.new_page()
+    page = new_page(browser)
     page.goto(stage_report.as_uri())
     page.emulate_media(media="print")
     assert page.locator("#compare svg.drawn").first.is_visible() and not page.locator(".plot.time").is_visible()
     page.pdf(path=tmp_path / "r.pdf")
     assert (tmp_path / "r.pdf").stat().st_size > 50_000
-    page.close()
+    page.context.close()
