@@ -16,6 +16,8 @@ from .parallel import one_blas_thread
 from .refit import Fitted, Split, settle
 from .simulation import Records
 
+FINAL = 200  # steps of the last fit: a kink is passed slowly
+
 
 class Addition:
     """A model about to get an effect: `fit` finds how it acts, and returns the extended model.
@@ -42,7 +44,7 @@ class Addition:
         listed = prepare(records)
         split = Split.whole(listed)
         if isinstance(self.effect, Candidate):
-            fitted = settle(self.effect.model.copy(), split, limits=self.effect.fitted.limits)
+            fitted = settle(self.effect.model.copy(), split, limits=self.effect.fitted.limits, steps=FINAL)
         else:
             with one_blas_thread():
                 fitted = self._search(split, seed, report)

@@ -15,6 +15,7 @@ from .sensitivity import derivative
 from .signals import k, lags, u, y
 
 Array = np.ndarray
+BASE = "base"  # in a confusion set: the base's own terms
 SLOW = 0.25  # of the record: a linear base with a longer time constant integrates
 STUCK = 0.98  # a base whose error falls below this share of what it was had not been fitted
 CYCLES = 3  # of a periodic input at least

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import gate, printing
-from .bases import fit_base, one_speed, settled_again, simpler
+from .bases import BASE, fit_base, one_speed, settled_again, simpler
 from .candidates import (
     CLOSE,
     LARGE,
@@ -44,7 +44,6 @@ EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
 INCOMPLETE = 0.1  # share of the error that is left: more structure than this, and something else is missing too
 NEAR = 0.2  # of a noise floor from repeated periods
 FEWEST = 100  # samples: with less the noise cannot be told from an effect
-BASE = "base"  # in a confusion set: the base's own terms
 VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library")
 
 

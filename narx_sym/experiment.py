@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.signal import butter, sosfilt
 
+from .bases import BASE
 from .constraints import constraint_equations
 from .data import Record
 from .errors import ModelError, NarxError
@@ -293,7 +294,7 @@ def _held(levels: Array, n: int) -> Array:
 
 
 def _plain(effect: str) -> str:
-    return effect.replace("_", " ")
+    return "the base" if effect == BASE else effect.replace("_", " ")
 
 
 def _threshold(floor: float, outputs: Iterable[Array]) -> float:

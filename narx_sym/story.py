@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from .bases import BASE
 from .candidates import Candidate
 from .data import Record
 from .diagnosis import Diagnosis, Step
@@ -89,8 +90,13 @@ def headline(diagnosis: Diagnosis) -> str:
         return "Nothing is missing that these data can show."
     if first.verdict == "outside_library":
         return "Something is missing that the catalogue does not know."
+    if first.pair is not None:
+        return f"Two effects are probably missing: {' and '.join(map(plain, first.pair.effects))}."
     if first.verdict == "helps_but_incomplete":
         return f"{plain(first.candidates[0].effect).capitalize()} helps, but something else is missing too."
+    if BASE in names:
+        found = f"{' or '.join(n for n in names if n != BASE)} may be missing: one speed cannot tell."
+        return found[0].upper() + found[1:]
     if first.verdict == "confused":
         return f"{', '.join(names[:-1])} or {names[-1]} is missing; these data cannot tell which.".capitalize()
     return f"{names[0].capitalize()} is probably missing."

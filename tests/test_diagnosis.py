@@ -17,9 +17,9 @@ sys.path.insert(0, str(Path(__file__).parent / "bench"))  # scripts, no package
 import truths
 
 import narx_sym as ns
-from narx_sym.bases import fit_base
+from narx_sym.bases import BASE, fit_base
 from narx_sym.bases import one_speed as speed_is_one
-from narx_sym.diagnosis import BASE, VERDICTS
+from narx_sym.diagnosis import VERDICTS
 from narx_sym.effects import EFFECTS
 from narx_sym.refit import Split
 
