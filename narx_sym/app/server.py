@@ -68,6 +68,7 @@ def application(bench: Workbench) -> Any:
     from fastapi import FastAPI, Request
     from fastapi.concurrency import run_in_threadpool
     from fastapi.responses import PlainTextResponse, Response
+    from nicegui import app as framework
     from nicegui import ui
 
     from .page import Page
@@ -105,6 +106,8 @@ def application(bench: Workbench) -> Any:
     def page() -> None:
         Page(bench)
 
+    # The page says what it does; a bar on top that flashes with each request has no name for a screen reader.
+    framework.config.quasar_config["loadingBar"]["skipHijack"] = True
     ui.run_with(
         app, title="narx_sym", language="en-US", dark=None, tailwind=False,
         show_welcome_message=False, reconnect_timeout=RECONNECT,
