@@ -23,6 +23,11 @@ ALIKE, RESTING = 1.6, 0.1  # ratio of the quartiles of one speed; share of the t
 NARROW, SHORT = 0.9, 100  # share of the energy in one spectral line; samples of a segment that do not count
 
 
+def words(name: str) -> str:
+    """Return the name of an effect, a run or a panel as words."""
+    return "the base" if name == BASE else name.replace("_", " ")
+
+
 def fit_base(model: Model, split: Split) -> Fitted:
     """Step 1: the given model, refitted in free run on the training samples; a linear base gets room."""
     models = [*(roomy(model, more) for more in (1, 0) if is_linear(model)), model]

@@ -242,7 +242,7 @@ def show(found: Diagnosis, units: dict[str, str]) -> None:
             ["effect", "where", "share", "interval", "free-run NRMSE before", "after", "parameters"],
             rows,
         )
-    floor = min(s.floor for s in found.steps) / step.base.problem.spread
+    floor = found.floor / step.base.problem.spread
     ladder = [[name, r["train"], r["validation"]] for name, r in zip(found.rungs, found.ladder, strict=True)]
     ladder.append([f"noise floor ({step.floor_kind})", "", floor])
     table("Errors, step by step (free-run NRMSE)", ["model", "training", "held out"], ladder)

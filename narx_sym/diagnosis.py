@@ -29,7 +29,7 @@ from .candidates import (
 from .effects import EFFECTS, Catalogue
 from .errors import FitError, ModelError
 from .experiment import Experiment, propose
-from .extend import without
+from .extend import newer, without
 from .identification import prepare
 from .misfit import Misfit, misfit_of
 from .model import NARX, Model
@@ -79,9 +79,7 @@ class Step:
     @property
     def added(self) -> list[str]:
         """The effects that this step added."""
-        before = {c for e in self.base.model.info.get("effects", []) for c in e["coefficients"]}
-        now = self.chosen.model.info["effects"] if self.chosen is not None else []
-        return [e["effect"] for e in now if not before & set(e["coefficients"])]
+        return [e["effect"] for e in newer(self.chosen.model, self.base.model)] if self.chosen is not None else []
 
     def nrmse(self, fitted: Fitted) -> dict[str, float]:
         """Return the free-run errors of a model over the standard deviation of the output."""
@@ -246,14 +244,7 @@ def step(
     made.confusion_set = confused
     if made.pair is not None:
         made.pair.share = (v0 - made.pair.mean_square) / (v0 - floor)
-    if max(made.pair.share if made.pair is not None else 0.0, *(c.share for c in candidates)) < HELPS:
-        made.verdict = "outside_library"
-    elif best.share < EXPLAINED or not complete:
-        made.verdict = "helps_but_incomplete"
-    elif len(made.confusion_set) > 1:
-        made.verdict = "confused"
-    else:
-        made.verdict = "named"
+    made.verdict = _verdict(made, complete)
     friction = best.variant.effect.family == "friction"
     if friction and one_speed(base, best.variant.driver) and made.verdict in ("named", "helps_but_incomplete"):
         made.verdict, made.pair = "confused", None
@@ -266,9 +257,18 @@ def step(
     if made.verdict != "outside_library":
         report("deleting what became redundant")
         chosen = made.pair.fitted if made.pair is not None and room > 1 else best.fitted
-        added = chosen.model.info["effects"][len(base.model.info.get("effects", [])) :]
-        made.chosen = prune(chosen, [name for one in added for name in (*one["coefficients"], *one["shape"])], base)
+        made.chosen = prune(chosen, base)
     return made
+
+
+def _verdict(made: Step, complete: bool) -> str:
+    """Return what the shares of the candidates, and of a pair, say; `complete` if the best comes down to the floor."""
+    pair = made.pair.share if made.pair is not None else 0.0
+    if max(pair, *(c.share for c in made.candidates)) < HELPS:
+        return "outside_library"
+    if made.candidates[0].share < EXPLAINED or not complete:
+        return "helps_but_incomplete"
+    return "confused" if len(made.confusion_set) > 1 else "named"
 
 
 def _floor(
@@ -393,8 +393,17 @@ class Diagnosis:
     @property
     def model(self) -> Model:
         """The model after the last step that added something, else the base as fitted here."""
-        fitted = next((s.chosen for s in reversed(self.steps) if s.chosen is not None), self.steps[0].base)
-        return fitted.model
+        return (self.last or self.steps[0].base).model
+
+    @property
+    def last(self) -> Fitted | None:
+        """What the last step that added something made, on the training samples."""
+        return next((s.chosen for s in reversed(self.steps) if s.chosen is not None), None)
+
+    @property
+    def floor(self) -> float:
+        """Rms of the noise: the lowest that any step tells [unit of y]."""
+        return min(s.floor for s in self.steps)
 
     @property
     def ladder(self) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.signal import butter, sosfilt
 
-from .bases import BASE
+from .bases import words
 from .constraints import constraint_equations
 from .data import Record
 from .errors import ModelError, NarxError
@@ -100,7 +100,7 @@ class Experiment:
     @property
     def sentence(self) -> str:
         """What to run, and what it will show, in plain words."""
-        *most, last = map(_plain, self.separates)
+        *most, last = map(words, self.separates)
         between = f"{', '.join(most)} and {last}"
         which = "their outputs" if len(most) == 1 else "any two of their outputs"
         least = "" if len(most) == 1 else "at least "
@@ -124,7 +124,7 @@ class Experiment:
         elif self.ratio < 1:
             said += " Repeat it and average: one sample's noise is larger than the difference."
         for a, b in self.together:
-            said += f" No input of this kind tells {_plain(a)} and {_plain(b)} apart."
+            said += f" No input of this kind tells {words(a)} and {words(b)} apart."
         return said
 
     def save(self, path: PathLike = FILE) -> None:
@@ -293,10 +293,6 @@ def _held(levels: Array, n: int) -> Array:
     return np.asarray(levels[np.arange(n) * levels.size // n])
 
 
-def _plain(effect: str) -> str:
-    return "the base" if effect == BASE else effect.replace("_", " ")
-
-
 def _threshold(floor: float, outputs: Iterable[Array]) -> float:
     """Return the rms distance between outputs, (N,) arrays, that N samples of noise, or rounding, could make."""
     listed = list(outputs)
@@ -352,10 +348,10 @@ def propose(
     n = min(longest, sum(len(p) for p in parts))
     if limits.half <= 0 or limits.rate <= 0 or n < 2 * SHORTEST:
         return None
-    words = units or {}
+    given = units or {}
     tried = [
         (name, u, outputs)
-        for name, u in family(limits, n, parts[0].Ts, seed, words.get("u", ""))
+        for name, u in family(limits, n, parts[0].Ts, seed, given.get("u", ""))
         if (outputs := bench.simulated(models, u)) is not None
     ]
     if not tried:
@@ -375,7 +371,7 @@ def propose(
     name, u, outputs = tried[best]
     return Experiment(
         list(models), name, parts[0].Ts * np.arange(n), u, float(worst[best]), float(present[chosen].min()),
-        float(floor), outputs, units=dict(words),
+        float(floor), outputs, units=dict(given),
         together=[p for p, c in zip(pairs, possible, strict=True) if not c],
     )  # fmt: skip
 

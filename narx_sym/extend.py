@@ -295,6 +295,12 @@ def without(model: Model, symbols: Iterable[Any]) -> Model:
     return made
 
 
+def newer(model: Model, before: Model) -> list[dict[str, Any]]:
+    """Return the effects of a model that an earlier one has not, by their coefficients."""
+    known = {c for e in before.info.get("effects", []) for c in e["coefficients"]}
+    return [e for e in model.info.get("effects", []) if not known & set(e["coefficients"])]
+
+
 def find(effect_id: str, catalogue: Catalogue = EFFECTS) -> tuple[list[Effect], str | None]:
     """Return the forms of an effect and the channel in its id.
 

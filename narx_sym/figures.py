@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .bases import words
 from .diagnosis import Diagnosis
 from .errors import NarxError
 from .files import csv_text
@@ -35,7 +36,7 @@ from .plots import (
 )
 from .signals import differences, samples
 from .svg import svg
-from .traces import POINTS, Array, Comparison, Units, draw_errors, draw_loop, draw_region, draw_time, words
+from .traces import POINTS, Array, Comparison, Units, draw_errors, draw_loop, draw_region, draw_time
 
 # The story, in the order in which it is told: key and heading.
 PANELS = (
@@ -160,7 +161,7 @@ def comparison(diagnosis: Diagnosis, units: Units) -> list[Picture]:
 def ladder(diagnosis: Diagnosis, units: Units) -> Picture:
     """Return the error after each added effect, down to the floor."""
     rungs = diagnosis.ladder
-    floor = min(s.floor for s in diagnosis.steps) / diagnosis.steps[0].base.problem.spread
+    floor = diagnosis.floor / diagnosis.steps[0].base.problem.spread
     falls = ", then ".join(f"{r['validation']:.2g} {_after(n)}" for n, r in zip(diagnosis.rungs, rungs, strict=True))
     alt = f"Free-run error on samples never used for fitting, over the output's standard deviation: {falls}; "
     columns = {

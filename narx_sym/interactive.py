@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from .bases import words
 from .experiment import Experiment
 from .plots import YELLOW, label, thin
-from .traces import POINTS, Comparison, Units, words
+from .traces import POINTS, Comparison, Units
 
 # They stand out from light and from dark paper.
 MEASURED, BEFORE, AFTER = "#767676", "#C47F00", "#1F83C0"

@@ -433,7 +433,7 @@ def plot_ladder(
     rungs = diagnosis.ladder
     step = diagnosis.steps[0]
     spread = step.base.problem.spread
-    floor = min(s.floor for s in diagnosis.steps) / spread
+    floor = diagnosis.floor / spread
     if ax is None:
         _, ax = new_axes(figsize=(max(5.0, 2.6 + 1.3 * len(rungs)), 4.2))
     for key, colour, marker, style, word in (

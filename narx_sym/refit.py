@@ -14,7 +14,7 @@ from scipy.linalg import lstsq
 from .constraints import constraint_equations
 from .data import Record
 from .errors import FitError
-from .extend import Variant, extend, without
+from .extend import Variant, extend, newer, without
 from .freerun import FreeRun
 from .journal import remembered
 from .metrics import correlation_length
@@ -221,23 +221,23 @@ def add(
     return None
 
 
-def prune(fitted: Fitted, keep: Sequence[str], before: Fitted) -> Fitted:
-    """Delete backwards the terms that an added effect made redundant, the least certain first.
+def prune(fitted: Fitted, before: Fitted) -> Fitted:
+    """Delete backwards the terms that added effects made redundant, the least certain first; the effects stay.
 
     A term goes while the free-run error grows by less than 1 %, or less than 0.1 % of what the effect removed comes
     back, on the training and on the held-out samples.
 
     Parameters
     ----------
-    keep : names of symbols that stay
-    before : the model without the effect
+    before : the model without the effects
     """
     masks = (fitted.split.train, fitted.split.held)
     limits = []
     for mask in masks:
         now = fitted.mean_square(mask)
         limits.append(max(SLACK * now, now + RETURNED * max(0.0, before.mean_square(mask) - now)))
-    refused: set[Any] = set(map(str, keep))
+    keep = {n for e in newer(fitted.model, before.model) for n in (*e["coefficients"], *e["shape"])}
+    refused = set(keep)
     while len(refused) < len(keep) + REFUSALS:
         scored = [
             (abs(v) / s if s > 0 and np.isfinite(s) else np.inf, str(symbol), symbol)

@@ -5,7 +5,6 @@ Every part of `figures.PANELS` is a template of its own; `sections` returns them
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from typing import Any
 from urllib.parse import quote
 
 from . import figures, interactive, story
+from .bases import words
 from .derive import derived
 from .diagnosis import Diagnosis
 from .errors import ModelError, NotInvertible
@@ -27,7 +27,7 @@ from .invert import compensator
 from .markup import from_latex, marked
 from .model import Model
 from .signals import v, x
-from .store import to_dict
+from .store import to_text
 from .svg import stylesheet
 from .traces import Comparison, Units
 
@@ -186,8 +186,7 @@ def _compare(
 def _rungs(d: Diagnosis) -> list[dict[str, Any]]:
     spread = d.steps[0].base.problem.spread
     rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
-    floor = min(s.floor for s in d.steps) / spread
-    rows.append({"name": "noise floor", "train": None, "validation": floor})
+    rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread})
     return [r | {"size": r["validation"] * spread} for r in rows]
 
 
@@ -212,7 +211,7 @@ def _model(d: Diagnosis, units: Units) -> dict[str, Any]:
     new = (set(after.symbols) - set(before.symbols)) | states
     rows = story.parameters(before, after, units, story.shape_units(d, units))
     try:
-        file = json.dumps(to_dict(after), indent=1, sort_keys=True)
+        file = to_text(after)
     except ModelError:  # a channel's name that a model file does not take
         file = ""
     return {
@@ -245,7 +244,7 @@ def _experiment(d: Diagnosis, drawn: Sequence[Picture], units: Units, scripts: b
     assert e is not None
     script, elements = interactive.experiment(e, units) if scripts else ("", {})
     live = [(name, p, Markup(part)) for (name, part), p in zip(elements.items(), drawn, strict=False)]
-    looks = zip(map(story.plain, e.outputs), interactive.LOOKS, interactive.DASHES, strict=False)
+    looks = zip(map(words, e.outputs), interactive.LOOKS, interactive.DASHES, strict=False)
     csv = csv_text({"t": e.t, "u": e.u})
     return {"e": e, "csv": csv, "script": Markup(script), "live": live, "looks": list(looks)}
 

@@ -117,7 +117,7 @@ def sizes(diagnosis: Diagnosis, units: Units) -> list[tuple[str, str, str]]:
     rungs = diagnosis.ladder
     found = [("Error of the base", rungs[0]["validation"])]
     found += [(f"Error {' '.join(map(plain, diagnosis.rungs[1:]))}", rungs[-1]["validation"])] if rungs[1:] else []
-    found.append(("Noise floor", min(s.floor for s in diagnosis.steps) / spread))
+    found.append(("Noise floor", diagnosis.floor / spread))
     return [(what, f"{number(size * spread)} {unit}", percent(size)) for what, size in found]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .bases import words
 from .diagnosis import Diagnosis
 from .errors import NarxError
 from .misfit import Misfit
@@ -49,15 +50,14 @@ class Comparison:
     def of(cls, diagnosis: Diagnosis) -> Comparison:
         """Take it from a diagnosis."""
         base = diagnosis.steps[0].base
-        last = next((s.chosen for s in reversed(diagnosis.steps) if s.chosen is not None), None)
+        last = diagnosis.last
         i = int(np.argmax([len(r) for r in base.split.records]))
         record = base.split.records[i]
         runs, nrmse = {"base": record.y - base.errors[i]}, {"base": diagnosis.ladder[0]["validation"]}
         if last is not None:
             name = " ".join(diagnosis.rungs)
             runs[name], nrmse[name] = record.y - last.errors[i], diagnosis.ladder[-1]["validation"]
-        floor = min(s.floor for s in diagnosis.steps)
-        return cls(record.t, record.u, record.y, runs, nrmse, floor, record.name, diagnosis.misfit)
+        return cls(record.t, record.u, record.y, runs, nrmse, diagnosis.floor, record.name, diagnosis.misfit)
 
     @property
     def errors(self) -> dict[str, Array]:
@@ -153,8 +153,3 @@ def plot_comparison(diagnosis: Diagnosis, axes: Any = None, units: Units | None 
 
 def _colour(c: Comparison, run: str) -> str:
     return ORANGE if run == next(iter(c.runs)) else BLUE
-
-
-def words(run: str) -> str:
-    """Return the name of a run, an effect or a panel as words."""
-    return "the base" if run == "base" else run.replace("_", " ")

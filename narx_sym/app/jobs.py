@@ -8,7 +8,6 @@ from typing import Any
 
 from ..addition import Addition
 from ..data import Record
-from ..derive import summary
 from ..diagnosis import Diagnosis, diagnose
 from ..effects import EFFECTS
 from ..errors import FitError, ModelError, NarxError, NotInvertible
@@ -110,8 +109,7 @@ def added(effect: str, way: Way, report: Report) -> Rung:
         model = step.chosen.model
     else:
         report("deleting what became redundant")
-        new = candidate.model.info["effects"][-1]
-        model = prune(candidate.fitted, [*new["coefficients"], *new["shape"]], rung.base).model
+        model = prune(candidate.fitted, rung.base).model
     return climbed(f"+ {effect}", model, way, report, effect)
 
 
@@ -170,9 +168,3 @@ def law_of(model: Model, limits: tuple[float, float] | None, rate: float | None,
     latex = law.latex(numbers=True)
     html = f'<div class="equation" tabindex="0" role="group" aria-label="Compensation law">{from_latex(latex)}</div>'
     return Law(tuple(law.lines(numbers=True)), latex, html, tuple(notes), code)
-
-
-def derived(model: Model, report: Report) -> list[tuple[str, list[str]]]:
-    """Derive everything that `narx-sym derive` prints."""
-    report("deriving")
-    return summary(model)

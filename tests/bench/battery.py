@@ -94,7 +94,7 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
     floor2 = float(np.mean((case.y - case.clean)[held[0]] ** 2))
     before2 = step.base.mean_square(held)
     kept = {one["effect"] for one in found.model.info.get("effects", [])}
-    last = next((s.chosen for s in reversed(found.steps) if s.chosen), step.base)
+    last = found.last or step.base
     row: Row = {
         "name": case.name, "noise": case.noise, "excitation": case.excitation,
         "accept": [sorted(ids) for ids in case.accept], "left": case.info["left"],

@@ -8,35 +8,24 @@ Constrained least squares on the paper's structures, as in the derivations P10, 
 from __future__ import annotations
 
 import argparse
-import sys
 import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sympy as sp
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from paper_tables import DIRECT, INVERSE, TS, N  # sets the path to the package first
 
 from narx_sym import NARX, Record, evaluate, mape, nsavi, plants, pool, select
 from narx_sym.assumptions import COMPENSATION, CONTINUUM
 from narx_sym.errors import Diverged
 from narx_sym.parallel import sweep
 
-TERMS = (
-    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]",
-    "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
-)  # fmt: skip
-INVERSE = (
-    "u[k-1]", "phi1[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]", "phi2[k-1]*phi1[k-1]*y[k-1]",
-    "phi2[k-1]*y[k-1]*u[k-1]", "phi2[k-1]*y[k-1]**2",
-)  # fmt: skip
 VALVE = ("y[k-1]", "phi1[k-2]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]")
 VALVE_INVERSE = (
     "u[k-1]", "phi1[k-1]", "phi1[k-2]", "phi1[k-1]*y[k-2]",
     "phi2[k-2]*phi1[k-2]*y[k-2]", "phi2[k-2]*phi1[k-2]*u[k-1]",
 )  # fmt: skip
-N, TS = 50_000, 1e-3
 STEPS = (1, 2, 5, 10, 15, 20, 25, 30, 40, 50)  # [ms]
 BETA = np.linspace(0.004, 0.1, 49)
 LEADS = (0.5, 1.0, 2.0, 4.0, 8.0)  # values of the valve model's theta_3
@@ -46,7 +35,7 @@ Array = np.ndarray
 
 def direct() -> NARX:
     """Return the paper's model M of the bench test."""
-    return NARX.from_terms(TERMS, constraints=("continuum",))
+    return NARX.from_terms(DIRECT, constraints=("continuum",))
 
 
 def inverse() -> NARX:
