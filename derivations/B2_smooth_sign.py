@@ -13,7 +13,7 @@ from rich.table import Table
 
 import narx_sym as ns
 from narx_sym import plants, plots
-from narx_sym.smoothing import DEFAULT
+from narx_sym.symbolic.smoothing import DEFAULT
 
 FIGURE = Path(__file__).parent / "figures" / "B2.png"
 TERMS = [

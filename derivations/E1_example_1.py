@@ -11,7 +11,7 @@ import sympy as sp
 
 import narx_sym as ns
 from narx_sym import plants, plots
-from narx_sym.analysis import constraint_matrix, continuum_conditions, phi1_, u_
+from narx_sym.models.analysis import constraint_matrix, continuum_conditions, phi1_, u_
 
 FIGURE = Path(__file__).parent / "figures" / "E1.png"
 k = ns.k
@@ -26,7 +26,7 @@ print(ns.latex(model))
 # What remains must hold for every $\bar y$: that is $S\theta = c$.
 
 # %%
-print(ns.latex(ns.steady_state(model)))
+print(ns.latex(ns.analysis.steady_state(model)))
 S, c = constraint_matrix(continuum_conditions(model), model.symbols)
 print(f"S = {ns.latex(S)}, c = {ns.latex(c)}")
 

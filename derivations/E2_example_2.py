@@ -11,7 +11,7 @@ import sympy as sp
 
 import narx_sym as ns
 from narx_sym import plots
-from narx_sym.invert import q
+from narx_sym.inversion.compensator import q
 
 FIGURE = Path(__file__).parent / "figures" / "E2.png"
 k, m, r, u, y = ns.k, ns.m, ns.r, ns.u, ns.y

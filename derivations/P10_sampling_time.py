@@ -16,7 +16,7 @@ from rich.table import Table
 
 import narx_sym as ns
 from narx_sym import plants, plots
-from narx_sym.parallel import sweep
+from narx_sym.files.parallel import sweep
 
 FIGURE = Path(__file__).parent / "figures" / "P10.png"
 TERMS = [

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 import narx_sym as ns
-from narx_sym import assumptions, plants, plots, selection
+from narx_sym import assumptions, plants, plots
+from narx_sym.fit import select as selection
+from narx_sym.symbolic.grammar import parse
 
 FIGURE = Path(__file__).parent / "figures" / "P2.png"
 k, u, y = ns.k, ns.u, ns.y
@@ -59,11 +61,11 @@ print(ns.latex(inverse.model))
 # factor a term acts per sample. Their $\theta_5, \theta_6 \approx 10^{-5}$ say how little they do at 1 kHz.
 
 # %%
-PAPER = [ns.parse(text) for text in (
+PAPER = [parse(text) for text in (
     "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]",
     "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
 )]  # fmt: skip
-PAPER_INVERSE = [ns.parse(text) for text in (
+PAPER_INVERSE = [parse(text) for text in (
     "breve_phi1[k-1]", "breve_phi2[k-1]*breve_phi1[k-1]*u[k-1]", "breve_phi2[k-1]*breve_phi1[k-1]*y[k-1]",
     "breve_phi2[k-1]*y[k-1]*u[k-1]", "breve_phi2[k-1]*y[k-1]**2",
 )]  # fmt: skip

@@ -10,7 +10,7 @@ import sympy as sp
 
 import narx_sym as ns
 from narx_sym import plots
-from narx_sym.analysis import phi1_, u_
+from narx_sym.models.analysis import phi1_, u_
 
 FIGURE = Path(__file__).parent / "figures" / "P5.png"
 model = ns.NARX.from_terms(

@@ -11,7 +11,7 @@ import sympy as sp
 
 import narx_sym as ns
 from narx_sym import plants, plots
-from narx_sym.analysis import continuum_conditions, rest_map, ybar
+from narx_sym.models.analysis import continuum_conditions, rest_map, ybar
 
 FIGURE = Path(__file__).parent / "figures" / "P6.png"
 TERMS = [
@@ -26,10 +26,10 @@ model = ns.NARX.from_terms(TERMS, theta=[1.00, 0.77, 1.44e-2, -9.60e-3, 3.15e-4,
 # $\Sigma_y = 1$ alone would not do: $y_k = y_{k-1} + \theta u_{k-1}$ meets Assumption 1 too, and drifts.
 
 # %%
-print(ns.latex(ns.steady_state(model)))
+print(ns.latex(ns.analysis.steady_state(model)))
 drifting = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[1.0, 0.1])
 print(ns.latex(continuum_conditions(drifting)))
-print(ns.property_1(model).reason, "/", ns.property_1(drifting).reason)
+print(ns.analysis.property_1(model).reason, "/", ns.analysis.property_1(drifting).reason)
 
 # %% [markdown]
 # ## In numbers
@@ -75,8 +75,8 @@ figure.savefig(FIGURE, dpi=150)
 
 # %%
 assert sp.simplify(rest_map(model).xreplace({model.symbols[0]: sp.S.One}) - ybar) == 0
-assert ns.continuum(model) and ns.property_1(model).holds
-assert not ns.continuum(drifting) and not ns.property_1(drifting).holds
+assert ns.analysis.continuum(model) and ns.analysis.property_1(model).holds
+assert not ns.analysis.continuum(drifting) and not ns.analysis.property_1(drifting).holds
 assert moved == {"loading": 0.0, "unloading": 0.0}
 assert max(gaps.values()) < 0.02 * 70  # um, of the 70 um the loop spans
 assert 8 < runs["unloading"][3][-1] - runs["loading"][3][-1] < 10  # um: two points of one loop at 16.8 V

@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 import narx_sym as ns
-from narx_sym import plants, plots, selection
+from narx_sym import plants, plots
+from narx_sym.fit import select as selection
 
 FIGURE = Path(__file__).parent / "figures" / "P7.png"
 PAPER = {"model": 0.398, "inverse": 0.413, "black box": 1.494}

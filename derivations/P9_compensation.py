@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 import narx_sym as ns
-from narx_sym import plants, plots, selection
+from narx_sym import plants, plots
+from narx_sym.fit import select as selection
 
 FIGURE = Path(__file__).parent / "figures" / "P9.png"
 PAPER = {"strategy 1": (0.322, 1.13), "strategy 2": (0.425, 1.14), "black box": (1.819, 1.15), "none": (6.536, 1.00)}

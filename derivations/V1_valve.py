@@ -10,7 +10,7 @@ import sympy as sp
 
 import narx_sym as ns
 from narx_sym import plots
-from narx_sym.internal import direction, mbar, rbar
+from narx_sym.inversion.stability import direction, mbar, rbar
 
 FIGURE = Path(__file__).parent / "figures" / "V1.png"
 REGIONS = FIGURE.with_stem("V1_regions")
@@ -123,7 +123,7 @@ assert all(abs(float(c)) < 1e-9 for c in sp.Poly(by_analysis[-1] - factors["fall
 assert internal.integrates and internal.repelling(3, 3, 1) and not internal.repelling(3, 3, -1)
 # The reference enters the region on its first steps and leaves it again: flagged, and no divergence.
 assert visit.noteworthy and visit.first < 20 and visit.largest > 1.5 and visit.rate < 1
-assert ns.continuum(model) and ns.continuum(inverse)
+assert ns.analysis.continuum(model) and ns.analysis.continuum(inverse)
 assert error < 1e-9
 assert volts[:100].max() > 5 and abs(volts[3000:-3].mean() - 4) < 0.2
 assert np.corrcoef(reference[3000:-3], second_volts[3000:-3])[0, 1] < -0.5

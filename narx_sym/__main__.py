@@ -8,7 +8,7 @@ from .errors import INTERRUPTED
 def main() -> None:
     """Run the command; Ctrl-C gives one line, while modules are loaded too."""
     try:
-        from .cli import main as run
+        from .cli.main import main as run
 
         run()
     except KeyboardInterrupt:

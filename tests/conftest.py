@@ -5,8 +5,8 @@ import sys
 import pytest
 
 import narx_sym as ns
-from narx_sym import cli
-from narx_sym.demo import PLAY, STAGE_UNITS, stage
+from narx_sym.cli import main as cli
+from narx_sym.cli.demo import PLAY, STAGE_UNITS, stage
 
 
 @pytest.fixture

@@ -8,11 +8,11 @@ import numpy as np
 import sympy as sp
 
 import narx_sym as ns
-from narx_sym.compile import compile
-from narx_sym.export import to_c, to_st
-from narx_sym.extend import extend, variants
-from narx_sym.recursion import Recursion
-from narx_sym.signals import k, phi1, phi2, signal, t, u, y
+from narx_sym.codegen.export import to_c, to_st
+from narx_sym.engines.compile import compile
+from narx_sym.models.extend import extend, variants
+from narx_sym.symbolic.recursion import Recursion
+from narx_sym.symbolic.signals import k, phi1, phi2, signal, t, u, y
 
 PAPER = [
     "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2",
@@ -88,7 +88,7 @@ class Subject:
     def steps(self, n):
         """What each step takes, by name: the newest sample that the equations read."""
         depth, lead = self.recursion.depth, self.recursion.lead
-        from narx_sym.signals import lag, samples
+        from narx_sym.symbolic.signals import lag, samples
 
         read = {s for _, right in self.recursion.updates for s in samples(right)}
         found = {}

@@ -13,10 +13,10 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from narx_sym.effects import Catalogue, load_effects
 from narx_sym.errors import ModelError, NarxError, ParseError
-from narx_sym.parsing import FUNCTIONS, parse
-from narx_sym.store import load
+from narx_sym.files.store import load
+from narx_sym.models.effects import Catalogue, load_effects
+from narx_sym.symbolic.grammar import FUNCTIONS, parse
 
 # ---------------------------------------------------------------- text terms
 

@@ -44,7 +44,7 @@ def csv(names="t,u,y", **columns):
 
 def linear_model(u, y):
     """A fitted linear base, as the content of a model file."""
-    from narx_sym.store import to_text
+    from narx_sym.files.store import to_text
 
     model = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "1"])
     return to_text(model.fit(ns.Record.from_arrays(u, y, Ts=TS), method="free_run")).encode()
@@ -91,7 +91,7 @@ class Server:
 
     def __init__(self, *arguments, cwd=None):
         code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        code += "from narx_sym.cli import main; sys.argv = ['narx-sym', 'app', *sys.argv[1:]]; main()"
+        code += "from narx_sym.cli.main import main; sys.argv = ['narx-sym', 'app', *sys.argv[1:]]; main()"
         root = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
         self.process = subprocess.Popen(

@@ -12,8 +12,9 @@ import joblib
 import numpy as np
 
 import narx_sym as ns
-from narx_sym.cli_diagnose import write_json
-from narx_sym.derive import document
+from narx_sym.cli.diagnose import write_json
+from narx_sym.fit.bootstrap import block_bootstrap
+from narx_sym.inversion.summary import document
 
 N, TS = 900, 0.01
 EFFECTS = ("dead_zone", "backlash", "saturation")  # an empty tuple: the whole catalogue
@@ -44,7 +45,7 @@ def write_all(folder, jobs):
         model = ns.identify(loop, for_compensation=True, degree=2, max_terms=6)
         model.fit(loop, ["continuum"], "free_run", starts=4, seed=3)
         base = ns.identify(linear, base="linear", n_y=2, n_u=1, delay=1)
-        spread = ns.block_bootstrap(base, linear, draws=8, seed=5)
+        spread = block_bootstrap(base, linear, draws=8, seed=5)
     law = model.compensator()
     ns.save(model, folder / "model.json")
     (folder / "law.tex").write_text(law.latex(numbers=True), encoding="utf-8")

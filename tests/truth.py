@@ -13,9 +13,9 @@ import numpy as np
 import sympy as sp
 from hypothesis import strategies as st
 
-from narx_sym.data import Record
-from narx_sym.model import NARX
-from narx_sym.signals import k, lag, phi1, phi2, samples, u, y
+from narx_sym.data.record import Record
+from narx_sym.models.model import NARX
+from narx_sym.symbolic.signals import k, lag, phi1, phi2, samples, u, y
 
 FOLDER = Path(__file__).parent / "strd"
 NAMES = sorted(f.stem for f in FOLDER.glob("*.txt"))

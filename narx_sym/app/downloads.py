@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import ModelError
-from ..signals import plain_name
-from ..store import to_text
+from ..files.store import to_text
+from ..symbolic.signals import plain_name
 from .story import Story
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def download(bench: Workbench, kind: str) -> tuple[str, str]:
     ModelError
         Where there is no such file (yet).
     """
-    from ..derive import document
+    from ..inversion.summary import document
 
     rung, law = bench.rung, bench.law
     if rung is None:
@@ -49,7 +49,7 @@ def download(bench: Workbench, kind: str) -> tuple[str, str]:
 
 
 def _report(bench: Workbench) -> str:
-    from ..report import page
+    from ..report.page import page
 
     choice = bench.choice
     settings = {"base": bench.base_name or str(bench.base), "rows": choice.rows or "all"}

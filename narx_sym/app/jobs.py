@@ -6,18 +6,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..addition import Addition
-from ..data import Record
-from ..diagnosis import Diagnosis, diagnose
-from ..effects import EFFECTS
+from ..data.record import Record
+from ..diagnosis.add import Addition
+from ..diagnosis.procedure import Diagnosis, diagnose
+from ..diagnosis.refit import Fitted, prune
 from ..errors import FitError, ModelError, NarxError, NotInvertible
-from ..estimate import describe, fit
-from ..excursions import operating_range
-from ..identification import identify
-from ..invert import compensator
-from ..markup import from_latex
-from ..model import Model
-from ..refit import Fitted, prune
+from ..fit.excursions import operating_range
+from ..fit.identify import identify
+from ..fit.least_squares import describe, fit
+from ..inversion.compensator import compensator
+from ..models.effects import EFFECTS
+from ..models.model import Model
+from ..symbolic.mathml import from_latex
 from .story import Told, told
 
 Report = Callable[[str], Any]

@@ -8,8 +8,8 @@ from typing import Any
 
 from nicegui import run, ui
 
-from ..report import style
-from ..svg import stylesheet
+from ..report.page import style
+from ..report.svg import stylesheet
 from . import results
 from .widgets import drop, figure, heading, said, section
 from .workbench import SUFFIXES, Workbench

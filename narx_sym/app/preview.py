@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..data import Record
-from ..plots import BLUE, GREEN, label, new_axes, thin
-from ..svg import svg
+from ..data.record import Record
+from ..report.plots import BLUE, GREEN, label, new_axes, thin
+from ..report.svg import svg
 
 
 def signals_svg(record: Record, units: Mapping[str, str]) -> str:

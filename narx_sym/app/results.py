@@ -7,7 +7,7 @@ from html import escape
 
 from nicegui import ui
 
-from ..effects import EFFECTS
+from ..models.effects import EFFECTS
 from .jobs import Rung
 from .widgets import caption, data_cells, head, heading, part, said, section, small
 from .workbench import Workbench

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from .. import report
-from ..diagnosis import Diagnosis, Step
-from ..model import Model
+from ..diagnosis.procedure import Diagnosis, Step
+from ..models.model import Model
+from ..report import page as report
 
 if TYPE_CHECKING:
     from .jobs import Rung

@@ -10,16 +10,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..data import Record, read
+from ..data.record import Record, read
+from ..data.tables import Table
+from ..data.tables import load as load_table
 from ..errors import DataError, ModelError, NarxError
-from ..files import write_csv
-from ..identification import BASES, prepare
-from ..model import Model
-from ..rewriting import rewritten, written_terms
-from ..signals import plain_name, u
-from ..store import load as load_model
-from ..tables import Table
-from ..tables import load as load_table
+from ..files.atomic import write_csv
+from ..files.store import load as load_model
+from ..fit.identify import BASES, prepare
+from ..models.model import Model
+from ..models.rewrite import rewritten, written_terms
+from ..symbolic.signals import plain_name, u
 from .choice import Choice, guessed, in_the_page, number, shortened
 from .downloads import download
 from .jobs import Law, Rung, Way, added, edited, first, law_of
@@ -155,7 +155,7 @@ class Workbench:
 
     def example(self) -> None:
         """Take simulated measurements of a stage behind a gear with play."""
-        from ..demo import PLAY, STAGE_UNITS, stage
+        from ..cli.demo import PLAY, STAGE_UNITS, stage
 
         with self._said():
             record = stage(PLAY)

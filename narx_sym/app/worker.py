@@ -113,7 +113,7 @@ def _hand_over(pipe: Any, work: Callable[..., Any], arguments: Sequence[Any]) ->
 def _serve(pipe: Any) -> None:
     """Do one piece of work after the other."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    from .. import diagnosis  # noqa: F401 - loaded while the user still looks for a file
+    from ..diagnosis import procedure as diagnosis  # noqa: F401 - loaded while the user still looks for a file
 
     while True:
         try:

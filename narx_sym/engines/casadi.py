@@ -11,9 +11,9 @@ import numpy as np
 import sympy as sp
 
 from ..errors import ModelError
-from ..recursion import Recursion
-from ..signals import k
-from ..solution import Root
+from ..inversion.solution import Root
+from ..symbolic.recursion import Recursion
+from ..symbolic.signals import k
 from .plan import Plan
 
 TABLE: dict[Any, Callable[..., Any]] = {

@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 
 import sympy as sp
 
-from ..recursion import Recursion
-from ..signals import k, lag, samples
-from ..solution import Root
+from ..inversion.solution import Root
+from ..symbolic.recursion import Recursion
+from ..symbolic.signals import k, lag, samples
 
 MAX_HORNER = 4
 TIME = sp.Dummy("time_index", real=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..solution import Root
+from ..inversion.solution import Root
 from .plan import Plan
 from .writer import CALL, Writer, indented
 

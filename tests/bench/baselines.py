@@ -44,16 +44,16 @@ import sympy as sp
 import truths
 
 from narx_sym import NARX, Model, Record, identify
-from narx_sym.bases import fit_base
-from narx_sym.compile import Columns
-from narx_sym.constraints import constraint_equations
-from narx_sym.directions import Linearised
-from narx_sym.effects import EFFECTS, Catalogue
+from narx_sym.diagnosis.bases import fit_base
+from narx_sym.diagnosis.directions import Linearised
+from narx_sym.diagnosis.refit import Fitted, Split
+from narx_sym.engines.compile import Columns
 from narx_sym.errors import NarxError
-from narx_sym.extend import equations
-from narx_sym.freerun import FreeRun
-from narx_sym.parallel import one_blas_thread
-from narx_sym.refit import Fitted, Split
+from narx_sym.files.parallel import one_blas_thread
+from narx_sym.fit.constraints import constraint_equations
+from narx_sym.fit.freerun import FreeRun
+from narx_sym.models.effects import EFFECTS, Catalogue
+from narx_sym.models.extend import equations
 
 Array = np.ndarray
 TINY = 1e-7  # share of a column's energy below which the base spans it

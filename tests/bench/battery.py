@@ -44,10 +44,10 @@ import numpy as np
 import truths
 
 import narx_sym as ns
-from narx_sym.bases import simpler
-from narx_sym.candidates import ranked, refit, score
-from narx_sym.diagnosis import Step
-from narx_sym.effects import EFFECTS, Catalogue
+from narx_sym.diagnosis.bases import simpler
+from narx_sym.diagnosis.candidates import ranked, refit, score
+from narx_sym.diagnosis.procedure import Step
+from narx_sym.models.effects import EFFECTS, Catalogue
 
 HERE = Path(__file__).resolve().parent
 GROUPS = ("in", "off", "null", "removed", "pair")

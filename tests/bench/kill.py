@@ -101,7 +101,7 @@ def two_effects():  # type: ignore[no-untyped-def]
 
 def whole(found: object) -> str:
     """Return all bits of a result as text."""
-    from narx_sym.journal import plain
+    from narx_sym.files.journal import plain
 
     return json.dumps(plain(found), sort_keys=True)
 

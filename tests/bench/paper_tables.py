@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from narx_sym import NARX, Record, assumptions, free_run, mape, nsavi, plants, pool, select
 from narx_sym.errors import Diverged, NotInvertible
-from narx_sym.model import Pool
+from narx_sym.models.model import Pool
 
 N, TS = 50_000, 1e-3
 SINE = 40 * np.sin(2 * np.pi * TS * np.arange(N))  # the validation input [V] and the reference [um]

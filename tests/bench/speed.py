@@ -37,11 +37,13 @@ import sympy as sp
 from paper_tables import TABLE_1, TS, direct
 from scipy.linalg.blas import dsyrk
 
-from narx_sym import NARX, Model, Record, ensemble, plants, pool, sensitivities
-from narx_sym.compile import Columns, compile
-from narx_sym.estimate import factor
-from narx_sym.selection import err_path, path_of
-from narx_sym.signals import k, u, y
+from narx_sym import NARX, Model, Record, plants, pool
+from narx_sym.engines.compile import Columns, compile
+from narx_sym.fit import ensemble
+from narx_sym.fit.least_squares import factor
+from narx_sym.fit.select import err_path, path_of
+from narx_sym.symbolic.sensitivity import sensitivities
+from narx_sym.symbolic.signals import k, u, y
 
 ROOT, N = Path(__file__).resolve().parents[2], 50_000
 THETA = np.array(TABLE_1["direct"])

@@ -17,9 +17,9 @@ import sympy as sp
 from paper_tables import DIRECT, INVERSE, TS, N  # sets the path to the package first
 
 from narx_sym import NARX, Record, evaluate, mape, nsavi, plants, pool, select
-from narx_sym.assumptions import COMPENSATION, CONTINUUM
 from narx_sym.errors import Diverged
-from narx_sym.parallel import sweep
+from narx_sym.files.parallel import sweep
+from narx_sym.models.assumptions import COMPENSATION, CONTINUUM
 
 VALVE = ("y[k-1]", "phi1[k-2]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]")
 VALVE_INVERSE = (

@@ -30,15 +30,15 @@ from truth import (  # noqa: E402
     strd,
 )
 
-from narx_sym.compile import Columns, compile  # noqa: E402
-from narx_sym.data import Record  # noqa: E402
-from narx_sym.estimate import one_step  # noqa: E402
-from narx_sym.metrics import nrmse  # noqa: E402
-from narx_sym.model import NARX  # noqa: E402
-from narx_sym.recursion import Recursion  # noqa: E402
-from narx_sym.selection import err_path  # noqa: E402
-from narx_sym.sensitivity import sensitivities  # noqa: E402
-from narx_sym.signals import expand_phi, k, y  # noqa: E402
+from narx_sym.data.metrics import nrmse  # noqa: E402
+from narx_sym.data.record import Record  # noqa: E402
+from narx_sym.engines.compile import Columns, compile  # noqa: E402
+from narx_sym.fit.least_squares import one_step  # noqa: E402
+from narx_sym.fit.select import err_path  # noqa: E402
+from narx_sym.models.model import NARX  # noqa: E402
+from narx_sym.symbolic.recursion import Recursion  # noqa: E402
+from narx_sym.symbolic.sensitivity import sensitivities  # noqa: E402
+from narx_sym.symbolic.signals import expand_phi, k, y  # noqa: E402
 
 
 def runner(count: int) -> Any:

@@ -1,0 +1,1 @@
+"""The `narx-sym` command."""

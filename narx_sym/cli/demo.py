@@ -1,0 +1,196 @@
+"""The main job end to end, on simulated machines: identify, derive, compensate, compare; then find a missing effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..data import plants
+from ..data.metrics import mape, nsavi
+from ..data.record import Record
+from ..diagnosis.procedure import diagnose
+from ..engines.compile import compile
+from ..files.atomic import write_csv, write_text
+from ..files.store import save
+from ..fit.identify import identify, identify_inverse
+from ..fit.simulate import evaluate
+from ..inversion.summary import document
+from ..models import analysis
+from ..report.plots import (
+    plot_candidates,
+    plot_comparison,
+    plot_compensation,
+    plot_ladder,
+    plot_quasi_static,
+    where_it_fails,
+)
+from ..symbolic.printing import text
+from .diagnose import show, write_json
+from .options import print_equations
+
+UNITS = {"u": "V", "y": "um", "r": "um", "m": "V"}
+PAPER = {"model": 0.398, "inverse": 0.413, "none": 6.536, "law": 0.322, "inverse law": 0.425}
+PEAK, SEED = 75.0, 0
+STAGE_UNITS = {"u": "rad", "y": "mm"}
+PLAY, STAGE_TS, STAGE_SAMPLES = 0.3, 0.01, 2000  # half-width of the gear's play [rad]; [s]
+
+
+def bench(seed: int = SEED, peak: float = PEAK) -> tuple[Record, Record]:
+    """Return identification and validation records of the piezo actuator (section 5 of the paper)."""
+    u = plants.filtered_noise(peak=peak, seed=seed)
+    t = np.arange(u.size) * 1e-3
+    sine = 40 * np.sin(2 * np.pi * t)
+    return (
+        Record.from_arrays(u, plants.bouc_wen(u), Ts=1e-3, name="identification"),
+        Record.from_arrays(sine, plants.bouc_wen(sine), Ts=1e-3, name="validation"),
+    )
+
+
+def stage(play: float, seed: int = SEED) -> Record:
+    """Return a record of a motor that moves a stage through a gear with play, by an elastic spindle.
+
+    The gear follows the motor's angle once the slack is taken up; the stage obeys x'' + 2 d w x' + w^2 x = w^2 g p.
+    Integrated in small steps, with the noise of a position sensor.
+
+    Parameters
+    ----------
+    play : float
+        Half of the slack [rad].
+    """
+    w, d, gain, noise, fine = 2 * np.pi * 3.0, 0.5, 0.8, 0.02, 20  # [rad/s], -, [mm/rad], [mm], steps per sample
+    u = plants.filtered_noise(N=STAGE_SAMPLES, Ts=STAGE_TS, cutoff=2.0, peak=5.0, seed=seed + 1)
+    h, p, x, v = STAGE_TS / fine, float(u[0]), 0.0, 0.0
+    path = []
+    for angle in u.tolist():
+        path.append(x)
+        p = max(angle - play, min(angle + play, p))
+        for _ in range(fine):
+            v += h * (w * w * (gain * p - x) - 2 * d * w * v)
+            x += h * v
+    y = np.array(path) + noise * np.random.default_rng(seed + 2).standard_normal(u.size)
+    return Record.from_arrays(u, y, Ts=STAGE_TS, name="stage")
+
+
+def run(
+    out: Path,
+    working: Callable[[str], Any],
+    table: Callable[..., None],
+    console: Any,
+    save_figure: Callable[[Any, Path], None],
+) -> None:
+    """Write everything into a folder and print the story."""
+    out.mkdir(exist_ok=True)
+    say = console.print
+    with working("Simulating a piezo actuator with Bouc-Wen hysteresis"):
+        training, validation = bench()
+    write_csv(out / "identification.csv", {"t": training.t, "u": training.u, "y": training.y})
+    write_csv(out / "validation.csv", {"t": validation.t, "u": validation.u, "y": validation.y})
+
+    say("[bold]1. Identify[/bold]: a piezo actuator, 50 s at 1 kHz, u in V, y in um")
+    with working("Selecting the structure and fitting in free run"):
+        model = identify(training, for_compensation=True)
+        inverse = identify_inverse(training, lead=2)
+    save(model, out / "model.json")
+    save(inverse, out / "inverse.json")
+    rows = [[r["symbol"], r["term"], f"{r['theta']:.5g}", f"{r['std']:.1g}"] for r in model.table()]
+    table(
+        "The model, selected by ERR from the paper's pool",
+        ["parameter", "term", "value", "standard error"],
+        rows,
+    )
+
+    say("[bold]2. Derive[/bold]: everything below follows from the equation by algebra")
+    sets = model.quasi_static()
+    verdict = analysis.property_1(model)
+    say(f"  Sigma_y = {model.sigma_y} = {model.theta[0]:g}; {verdict.reason}", markup=False)
+    say(f"  loading:   ytilde = {sets.loading}", markup=False)
+    say(f"  attracts where {sets.attracting}", markup=False)
+    write_text(out / "derivation.tex", document(model))
+
+    say("[bold]3. Compensate[/bold]: the law in closed form")
+    law, inverse_law = model.compensator(), inverse.compensator()
+    say(f"  m[k] = {text(law.law)}", markup=False)
+    say(f"  put back into the model it gives r[k+1] with residual {law.residual()}", markup=False)
+    write_text(out / "law.tex", f"\\[\n{law.latex(numbers=True)}\n\\]\n")
+    write_text(out / "law.c", law.to_c())
+    with working("Running the laws on the actuator"):
+        r = validation.u
+        inputs = {"without": r, "law": law.run(r), "inverse law": inverse_law.run(r)}
+        outputs = {name: plants.bouc_wen(m) for name, m in inputs.items()}
+    write_csv(out / "compensated.csv", {"t": validation.t, "r": r, "m": inputs["law"], "y": outputs["law"]})
+
+    say("[bold]4. Compare[/bold] with the paper (one noise realisation; the README shows twenty)")
+    found = {name: mape(r, y) for name, y in outputs.items()}
+    table(
+        "MAPE in % of the output's range",
+        ["", "here", "paper"],
+        [
+            ["model, free run on a 40 V sine", evaluate(model, validation).free_run_mape, PAPER["model"]],
+            ["identified inverse, free run", evaluate(inverse, validation).free_run_mape, PAPER["inverse"]],
+            ["tracking without compensation", found["without"], PAPER["none"]],
+            ["tracking with the law of the model", found["law"], PAPER["law"]],
+            ["tracking with the law of the inverse", found["inverse law"], PAPER["inverse law"]],
+            ["effort NSAVI, law of the model", nsavi(inputs["law"], r), 1.13],
+        ],
+    )
+    compiled = compile(model.recursion)
+    say(f"  The model runs as {compiled.engine} code compiled from the equation.", markup=False)
+
+    with working("Drawing"):
+        window = validation[:2000]
+        save_figure(plot_comparison(model, window, units=UNITS), out / "comparison.png")
+        save_figure(
+            plot_quasi_static(model, 70 * np.sin(2 * np.pi * np.arange(1000) / 1000), units=UNITS),
+            out / "quasi_static.png",
+        )
+        last = slice(-2000, None)
+        shown = {"with the law": outputs["law"][last], "without": outputs["without"][last]}
+        figure = plot_compensation(validation.t[last], r[last], inputs["law"][last], shown, UNITS)
+        save_figure(figure, out / "compensation.png")
+    find_missing(out, working, say, save_figure)
+    say(f"Written to {out}/: " + ", ".join(sorted(p.name for p in out.iterdir())), markup=False)
+
+
+def find_missing(
+    out: Path, working: Callable[[str], Any], say: Callable[..., None], save_figure: Callable[[Any, Path], None]
+) -> None:
+    """Diagnose a machine with a hidden effect, add what is named, and diagnose one without it."""
+    say("[bold]5. Diagnose[/bold]: a motor moves a stage; its gear has play, which no linear model knows")
+    record = stage(PLAY)
+    write_csv(out / "stage.csv", {"t": record.t, "u": record.u, "y": record.y})
+    with working("Identifying a linear model of the stage"):
+        base = identify(record, base="linear")
+    with working("Diagnosing it: which effect is missing?") as report:
+        found = diagnose(base, record, report=report)
+    show(found, STAGE_UNITS)
+    write_json(found, out / "diagnosis.json", None)
+
+    say("[bold]6. Add[/bold] what is missing, and watch the error fall")
+    model = base
+    if found.candidates:
+        with working("Fitting the model with the effect"):
+            model = base.add(found.best).fit(record)
+        print_equations(model)
+        said = f"{found.best.effect} with {found.table()[0]['parameters']}"
+        say(f"  found: {said}; simulated: backlash with c = 1, r = {PLAY:g} rad", markup=False)
+    save(model, out / "model_with_effect.json")
+    before, after = (evaluate(m, record).free_run_nrmse for m in (base, model))
+    say(f"  free-run NRMSE: {before:.3g} before, {after:.3g} after", markup=False)
+    with working("Drawing"):
+        save_figure(plot_ladder(found, units=STAGE_UNITS), out / "ladder.png")
+        if found.candidates:
+            save_figure(plot_candidates(found), out / "candidates.png")
+        save_figure(where_it_fails(found.misfit, units=STAGE_UNITS), out / "where_it_fails.png")
+    with working("Writing the report"):
+        found.report(out / "report.html", STAGE_UNITS, [out / "stage.csv"], {"base": "linear"})
+    say(f"  All of it on one page: open {out / 'report.html'} in a browser", markup=False)
+
+    say("[bold]7. Diagnose again[/bold]: the same stage with a new gear, without play")
+    repaired = stage(0.0)
+    with working("Identifying and diagnosing it"):
+        healthy = diagnose(identify(repaired, base="linear"), repaired)
+    say(f"  {healthy.verdict}: {healthy.sentence(STAGE_UNITS)}", markup=False)
+    say(f"  The same on your own data: narx-sym diagnose {out / 'stage.csv'} --units rad,mm", markup=False)

@@ -1,0 +1,1 @@
+"""One step of a recursion as source for other places."""

@@ -1,0 +1,276 @@
+"""C99 source of a recursion: state in a struct, an init and a step function, no heap, a self-test."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from ..engines.plan import Plan
+from ..engines.writer import Writer, indented
+from ..errors import ModelError
+from ..symbolic.recursion import Recursion
+from .layout import Layout, numbered, shortened, wrapped
+
+TOLERANCE = {False: "1e-12", True: "1e-4"}  # of the self-test, relative; double and single
+UNROLLED = 3  # a longer past is shifted in a loop
+PAST = "past"  # the pointer to the state
+# Words of C (and of C++ and later C), of its library, of compilers, and of the source itself.
+WORDS = set(
+    """auto break case char const continue default do double else enum extern float for goto if inline int long
+    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    alignas alignof asm bool class constexpr false namespace new nullptr private public static_assert template this
+    thread_local true typeof typeof_unqual using virtual catch delete friend operator protected throw try typename
+    acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs fdim floor fma fmax
+    fmin fmod fpclassify frexp hypot ilogb isfinite isgreater isgreaterequal isinf isless islessequal islessgreater
+    isnan isnormal isunordered ldexp lgamma llrint llround log log10 log1p log2 logb lrint lround math_errhandling modf
+    nan nearbyint nextafter nexttoward pow remainder remquo rint round scalbln scalbn signbit sin sinh sqrt tan tanh
+    tgamma trunc stdin stdout stderr errno unix linux i386
+    main printf none expected sample worst size got gap good count i""".split()
+) | {PAST}
+FUNCTIONS = {
+    sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.tanh: "tanh", sp.sinh: "sinh", sp.cosh: "cosh", sp.exp: "exp",
+    sp.log: "log", sp.atan: "atan", sp.asin: "asin", sp.acos: "acos", sp.Abs: "fabs", sp.sqrt: "sqrt",
+}  # fmt: skip
+# Unlike fmax and fmin these keep a NaN, and they need no library.
+HELPERS = {
+    "sign": ("x", "x > {zero} ? {one} : (x < {zero} ? -{one} : x)"),
+    "max": ("a, b", "a > b || a != a ? a : b"),
+    "min": ("a, b", "a < b || a != a ? a : b"),
+}
+
+
+@dataclass(frozen=True)
+class Example:
+    """Samples for a self-test: what each step takes, what it must return, and the values at rest, all by signal."""
+
+    given: Mapping[Any, Any]
+    rest: Mapping[Any, float]
+    expected: Any
+
+
+class _C(Writer):
+    """The words of C99."""
+
+    language, functions = "C source", FUNCTIONS
+    joints, truth = ("&&", "||", "!"), ("0", "1")
+
+    def __init__(self, names: Mapping[Any, str], name: str, single: bool):
+        super().__init__(names, single)
+        self.prefix, self.real, self.mark = name, f"{name}_real", "F" if single else ""
+        self.helpers: set[str] = set()
+        self.mathematics = False
+
+    def number(self, value: float) -> str:
+        shown = repr(value)
+        return (shown if re.search(r"[.e]", shown) else shown + ".0") + self.mark
+
+    def call(self, name: str, *arguments: str) -> str:
+        self.mathematics = True
+        return super().call(name + ("f" if self.single else ""), *arguments)
+
+    def power(self, base: str, exponent: str) -> str:
+        return self.call("pow", base, exponent)
+
+    def sign(self, x: Any) -> str:
+        return self.helper("sign", self(x))
+
+    def step(self, x: Any) -> str:
+        return f"({self(x)} > {self.number(0.0)} ? {self.number(1.0)} : {self.number(0.0)})"
+
+    def extreme(self, largest: bool, values: Sequence[str]) -> str:
+        shown, *others = values
+        for value in others:
+            shown = self.helper("max" if largest else "min", shown, value)
+        return shown
+
+    def helper(self, name: str, *arguments: str) -> str:
+        self.helpers.add(name)
+        return f"{self.prefix}_{name}({', '.join(arguments)})"
+
+    def undefined(self, expr: Any) -> str:
+        self.mathematics = True
+        return "NAN"
+
+    def define(self, name: str, shown: str, boolean: bool = False) -> list[str]:
+        return [f"const {'int' if boolean else self.real} {name} = {shown};"]
+
+    def declare(self, name: str) -> list[str]:
+        return [f"{self.real} {name};"]
+
+    def assign(self, name: str, shown: str) -> str:
+        return f"{name} = {shown};"
+
+    def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
+        return [f"if ({condition}) {{", *then, "} else {", *otherwise, "}"]
+
+    def definitions(self) -> list[str]:
+        """Return the helpers that were used."""
+        lines = []
+        for name in sorted(self.helpers):
+            arguments, body = HELPERS[name]
+            shown = ", ".join(f"{self.real} {a}" for a in arguments.split(", "))
+            body = body.format(zero=self.number(0.0), one=self.number(1.0))
+            lines += [f"static {self.real} {self.prefix}_{name}({shown})", "{", f"    return {body};", "}", ""]
+        return lines
+
+
+def source(
+    recursion: Recursion,
+    values: Mapping[Any, float],
+    name: str,
+    single: bool,
+    returned: Any,
+    initial: Mapping[Any, Any],
+    notes: Sequence[str] = (),
+    example: Example | None = None,
+) -> str:
+    """Return one self-contained C99 file; the arguments are those of `narx_sym.codegen.export.to_c`."""
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
+        raise ModelError(f"{name!r} cannot be a C identifier.")
+    own = {name, *(f"{name}_{part}" for part in ("real", "state", "init", "step", *HELPERS))}
+    layout = Layout.of(recursion, values, returned, initial, _label, WORDS | own)
+    labels, inputs, rested = layout.labels, list(recursion.inputs), layout.rested
+    # Every state but the one that is returned can be read from the struct.
+    depth = {b: 1 for b in recursion.states if b != returned} | layout.depth
+    clock = numbered("k", lambda free: free not in labels.values())
+    writer = _C({}, name, single)
+    start = _init(layout, depth, writer, clock)
+    step = _step(layout, depth, writer, clock)
+    real, upper = writer.real, name.upper()
+    takes = ", ".join(layout.when(b) for b in inputs) or "nothing"
+    opening = f"void {name}_init({', '.join([f'{name}_state *{PAST}', *(f'{real} {labels[b]}' for b in rested)])})"
+    stepping = f"{real} {name}_step({', '.join([f'{name}_state *{PAST}', *(f'{real} {labels[b]}' for b in inputs)])})"
+    fields = [*(f"{real} {labels[b]}[{d}];" for b, d in depth.items()), *[f"unsigned long {clock};"] * layout.counts]
+    library = " -lm" if writer.mathematics else ""
+    test = f"Self-test: cc -std=c99 -D{upper}_SELF_TEST file.c{library} && ./a.out"
+    comment = layout.comment(
+        *notes,
+        f"{name}_init fills the past with values at rest; {name}_step takes {takes} and returns {labels[returned]}[k]; "
+        "further states are in the struct, newest first.",
+        f"No heap, no static data. C99{'; link with -lm' if library else ''}.",
+        test if example else "No self-test: a short run from rest leaves the finite numbers.",
+    )
+    lines = [
+        "/*",
+        *(f" * {line}".rstrip() for line in comment),
+        " */",
+        *["#include <math.h>"] * writer.mathematics,
+        "",
+        f"typedef {'float' if single else 'double'} {real};",
+        "",
+        "typedef struct {",
+        *indented(fields or ["char none;"]),
+        f"}} {name}_state;",
+        "",
+        f"{opening};",
+        f"{stepping};",
+        "",
+        *writer.definitions(),
+        opening,
+        "{",
+        *wrapped(start if fields else [f"{PAST}->none = 0;"]),
+        "}",
+        "",
+        stepping,
+        "{",
+        *wrapped(step if fields else [f"(void){PAST};", *step]),
+        "}",
+    ]
+    return "\n".join([*lines, *(_self_test(layout, writer, example) if example else [])]) + "\n"
+
+
+def _init(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> list[str]:
+    """Return the body of the init function; a state that starts from others is computed from them."""
+    labels = layout.labels
+    lines = []
+    for base, d in depth.items():
+        shown = labels[base] if base in layout.rested else writer.number(0.0)
+        if base in layout.initial:
+            expr, writer.names = layout.at_rest(base, {b: labels[b] for b in layout.rested})
+            shown = writer(expr)
+        lines += _each(f"{PAST}->{labels[base]}[{{}}] = {shown};", 0, d)
+    start, writer.lines = writer.lines + lines, []
+    return start + [f"{PAST}->{clock} = {layout.recursion.depth}UL;"] * layout.counts
+
+
+def _step(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> list[str]:
+    """Return the body of the step function: the equations, the shift of the past, the value."""
+    labels, plan = layout.labels, layout.plan
+    writer.names = {Plan.time: f"({writer.real}){PAST}->{clock}"}
+    for key, symbol in plan.sample.items():
+        base, age = layout.place(key)
+        writer.names[symbol] = f"{PAST}->{labels[base]}[{age - 1}]" if age else labels[base]
+
+    def done(s: int, shown: str) -> None:
+        writer.lines.append(f"const {writer.real} {labels[layout.recursion.states[s]]} = {shown};")
+
+    writer.updates(plan, done)
+    read = {layout.place(key) for key in plan.sample}
+    unused = [f"(void){labels[b]};" for b in layout.recursion.inputs if b not in depth and (b, 0) not in read]
+    shifts = []
+    for base, d in depth.items():
+        label = f"{PAST}->{labels[base]}"
+        if d > UNROLLED + 1:
+            shifts += [f"for (int i = {d - 1}; i > 0; i--) {{", f"    {label}[i] = {label}[i - 1];", "}"]
+        else:
+            shifts += [f"{label}[{i}] = {label}[{i - 1}];" for i in range(d - 1, 0, -1)]
+        shifts.append(f"{label}[0] = {labels[base]};")
+    shifts += [f"{PAST}->{clock}++;"] * layout.counts
+    return [*unused, *writer.lines, *shifts, f"return {labels[layout.returned]};"]
+
+
+def _each(line: str, first: int, last: int) -> list[str]:
+    """Repeat a line for each index; in a loop where there are many."""
+    if last - first <= UNROLLED + 1:
+        return [line.format(i) for i in range(first, last)]
+    return [f"for (int i = {first}; i < {last}; i++) {{", f"    {line.format('i')}", "}"]
+
+
+def _label(plain: str, taken: set[str]) -> str:
+    """Return a C identifier; capitals alone may be a macro."""
+    name = shortened(plain, 40)
+    return numbered(
+        name, lambda n: n not in taken and not re.fullmatch(r"part_\d+", n) and (len(n) == 1 or n.upper() != n)
+    )
+
+
+def _self_test(layout: Layout, writer: _C, example: Example) -> list[str]:
+    """Return a main function that steps through the example."""
+    name, labels, real = writer.prefix, layout.labels, writer.real
+
+    def literal(value: float) -> str:
+        return writer(sp.Float(float(value)))
+
+    def table(label: str, numbers: Any) -> list[str]:
+        shown = [literal(v) for v in numbers]
+        rows = [", ".join(shown[i : i + 4]) for i in range(0, len(shown), 4)]
+        return [f"static const {real} {label}[{len(shown)}] = {{", *indented(f"{row}," for row in rows), "};"]
+
+    def size(of: str) -> str:
+        return f"({of} < 0.0 ? -{of} : {of})"
+
+    n, inputs = len(example.expected), layout.recursion.inputs
+    body = [
+        *(line for b in inputs for line in table(labels[b], example.given[b])),
+        *table("expected", example.expected),
+        f"{name}_state {PAST};",
+        "double worst = 0.0;",
+        "int good = 1;",
+        f"{name}_init(&{PAST}{''.join(', ' + literal(example.rest[b]) for b in layout.rested)});",
+        f"for (int sample = 0; sample < {n}; sample++) {{",
+        f"    const double got = (double){name}_step(&{PAST}{''.join(f', {labels[b]}[sample]' for b in inputs)});",
+        "    const double size = (double)expected[sample], gap = (got - size) / (1.0 + " + size("size") + ");",
+        f"    if (!({size('gap')} <= {TOLERANCE[writer.single]})) good = 0;",
+        f"    if ({size('gap')} > worst) worst = {size('gap')};",
+        "}",
+        f'printf("{name}: %s, worst relative difference %g\\n", good ? "passed" : "FAILED", worst);',
+        "return good ? 0 : 1;",
+    ]
+    return [
+        "", f"#ifdef {name.upper()}_SELF_TEST", "#include <stdio.h>", "int main(void)", "{", *indented(body), "}",
+        "#endif",
+    ]  # fmt: skip

@@ -1,0 +1,168 @@
+"""One step of a recursion for other places: C99 source, Structured Text, a CasADi function.
+
+The numbers are put in, and the states start from rest by themselves; `engines/` has one file per target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ..engines.compile import compile
+from ..errors import ModelError
+from ..symbolic.recursion import Recursion
+from ..symbolic.signals import lag, samples
+from . import c, st
+
+CHECKED, LONGEST_CHECK = 48, 200  # samples of a self-test; a long delay adds its own
+
+
+def transition(recursion: Recursion, values: Mapping[Any, float], name: str = "narx", output: Any = None) -> Any:
+    """Return the step of a recursion with numbers as a CasADi `Function` (state, inputs) -> (next, output).
+
+    The state is `recursion.past`, the inputs are `recursion.given`, in that order; see `to_c` for the arguments.
+
+    Raises
+    ------
+    ModelError
+        For a missing value, an equation with the time index itself, or an output that the recursion does not compute.
+    """
+    from ..engines.casadi import transition  # CasADi takes long to load
+
+    return transition(recursion, _numbers(recursion, values), name, _returned(recursion, output))
+
+
+def to_c(
+    recursion: Recursion,
+    values: Mapping[Any, float],
+    name: str = "narx",
+    single: bool = False,
+    output: Any = None,
+    initial: Mapping[Any, Any] | None = None,
+    ranges: Mapping[str, Sequence[float]] | None = None,
+    Ts: float | None = None,
+) -> str:
+    """Return C99 source of a recursion: state in a struct, init and step, no heap, and a self-test.
+
+    Parameters
+    ----------
+    values : mapping from each parameter to its number
+    name : str
+        Prefix of the type and the functions.
+    single : bool
+        float instead of double.
+    output : IndexedBase or its name, optional
+        The state that a step returns; the last by default. (Sensitivities stand behind a model's output: name it.)
+    initial : mapping from states to expressions, optional
+        What a state is at rest, in samples of other sequences; the rest values of all other states are arguments of
+        the init function.
+    ranges : mapping from names to (low, high), optional
+        Where the self-test moves each input, and starts each state; by default around 0.
+    Ts : float, optional
+        Sampling time, for the comment [s].
+
+    Raises
+    ------
+    ModelError
+        For a name that is no C identifier, a missing value, a function that C99 does not have, or an output that the
+        recursion does not compute.
+    """
+    numbers, returned = _numbers(recursion, values), _returned(recursion, output)
+    starts = _starts(recursion, numbers, initial or {})
+    example = _example(recursion, numbers, returned, starts, ranges or {})
+    return c.source(recursion, numbers, name, single, returned, starts, _notes(Ts), example)
+
+
+def to_st(
+    recursion: Recursion,
+    values: Mapping[Any, float],
+    name: str = "narx",
+    single: bool = False,
+    output: Any = None,
+    initial: Mapping[Any, Any] | None = None,
+    Ts: float | None = None,
+) -> str:
+    """Return IEC 61131-3 Structured Text of a recursion: one function block that starts from rest.
+
+    Parameters
+    ----------
+    name : str
+        Name of the function block.
+    single : bool
+        REAL instead of LREAL.
+
+    The others are those of `to_c`.
+
+    Raises
+    ------
+    ModelError
+        For a name that is no identifier, a missing value, a function that the standard does not have, a Piecewise
+        whose last case may fail, or an output that the recursion does not compute.
+    """
+    numbers, returned = _numbers(recursion, values), _returned(recursion, output)
+    starts = _starts(recursion, numbers, initial or {})
+    return st.source(recursion, numbers, name, single, returned, starts, _notes(Ts))
+
+
+def _returned(recursion: Recursion, output: Any) -> Any:
+    wanted = str(getattr(output, "label", recursion.states[-1].label if output is None else output))
+    returned = next((base for base in recursion.states if str(base.label) == wanted), None)
+    if returned is None:
+        raise ModelError(f"The recursion does not compute {wanted}; it has {', '.join(map(str, recursion.states))}.")
+    return returned
+
+
+def _numbers(recursion: Recursion, values: Mapping[Any, Any]) -> dict[Any, Any]:
+    missing = [p for p in recursion.parameters if p not in values]
+    if missing:
+        raise ModelError(f"No value was given for {', '.join(map(str, missing))}.")
+    return {p: sp.Float(values[p]) for p in recursion.parameters}
+
+
+def _starts(recursion: Recursion, numbers: Mapping[Any, Any], initial: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return what the states are at rest, with numbers in the place of the parameters."""
+    found = {base: sp.sympify(initial[base]).xreplace(dict(numbers)) for base in recursion.states if base in initial}
+    for base, e in found.items():
+        if e.free_symbols - {symbol for s in samples(e) for symbol in s.free_symbols}:
+            raise ModelError(f"The initial value of {base.label} must contain signals and numbers only.")
+    return found
+
+
+def _notes(Ts: float | None) -> list[str]:
+    return [] if Ts is None else [f"Sampling time: {Ts:.10g} s."]
+
+
+def _example(
+    recursion: Recursion,
+    numbers: Mapping[Any, Any],
+    output: Any,
+    initial: Mapping[Any, Any],
+    ranges: Mapping[str, Sequence[float]],
+) -> Any:
+    """Run a recursion from rest, every input along its own wave; smaller waves where that diverges."""
+    theta = [float(v) for v in numbers.values()]
+    depth, still = recursion.depth, recursion.depth + recursion.lead + 1
+    n = CHECKED + min(depth, LONGEST_CHECK)
+    phases = np.maximum(np.arange(n + still + recursion.lead) - still, 0) / 3
+    compiled = compile(recursion)  # not by the python engine: it is written by the same walk
+    for size in (1.0, 0.1, 0.01):
+        waves, rest = {}, {}
+        for i, base in enumerate((*recursion.inputs, *recursion.states)):
+            low, high = ranges.get(str(base.label), (-1.0, 1.0))
+            waves[base] = (low + high) / 2 + size * (high - low) / 2 * np.sin((1 + i / 7) * phases + 0.7 * i + 0.3)
+            rest[base] = float(waves[base][0])
+        start = {b: rest[b] for b in recursion.states}
+        for base, e in initial.items():
+            start[base] = float(e.xreplace({s: sp.Float(rest.setdefault(s.base, 0.0)) for s in samples(e)}))
+        inputs = {b: waves[b] for b in recursion.inputs}
+        run = compiled(inputs, theta, start, length=phases.size, on_divergence="nan")
+        expected = run[str(output.label)][depth : depth + n]
+        if np.all(np.isfinite(expected)):
+            # What a step takes: the newest sample of each input that the equations read.
+            read = {s for _, right in recursion.updates for s in samples(right)}
+            newest = {b: min(lag(s) for s in read if s.base == b) for b in recursion.inputs}
+            return c.Example({b: waves[b][depth - i :][:n] for b, i in newest.items()}, rest, expected)
+    return None

@@ -1,0 +1,151 @@
+"""What an exported step looks like: what it takes, remembers and returns, its names and its comment."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import sympy as sp
+
+from ..engines.plan import Plan
+from ..engines.writer import indented
+from ..symbolic.printing import text
+from ..symbolic.recursion import Recursion
+from ..symbolic.signals import k, lag, samples, signal
+
+WIDTH = 108  # of a line
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What one exported step is given, remembers and returns, and a legal identifier for each of its signals.
+
+    Attributes
+    ----------
+    recursion : Recursion
+    values : mapping from each parameter to its number
+    returned : IndexedBase
+        The state that a step returns.
+    initial : mapping from states to expressions
+        What a state is before the first step, in samples of the sequences that `rested` lists.
+    labels : mapping from signals to identifiers
+    """
+
+    recursion: Recursion
+    values: Mapping[Any, Any]
+    returned: Any
+    initial: Mapping[Any, Any]
+    labels: Mapping[Any, str]
+
+    @classmethod
+    def of(
+        cls,
+        recursion: Recursion,
+        values: Mapping[Any, Any],
+        returned: Any,
+        initial: Mapping[Any, Any],
+        label: Callable[[str, set[str]], str],
+        taken: Iterable[str],
+    ) -> Layout:
+        """Lay out a step; `label` makes an identifier from a name and from the identifiers that are taken."""
+        read = sorted({s.base for e in initial.values() for s in samples(e)}, key=str)
+        names: dict[Any, str] = {}
+        used = set(taken)
+        for base in dict.fromkeys((*recursion.states, *recursion.inputs, *read)):
+            names[base] = label(str(base.label), used)
+            used.add(names[base])
+        return cls(recursion, values, returned, initial, names)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """The equations with numbers in the place of the parameters."""
+        return Plan.of(self.recursion.subs(self.values))
+
+    @cached_property
+    def lags(self) -> dict[Any, list[int]]:
+        """The lags at which each signal is read."""
+        found: dict[Any, set[int]] = {b: set() for b in (*self.recursion.states, *self.recursion.inputs)}
+        for _, right in self.recursion.updates:
+            for s in samples(right):
+                found[s.base].add(lag(s))
+        return {b: sorted(i) for b, i in found.items()}
+
+    @property
+    def newest(self) -> dict[Any, int]:
+        """The lag of the sample of each input that a step takes; a preview is negative."""
+        return {b: self.lags[b][0] for b in self.recursion.inputs}
+
+    @property
+    def depth(self) -> dict[Any, int]:
+        """How many past samples of each signal a step needs; of an input they are older than the one it takes."""
+        first = dict.fromkeys(self.recursion.states, 0) | self.newest
+        return {b: i[-1] - first[b] for b, i in self.lags.items() if i and i[-1] > first[b]}
+
+    @property
+    def rested(self) -> list[Any]:
+        """The sequences whose value at rest, before the first step, must be given."""
+        read = {s.base for e in self.initial.values() for s in samples(e)}
+        return [b for b in self.labels if b in read or (b in self.depth and b not in self.initial)]
+
+    @property
+    def counts(self) -> bool:
+        """Whether an equation contains the time index itself."""
+        return any(e.has(Plan.time) for e in self.plan.updates)
+
+    def place(self, key: tuple[int, int]) -> tuple[Any, int]:
+        """Return the signal of a sample of the plan, and its age: 0 is what is computed or taken now."""
+        base = self.plan.signals[key[0]]
+        return base, key[1] - self.newest.get(base, 0)
+
+    def at_rest(self, base: Any, names: Mapping[Any, str]) -> tuple[Any, dict[Any, str]]:
+        """Return the initial value of a state over plain symbols, and the text of each symbol."""
+        plain = {b: sp.Dummy(str(b.label), real=True) for b in names}
+        e = self.initial[base]
+        return e.xreplace({s: plain[s.base] for s in samples(e)}), {plain[b]: shown for b, shown in names.items()}
+
+    def comment(self, *sentences: str) -> list[str]:
+        """Return what stands above the code: the equations in its identifiers, an empty line, some sentences.
+
+        It also says which identifiers are not the names of their signals, without what could end a comment.
+        """
+        named = {b: signal(label) for b, label in self.labels.items()}
+        equations = []
+        for pair in self.recursion.subs(self.values).updates:
+            left, right = (e.xreplace({s: named[s.base][s.indices[0]] for s in samples(e)}) for e in pair)
+            equations.append(f"{text(left)} = {text(right)}")
+        plain = {b: re.sub(r"[^A-Za-z0-9_ .,;:()=+-]", ".", str(b.label))[:60] for b in self.labels}
+        renamed = [f"{label} is the signal {plain[b]!r}" for b, label in self.labels.items() if plain[b] != label]
+        return [line[4:] for line in (*wrapped(equations), "", *wrapped([*sentences, *renamed]))]
+
+    def when(self, base: Any) -> str:
+        """Return the sample of an input that a step takes, such as `r[k+1]`."""
+        return text(signal(self.labels[base])[k - self.newest[base]])
+
+
+def shortened(name: str, longest: int) -> str:
+    """Return letters, digits and single underscores of a name, beginning with a letter."""
+    plain = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[:longest].rstrip("_")
+    return plain if plain[:1].isalpha() else f"x{plain}"
+
+
+def numbered(plain: str, free: Callable[[str], bool]) -> str:
+    """Return the first of name, name_sig, name_sig2, ... that is free."""
+    if free(plain):
+        return plain
+    number = 1
+    while not free(name := f"{plain}_sig{number if number > 1 else ''}"):
+        number += 1
+    return name
+
+
+def wrapped(lines: Iterable[str]) -> list[str]:
+    """Put lines one level further in, and break long ones where there is a space."""
+    made = []
+    for line in indented(lines):
+        inner = line[: len(line) - len(line.lstrip())] + "    "
+        made += textwrap.wrap(line, WIDTH, subsequent_indent=inner, break_long_words=False, break_on_hyphens=False)
+    return made

@@ -1,0 +1,222 @@
+"""IEC 61131-3 Structured Text of a recursion: a function block with its state, that starts from rest."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import sympy as sp
+
+from ..engines.plan import Plan
+from ..engines.writer import RELATIONS, Writer, indented
+from ..errors import ModelError
+from ..symbolic.recursion import Recursion
+from .layout import Layout, numbered, shortened, wrapped
+
+UNROLLED = 3  # a longer past is shifted in a loop
+LONGEST = 24  # letters of a name: with its ending it keeps to the 32 that every compiler reads
+# Keywords of the standard's editions and of common compilers, names of its functions and function blocks.
+WORDS = set(
+    """abs abstract acos action add and and_then andn any any_bit any_date any_derived any_elementary any_int
+    any_magnitude any_num any_real any_string array asin at atan atan2 bit bool by byte cal calc calcn case cd cdt
+    char class clk concat configuration constant continue cos ct ctd ctu ctud cu cv d date date_and_time delete dint
+    div do ds dt dword else elsif en end_action end_case end_class end_configuration end_for end_function
+    end_function_block end_if end_interface end_method end_namespace end_program end_property end_repeat end_resource
+    end_step end_struct end_transition end_type end_union end_var end_while eno eq et exit exp expt extends f_edge
+    f_trig false final find for from function function_block ge gt if implements in initial_step insert int interface
+    internal interval jmp jmpc jmpcn l ld ldate ldn ldt le left len limit lint ln log lower_bound lreal lt ltime ltod
+    lword max method mid min mod move mul mux n namespace ne neg non_retain not null of on or or_else orn overlap
+    override p persistent pi pointer pragma priority private program property protected pt public pv q q1 qd qu r r1
+    r_edge r_trig read_only read_write real ref ref_to reference release repeat replace resource ret retain retc
+    retcn return right rol ror round rs rtc s s1 sd sel sema shl shr sin single sint sizeof sl split sqrt sr st step
+    stn stop string struct sub super t tan task then this time time_of_day to tod tof ton tp transition true trunc
+    type udint uint ulint union until upper_bound using usint utf8 var var_access var_config var_external var_global
+    var_in_out var_input var_inst var_output var_stat var_temp wchar while with word write wstring xor xorn""".split()
+)
+ENDINGS = ("", "_past", "_rest")
+FUNCTIONS = {
+    sp.sin: "SIN", sp.cos: "COS", sp.tan: "TAN", sp.exp: "EXP", sp.log: "LN", sp.atan: "ATAN", sp.asin: "ASIN",
+    sp.acos: "ACOS", sp.Abs: "ABS", sp.sqrt: "SQRT", sp.tanh: "", sp.sinh: "", sp.cosh: "",
+}  # fmt: skip
+
+
+class _ST(Writer):
+    """The words of Structured Text; `locals` collects the parts, which are declared in front."""
+
+    language, functions = "Structured Text", FUNCTIONS
+    relations: ClassVar[Mapping[Any, str]] = {**RELATIONS, sp.Equality: "=", sp.Unequality: "<>"}
+    joints, truth = ("AND", "OR", "NOT "), ("FALSE", "TRUE")
+
+    def __init__(self, names: Mapping[Any, str], single: bool):
+        super().__init__(names, single)
+        self.real = "REAL" if single else "LREAL"
+        self.locals: list[str] = []
+
+    def number(self, value: float) -> str:
+        mantissa, _, exponent = repr(value).partition("e")
+        mantissa += "" if "." in mantissa else ".0"
+        return f"{mantissa}E{exponent}" if exponent else mantissa
+
+    def function(self, e: Any) -> str:
+        one, two = self.number(1.0), self.number(2.0)
+        if isinstance(e, sp.tanh):  # the standard has none; beyond 20 it is 1 to the last digit, and EXP could overflow
+            top = self.number(20.0)
+            return f"({one} - {two}/(EXP({two}*LIMIT(-{top}, {self(e.args[0])}, {top})) + {one}))"
+        if isinstance(e, (sp.sinh, sp.cosh)):
+            x = self.named(e.args[0])
+            return f"((EXP({x}) {'-' if isinstance(e, sp.sinh) else '+'} EXP(-{x}))/{two})"
+        return super().function(e)
+
+    def power(self, base: str, exponent: str) -> str:
+        # A literal by itself would be of single precision for some compilers.
+        return self.call("EXPT", base, f"{self.real}#{exponent}" if exponent[:1].isdigit() else exponent)
+
+    def sign(self, x: Any) -> str:
+        zero, one = self.number(0.0), self.number(1.0)
+        shown = self.named(x)
+        return f"SEL({shown} > {zero}, SEL({shown} < {zero}, {zero}, -{one}), {one})"
+
+    def step(self, x: Any) -> str:
+        zero, one = self.number(0.0), self.number(1.0)
+        return f"SEL({self(x)} > {zero}, {zero}, {one})"
+
+    def extreme(self, largest: bool, values: Sequence[str]) -> str:
+        shown, *others = values
+        for value in others:
+            shown = self.call("MAX" if largest else "MIN", shown, value)
+        return shown
+
+    def undefined(self, expr: Any) -> str:
+        raise ModelError(
+            f"Structured Text has no value for a Piecewise none of whose cases holds: give {expr} a last case that "
+            "always holds."
+        )
+
+    def define(self, name: str, shown: str, boolean: bool = False) -> list[str]:
+        self.locals.append(f"{name} : {'BOOL' if boolean else self.real};")
+        return [self.assign(name, shown)]
+
+    def declare(self, name: str) -> list[str]:
+        self.locals.append(f"{name} : {self.real};")
+        return []
+
+    def assign(self, name: str, shown: str) -> str:
+        return f"{name} := {shown};"
+
+    def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
+        return [f"IF {condition} THEN", *then, "ELSE", *otherwise, "END_IF;"]
+
+
+def source(
+    recursion: Recursion,
+    values: Mapping[Any, float],
+    name: str,
+    single: bool,
+    returned: Any,
+    initial: Mapping[Any, Any],
+    notes: Sequence[str] = (),
+) -> str:
+    """Return one function block; the arguments are those of `narx_sym.codegen.export.to_st`."""
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name) or len(name) > 32 or name.lower() in WORDS:
+        raise ModelError(f"{name!r} cannot be the name of a function block.")
+    layout = Layout.of(recursion, values, returned, initial, _label, {name.lower(), "restart", "started", "i", "k"})
+    labels, depth, counts = layout.labels, layout.depth, layout.counts
+    writer = _ST({}, single)
+    real, inputs = writer.real, list(recursion.inputs)
+    start, step = _start(layout, writer), _step(layout, writer)
+    rested = [b for b in layout.rested if b not in inputs]
+    past = [f"{labels[b]}_past : ARRAY [1..{d}] OF {real};" for b, d in depth.items()]
+    takes = ", ".join(layout.when(b) for b in inputs) or "nothing"
+    comment = layout.comment(
+        *notes,
+        f"Call it once per sample with {takes}; it gives {labels[returned]}[k].",
+        "In its first call, and whenever restart is TRUE, it starts from rest: the inputs as they are, the rest at the "
+        "values that end in _rest.",
+    )
+    lines = [
+        "(*",
+        *(f"  {line}".rstrip() for line in comment),
+        "*)",
+        f"FUNCTION_BLOCK {name}",
+        *_declared(
+            "VAR_INPUT",
+            [
+                *(f"{labels[b]} : {real};" for b in inputs),
+                *(f"{labels[b]}_rest : {real} := {writer.number(0.0)};" for b in rested),
+                "restart : BOOL := FALSE;",
+            ],
+        ),
+        *_declared("VAR_OUTPUT", [f"{labels[returned]} : {real};"]),
+        *_declared(
+            "VAR",
+            [
+                *(f"{labels[b]} : {real};" for b in recursion.states if b != returned),
+                *past,
+                *["k : UDINT;"] * counts,
+                "started : BOOL := FALSE;",
+            ],
+        ),
+        *_declared("VAR_TEMP", [*["i : DINT;"] * any(d > UNROLLED + 1 for d in depth.values()), *writer.locals]),
+        "",
+        "IF restart OR NOT started THEN",
+        *wrapped(start),
+        "END_IF;",
+        *(line[4:] for line in wrapped(step)),
+        "END_FUNCTION_BLOCK",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _declared(kind: str, lines: list[str]) -> list[str]:
+    return [kind, *indented(lines), "END_VAR"] if lines else []
+
+
+def _start(layout: Layout, writer: _ST) -> list[str]:
+    """Return what the first call does: fill the past with values at rest."""
+    labels, inputs = layout.labels, layout.recursion.inputs
+    shown_at_rest = {b: labels[b] if b in inputs else f"{labels[b]}_rest" for b in layout.rested}
+    lines = []
+    for base, d in layout.depth.items():
+        if base in layout.initial:
+            expr, writer.names = layout.at_rest(base, shown_at_rest)
+            shown = writer(expr)
+        else:
+            shown = shown_at_rest[base]
+        past = f"{labels[base]}_past"
+        if d > UNROLLED + 1:
+            lines += [f"FOR i := 1 TO {d} DO", f"    {past}[i] := {shown};", "END_FOR;"]
+        else:
+            lines += [f"{past}[{i}] := {shown};" for i in range(1, d + 1)]
+    start, writer.lines = writer.lines + lines, []
+    return [*start, *[f"k := {layout.recursion.depth};"] * layout.counts, "started := TRUE;"]
+
+
+def _step(layout: Layout, writer: _ST) -> list[str]:
+    """Return the equations and the shift of the past."""
+    labels, plan = layout.labels, layout.plan
+    writer.names = {Plan.time: f"UDINT_TO_{writer.real}(k)"}
+    for key, symbol in plan.sample.items():
+        base, age = layout.place(key)
+        writer.names[symbol] = f"{labels[base]}_past[{age}]" if age else labels[base]
+    writer.updates(plan, lambda s, shown: writer.lines.append(f"{labels[layout.recursion.states[s]]} := {shown};"))
+    shifts = []
+    for base, d in layout.depth.items():
+        past = f"{labels[base]}_past"
+        if d > UNROLLED + 1:
+            shifts += [f"FOR i := {d} TO 2 BY -1 DO", f"    {past}[i] := {past}[i - 1];", "END_FOR;"]
+        else:
+            shifts += [f"{past}[{i}] := {past}[{i - 1}];" for i in range(d, 1, -1)]
+        shifts.append(f"{past}[1] := {labels[base]};")
+    return [*writer.lines, *shifts, *["k := k + 1;"] * layout.counts]
+
+
+def _label(plain: str, taken: set[str]) -> str:
+    """Return an identifier that means nothing else, whatever the case of its letters."""
+    used = {n.lower() + ending for n in taken for ending in ENDINGS}
+
+    def free(name: str) -> bool:
+        mine = {name.lower() + ending for ending in ENDINGS}
+        return not mine & (used | WORDS) and not re.fullmatch(r"part_\d+", name.lower())
+
+    return numbered(shortened(plain, LONGEST), free)

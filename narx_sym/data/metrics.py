@@ -1,0 +1,115 @@
+"""Error measures of a simulation and of a compensation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import NarxError
+
+Vector = NDArray[np.float64]
+
+
+def mape(y: ArrayLike, y_hat: ArrayLike) -> float:
+    """Mean absolute error in per cent of the range of `y`.
+
+    Parameters
+    ----------
+    y, y_hat : (N,) arrays, same unit
+        Measured and modelled signal.
+
+    Returns
+    -------
+    float
+        100 sum|y - y_hat| / (N |max y - min y|), in per cent.
+    """
+    a, b = _pair(y, y_hat, "mape", "y", "y_hat")
+    _need_change(a, "mape", "y")
+    return float(100.0 * np.mean(np.abs(a - b)) / np.ptp(a))
+
+
+def nsavi(m: ArrayLike, r: ArrayLike) -> float:
+    """Variation of the compensated input `m` over the variation of the reference `r`.
+
+    Parameters
+    ----------
+    m, r : (N,) arrays, N >= 2
+        Input to the plant and reference.
+
+    Returns
+    -------
+    float
+        sum|diff m| / sum|diff r|, without unit when `m` and `r` share one.
+    """
+    a, b = _pair(m, r, "nsavi", "m", "r")
+    _need_change(b, "nsavi", "r")
+    # The paper prints a sum of ratios. Its tables come from the ratio of the sums, which also stays finite
+    # where the reference rests.
+    return float(np.sum(np.abs(np.diff(a))) / np.sum(np.abs(np.diff(b))))
+
+
+def rmse(y: ArrayLike, y_hat: ArrayLike) -> float:
+    """Root of the mean squared error of two (N,) arrays, in the unit of `y`."""
+    a, b = _pair(y, y_hat, "rmse", "y", "y_hat")
+    return float(np.sqrt(np.mean((a - b) ** 2)))
+
+
+def nrmse(y: ArrayLike, y_hat: ArrayLike) -> float:
+    """rms(y - y_hat) / std(y) of two (N,) arrays, without unit; 1 is the error of the mean value."""
+    a, b = _pair(y, y_hat, "nrmse", "y", "y_hat")
+    _need_change(a, "nrmse", "y")
+    return rmse(a, b) / float(np.std(a))
+
+
+def fit_percent(y: ArrayLike, y_hat: ArrayLike) -> float:
+    """100 (1 - nrmse) of two (N,) arrays, in per cent; 100 is perfect, below 0 is worse than the mean."""
+    return 100.0 * (1.0 - nrmse(y, y_hat))
+
+
+def correlation_length(x: Vector) -> int:
+    """Return the first lag at which the autocorrelation falls below 1/e [samples]."""
+    x = x - x.mean()
+    n = 1 << (2 * x.size - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(x, n)) ** 2
+    rho = np.fft.irfft(spectrum, n)[: x.size]
+    below = np.flatnonzero(rho < rho[0] / np.e)
+    return int(below[0]) if below.size else x.size
+
+
+def _pair(a: ArrayLike, b: ArrayLike, metric: str, name_a: str, name_b: str) -> tuple[Vector, Vector]:
+    """Both signals as finite (N,) arrays of one length."""
+    first, second = _vector(a, metric, name_a), _vector(b, metric, name_b)
+    # Without this check (N,) and (N, 1) would broadcast to (N, N) and give a plausible wrong number.
+    if np.shape(a) != np.shape(b):
+        raise NarxError(
+            f"{metric}: {name_a} has shape {np.shape(a)} but {name_b} has shape {np.shape(b)}; "
+            "give arrays of the same shape"
+        )
+    return first, second
+
+
+def _vector(x: ArrayLike, metric: str, name: str) -> Vector:
+    """`x` as a finite, nonempty (N,) array; (N, 1) is flattened."""
+    try:
+        out = np.asarray(x, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise NarxError(f"{metric}: {name} is not an array of numbers") from None
+    if out.ndim == 2 and out.shape[1] == 1:
+        out = out[:, 0]
+    if out.ndim != 1:
+        raise NarxError(f"{metric}: {name} has shape {out.shape}; give one signal of shape (N,)")
+    if out.size == 0:
+        raise NarxError(f"{metric}: {name} is empty")
+    bad = np.flatnonzero(~np.isfinite(out))
+    if bad.size:
+        raise NarxError(
+            f"{metric}: {name} has {bad.size} non-finite value(s), the first at index {bad[0]}; "
+            "did the simulation diverge?"
+        )
+    return out
+
+
+def _need_change(x: Vector, metric: str, name: str) -> None:
+    """Refuse a constant divisor."""
+    if np.ptp(x) == 0.0:
+        raise NarxError(f"{metric}: {name} is constant ({x[0]:.6g}), so the error has nothing to be compared with")

@@ -1,0 +1,331 @@
+"""Measured records: one experiment on a regular time grid, from arrays or from a file."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import DataError
+from ..symbolic.signals import plain_name
+from .tables import PathLike, check_size, load
+from .timegrid import Vector, check_step, regular_time, uniform_time
+
+YEARS = 3e8  # [s], ten years: a record that seems longer has its time in another unit
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Record:
+    """One experiment on a regular time grid; all arrays are read-only copies.
+
+    Attributes
+    ----------
+    u, y, t : (N,) arrays
+        Input and output in the user's units, time in s.
+    Ts : float
+        Sampling time in s.
+    channels : dict of (N,) arrays
+        Further measured signals.
+    notes : tuple of str
+        All that was dropped, snapped or resampled.
+    breaks : tuple of int
+        Indices where a new segment starts after a gap.
+    """
+
+    u: Vector
+    y: Vector
+    t: Vector
+    Ts: float
+    channels: dict[str, Vector] = field(default_factory=dict)
+    name: str = "record"
+    notes: tuple[str, ...] = ()
+    breaks: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        where = f"record '{self.name}': "
+        arrays = _vectors({"u": self.u, "y": self.y, "t": self.t}, self.channels, where)
+        channels = {n: arrays.pop("channel " + n) for n in self.channels}
+        breaks = tuple(int(b) for b in self.breaks)
+        if any(b <= a for a, b in pairwise((0, *breaks, arrays["u"].size))):
+            raise DataError(f"{where}breaks {breaks} must increase and lie inside 1..N-1")
+        values = {
+            **arrays,
+            "Ts": check_step(self.Ts),
+            "channels": channels,
+            "notes": tuple(self.notes),
+            "breaks": breaks,
+        }
+        for n, v in values.items():
+            object.__setattr__(self, n, v)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        u: Any,
+        y: Any,
+        Ts: float | None = None,
+        t: Any = None,
+        channels: Mapping[str, Any] | None = None,
+        name: str = "record",
+    ) -> Record:
+        """Record from (N,) or (N, 1) arrays, lists or Series; `Ts` in s overrides the stamps `t` in s."""
+        where = f"record '{name}': "
+        extra = {} if t is None or Ts is not None else {"t": t}
+        signals = _vectors({"u": u, "y": y, **extra}, channels or {}, where)
+        stamps = signals.pop("t", None)
+        if Ts is None and stamps is None:
+            raise DataError(f"{where}no sampling time; give Ts (seconds) or t (time stamps)")
+        if stamps is None:
+            grid = uniform_time(signals["u"].size, check_step(Ts))
+        else:
+            grid = regular_time(stamps, lambda i: f"t[{i}]", where)
+        u, y, *rest = (grid.apply(a) for a in signals.values())
+        notes = grid.notes if t is None or Ts is None else (f"time stamps not used, Ts = {grid.Ts:.10g} s was given",)
+        return cls(u, y, grid.t, grid.Ts, dict(zip(channels or {}, rest, strict=True)), name, notes, grid.breaks)
+
+    def __len__(self) -> int:
+        return int(self.u.size)
+
+    def __getitem__(self, rows: slice) -> Record:
+        if not isinstance(rows, slice):
+            raise TypeError("a Record is cut with a slice, as in record[20:5000]; use record.u[k] for one sample")
+        a, b, step = rows.indices(len(self))
+        if step != 1:
+            raise DataError(f"record '{self.name}': the step of a slice must be 1, not {step}")
+        return Record(
+            self.u[a:b],
+            self.y[a:b],
+            self.t[a:b],
+            self.Ts,
+            {n: c[a:b] for n, c in self.channels.items()},
+            self.name,
+            self.notes,
+            tuple(i - a for i in self.breaks if a < i < b),
+        )
+
+    def remarks(self) -> list[str]:
+        """Return what to know about the data before anything is concluded from them; nothing was changed."""
+        found = []
+        for word, x in {"input": self.u, "output": self.y}.items():
+            low, high = float(x.min()), float(x.max())
+            if low < high and np.all((x == low) | (x == high)):
+                found.append(
+                    f"the {word} takes only two values, {low:.6g} and {high:.6g}: what happens between them, a bend "
+                    "or a dead zone, cannot be seen"
+                )
+        if self.Ts * len(self) > YEARS:
+            found.append(
+                f"the record seems to last {self.Ts * len(self) / 3.156e7:.3g} years: where the time is not in s, "
+                "convert it or give --ts"
+            )
+        return found
+
+    def segments(self) -> list[Record]:
+        """Contiguous records between the breaks; a single sample left alone by a cut is no segment."""
+        if not self.breaks:
+            return [self]
+        edges = (0, *self.breaks, len(self))
+        return [self[a:b] for a, b in pairwise(edges) if b - a >= 2]
+
+    def split(self, fraction: float) -> tuple[Record, Record]:
+        """Return the first `fraction` (0 to 1) of the samples and the rest."""
+        n = round(len(self) * fraction)
+        if not 2 <= n <= len(self) - 2:
+            raise DataError(
+                f"record '{self.name}': a split at {fraction:g} of {len(self)} samples leaves a part "
+                "with fewer than 2; choose another fraction"
+            )
+        return self[:n], self[n:]
+
+    def smoothed(self, seconds: float) -> Record:
+        """Return the record with y smoothed by quadratic regression over a moving window (section 6 of the paper).
+
+        An inverse model has y as its input: noise on it would be an error in the variables. Each segment is smoothed
+        on its own, without delay (Savitzky & Golay 1964).
+
+        Parameters
+        ----------
+        seconds : float
+            Length of the window [s]; at least five samples, and no longer than the shortest segment.
+        """
+        from scipy.signal import savgol_filter
+
+        width = 2 * round(seconds / self.Ts / 2) + 1
+        parts = self.segments()
+        if not 5 <= width <= min(map(len, parts)):
+            raise DataError(
+                f"record '{self.name}': a window of {seconds:g} s has {width} samples; between 5 and the "
+                f"{min(map(len, parts))} samples of the shortest segment are needed"
+            )
+        edges = (0, *self.breaks, len(self))
+        y = np.concatenate(
+            [savgol_filter(self.y[a:b], width, 2) if b - a >= 2 else self.y[a:b] for a, b in pairwise(edges)]
+        )
+        notes = (*self.notes, f"y was smoothed by quadratic regression over {width} samples")
+        return Record(self.u, y, self.t, self.Ts, self.channels, self.name, notes, self.breaks)
+
+    def __repr__(self) -> str:
+        ranges = ", ".join(
+            f"{n} in [{a.min():.4g}, {a.max():.4g}]" for n, a in {"u": self.u, "y": self.y, **self.channels}.items()
+        )
+        parts = f", {len(self.breaks) + 1} segments" if self.breaks else ""
+        span = self.t[-1] - self.t[0]
+        return f"Record '{self.name}': N = {len(self)}, Ts = {self.Ts:.6g} s, {span:.6g} s{parts}, {ranges}"
+
+
+def check_excitation(record: Record) -> None:
+    """Refuse a record whose input or output is constant, because nothing can be identified from it."""
+    for word, x in {"input": record.u, "output": record.y}.items():
+        if np.ptp(x) <= 1e-12 * np.max(np.abs(x)):
+            raise DataError(
+                f"record '{record.name}': the {word} is constant ({x[0]:.6g} in all {x.size} "
+                f"samples), nothing can be identified; check the column (--{word}) and the rows "
+                "(--rows), or measure with motion"
+            )
+
+
+def _vectors(signals: Mapping[str, Any], channels: Mapping[str, Any], where: str) -> dict[str, Vector]:
+    """Read-only (N,) copies of equal length N >= 2; channel names get the prefix 'channel '."""
+    named = {**signals, **{"channel " + n: a for n, a in channels.items()}}
+    out = {n: _vector(a, where + n) for n, a in named.items()}
+    first, size = next((n, a.size) for n, a in out.items())
+    for n, a in out.items():
+        if a.size != size:
+            raise DataError(f"{where}{first} has {size} samples but {n} has {a.size}; give equal lengths")
+    if size < 2:
+        raise DataError(f"{where}{size} sample(s) are left; at least 2 are needed")
+    return out
+
+
+def _vector(x: Any, where: str) -> Vector:
+    """`x` as a finite, read-only (N,) copy; (N, 1) and (1, N) are flattened."""
+    try:
+        if np.iscomplexobj(x):
+            raise TypeError
+        x = np.ma.filled(x.astype(np.float64), np.nan) if isinstance(x, np.ma.MaskedArray) else x
+        out: Vector = np.array(x, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise DataError(f"{where} is not an array of real numbers") from None
+    if out.ndim == 2 and 1 in out.shape:
+        out = out.ravel()
+    if out.ndim != 1:
+        raise DataError(f"{where} has shape {out.shape}; one signal of shape (N,) is needed")
+    bad = np.flatnonzero(~np.isfinite(out))
+    if bad.size:
+        raise DataError(
+            f"{where} has {bad.size} missing or infinite value(s), the first at index {bad[0]}; "
+            "repair them or cut them away"
+        )
+    check_size(out, where)
+    out.flags.writeable = False
+    return out
+
+
+def read(
+    path: PathLike,
+    u: str = "u",
+    y: str = "y",
+    t: str | None = "t",
+    Ts: float | None = None,
+    rows: slice | str | None = None,
+    channels: str | Sequence[str] = (),
+    missing: str = "refuse",
+) -> Record:
+    """Read one experiment from .csv, .txt, .tsv, .dat, .npz, .mat or .parquet.
+
+    Parameters
+    ----------
+    u, y, t : str
+        Names of the columns of input, output and time (s).
+    Ts : float
+        Sampling time in s; when given, the time column is not used.
+    rows : slice or "A:B"
+        Data rows to keep, counted from 0 as in Python.
+    channels : names or "all"
+        Further columns to keep. A name that cannot stand in an equation is changed, and that is noted:
+        "temp [C]" becomes temp_C, and either name finds it.
+    missing : "refuse" or "drop"
+        What happens where a value is missing or infinite. "drop" leaves the row out; the hole is treated as one in the
+        time stamps: up to ten steps are filled by linear interpolation, a longer one splits the record. It is noted.
+    """
+    if missing not in ("refuse", "drop"):
+        raise DataError(f"missing values are refused or dropped (--missing refuse or drop), not {missing!r}")
+    table = load(path)
+    cut = table.cut(rows)
+    names = table.channels(channels, {u, y, t}, cut)
+    asked = {**dict.fromkeys(names, "--channels"), u: "--input", y: "--output"}
+    keep = (
+        table.complete([*asked, *([t] if Ts is None and t in table.columns else [])], cut)
+        if missing == "drop"
+        else None
+    )
+    data = {n: table.numbers(n, option, cut, keep) for n, option in asked.items()}
+    grid = table.time(t, Ts, cut, keep)
+    if grid is None:
+        raise DataError(
+            f"{table.path}: no time column '{t}' and no sampling time; there are {table.listing}; "
+            "give --ts SECONDS or choose the time column with --time"
+        )
+    data = {n: grid.apply(a) for n, a in data.items()}
+    return Record(
+        data[u],
+        data[y],
+        grid.t,
+        grid.Ts,
+        {plain_name(n): data[n] for n in names},
+        Path(path).stem,
+        (*table.notes, *grid.notes),
+        grid.breaks,
+    )
+
+
+def read_signal(
+    path: PathLike,
+    column: str | None,
+    Ts: float | None = None,
+    t: str | None = "t",
+    rows: slice | str | None = None,
+    option: str = "--input",
+    prefer: str | None = None,
+) -> tuple[Vector, float | None, Vector]:
+    """Read one column, such as a reference.
+
+    Parameters
+    ----------
+    column : str or None
+        Name of the column; None takes `prefer` where there is one, else the only one beside `t`.
+    option : str
+        The command-line option named where the column is unknown.
+
+    Returns
+    -------
+    values : (N,) array
+    Ts : float in s, or None where neither `Ts` nor a time column says it
+    t : (N,) array in s, or the sample numbers where `Ts` is None
+    """
+    table = load(path)
+    cut = table.cut(rows)
+    if column is None:
+        others = [prefer] if prefer in table.columns else [n for n in table.columns if n != t]
+        if len(others) != 1:
+            raise DataError(
+                f"{table.path}: which column is the signal? There are {table.listing}; choose with {option}"
+            )
+        column = others[0]
+    values = table.numbers(column, option, cut)
+    grid = table.time(t, Ts, cut)
+    if grid is None:
+        return values, None, np.arange(values.size, dtype=np.float64)
+    if len(grid.pieces) > 1 or grid.pieces[0][1].size < values.size:
+        raise DataError(
+            f"{table.path}: the time stamps have a gap ({grid.notes[0]}); this signal must have none: "
+            "cut with --rows or give --ts"
+        )
+    if grid.resampled:
+        warnings.warn(f"{table.path}: {grid.notes[-1]}", stacklevel=2)
+    return grid.apply(values), grid.Ts, grid.t

@@ -1,0 +1,94 @@
+"""What the sensor itself does to a record: values that are cut off, and values in steps.
+
+Both are seen in the record alone, before any model: clipped extremes, and the levels that occur.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .record import Record
+
+Array = np.ndarray
+CLIPPED, RUN = 0.005, 4  # share of the samples at an extreme, and how many stay there in a row on average
+MOVES = 0.02  # of the range of the input, while the output stays
+LEVELS = 0.25  # distinct values per sample below which steps are looked for
+WHOLE = 1e-3  # of a step: differences between levels are whole multiples of it
+FELT = 0.25  # share of the noise power that steps must make up to be worth saying
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that the sensor does.
+
+    Attributes
+    ----------
+    effect : "sensor_saturation" or "quantisation"
+    size : float
+        Where the values are cut off, or the step [unit of y].
+    share : float
+        Of the samples that are cut off, or of the noise power that the steps make up.
+    """
+
+    effect: str
+    size: float
+    share: float
+
+    @property
+    def sentence(self) -> str:
+        """What was seen, in plain words."""
+        if self.effect == "sensor_saturation":
+            return (
+                f"The measured output is cut off at {self.size:.6g} in {100 * self.share:.2g} % of the samples "
+                "(sensor_saturation): leave these rows out, or measure in a wider range."
+            )
+        return (
+            f"The measured output comes in steps of {self.size:.4g} (quantisation), which make up "
+            f"{100 * self.share:.2g} % of the noise power: a finer converter or a smaller range would lower the floor."
+        )
+
+
+def sensor_faults(records: Sequence[Record], floor: float) -> list[Fault]:
+    """Look for clipped extremes and for steps in the measured outputs.
+
+    Parameters
+    ----------
+    floor : float
+        rms of the noise [unit of y].
+    """
+    parts = [record.y for record in records]
+    values, u = np.concatenate(parts), np.concatenate([record.u for record in records])
+    found = []
+    two = np.all((values == values.max()) | (values == values.min()))  # switched, or constant: nothing is cut off
+    for extreme in () if two else (values.max(), values.min()):
+        share, length = _held(parts, float(extreme))
+        inputs = u[values == extreme]
+        if share >= CLIPPED and length >= RUN and np.ptp(inputs) > MOVES * np.ptp(u):
+            found.append(Fault("sensor_saturation", float(extreme), share))
+    step = _step(values)
+    part = step**2 / 12 / floor**2 if floor > 0 else 0.0
+    return [*found, *([Fault("quantisation", step, min(1.0, part))] if part >= FELT else [])]
+
+
+def _held(parts: Sequence[Array], value: float) -> tuple[float, float]:
+    """Return which share of the samples has a value, and how long it stays there on average."""
+    at = [x == value for x in parts]
+    count = sum(int(a.sum()) for a in at)
+    visits = sum(int(a[0]) + int(np.sum(a[1:] & ~a[:-1])) for a in at)
+    return count / sum(a.size for a in at), count / max(visits, 1)
+
+
+def _step(values: Array) -> float:
+    """Return the step between the levels of a signal, or 0 where it has none."""
+    levels = np.unique(values)
+    if not 3 <= levels.size <= LEVELS * values.size:
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(np.median(gaps[gaps <= 1.5 * gaps.min()])) if gaps.min() > 1e-12 * np.abs(levels).max() else 0.0
+    if not step:
+        return 0.0
+    multiples = gaps / step
+    return step if np.all(np.abs(multiples - np.round(multiples)) <= WHOLE * np.maximum(1.0, multiples)) else 0.0

@@ -1,0 +1,1 @@
+"""Which physical effect a model lacks."""

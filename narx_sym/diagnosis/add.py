@@ -1,0 +1,69 @@
+"""A named effect added to a model: the same search as the diagnosis, for one effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ..errors import FitError, ModelError
+from ..files.parallel import one_blas_thread
+from ..fit.identify import prepare
+from ..fit.least_squares import describe, unfinished
+from ..fit.simulate import Records
+from ..models.effects import EFFECTS, Catalogue
+from ..models.extend import find
+from ..models.model import Model
+from .candidates import REFITTED, Candidate, score
+from .refit import Fitted, Split, settle
+
+FINAL = 200  # steps of the last fit: a kink is passed slowly
+
+
+class Addition:
+    """A model about to get an effect: `fit` finds how it acts, and returns the extended model.
+
+    Made by `Model.add`.
+    """
+
+    def __init__(self, model: Model, effect: str | Candidate, where: str | None = None, catalogue: Catalogue = EFFECTS):
+        self.model, self.effect, self.where = model, effect, where
+        if isinstance(effect, str):
+            self.forms, self.channel = find(effect, catalogue)
+            places = sorted({p for f in self.forms for p in f.places})
+            if where is not None and where not in places:
+                raise ModelError(f"{effect} does not act at {where!r}: choose among {', '.join(places)}.")
+
+    def fit(self, records: Records, seed: int = 0, report: Callable[[str], Any] = lambda what: None) -> Model:
+        """Fit the extended model in free run on all samples.
+
+        Raises
+        ------
+        FitError
+            Where no stable fit is found, or a refit of the model absorbs the effect.
+        """
+        listed = prepare(records)
+        split = Split.whole(listed)
+        if isinstance(self.effect, Candidate):
+            fitted = settle(self.effect.model.copy(), split, limits=self.effect.fitted.limits, steps=FINAL)
+        else:
+            with one_blas_thread():
+                fitted = self._search(split, seed, report)
+        model = fitted.model
+        describe(model, listed, "free_run", fitted.converged)
+        return unfinished(model)
+
+    def _search(self, split: Split, seed: int, report: Callable[[str], Any]) -> Fitted:
+        only = Catalogue({self.forms[0].id: self.forms})
+        base = settle(self.model.copy(), split)
+        scored = score(base, [self.channel] if self.channel else [], only, seed)
+        kept = [i for i, d in enumerate(scored.directions) if self.where in (None, d.variant.where)]
+        found = []
+        for i in sorted(kept, key=lambda i: -scored.scores.share[i])[:REFITTED]:
+            report(f"fitting {scored.directions[i].variant}")
+            made = scored.extended(i)
+            if made is not None:
+                found.append(made)
+        if not found:
+            raise FitError(f"No stable fit with {self.effect} was found, or a refit of the model absorbs it.")
+        independent = base.independent()
+        return min(found, key=lambda f: f.criterion(independent))

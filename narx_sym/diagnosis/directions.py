@@ -1,0 +1,234 @@
+"""Every effect is a direction: the derivative of the free run with respect to its coefficient, at zero.
+
+z is the effect's contribution along the present free run. Inside it drives the linearised core, at the input it passes
+through dF/du first, at the output it stands as it is; all three follow from one symbolic derivative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from scipy.signal import find_peaks
+
+from ..engines.compile import compile
+from ..errors import ModelError
+from ..fit.freerun import FreeRun
+from ..fit.simulate import segments
+from ..models.effects import EFFECTS, Catalogue, Scan, effect
+from ..models.extend import Variant, equations, extend, variants
+from ..symbolic.recursion import Recursion
+from ..symbolic.sensitivity import sensitivities
+from ..symbolic.signals import k, samples, signal
+
+Array = np.ndarray
+PUSH = "injected sequence"  # no column may be called so: a name of two words is no symbol of a model
+PADDING, LINE = 4, 6.0  # zero padding of spectra; a line is this many times (and the log of their number) above noise
+
+
+@effect({"input": "channel", "inside": "channel"}, id="injection", register=False)
+def injection(channel: Any) -> Any:
+    """Something given acts on the model."""
+    return channel[k]
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One variant at one point of its shape grid.
+
+    Attributes
+    ----------
+    columns : slice
+        Its columns in the matrix of all directions, one per coefficient.
+    searched : float
+        How many alternatives its shape was picked from by looking at the residual (1 for none).
+    line : bool
+        Whether it is a sharp spectral line, which no noise has.
+    """
+
+    variant: Variant
+    shape: tuple[float, ...]
+    columns: slice
+    searched: float = 1.0
+    line: bool = False
+
+
+class Linearised:
+    """A model at its fitted values along records: free run, residual, and the directions of whatever is added.
+
+    Parameters
+    ----------
+    problem : FreeRun
+        Of all samples of the records.
+    unknowns : (n,) array
+        Parameters and initial shifts.
+    """
+
+    def __init__(self, problem: FreeRun, unknowns: Array):
+        self.problem, self.model, self.unknowns = problem, problem.model, unknowns
+        theta = problem.theta(unknowns)
+        residual, slopes = problem.run(unknowns)
+        self.residual = -residual * problem.spread  # measured minus simulated
+        self.own = slopes * problem.spread
+        self._pushed: dict[str, Any] = {}
+        self._z: dict[Any, list[Array]] = {}
+        point = {str(b.label): v for b, v in self.model.operating_point.items()}
+        self.runs: list[dict[str, Array]] = []
+        for i, (data, record) in enumerate(zip(problem.data, segments(problem.records), strict=True)):
+            self.runs.append({**record.channels, "t": record.t, **data, **problem.states(unknowns, i)})
+        # Effects are written in the model's signals, measured from its operating point.
+        self.seen = [{n: x - point.get(n, 0.0) for n, x in run.items()} for run in self.runs]
+        for seen in self.seen:  # before effects act on the output, it is what the core computes
+            seen.setdefault("x", seen[str(self.model.inner.label)])
+        self.values = dict(zip(self.model.symbols, map(float, theta), strict=True))
+
+    def contributions(self, states: Any, z: Sequence[Any], values: Mapping[Any, float]) -> list[Array]:
+        """Return z along the free run, one (N, coefficients) array per segment."""
+        outputs = [signal(f"z{i}") for i in range(len(z))]
+        updates = (*((s.left, s.right) for s in states), *((o[k], e) for o, e in zip(outputs, z, strict=True)))
+        read = Recursion(updates, tuple(values))
+        key = (read, tuple(values.values()))
+        if key not in self._z:
+            self._z[key] = [self._contribution(read, states, outputs, values, seen) for seen in self.seen]
+        return self._z[key]
+
+    def _contribution(self, read: Recursion, states: Any, outputs: Any, values: Any, seen: Any) -> Array:
+        n = len(seen[str(self.model.output.label)])
+        if not read.inputs and not states:
+            constants = [float(e.xreplace(values)) for _, e in read.updates]
+            return np.tile(constants, (n, 1))
+        compiled = compile(read, "native" if states else "numpy")  # what has no memory needs no loop
+        depth = read.depth
+        initial = {}
+        for state in states:
+            at = {s: float(seen[str(s.base.label)][max(0, depth - 1)]) for s in samples(state.initial)}
+            initial[str(state.left.base.label)] = float(sp.sympify(state.initial).xreplace(at))
+        run = compiled(seen, list(values.values()), initial, on_divergence="nan")
+        columns = np.column_stack([run[str(o.label)] for o in outputs])
+        columns[:depth] = columns[depth]
+        return columns
+
+    def moved(self, where: str, z: Sequence[Array]) -> Array:
+        """Return the directions of the free run, (rows, coefficients), that contributions at a place cause."""
+        if where == "output":
+            parts = [z[i][self.problem.depth :] for i in range(len(z))]
+            return np.concatenate(parts)
+        if where not in self._pushed:
+            self._pushed[where] = self._response(where)
+        recursion, name = self._pushed[where]
+        compiled = compile(recursion)
+        theta = [self.values[p] for p in recursion.parameters]
+        zero = dict.fromkeys((str(s.label) for s in recursion.states), 0.0)
+        parts = []
+        for run, columns in zip(self.runs, z, strict=True):
+            found = np.empty(columns.shape, order="F")
+            for j in range(columns.shape[1]):
+                moved = compiled(
+                    {**run, PUSH: columns[:, j]}, theta, zero, on_divergence="nan", start=self.problem.depth
+                )
+                found[:, j] = moved[name]
+            parts.append(found[self.problem.depth :])
+        return np.concatenate(parts)
+
+    def _response(self, where: str) -> tuple[Recursion, str]:
+        """Derive how the output moves when a given sequence is injected; the run itself is an input of it."""
+        added = extend(self.model, Variant(injection, where, "channel", PUSH))
+        (c,) = added.coefficients
+        full, (direction,) = sensitivities(added.model.recursion, [c])
+        own = len(added.model.recursion.updates)
+        # At c = 0 the input that the core sees is u itself.
+        known = {c: sp.S.Zero}
+        updates = [(left, right.xreplace(known)) for left, right in full.updates[own:]]
+        before = {left.base for left, _ in added.model.recursion.updates} - {b for b in self.model.recursion.states}
+        for base in before:
+            definition = next(r for left, r in added.model.recursion.updates if left.base == base).xreplace(known)
+            updates = [
+                (left, right.xreplace({s: definition.xreplace({k: s.indices[0]}) for s in samples(right, base)}))
+                for left, right in updates
+            ]
+        return Recursion(tuple(updates), self.model.symbols), str(direction[self.model.output].label)
+
+    def scale(self, scan: Scan, variant: Variant) -> tuple[list[float], float]:
+        """Return the grid of one shape parameter, and from how many places it was picked."""
+        driver = str(self.model.inner.label) if variant.driver == "y" else str(self.model.input.label)
+        offset = self.model.operating_point.get(self.model.input, 0.0) if variant.raw else 0.0
+        x = np.concatenate([seen[driver] for seen in self.seen]) + offset
+        Ts, n = self.model.Ts or 1.0, max(len(r) for r in (s[driver] for s in self.seen))
+        if scan.of == "ratio":
+            return list(scan.values), 1.0
+        if scan.of == "peaks":
+            return self._peaks(len(scan.values))
+        if scan.of == "amplitude":
+            unit = float(np.quantile(np.abs(x), 0.98)) or 1.0
+        elif scan.of == "speed":
+            moving = np.abs(np.concatenate([np.diff(s[driver]) for s in self.seen]))
+            unit = float(np.sqrt(np.mean(moving**2))) or 1.0
+        elif scan.of == "time":
+            low, high = 3 * Ts, max(n * Ts / 4, 30 * Ts)
+            return [low * (high / low) ** v for v in scan.values], 1.0
+        elif scan.of == "gain":
+            y = np.concatenate([r[str(self.model.output.label)] for r in self.runs])
+            unit = float(np.abs(np.polyfit(x, y, 1)[0])) or 1.0
+        else:
+            raise ModelError(f"Unknown scan rule {scan.of!r}.")
+        return [v * unit**scan.power for v in scan.values], 1.0
+
+    def _peaks(self, count: int) -> tuple[list[float], float]:
+        """Return the strongest frequencies of the residual [Hz], from its first segment."""
+        frequencies, power = self._spectrum
+        at, _ = find_peaks(power, distance=2 * PADDING)
+        best = at[np.argsort(-power[at], kind="stable")[:count]]
+        if not best.size:
+            best = np.array([max(1, int(np.argmax(power)))])
+        return [float(frequencies[i]) for i in best], power.size / PADDING
+
+    @cached_property
+    def _spectrum(self) -> tuple[Array, Array]:
+        """Frequencies [Hz] and power of the residual's first segment; what is slower than two periods is zero."""
+        e = self.residual[: max(self.problem.edges[1], 16)]
+        e = e - np.polyval(np.polyfit(np.arange(e.size), e, 1), np.arange(e.size))
+        power = np.abs(np.fft.rfft(e * np.hanning(e.size), PADDING * e.size)) ** 2
+        power[: 2 * PADDING] = 0.0
+        return np.arange(power.size) / (PADDING * e.size * (self.model.Ts or 1.0)), power
+
+    def tone(self) -> Array:
+        """Return cosine and sine of the residual's strongest frequency, (rows, 2), or (rows, 0) if it is no line."""
+        (frequency, *_), _ = self._peaks(1)
+        times = np.concatenate([run["t"][self.problem.depth :] for run in self.runs])
+        angle = 2 * np.pi * frequency * times
+        return np.column_stack([np.cos(angle), np.sin(angle)])[:, : 2 * self.is_line(frequency)]
+
+    def is_line(self, frequency: float) -> bool:
+        """Whether the residual has a sharp spectral line there: far above its neighbourhood on both sides."""
+        frequencies, power = self._spectrum
+        at = int(np.argmin(np.abs(frequencies - frequency)))
+        near, far = 3 * PADDING, 25 * PADDING
+        sides = [power[max(2 * PADDING, at - far) : max(0, at - near)], power[at + near : at + far]]
+        medians = [float(np.median(s)) for s in sides if s.size > near]
+        return bool(medians) and power[at] > LINE * np.log(power.size / PADDING) * max(medians)
+
+    def directions(self, channels: Iterable[str] = (), catalogue: Catalogue = EFFECTS) -> tuple[list[Direction], Array]:
+        """Return every variant at every grid point, and the matrix of their directions (rows, columns)."""
+        listed, blocks, at = [], [], 0
+        for variant in variants(self.model, channels, catalogue):
+            form = equations(self.model, variant)
+            grids = [self.scale(variant.effect.scan[p], variant) for p in variant.shape]
+            symbols = [sp.Symbol(p, real=True) for p in variant.shape]
+            for point in product(*(g for g, _ in grids)):
+                z = self.contributions(form.states, form.z, dict(zip(symbols, point, strict=True)))
+                block = self.moved(variant.where, z)
+                if not np.all(np.isfinite(block)) or not np.any(block):
+                    continue
+                searched = float(np.prod([s for _, s in grids])) if grids else 1.0
+                line = searched > 1 and self.is_line(point[0])
+                listed.append(Direction(variant, point, slice(at, at + block.shape[1]), searched, line))
+                blocks.append(block)
+                at += block.shape[1]
+        if not blocks:
+            raise ModelError("No effect of the catalogue applies to this model.")
+        return listed, np.concatenate(blocks, axis=1)

@@ -1,0 +1,270 @@
+"""Fits of extended models on one part of the data, judged in free run on another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from scipy.linalg import lstsq
+
+from ..data.metrics import correlation_length
+from ..data.record import Record
+from ..errors import FitError
+from ..files.journal import remembered
+from ..fit.constraints import constraint_equations
+from ..fit.freerun import FreeRun
+from ..fit.simulate import segments
+from ..models.extend import Variant, extend, newer, without
+from ..models.model import Model
+
+Array = np.ndarray
+BLOCKS, SEALED, EVERY = 24, 3, 4
+STEPS, TOLERANCE = 40, 1e-7
+SLACK, RETURNED = 1.01, 0.001
+REFUSALS = 4  # after so many terms that must stay, no others are tried
+FULL = 1.1  # a full effect with the uncertainty of its coefficient
+
+
+@dataclass(frozen=True)
+class Split:
+    """Which samples of each segment are for fitting, for judging, and sealed until the end.
+
+    Blocks alternate, so that a staircase or a slow change is seen by both; the last blocks are sealed.
+    """
+
+    records: tuple[Record, ...]
+    train: tuple[Array, ...]
+    held: tuple[Array, ...]
+    test: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, records: Any) -> Split:
+        """Split records."""
+        parts = segments(records)
+        masks: list[list[Array]] = [[], [], []]
+        for part in parts:
+            block = np.minimum(np.arange(len(part)) * BLOCKS // len(part), BLOCKS - 1)
+            sealed = block >= BLOCKS - SEALED
+            held = ~sealed & (block % EVERY == EVERY // 2)
+            for kept, mask in zip(masks, (~sealed & ~held, held, sealed), strict=True):
+                kept.append(mask)
+        return cls(tuple(parts), *(tuple(m) for m in masks))
+
+    @cached_property
+    def noise(self) -> list[Array]:
+        """What differs between repeated periods: pieces of the noise, where there are any."""
+        return period_noise(self.records)
+
+    @classmethod
+    def whole(cls, records: Any) -> Split:
+        """Use every sample for everything: the final fit."""
+        parts = segments(records)
+        every = tuple(np.ones(len(p), dtype=bool) for p in parts)
+        return cls(tuple(parts), every, every, every)
+
+
+def repeated(record: Record) -> int:
+    """Return the period of an input that repeats exactly at least twice [samples], or 0."""
+    u, n = record.u - record.u.mean(), len(record)
+    spectrum = np.abs(np.fft.rfft(u, 2 * n)) ** 2
+    rho = np.fft.irfft(spectrum)[: n // 2 + 1] / np.arange(n, n - n // 2 - 1, -1)
+    tolerance = 1e-6 * np.ptp(record.u)
+    peaks = np.flatnonzero((rho[1:-1] >= rho[:-2]) & (rho[1:-1] > rho[2:]) & (rho[1:-1] > 0.999 * rho[0])) + 1
+    for period in [*peaks[:20], n // 2]:
+        if period > 8 and np.abs(record.u[period:] - record.u[:-period]).max() <= tolerance:
+            return int(period)
+    return 0
+
+
+def period_noise(records: Sequence[Record]) -> list[Array]:
+    """Return what differs between periods, over sqrt(2): pieces of the noise itself [unit of y].
+
+    The first period is left out: it may hold a transient (Pintelon & Schoukens 2012).
+    """
+    found = []
+    for record in records:
+        period = repeated(record)
+        if period and len(record) >= 3 * period:
+            y = record.y[period:]
+            found.append((y[period:] - y[:-period]) / np.sqrt(2))
+    return found
+
+
+@dataclass
+class Fitted:
+    """A model fitted on the training samples, with its free run everywhere.
+
+    Attributes
+    ----------
+    model : Model, with theta
+    unknowns : parameters and initial shifts
+    limits : of some parameters
+    """
+
+    model: Model
+    split: Split
+    problem: FreeRun
+    unknowns: Array
+    converged: bool
+    std: Array
+    limits: Mapping[Any, Any]
+
+    @cached_property
+    def errors(self) -> list[Array]:
+        """Measured minus simulated along each segment, (N,) [unit of y]; zero before the first computed sample."""
+        found = []
+        for i, data in enumerate(self.problem.data):
+            e = data[self.problem.name] - self.problem.simulate(self.unknowns, i)
+            e[: self.problem.depth] = 0.0
+            found.append(e)
+        return found
+
+    def error(self, masks: Sequence[Array]) -> Array:
+        """Return the errors on chosen samples, one array."""
+        return np.concatenate([e[m] for e, m in zip(self.errors, masks, strict=True)])
+
+    def mean_square(self, masks: Sequence[Array]) -> float:
+        """Return the mean squared free-run error on chosen samples [unit of y squared]."""
+        with np.errstate(over="ignore"):
+            value = float(np.mean(self.error(masks) ** 2))
+        return value if np.isfinite(value) else float("inf")
+
+    def independent(self) -> float:
+        """Return how many independent training errors there are: neighbours of a slow error do not count twice."""
+        e = self.error(self.split.train)
+        return float(e.size / (correlation_length(e) if np.any(e) else 1))
+
+    def criterion(self, independent: float) -> float:
+        """Return BIC's compromise between the training error and the number of parameters."""
+        error = np.log(max(self.mean_square(self.split.train), 1e-300))
+        return float(independent * error + self.problem.free * np.log(max(independent, 2.0)))
+
+
+def settle(
+    model: Model,
+    split: Split,
+    start: Array | None = None,
+    limits: Mapping[Any, Any] | None = None,
+    steps: int = STEPS,
+) -> Fitted:
+    """Fit a model in free run on the training samples.
+
+    Raises
+    ------
+    FitError
+        Where the free run diverges from the start, or ends unstable.
+    """
+    limits = {s: pair for s, pair in (limits or {}).items() if s in model.symbols}
+    equations = constraint_equations(model, None)
+    problem = FreeRun(model, list(split.records), equations, split.train)
+    begin = problem.start(model.theta if start is None else start)
+    unknowns, std, converged = remembered(_minimum, problem, begin, steps, limits)
+    model.theta = problem.theta(unknowns).tolist()
+    model.std = tuple(float(s) for s in std)
+    made = Fitted(model, split, problem, unknowns, converged, std, limits)
+    if not all(np.all(np.isfinite(e)) for e in made.errors):
+        raise FitError("The fitted model is unstable.")
+    return made
+
+
+def _minimum(problem: FreeRun, begin: Array, steps: int, limits: Mapping[Any, Any]) -> tuple[Array, Array, bool]:
+    """Return the unknowns at the minimum, the standard errors of the parameters, and whether it converged."""
+    if not all(np.all(np.isfinite(part)) for part in problem.run(begin)):
+        raise FitError("The free run of the start values diverges.")
+    found = problem.minimise(begin, steps, TOLERANCE, limits)
+    return found.x, problem.errors(found), bool(found.status > 0)
+
+
+def add(
+    base: Fitted,
+    added: Sequence[tuple[Variant, Sequence[float], Mapping[str, tuple[float, float]]]],
+    directions: Sequence[Array],
+    residual: Array,
+    own: Array,
+) -> Fitted | None:
+    """Fit a model with more effects, from one point of their grids; None where no stable fit is found.
+
+    Parameters
+    ----------
+    added : variant, start and limits of its shape parameters, of each effect
+    directions, residual, own : arrays of the training rows
+        From which the first coefficients follow.
+    """
+    model, limits = base.model, dict(base.limits)
+    for variant, _, ranges in added:
+        extended = extend(model, variant)
+        model = extended.model
+        limits |= {s: ranges[p] for s, p in zip(extended.shape, variant.shape, strict=True)}
+        if variant.effect.sign and len(extended.coefficients) == 1:
+            most = FULL if variant.effect.full else np.inf
+            limits[extended.coefficients[0]] = (0.0, most) if variant.effect.sign > 0 else (-most, 0.0)
+    columns = np.column_stack([own, *directions])
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    solution = lstsq(columns / scale, residual, cond=1e-9)[0] / scale
+    moved = solution[: base.problem.free]
+    ends = own.shape[1] + np.cumsum([0, *(d.shape[1] for d in directions)])
+    theta = base.problem.theta(base.unknowns)
+    nudged = theta + base.problem.elimination.Z @ moved
+    for begin, part in ((nudged, 1.0), (theta, 1.0), (theta, 0.2)):
+        start = [begin]
+        for (_, shape, _), first, stop in zip(added, ends[:-1], ends[1:], strict=True):
+            start += [part * solution[first:stop], np.asarray(shape)]
+        try:
+            return settle(model, base.split, np.concatenate(start), limits)
+        except FitError:
+            continue
+    return None
+
+
+def prune(fitted: Fitted, before: Fitted) -> Fitted:
+    """Delete backwards the terms that added effects made redundant, the least certain first; the effects stay.
+
+    A term goes while the free-run error grows by less than 1 %, or less than 0.1 % of what the effect removed comes
+    back, on the training and on the held-out samples.
+
+    Parameters
+    ----------
+    before : the model without the effects
+    """
+    masks = (fitted.split.train, fitted.split.held)
+    limits = []
+    for mask in masks:
+        now = fitted.mean_square(mask)
+        limits.append(max(SLACK * now, now + RETURNED * max(0.0, before.mean_square(mask) - now)))
+    keep = {n for e in newer(fitted.model, before.model) for n in (*e["coefficients"], *e["shape"])}
+    refused = set(keep)
+    while len(refused) < len(keep) + REFUSALS:
+        scored = [
+            (abs(v) / s if s > 0 and np.isfinite(s) else np.inf, str(symbol), symbol)
+            for symbol, v, s in zip(fitted.model.symbols, fitted.model.theta, fitted.std, strict=True)
+            if str(symbol) not in refused and _removable(fitted.model, symbol)
+        ]
+        if not scored:
+            break
+        _, name, symbol = min(scored, key=lambda p: p[:2])
+        refused.add(name)
+        try:
+            smaller = settle(without(fitted.model, [symbol]), fitted.split, limits=fitted.limits)
+        except FitError:
+            continue
+        smaller.model.info |= {n: v for n, v in fitted.model.info.items() if n != "effects"}
+        if all(smaller.mean_square(mask) <= most for mask, most in zip(masks, limits, strict=True)):
+            fitted = smaller
+            refused.discard(name)
+    return fitted
+
+
+def _removable(model: Model, symbol: Any) -> bool:
+    """Whether a parameter multiplies a term of the core, and the model has an input without it."""
+    if not any(c == symbol for c, _ in _core_parts(model)):
+        return False
+    return not any(symbol in c.free_symbols for c in model.constraints if not isinstance(c, str))
+
+
+def _core_parts(model: Model) -> list[tuple[Any, Any]]:
+    return [part.as_independent(sp.Indexed, as_Add=False) for part in sp.Add.make_args(model.core)]

@@ -1,0 +1,327 @@
+"""Model files: JSON in a versioned schema. Equations are text in the grammar of `parsing`; nothing is evaluated.
+
+The equations of added effects stand in the file, as states: it is read without the catalogue that they came from.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from sympy import Eq, Indexed, Symbol, expand, true
+
+from ..errors import ModelError, NarxError
+from ..models.analysis import continuum_conditions, rest_map
+from ..models.model import NARX, Model
+from ..symbolic.grammar import FUNCTIONS, SIGNALS, expanded_terms, parse, read_json
+from ..symbolic.printing import text
+from ..symbolic.recursion import State, written_out
+from ..symbolic.signals import k, lag, samples, signal, u, x, y
+from .atomic import write_text
+
+SCHEMA, MAX_BYTES, MAX_STATES, MAX_NAME = 1, 2_000_000, 200, 100
+MAX_LISTED, MAX_TEXT = 1000, 60_000  # entries of a list; characters of all equations
+MAX_WRITTEN, MAX_TERMS = 20_000, 20_000  # nodes of the output's equation; terms of its rest map, multiplied out
+FIELDS = {
+    "schema", "kind", "terms", "F", "symbols", "theta", "std", "input", "output", "lead", "operating_point", "Ts",
+    "constraints", "channels", "states", "info",
+}  # fmt: skip
+STATE_FIELDS = {"state", "update", "initial", "group"}
+EFFECT_FIELDS = {"effect", "form", "where", "driver", "coefficients", "shape", "fixed"}
+# `x` and `v` are names of states: the core's output and the input that it sees.
+RESERVED = {*SIGNALS, *FUNCTIONS, "k", "t", "r", "m", "pi", "prediction"}
+
+
+def to_dict(model: Model) -> dict[str, Any]:
+    """Return the model as plain data."""
+    linear = isinstance(model, NARX)
+    names = {"parameter": list(map(str, model.symbols)), "channel": list(model.channels)}
+    for what, listed in (names | {"state": [str(s.left.base.label) for s in model.states]}).items():
+        _check_names(listed, what, set())
+    return {
+        "schema": SCHEMA,
+        "kind": "narx" if linear else "equation",
+        "input": str(model.input.label),
+        "output": str(model.output.label),
+        "lead": model.lead,
+        "Ts": model.Ts,
+        "operating_point": {str(b.label): v for b, v in model.operating_point.items()},
+        **({"terms": [text(t) for t in model.terms]} if isinstance(model, NARX) else {"F": text(model.F)}),
+        "symbols": [str(s) for s in model.symbols],
+        "theta": None if model.theta is None else model.theta.tolist(),
+        "std": None if model.std is None else [s if math.isfinite(s) else None for s in model.std],
+        "constraints": [
+            c if isinstance(c, str) else text(expand(c.lhs - c.rhs)) for c in model.constraints if c != true
+        ],
+        "channels": list(model.channels),
+        **({"states": [_state_to_dict(s) for s in model.states]} if model.states else {}),
+        "info": model.info,
+    }
+
+
+def to_text(model: Model) -> str:
+    """Return the content of a model file."""
+    return json.dumps(to_dict(model), indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+def save(model: Model, path: Any) -> None:
+    """Write a model file; it appears whole or not at all."""
+    write_text(path, to_text(model))
+
+
+def load(path: Any) -> Model:
+    """Read a model file.
+
+    Raises
+    ------
+    ModelError
+        For a file that is missing, not JSON, of another schema, or with unknown, missing or wrong fields.
+    """
+    source = Path(path)
+    try:
+        with source.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+        if len(raw) > MAX_BYTES:
+            raise ModelError(f"{path}: the file is larger than {MAX_BYTES} bytes; this is not a model file.")
+        data = read_json(raw.decode("utf-8"))
+    except FileNotFoundError:
+        raise ModelError(f"{path}: no such model file.") from None
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read ({error.strerror or error}).") from None
+    except NarxError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise ModelError(f"{path}: not a model file (no valid JSON: {str(error)[:80]}).") from None
+    try:
+        return from_dict(data)
+    except NarxError as error:
+        raise ModelError(f"{path}: {error}") from None
+
+
+def from_dict(data: Any) -> Model:
+    """Build a model from plain data; everything is checked before it is used."""
+    if not isinstance(data, dict) or "schema" not in data:
+        raise ModelError("not a model file: the field 'schema' is missing.")
+    if type(data["schema"]) is not int or data["schema"] != SCHEMA:
+        raise ModelError(f"schema {str(data['schema'])[:40]!r} is not known; this version reads schema {SCHEMA}.")
+    unknown = sorted(set(data) - FIELDS)
+    if unknown:
+        raise ModelError(f"unknown field {unknown[0][:40]!r}; a newer version may have written this file.")
+    channels = _texts(data, "channels")
+    symbols = _texts(data, "symbols")
+    _check_names(channels, "channel", set())
+    _check_names(symbols, "parameter", set())
+    kind = data.get("kind")
+    terms = _texts(data, "terms") if kind == "narx" else []
+    parameters = [f"theta_{i}" for i in range(1, len(terms) + 1)] if kind == "narx" else symbols
+    constraints = _texts(data, "constraints")
+    length = sum(map(len, (*terms, *constraints, str(data.get("F", "")), *map(str, _listed_states(data)))))
+    if length > MAX_TEXT:
+        raise ModelError(f"the equations have {length} characters; at most {MAX_TEXT} are read.")
+    states = _states(data, channels, parameters)
+    signals = [*channels, "t", *(str(s.left.base.label) for s in states)]
+    bases = {"u": u, "y": y}
+    if [data.get("input"), data.get("output")] not in (["u", "y"], ["y", "u"]):
+        raise ModelError("'input' and 'output' must be 'u' and 'y', or 'y' and 'u'.")
+    point = data.get("operating_point", {})
+    if not isinstance(point, dict) or not set(point) <= {"u", "y"}:
+        raise ModelError("'operating_point' must give numbers for 'u' and 'y'.")
+    lead = data.get("lead", 0)
+    if not isinstance(lead, int) or isinstance(lead, bool) or not 0 <= lead <= 1000:
+        raise ModelError("'lead' must be a whole number from 0 to 1000.")
+    if lead and data["input"] == "u":
+        raise ModelError("'lead' belongs to an inverse model (input 'y').")
+    theta = None if data.get("theta") is None else _numbers(data["theta"], "theta")
+    options: dict[str, Any] = {
+        "input": bases[data["input"]],
+        "output": bases[data["output"]],
+        "operating_point": {bases[n]: _numbers([v], "operating_point")[0] for n, v in point.items()},
+        "lead": lead,
+        "Ts": None if data.get("Ts") is None else _numbers([data["Ts"]], "Ts")[0],
+        "states": states,
+    }
+    model: Model
+    if kind == "narx":
+        model = NARX([parse(term, signals=signals) for term in terms], theta, **options)
+        if symbols and symbols != [str(s) for s in model.symbols]:
+            raise ModelError("'symbols' do not belong to 'terms': theta_1 ... theta_n, one per term.")
+    elif kind == "equation":
+        if not isinstance(data.get("F"), str):
+            raise ModelError("'F' must be a text.")
+        expr = parse(data["F"], signals=signals, symbols=symbols)
+        free = expr.free_symbols.union(*(s.right.free_symbols for s in states))
+        names = {s.name: s for s in free if isinstance(s, Symbol) and s.name in symbols}
+        missing = [n for n in symbols if n not in names]
+        if missing:
+            raise ModelError(f"the parameter {missing[0][:40]!r} does not appear in 'F'{' or a state' * bool(states)}.")
+        model = Model(expr, [names[n] for n in symbols], theta, **options)
+    else:
+        raise ModelError(f"'kind' must be 'narx' or 'equation', not {str(data.get('kind'))[:40]!r}.")
+    model.constraints = tuple(
+        c if c == "continuum" else _equation(c, [str(s) for s in model.symbols]) for c in constraints
+    )
+    if model.Ts is not None and model.Ts <= 0:
+        raise ModelError("'Ts' must be a positive number of seconds.")
+    if any(abs(v) > 1e15 for v in model.operating_point.values()):
+        raise ModelError("'operating_point' is beyond 1e15.")
+    unused = set(channels) - set(model.channels)
+    if unused:
+        raise ModelError(f"the channel {sorted(unused)[0][:40]!r} appears in no term.")
+    _check_states(model)
+    _check_size(model)
+    _check_constraints(model)
+    std = data.get("std")
+    if std is not None:
+        values = [float("nan") if s is None else s for s in std] if isinstance(std, list) else std
+        model.std = tuple(_numbers(values, "std", finite=False))
+        if len(model.std) != len(model.symbols) or any(s < 0 for s in model.std):
+            raise ModelError("'std' must have one number per parameter, none negative.")
+    info = data.get("info", {})
+    model.info = _checked_info(info, [str(s) for s in model.symbols])
+    return model
+
+
+def _check_size(model: Model) -> None:
+    """Refuse equations that grow without bound where algebra writes them out."""
+    size = written_out(model.F, model.states)
+    if model.inner == x:
+        core, beside = (written_out(e, model.states) for e in (model.core, model.beside))
+        size = core + (1 + len(samples(model.core, x))) * beside
+    if size > MAX_WRITTEN or ("continuum" in model.constraints and expanded_terms(rest_map(model)) > MAX_TERMS):
+        raise ModelError("the equations grow too large when they are written out; this is not a model of measurements.")
+
+
+def _check_constraints(model: Model) -> None:
+    """Refuse values that break the constraints they are said to meet."""
+    equations = [e for c in model.constraints for e in (continuum_conditions(model) if c == "continuum" else [c])]
+    for equation in equations:
+        gap = (equation.lhs - equation.rhs).xreplace(model.values)
+        if gap.atoms(Indexed):
+            raise ModelError("'constraints' speak of the parameters only.")
+        try:
+            size = abs(float(gap)) if model.values else 0.0
+        except (TypeError, ValueError, OverflowError):
+            size = math.nan
+        if not math.isfinite(size):
+            raise ModelError(f"the constraint {str(equation.lhs)[:200]} = {equation.rhs} has no finite value.")
+        if size > 1e-6 * (1 + max((abs(float(v)) for v in model.values.values()), default=0.0)):
+            raise ModelError(f"theta does not meet the constraint {str(equation.lhs)[:200]} = {equation.rhs}.")
+
+
+def _state_to_dict(state: State) -> dict[str, str]:
+    return {
+        "state": str(state.left.base.label), "update": text(state.right), "initial": text(state.initial),
+        "group": state.group,
+    }  # fmt: skip
+
+
+def _states(data: dict[str, Any], channels: list[str], symbols: list[str]) -> tuple[State, ...]:
+    """Read the states in order; whether each has what it needs is checked by the recursion."""
+    listed = _listed_states(data)
+    for one in listed:
+        if not isinstance(one, dict) or not all(isinstance(v, str) for v in one.values()):
+            raise ModelError("each of 'states' must be an object of texts.")
+        wrong = sorted(set(one) ^ STATE_FIELDS)
+        if wrong and (wrong != ["group"] or "group" in one):
+            raise ModelError(f"a state has the fields state, update, initial and group; look at {wrong[0][:40]!r}.")
+        if len(one.get("group", "")) > MAX_NAME:
+            raise ModelError(f"the group of a state has more than {MAX_NAME} characters.")
+    names = [one["state"] for one in listed]
+    if names:
+        _check_names(symbols, "parameter", set())
+        _check_names(names, "state", {*symbols, *channels})
+    signals = [*channels, "t", *names]
+    return tuple(
+        State(
+            signal(one["state"])[k], parse(one["update"], signals=signals, symbols=symbols),
+            parse(one["initial"], signals=[*channels, "t"]), one.get("group", ""),
+        )
+        for one in listed
+    )  # fmt: skip
+
+
+def _listed_states(data: dict[str, Any]) -> list[Any]:
+    listed = data.get("states", [])
+    if not isinstance(listed, list) or len(listed) > MAX_STATES:
+        raise ModelError(f"'states' must be a list of at most {MAX_STATES} entries.")
+    return listed
+
+
+def _check_names(names: list[str], what: str, taken: set[str]) -> None:
+    """Refuse names that the grammar cannot read back, or that mean something else."""
+    for name in names:
+        if not (name.isascii() and name.isidentifier()) or len(name) > MAX_NAME:
+            raise ModelError(f"the {what} {name[:40]!r} needs a plain name: letters, digits and underscores.")
+        if what == "state" and name in RESERVED:
+            raise ModelError(f"the state {name!r} has a name that means something else.")
+        if name in taken or names.count(name) > 1:
+            raise ModelError(f"the name {name!r} of a {what} appears twice.")
+
+
+def _check_states(model: Model) -> None:
+    """Refuse states that cannot start, and an `x` that the output is not made of."""
+    known = {model.input, model.output, *(b for b in model.recursion.inputs)}
+    for state in model.states:
+        for s in samples(state.initial):
+            if s.base not in known or lag(s) < 0:
+                raise ModelError(f"the initial value of {state.left} may contain measured signals up to now, not {s}.")
+    if model.inner == x and not samples(model.F, x):
+        raise ModelError("there is a state 'x', what effects at the output add to, but the output does not contain it.")
+
+
+def _equation(source: str, symbols: list[str]) -> Any:
+    return Eq(parse(source, symbols=symbols), 0, evaluate=False)
+
+
+def _texts(data: dict[str, Any], name: str) -> list[str]:
+    value = data.get(name, [])
+    if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+        raise ModelError(f"{name!r} must be a list of texts.")
+    if len(value) > MAX_LISTED:
+        raise ModelError(f"{name!r} has more than {MAX_LISTED} entries.")
+    return value
+
+
+def _numbers(values: Any, name: str, finite: bool = True) -> list[float]:
+    good = isinstance(values, list) and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values)
+    if not good or not all(abs(v) < 1e308 for v in values if finite or v == v):
+        raise ModelError(f"{name!r} must hold finite numbers.")
+    return [float(v) for v in values]
+
+
+def _checked_info(info: Any, symbols: list[str]) -> dict[str, Any]:
+    if not isinstance(info, dict):
+        raise ModelError("'info' must be an object.")
+    if "line" in info and len(_numbers(info["line"], "info.line")) != 2:
+        raise ModelError("'info.line' must hold two numbers.")
+    if "band" in info and ("line" not in info or _numbers([info["band"]], "info.band")[0] < 0):
+        raise ModelError("'info.band' must be a positive number beside 'info.line'.")
+    ranges = info.get("ranges", {})
+    if not isinstance(ranges, dict) or not all(
+        len(pair := _numbers(v, "info.ranges")) == 2 and pair[0] < pair[1] for v in ranges.values()
+    ):
+        raise ModelError("'info.ranges' must give two increasing numbers for each signal.")
+    for name in ("rates", "frequencies"):
+        most = info.get(name, {})
+        if not isinstance(most, dict) or not all(v >= 0 for v in _numbers(list(most.values()), f"info.{name}")):
+            raise ModelError(f"'info.{name}' must give a number for each signal, none negative.")
+    steps = info.get("steps", {})
+    if not isinstance(steps, dict) or not all(v > 0 for v in _numbers(list(steps.values()), "info.steps")):
+        raise ModelError("'info.steps' must give a positive number for each signal.")
+    effects = info.get("effects", [])
+    if not isinstance(effects, list) or len(effects) > MAX_STATES:
+        raise ModelError(f"'info.effects' must be a list of at most {MAX_STATES} entries.")
+    for one in effects:
+        if not isinstance(one, dict) or not {"effect", "coefficients"} <= set(one) <= EFFECT_FIELDS:
+            raise ModelError(f"each of 'info.effects' is an object with the fields {', '.join(sorted(EFFECT_FIELDS))}.")
+        if not all(isinstance(one.get(n, ""), str) for n in ("effect", "form", "where", "driver")):
+            raise ModelError("'info.effects' must name effect, form, where and driver by texts.")
+        unknown = [s for s in (*_texts(one, "coefficients"), *_texts(one, "shape")) if s not in symbols]
+        if unknown:
+            raise ModelError(f"'info.effects' speaks of {unknown[0][:40]!r}, which is no parameter.")
+        if not isinstance(one.get("fixed", {}), dict):
+            raise ModelError("'info.effects': 'fixed' must be an object.")
+        _numbers(list(one.get("fixed", {}).values()), "info.effects.fixed")
+    return info

@@ -1,0 +1,1 @@
+"""Numbers from records: simulation, estimation, selection, identification, laws over a reference."""

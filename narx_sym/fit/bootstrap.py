@@ -1,0 +1,92 @@
+"""How sure a free-run fit is: parameter sets that other noise of the same kind would have given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data.metrics import correlation_length
+from ..data.record import Record
+from ..errors import FitError
+from ..files.parallel import sweep
+from ..models.model import Model
+from .constraints import constraint_equations
+from .ensemble import Bands, bands
+from .freerun import FreeRun
+from .simulate import Records
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Parameter sets of a moving-block bootstrap.
+
+    Attributes
+    ----------
+    model : Model
+    thetas : (draws, n_theta) array
+    block : int
+        Block length [samples].
+    """
+
+    model: Model
+    thetas: Array
+    block: int
+
+    @property
+    def std(self) -> Array:
+        """Standard errors that hold for coloured residuals too, (n_theta,)."""
+        return np.asarray(self.thetas.std(axis=0, ddof=1))
+
+    def interval(self, level: float = 0.95) -> Array:
+        """Lower and upper quantiles of each parameter, (2, n_theta)."""
+        tail = (1 - level) / 2
+        return np.asarray(np.quantile(self.thetas, [tail, 1 - tail], axis=0))
+
+    def bands(self, record: Record) -> Bands:
+        """Mean, lowest and highest free run of the parameter sets along a record."""
+        return bands(self.model, self.thetas, record)
+
+
+def block_bootstrap(
+    model: Model, records: Records, draws: int = 200, block: int | None = None, seed: int = 0, steps: int = 2
+) -> Bootstrap:
+    """Resample the free-run residual in blocks and refit (Kunsch 1989).
+
+    Parameters
+    ----------
+    model : Model, fitted in free run
+    draws : int
+    block : int, optional
+        At least three correlation lengths of the residual by default [samples].
+    seed : int
+        Each draw has its own generator: serial and parallel runs give the same sets.
+    steps : int
+        Gauss-Newton steps per draw from the fitted parameters.
+    """
+    problem = FreeRun(model, records, constraint_equations(model, None))
+    z = problem.start(model.theta)
+    residual = problem.run(z)[0].copy()
+    if not np.all(np.isfinite(residual)):
+        raise FitError("The free run of the model diverges on these records.")
+    size = block or min(max(10, 3 * correlation_length(residual)), max(2, residual.size // 4))
+    calls = [(problem, z, residual, size, seed, i, steps) for i in range(draws)]
+    return Bootstrap(model, np.array(sweep(_draw, calls)), size)
+
+
+def _draw(problem: FreeRun, z: Array, residual: Array, block: int, seed: int, number: int, steps: int) -> Array:
+    rng = np.random.default_rng([seed, number])
+    starts = rng.integers(0, residual.size - block + 1, size=-(-residual.size // block))
+    noise = np.concatenate([residual[s : s + block] for s in starts])[: residual.size]
+    noise = noise - noise.mean() + residual.mean()
+    moved = z.copy()
+    for _ in range(steps):
+        # The data of this draw are the model's own run plus resampled noise.
+        now, slopes = problem.run(moved)
+        gap = now - residual + noise
+        moved = moved - np.linalg.lstsq(slopes, gap, rcond=None)[0]
+        if not np.all(np.isfinite(problem.run(moved)[0])):
+            break
+    return problem.theta(moved)

@@ -1,0 +1,246 @@
+"""Where a law's own dynamics repel, in numbers: at points, along a run, over the range of the identification."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import sympy as sp
+
+from ..engines.compile import lambdify, largest_root
+from ..errors import ModelError
+from ..inversion.stability import InternalDynamics, direction, heading, mbar, rbar
+from ..models.analysis import z
+from ..symbolic.signals import lag, samples, signal
+
+if TYPE_CHECKING:
+    from ..inversion.compensator import Compensator
+
+Array = np.ndarray
+DOUBLES = 2.0  # a disturbance that grows less than this before it shrinks again is not worth a warning
+SMALLEST = 1e-12  # of an eigenvalue, so that its logarithm is finite
+GRID = 81
+M, R = signal("m"), signal("r")
+
+
+@dataclass(frozen=True)
+class Excursion:
+    """The internal eigenvalue of a law along a run: where a disturbance of m grows from sample to sample.
+
+    Attributes
+    ----------
+    radius : (N,) array
+        The largest |eigenvalue| at each sample; NaN where nothing moves and the law asks for a direction.
+    share : float
+        Of the samples with an eigenvalue beyond 1.
+    first : int or None
+        The first of them.
+    largest : float
+    growth : float
+        The largest factor by which a disturbance of m grows before it shrinks again (a product of eigenvalues).
+    rate : float
+        The geometric mean of the eigenvalues: below 1, the run as a whole forgets disturbances.
+    """
+
+    radius: Array
+    share: float
+    first: int | None
+    largest: float
+    growth: float
+    rate: float
+
+    @property
+    def noteworthy(self) -> bool:
+        """Whether a disturbance at least doubles on the way."""
+        return self.growth >= DOUBLES
+
+    def sentence(self, Ts: float | None = None) -> str:
+        """Say where it repels, by how much a disturbance grows, and whether it stays."""
+        if self.first is None:
+            return "the law forgets its own errors all along the run"
+        when = f"sample {self.first}" + (f" (t = {self.first * Ts:.4g} s)" if Ts else "")
+        grown = f"{self.growth:.3g} times" if self.growth < 1e4 else "more than 10 000 times"
+        stays = (
+            f"over the whole run it shrinks ({self.rate:.3g} times per sample on average): a transient excursion"
+            if self.rate < 1
+            else "over the whole run it does not shrink: the law can run away"
+        )
+        return (
+            f"the law amplifies its own errors at {100 * self.share:.3g} % of the samples, first at {when} (internal "
+            f"eigenvalue {self.largest:.3g}, stable below 1): there a disturbance of m grows up to {grown}; {stays}"
+        )
+
+
+def radius(internal: InternalDynamics, m: Any, r: Any, s: float | None = None) -> Array:
+    """Return the largest |eigenvalue| of a law at points (m, r).
+
+    Parameters
+    ----------
+    m : number or (N,) array [unit of u]
+    r : number or (N,) array [unit of y]
+    s : 1 or -1, optional
+        The direction of the motion; by default the worse of both.
+
+    Returns
+    -------
+    (N,) array; a number for numbers
+
+    Raises
+    ------
+    ModelError
+        For a model without values, or a law whose eigenvalues depend on further channels or on time.
+    """
+    m_, r_ = np.broadcast_arrays(np.asarray(m, dtype=float), np.asarray(r, dtype=float))
+    polynomial = _numbers(internal)
+    used = [d for d in (direction, heading) if polynomial.has(d)]
+    ways = product((1.0, -1.0), repeat=len(used)) if s is None else [(float(s),) * len(used)]
+    found = [_roots(polynomial, m_.ravel(), r_.ravel(), dict(zip(used, way, strict=True))) for way in ways]
+    worst = np.max(found, axis=0).reshape(m_.shape)
+    return worst if worst.ndim else worst[()]
+
+
+def _numbers(internal: InternalDynamics) -> Any:
+    """Return the polynomial with numbers, or say what keeps it from being one."""
+    polynomial = internal.numbers
+    unknown = polynomial.free_symbols - {z, mbar, rbar, direction, heading}
+    if unknown:
+        raise ModelError(
+            f"The eigenvalues of this law depend on {', '.join(sorted(map(str, unknown)))}: give the model values, and "
+            "hold further channels constant."
+        )
+    return polynomial
+
+
+def _roots(polynomial: Any, m: Array, r: Array, moving: dict[Any, Any]) -> Array:
+    values = {name: np.broadcast_to(np.asarray(x, dtype=float), m.shape) for name, x in moving.items()}
+    return largest_root(polynomial, z, {mbar: m, rbar: r, **values})
+
+
+def excursion(internal: InternalDynamics, m: Any, r: Any, m0: float | None = None) -> Excursion:
+    """Follow the eigenvalue along a run of a law.
+
+    Parameters
+    ----------
+    m, r : (N,) arrays [units of u and y]
+        The law's output and its reference.
+    m0 : number, optional
+        The input before the first sample, where the reference rests; the first m by default. [unit of u]
+
+    Returns
+    -------
+    Excursion
+        At each sample from the last m, the reference, and the directions in which they move. Where these rest,
+        nothing is judged that depends on them.
+    """
+    past, goal = (np.asarray(x, dtype=float).ravel() for x in (m, r))
+    if past.shape != goal.shape or past.size < 2:
+        raise ModelError("m and r must have the same length, at least two samples.")
+    past = np.concatenate([[past[0] if m0 is None else m0], past])  # past[k] is m[k-1]
+    polynomial = _numbers(internal)
+    moving = {
+        d: _along(turn.xreplace(internal.law.model.values), past, goal)
+        for d, turn in internal.turns.items()
+        if polynomial.has(d)
+    }
+    found = _roots(polynomial, past[:-1], goal, moving)
+    for name, way in moving.items():
+        if internal.turns[name].has(sp.sign):
+            found = np.where(way == 0, np.nan, found)
+    beyond = found > 1
+    logs = np.log(np.maximum(np.nan_to_num(found, nan=1.0, posinf=1e300), SMALLEST))
+    heights = np.concatenate([[0.0], np.cumsum(logs)])
+    grown = float(np.max(heights - np.minimum.accumulate(heights)))
+    return Excursion(
+        found,
+        float(np.mean(beyond)),
+        int(np.argmax(beyond)) if beyond.any() else None,
+        float(np.nan_to_num(found, posinf=1e300).max()),
+        float(np.exp(min(grown, 700.0))),
+        float(np.exp(np.mean(logs))),
+    )
+
+
+def _along(turn: Any, past: Array, goal: Array) -> Array:
+    """Evaluate a direction along a run; beyond its ends everything rests."""
+    rows, sources = np.arange(goal.size), {M: (past, 1), R: (goal, 0)}
+    columns = []
+    for s in samples(turn):
+        x, offset = sources[s.base]
+        columns.append(x[np.clip(rows - lag(s) + offset, 0, x.size - 1)])
+    return np.asarray(_function(turn)(*columns)[0], dtype=float)
+
+
+@lru_cache(maxsize=256)
+def _function(turn: Any) -> Any:
+    read = samples(turn)
+    names = [sp.Symbol(f"x{i}", real=True) for i in range(len(read))]
+    return lambdify([turn.xreplace(dict(zip(read, names, strict=True)))], names)
+
+
+@dataclass(frozen=True)
+class OperatingRange:
+    """Where a law repels within the range of its identification.
+
+    Attributes
+    ----------
+    shares : mapping from "rising" and "falling" to the share of the range
+        One entry "moving" for a law that knows no direction.
+    largest : float
+        The largest |eigenvalue| there.
+    at : (m, r), where it is
+    """
+
+    shares: dict[str, float]
+    largest: float
+    at: tuple[float, float]
+
+    @property
+    def sentence(self) -> str:
+        """What a user should know before the law is used; empty where it repels nowhere."""
+        if not any(self.shares.values()):
+            return ""
+        where = ", ".join(f"{100 * share:.3g} % while {way}" for way, share in self.shares.items() if share)
+        m, r = self.at
+        return (
+            f"The law's own dynamics repel in a part of the operating range ({where}; internal eigenvalue up to "
+            f"{self.largest:.4g}, at m = {m:.4g}, r = {r:.4g}; stable below 1): while it moves there, an error of m "
+            "grows by that factor from sample to sample, and elsewhere it shrinks again. A short visit is not a "
+            "divergence; a run over a reference says how long it stays."
+        )
+
+
+def operating_range(law: Compensator) -> OperatingRange | None:
+    """Look for repelling points over the identified ranges, as far from the line through the data as these were.
+
+    Returns
+    -------
+    OperatingRange, or None where the model does not know its ranges, the eigenvalues depend on further channels, or
+    the law has branches or further states
+    """
+    if law.staged:
+        return None
+    info, internal = law.model.info, law.internal
+    ranges = info.get("ranges", {})
+    if not {"u", "y"} <= set(ranges):
+        return None
+    inputs, outputs = (np.linspace(ranges[name][0], ranges[name][1], GRID) for name in ("u", "y"))
+    m_grid, r_grid = (x.ravel() for x in np.meshgrid(inputs, outputs))
+    if "band" in info:
+        offset, slope = info["line"]
+        direct = str(law.model.input.label) == "u"
+        distance = r_grid - offset - slope * m_grid if direct else m_grid - offset - slope * r_grid
+        inside = np.abs(distance) <= info["band"]
+        m_grid, r_grid = m_grid[inside], r_grid[inside]
+    directed = internal.numbers.has(direction, heading)
+    ways = {"rising": 1.0, "falling": -1.0} if directed else {"moving": 1.0}
+    try:
+        found = {way: radius(internal, m_grid, r_grid, s) for way, s in ways.items()}
+    except ModelError:
+        return None
+    worst = np.max(list(found.values()), axis=0)
+    top = int(np.argmax(worst))
+    shares = {way: float(np.mean(x > 1)) for way, x in found.items()}
+    return OperatingRange(shares, float(worst[top]), (float(m_grid[top]), float(r_grid[top])))

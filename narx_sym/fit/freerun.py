@@ -1,0 +1,317 @@
+"""The free-run (simulation-error) fit: nonlinear least squares with derived sensitivities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import LinAlgError, qr, solve_triangular
+from scipy.linalg.lapack import dtbtrs
+from scipy.optimize import least_squares
+
+from ..engines.compile import Columns, compile
+from ..errors import FitError
+from ..files.parallel import one_blas_thread, sweep
+from ..models.model import NARX, Model
+from ..symbolic.sensitivity import derivative, sensitivities
+from ..symbolic.signals import k, lags
+from .constraints import Elimination
+from .ensemble import costs
+from .simulate import Records, arrays, initial_values, segments
+
+Array = np.ndarray
+MANY = 16  # more parameters than this: one banded solve instead of one compiled equation each
+SPREAD, TRIED = 0.3, 64
+HUGE, LARGEST = 1e12, 1e100  # derivatives times parameters, in standard deviations of the output; in any unit
+
+
+@dataclass(frozen=True)
+class Start:
+    """One unknown about the time before the first computed sample: a shift of some states.
+
+    `back` counts from the last initial sample; without it all initial samples shift together.
+    """
+
+    states: tuple[Any, ...]
+    back: int | None = None
+
+    def shape(self, depth: int) -> Array:
+        """Return where the shift acts, (depth,)."""
+        return np.ones(depth) if self.back is None else (np.arange(depth) == depth - 1 - self.back) * 1.0
+
+
+def starts(model: Model) -> list[Start]:
+    """Return the unknowns about the time before the first sample: each output that the core uses, and each memory."""
+    groups: dict[str, list[Any]] = {}
+    for state in model.memory:
+        groups.setdefault(state.group, []).append(state.left.base)
+    outputs = [i - 1 for i in lags(model.core, model.inner)]
+    return [*(Start((model.inner,), i) for i in outputs), *(Start(tuple(g)) for g in groups.values())]
+
+
+def _label(base: Any) -> str:
+    return str(base.label)
+
+
+class FreeRun:
+    """Residuals and their derivatives of a model along records, under linear constraints.
+
+    The unknowns are z: the free parameters, then per record the shifts in `starts`: of each initial output, and of what
+    each effect remembers. (In a Sigma_y = 1 model an error in the initial output never decays.)
+
+    Parameters
+    ----------
+    model : Model
+    records : Record or list of Record
+    equations : sequence of Eq in the model's symbols
+    use : list of (N,) bool arrays, optional
+        Which samples of each segment count; all by default.
+    """
+
+    def __init__(self, model: Model, records: Records, equations: Sequence[Any], use: Sequence[Array] | None = None):
+        self.model, self.records, self.equations, self.use = model, records, equations, use
+        self.elimination = Elimination.of(equations, model.symbols)
+        self.name, self.depth = str(model.output.label), max(1, model.recursion.depth)
+        self.data = [arrays(model, p) for p in segments(records)]
+        self.initial = [initial_values(model, d, self.depth) for d in self.data]
+        self.free = self.elimination.Z.shape[1]
+        self.starts = starts(model)
+        self.shifts = len(self.data) * len(self.starts)
+        self.rows = [
+            slice(self.depth, None) if use is None else np.flatnonzero(use[i][self.depth :]) + self.depth
+            for i in range(len(self.data))
+        ]
+        measured = [d[self.name] for d in self.data]
+        self.spread = float(np.std(np.concatenate(measured))) or 1.0
+        self.edges = np.cumsum([0, *(m[r].size for m, r in zip(measured, self.rows, strict=True))])
+        if min(m.size for m in measured) <= self.depth or self.edges[-1] <= self.free:
+            raise FitError(f"{self.free} parameters cannot be estimated from {max(self.edges[-1], 0)} samples.")
+        self.slopes = np.zeros((self.edges[-1], self.free + self.shifts), order="F")
+        self.residuals = np.empty(self.edges[-1])
+        self._last: Array | None = None
+
+    @cached_property
+    def _move(self) -> Any:
+        """The run with its derivatives: derived and compiled when it is first needed."""
+        long = isinstance(self.model, NARX) and len(self.model.symbols) > MANY
+        return self._banded() if long else self._forward()
+
+    def __reduce__(self) -> Any:
+        """Rebuild in another process: machine code does not travel."""
+        return FreeRun, (self.model, self.records, self.equations, self.use)
+
+    def start(self, theta: Array) -> Array:
+        """Return the unknowns of given parameters, with the measured initial outputs."""
+        z = self.elimination.Z.T @ (np.asarray(theta) - self.elimination.t0)
+        return np.concatenate([z, np.zeros(self.shifts)])
+
+    def theta(self, z: Array) -> Array:
+        """Return the parameters of given unknowns."""
+        return self.elimination.t0 + self.elimination.Z @ z[: self.free]
+
+    def run(self, z: Array) -> tuple[Array, Array]:
+        """Return residuals (rows,) and derivatives (rows, unknowns), in standard deviations of the output.
+
+        Both arrays are reused by the next call; they hold NaN from where a run diverges.
+        """
+        if self._last is not None and np.array_equal(self._last, z):
+            return self.residuals, self.slopes
+        with np.errstate(all="ignore"):  # what diverges is seen by its values
+            self._run(z)
+        self._last = z.copy()
+        return self.residuals, self.slopes
+
+    def _run(self, z: Array) -> None:
+        theta = self.theta(z)
+        for i, d in enumerate(self.data):
+            own = self.own(i)
+            simulated, moved = self._move(i, theta, z[own])
+            rows, kept, p = slice(self.edges[i], self.edges[i + 1]), self.rows[i], len(theta)
+            self.residuals[rows] = (simulated[kept] - d[self.name][kept]) / self.spread
+            self.slopes[rows, : self.free] = moved[kept, :p] @ (self.elimination.Z / self.spread)
+            self.slopes[rows, own] = moved[kept, p:] / self.spread
+
+    def own(self, i: int) -> slice:
+        """Return where the shifts of segment i stand among the unknowns."""
+        return slice(self.free + i * len(self.starts), self.free + (i + 1) * len(self.starts))
+
+    def shifted(self, i: int, shifts: Array) -> dict[str, Array]:
+        """Return the initial values of segment i with each group of starts shifted."""
+        values = dict(self.initial[i])
+        for start, shift in zip(self.starts, shifts, strict=True):
+            for name in map(_label, start.states):
+                values[name] = values[name] + shift * start.shape(self.depth)
+        return values
+
+    def simulate(self, z: Array, i: int) -> Array:
+        """Return the free run along segment i, (N,)."""
+        return np.asarray(self.states(z, i)[self.name])
+
+    def states(self, z: Array, i: int) -> dict[str, Array]:
+        """Return every computed sequence along segment i, by name, (N,) each."""
+        compiled = compile(self.model.recursion)
+        return dict(compiled(self.data[i], self.theta(z), self.shifted(i, z[self.own(i)]), on_divergence="nan"))
+
+    def _forward(self) -> Any:
+        """Sensitivities in the same compiled pass as the run."""
+        recursion, directions = sensitivities(self.model.recursion, initial=[s.states for s in self.starts])
+        compiled = compile(recursion)
+        moved = [_label(d[self.model.output]) if self.model.output in d else None for d in directions]
+        shown = [self.name, *(m for m in moved if m)]
+        names = [*shown, *(n for n in map(_label, recursion.states) if n not in shown)]
+        at = [i for i, m in enumerate(moved) if m]
+        zero: dict[str, Any] = dict.fromkeys((_label(s) for d in directions for s in d.values()), 0.0)
+        for start, d in zip(self.starts, directions[len(self.model.symbols) :], strict=True):
+            zero |= {_label(d[state]): start.shape(self.depth) for state in start.states}
+        # The recursion writes straight into the columns of these: no allocation while the fit runs.
+        buffers = [np.empty((len(d[self.name]), len(names)), order="F") for d in self.data]
+        outs = [{n: w[:, c] for c, n in enumerate(names)} for w in buffers]
+
+        def move(i: int, theta: Array, shifts: Array) -> tuple[Array, Array]:
+            initial = {**self.shifted(i, shifts), **zero}
+            compiled(self.data[i], theta, initial, on_divergence="nan", out=outs[i])
+            slopes = buffers[i][:, 1 : len(shown)]
+            if len(at) < len(moved):  # some directions move nothing
+                full = np.zeros((len(slopes), len(moved)), order="F")
+                full[:, at] = slopes
+                slopes = full
+            return buffers[i][:, 0], slopes
+
+        return move
+
+    def _banded(self) -> Any:
+        """All derivatives from one banded system L S = Psi along the run, with L = 1 - sum dF/dy[k-i] q^-i."""
+        model = self.model
+        compiled = compile(model.recursion)
+        orders = range(1, model.n_y + 1)
+        gradients = [derivative(model.right, model.output[k - i]) for i in orders]
+        terms = [model.in_user_units(t) for t in model.terms]  # type: ignore[attr-defined]
+        psi = Columns(terms)
+
+        def move(i: int, theta: Array, shifts: Array) -> tuple[Array, Array]:
+            d, depth = self.data[i], self.depth
+            n, p = d[self.name].size, len(terms)
+            run = compiled(d, theta, self.shifted(i, shifts), on_divergence="nan")[self.name]
+            moved = np.zeros((n, p + len(shifts)), order="F")
+            if not np.all(np.isfinite(run)):
+                moved[:] = np.nan
+                return run, moved
+            values = {**d, self.name: run}
+            moved[depth:, :p] = psi.block(values, depth, n)
+            moved[:depth, p:] = np.column_stack([s.shape(depth) for s in self.starts])
+            band = np.zeros((len(orders) + 1, n), order="F")
+            band[0] = 1.0
+            known = dict(zip(model.symbols, theta, strict=True))
+            for lag, slope in zip(orders, gradients, strict=True):
+                column = np.zeros(n)
+                if slope != 0:
+                    column[depth:] = Columns([slope.xreplace(known)]).block(values, depth, n)[:, 0]
+                band[lag, : n - lag] = -column[lag:]
+            solved, info = dtbtrs(band, moved, uplo="L", diag="U")
+            if info:
+                raise FitError(f"LAPACK dtbtrs failed with code {info}.")
+            return run, solved
+
+        return move
+
+    def bounds(self, limits: Mapping[Any, tuple[float, float]]) -> tuple[Array, Array]:
+        """Return bounds of the unknowns from the limits of some parameters (those without constraints)."""
+        low = np.full(self.free + self.shifts, -np.inf)
+        high = -low
+        for symbol, (least, most) in limits.items():
+            row = self.elimination.Z[list(self.model.symbols).index(symbol)]
+            if np.count_nonzero(row) == 1 and row.max() == 1.0:
+                low[int(np.argmax(row))], high[int(np.argmax(row))] = least, most
+        return low, high
+
+    def minimise(
+        self, start: Array, max_steps: int, tolerance: float = 1e-12, limits: Mapping[Any, Any] | None = None
+    ) -> Any:
+        """Minimise from given unknowns; return SciPy's result."""
+        if not start.size:
+            raise FitError("There is nothing to fit: the model has no free parameter and no unknown start.")
+        if not np.all(np.isfinite(self.run(start)[0])):
+            raise FitError(
+                "The free run of the start values diverges: fit one step ahead with fewer terms first, or give theta."
+            )
+        bounds = self.bounds(limits or {})
+
+        def slopes(z: Array) -> Array:
+            moved = self.run(z)[1]
+            size = np.abs(moved).max(axis=0)
+            if not (np.all(size * np.abs(z) < HUGE) and np.all(size < LARGEST)):
+                raise FitError("The derivatives of the free run diverge: the model is unstable there.")
+            return moved.copy()
+
+        with np.errstate(all="ignore"), one_blas_thread():
+            return least_squares(
+                lambda z: self.run(z)[0].copy(), np.clip(start, *bounds), jac=slopes,
+                bounds=bounds, x_scale="jac", method="trf", max_nfev=max_steps, xtol=tolerance, ftol=tolerance,
+                gtol=tolerance,
+            )  # fmt: skip
+
+    def solve(self, theta: Array, max_steps: int) -> tuple[Array, Array, bool, float]:
+        """Minimise from given parameters: theta, standard errors, converged, half the sum of squares."""
+        found = self.minimise(self.start(theta), max_steps)
+        return self.theta(found.x), self.errors(found), bool(found.status > 0), float(found.cost)
+
+    def errors(self, found: Any) -> Array:
+        """Return the standard errors of the parameters at a minimum, under white noise; NaN where undetermined."""
+        R = qr(found.jac, mode="economic")[1]
+        freedom = max(1, found.fun.size - found.x.size)
+        Z = self.elimination.Z
+        try:
+            with np.errstate(all="ignore"):
+                inverse = solve_triangular(R, np.eye(R.shape[0]))
+                covariance = (2 * found.cost / freedom * inverse @ inverse.T)[: self.free, : self.free]
+                return np.asarray(np.sqrt(np.maximum(np.diag(Z @ covariance @ Z.T), 0.0)))
+        except (LinAlgError, ValueError):
+            return np.full(Z.shape[0], np.nan)  # the data do not determine the parameters
+
+
+def free_run_fit(
+    model: Model,
+    records: Records,
+    equations: Sequence[Any],
+    theta0: Array,
+    max_steps: int = 60,
+    starts: int = 1,
+    seed: int = 0,
+) -> tuple[Array, Array, bool]:
+    """Minimise the free-run error under constraints.
+
+    Parameters
+    ----------
+    theta0 : (n_theta,) array
+    starts : int
+        With more than one, random sets around theta0 are simulated side by side, and the best are refined too.
+
+    Returns
+    -------
+    theta, std : (n_theta,) arrays
+    converged : bool
+    """
+    problem = FreeRun(model, records, equations)
+    if starts <= 1:
+        return problem.solve(theta0, max_steps)[:3]
+    rng = np.random.default_rng(seed)
+    z = problem.start(theta0)[: problem.free]
+    scale = SPREAD * np.maximum(np.abs(z), 1e-3 * np.abs(z).max(initial=1e-12))
+    cloud = z + scale * rng.standard_normal((TRIED * starts, z.size))
+    thetas = problem.elimination.t0 + cloud @ problem.elimination.Z.T
+    order = np.argsort(costs(model, thetas, records), kind="stable")[: starts - 1]
+    calls = [(problem, theta, max_steps) for theta in [np.asarray(theta0), *thetas[order]]]
+    found = [f for f in sweep(_refine, calls) if f is not None]
+    if not found:
+        raise FitError("The free run diverges from every start: fit one step ahead first, or give theta.")
+    return min(found, key=lambda f: f[3])[:3]
+
+
+def _refine(problem: FreeRun, theta: Array, max_steps: int) -> tuple[Array, Array, bool, float] | None:
+    try:
+        return problem.solve(theta, max_steps)
+    except FitError:
+        return None

@@ -1,0 +1,322 @@
+"""From measurements to a model in one call: pool, rules, selection, constrained fit, operating point."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from ..data.record import Record, check_excitation
+from ..errors import Diverged, FitError, ModelError, NotInvertible
+from ..inversion.compensator import compensator
+from ..models import assumptions
+from ..models.model import NARX, Model, pool
+from ..symbolic.signals import k, phi1, u, y
+from .least_squares import check_method, fit
+from .select import PATH_STEPS, Selection, select
+from .simulate import Records, centre, evaluate, law_radius, segments, simulate
+
+BASES = ("narx", "linear", "static")
+HELD_OUT = 0.3
+CYCLES = 10
+CANCELS, CALM = 5.0, 2.0
+FEWEST = 20  # samples; below this a structure cannot be told from chance
+
+
+def operating_point(records: Records) -> dict[Any, float]:
+    """Return the point to measure u and y from: zero where zero lies well inside both ranges, else their means.
+
+    Polynomial regressors are not shift-invariant: far from zero they become nearly dependent and the fit fails.
+    The means are rounded to three digits of the range, so that the equations stay readable.
+    """
+    parts = segments(records)
+    point = {}
+    for base in (u, y):
+        x = np.concatenate([getattr(p, str(base.label)) for p in parts])
+        digit = 10.0 ** (np.floor(np.log10(np.ptp(x) / 2)) - 2)
+        point[base] = float(np.round(centre(x) / digit) * digit)
+    return {b: float(f"{v:.12g}") for b, v in point.items() if v}
+
+
+def prepare(records: Any) -> list[Record]:
+    """Return the records as a list, each with a moving input and output."""
+    listed = [records] if isinstance(records, Record) else list(records)
+    if not listed:
+        raise FitError("No record was given.")
+    for record in listed:
+        check_excitation(record)
+    total = sum(len(r) for r in listed)
+    if total < FEWEST:
+        raise FitError(f"{total} samples are too few to choose a structure: at least {FEWEST} are needed.")
+    if len({round(r.Ts, 12) for r in listed}) > 1:
+        shown = ", ".join(f"{r.name}: {r.Ts:g} s" for r in listed)
+        raise FitError(f"The records have different sampling times ({shown}); a model has one.")
+    return listed
+
+
+def judged(model: Model) -> Model:
+    """Warn where a model explains little, where its law is unstable, or where its free run is not bounded."""
+    error = model.info["nrmse"]["free_run"]
+    if error >= 0.95:
+        warnings.warn(
+            f"The free run is no better than a constant (NRMSE {error:.3g}): do not use this model. Another base, "
+            "delay or input column may fit; noise on the input of an inverse model has this effect too.",
+            stacklevel=3,
+        )
+    elif error >= 0.5:
+        warnings.warn(f"The free run explains little of the output (NRMSE {error:.3g}).", stacklevel=3)
+    if model.info.get("selection", {}).get("stable_law") is False:
+        warnings.warn("The compensation law of this model is unstable on these data: it may run away.", stacklevel=3)
+    growth = periodic_growth(model)
+    if growth > 1:
+        warnings.warn(
+            f"Under a periodic input over the identified range the free run drifts away by {growth:.2g} ranges in "
+            f"{CYCLES} periods: the model is not bounded.",
+            stacklevel=3,
+        )
+    return model
+
+
+def periodic_growth(model: Model) -> float:
+    """Return how far repeated loops over the identified input range move, in ranges of the output."""
+    (low, high), (bottom, top) = (model.info["ranges"][str(b.label)] for b in (model.input, model.output))
+    if model.channels or top <= bottom:
+        return 0.0
+    sine = (low + high) / 2 + (high - low) / 2 * np.sin(2 * np.pi * np.arange(400 * CYCLES) / 400)
+    try:
+        run = simulate(model, sine, warn=False)
+    except Diverged:
+        return float("inf")
+    return float(np.abs(run[-1] - run[399]) / (top - bottom))
+
+
+def identify(
+    records: Records,
+    *,
+    base: str = "narx",
+    n_y: int = 1,
+    n_u: int = 2,
+    degree: int = 3,
+    delay: int | None = None,
+    for_compensation: bool = False,
+    rate_independent: bool = True,
+    functions: Iterable[str] = (),
+    lags: Mapping[str, Any] | None = None,
+    criterion: str = "free_run",
+    n_terms: int | None = None,
+    max_terms: int = 10,
+    method: str = "auto",
+    point: Mapping[Any, float] | str = "auto",
+) -> Model:
+    """Identify a model.
+
+    Parameters
+    ----------
+    records : Record or list of Record
+    base : "narx", "linear" or "static"
+        `narx`: the paper's pool with phi1, phi2 and Sigma_y = 1. `linear`: ARX, its orders and delay chosen in free
+        run. `static`: a polynomial of the input at the same instant. Each carries an operating point.
+    n_y, n_u, degree, delay : int
+        Of the pool; the delay is 1 by default, or chosen (`linear`).
+    for_compensation : bool
+        Keep Assumption A1, so that a law can be derived, and prefer models whose law is stable on the data.
+    rate_independent : bool
+        Keep the terms of first degree in phi1 only: the loop then does not depend on the speed of the input.
+    functions, lags, criterion, n_terms, max_terms
+        See `model.pool` and `selection.select`.
+    method : "auto", "one_step" or "free_run"
+        `auto` fits one step ahead, then in free run, and keeps the better free run.
+    point : mapping or "auto"
+        The operating point; {} measures the signals from zero.
+
+    Returns
+    -------
+    Model, fitted; `info["selection"]` says what was chosen and why
+    """
+    check_method(method)
+    listed = prepare(records)
+    if any(r.channels for r in listed) and base == "narx":
+        warnings.warn("The narx base uses the input and the output only; further channels take no part.", stacklevel=2)
+    origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
+    if base == "narx":
+        delay = 1 if delay is None else delay
+        n_u = max(n_u, delay + 1)  # Assumption A1(ii): some input terms must be older than the delay
+        rules: tuple[str, ...] = assumptions.CONTINUUM
+        rules += assumptions.COMPENSATION if for_compensation else ()
+        rules += ("rate",) if rate_independent else ()
+        candidates = pool(n_y, n_u, degree, delay, rules=rules, functions=functions, lags=lags)
+        frame = NARX([y[k - 1]], operating_point=origin)
+        chosen = select(
+            candidates, listed, max_terms=max_terms, criterion=criterion, n_terms=n_terms, method=method, frame=frame,
+            accept=(lambda model: stable_law(model, listed)) if for_compensation else None,
+            # The term that the law divides by must be there, whatever ERR thinks of it.
+            first=[phi1[k - delay]] if for_compensation and phi1[k - delay] in candidates.terms else (),
+        )  # fmt: skip
+        model = _finish(chosen, len(candidates))
+        if for_compensation:
+            compensator(model)  # NotInvertible here rather than later
+            model.info["selection"]["stable_law"] = stable_law(model, listed)
+        return judged(model)
+    if base == "linear":
+        return _linear(listed, origin, n_y, n_u, delay, method, for_compensation)
+    if base == "static":
+        return _static(listed, origin, degree, delay or 0, method, for_compensation)
+    raise ModelError(f"Unknown base {base!r}; there are {', '.join(BASES)}.")
+
+
+def identify_inverse(
+    records: Records,
+    *,
+    lead: int = 2,
+    n_y: int = 1,
+    n_u: int = 1,
+    degree: int = 3,
+    criterion: str = "free_run",
+    rate_independent: bool = False,
+    n_terms: int | None = None,
+    max_terms: int = 10,
+    method: str = "auto",
+    point: Mapping[Any, float] | str = "auto",
+) -> Model:
+    """Identify the inverse relationship u from y (section 4.3 of the paper), whose law needs no inversion.
+
+    Parameters
+    ----------
+    lead : int
+        tau_s >= tau_d + 1: y[k] in the model stands for the measured y[k + lead].
+    n_y, n_u : int
+        Largest lags of the model's own output u and of its input y.
+
+    Noise on y acts on the model's input here: smooth y first where it is noisy.
+    """
+    listed = prepare(records)
+    origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
+    check_method(method)
+    if int(lead) != lead or lead < 1:
+        raise ModelError(f"The lead tau_s must be a whole number of at least 1 (tau_d + 1), not {lead}.")
+    rules = (*assumptions.CONTINUUM, *(("rate",) if rate_independent else ()))
+    candidates = pool(n_y, n_u, degree, 1, inverse=True, rules=rules)
+    frame = NARX([u[k - 1]], output=u, input=y, lead=lead, operating_point=origin)
+    chosen = select(
+        candidates,
+        listed,
+        max_terms=max_terms,
+        criterion=criterion,
+        n_terms=n_terms,
+        method=method,
+        frame=frame,
+    )
+    return judged(_finish(chosen, len(candidates)))
+
+
+def _finish(chosen: Selection, candidates: int) -> Model:
+    """Keep in the model why it has these terms."""
+    model = chosen.model
+    model.info["selection"] = {
+        "candidates": candidates,
+        "chosen": chosen.chosen,
+        "reason": chosen.reason,
+        "err": [float(e) for e in chosen.path.err[: chosen.chosen]],
+    }
+    return model
+
+
+def stable_law(model: Model, records: Records) -> bool:
+    """Whether the model's compensation law forgets its own errors on the data."""
+    try:
+        law = compensator(model)
+        return law.staged is None and law_radius(law, records) < 1
+    except NotInvertible:
+        return False
+
+
+def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
+    """Hold out the last record, or the last part of the only one."""
+    if len(records) > 1:
+        return records[:-1], records[-1:]
+    first, second = records[0].split(1 - HELD_OUT)
+    return [first], [second]
+
+
+def _choose(candidates: list[NARX], records: list[Record], what: str, method: str, for_compensation: bool) -> Model:
+    """Fit each candidate on one part, judge it in free run on the other, refit the best on all."""
+    train, held = _validation(records)
+    scored = []
+    for i, model in enumerate(candidates):
+        try:
+            fit(model, train, method=method, max_steps=PATH_STEPS, warn=False)
+            score = evaluate(model, held).free_run_nrmse
+        except FitError:
+            continue
+        if np.isfinite(score):
+            scored.append((score, len(model.terms), i))
+    if not scored:
+        raise FitError(f"No {what} model follows these data in free run.")
+    stable = [s for s in scored if stable_law(candidates[s[2]], train)] if for_compensation else scored
+    scored = stable or scored
+    best = min(scored)[0]
+    # The smallest model within 2 % of the best one; a well-conditioned one may be somewhat worse.
+    close = [s for s in scored if s[0] <= 1.02 * best]
+    calm = [s for s in scored if s[0] <= CALM * best and not cancels(candidates[s[2]])]
+    if all(cancels(candidates[s[2]]) for s in close) and calm:
+        close = [s for s in calm if s[0] <= 1.02 * min(calm)[0]]
+    _, _, i = min(close, key=lambda s: (cancels(candidates[s[2]]), s[1], s[2]))
+    winner = candidates[i]
+    final = NARX(winner.terms, operating_point=winner.operating_point)
+    fit(final, records, method=method)
+    final.info["selection"] = {
+        "base": what,
+        "candidates": len(candidates),
+        "reason": f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})",
+    }
+    if for_compensation:
+        final.info["selection"]["stable_law"] = stable_law(final, records)
+    return judged(final)
+
+
+def cancels(model: NARX) -> bool:
+    """Whether large input coefficients cancel: a finite-difference trick that smooth inputs allow."""
+    inputs = [c for c, term in zip(model.theta, model.terms, strict=True) if term.has(u)]
+    return bool(len(inputs) > 1 and np.sum(np.abs(inputs)) > CANCELS * abs(np.sum(inputs)))
+
+
+def _linear(
+    records: list[Record],
+    origin: Mapping[Any, float],
+    n_y: int,
+    n_u: int,
+    delay: int | None,
+    method: str,
+    for_compensation: bool,
+) -> Model:
+    """ARX with a constant: orders from 0 and delay chosen by free-run validation."""
+    delays = range(0, 4) if delay is None else (delay,)
+    candidates = [
+        NARX(
+            [*(y[k - i] for i in range(1, a + 1)), *(u[k - d - j] for j in range(b)), _one()],
+            operating_point=origin,
+        )
+        for a, b, d in product(range(0, max(2, n_y) + 1), range(1, max(2, n_u) + 1), delays)
+    ]
+    return _choose(candidates, records, "linear", method, for_compensation)
+
+
+def _static(
+    records: list[Record], origin: Mapping[Any, float], degree: int, delay: int, method: str, for_compensation: bool
+) -> Model:
+    """Polynomial of the input; of first degree where a law is wanted."""
+    degree = 1 if for_compensation else degree
+    candidates = [
+        NARX([_one(), *(u[k - delay] ** p for p in range(1, n + 1))], operating_point=origin)
+        for n in range(1, max(1, degree) + 1)
+    ]
+    return _choose(candidates, records, "static", method, for_compensation)
+
+
+def _one() -> Any:
+    from sympy import S
+
+    return S.One

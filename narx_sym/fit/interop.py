@@ -1,0 +1,141 @@
+"""Other people's libraries: python-control systems of models, and models from SysIdentPy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ..codegen.export import transition
+from ..codegen.layout import numbered, shortened
+from ..data.record import Record
+from ..errors import ModelError
+from ..models.model import NARX, Model
+from ..symbolic.printing import text
+from ..symbolic.recursion import Recursion
+from ..symbolic.signals import k, samples, signal, t, u, y
+from .simulate import predict
+
+Array = np.ndarray
+AGREES = 1e-9  # of the largest prediction: what an import must reproduce
+MAX_LAG = 999  # SysIdentPy writes y[k-i] as 1000 + i, u[k-i] as 2000 + i
+
+
+def rest_state(recursion: Recursion, initial: Mapping[Any, Any], rest: Mapping[str, float]) -> Array:
+    """Return the state vector, in the order of `recursion.past`, of a system that rests.
+
+    Parameters
+    ----------
+    initial : mapping from states to expressions
+        What each of them is at rest; the values of all other sequences are in `rest`, by name.
+
+    Raises
+    ------
+    ModelError
+        For a value that is missing or belongs to nothing.
+    """
+    needed = {s.base for e in initial.values() for s in samples(e)}
+    needed |= {s.base for s in recursion.past if s.base not in initial}
+    known = {str(base.label) for base in (*needed, *recursion.states, *recursion.inputs)}
+    missing, foreign = sorted({str(b.label) for b in needed} - set(rest)), sorted(set(rest) - known)
+    if missing or foreign:
+        raise ModelError(f"The state at rest needs {', '.join(missing)}." if missing else f"There is no {foreign[0]}.")
+    values = {}
+    for base in {s.base for s in recursion.past}:
+        expr = sp.sympify(initial.get(base, base[k]))
+        values[base] = expr.xreplace({s: sp.Float(float(rest[str(s.base.label)])) for s in samples(expr)})
+    return np.array([float(values[s.base]) for s in recursion.past])
+
+
+def to_control(model: Model, name: str = "model") -> Any:
+    """Return a model as a discrete-time `control.NonlinearIOSystem` with dt = Ts.
+
+    The state is `model.recursion.past` (`model.rest_state` gives it at rest), the inputs are those of
+    `model.recursion.given` but time, which python-control passes itself. Without Ts the system has dt = True. Names
+    that python-control does not take get letters, digits and underscores only.
+
+    Raises
+    ------
+    ModelError
+        Where python-control is not installed, or the model has no parameter values.
+    """
+    try:
+        import control
+    except ImportError:
+        raise ModelError('python-control is not installed: pip install "narx-sym[interop]"') from None
+    recursion = model.recursion
+    function = transition(recursion, model.values, name, model.output)
+    own = [s for s in recursion.given if s.base != t]
+    labels: dict[Any, str] = {}
+    for base in dict.fromkeys(s.base for s in (*recursion.past, *recursion.given)):
+        labels[base] = numbered(shortened(str(base.label), 60), lambda n: n not in labels.values())
+
+    def step(time: float, state: Array, inputs: Array) -> Any:
+        given = dict(zip(own, inputs, strict=True))
+        return function(state, np.array([given.get(s, time) for s in recursion.given], dtype=float))
+
+    return control.NonlinearIOSystem(
+        lambda time, state, inputs, _: np.array(step(time, state, inputs)[0]).ravel(),
+        lambda time, state, inputs, _: np.array(step(time, state, inputs)[1]).ravel(),
+        inputs=[labels[s.base] for s in own],
+        outputs=[str(model.output.label)],
+        states=[text(signal(labels[s.base])[s.indices[0]]) for s in recursion.past],
+        dt=model.Ts or True,
+        name=name,
+    )
+
+
+def from_sysidentpy(fitted: Any, Ts: float | None = None) -> NARX:
+    """Return a fitted polynomial model of SysIdentPy (`FROLS` and its relatives) as a model.
+
+    Row i of `final_model` belongs to `theta[i]` in every class that estimates theta itself. `SimulateNARMAX` with a
+    theta of the user's own sorts the rows and leaves theta as it is (measured with 0.9.0): it is refused. The import is
+    compared with SysIdentPy's own one-step prediction before it is returned.
+
+    Parameters
+    ----------
+    fitted : a model of SysIdentPy with one input
+    Ts : float, optional
+        Sampling time, which SysIdentPy does not know [s].
+
+    Raises
+    ------
+    ModelError
+        For another basis than Polynomial, several inputs, a model that is not fitted, or predictions that differ.
+    """
+    basis = type(getattr(fitted, "basis_function", None)).__name__
+    if basis != "Polynomial":
+        raise ModelError(f"Only polynomial models of SysIdentPy can be imported, not the basis {basis}.")
+    if getattr(fitted, "final_model", None) is None or getattr(fitted, "theta", None) is None:
+        raise ModelError("The SysIdentPy model is not fitted.")
+    if getattr(fitted, "estimate_parameter", True) is False:
+        raise ModelError(
+            "SimulateNARMAX sorts the rows of a model and not the theta it was given: which belongs to which is lost. "
+            "Use NARX.from_terms with your terms and theta."
+        )
+    codes = np.asarray(fitted.final_model, dtype=int)
+    theta = np.asarray(fitted.theta, dtype=float).ravel()
+    if (fitted.n_inputs or 0) > 1 or codes.max(initial=0) > 2000 + MAX_LAG:
+        raise ModelError(f"The SysIdentPy model has {fitted.n_inputs} inputs; models here have one.")
+    if int(fitted.max_lag) > MAX_LAG:
+        raise ModelError(f"SysIdentPy's codes are ambiguous for lags above {MAX_LAG}.")
+    if codes.ndim != 2 or len(codes) != len(theta):
+        raise ModelError(f"The SysIdentPy model has {len(codes)} rows and {len(theta)} parameters.")
+    terms = [sp.Mul(*((y, u)[c // 1000 - 1][k - c % 1000] for c in row.tolist() if c)) for row in codes]
+    model = NARX(terms, theta.tolist(), Ts=Ts)
+    model.info["method"] = f"SysIdentPy {type(fitted).__name__}"
+    _check_import(model, fitted)
+    return model
+
+
+def _check_import(model: NARX, fitted: Any) -> None:
+    """Compare one-step predictions over a short record of random numbers."""
+    depth = int(fitted.max_lag)
+    u_, y_ = np.random.default_rng(0).uniform(-1, 1, (2, 4 * depth + 50))
+    theirs = np.asarray(fitted.predict(X=u_[:, None], y=y_[:, None], steps_ahead=1)).ravel()[depth:]
+    ours = predict(model, Record.from_arrays(u_, y_, Ts=1.0))[depth:]
+    gap = float(np.abs(ours - theirs).max())
+    if not gap <= AGREES * max(1.0, float(np.abs(theirs).max())):
+        raise ModelError(f"SysIdentPy predicts otherwise than its own rows and theta say (by {gap:.3g}): not imported.")

@@ -1,0 +1,283 @@
+"""Section 2 of the paper: constrained least squares on a streamed QR factor, and the one door to every fit."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtpqrt
+
+from ..data.coverage import seen
+from ..data.record import Record, check_excitation
+from ..engines.compile import Columns
+from ..errors import FitError
+from ..files.parallel import one_blas_thread
+from ..models.model import NARX, Model
+from ..symbolic.signals import k
+from .constraints import Elimination, constraint_equations
+from .freerun import free_run_fit
+from .simulate import arrays, centre, evaluate, segments, shifted
+
+Array = np.ndarray
+BLOCK = 2048
+# Of the smallest scaled diagonal of R: above, nothing is gained; below, its square drowns in rounding.
+CORRECTED = (1e-7, 1e-2)
+Records = Record | Sequence[Record]
+
+
+# -- least squares ---------------------------------------------------------------------------------------------
+
+
+def stack_qr(R: Array, block: Array) -> Array:
+    """Return the R factor of [R; block]; the block is overwritten. One step of a streamed QR (LAPACK dtpqrt)."""
+    # Panels of 16 columns: wider ones make OpenBLAS split tiny steps over threads that then wait for each other.
+    merged, _, _, info = dtpqrt(0, min(16, R.shape[0]), R, block, overwrite_a=1, overwrite_b=1)
+    if info:
+        raise FitError(f"LAPACK dtpqrt failed with code {info}.")
+    return merged
+
+
+def blocks(columns: Columns, records: Sequence[Mapping[str, Array]], transform: Any = None) -> Iterator[Array]:
+    """Yield the rows of [Psi y], at most BLOCK at a time; arguments as for `factor`."""
+    for data in records:
+        n = min(len(x) for x in data.values()) - columns.lead
+        for start in range(columns.depth, n, BLOCK):
+            block = columns.block(data, start, min(start + BLOCK, n))
+            yield block if transform is None else transform(block)
+
+
+def factor(columns: Columns, records: Sequence[Mapping[str, Array]], transform: Any = None) -> tuple[Array, int]:
+    """Stream the rows of [Psi y] through one QR factorisation.
+
+    Parameters
+    ----------
+    columns : Columns
+        The regressors and, last, the target.
+    records : the sequences of each experiment
+    transform : function of a (rows, width) block, optional
+
+    Returns
+    -------
+    R : (width, width) upper triangular
+    rows : int
+    """
+    R: Array | None = None
+    rows = 0
+    with one_blas_thread():
+        for block in blocks(columns, records, transform):
+            block = np.asfortranarray(block)
+            if not np.all(np.isfinite(block)):
+                raise FitError("A regressor is not finite on these data; check the ranges or drop the term.")
+            if R is None:
+                R = np.zeros((block.shape[1],) * 2, order="F")
+            rows += len(block)
+            R = stack_qr(R, block)
+    if R is None:
+        raise FitError(f"The records are shorter than the largest lag ({columns.depth} samples).")
+    return np.triu(R), rows
+
+
+def one_step(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[Array, Array]:
+    """Least squares under S theta = c by QR: theta and its standard errors.
+
+    The estimator of the paper (Eq. ConstrainedParameters_Estimator, Draper & Smith 1998), solved by elimination
+    instead of normal equations.
+    """
+    parts = segments(records)
+    elimination = Elimination.of(equations, model.symbols)
+    n, free = elimination.Z.shape
+    columns = Columns([*model.terms, model.output[k]])
+
+    def reduced(block: Array) -> Array:
+        return np.column_stack([block[:, :n] @ elimination.Z, block[:, n] - block[:, :n] @ elimination.t0])
+
+    data = [shifted(model, arrays(model, p)) for p in parts]
+    R, rows = factor(columns, data, reduced)
+    if rows <= free:
+        raise FitError(
+            f"{free} parameters cannot be estimated from {rows} equations: give more samples or fewer terms."
+        )
+    if free == 0:
+        return elimination.t0, np.zeros(n)
+    z, covariance = solve_factor(R, rows, [str(t) for t in model.terms])
+    z = refined(z, R, blocks(columns, data, reduced))
+    spread = elimination.Z @ covariance @ elimination.Z.T
+    return elimination.t0 + elimination.Z @ z, np.sqrt(np.maximum(np.diag(spread), 0.0))
+
+
+def solve_factor(R: Array, rows: int, names: Sequence[str]) -> tuple[Array, Array]:
+    """Solve the triangular system of [Psi y]: parameters and covariance.
+
+    Raises
+    ------
+    FitError
+        Where columns are linearly dependent on these data.
+    """
+    p = R.shape[0] - 1
+    scale = np.linalg.norm(R[:p, :p], axis=0)
+    if np.any(scale == 0):
+        raise FitError(f"The term {names[int(np.argmin(scale))]} is zero on all of these data: drop it.")
+    square = R[:p, :p] / scale
+    # R is scaled, so a small diagonal entry means a column that the others explain.
+    if np.min(np.abs(np.diag(square))) < 1e-13:
+        raise FitError(
+            "The regressors are linearly dependent on these data: the input does not excite the model enough, "
+            "or a term repeats others. Use fewer terms or a richer input."
+        )
+    z = solve_triangular(square, R[:p, p]) / scale
+    inverse = solve_triangular(square, np.eye(p)) / scale[:, None]
+    variance = R[p, p] ** 2 / (rows - p)
+    return z, variance * inverse @ inverse.T
+
+
+def refined(z: Array, R: Array, rows: Iterable[Array]) -> Array:
+    """Correct a least-squares solution once, with residuals in extended precision (Bjorck 1987).
+
+    Parameters
+    ----------
+    z : (p,) array
+    R : (p + 1, p + 1) upper triangular
+        The factor of the rows [Psi y] that z was solved from.
+    rows : blocks of these rows
+    """
+    p = z.size
+    square = R[:p, :p] / np.linalg.norm(R[:p, :p], axis=0)
+    if not CORRECTED[0] < np.min(np.abs(np.diag(square))) < CORRECTED[1]:
+        return z
+    gradient = np.zeros(p, dtype=np.longdouble)
+    weights = np.append(-z, 1.0).astype(np.longdouble)
+    for block in rows:
+        wide = block.astype(np.longdouble)
+        gradient += (wide @ weights) @ wide[:, :p]
+    step = solve_triangular(R[:p, :p], gradient.astype(float), trans="T")
+    return np.asarray(z + solve_triangular(R[:p, :p], step))
+
+
+# -- the door ----------------------------------------------------------------------------------------------
+
+
+def check_method(method: str) -> None:
+    """Refuse an unknown way to fit."""
+    if method not in ("auto", "one_step", "free_run"):
+        raise FitError(f"Unknown method {method!r}: use 'auto', 'one_step' or 'free_run'.")
+
+
+def fit(
+    model: Model,
+    records: Records,
+    constraints: Sequence[Any] | None = None,
+    method: str = "one_step",
+    max_steps: int = 60,
+    starts: int = 1,
+    seed: int = 0,
+    warn: bool = True,
+) -> Model:
+    """Estimate the parameters of a model in place.
+
+    Parameters
+    ----------
+    model : Model
+        `one_step` needs one that is linear in its parameters; `free_run` starts from its theta, or from `one_step`.
+    records : Record or list of Record
+    constraints : sequence of Eq in the model's symbols, or "continuum", optional
+        By default those that the model carries.
+    method : "one_step", "free_run" or "auto"
+        `auto` fits one step ahead, then in free run, and keeps the better free run.
+    starts, seed : int
+        Of the free-run fit: how many start values are refined (see `freerun.free_run_fit`).
+    warn : bool
+        Whether to warn where the fit stops after `max_steps` without having converged.
+
+    Returns
+    -------
+    model : the same object, with `theta`, `std` (standard errors under white noise) and `info`
+        A fit that stops before it converged keeps the best parameters found; `info["converged"]` is False then.
+
+    Raises
+    ------
+    FitError
+        For dependent regressors, contradicting constraints, too few samples, or a diverging start.
+    """
+    check_method(method)
+    if method == "auto":
+        _better_fit(model, records, constraints, max_steps, starts, seed)
+        return unfinished(model) if warn else model
+    for record in segments(records):
+        check_excitation(record)
+    equations = constraint_equations(model, constraints)
+    converged = True
+    if method == "one_step" or model.theta is None:
+        if not isinstance(model, NARX):
+            raise FitError("This model is not linear in its parameters: give start values and use method='free_run'.")
+        theta, std = one_step(model, records, equations)
+    if method == "free_run":
+        begin = theta if model.theta is None else model.theta
+        theta, std, converged = free_run_fit(model, records, equations, begin, max_steps, starts, seed)
+    if not np.all(np.isfinite(theta)):
+        raise FitError("The estimate is not finite; check the data ranges.")
+    model.theta = theta.tolist()
+    model.std = tuple(float(s) for s in std)
+    if constraints is not None:
+        model.constraints = tuple(equations)
+    describe(model, records, method, converged)
+    return unfinished(model) if warn else model
+
+
+def unfinished(model: Model) -> Model:
+    """Warn where a fit stopped before it converged."""
+    if not model.info["converged"]:
+        warnings.warn(
+            "The fit stopped before it converged; the best parameters found are kept, marked by info['converged']. "
+            "Allow more max_steps, or begin from other values.",
+            stacklevel=4,
+        )
+    return model
+
+
+def _better_fit(
+    model: Model, records: Records, constraints: Sequence[Any] | None, max_steps: int, starts: int, seed: int
+) -> None:
+    """Fit one step ahead and in free run, and keep the better free run; a failed free-run fit changes nothing."""
+    if isinstance(model, NARX):
+        fit(model, records, constraints)
+    before = (model.theta, model.std, dict(model.info))
+    try:
+        fit(model, records, constraints, "free_run", max_steps, starts, seed, warn=False)
+    except FitError:
+        if not isinstance(model, NARX):  # it has been fitted in no way
+            raise
+        return
+    if isinstance(model, NARX) and model.info["nrmse"]["free_run"] > before[2]["nrmse"]["free_run"]:
+        model.theta, model.std, model.info = before
+
+
+def describe(model: Model, records: Records, method: str, converged: bool) -> None:
+    """Keep in the model what it was fitted on: ranges, the line through the data and the band around it, errors."""
+    parts = segments(records)
+    used = [arrays(model, p) for p in parts]
+    signals = {str(b.label): [one[str(b.label)] for one in used] for b in (model.input, model.output)}
+    source, output = map(np.concatenate, signals.values())
+    slope = np.polyfit(source, output, 1)[0]
+    # Through the centre: a line fitted to all data has an offset where the input merely lingered on one side.
+    offset = centre(output) - slope * centre(source)
+    pair = evaluate(model, records)
+    model.Ts = parts[0].Ts
+    model.info |= {
+        "method": method,
+        "converged": converged,
+        "samples": int(sum(len(p) for p in parts)),
+        **seen(signals, model.Ts),
+        "line": [float(offset), float(slope)],
+        "band": float(np.max(np.abs(output - offset - slope * source))),
+        "steps": {name: _step(pieces) for name, pieces in signals.items()},
+        "nrmse": {"one_step": pair.one_step_nrmse, "free_run": pair.free_run_nrmse},
+    }
+
+
+def _step(pieces: Sequence[Array]) -> float:
+    """Return the median size of the steps of a signal, where it moves."""
+    moves = np.abs(np.concatenate([np.diff(x) for x in pieces]))
+    return float(np.median(moves[moves > 0]))

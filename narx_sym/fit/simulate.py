@@ -1,0 +1,405 @@
+"""Free run, one-step prediction and the two errors; what is known about a run of a law."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ..data.coverage import beyond, excess, leaves
+from ..data.metrics import mape, nrmse
+from ..data.record import Record
+from ..engines.compile import Columns, compile, lambdify
+from ..errors import Diverged, ModelError, NarxError
+from ..inversion.compensator import Compensator
+from ..models.model import Model
+from ..symbolic.printing import text
+from ..symbolic.recursion import Recursion
+from ..symbolic.sensitivity import derivative
+from ..symbolic.signals import expand_phi, k, lag, samples, signal, t, u, x, y
+from .excursions import Excursion, excursion, radius
+
+Array = np.ndarray
+Records = Record | Sequence[Record]
+SETTLED = 400  # steps in which what effects remember comes to rest
+HUGE = 1e12  # a free run this many ranges away counts as diverged
+
+
+# -- data of a model -------------------------------------------------------------------------------------------
+
+
+def segments(records: Records) -> list[Record]:
+    """Return the contiguous records among one or several."""
+    listed = [records] if isinstance(records, Record) else list(records)
+    if not listed or not all(isinstance(r, Record) for r in listed):
+        raise ModelError("Give a Record or a non-empty list of Records (ns.read, ns.Record.from_arrays).")
+    return [s for record in listed for s in record.segments()]
+
+
+def centre(x: Array) -> float:
+    """Return where a signal is measured from: zero where zero lies well inside its range, else its mean."""
+    low, high = float(x.min()), float(x.max())
+    return 0.0 if abs(high + low) <= 0.5 * (high - low) else float(x.mean())
+
+
+def arrays(model: Model, record: Record) -> dict[str, Array]:
+    """Return the sequences by name as the model means them: an inverse model's y is the measured y[k + lead]."""
+    missing = [c for c in model.channels if c not in record.channels]
+    if missing:
+        raise ModelError(f"The model needs the channel {missing[0]!r}; name it with channels (--channels).")
+    n, lead = len(record), model.lead if model.input == y else 0
+    data = {"u": record.u[: n - lead], "y": record.y[lead:]}
+    if t in model.recursion.inputs:
+        data["t"] = record.t[: n - lead]
+    return data | {name: record.channels[name][: n - lead] for name in model.channels}
+
+
+def initial_values(model: Model, data: Mapping[str, Array], depth: int) -> dict[str, Array]:
+    """Return the values before the first computed sample, (depth,) arrays: of the output, and of what effects remember.
+
+    Parameters
+    ----------
+    data : the sequences by name, in the user's units; of the output at least `depth` samples
+
+    Raises
+    ------
+    ModelError
+        For an initial value that contains parameters, or is not finite.
+    """
+    found = {str(model.output.label): np.asarray(data[str(model.output.label)][:depth])}
+    for state in model.states:
+        expression = model.in_user_units(state.initial).xreplace(model.values)
+        read = samples(expression)
+        if expression.free_symbols - {b for s in read for b in s.free_symbols}:
+            raise ModelError(f"The initial value of {state.left} must contain signals and numbers only.")
+        # Before the first sample everything is as at the first sample.
+        given = [[np.float64(data[str(s.base.label)][max(0, i - lag(s))]) for s in read] for i in range(depth)]
+        value = lambdify([expression.xreplace({s: sp.Symbol(f"s{j}") for j, s in enumerate(read)})],
+                         [sp.Symbol(f"s{j}") for j in range(len(read))])  # fmt: skip
+        name = str(state.left.base.label)
+        found[name] = np.array([float(value(*row)[0]) for row in given])
+        if not np.all(np.isfinite(found[name])):
+            shown = ", ".join(f"{text(s)} = {v:g}" for s, v in zip(read, given[0], strict=True))
+            raise ModelError(f"The initial value of {state.left}, {text(expression)}, is not finite at {shown}.")
+    return found
+
+
+def shifted(model: Model, data: Mapping[str, Array]) -> dict[str, Array]:
+    """Measure the sequences from the model's operating point."""
+    point = {str(b.label): v for b, v in model.operating_point.items()}
+    return {name: x - point[name] if name in point else x for name, x in data.items()}
+
+
+def simulate(
+    model: Model,
+    u: Any,
+    y0: Any = None,
+    channels: Mapping[str, Any] | None = None,
+    engine: str = "native",
+    u0: float | None = None,
+    warn: bool = True,
+) -> Array:
+    """Free run: only the first outputs are given.
+
+    Parameters
+    ----------
+    model : Model with theta
+    u : (N,) or (N, 1) array, list or Series
+        The model's input [its unit].
+    y0 : number or (depth,) array, optional
+        The outputs before the first computed sample [its unit]. By default the model's line through the data it was
+        fitted on, at u[0]; a model that was not fitted to data needs y0 unless it has no memory.
+    channels : mapping of names to (N,) arrays
+    u0 : number, optional
+        The input before the start: everything rests at (u0, y0) until the first sample [unit of the input]. Without
+        it, y0 stands for the outputs at the first samples themselves.
+    warn : bool
+        Whether to warn where the input goes beyond the range, the rate or the frequency seen in identification.
+
+    Returns
+    -------
+    (N,) array [unit of the output]
+
+    Raises
+    ------
+    Diverged
+        Where the run leaves the finite numbers: the first bad sample and what to check.
+    """
+    fitted(model)
+    source = vector(u, "input of a simulation")
+    if warn:
+        for said in extrapolates(model, [source if u0 is None else np.concatenate([[float(u0)], source])]):
+            warnings.warn(said, stacklevel=3)
+    if u0 is not None:
+        depth = max(1, model.recursion.depth)
+        held = {str(getattr(n, "label", n)): values for n, values in (channels or {}).items()}
+        if t in model.recursion.inputs:
+            held.setdefault("t", np.arange(source.size) * (model.Ts or 1.0))
+        before = {n: np.concatenate([np.full(depth, values[0]), values]) for n, values in held.items()}
+        y0 = np.asarray(rest_output(model, float(u0)) if y0 is None else y0, dtype=float)
+        if not np.all(np.isfinite(y0)):
+            raise ModelError("The initial output y0 is not finite.")
+        known = {n: float(values[0]) for n, values in held.items()}
+        rest = rest_states(model, float(u0), float(y0.ravel()[-1]), known)
+        return _run(model, np.concatenate([np.full(depth, float(u0)), source]), y0, before, engine, rest)[depth:]
+    y0 = rest_output(model, source[0]) if y0 is None else np.asarray(y0, dtype=float)
+    if not np.all(np.isfinite(y0)):
+        raise ModelError("The initial output y0 is not finite.")
+    return _run(model, source, y0, channels or {}, engine)
+
+
+def _run(
+    model: Model,
+    source: Array,
+    y0: Any,
+    channels: Mapping[str, Any],
+    engine: str,
+    rest: Mapping[str, float] | None = None,
+) -> Array:
+    """Run a model from its first outputs; what it remembers starts from `rest`, or from its initial values."""
+    theta = fitted(model)
+    compiled = compile(model.recursion, engine)
+    given = {str(model.input.label): source, **{str(getattr(n, "label", n)): x for n, x in channels.items()}}
+    depth = compiled.recursion.depth
+    if source.size <= depth:
+        return np.resize(np.asarray(y0, dtype=float), source.size)
+    if t in compiled.recursion.inputs and "t" not in given:
+        given["t"] = np.arange(source.size) * (model.Ts or 1.0)
+    initial: dict[str, Any] = {str(model.output.label): y0}
+    if rest is not None:
+        initial |= rest
+    elif model.states:
+        before = {**given, str(model.output.label): np.resize(np.asarray(y0, dtype=float), max(1, depth))}
+        initial = initial_values(model, before, max(1, depth)) | initial
+    runs = {str(base.label): np.empty(source.size) for base in compiled.recursion.states}
+    try:
+        return compiled(given, theta, initial, out=runs, output=model.output)[str(model.output.label)]
+    except Diverged as error:
+        raise Diverged(f"{error}{_what_grew(model, given | runs, error.at)}", error.at, error.trajectory) from None
+
+
+def rest_states(
+    model: Model, start: float, output: float, known: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    """Return the values of a model's states at rest with a given input and output.
+
+    What effects remember has its initial value there; the core's output `x` is what they leave of the output.
+
+    Parameters
+    ----------
+    start, output : numbers [units of u and y]
+    known : mapping of names to numbers
+        Further channels, and `t`.
+    """
+    if not model.states:
+        return {}
+    u0, y0 = (float(model.operating_point.get(b, 0.0)) for b in (model.input, model.output))
+    past = {s.left.base: s.left.base[k - 1] for s in model.states}
+    held = {u: sp.Float(start - u0), y: past.get(x, sp.Float(output - y0))}
+    held |= {signal(name): sp.Float(value) for name, value in (known or {}).items() if name not in ("r", "m")}
+    updates = []
+    for state in model.states:
+        right = state.initial if state in model.recurrent or state.remembers else state.right
+        right = expand_phi(sp.Float(output - y0) - model.beside if state.left.base == x else right)
+        updates.append(
+            (state.left, right.xreplace({s: {**held, **past}.get(s.base, sp.S.Zero) for s in samples(right)}))
+        )
+    begin = {str(b.label): {"x": output - y0, "v": start - u0}.get(str(b.label), 0.0) for b in past}
+    run = compile(Recursion(tuple(updates), model.symbols), "python")(
+        {}, fitted(model), begin, length=SETTLED, start=1, on_divergence="nan"
+    )
+    return {name: float(c[-1]) if np.isfinite(c[-1]) else begin[name] for name, c in run.items()}
+
+
+def _what_grew(model: Model, runs: Mapping[str, Any], at: int) -> str:
+    """Name the terms that grew before a divergence, and the slope of what the core computes there."""
+    depth, inner = model.recursion.depth, model.inner
+    end = max(depth, at - 1)  # the last sample whose past is still well inside the finite numbers
+    window = {n: np.asarray(x, dtype=float).ravel()[max(0, end - depth) : end + 1] for n, x in runs.items()}
+    # What effects add to the core's output counts beside the core's own terms.
+    terms = [(c, e) for _, pairs in model.system() for c, e in pairs if e != x[k]]
+    terms = [(c, e) for c, e in terms if samples(e)]
+    try:
+        written = [model.in_user_units((c * e).xreplace(model.values)) for c, e in terms]
+        slope_of = model.in_user_units(derivative(model.core, inner[k - 1])).xreplace(model.values)
+        sizes, slope = Columns(written)(window)[-1], float(np.abs(Columns([slope_of])(window)[-1, 0]))
+    except (NarxError, LookupError, ValueError, TypeError):
+        return ""
+    order = [i for i in np.argsort(-np.abs(sizes)) if np.isfinite(sizes[i])][:3]
+    if not order:
+        return ""
+    grown = ", ".join(f"{text(terms[i][1])} ({sizes[i]:.3g})" for i in order)
+    said = f"; |dF/d{inner.label}[k-1]| = {slope:.3g} there (stable below 1)" if model.n_y else ""
+    return f" Largest terms at sample {end}: {grown}{said}."
+
+
+def vector(x: Any, what: str, least: int = 1) -> Array:
+    """Return a signal as a (N,) array; (N, 1) is flattened, anything else is refused."""
+    values = np.asarray(x, dtype=float)
+    if values.ndim != 1 and (values.ndim != 2 or 1 not in values.shape):
+        raise ModelError(f"The {what} must have the shape (N,) or (N, 1), not {values.shape}.")
+    if values.size < least or not np.all(np.isfinite(values)):
+        wanted = "one sample" if least == 1 else "two samples"
+        raise ModelError(f"The {what} must have at least {wanted}, all of them finite numbers.")
+    return values.ravel()
+
+
+def fitted(model: Model) -> Array:
+    """Return theta, or say that there is none."""
+    if model.theta is None:
+        raise ModelError("The model has no parameter values: fit it or give theta.")
+    return model.theta
+
+
+def rest_output(model: Model, value: float) -> float:
+    """Return the output to start from at rest with a given input: on the line through the fitted data."""
+    line = model.info.get("line")
+    if line is not None:
+        return float(line[0] + line[1] * value)
+    if value != 0:
+        warnings.warn("No initial output was given: the simulation starts from 0.", stacklevel=3)
+    return 0.0
+
+
+def predict(model: Model, record: Record) -> Array:
+    """One step ahead from measured outputs; the first samples, which have no past, are the measured ones.
+
+    Returns
+    -------
+    (N,) array [unit of the output]; (N - lead,) for an inverse model
+    """
+    theta = fitted(model)
+    data = arrays(model, record)
+    predictor = compile(model.predictor)
+    initial = initial_values(model, data, max(1, predictor.recursion.depth)) if model.states else {}
+    result = predictor(data, theta, initial)["prediction"]
+    result[: predictor.recursion.depth] = data[str(model.output.label)][: predictor.recursion.depth]
+    return result
+
+
+def free_run(model: Model, record: Record, engine: str = "native") -> Array:
+    """Simulate along a record, starting from its first measured outputs."""
+    data = arrays(model, record)
+    output = str(model.output.label)
+    first = data[output][: max(1, model.recursion.depth)]
+    return simulate(model, data[str(model.input.label)], first, data, engine, warn=False)
+
+
+def extrapolates(model: Model, inputs: Sequence[Array]) -> list[str]:
+    """Say where inputs go beyond what the model has seen in identification; see `narx_sym.data.coverage.beyond`.
+
+    Parameters
+    ----------
+    inputs : (N,) arrays, contiguous each [unit of the model's input]
+    """
+    name = str(model.input.label)
+    return [f"{said}: this extrapolates" for said in beyond(model.info, name, "input", inputs, model.Ts)]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """One-step and free-run errors, always in pairs: one-step accuracy alone says nothing."""
+
+    one_step_nrmse: float
+    free_run_nrmse: float
+    one_step_mape: float
+    free_run_mape: float
+
+
+def evaluate(model: Model, records: Records) -> Errors:
+    """Compare a model with measurements; a free run that diverges has an infinite error."""
+    measured, predicted, simulated = [], [], []
+    for record in segments(records):
+        if model.Ts and abs(record.Ts - model.Ts) > 1e-6 * model.Ts:
+            warnings.warn(
+                f"The record {record.name!r} has Ts = {record.Ts:g} s, the model was identified at {model.Ts:g} s.",
+                stacklevel=2,
+            )
+        data = arrays(model, record)[str(model.output.label)]
+        # Each record around its own mean: offsets between records would hide what the model misses.
+        offset = data.mean()
+        measured.append(data - offset)
+        predicted.append(predict(model, record) - offset)
+        try:
+            simulated.append(free_run(model, record) - offset)
+        except Diverged:
+            simulated.append(np.full(data.size, np.inf))
+    target, one, free = (np.concatenate(parts) for parts in (measured, predicted, simulated))
+    finite = float(np.abs(free).max()) < HUGE * float(np.ptp(target) or 1.0)
+    return Errors(
+        nrmse(target, one),
+        nrmse(target, free) if finite else float("inf"),
+        mape(target, one),
+        mape(target, free) if finite else float("inf"),
+    )
+
+
+# -- laws ------------------------------------------------------------------------------------------------------
+
+
+def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None) -> list[str]:
+    """Say where a run of a law leaves what was identified, and whether it amplifies its own errors.
+
+    Raises
+    ------
+    Diverged
+        Where the input runs more than ten of the identified ranges away.
+    """
+    ranges = law.model.info.get("ranges", {})
+    found = [f"{s}: this extrapolates" for s in beyond(law.model.info, "y", "reference", [r], law.model.Ts)]
+    visit = _excursion(law, m, r, m0)
+    unstable = visit.sentence(law.model.Ts) if visit is not None and visit.first is not None else ""
+    if "u" in ranges and (out := leaves(law.model.info, "u", "compensated input", [m])):
+        if excess(m, *ranges["u"]) > 10:
+            raise Diverged(f"The law runs away: {out}; {unstable or 'check m0 and the reference'}.")
+        found.append(out)
+    return [*found, unstable] if visit is not None and visit.noteworthy else found
+
+
+def run_away(law: Compensator, r: Array, path: Array, m0: float | None = None) -> list[str]:
+    """Say what may have made a law diverge: a reference outside what was identified, its own dynamics on the way."""
+    outside = leaves(law.model.info, "y", "reference", [r])
+    visit = _excursion(law, path, r[: path.size], m0) if path.size > 1 else None
+    repels = visit is not None and visit.first is not None
+    return [
+        *([f"Here {outside}."] if outside else []),
+        *([f"Before that, {visit.sentence(law.model.Ts)}."] if visit is not None and repels else []),
+    ]
+
+
+def _excursion(law: Compensator, m: Array, r: Array, m0: float | None = None) -> Excursion | None:
+    """Follow the law's internal eigenvalue; None where it depends on further channels."""
+    try:
+        return excursion(law.internal, m, r, m0)
+    except ModelError:
+        return None
+
+
+def law_radius(law: Compensator, records: Records) -> float:
+    """Return the largest internal eigenvalue of a law that 99 % of the measured points stay below.
+
+    Below 1 the law forgets its own errors; above, it amplifies them from sample to sample.
+    """
+    parts = segments(records)
+    m_values, r_values = (np.concatenate([getattr(p, n) for p in parts]) for n in ("u", "y"))
+    try:
+        return float(np.quantile(radius(law.internal, m_values, r_values), 0.99))
+    except ModelError:
+        return 0.0  # it depends on further channels
+
+
+def rest_input(model: Model, value: float) -> float:
+    """Return the input that holds an output at rest: on the line through the fitted data."""
+    line = model.info.get("line")
+    if line is None:
+        if value != 0:
+            warnings.warn("No initial input m0 was given: the law starts from 0.", stacklevel=4)
+        return 0.0
+    offset, slope = line
+    if model.input == u:
+        return float((value - offset) / slope) if slope else 0.0
+    return float(offset + slope * value)

@@ -1,0 +1,1 @@
+"""From a model to its compensation law, by algebra."""

@@ -1,0 +1,153 @@
+"""One equation in one unknown: solved in closed form by branches where algebra can do it, else by a root finder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import sympy as sp
+
+from ..errors import NotInvertible
+from ..symbolic.printing import text
+from ..symbolic.sensitivity import derivative
+from ..symbolic.signals import samples
+from .kinks import KINKS, solve_kinked
+from .solution import Branch, Root, Solution, number
+
+EDGE = sp.Float(1e-12)  # how near the limit of a bounded function is approached
+
+
+def solve_for(
+    expr: Any,
+    unknown: Any,
+    target: Any,
+    last: Any,
+    values: Mapping[Any, Any] | None = None,
+    limits: tuple[float, float] = (-1e9, 1e9),
+    rest: Any = lambda e: e,
+) -> Solution:
+    """Solve `expr` = `target` for one unknown sample.
+
+    Parameters
+    ----------
+    expr : expression that contains `unknown`
+    unknown, target, last : expressions
+        `last` is the value that the solution is near to, where there is a choice: the sample before.
+    values : mapping from each parameter to its number
+        They decide the order of the kinks and the signs of slopes. Without them only linear equations are solved.
+    limits : numbers
+        Where a root finder looks.
+    rest : function of an expression
+        Puts a point of operation in the place of all samples: the direction of slopes that depend on them.
+
+    Raises
+    ------
+    NotInvertible
+        Where the unknown does not matter, and where the values are needed and missing.
+    """
+    values = {s: sp.Float(v) for s, v in (values or {}).items()}
+    w = sp.Dummy("w", real=True)
+    G = expr.xreplace({unknown: w})
+    slope = derivative(G, w)
+    kinks = [n for n in G.atoms(*KINKS) if n.has(w)]
+    made = {"unknown": unknown, "target": target, "expr": expr, "last": last}
+    if not kinks and not slope.has(w) and (values or not samples(slope)):
+        size = number(slope, values)
+        if slope == 0 or size == 0 or (size is not None and abs(size) < 1e-300):
+            raise NotInvertible(f"{text(unknown)} does not matter: its coefficient is zero.")
+        gap = target - G.xreplace({w: sp.S.Zero})
+        needs = (sp.Ne(slope, 0),) if samples(slope) else ()
+        return Solution(how="linear", branches=(Branch(sp.true, gap / slope, expr),), needs=needs, **made)
+    if not values:
+        raise NotInvertible(f"{text(unknown)} is not alone in a linear term: a law needs the parameters' values.")
+    if kinks:
+        if slope == 0:
+            raise NotInvertible(f"{text(unknown)} acts only through its sign: most targets cannot be reached.")
+        found = solve_kinked(G, w, target, values, rest, made)
+    else:
+        found = _quadratic(G, w, target, values, made) or _inverse_function(G, w, target, values, made)
+    if found is None:
+        gap = Root(G - target, w, last, sp.Float(limits[0]), sp.Float(limits[1]))
+        found = Solution(how="root finder", branches=(Branch(sp.true, gap),), **made)
+    return found
+
+
+# -- smooth equations ------------------------------------------------------------------------------------------
+
+
+def _quadratic(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: dict[str, Any]) -> Any:
+    """Solve a quadratic equation: the root on the side of the vertex where the last value is."""
+    a = derivative(derivative(G, w), w) / 2
+    if a.has(w) or not G.is_polynomial(w) or number(a, values) == 0:
+        return None
+    b, gap = derivative(G, w).xreplace({w: sp.S.Zero}), target - G.xreplace({w: sp.S.Zero})
+    size = number(a, values)
+    if size is not None:  # beyond the vertex nothing is reached
+        gap = (sp.Max if size > 0 else sp.Min)(gap, -(b**2) / (4 * a))
+    root = sp.sqrt(sp.Max(0, b**2 + 4 * a * gap))
+    last = made["last"]
+    upper = 2 * a * last + b >= 0  # where the slope is positive: 2 a w + b = root
+    # Two ways to write the same value; each is exact where the other one cancels.
+    cases = (
+        (upper, b > 0, 2 * gap / (b + root)),
+        (upper, b <= 0, (root - b) / (2 * a)),
+        (sp.Not(upper), b < 0, 2 * gap / (b - root)),
+        (sp.true, sp.true, -(root + b) / (2 * a)),
+    )
+    decided = {c: sp.true if _holds(c, values) else sp.false for _, c, _ in cases if _holds(c, values) is not None}
+    form = made["expr"]
+    listed = [Branch(sp.And(side, decided.get(c, c)), solution, form) for side, c, solution in cases]
+    branches = tuple(x for x in listed if x.condition != sp.false)
+    vertex = G.xreplace({w: -b / (2 * a)})
+    reach = (-sp.oo, sp.oo)
+    if size is not None and not samples(vertex):
+        reach = (vertex, sp.oo) if size > 0 else (-sp.oo, vertex)
+    note = f"of two roots the one on the side of {text(last)}"
+    return Solution(how="quadratic", branches=branches, reach=reach, notes=(note,), **made)
+
+
+def _holds(condition: Any, values: Mapping[Any, Any]) -> bool | None:
+    """Whether a relational holds, where numbers alone decide it."""
+    if condition in (sp.true, sp.false):
+        return bool(condition == sp.true)
+    value = number(condition.lhs - condition.rhs, values)
+    return None if value is None else bool(condition.func(sp.Float(value), 0))
+
+
+def _atanh(x: Any) -> Any:
+    return sp.log((1 + x) / (1 - x)) / 2
+
+
+# f: its inverse, and the open interval of its values.
+INVERSES = {
+    sp.tanh: (_atanh, (-1, 1)),
+    sp.atan: (sp.tan, (-sp.pi / 2, sp.pi / 2)),
+    sp.exp: (sp.log, (0, sp.oo)),
+    sp.log: (sp.exp, (-sp.oo, sp.oo)),
+}
+
+
+def _inverse_function(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: dict[str, Any]) -> Any:
+    """Solve A + B*f(C*w + D) = target by the inverse of f, within its values."""
+    beside, rest = G.as_independent(w, as_Add=True)
+    factor, core = rest.as_independent(w, as_Add=False)
+    if type(core) not in INVERSES:
+        # What numbers switch off does not count: a complete saturation is r*tanh(u/r) + (1 - c)*u with c = 1.
+        exact = sp.expand(G.xreplace(dict(values)))
+        return None if exact == G else _inverse_function(exact, w, target, {}, made)
+    inner = core.args[0]
+    scale = derivative(inner, w)
+    size = number(factor, values)
+    if scale.has(w) or size is None or size == 0 or (values and number(scale, values) in (None, 0)):
+        return None
+    inverse, (low, high) = INVERSES[type(core)]
+    wanted = (target - beside) / factor
+    if low != -sp.oo:
+        wanted = sp.Max(low + EDGE, wanted)
+    if high != sp.oo:
+        wanted = sp.Min(high - EDGE, wanted)
+    solution = (inverse(wanted) - inner.xreplace({w: sp.S.Zero})) / scale
+    ends = [beside + factor * e for e in (low, high)]
+    reach = tuple(ends if size > 0 else ends[::-1])
+    kept = reach if not any(samples(e) for e in reach) else (-sp.oo, sp.oo)
+    return Solution(how="inverse function", branches=(Branch(sp.true, solution),), reach=kept, **made)

@@ -1,0 +1,383 @@
+"""Section 4 of the paper: compensation laws by algebraic inversion, and from an identified inverse.
+
+A law is a recursion for m[k] in past m and (future) r; putting it back into the model gives r[k + tau_d] identically.
+Models beyond Assumption A1 are inverted in stages (`stages`), each of them by branches (`branches`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import sympy as sp
+
+from ..errors import ModelError, NotInvertible
+from ..models.analysis import newest_input
+from ..models.model import Model
+from ..symbolic import printing
+from ..symbolic.recursion import Recursion
+from ..symbolic.sensitivity import derivative
+from ..symbolic.signals import k, lag, m, r, samples, shift, swap, u, y
+from ..symbolic.smoothing import smoothed, widths
+from .grouping import offending, polynomials, q, why_not
+from .solution import Branch, vanishes
+from .stability import InternalDynamics, internal_dynamics
+from .stages import Staged, guarded, in_order, stages_of, wanted
+
+
+@dataclass(frozen=True)
+class Compensator:
+    """A compensation law m[k] = ... that makes the model's output follow the reference r.
+
+    Attributes
+    ----------
+    model : Model
+    law : expression
+        The right-hand side of m[k], in the user's units.
+    A, B : expressions in q, f : expression
+        A(q) y[k] = B(q) u[k] + f(...), the grouping of the paper; None for an identified inverse and beyond A1.
+    staged : Staged, optional
+        Beyond A1: what the law is made of, from the output back to the input.
+    """
+
+    model: Model
+    law: Any
+    A: Any = None
+    B: Any = None
+    f: Any = None
+    staged: Staged | None = None
+
+    @property
+    def equation(self) -> sp.Eq:
+        """m[k] = law."""
+        return sp.Eq(m[k], self.law, evaluate=False)
+
+    @property
+    def symbols(self) -> tuple[Any, ...]:
+        """The parameter symbols of the model."""
+        return self.model.symbols
+
+    @property
+    def updates(self) -> tuple[tuple[Any, Any], ...]:
+        """The law's equations in the order of the stages, in true time: x[k+1] is computed together with m[k]."""
+        return self.staged.updates if self.staged else ((m[k], self.law),)
+
+    @cached_property
+    def recursion(self) -> Recursion:
+        """The law as update equations; its inputs are r and any further channels.
+
+        What is computed ahead of k is shifted: the recursion's x[k] is the x[k+1] of `updates`.
+        """
+        return in_order(self.updates, self.symbols)
+
+    def limited(self, limits: Sequence[float] | None = None, rate: float | None = None) -> Recursion:
+        """Return the law within the limits of the actuator, with the model beside it.
+
+        Where the actuator cannot follow, the law goes on from the model's own output instead of the reference's past.
+
+        Parameters
+        ----------
+        limits : (lowest, highest) input [unit of u]
+        rate : largest change of the input from sample to sample [unit of u]
+
+        Raises
+        ------
+        ModelError
+            For limits that are not increasing, and a rate that is not positive.
+        """
+        low, high = (float("-inf"), float("inf")) if limits is None else map(float, limits)
+        if not low < high or (rate is not None and not 0 < float(rate) < float("inf")):
+            raise ModelError("Limits are a lower and a higher number, and a rate is a positive number.")
+
+        def clipped(asked: Any) -> Any:
+            if rate is not None:
+                asked = sp.Max(m[k - 1] - sp.Float(rate), sp.Min(m[k - 1] + sp.Float(rate), asked))
+            return sp.Max(sp.sympify(low), sp.Min(sp.sympify(high), asked))
+
+        if self.model.input == y:
+            asked = wanted(m)[k]
+            return in_order([(asked, self.law), (m[k], clipped(asked))], self.symbols)
+        return in_order(self.beside(clipped), self.symbols)
+
+    def beside(self, clipped: Any = lambda asked: asked) -> Any:
+        """Return the law with the model beside it, in true time; see `narx_sym.inversion.stages.guarded`."""
+        return guarded(self.staged or stages_of(self.model), clipped)
+
+    @property
+    def preview(self) -> int:
+        """How many samples of the reference ahead of k the law needs (tau_d, or tau_s - 1)."""
+        return max([0, *(-lag(s) for _, right in self.updates for s in samples(right, r))])
+
+    @property
+    def closed_form(self) -> bool:
+        """Whether no root finder is needed."""
+        return self.staged is None or all(s.closed_form for s in self.staged.stages)
+
+    @property
+    def branches(self) -> tuple[Branch, ...]:
+        """The cases of every stage that has several, from the output to the input: conditions and solutions."""
+        stages = self.staged.stages if self.staged else ()
+        return tuple(b for s in stages if len(s.branches) > 1 for b in s.branches)
+
+    @cached_property
+    def checked(self) -> str:
+        """What is known about the branches, in words: a proof, or what a check in numbers found; see `check`."""
+        return str(self.check())
+
+    def check(self, reference: Any = None, m0: Any = None, channels: Mapping[str, Any] | None = None) -> Any:
+        """Count the solutions of each stage along a run; see `narx_sym.fit.run_law.check`."""
+        from ..fit.run_law import check
+
+        return check(self, reference, m0, channels)
+
+    def expand(self) -> sp.Eq:
+        """Return the law with numbers in the place of the parameters."""
+        return sp.Eq(m[k], self.law.xreplace(self.model.values), evaluate=False)
+
+    def lines(self, numbers: bool = False) -> list[str]:
+        """Return each equation of the law as a text, in the order of the stages."""
+        values = self.model.values if numbers else {}
+        return [f"{printing.text(left)} = {printing.text(right.xreplace(values))}" for left, right in self.updates]
+
+    def residual(self) -> Any:
+        """Put the law into the model and subtract the reference: 0 where the inversion is exact.
+
+        Beyond A1 each branch is put into the equation of its stage.
+        """
+        if self.staged:
+            return next((gap for s in self.staged.stages if (gap := s.residual()) != 0), sp.S.Zero)
+        if self.A is None:  # an identified inverse is its own law: nothing was inverted
+            return sp.simplify(self.law - swap(self.model.right, {u: m, y: r}, {y: self.model.lead}))
+        delay = newest_input(self.model)
+        followed = shift(swap(self.model.right, {u: m, y: r}), delay)
+        gap = sp.expand(followed.xreplace({m[k]: self.law}) - r[k + delay])
+        return sp.S.Zero if gap == 0 or vanishes(gap) else gap
+
+    @cached_property
+    def internal(self) -> InternalDynamics:
+        """The law's own dynamics: whether it can run away although the model follows."""
+        return internal_dynamics(self)
+
+    def smooth(self, eps: Any = None, form: Any = "tanh") -> Compensator:
+        """Put a smooth function in the place of the sign of a step of m or r; see `narx_sym.models.model.Model.smooth`.
+
+        `eps` speaks of u and y: m has the unit of u, r that of y.
+        """
+        if self.staged:
+            raise ModelError("A law with branches or further states is not smoothed: smooth the model first.")
+        own = widths(eps, {m: "u", r: "y"}, self.model.info)
+        f = None if self.f is None else smoothed(self.f, widths(eps, {u: "u", y: "y"}, self.model.info), form)
+        return replace(self, model=self.model.smooth(eps, form), law=smoothed(self.law, own, form), f=f)
+
+    def run(
+        self,
+        reference: Any,
+        m0: Any = None,
+        channels: Mapping[str, Any] | None = None,
+        limits: Sequence[float] | None = None,
+        rate: float | None = None,
+        clip: bool = False,
+    ) -> Any:
+        """Compute m over a reference; see `narx_sym.fit.run_law.run_law`."""
+        from ..fit.run_law import run_law
+
+        return run_law(self, reference, m0, channels, limits, rate, clip)
+
+    def follow(
+        self,
+        reference: Any,
+        m0: Any = None,
+        channels: Mapping[str, Any] | None = None,
+        limits: Sequence[float] | None = None,
+        rate: float | None = None,
+    ) -> Any:
+        """Compute m and what the model then does, with what is held and missed; see `narx_sym.fit.run_law.follow`."""
+        from ..fit.run_law import follow
+
+        return follow(self, reference, m0, channels, limits, rate)
+
+    def start(self, output: float, m0: float | None = None) -> dict[str, float]:
+        """Return the values before the start, at rest, by name: what the recursion and the C source begin with."""
+        from ..fit.simulate import rest_states
+
+        begin = self.rest_input(output) if m0 is None else float(m0)
+        rest = rest_states(self.model, begin, float(output))
+        return {"m": begin, "r": float(output), str(self.model.output.label): float(output)} | rest
+
+    def rest_input(self, output: float) -> float:
+        """Return the input to start from; see `narx_sym.fit.simulate.rest_input`."""
+        from ..fit.simulate import rest_input
+
+        return rest_input(self.model, float(output))
+
+    def to_c(
+        self,
+        name: str = "law",
+        single: bool = False,
+        limits: Sequence[float] | None = None,
+        rate: float | None = None,
+    ) -> str:
+        """Return the law as C99 source, within limits where they are given; see `narx_sym.codegen.export.to_c`.
+
+        Raises
+        ------
+        NotInvertible
+            Where the law has no closed form.
+        """
+        from ..codegen.export import to_c
+
+        recursion, usual = self._exported(limits, rate), self.model.usual
+        usual = {**usual, **{own: usual[of] for own, of in (("m", "u"), ("r", "y")) if of in usual}}
+        return to_c(recursion, self.model.values, name, single, m, ranges=usual, Ts=self.model.Ts)
+
+    def to_st(
+        self,
+        name: str = "law",
+        single: bool = False,
+        limits: Sequence[float] | None = None,
+        rate: float | None = None,
+    ) -> str:
+        """Return the law as an IEC 61131-3 function block; limits and errors as for `to_c`."""
+        from ..codegen.export import to_st
+
+        return to_st(self._exported(limits, rate), self.model.values, name, single, m, Ts=self.model.Ts)
+
+    def to_casadi(self, name: str = "law") -> Any:
+        """Return one step as a CasADi `Function` (state, inputs) -> (next, output).
+
+        state : `recursion.past`, such as m[k-1], r[k]; `rest_state` gives its values at rest
+        inputs : `recursion.given`, the reference at the end of the preview, such as r[k+1]; output is m[k]
+        """
+        from ..codegen.export import transition
+
+        return transition(self._exported(), self.model.values, name, m)
+
+    def rest_state(self, **rest: float) -> Any:
+        """Return the state of `to_casadi` at rest: `law.rest_state(m=1.0, r=2.0)`."""
+        from ..fit.interop import rest_state
+
+        return rest_state(self.recursion, {}, rest)
+
+    def _exported(self, limits: Sequence[float] | None = None, rate: float | None = None) -> Recursion:
+        if not self.closed_form:
+            raise NotInvertible(f"This law cannot be exported: {self._open()}.")
+        return self.recursion if limits is None and rate is None else self.limited(limits, rate)
+
+    def _open(self) -> str:
+        return next(s.proof for s in self.staged.stages if not s.closed_form) if self.staged else ""
+
+    def latex(self, numbers: bool = False) -> str:
+        """LaTeX of the law, grouped as in the paper: one bracket over the coefficient of the newest input."""
+        values = self.model.values if numbers else {}
+        if self.staged:
+            return printing.latex_law([(a, b.xreplace(values)) for a, b in self.updates])
+        if self.A is None:
+            parts = [(c.xreplace(values), t) for c, t in self._grouped(self.law)]
+            return printing.latex_sum(m[k], parts)
+        numerator, gain = self._fraction()
+        parts = [(c.xreplace(values), t) for c, t in self._grouped(numerator)]
+        body = printing.latex_sum(m[k], parts)
+        opening = rf"&= \frac{{1}}{{{printing.latex(gain.xreplace(values))}}} \Big[ "
+        return body.replace("&= ", opening, 1).replace("\n\\end{aligned}", " \\Big]\n\\end{aligned}")
+
+    def latex_grouping(self) -> list[str]:
+        """LaTeX of A(q), B(q) and f, the linear regressors and the rest; empty for an identified inverse."""
+        if self.A is None:
+            return []
+        back = sp.Symbol("back")  # q^{-1}
+        lines = []
+        for name, expr in (("A(q)", self.A), ("B(q)", self.B)):
+            powers = sp.Poly(expr.subs(q, 1 / back), back).terms()
+            terms = [(c, q ** (-n)) for (n,), c in reversed(powers) if c != 0]
+            lines.append(printing.latex_sum(sp.Symbol(name), terms, per_line=6))
+        return [*lines, printing.latex_sum(sp.Symbol(r"f(\cdot)"), self._grouped(self.f), per_line=2)]
+
+    def _fraction(self) -> tuple[Any, Any]:
+        gain = derivative(self.model.right, self.model.input[k - newest_input(self.model)])
+        return sp.Add(*(p * gain for p in sp.Add.make_args(self.law))), gain
+
+    def _grouped(self, expr: Any) -> list[tuple[Any, Any]]:
+        """(coefficient, term) pairs; differences stay in brackets as the model's own terms have them."""
+        pairs = []
+        for part in sp.Add.make_args(expr):
+            held = [f for f in sp.Mul.make_args(part) if not f.has(sp.Indexed)]
+            coefficient = sp.Mul(*held)
+            pairs.append((coefficient, sp.Mul(*(f for f in sp.Mul.make_args(part) if f.has(sp.Indexed)))))
+        # References first, then past inputs, then the nonlinear terms: the order of the paper.
+        return sorted(
+            pairs,
+            key=lambda p: (
+                len(samples(p[1])) > 1,
+                not p[1].has(r),
+                lag(min(samples(p[1]), key=lag)) if samples(p[1]) else 9,
+                len(str(p[1])),
+            ),
+        )
+
+    def _repr_latex_(self) -> str:
+        return f"$\\displaystyle {self.latex()}$"
+
+    def _repr_html_(self) -> str:
+        from ..report.notebook import law_html
+
+        return law_html(self)
+
+    def __repr__(self) -> str:
+        return f"Compensator({'; '.join(self.lines(numbers=True))})"
+
+
+def compensator(model: Model) -> Compensator:
+    """Derive the compensation law of a model, or of an identified inverse.
+
+    Strategy 1 (Eq. Cms:InputCompensation): y becomes r, u becomes m, and m[k - tau_d + 1] is isolated one step ahead;
+    written here for m[k], it needs the reference up to k + tau_d. Strategy 2 (Eq. Cci:InputCompensation): in an
+    identified inverse y[k-j] becomes r[k-j+tau_s].
+
+    Beyond Assumption A1 (nonlinear in the newest input, effects that remember) the law is derived in stages.
+
+    Raises
+    ------
+    NotInvertible
+        Naming the terms or the effects that violate Assumption A1(i) where there is no law beyond it, or what else is
+        missing.
+    """
+    if model.input == y:
+        law = swap(model.right, {u: m, y: r}, {y: model.lead})
+        return Compensator(model, law)
+    right = model.right
+    if not model.hidden and not samples(right, model.input):
+        raise NotInvertible("The model has no input term: there is nothing to solve for (Assumption A1).")
+    delay = newest_input(model)
+    latest = model.input[k - delay]
+    if model.hidden or offending(model):
+        return _beyond(model)
+    gain = derivative(right, latest)
+    value = gain.xreplace(model.values)
+    if value == 0 or (value.is_number and abs(float(value)) < 1e-300):
+        if model.states:  # an added effect takes the newest input away: a pure delay
+            return _beyond(model)
+        raise NotInvertible(f"The coefficient of {printing.text(latest)} is zero: the input does not act (A1(i)).")
+    rest = _drop(right, latest)
+    law = sp.Add(*(p / gain for p in (r[k + delay], *(-x for x in sp.Add.make_args(_renamed(rest, delay))))))
+    A, B, f = polynomials(model)
+    return Compensator(model, law, A, B, f)
+
+
+def _beyond(model: Model) -> Compensator:
+    """Derive a law in stages."""
+    try:
+        staged = stages_of(model)
+    except NotInvertible as error:
+        raise NotInvertible(why_not(model, str(error))) from None
+    return Compensator(model, dict(staged.updates)[m[k]], staged=staged)
+
+
+def _drop(right: Any, latest: Any) -> Any:
+    """Set the newest input to zero where it stands (it is linear, so nothing else changes)."""
+    return sp.Add(*(p.xreplace({latest: sp.S.Zero}) if p.has(latest) else p for p in sp.Add.make_args(right)))
+
+
+def _renamed(rest: Any, delay: int) -> Any:
+    return shift(swap(rest, {u: m, y: r}), delay)

@@ -1,0 +1,338 @@
+"""Equations with kinks (sign, abs, Max, Min of the unknown): each piece, affine or quadratic, is solved by itself.
+
+An increasing map passes its kinks in order, so that the target says which piece holds. A flat piece or a jump leaves a
+choice, and an end piece that is flat leaves targets that no value reaches; both are said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import sympy as sp
+
+from ..symbolic.printing import text
+from ..symbolic.sensitivity import derivative
+from ..symbolic.signals import signal
+from .solution import Branch, Solution, number
+
+KINKS = (sp.Abs, sp.sign, sp.Max, sp.Min, sp.Heaviside)
+MANY = 64  # shapes that nested kinks may take
+# A flat piece reaches one target only: rounding, or this part of its width, does not make the unknown jump over it.
+DEAD_BAND = sp.Float(1e-10)
+FLAT = 1e-9  # a slope this much smaller than the steepest one counts as flat
+
+
+class _Undecided(Exception):  # noqa: N818
+    """The order of two kinks, or the side of one, depends on samples."""
+
+
+def _forms(expr: Any, w: Any) -> list[Any]:
+    """Return every smooth expression that one with kinks may be."""
+    if not any(n.has(w) for n in expr.atoms(*KINKS)):
+        return [expr]
+    if isinstance(expr, sp.Abs):
+        return [s * f for f in _forms(expr.args[0], w) for s in (1, -1)]
+    if isinstance(expr, sp.sign):
+        return [sp.S.One, sp.S.NegativeOne]
+    if isinstance(expr, sp.Heaviside):
+        return [sp.S.Zero, sp.S.One]
+    if isinstance(expr, (sp.Max, sp.Min)):
+        return [f for a in expr.args for f in _forms(a, w)]
+    combined: list[tuple[Any, ...]] = [()]
+    for a in expr.args:
+        combined = [(*c, f) for c in combined for f in _forms(a, w)]
+        if len(combined) > MANY:
+            raise _Undecided
+    return [expr.func(*c) for c in combined]
+
+
+def _breaks(G: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
+    """Return where a piecewise affine expression may have kinks."""
+    found: list[Any] = []
+    for node in sorted((n for n in G.atoms(*KINKS) if n.has(w)), key=sp.default_sort_key):
+        if isinstance(node, (sp.Max, sp.Min)):
+            sides = [_forms(a, w) for a in node.args]
+            switching = [f - g for i, one in enumerate(sides) for other in sides[i + 1 :] for f in one for g in other]
+        else:
+            switching = _forms(node.args[0], w)
+        for f in switching:
+            slope = sp.expand(derivative(f, w))
+            if slope.has(w) or (slope != 0 and number(slope, values) is None):
+                raise _Undecided
+            if slope != 0 and number(slope, values):
+                at = sp.expand(-sp.expand(f).xreplace({w: sp.S.Zero}) / slope)
+                if not any(sp.expand(at - b) == 0 or number(at - b, values) == 0 for b in found):
+                    found.append(at)
+    return found
+
+
+def _ordered(breaks: Sequence[Any], values: Mapping[Any, Any]) -> list[Any]:
+    """Return the kinks from left to right."""
+    places = []
+    for b in breaks:
+        place = number(b - breaks[0], values)
+        if place is None:
+            raise _Undecided
+        places.append(place)
+    return [b for _, b in sorted(zip(places, breaks, strict=True), key=lambda p: p[0])]
+
+
+def _at(expr: Any, w: Any, point: Any, values: Mapping[Any, Any]) -> Any:
+    """Return the affine expression that one with kinks is at a point between them."""
+    if expr == w or not expr.has(w):
+        return expr
+    if isinstance(expr, (sp.Abs, sp.sign, sp.Heaviside)):
+        inner = _at(expr.args[0], w, point, values)
+        value = number(inner.xreplace({w: point}), values)
+        if value is None:
+            raise _Undecided
+        if isinstance(expr, sp.Abs):
+            return inner if value >= 0 else -inner
+        side = sp.S.One if value > 0 else sp.S.NegativeOne
+        return side if isinstance(expr, sp.sign) else (1 + side) / 2
+    arguments = [_at(a, w, point, values) for a in expr.args]
+    if isinstance(expr, (sp.Max, sp.Min)):
+        best = arguments[0]
+        for other in arguments[1:]:
+            value = number((other - best).xreplace({w: point}), values)
+            if value is None:
+                raise _Undecided
+            if (value > 0) == isinstance(expr, sp.Max):
+                best = other
+        return best
+    return expr.func(*arguments)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A piece between two kinks (None at the ends): affine, with its slope and the number of it (None where unknown).
+
+    A quadratic piece has the curve too, half its second derivative, and the slopes at its kinks.
+    """
+
+    expr: Any
+    slope: Any
+    size: float | None
+    left: Any
+    right: Any
+    curve: Any = sp.S.Zero
+
+    def slopes(self, w: Any) -> list[Any]:
+        """Return the slope, or that at each kink."""
+        ends = [at for at in (self.left, self.right) if at is not None] if self.curve != 0 else []
+        return [self.slope.xreplace({w: at}) for at in ends or [sp.S.Zero]]
+
+    def solve(self, target: Any, w: Any, side: int = 1) -> Any:
+        """Return where the piece equals the target, written as short as it can be.
+
+        A quadratic piece is solved from a kink, with the root next to it; `side` is the sign of the slope.
+        """
+        if self.curve != 0:
+            at = self.right if self.left is None else self.left
+            rise, slope = target - sp.expand(self.expr.xreplace({w: at})), self.slope.xreplace({w: at})
+            return at + 2 * rise / (slope + side * sp.sqrt(sp.Max(0, slope**2 + 4 * self.curve * rise)))
+        zero = self.expr.xreplace({w: sp.S.Zero})
+        forms = [sp.expand(target - zero) / self.slope if self.slope != 1 else sp.expand(target - zero)]
+        for at in (self.left, self.right):
+            if at is not None:
+                rise = target - sp.expand(self.expr.xreplace({w: at}))
+                forms.append(at + rise / self.slope)
+        return min(forms, key=lambda f: (f.count_ops(), str(f)))
+
+
+def solve_kinked(
+    G: Any, w: Any, target: Any, values: Mapping[Any, Any], rest: Any, made: dict[str, Any]
+) -> Solution | None:
+    """Solve an equation in w whose pieces are affine or quadratic, or return None where they are not.
+
+    `made` holds what every solution says: the unknown, the target, the expression and the last value.
+    """
+    slope = derivative(G, w)
+    if _smooth(derivative(slope, w)).has(w):
+        return None
+    try:
+        breaks = _breaks(G, w, values)
+    except _Undecided:
+        return None
+    try:
+        pieces = _pieces(G, w, _ordered(breaks, values), values)
+    except _Undecided:
+        return None if _smooth(slope).has(w) else _nodes(G, w, target, breaks, values, made)
+    # A decreasing map is an increasing one seen from below.
+    known = [p.size for p in pieces if p.size is not None]
+    steepest = max((abs(s) for s in known), default=0.0)
+    rising = sum(_direction(p.slopes(w)[0], rest, values) for p in pieces if p.size is None)
+    flip = -1 if (max(known, key=abs) if steepest else rising) < 0 else 1
+    kept = [p for p in pieces if p.size is None or flip * p.size > FLAT * steepest]
+    if not kept:
+        return None
+    T, last = flip * target, made["last"]
+
+    def edge(piece: _Piece, at: Any) -> Any:
+        return sp.expand(flip * piece.expr.xreplace({w: at}))
+
+    def solved(condition: Any, piece: _Piece) -> Branch:
+        return Branch(condition, piece.solve(target, w, flip), piece.expr.xreplace({w: made["unknown"]}))
+
+    branches: list[Branch] = []
+    notes: list[str] = []
+    reach = [-sp.oo, sp.oo]
+    if kept[0].left is not None:  # nothing lies below
+        reach[0] = edge(kept[0], kept[0].left)
+        branches.append(Branch(T < reach[0], kept[0].left))
+    for lower, upper in pairwise(kept):
+        a, b = lower.right, upper.left
+        top, bottom = edge(lower, a), edge(upper, b)
+        jump = number(bottom - top, values)
+        flat = jump is not None and abs(jump) <= FLAT * steepest * max(number(b - a, values) or 0.0, 1.0)
+        between = a if a == b else sp.Max(a, sp.Min(b, last))
+        if a == b and (flat or sp.expand(bottom - top) == 0):
+            branches.append(solved(T < top, lower))
+        elif flat:
+            band = DEAD_BAND * (b - a)
+            branches += [solved(T - top < -band, lower), Branch(T - bottom <= band, between)]
+            notes.append(f"where it is flat {text(made['unknown'])} stays as near as it can to its last value")
+        else:
+            nearer = sp.true
+            if jump is None or jump < 0:  # both sides reach some targets
+                down, up = (piece.solve(target, w, flip) for piece in (lower, upper))
+                nearer = sp.Or(T < bottom, sp.Abs(down - last) <= sp.Abs(up - last))
+                notes.append(f"two solutions while {text(bottom)} <= {text(T)} <= {text(top)}: the nearer one is taken")
+            branches.append(solved(sp.And(T <= top, nearer), lower))
+            if jump is None or jump > 0:  # neither side does
+                branches.append(Branch(T < bottom, between))
+                notes.append(f"no solution while {text(top)} < {text(T)} < {text(bottom)}: it stays at the jump")
+    if kept[-1].right is None:
+        branches.append(solved(sp.true, kept[-1]))
+    else:
+        reach[1] = edge(kept[-1], kept[-1].right)
+        branches += [solved(T <= reach[1], kept[-1]), Branch(sp.true, kept[-1].right)]
+    needs = dict.fromkeys(sp.Gt(flip * s, 0) for p in kept if p.size is None for s in p.slopes(w))
+    return Solution(
+        how="branches", branches=tuple(branches), reach=tuple(flip * e for e in reach[::flip]), needs=tuple(needs),
+        notes=tuple(dict.fromkeys(notes)), **made,
+    )  # fmt: skip
+
+
+def _pieces(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) -> list[_Piece]:
+    """Return the pieces from left to right; neighbours that are the same become one."""
+    ends = [None, *breaks, None]
+    pieces: list[_Piece] = []
+    for left, right in pairwise(ends):
+        if left is None and right is None:
+            point: Any = sp.S.Zero
+        elif left is None or right is None:
+            point = right - 1 if left is None else left + 1
+        else:
+            point = (left + right) / 2
+        expr = _at(G, w, point, values)
+        slope = derivative(expr, w)  # brackets are kept: they are the model's own
+        slope = sp.expand(slope) if slope.has(w) else slope
+        curve = derivative(slope, w) / 2
+        if curve.has(w) or (curve != 0 and len(ends) == 2):
+            raise _Undecided
+        if pieces and sp.expand(expr - pieces[-1].expr) == 0:
+            left = pieces.pop().left
+        pieces.append(_Piece(expr, slope, None if curve != 0 else number(slope, values), left, right, curve))
+    return pieces
+
+
+def _smooth(expr: Any) -> Any:
+    """Return an expression with constants in the place of its kinks."""
+    return expr.replace(lambda e: isinstance(e, KINKS), lambda e: sp.Dummy(real=True))
+
+
+def _direction(slope: Any, rest: Any, values: Mapping[Any, Any]) -> int:
+    """Return the sign of a slope at rest."""
+    value = number(rest(slope), values)
+    return 0 if not value else 1 if value > 0 else -1
+
+
+def _nodes(
+    G: Any, w: Any, target: Any, breaks: Sequence[Any], values: Mapping[Any, Any], made: dict[str, Any]
+) -> Solution | None:
+    """Solve where the order of the kinks depends on samples: the map is a line between neighbouring kinks.
+
+    The nearest kinks whose levels lie below and above the target are found first. (A sum of plays is inverted so;
+    Krejci & Kuhnen 2001 sort the thresholds instead.)
+    """
+    try:
+        ends = [_far(G, w, side, values) for side in (-1, 1)]
+    except _Undecided:
+        return None
+    slopes = [sp.expand(derivative(e, w)) for e in ends]
+    sizes = [s for s in (number(e, values) for e in slopes) if s is not None]
+    if len(sizes) < 2 or not any(sizes):
+        return None
+    flip = 1 if max(sizes, key=abs) > 0 else -1
+    T, index, name = flip * target, made["unknown"].indices[0], made["unknown"].base.label
+    steps: list[tuple[str, Any]] = []
+
+    def step(what: str, expr: Any) -> Any:
+        steps.append((f"{name}_{what}", expr))
+        return signal(f"{name}_{what}")[index]
+
+    def best(what: str, start: Any, better: Any) -> Any:
+        """Go through the kinks and keep the better one: Max of many arguments is slow in SymPy."""
+        kept = start
+        for i, (p, g) in enumerate(zip(places, levels, strict=True), 1):
+            if p != kept:
+                kept = step(f"{what}{i}", sp.Piecewise((p, better(p, g, kept)), (kept, True)))
+        return kept
+
+    places = [step(f"kink{i}", b) for i, b in enumerate(breaks, 1)]
+    levels = [step(f"level{i}", flip * G.xreplace({w: p})) for i, p in enumerate(places, 1)]
+    first = best("first", places[0], lambda p, g, kept: p < kept)
+    end = best("last", places[0], lambda p, g, kept: p > kept)
+    below = best("below", first, lambda p, g, kept: sp.And(g <= T, p > kept))
+    above = best("above", end, lambda p, g, kept: sp.And(g >= T, p < kept))
+    bottom, top, lower, upper = (
+        step(what, flip * G.xreplace({w: p}))
+        for what, p in (("bottom", first), ("top", end), ("lower", below), ("upper", above))
+    )
+    outside = [
+        edge if flip * size <= 0 else _Piece(e, s, size, None, None).solve(target, w)
+        for e, s, size, edge in zip(ends, slopes, sizes, (first, end), strict=True)
+    ]
+    branches = (
+        Branch(T < bottom, outside[0]),
+        Branch(T > top, outside[1]),
+        Branch(sp.Or(above <= below, upper <= lower), sp.Max(above, sp.Min(below, made["last"]))),
+        Branch(sp.true, below + (above - below) * (T - lower) / (upper - lower)),
+    )
+    try:
+        slopes = [number(flip * s, values) for s in _forms(derivative(G, w), w)]
+        rising = all(s is not None and s > 0 for s in slopes)
+    except _Undecided:
+        rising = False
+    notes = () if rising else ("if the levels rise from kink to kink",)
+    return Solution(how="nodes", branches=branches, steps=tuple(steps), notes=notes, **made)
+
+
+def _far(expr: Any, w: Any, side: int, values: Mapping[Any, Any]) -> Any:
+    """Return the affine expression that one with kinks is far to the left (-1) or to the right (1)."""
+
+    def sign_of(e: Any) -> float:
+        slope = number(derivative(e, w), values)
+        value = side * slope if slope else number(e, values)
+        if slope is None or value is None:
+            raise _Undecided
+        return value
+
+    if expr == w or not expr.has(w):
+        return expr
+    arguments = [_far(a, w, side, values) for a in expr.args]
+    if isinstance(expr, sp.Abs):
+        return arguments[0] if sign_of(arguments[0]) >= 0 else -arguments[0]
+    if isinstance(expr, (sp.sign, sp.Heaviside)):
+        up = sign_of(arguments[0]) > 0
+        return (sp.S.One if up else sp.S.NegativeOne) if isinstance(expr, sp.sign) else sp.Integer(int(up))
+    if isinstance(expr, (sp.Max, sp.Min)):
+        best = arguments[0]
+        for other in arguments[1:]:
+            best = other if (sign_of(other - best) > 0) == isinstance(expr, sp.Max) else best
+        return best
+    return expr.func(*arguments)

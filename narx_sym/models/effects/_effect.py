@@ -1,0 +1,267 @@
+"""What an effect is: a small function that returns its equations, with what people need to know about it."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import sympy as sp
+
+from ...errors import ModelError
+from ...symbolic.printing import text
+from ...symbolic.recursion import State
+from ...symbolic.signals import k, signal
+
+PLACES = ("input", "inside", "output")
+SEQUENCES = ("x", "u", "y", "t", "channel")  # names of arguments that are sequences; all others are shape parameters
+
+COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Where the search for a shape parameter starts: `values` times a scale of the driving signal.
+
+    `of` is "amplitude" (half the range of the driver), "speed" (rms step of the driver), "time" (log-spaced between a
+    few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the line
+    through the data), "peaks" (of the residual's periodogram) or "steps" (whole samples, not refined). The fit may
+    leave the grid upwards by the factor `beyond`, and downwards by four.
+    """
+
+    of: str
+    values: tuple[float, ...] = ()
+    power: int = 1
+    beyond: float = 4.0
+
+
+AMPLITUDE = Scan("amplitude", (0.03, 0.08, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9))
+CURVATURE = Scan("amplitude", (0.3, 1.0, 2.5, 6.0, 15.0), power=-1)
+SPEED = Scan("speed", (0.1, 0.5, 1.5))
+SLOW_SPEED = Scan("speed", (0.05, 0.15, 0.4), beyond=1.0)  # well below the speed: tanh reaches its plateau
+TIME = Scan("time", (0.0, 0.15, 0.3, 0.45), beyond=1.0)  # slower lags are creep
+GAIN = Scan("gain", (0.7, 1.0, 1.3, 1.6, 2.0, 3.0))
+PEAKS = Scan("peaks", (0, 1, 2))
+RATIO = Scan("ratio", (1.0, -1.0))
+STEPS = Scan("steps", (1, 2, 3, 5, 8))
+SCANS = {s.of: s for s in (AMPLITUDE, SPEED, TIME, GAIN, PEAKS, STEPS)}  # the usual ones
+
+
+@dataclass(frozen=True)
+class Form:
+    """The equations of one effect: states in order, and one contribution z per coefficient."""
+
+    z: tuple[Any, ...]
+    states: tuple[State, ...] = ()
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect that a model may lack.
+
+    Attributes
+    ----------
+    id : str
+        The name users see; several forms may share it.
+    function : callable
+        From driving sequences and shape parameters to an expression, a list of them (one coefficient each) or a Form.
+    places : mapping from a place to the drivers that make sense there ("u", "y", "t", "channel")
+    scan : mapping from each shape parameter to a Scan
+    sign : int
+        +1 where only a positive coefficient means this effect; 0 where both signs do.
+    sentence, unit, source : str
+        In plain words; the unit of each shape parameter; where the equation comes from.
+    full : bool
+        Whether a coefficient of 1 is the whole effect (a complete dead zone): more than that means something else.
+    centred : bool
+        Whether it matters where zero is: then it is tried around zero and around the operating point.
+    """
+
+    id: str
+    function: Callable[..., Any]
+    places: dict[str, tuple[str, ...]]
+    scan: dict[str, Scan]
+    sign: int
+    sentence: str
+    unit: dict[str, str]
+    source: str
+    form: str = ""
+    centred: bool = False
+    full: bool = False
+    family: str = ""
+    formula: str = field(default="", compare=False)
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of the arguments, in order."""
+        return tuple(inspect.signature(self.function).parameters)
+
+    @property
+    def shape(self) -> tuple[str, ...]:
+        """Names of the shape parameters, in order."""
+        return tuple(a for a in self.arguments if a not in SEQUENCES and a != "Ts")
+
+    def equations(self, Ts: Any = 1.0, **values: Any) -> Form:
+        """Return the form over the driving sequence `x` and `u`, `y`, `t`, `channel`.
+
+        Shape parameters are real symbols of their own names unless `values` says otherwise.
+        """
+        given: dict[str, Any] = {name: signal(name) for name in SEQUENCES}
+        # The sampling time enters as a number of few digits: equations stay readable.
+        given["Ts"] = Ts if isinstance(Ts, sp.Basic) else sp.Float(f"{Ts:.9g}")
+        given |= {p: sp.Symbol(p, positive=True) for p in self.shape} | values
+        made = self.function(**{name: given[name] for name in self.arguments})
+        if isinstance(made, Form):
+            return made
+        listed = made if isinstance(made, (list, tuple)) else [made]
+        return Form(tuple(sp.sympify(z) for z in listed))
+
+    @property
+    def written(self) -> str:
+        """The equations as text: c times each contribution, and what it remembers."""
+        # Numbers of samples stand in lags and must be numbers; the middle one of those that are tried is shown.
+        steps = {p: s.values[len(s.values) // 2] for p, s in self.scan.items() if s.of == "steps"}
+        form = self.equations(Ts=sp.Symbol("Ts", positive=True), **{p: int(n) for p, n in steps.items()})
+        many = len(form.z) > 1
+        parts = [sp.Symbol(f"c{i + 1 if many else ''}") * z for i, z in enumerate(form.z)]
+        said = [" + ".join(map(text, parts)), *(f"{text(s.left)} = {text(s.right)}" for s in form.states)]
+        shown = "; ".join(said) + "".join(f" (here {p} = {n:g})" for p, n in steps.items())
+        return re.sub(r"-(\w+\[k-\d+\]) \+ (\w+\[k\])", r"\2 - \1", shown)  # a difference, newest first
+
+    @property
+    def acts(self) -> str:
+        """Where it acts, what drives it, and what its shape parameters are, in words."""
+        words = {"u": "u", "y": "y", "uy": "u and y", "t": "time", "channel": "the channel"}
+        places = [
+            f"{'inside' if place == 'inside' else f'at the {place}'}, driven by {' or '.join(words[d] for d in by)}"
+            for place, by in self.places.items()
+        ]
+        units = [f"{p} in {self.unit[p]}" for p in self.shape if self.unit.get(p)]
+        return "; ".join([*places, *units])
+
+    def __repr__(self) -> str:
+        return f"Effect({self.id}{', ' + self.form if self.form else ''})"
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        # An effect of the catalogue has taken the name of its function, which is therefore not found by it.
+        known = any(form is self for form in EFFECTS.get(self.id, ()))
+        return (_of_catalogue, (self.id, self.form)) if known else super().__reduce_ex__(protocol)
+
+
+def _of_catalogue(name: str, form: str) -> Effect:
+    return next(one for one in EFFECTS[name] if one.form == form)
+
+
+class Catalogue(dict[str, list[Effect]]):
+    """Effects by id; iterating over `all()` gives every form."""
+
+    def all(self) -> list[Effect]:
+        """Return every form of every effect."""
+        return [e for forms in self.values() for e in forms]
+
+    def add(self, one: Effect) -> None:
+        """Add a form; the same form twice replaces the first."""
+        forms = self.setdefault(one.id, [])
+        forms[:] = [f for f in forms if f.form != one.form] + [one]
+
+    def without(self, *ids: str) -> Catalogue:
+        """Return a catalogue that lacks some effects.
+
+        Raises
+        ------
+        ModelError
+            For an id that it does not have; a channel is no part of the id here.
+        """
+        unknown = [name for name in ids if name not in self]
+        if unknown:
+            raise ModelError(f"Unknown effect {unknown[0]!r}; there are {', '.join(sorted(self))}.")
+        return Catalogue({name: list(forms) for name, forms in self.items() if name not in ids})
+
+
+EFFECTS = Catalogue()
+
+
+def effect(
+    where: str | Sequence[str] | dict[str, Any],
+    *,
+    driver: str | Sequence[str] = "u",
+    scan: dict[str, Scan] | None = None,
+    sign: int = 0,
+    unit: dict[str, str] | None = None,
+    source: str = "",
+    id: str | None = None,
+    form: str = "",
+    centred: bool = False,
+    full: bool = False,
+    sentence: str = "",
+    register: bool = True,
+) -> Callable[[Callable[..., Any]], Effect]:
+    """Turn a function into an effect and put it into the catalogue.
+
+    Parameters
+    ----------
+    where : place, list of places, or mapping from places to drivers
+    driver : drivers at every place, where `where` is no mapping
+    scan : a Scan for every shape parameter of the function
+    register : bool
+        False keeps it out of the catalogue.
+
+    Raises
+    ------
+    ModelError
+        For an unknown place, a shape parameter without a scan rule, or one that is called like a coefficient.
+    """
+
+    def listed(x: Any) -> tuple[str, ...]:
+        return (x,) if isinstance(x, str) else tuple(x)
+
+    places = {p: listed(d) for p, d in where.items()} if isinstance(where, dict) else {}
+    places = places or {p: listed(driver) for p in listed(where)}
+
+    def decorate(function: Callable[..., Any]) -> Effect:
+        name = id or function.__name__
+        unknown = set(places) - set(PLACES)
+        if unknown:
+            raise ModelError(f"Effect {name}: a place is one of {', '.join(PLACES)}, not {unknown.pop()!r}.")
+        plain = " ".join((function.__doc__ or "").split())
+        one = Effect(
+            name,
+            function,
+            places,
+            scan or {},
+            sign,
+            sentence or plain or name,
+            unit or {},
+            source,
+            form,
+            centred,
+            full,
+            (function.__module__ or "").rpartition(".")[2],
+        )
+        wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
+        if wrong:
+            raise ModelError(
+                f"Effect {name}: the shape parameter {wrong[0]!r} is called like a coefficient; choose another name."
+            )
+        missing = [p for p in one.shape if p not in one.scan]
+        if missing:
+            raise ModelError(f"Effect {name}: give a scan rule for the shape parameter {missing[0]!r}.")
+        formula = one.equations(**{p: 2 for p in one.shape if one.scan[p].of == "steps"})
+        object.__setattr__(one, "formula", " + ".join(str(z) for z in formula.z))
+        if register:
+            EFFECTS.add(one)
+        return one
+
+    return decorate
+
+
+def clip(x: Any, r: Any) -> Any:
+    """Limit x to [-r, r]."""
+    return sp.Max(-r, sp.Min(r, x))
+
+
+def step(x: Any) -> Any:
+    """Return the difference of a driving sequence, its velocity times Ts."""
+    return x[k] - x[k - 1]

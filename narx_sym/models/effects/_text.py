@@ -1,0 +1,349 @@
+"""Effects that a user writes as text in a file: read by the grammar of `parsing`, nothing is evaluated."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import sympy as sp
+
+from ...errors import ModelError, NarxError
+from ...symbolic.grammar import FUNCTIONS, LARGEST, SIGNALS, parse, read_json
+from ...symbolic.recursion import Recursion, State, written_out
+from ...symbolic.signals import k, lag, samples, signal
+from ._effect import EFFECTS, PLACES, SCANS, SEQUENCES, Catalogue, Effect, Form, Scan, effect
+
+MAX_BYTES, MAX_EFFECTS, MAX_PARTS, MAX_TEXT, MAX_WRITTEN = 200_000, 100, 20, 2000, 20_000
+REQUIRED = ("id", "where", "z", "sentence")
+FIELDS = {*REQUIRED, "driver", "scan", "states", "sign", "unit", "source", "form", "centred"}
+STATE_FIELDS = {"state", "update", "initial"}
+DRIVERS = ("u", "y", "uy", "t", "channel")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
+COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
+RESERVED = {*SEQUENCES, *SIGNALS, *FUNCTIONS, "k", "pi", "prediction", "Ts"}
+
+
+class Written:
+    """The equations of one effect as texts; called like the function of an effect.
+
+    Attributes
+    ----------
+    z : tuple of texts
+        One contribution per coefficient.
+    states : tuple of (name, update, initial) texts
+    shape : tuple of names
+    steps : names of the shape parameters in whole samples, which may stand in a lag: `x[k-n]`
+    """
+
+    def __init__(
+        self,
+        z: tuple[str, ...],
+        states: tuple[tuple[str, str, str], ...],
+        shape: tuple[str, ...],
+        steps: tuple[str, ...],
+    ):
+        self.z, self.states, self.shape, self.steps = z, states, shape, steps
+        self._read: dict[tuple[int, ...], Form] = {}
+        form = self.read((1,) * len(steps))
+        read = [*form.z, *(e for s in form.states for e in (s.right, s.initial))]
+        bases = {str(s.base.label) for e in read for s in samples(e)}
+        names = {s.name for e in read for s in e.free_symbols if isinstance(s, sp.Symbol)}
+        sequences = [n for n in SEQUENCES if n in bases]
+        order = [*sequences, *(["Ts"] if "Ts" in names else []), *shape]
+        kinds = inspect.Parameter.POSITIONAL_OR_KEYWORD
+        self.__signature__ = inspect.Signature([inspect.Parameter(n, kinds) for n in order])
+        self.__name__, self.__module__ = "written", "own"
+
+    def read(self, values: tuple[int, ...]) -> Form:
+        """Return the form in plain sequences and symbols, for given numbers of samples."""
+        if values in self._read:
+            return self._read[values]
+        names = [n for n, _, _ in self.states]
+
+        def plain(text: str) -> Any:
+            for name, value in zip(self.steps, values, strict=True):
+                text = re.sub(rf"\[\s*k\s*([+-])\s*{name}\s*\]", rf"[k\g<1>{value}]", text)
+            expr = parse(text, signals=[*SEQUENCES, *names], symbols=[*self.shape, "Ts"])
+            foreign = [s for s in samples(expr) if str(s.base.label) not in (*SEQUENCES, *names)]
+            if foreign:
+                raise ModelError(f"{foreign[0]} is not known here; write x[k] - x[k-1] for a difference.")
+            return expr
+
+        states = tuple(State(signal(n)[k], plain(update), plain(initial)) for n, update, initial in self.states)
+        self._read[values] = Form(tuple(map(plain, self.z)), states)
+        return self._read[values]
+
+    def __call__(self, **given: Any) -> Form:
+        """Return the form over given sequences and shape parameters."""
+        form = self.read(tuple(int(given[n]) for n in self.steps))
+        known = {sp.Symbol(n, real=True): sp.sympify(given[n]) for n in (*self.shape, "Ts") if n in given}
+
+        def written(expr: Any) -> Any:
+            moved = {s: given[n][s.indices[0]] for s in samples(expr) if (n := str(s.base.label)) in given}
+            return expr.xreplace(known | moved)
+
+        return Form(tuple(map(written, form.z)), tuple(s.map(written) for s in form.states))
+
+
+def text_effect(data: Mapping[str, Any]) -> Effect:
+    """Build an effect from plain data, as it stands in a file; see `load_effects`. It is not put into a catalogue.
+
+    Raises
+    ------
+    ModelError
+        For a missing, unknown or wrong field, and for an equation that cannot be computed.
+    """
+    if not isinstance(data, Mapping):
+        raise ModelError("An effect is a table of fields.")
+    name = data.get("id")
+    if not isinstance(name, str) or not NAME.fullmatch(name):
+        raise ModelError(f"The 'id' of an effect is a plain name such as my_friction, not {str(name)[:40]!r}.")
+    try:
+        return _built(name, data)
+    except NarxError as error:
+        raise ModelError(f"Effect {name}: {error}") from None
+
+
+def _built(name: str, data: Mapping[str, Any]) -> Effect:
+    for field in REQUIRED:
+        if field not in data:
+            raise ModelError(f"the field '{field}' is missing.")
+    unknown = sorted(set(map(str, data)) - FIELDS)
+    if unknown:
+        raise ModelError(f"unknown field {unknown[0][:40]!r}; there are {', '.join(sorted(FIELDS))}.")
+    places = _places(data)
+    scan = {p: _scan(p, rule) for p, rule in _table(data, "scan").items()}
+    states = _states(data, set(scan))
+    given = data["z"]
+    z = tuple(_text(e, "z") for e in (given if isinstance(given, list) else [given]))
+    if not 1 <= len(z) <= MAX_PARTS:
+        raise ModelError(f"'z' is an equation or a list of 1 to {MAX_PARTS}.")
+    for p in scan:
+        wrong = not NAME.fullmatch(p) or p in RESERVED or COEFFICIENT.fullmatch(p)
+        if wrong:
+            raise ModelError(f"the shape parameter {p[:40]!r} needs another name.")
+        if not any(re.search(rf"\b{p}\b", e) for e in (*z, *(s[1] for s in states))):
+            raise ModelError(f"the shape parameter {p!r} has a scan rule, but no equation contains it.")
+    try:
+        function = Written(z, states, tuple(scan), tuple(p for p, s in scan.items() if s.of == "steps"))
+    except NarxError as error:
+        raise ModelError(f"{error} (A shape parameter needs a rule in 'scan'.)") from None
+    for steps in _corners(scan):
+        _computable(function.read(steps), places, tuple(scan))
+    units = _table(data, "unit")
+    for p, unit in units.items():
+        if p not in scan:
+            raise ModelError(f"'unit' speaks of {p[:40]!r}, which is no shape parameter.")
+        _text(unit, "unit")
+    sign, centred = data.get("sign", 0), data.get("centred", False)
+    if type(sign) is not int or sign not in (0, 1):
+        raise ModelError("'sign' is 1 where only a positive coefficient means this effect, else 0.")
+    if not isinstance(centred, bool):
+        raise ModelError("'centred' is true or false.")
+    words = {n: _text(data.get(n, ""), n) for n in ("sentence", "source", "form")}
+    if not words["sentence"].strip():
+        raise ModelError("'sentence' says in plain words what the effect does.")
+    made = effect(
+        places,
+        scan=scan,
+        sign=sign,
+        unit=units,
+        source=words["source"],
+        id=name,
+        form=words["form"],
+        centred=centred,
+        sentence=words["sentence"],
+        register=False,
+    )(function)
+    if ("channel" in made.arguments) != any("channel" in d for d in places.values()):
+        raise ModelError("an equation uses channel[k] where, and only where, the driver is 'channel'.")
+    return made
+
+
+def load_effects(path: Any, catalogue: Catalogue = EFFECTS) -> list[Effect]:
+    """Read effects from a TOML or JSON file and put them into a catalogue: all of them, or none.
+
+    Equations are texts in samples of `x` (the driving signal), `u`, `y`, `t` (time in s), `channel`, of the effect's
+    own states, in its shape parameters, the sampling time `Ts` and numbers::
+
+        [[effect]]
+        id = "my_stick_slip"
+        where = "output"            # input, inside, output; a list; or { output = ["u", "y"], inside = "y" }
+        driver = "u"                # u, y, uy, t or channel
+        z = "tanh((x[k] - x[k-1])/s)"
+        scan = { s = { of = "speed", values = [0.1, 0.5, 1.5] } }
+        unit = { s = "V per sample" }
+        sentence = "My own friction."
+        source = "Smith 2020"
+
+        [[effect]]
+        id = "my_play"
+        where = "input"
+        z = ["p[k] - x[k]"]         # one coefficient each
+        states = [{ state = "p", update = "Max(x[k] - w, Min(x[k] + w, p[k-1]))", initial = "x[k]" }]
+        scan = { w = "amplitude" }  # the usual values
+        sign = 1                    # only a positive coefficient means this effect
+        sentence = "Slack before the input."
+
+    In JSON the same stands in a list called "effect". A shape parameter that is scanned in "steps" may be a lag:
+    `x[k-n]`.
+
+    Returns
+    -------
+    list of Effect, in the order of the file
+
+    Raises
+    ------
+    ModelError
+        For a file that cannot be read, a wrong field or equation, or an effect that the catalogue has already.
+    """
+    source = Path(path)
+    try:
+        with source.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+        if len(raw) > MAX_BYTES:
+            raise ModelError(f"{path}: the file is larger than {MAX_BYTES} bytes; this is no file of effects.")
+        text = raw.decode("utf-8").replace("\r\n", "\n")
+        data = read_json(text) if source.suffix.lower() == ".json" else tomllib.loads(text)
+    except FileNotFoundError:
+        raise ModelError(f"{path}: no such file of effects.") from None
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read ({error.strerror or error}).") from None
+    except NarxError:
+        raise
+    except (ValueError, RecursionError) as error:
+        kind = "JSON" if source.suffix.lower() == ".json" else "TOML"
+        raise ModelError(f"{path}: no valid {kind}: {str(error)[:80]}.") from None
+    listed = data.get("effect") if isinstance(data, dict) and set(data) == {"effect"} else None
+    if not isinstance(listed, list) or not 1 <= len(listed) <= MAX_EFFECTS:
+        raise ModelError(f"{path}: write effects as [[effect]] tables, 1 to {MAX_EFFECTS}, and nothing else.")
+    try:
+        found = [text_effect(one) for one in listed]
+    except NarxError as error:
+        raise ModelError(f"{path}: {error}") from None
+    keys = [(e.id, e.form) for e in found]
+    for one, key in zip(found, keys, strict=True):
+        # The same file may be read again.
+        there = [f for f in catalogue.get(one.id, []) if f.form == one.form and not isinstance(f.function, Written)]
+        if there or keys.count(key) > 1:
+            raise ModelError(f"{path}: there is an effect {one.id!r} already; choose another id, or another 'form'.")
+    for one in found:
+        catalogue.add(one)
+    return found
+
+
+def _text(value: Any, field: str) -> str:
+    if not isinstance(value, str) or len(value) > MAX_TEXT:
+        raise ModelError(f"'{field}' must be a text of at most {MAX_TEXT} characters.")
+    return value
+
+
+def _table(data: Mapping[str, Any], field: str) -> dict[str, Any]:
+    value = data.get(field, {})
+    if not isinstance(value, Mapping) or len(value) > MAX_PARTS:
+        raise ModelError(f"'{field}' is a table with one entry per shape parameter.")
+    return {str(n): v for n, v in value.items()}
+
+
+def _listed(value: Any, field: str) -> tuple[str, ...]:
+    found = tuple(value) if isinstance(value, list) else (value,)
+    if not found or not all(isinstance(v, str) for v in found) or len(set(found)) < len(found):
+        raise ModelError(f"'{field}' is a text or a list of different ones.")
+    return found
+
+
+def _places(data: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+    """Return the drivers of each place."""
+    where = data["where"]
+    if isinstance(where, Mapping):
+        if "driver" in data:
+            raise ModelError("give 'driver', or drivers in 'where', not both.")
+        places = {str(p): _listed(d, "where") for p, d in where.items()}
+    else:
+        places = {p: _listed(data.get("driver", "u"), "driver") for p in _listed(where, "where")}
+    wrong = [p for p in places if p not in PLACES]
+    if wrong or not places:
+        raise ModelError(f"a place is one of {', '.join(PLACES)}, not {(wrong or [''])[0][:40]!r}.")
+    drivers = [d for listed in places.values() for d in listed]
+    wrong = [d for d in drivers if d not in DRIVERS]
+    if wrong:
+        raise ModelError(f"a driver is one of {', '.join(DRIVERS)}, not {wrong[0][:40]!r}.")
+    if "channel" in drivers and set(drivers) != {"channel"}:
+        raise ModelError("an effect is driven by channels everywhere or nowhere.")
+    return places
+
+
+def _scan(name: str, rule: Any) -> Scan:
+    """Read the scan rule of a shape parameter: its kind alone, or a table."""
+    table: Any = {"of": rule} if isinstance(rule, str) else rule
+    if not isinstance(table, Mapping) or not {"of"} <= set(table) <= {"of", "values", "power"}:
+        raise ModelError(f"the scan rule of {name[:40]!r} has the fields of, values and power.")
+    if not isinstance(table["of"], str) or table["of"] not in SCANS:
+        raise ModelError(f"a scan is of {', '.join(SCANS)}, not {str(table['of'])[:40]!r}.")
+    usual = SCANS[table["of"]]
+    values, power = table.get("values", list(usual.values)), table.get("power", 1)
+    good = isinstance(values, list) and 1 <= len(values) <= 50
+    if not good or not all(type(v) in (int, float) and 0 <= v < math.inf for v in map(_float, values)):
+        raise ModelError(f"the scan values of {name!r} are 1 to 50 numbers, none negative.")
+    if usual.of == "steps" and not all(float(v).is_integer() and v <= 1000 for v in values):
+        raise ModelError(f"the scan values of {name!r} are whole samples up to 1000.")
+    if usual.of == "time" and max(values) > 1:
+        raise ModelError(f"the scan values of {name!r} lie between 0 (a few samples) and 1 (a part of the record).")
+    if usual.of in ("amplitude", "speed", "gain") and min(values) == 0:
+        raise ModelError(f"the scan values of {name!r} must be above 0.")
+    if type(power) is not int or abs(power) > 3:
+        raise ModelError(f"the scan power of {name!r} is a whole number from -3 to 3.")
+    return Scan(usual.of, tuple(values), power)
+
+
+def _float(value: Any) -> Any:
+    """Return a whole number as a float, infinite where it is too large for one."""
+    return (float(value) if abs(value) < LARGEST else math.inf) if type(value) is int else value
+
+
+def _states(data: Mapping[str, Any], shape: set[str]) -> tuple[tuple[str, str, str], ...]:
+    listed = data.get("states", [])
+    if not isinstance(listed, list) or len(listed) > MAX_PARTS:
+        raise ModelError(f"'states' is a list of at most {MAX_PARTS} tables.")
+    found: list[tuple[str, str, str]] = []
+    for one in listed:
+        if not isinstance(one, Mapping) or not {"state", "update"} <= set(one) <= STATE_FIELDS:
+            raise ModelError("a state has the fields state, update and initial (0 unless given).")
+        name, update, initial = (_text(one.get(n, "0"), n) for n in ("state", "update", "initial"))
+        if not NAME.fullmatch(name) or name in RESERVED or name in shape or name in [n for n, _, _ in found]:
+            raise ModelError(f"the state {name[:40]!r} needs another name.")
+        found.append((name, update, initial))
+    return tuple(found)
+
+
+def _corners(scan: Mapping[str, Scan]) -> set[tuple[int, ...]]:
+    """Return the smallest and the largest numbers of samples: equations are checked there."""
+    stepped = [s.values for s in scan.values() if s.of == "steps"]
+    return {tuple(int(end(v)) for v in stepped) for end in (min, max)}
+
+
+def _computable(form: Form, places: Mapping[str, tuple[str, ...]], shape: tuple[str, ...]) -> None:
+    """Refuse equations that need what is not known yet, at any of their places."""
+    updates = [(s.left, s.right) for s in form.states]
+    updates += [(signal(f"contribution_{i}")[k], e) for i, e in enumerate(form.z)]
+    Recursion(tuple(updates), tuple(sp.Symbol(n, real=True) for n in (*shape, "Ts")))
+    if sum(written_out(e, form.states) for e in form.z) > MAX_WRITTEN:
+        raise ModelError("the equations grow too large when the states are written out.")
+    own = {str(s.left.base.label) for s in form.states}
+    for _, right in updates:
+        for s in samples(right):
+            name = str(s.base.label)
+            late = name == "y" or (name == "x" and "y" in places.get("input", ()))
+            if name not in own and lag(s) < (1 if late else 0):
+                raise ModelError(f"{s} is not known at time k there; use earlier samples.")
+    for state in form.states:
+        for s in samples(state.initial):
+            if str(s.base.label) not in ("x", "u", "y") or lag(s) < 0:
+                raise ModelError(f"the initial value of {state.left} may contain samples of x, u and y, not {s}.")
+        if state.initial.free_symbols & {sp.Symbol(n, real=True) for n in (*shape, "Ts")}:
+            raise ModelError(f"the initial value of {state.left} contains a shape parameter; only signals and numbers.")

@@ -1,0 +1,51 @@
+"""Linear dynamics that a base may lack: lags, delays, creep."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sympy as sp
+
+from ...symbolic.recursion import State
+from ...symbolic.signals import k, signal
+from ._effect import STEPS, TIME, Form, Scan, effect
+
+
+def lag_of(x: Any, w: Any, tau: Any, Ts: Any) -> State:
+    """A first-order lag of a sequence with time constant tau [s], exact for an input held between samples."""
+    a = sp.exp(-Ts / tau)
+    return State(w[k], a * w[k - 1] + (1 - a) * x[k], x[k])
+
+
+@effect("inside", driver="y", scan={"n": Scan("steps", (0, 1, 2))}, source="Ljung 1999")
+def inertia(x: Any, n: Any) -> Any:
+    """A mass or a further time constant: the output overshoots or lags more than the model."""
+    return x[k - n]
+
+
+@effect("input", scan={"d": STEPS}, unit={"d": "samples"}, sign=1, full=True, source="Ljung 1999")
+def input_delay(x: Any, d: Any) -> Any:
+    """A dead time: the input acts later than the model says."""
+    return x[k - d] - x[k]
+
+
+@effect("input", scan={"tau": TIME}, unit={"tau": "s"}, sign=1, full=True, source="Ljung 1999")
+def rate_dependence(x: Any, tau: Any, Ts: Any) -> Form:
+    """A lag before the actuator (amplifier, eddy currents): fast inputs arrive late and small."""
+    w = signal("w")
+    return Form((w[k] - x[k],), (lag_of(x, w, tau, Ts),))
+
+
+@effect(
+    {"output": "y"},
+    scan={"tau": Scan("time", (0.35, 0.5, 0.65, 0.8), beyond=1.0)},
+    unit={"tau": "s"},
+    sign=1,
+    full=True,
+    source="Kuhnen 2005 (creep operators)",
+)
+def creep(x: Any, tau: Any, Ts: Any) -> Form:
+    """Creep: after a step the output goes on moving slowly."""
+    ws = [signal(f"w{i}") for i in (1, 2, 3)]
+    states = tuple(lag_of(x, w, tau * 3**i, Ts) for i, w in enumerate(ws))
+    return Form((sum(w[k] for w in ws) / 3,), states)

@@ -1,0 +1,111 @@
+"""Effects that remember: play and hysteresis."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import sympy as sp
+
+from ...symbolic.recursion import State
+from ...symbolic.signals import k, signal
+from ._effect import AMPLITUDE, CURVATURE, GAIN, RATIO, Form, Scan, effect, step
+
+PLAYS = 5
+
+
+def play(x: Any, p: Any, r: Any) -> State:
+    """The play operator: p follows x once the slack r is taken up (Brokate & Sprekels 1996)."""
+    return State(p[k], sp.Max(x[k] - r, sp.Min(x[k] + r, p[k - 1])), x[k])
+
+
+@effect(
+    {"input": "u", "output": "y"},
+    scan={"r": AMPLITUDE},
+    sign=1,
+    full=True,
+    unit={"r": "unit of the driver"},
+    source="Brokate & Sprekels 1996",
+)
+def backlash(x: Any, r: Any) -> Form:
+    """Play of half-width r: after a reversal nothing moves until the slack is taken up."""
+    p = signal("p")
+    return Form((p[k] - x[k],), (play(x, p, r),))
+
+
+@effect(
+    {"output": ("u", "y"), "input": "u", "inside": "y"},
+    scan={"b": CURVATURE, "g": RATIO},
+    unit={"b": "1 / unit of the driver", "g": "1"},
+    source="Bouc 1967, Wen 1976 (rate-independent form)",
+    form="Bouc-Wen",
+)
+def hysteresis(x: Any, b: Any, g: Any) -> Form:
+    """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
+    h = signal("h")
+    d = step(x)
+    return Form((h[k],), (State(h[k], h[k - 1] + d - b * (sp.Abs(d) * h[k - 1] + g * d * sp.Abs(h[k - 1])), 0),))
+
+
+def quarter_steps(x: Any) -> list[Any]:
+    """Return the four quarters of the last step of a sequence along the cubic through its last four samples."""
+    t = sp.Symbol("t")
+    nodes = [(-i, x[k - i]) for i in range(4)]
+    path = sum(value * sp.prod([(t - j) / (i - j) for j, _ in nodes if j != i]) for i, value in nodes)
+    at = [path.subs(t, sp.Rational(i, 4) - 1) for i in range(5)]
+    return [sp.expand(after - before) for before, after in pairwise(at)]
+
+
+@effect(
+    {"inside": "y"},
+    scan={"b": CURVATURE, "g": RATIO},
+    unit={"b": "1 / unit of the driver", "g": "1"},
+    id="hysteresis",
+    form="Bouc-Wen force",
+    source="Noel & Schoukens 2016 (benchmark); midpoint rule in four sub-steps",
+)
+def hysteretic_force(x: Any, b: Any, g: Any) -> Form:
+    """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
+    h = signal("h")
+    qs = [signal(f"q{i}") for i in (1, 2, 3)] + [h]
+    ds = [signal(f"d{i}") for i in (1, 2, 3, 4)]
+    steps = [State(d[k], s, 0) for d, s in zip(ds, quarter_steps(x), strict=True)]
+    states = []
+    before = h[k - 1]
+    for q, d in zip(qs, ds, strict=True):
+        step_ = d[k]
+        half = before + (step_ - b * (sp.Abs(step_) * before + g * step_ * sp.Abs(before))) / 2
+        states.append(State(q[k], before + step_ - b * (sp.Abs(step_) * half + g * step_ * sp.Abs(half)), 0))
+        before = q[k]
+    # A force acts like the input: over two samples, as the present one and the change.
+    return Form((h[k], h[k] - h[k - 1]), (*steps, *states))
+
+
+@effect(
+    {"output": "u", "input": "u"},
+    scan={"r": Scan("amplitude", (0.5, 1.0), beyond=1.0)},
+    unit={"r": "unit of the driver"},
+    id="hysteresis",
+    form="play superposition",
+    source="Prandtl 1928, Ishlinskii 1944",
+)
+def play_superposition(x: Any, r: Any) -> Form:
+    """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
+    ps = [signal(f"p{i}") for i in range(1, PLAYS + 1)]
+    states = tuple(play(x, p, r * sp.Rational(i, PLAYS + 1)) for i, p in enumerate(ps, 1))
+    return Form(tuple(p[k] - x[k] for p in ps), states)
+
+
+@effect(
+    {"inside": "uy"},
+    scan={"d": GAIN},
+    unit={"d": "unit of y / unit of u"},
+    id="hysteresis",
+    form="Bouc-Wen actuator",
+    source="Rakotondrabe 2011; Martins & Aguirre 2016, Eq. System",
+)
+def actuator_hysteresis(u: Any, y: Any, d: Any) -> list[Any]:
+    """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
+    h = d * u[k - 1] - y[k - 1]
+    phi1 = step(u)
+    return [phi1, sp.Abs(phi1) * h, phi1 * sp.Abs(h)]

@@ -1,0 +1,115 @@
+"""Terms of a model given anew as text: replaced, put in, or left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import sympy as sp
+
+from ..errors import ModelError
+from ..symbolic import printing
+from ..symbolic.grammar import parse
+from ..symbolic.recursion import State
+from ..symbolic.signals import k, samples, u, v, x
+from .analysis import continuum_conditions
+from .extend import without, written_constraints
+from .model import NARX, Model, pairs
+
+
+def written_terms(model: Model) -> dict[str, str]:
+    """Return the terms of the core that one parameter multiplies, as text by the parameter's name."""
+    terms = dict(pairs(model.core))
+    return {str(s): printing.text(terms[s]) for s in model.symbols if s in terms}
+
+
+def rewritten(model: Model, name: str, text: str, channels: Iterable[str] = ()) -> Model:
+    """Return a model with one term of its core given as text, to be fitted anew.
+
+    A base has no values then: its fit starts one step ahead. A model with effects keeps its values.
+
+    Parameters
+    ----------
+    name : str
+        The parameter of the term, as `written_terms` lists it; "" puts in a term with a new parameter.
+    text : str
+        In the grammar of `narx_sym.symbolic.grammar`, in the signals of the core; "" takes the term out.
+    channels : names of further measured signals
+
+    Raises
+    ------
+    ParseError
+        For a text that is no term; ModelError for an unknown parameter, a term that is there already, or one that a
+        constraint other than that of the continuum speaks of.
+    """
+    known = written_terms(model)
+    if name and name not in known:
+        raise ModelError(f"There is no term with the parameter {name[:40]!r}; there are {', '.join(known) or 'none'}.")
+    if not text.strip():
+        if len(known) < 2:
+            raise ModelError("The last term cannot be taken out.")
+        if not name:
+            raise ModelError("Write a term, such as u[k-2].")
+        return _constrained(model, _less(model, sp.Symbol(name, real=True)), name)
+    signals = dict.fromkeys([*channels, *model.channels, "t", *(str(s.left.base.label) for s in model.states)])
+    term = parse(text, signals=signals, symbols=map(str, model.symbols))
+    if printing.text(term) in known.values():
+        raise ModelError(f"The term {printing.text(term)} is in the model already.")
+    ahead = [s for s in samples(term, model.inner) if (s.indices[0] - k).is_integer and s.indices[0] - k >= 0]
+    if ahead or (model.inner != model.output and samples(term, model.output)):
+        inner = model.inner.label
+        raise ModelError(f"A term may contain past values of {inner} only, such as {inner}[k-1]: not {text.strip()}.")
+    return _constrained(model, _more(model, name, term), name)
+
+
+def _less(model: Model, symbol: Any) -> Model:
+    if isinstance(model, NARX):
+        return _narx(model, [t for s, t in model.parts() if s != symbol])
+    return without(model, [symbol])
+
+
+def _more(model: Model, name: str, term: Any) -> Model:
+    if isinstance(model, NARX):
+        terms = [term if str(s) == name else t for s, t in model.parts()]
+        return _narx(model, terms if name else [*terms, term])
+    numbers = (i for i in range(1, len(model.symbols) + 2) if sp.Symbol(f"theta_{i}", real=True) not in model.symbols)
+    symbol = sp.Symbol(name or f"theta_{next(numbers)}", real=True)
+    core = sp.Add(*(c * t for c, t in pairs(model.core) if c != symbol), symbol * term)
+    states = [State(s.left, core, s.initial, s.group) if s.left.base == x else s for s in model.states]
+    made = Model(
+        model.F if model.inner == x else core, model.symbols if name else (*model.symbols, symbol),
+        output=model.output, input=model.input, operating_point=model.operating_point, lead=model.lead, Ts=model.Ts,
+        constraints=model.constraints, states=states,
+    )  # fmt: skip
+    values = {} if model.theta is None else dict(zip(model.symbols, model.theta, strict=True))
+    made.theta = [values.get(s, 0.0) for s in made.symbols] if values else None
+    made.info = {n: e for n, e in model.info.items() if n == "effects"}
+    return made
+
+
+def _narx(model: Model, terms: Sequence[Any]) -> NARX:
+    return NARX(
+        terms, output=model.output, input=model.input, operating_point=model.operating_point, lead=model.lead,
+        Ts=model.Ts,
+    )  # fmt: skip
+
+
+def _constrained(old: Model, made: Model, name: str) -> Model:
+    """Give the new model the constraint of the continuum where the old one had it; keep others."""
+    before = written_constraints(old)
+    if before and set(before) == set(_conditions(old)):
+        made.constraints = tuple(_conditions(made))
+        if any(e.rhs == 0 and e.lhs in made.symbols for e in made.constraints):
+            raise ModelError("The constraint of the continuum (Sigma_y = 1) forces the parameter of this term to zero.")
+    elif any(str(s) == name for e in before for s in e.free_symbols):
+        raise ModelError(f"A constraint of this model speaks of {name}: its term stays as it is.")
+    else:
+        made.constraints = tuple(before)
+    return made
+
+
+def _conditions(model: Model) -> list[Any]:
+    """Conditions of the continuum on the core, as if no effect had been added."""
+    plain = {x: model.output, v: u}
+    core = model.core.xreplace({s: plain[s.base][s.indices[0]] for s in samples(model.core) if s.base in plain})
+    return continuum_conditions(Model(core, model.symbols, output=model.output, input=model.input))

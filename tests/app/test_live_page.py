@@ -1,0 +1,280 @@
+"""The live page in a real headless Chromium, and its server over raw HTTP."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import live
+import pytest
+
+import narx_sym as ns
+from narx_sym.files.store import load
+
+pytest.importorskip("nicegui", reason="the extra narx-sym[app] is not installed")
+reason = live.why_no_browser()
+in_browser = pytest.mark.skipif(bool(reason), reason=reason)
+PATIENCE = 240_000  # ms, on a busy machine
+EVIL = "</title><script>document.title='evil'</script>"
+
+
+@pytest.fixture(scope="module")
+def data():
+    return live.hidden()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    made = live.Server("--max-mb", "1", cwd=tmp_path_factory.mktemp("served"))
+    yield made
+    made.stop()
+
+
+# -- raw HTTP ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="the kernel's list of sockets is not at /proc/net/tcp")
+def test_only_this_machine_is_listened_to(server):
+    tables = [Path(f"/proc/net/{name}") for name in ("tcp", "tcp6")]
+    rows = [line.split() for table in tables if table.exists() for line in table.read_text().splitlines()[1:]]
+    listening = [row[1] for row in rows if row[3] == "0A" and int(row[1].rpartition(":")[2], 16) == server.port]
+    assert [address.partition(":")[0] for address in listening] == ["0100007F"]
+
+
+def test_a_foreign_host_is_refused(server):
+    assert server.ask()[0] == 200
+    assert server.ask(Host=f"localhost:{server.port}")[0] == 200
+    for host in ("evil.example", f"evil.example:{server.port}", "127.0.0.1", None):
+        assert server.ask(Host=host)[0] in (400, 403)
+        assert server.ask(path="/download/model.json", Host=host)[0] in (400, 403)
+
+
+def test_a_foreign_origin_changes_nothing(server):
+    body = live.csv(u=[1.0, 2.0], y=[1.0, 2.0])
+    for origin in ("http://evil.example", "null", None, f"http://127.0.0.1:{server.port + 1}"):
+        given = {} if origin is None else {"Origin": origin}
+        assert server.ask("POST", "/data?name=a.csv", body, **given)[0] == 403
+        assert server.ask("POST", "/_nicegui_ws/socket.io/?EIO=4&transport=polling", b"x", **given)[0] == 403
+    assert "a.csv" not in server.ask()[1]
+
+
+def test_a_foreign_websocket_is_refused(server):
+    path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+    handshake = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+    handshake["Sec-WebSocket-Key"] = "dGhlIHNhbXBsZSBub25jZQ=="
+    for origin in ("http://evil.example", None):
+        given = {} if origin is None else {"Origin": origin}
+        assert server.ask(path=path, **handshake, **given)[0] == 403
+
+
+def test_a_too_large_upload_is_refused(server):
+    own = {"Origin": server.url[:-1]}
+    status, text = server.ask("POST", "/data?name=a.csv", b"x", **own, **{"Content-Length": "1000001"})
+    assert status == 413 and "at most 1 MB" in text
+    chunks = b"".join(b"40000\r\n" + b"x" * 0x40000 + b"\r\n" for _ in range(5)) + b"0\r\n\r\n"
+    assert server.ask("POST", "/data?name=a.csv", chunks, **own, **{"Transfer-Encoding": "chunked"})[0] == 413
+
+
+def test_no_path_of_a_client_is_followed(server):
+    for path in ("/download/../../etc/passwd", "/download/%2e%2e%2f%2e%2e%2fetc%2fpasswd", "/static/../../etc/passwd",
+                 "/_nicegui/3/static/..%2f..%2f..%2fetc%2fpasswd", "/openapi.json", "/docs"):  # fmt: skip
+        status, text = server.ask(path=path)
+        assert status == 404 and "root:" not in text
+
+
+@pytest.mark.parametrize("signal", (signal.SIGINT, signal.SIGTERM))
+def test_ctrl_c_ends_it_with_a_message_and_leaves_nothing(tmp_path, data, signal):
+    u, y = data
+    (tmp_path / "own.csv").write_bytes(live.csv(u=u, y=y))
+    made = live.Server("own.csv", cwd=tmp_path)
+    assert made.ask()[0] == 200 and list(tmp_path.glob("narx_sym_app_*"))
+    code, said = made.stop(signal)
+    assert code == 0 and "ended" in said and "Traceback" not in said
+    assert [p.name for p in tmp_path.iterdir()] == ["own.csv"]
+
+
+def test_a_port_that_is_taken_is_one_message(server):
+    code = "import sys; from narx_sym.cli.main import main; sys.argv[0] = 'narx-sym'; main()"
+    arguments = [sys.executable, "-c", code, "app", "--no-browser", "--port", str(server.port)]
+    made = subprocess.run(arguments, capture_output=True, text=True)
+    assert made.returncode == 2 and "--port" in made.stderr and "Traceback" not in made.stderr
+
+
+# -- the browser ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        made = driver.chromium.launch(executable_path=live.CHROMIUM, args=live.FLAGS, headless=True)
+        yield made
+        made.close()
+
+
+@pytest.fixture
+def page(browser, server):
+    """A page that keeps what it complains about, and what it asks other machines for."""
+    made = browser.new_page(viewport={"width": 1280, "height": 900})
+    made.set_default_timeout(PATIENCE)
+    made.wrong = []
+    made.on("console", lambda m: made.wrong.append(m.text) if m.type in ("error", "warning") else None)
+    made.on("pageerror", lambda error: made.wrong.append(str(error)))
+    own = (server.url, server.url.replace("http", "ws"), "data:", "blob:")
+    made.on("request", lambda r: None if r.url.startswith(own) else made.wrong.append(f"asked for {r.url}"))
+    made.goto(server.url)
+    made.get_by_role("heading", name="1. Measurements").wait_for()
+    yield made
+    made.close()
+
+
+def serious(page):
+    """What axe-core finds that is serious or critical."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [(v["id"], v["nodes"][0]["html"][:200]) for v in found if v["impact"] in ("serious", "critical")]
+
+
+def upload(page, name, content):
+    page.set_input_files("#data-file", files=[{"name": name, "mimeType": "text/csv", "buffer": content}])
+
+
+def fits(page):
+    """Whether nothing stands beyond the right edge, wide and narrow."""
+    page.set_viewport_size({"width": 390, "height": 800})
+    page.wait_for_timeout(300)
+    beyond = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+    page.set_viewport_size({"width": 1280, "height": 900})
+    return beyond <= 0
+
+
+@in_browser
+def test_the_whole_way(page, data, tmp_path):
+    """Upload, diagnose, cancel, add, the error falls, edit, step back, law, download, load from the command line."""
+    u, y = data
+    assert serious(page) == [] and fits(page)
+    upload(page, "stage.csv", live.csv(u=u, y=y))
+    page.get_by_text("Read: 2000 samples").wait_for()
+    assert serious(page) == [] and fits(page)
+    start = page.get_by_role("button", name="Diagnose")
+    start.click()
+    page.get_by_text("identifying a linear base").wait_for()
+    assert serious(page) == []
+    page.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="Cancel").wait_for(state="detached")
+    assert page.locator("#found").count() == 0
+    start.click()
+    page.locator("#found").wait_for()
+    assert "dead_zone is probably missing" in page.locator(".told").first.inner_text()
+    assert page.evaluate("document.activeElement.id") == "found"
+    assert serious(page) == [] and fits(page)
+    before = ladder(page)
+    page.get_by_role("button", name="Add dead_zone").click()
+    back = page.get_by_role("button", name="Step back")
+    back.wait_for()
+    after = ladder(page)
+    assert len(after) == len(before) + 1 and after[1] < 0.2 * after[0]  # the last row is the noise floor
+    page.wait_for_function("document.querySelectorAll('.told .plot canvas, .told .plot > div').length > 0")
+    drawn = page.locator("svg.drawn").evaluate_all("all => all.filter(s => s.getAttribute('aria-label')).length")
+    assert drawn == page.locator("svg.drawn").count() > 5
+    assert serious(page) == [] and fits(page)
+
+    page.get_by_label("A further term").fill("u[k-1]**2+")
+    page.get_by_role("button", name="Fit with this term of a new parameter").click()
+    alert = page.get_by_role("alert")
+    alert.get_by_text("Cannot read").wait_for()
+    assert "Traceback" not in alert.inner_text() and ladder(page) == after
+    assert serious(page) == [] and fits(page)
+    page.emulate_media(color_scheme="dark")
+    page.wait_for_timeout(300)
+    assert serious(page) == []
+    page.emulate_media(color_scheme="light")
+    page.get_by_role("button", name="Close the message").click()
+
+    page.get_by_role("button", name="Open the compensator").click()
+    page.get_by_text("ahead in the reference.").last.wait_for()
+    page.get_by_role("link", name="Law (C99)").wait_for()
+    assert serious(page) == [] and fits(page)
+
+    files = {}
+    for title in ("Model (JSON)", "Model (C99)", "Law (C99)", "Law (LaTeX)", "Derivation (LaTeX)", "Report (HTML)"):
+        with page.expect_download() as waiting:
+            page.get_by_role("link", name=title, exact=True).click()
+        files[title] = tmp_path / waiting.value.suggested_filename
+        waiting.value.save_as(files[title])
+        assert files[title].stat().st_size > 100
+    assert load(files["Model (JSON)"]).info["effects"][0]["effect"] == "dead_zone"
+    (tmp_path / "new.csv").write_bytes(live.csv(**dict(zip("uy", live.hidden(seed=7), strict=True))))
+    code = "import sys; from narx_sym.cli.main import main; sys.argv[0] = 'narx-sym'; main()"
+    arguments = ["compare", str(files["Model (JSON)"]), str(tmp_path / "new.csv"), "--no-plot"]
+    made = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
+    assert made.returncode == 0, made.stderr
+    model = load(files["Model (JSON)"])
+    assert ns.evaluate(model, ns.read(tmp_path / "new.csv")).free_run_nrmse < 0.1 * before[0] + 0.02
+
+    back.click()
+    back.wait_for(state="detached")
+    assert ladder(page) == before
+    assert page.wrong == []
+
+
+def ladder(page):
+    """The held-out errors that the page shows, the noise floor last."""
+    rows = page.get_by_role("group", name="Errors, step by step").locator("tbody tr").all()
+    return [float(row.locator("td").nth(1).inner_text()) for row in rows]
+
+
+@in_browser
+def test_a_too_large_file_is_refused_before_it_is_sent(page):
+    upload(page, "large.csv", b"t,u,y\n" + b"0,1,2\n" * 200_000)
+    page.get_by_role("alert").get_by_text("at most 1 MB").wait_for()
+    assert page.wrong == []
+
+
+@in_browser
+def test_a_file_is_dropped(page, data):
+    u, y = data
+    text = live.csv(u=u[:200], y=y[:200]).decode()
+    page.evaluate(
+        """text => {
+            const dropped = new DataTransfer();
+            dropped.items.add(new File([text], "dropped.csv"));
+            const event = new DragEvent("drop", {dataTransfer: dropped, bubbles: true, cancelable: true});
+            document.querySelector(".drop .what").dispatchEvent(event);
+        }""",
+        text,
+    )
+    page.get_by_text("dropped.csv: 200 rows").wait_for()
+    assert page.wrong == []
+
+
+@in_browser
+def test_names_from_data_are_text(page, data):
+    u, y = data
+    upload(page, f"{EVIL}.csv", live.csv(f'"u","y","t","{EVIL}"', u=y, y=live.np.arange(len(u)) * live.TS, c=u))
+    page.get_by_text(f"columns u, y, t, {EVIL}").wait_for()
+    page.get_by_label("Further channels").click()
+    page.get_by_role("option", name=EVIL).click()
+    page.keyboard.press("Escape")
+    page.get_by_text("is the channel").wait_for()
+    assert page.title() == "narx_sym" and page.wrong == []
+
+
+@in_browser
+def test_an_error_of_the_data_is_one_message(page):
+    upload(page, "words.csv", b"t,u,y\n0,1,a\n1,2,b\n")
+    page.get_by_role("alert").get_by_text("has text").wait_for()
+    assert "Traceback" not in page.inner_text("body") and serious(page) == [] and page.wrong == []
+
+
+def test_what_a_page_asks_for_is_here(server):
+    """Every address in the page leads to this server."""
+    import re
+
+    text = server.ask()[1]
+    found = re.findall(r"""(?:src|href|url\()=?["'(]?(https?://[^"')\s]+)""", text)
+    assert [a for a in found if not a.startswith(server.url)] == []
+    assert json.loads(re.search(r'"imports": (\{.*?\})', text)[1])

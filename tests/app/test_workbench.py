@@ -1,0 +1,414 @@
+"""The live form without a page: the work in its process, the states of the workbench, and who may talk to it."""
+
+import asyncio
+import os
+import stat
+import time
+from pathlib import Path
+
+import live
+import pytest
+
+import narx_sym as ns
+from narx_sym.app import command
+from narx_sym.app.choice import guessed, shortened
+from narx_sym.app.guard import Guard
+from narx_sym.app.workbench import Workbench
+from narx_sym.app.worker import Worker
+from narx_sym.cli import main as cli
+
+
+def gone(pid):
+    """Whether a process has ended."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return Path(f"/proc/{pid}/stat").exists() and Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z"
+
+
+# -- the process ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def worker():
+    made = Worker()
+    yield made
+    made.stop()
+
+
+def outcome(worker):
+    until = time.monotonic() + 60
+    while (found := worker.poll()) is None:
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    return found
+
+
+def test_a_process_does_one_piece_of_work_after_the_other(worker):
+    worker.start(live.count, 3)
+    assert outcome(worker).result == 3 and not worker.busy and worker.progress == "counting to 3"
+    first = worker._process.pid
+    worker.start(live.warn)
+    found = outcome(worker)
+    assert (found.result, found.notes) == ("done", ("this is worth a look",))
+    assert worker._process.pid == first
+
+
+def test_what_goes_wrong_there_is_one_message(worker):
+    worker.start(live.fail, "said")
+    assert outcome(worker).error == "what is wrong, in one sentence"
+    worker.start(live.fail, "unexpected")
+    assert outcome(worker).error.startswith("Internal error, KeyError")
+    worker.start(live.fail, "dies")
+    assert "ended" in outcome(worker).error
+    worker.start(live.count, 1)  # and a new process takes over
+    assert outcome(worker).result == 1
+
+
+def test_stop_ends_the_process(worker, tmp_path):
+    worker.start(live.forever, str(tmp_path / "pid"))
+    while worker.progress != "never ends":
+        assert worker.poll() is None
+        time.sleep(0.01)
+    pid = int((tmp_path / "pid").read_text())
+    worker.stop()
+    assert gone(pid) and not worker.busy and worker.poll() is None
+
+
+# -- the workbench -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bench():
+    made = Workbench(limit=300_000)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def data():
+    return live.hidden()
+
+
+@pytest.fixture(scope="module")
+def climbed(data):
+    """A workbench after a diagnosis of a model file and one addition; it is stepped on by the tests below."""
+    u, y = data
+    made = Workbench()
+    made.upload("stage.csv", live.csv(u=u, y=y))
+    made.choose(units={"u": "V", "y": "mm"})
+    made.upload_model("base.json", live.linear_model(u, y))
+    made.diagnose()
+    made.wait()
+    assert not made.error, made.error
+    made.add("dead_zone")
+    made.wait()
+    assert not made.error, made.error
+    yield made
+    made.close()
+
+
+def test_an_upload_is_read_at_once_where_its_columns_are_clear(bench, data):
+    u, y = data
+    bench.upload("stage.csv", live.csv(u=u, y=y))
+    assert not bench.error and len(bench.record) == len(u) and bench.record.name == "stage"
+    assert (bench.choice.t, bench.choice.u, bench.choice.y) == ("t", "u", "y") and "<svg" in bench.preview
+
+
+def test_names_of_files_are_shown_and_never_followed(bench, data, tmp_path):
+    u, y = data
+    for name in ("../../../tmp/evil.csv", "/etc/passwd.csv", "..\\..\\evil.csv", "a\0b\n.csv", "x" * 300 + ".csv"):
+        bench.upload(name, live.csv(u=u, y=y))
+        assert not bench.error, bench.error
+        assert bench.path.parent.parent == bench.folder and bench.path.stem.isidentifier()
+        assert len(list(bench.folder.iterdir())) == 1  # the one before is gone
+        assert len(bench.file) <= 80 and bench.file.isprintable() and "/" not in bench.file
+    assert stat.S_IMODE(bench.folder.stat().st_mode) == 0o700
+    bench.close()
+    assert not bench.folder.exists()
+
+
+@pytest.mark.parametrize(
+    "name, content, why",
+    [
+        ("a.csv", b"", "empty"), ("a.exe", b"t,u,y\n", "text file"), ("a.npz", b"PK", "text file"),
+        ("a.csv", b"x" * 300_001, "at most 0.3 MB"), ("a.csv", b"1,2,3\n4,5,6\n", "header"),
+        ("a.csv", b"t,u,y\n0,1,2\n", "At least|at least"), ("a.csv", b"\0\1\2,\3", "binary"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_no_data_is_one_message(bench, data, name, content, why):
+    import re
+
+    bench.upload("good.csv", live.csv(u=data[0], y=data[1]))
+    bench.upload(name, content)
+    assert re.search(why, bench.error) and str(bench.folder) not in bench.error and "\n" not in bench.error
+
+
+def test_a_refused_file_leaves_the_data_as_they_were(bench, data):
+    bench.upload("good.csv", live.csv(u=data[0], y=data[1]))
+    bench.upload("bad.exe", b"x")
+    bench.upload("bad.csv", b"")
+    assert bench.error and bench.file == "good.csv" and bench.record is not None and bench.path.exists()
+    assert len(list(bench.folder.iterdir())) == 1
+
+
+def test_the_example(bench):
+    bench.example()
+    assert not bench.error and len(bench.record) == 2000 and bench.choice.units["y"] == "mm"
+    assert "[mm]" in bench.preview
+
+
+def test_a_file_of_the_user_stays(bench, data, tmp_path):
+    own = tmp_path / "own.csv"
+    own.write_bytes(live.csv(u=data[0], y=data[1]))
+    bench.open(own)
+    bench.example()
+    bench.close()
+    assert own.exists() and not bench.error
+
+
+@pytest.mark.parametrize(
+    "changed, why",
+    [
+        ({"u": "y"}, "same column"), ({"u": ""}, "Choose the columns"), ({"rows": "5:3"}, "row"),
+        ({"rows": "a"}, "Rows A:B"), ({"Ts": "fast"}, "Sampling time must be a number"), ({"Ts": "-1"}, "positive|> 0"),
+        ({"y": "word"}, "has text"), ({"t": ""}, "Sampling time"), ({"u": "nobody"}, "no column"),
+    ],
+)  # fmt: skip
+def test_a_choice_that_cannot_be_read_is_one_message(bench, data, changed, why):
+    import re
+
+    u, y = data
+    lines = live.csv(u=u, y=y).decode().splitlines()
+    text = "\n".join([lines[0] + ",word", *(line + ",a" for line in lines[1:])])
+    bench.upload("stage.csv", text.encode())
+    bench.choose(**changed)
+    assert re.search(why, bench.error), bench.error
+    assert bench.record is None and "--" not in bench.error and str(bench.folder) not in bench.error
+
+
+def test_a_column_called_like_markup_is_a_channel_with_a_plain_name(bench, data):
+    u, y = data
+    bench.upload("stage.csv", live.csv("t,u,y,<script>alert(1)</script>", u=u, y=y, c=u))
+    bench.choose(channels=["<script>alert(1)</script>"])
+    assert list(bench.record.channels) == ["script_alert_1_script"]
+
+
+def test_nothing_begins_before_what_it_needs(bench):
+    for do, why in (
+        (bench.diagnose, "data"), (lambda: bench.add("backlash"), "Diagnose"), (lambda: bench.edit("", "1"), "Diagnose"),
+        (bench.back, "no step"), (bench.open_law, "Diagnose"), (lambda: bench.choose(u="u"), "Drop a data file"),
+        (lambda: bench.choose_base("cubic"), "Unknown base"),
+    ):  # fmt: skip
+        do()
+        assert why in bench.error and not bench.busy
+    with pytest.raises(ns.errors.ModelError):
+        bench.download("model.json")
+
+
+@pytest.mark.parametrize("content", (b"{}", b"no json", b'{"schema": 1}', b"[" * 10_000))
+def test_a_file_that_is_no_model_is_one_message(bench, content):
+    bench.upload_model("m.json", content)
+    assert bench.error.startswith("m.json") and bench.base == "linear"
+
+
+def test_the_error_falls_and_a_step_back_brings_it_back(climbed):
+    base, added = (r["validation"] for r in climbed.ladder)
+    assert climbed.ladder[1]["name"] == "+ dead_zone" and added < 0.2 * base and added < 1.2 * climbed.floor
+    rungs = list(climbed.rungs)
+    climbed.back()
+    assert climbed.rungs == rungs[:1] and not climbed.error
+    assert any(c.effect == "dead_zone" for c in climbed.rung.found.candidates)
+    climbed.rungs = rungs
+
+
+def test_every_part_of_the_report_is_there(climbed):
+    shown = climbed.rung.shown
+    assert {"verdict", "ladder", "candidates", "compare", "where", "model", "derived"} <= set(shown.html)
+    assert "dead zone" in shown.html["ladder"] and "<script" not in "".join(shown.html.values())
+    assert "Bokeh" in shown.script and "[mm]" in shown.html["ladder"]
+
+
+def test_bad_text_changes_nothing_and_starts_nothing(climbed):
+    rungs = list(climbed.rungs)
+    for text in ("u[k-1]**2+", "__import__('os').system('true')", "open('/etc/passwd')"):
+        climbed.edit("", text)
+        assert climbed.error and "\n" not in climbed.error and not climbed.busy and climbed.rungs == rungs
+
+
+def test_a_term_given_as_text_is_fitted(climbed):
+    rungs = list(climbed.rungs)
+    name = next(n for n, term in climbed.terms.items() if term == "y[k-2]")
+    climbed.edit(name, "y[k-3]")
+    climbed.wait()
+    assert not climbed.error and climbed.terms[name] == "y[k-3]"
+    assert (
+        climbed.ladder[-1]["validation"] > climbed.ladder[-2]["validation"] and "y[k-3]" in climbed.ladder[-1]["name"]
+    )
+    assert "<html" in climbed.download("report.html")[1]  # the report tells this way too
+    climbed.back()
+    assert climbed.rungs == rungs
+
+
+def test_cancel_ends_the_work_and_leaves_everything(climbed):
+    rungs, law = list(climbed.rungs), climbed.law
+    climbed.add("hysteresis")
+    assert climbed.busy
+    while climbed.worker.progress == "starting":
+        climbed.poll()
+        time.sleep(0.01)
+    pid = climbed.worker._process.pid
+    climbed.add("backlash")
+    assert "under way" in climbed.error and climbed.busy
+    climbed.cancel()
+    assert gone(pid) and not climbed.busy
+    climbed.poll()
+    assert climbed.rungs == rungs and climbed.law is law
+
+
+def test_the_law_and_its_limits(climbed):
+    climbed.open_law("-3", "3", "0.5")
+    climbed.wait()
+    assert not climbed.error and climbed.law.code and "m_{k}" in climbed.law.latex and "<math" in climbed.law.html
+    limited = climbed.law.code
+    climbed.open_law()
+    climbed.wait()
+    assert climbed.law.code != limited
+    for fields in (("1", ""), ("2", "1"), ("a", "b"), ("", "", "-1")):
+        climbed.open_law(*fields)
+        assert climbed.error and not climbed.busy
+
+
+def test_downloads(climbed, tmp_path):
+    from narx_sym.files.store import load
+
+    name, content = climbed.download("model.json")
+    (tmp_path / name).write_text(content)
+    model = load(tmp_path / name)
+    assert name == "stage_model.json" and model.info["effects"][0]["effect"] == "dead_zone"
+    assert r"\begin{document}" in climbed.download("model.tex")[1] and "double" in climbed.download("model.c")[1]
+    report = climbed.download("report.html")[1]
+    assert "dead zone" in report and "stage" in report and str(climbed.folder) not in report
+    for kind in ("../../etc/passwd", "model", ""):
+        with pytest.raises(ns.errors.ModelError):
+            climbed.download(kind)
+
+
+def test_why_there_is_no_law():
+    from narx_sym.app.jobs import law_of
+
+    model = ns.NARX.from_terms(["y[k-1]"], [0.5])
+    assert "no input" in law_of(model, None, None, lambda what: None).why_not
+
+
+def test_small_things():
+    assert shortened("C:\\x\\a.csv") == "a.csv" and shortened("\n\0") == "file"
+    assert (lambda c: (c.t, c.u, c.y))(guessed(["Time", "Input", "Output"])) == ("Time", "Input", "Output")
+    assert (lambda c: (c.t, c.u, c.y))(guessed(["a", "b"])) == ("", "a", "b")
+
+
+def test_an_effect_of_the_catalogue_is_pickled_by_name():
+    import pickle
+
+    one = ns.EFFECTS["hysteresis"][0]
+    assert pickle.loads(pickle.dumps(one)) is one
+
+
+# -- the guard -----------------------------------------------------------------------------------------------------
+
+
+def ask(scope, body=(b"",), limit=10):
+    """Ask a guard before an application that reads everything: status, headers, whether the application was asked."""
+    sent, asked = [], []
+
+    async def app(scope, receive, send):
+        asked.append(True)
+        while (await receive()).get("more_body"):
+            pass
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.body", "body": b"ok"})
+
+    parts = [{"type": "http.request", "body": b, "more_body": i + 1 < len(body)} for i, b in enumerate(body)]
+
+    async def receive():
+        return parts.pop(0)
+
+    async def send(message):
+        sent.append(message)
+
+    asyncio.run(Guard(app, 8000, limit)(scope, receive, send))
+    return sent[0].get("status", sent[0]["type"]), dict(sent[0].get("headers", ())), bool(asked)
+
+
+def http(method="GET", host="127.0.0.1:8000", origin=None, kind="http", **more):
+    headers = [(b"host", host.encode())] if host is not None else []
+    headers += [(b"origin", origin.encode())] if origin is not None else []
+    headers += [(n.replace("_", "-").encode(), v.encode()) for n, v in more.items()]
+    return {"type": kind, "method": method, "path": "/", "headers": headers}
+
+
+OWN = "http://127.0.0.1:8000"
+
+
+@pytest.mark.parametrize(
+    "scope, status",
+    [
+        (http(), 200), (http(host="localhost:8000"), 200), (http(host="LOCALHOST:8000"), 200),
+        (http(host="evil.example:8000"), 403), (http(host="127.0.0.1"), 403), (http(host="127.0.0.1:9000"), 403),
+        (http(host=None), 403), (http(host="127.0.0.1:8000.evil.example"), 403),
+        (http(origin="http://evil.example"), 403), (http(origin="null"), 403), (http(origin=OWN), 200),
+        (http("POST"), 403), (http("POST", origin="http://evil.example"), 403), (http("POST", origin=OWN), 200),
+        (http("POST", origin="https://127.0.0.1:8000"), 403), (http("POST", origin="http://127.0.0.1:9000"), 403),
+        (http("DELETE"), 403), (http("POST", origin=OWN, content_length="11"), 413),
+        (http("POST", origin=OWN, content_length="-1"), 413), (http("POST", origin=OWN, content_length="10"), 200),
+        (http(kind="websocket"), "websocket.close"),
+        (http(kind="websocket", origin="http://evil.example"), "websocket.close"),
+        (http(kind="websocket", host="evil.example", origin=OWN), "websocket.close"),
+    ],
+)  # fmt: skip
+def test_who_is_let_in(scope, status):
+    got, headers, asked = ask(scope)
+    assert got == status and asked == (status == 200)
+    if scope["type"] == "http":
+        assert b"frame-ancestors 'none'" in headers[b"content-security-policy"]
+
+
+def test_two_hosts_are_refused():
+    scope = http()
+    scope["headers"].append((b"host", b"127.0.0.1:8000"))
+    assert ask(scope)[0] == 403
+
+
+def test_a_body_that_hides_its_length_is_counted():
+    scope = http("POST", origin=OWN)
+    assert ask(scope, (b"12345", b"67890"))[0] == 200
+    assert ask(scope, (b"12345", b"67890", b"1"))[0] == 413
+
+
+# -- the command ---------------------------------------------------------------------------------------------------
+
+
+def test_without_the_extra_the_command_says_what_to_install(run, monkeypatch):
+    monkeypatch.setattr(command, "find_spec", lambda name: None)
+    code, out, err = run("app")
+    assert code == 2 and 'pip install "narx-sym[app]"' in err and "Traceback" not in err and not out
+
+
+def test_a_file_that_is_not_there_ends_the_command(run, monkeypatch, tmp_path):
+    monkeypatch.setattr(command, "find_spec", lambda name: object())
+    monkeypatch.setattr(cli.live, "find_spec", lambda name: object())
+    monkeypatch.setitem(__import__("sys").modules, "narx_sym.app.server", type("none", (), {"serve": None}))
+    code, _, err = run("app", tmp_path / "nobody.csv")
+    assert code == 2 and "no such file" in err and "Traceback" not in err
+
+
+def test_the_experiment_is_told_without_scripts_in_its_markup(stage_diagnosis):
+    """A diagnosis that leaves two effects proposes an experiment, which can be zoomed too."""
+    from narx_sym.app.jobs import Rung
+    from narx_sym.app.story import told
+
+    assert stage_diagnosis.verdict == "confused"
+    made = told([Rung("linear base", stage_diagnosis, stage_diagnosis.model)], {"u": "rad", "y": "mm"})
+    assert "next.csv" in made.html["experiment"] and made.script.count("Bokeh") > 1
+    assert "<script" not in "".join(made.html.values())

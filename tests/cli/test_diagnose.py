@@ -1,0 +1,264 @@
+"""The commands about effects: diagnose, add, effects, and where a model fails; files, errors, and the same twice."""
+
+import hashlib
+import json
+import sys
+
+import numpy as np
+import pytest
+
+import narx_sym as ns
+from narx_sym.cli import main as cli
+
+N, TS, DEAD, NOISE = 1500, 0.01, 0.6, 0.01
+STEP_KEYS = {
+    "verdict", "confusion_set", "base", "candidates", "smallest_detectable", "where_it_fails", "experiment",
+}  # fmt: skip
+CANDIDATE_KEYS = {
+    "effect", "where", "parameters", "latex", "share_of_removable_error", "p_value", "sentence", "nrmse",
+}  # fmt: skip
+OWN = """
+[[effect]]
+id = "my_slack"
+where = "input"
+z = "-Max(-w, Min(w, x[k]))"
+scan = { w = "amplitude" }
+sign = 1
+sentence = "My own slack: small inputs are lost."
+"""
+INVERSE = {"input": "y", "output": "u", "lead": 1, "terms": ["u[k-1]", "y[k-1]"], "theta": [0.5, 1.0], "info": {}}
+INVERSE |= {"symbols": ["theta_1", "theta_2"], "std": None, "constraints": [], "operating_point": {}}
+
+
+def one_message(code, err):
+    """Whether a command failed with one message and no traceback."""
+    return code == 2 and "Traceback" not in err and "internal error" not in err
+
+
+def plant(u):
+    """A second-order lag, without anything of the package."""
+    y = np.zeros(u.size)
+    for k in range(2, u.size):
+        y[k] = 1.3 * y[k - 1] - 0.4 * y[k - 2] + 0.08 * u[k - 1]
+    return y
+
+
+def write(path, **columns):
+    t = np.arange(N) * TS
+    rows = np.column_stack([t, *columns.values()])
+    path.write_text(
+        ",".join(["t", *columns]) + "\n" + "\n".join(",".join(f"{v:.9g}" for v in row) for row in rows) + "\n"
+    )
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A record with a hidden dead zone, one where nothing is hidden, a linear model, and an effect as text."""
+    folder = tmp_path_factory.mktemp("diagnose")
+    rng = np.random.default_rng(1)
+    white, noise = rng.standard_normal(N), NOISE * rng.standard_normal(N)
+    u = np.zeros(N)
+    for k in range(1, N):
+        u[k] = 0.9 * u[k - 1] + 0.6 * white[k]
+    dead = np.sign(u) * np.maximum(np.abs(u) - DEAD, 0)
+    write(folder / "dead.csv", u=u, y=plant(dead) + noise, temp=rng.standard_normal(N))
+    write(folder / "null.csv", u=u, y=plant(u) + noise)
+    linear = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]", "1"])
+    linear.fit(ns.read(folder / "null.csv"), method="free_run").save(folder / "linear.json")
+    (folder / "own.toml").write_text(OWN)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def diagnosed(files):
+    """The record with the dead zone, diagnosed once: what was printed, and the files."""
+    import contextlib
+    import io
+
+    out, err = io.StringIO(), io.StringIO()
+    arguments = [
+        "diagnose", "dead.csv", "--base", "linear.json", "--json", "d.json", "--save", "m.json", "--plot", "p.png",
+        "--units", "V,mm", "--report", "r.html",
+    ]  # fmt: skip
+    arguments = [str(files / a) if "." in a else a for a in arguments]
+    old, sys.argv = sys.argv, ["narx-sym", *arguments]
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as stop:
+            cli.main()
+    finally:
+        sys.argv = old
+    assert not stop.value.code, err.getvalue()
+    return out.getvalue(), err.getvalue()
+
+
+def test_names_the_hidden_effect(files, diagnosed):
+    text, err = diagnosed
+    assert "Diagnosing ..." in err
+    for expected in (
+        "named", "dead_zone is probably missing", "mm rms", "+ dead_zone", "noise floor", "Where it fails",
+        "What could not have been seen", "dead_zone *", "fitted on all samples", "Max(-0.",
+    ):  # fmt: skip
+        assert expected in text, text
+    for picture in ("p.png", "p_where.png"):
+        assert (files / picture).stat().st_size > 10_000
+    assert not list(files.glob("next.csv"))
+
+
+def test_json_has_the_published_form(files, diagnosed):
+    written = (files / "d.json").read_text()
+    data = json.loads(written, parse_constant=lambda name: pytest.fail(name))
+    assert data["schema"] == 1 and STEP_KEYS | {"schema", "seconds"} <= set(data)
+    assert data["verdict"] == "named" and data["confusion_set"] == ["dead_zone"] and data["experiment"] is None
+    assert {"latex", "terms", "theta", "nrmse"} <= set(data["base"])
+    assert {"train", "validation", "noise_floor"} <= set(data["base"]["nrmse"])
+    assert data["base"]["terms"] and len(data["base"]["terms"]) == len(data["base"]["theta"])
+    best = data["candidates"][0]
+    assert all(set(c) >= CANDIDATE_KEYS and {"train", "validation"} <= set(c["nrmse"]) for c in data["candidates"])
+    assert best["effect"] == "dead_zone" and best["where"] == "input" and best["share_of_removable_error"] > 0.95
+    assert best["parameters"] == pytest.approx({"c": 1, "r": DEAD}, rel=0.05)
+    assert data["base"]["nrmse"]["validation"] > 5 * best["nrmse"]["validation"]
+    assert data["smallest_detectable"]["backlash"] > 0
+    assert all({"panel", "share"} <= set(row) and row["share"] <= 1 for row in data["where_it_fails"])
+    # Sorted, and what differs from run to run comes last.
+    assert list(data)[:-1] == sorted(set(data) - {"seconds"}) and list(data)[-1] == "seconds"
+
+
+def test_report_names_its_data(files, diagnosed):
+    text, _ = diagnosed
+    page = (files / "r.html").read_text(encoding="utf-8")
+    assert "Report: " in text and "Dead zone is probably missing." in page
+    assert hashlib.sha256((files / "dead.csv").read_bytes()).hexdigest() in page and "linear.json" in page
+
+
+def test_saved_model_is_read_and_fits(files, diagnosed, run):
+    model = ns.load(files / "m.json")
+    assert model.info["effects"][0]["effect"] == "dead_zone" and model.Ts == TS
+    assert ns.evaluate(model, ns.read(files / "dead.csv")).free_run_nrmse < 0.02
+    code, text, err = run(
+        "simulate", files / "m.json", files / "dead.csv", "--input", "u", "--out", files / "y.csv", "--y0", "0"
+    )
+    assert code == 0, err
+    # With its effect nothing is missing any more, on the same data.
+    code, text, err = run("diagnose", files / "dead.csv", "--base", files / "m.json")
+    assert code == 0 and text.startswith("nothing_detectable"), (text, err)
+
+
+def test_same_data_and_seed_give_the_same_file(files, diagnosed, run):
+    again = files / "again.json"
+    code, _, err = run("diagnose", files / "dead.csv", "--base", files / "linear.json", "--json", again)
+    assert code == 0, err
+    first, second = ((files / name).read_text().splitlines() for name in ("d.json", "again.json"))
+    differ = [(a, b) for a, b in zip(first, second, strict=True) if a != b]
+    assert all('"seconds"' in a for a, _ in differ) and len(differ) <= 1
+
+
+def test_nothing_hidden_nothing_found(files, run, tmp_path):
+    code, text, err = run("diagnose", files / "null.csv", "--json", tmp_path / "n.json", "--save", tmp_path / "m.json")
+    assert code == 0, err
+    assert text.startswith("nothing_detectable") and "nothing was added" in err
+    data = json.loads((tmp_path / "n.json").read_text())
+    assert data["candidates"] == [] and data["confusion_set"] == [] and data["smallest_detectable"]
+    assert "steps" not in data and ns.load(tmp_path / "m.json").info["nrmse"]["free_run"] < 0.02
+
+
+def test_add(files, run, tmp_path):
+    out = tmp_path / "added.json"
+    arguments = ["add", files / "linear.json", "dead_zone", files / "dead.csv", "--out", out]
+    code, text, err = run(*arguments, "--where", "input")
+    assert code == 0, err
+    assert "before, fitted to these data" in text and "with dead_zone" in text and "v[k] = u[k]" in text
+    model = ns.load(out)
+    assert model.values and ns.evaluate(model, ns.read(files / "dead.csv")).free_run_nrmse < 0.02
+    for wrong, expected in {
+        ("--where", "output"): "does not act at 'output'",
+        ("--rows", "0:10"): "too few",
+    }.items():
+        code, _, err = run(*arguments, *wrong)
+        assert one_message(code, err) and expected in err, err
+    code, _, err = run("add", files / "linear.json", "magic", files / "dead.csv", "--out", out)
+    assert one_message(code, err) and "Unknown effect 'magic'" in err and "backlash" in err
+    code, _, err = run("add", files / "linear.json", "channel:load", files / "dead.csv", "--out", out)
+    assert one_message(code, err) and "no column 'load'" in err
+
+
+def test_own_effect_from_a_file(files, run, tmp_path):
+    out = tmp_path / "d.json"
+    code, text, err = run(
+        "diagnose", files / "dead.csv", "--base", files / "linear.json", "--effects", files / "own.toml", "--json", out,
+        "--max-effects", "2",
+    )  # fmt: skip
+    assert code == 0, err
+    data = json.loads(out.read_text())
+    own = next(c for c in data["candidates"] if c["effect"] == "my_slack")
+    assert own["parameters"]["w"] == pytest.approx(DEAD, rel=0.05)
+    # It is the dead zone by another name: these data cannot tell them apart, and no experiment can.
+    assert data["verdict"] == "confused" and set(data["confusion_set"]) == {"dead_zone", "my_slack"}
+    assert data["experiment"]["file"] == "next.csv" and "next.csv" in text
+    proposed = ns.read(tmp_path / "next.csv", u="u", y="u")
+    assert proposed.Ts == pytest.approx(TS) and np.abs(proposed.u).max() <= np.abs(ns.read(files / "dead.csv").u).max()
+    assert len(data["steps"]) == 2 and all(STEP_KEYS <= set(s) for s in data["steps"]) and "Step 2: Nothing is" in text
+    assert data["steps"][0]["candidates"] == data["candidates"] and data["steps"][1]["verdict"] == "nothing_detectable"
+    assert "my_slack" not in ns.EFFECTS
+    code, text, err = run("effects", "--effects", files / "own.toml")
+    assert code == 0 and "My own slack" in text
+
+
+def test_effects_in_words(run):
+    code, text, err = run("effects")
+    assert code == 0, err
+    for name, forms in ns.EFFECTS.items():
+        assert name in text and all(f.sentence in text and f.source in text for f in forms)
+    for expected in (
+        "p[k] = Max(", "exp(-Ts/tau)", "sensor_saturation", "channel:<name>", "in Hz", "at the input, driven by u",
+    ):  # fmt: skip
+        assert expected in text, expected
+    assert "-x[k-1] + x[k]" not in text
+
+
+def test_compare_says_where_it_fails(files, run, tmp_path):
+    picture = tmp_path / "c.png"
+    code, text, err = run(
+        "compare", files / "linear.json", files / "dead.csv", "--plot", picture, "--units", "V,mm"
+    )  # fmt: skip
+    assert code == 0, err
+    assert "Where it fails" in text and "mean error" in text and "mm" in text
+    assert picture.stat().st_size > 10_000 and (tmp_path / "c_where.png").stat().st_size > 10_000
+
+
+def test_bad_usage(files, run, tmp_path):
+    data = files / "dead.csv"
+    (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "constant.csv").write_text("t,u,y\n" + "".join(f"{k * 0.01:.2f},3,{k}\n" for k in range(100)))
+    (tmp_path / "broken.toml").write_text("[[effect]]\nid = 'x'\n")
+    inverse = tmp_path / "inverse.json"
+    inverse.write_text(json.dumps(json.loads((files / "linear.json").read_text()) | INVERSE))
+    linear = files / "linear.json"
+    for arguments, expected in {
+        (data, "--max-effects", 0): "--max-effects",
+        (data, "--base", "cubic"): "Unknown base 'cubic'",
+        (data, "--base", tmp_path / "broken.json"): "not a model file",
+        (data, "--base", tmp_path / "absent.json"): "no such model",
+        (data, "--base", inverse): "inverse model",
+        (data, "--base", linear, "--channels", "load"): "no column 'load'",
+        (data, "--base", linear, "--rows", "0:10"): "10 samples are too few",
+        (data, "--rows", "0:10"): "10 samples are too few",
+        (tmp_path / "constant.csv",): "input is constant",
+        (tmp_path / "absent.csv",): "no such file",
+        (data, "--effects", tmp_path / "broken.toml"): "'where' is missing",
+        (data, "--effects", tmp_path / "absent.toml"): "no such file",
+        (data, "--json", data): "is read by this command",
+        (data, "--json", tmp_path / "no" / "d.json"): "does not exist",
+        (data, "--json", tmp_path / "a.json", "--save", tmp_path / "a.json"): "same file",
+        (data, "--plot", tmp_path / "p.xyz"): "pictures end in",
+    }.items():
+        code, _, err = run("diagnose", *arguments)
+        assert one_message(code, err), (arguments, code, err)
+        assert expected in " ".join(err.split()), (arguments, err)
+
+
+def test_help(run):
+    for command in ("diagnose", "add", "effects"):
+        code, text, _ = run(command, "--help")
+        assert code == 0 and "Usage" in text
+    code, text, _ = run("diagnose", "--help")
+    assert "seconds" in text

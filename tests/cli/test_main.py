@@ -1,0 +1,243 @@
+"""The command line: the main commands on real and simulated files, and one clear message for every bad input."""
+
+import json
+
+import numpy as np
+import pytest
+from places import SHARED, needs_shared
+
+import narx_sym as ns
+
+TERMS = ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"]
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """A short record of the simulated actuator and a model of it, as files."""
+    folder = tmp_path_factory.mktemp("bench")
+    u = ns.plants.filtered_noise(N=6000, Ts=5e-3, peak=75.0, seed=3)
+    record = ns.Record.from_arrays(u, ns.plants.bouc_wen(u, Ts=5e-3), Ts=5e-3)
+    lines = [f"{t:.3f},{a:.9g},{b:.9g}" for t, a, b in zip(record.t, record.u, record.y, strict=True)]
+    (folder / "data.csv").write_text("t,u,y\n" + "\n".join(lines) + "\n")
+    model = ns.NARX.from_terms(TERMS).fit(record, ["continuum"])
+    ns.save(model, folder / "model.json")
+    t = np.arange(800) * 5e-3
+    r = 30 * np.sin(2 * np.pi * t)
+    (folder / "ref.csv").write_text("t,r\n" + "\n".join(f"{a:.3f},{b:.9g}" for a, b in zip(t, r, strict=True)))
+    return folder
+
+
+def test_fit_compare_simulate(run, bench, tmp_path):
+    out = tmp_path / "m.json"
+    code, text, err = run("fit", bench / "data.csv", "--out", out, "--for-compensation")
+    assert code == 0, err
+    assert "free-run NRMSE" in text and "y[k-1]" in text
+    model = ns.load(out)
+    assert float(model.sigma_y.xreplace(model.values)) == 1.0
+    picture = tmp_path / "p.png"
+    code, text, err = run("compare", out, bench / "data.csv", "--rows", "0:2000", "--plot", picture, "--units", "V,um")
+    assert code == 0 and picture.stat().st_size > 10_000, err
+    code, text, err = run("simulate", out, bench / "data.csv", "--input", "u", "--out", tmp_path / "y.csv", "--y0", "0")
+    assert code == 0, err
+    simulated = ns.read(tmp_path / "y.csv")
+    measured = ns.read(bench / "data.csv")
+    assert ns.metrics.nrmse(measured.y, simulated.y) < 0.1
+
+
+def test_derive_writes_latex_and_picture(run, bench, tmp_path):
+    code, text, err = run("derive", bench / "model.json", "--latex", tmp_path / "d.tex", "--plot", tmp_path / "q.png")
+    assert code == 0, err
+    for expected in ("Sigma_y", "theta_1 = 1", "continuum", "attracting where", "none is violated", "m[k] ="):
+        assert expected in text
+    document = (tmp_path / "d.tex").read_text()
+    assert r"\phi_{1,\,k-1}" in document and r"\end{document}" in document
+    assert (tmp_path / "q.png").stat().st_size > 10_000
+
+
+def test_compensate_tracks_and_compare_reads_the_log(run, bench, tmp_path):
+    code, text, err = run(
+        "compensate", bench / "model.json", "--latex", tmp_path / "law.tex",
+        "--reference", bench / "ref.csv", "--out", tmp_path / "m.csv",
+    )  # fmt: skip
+    assert code == 0, err
+    assert "m[k] =" in text and "NSAVI" in text and (tmp_path / "law.tex").exists()
+    log = ns.read(tmp_path / "m.csv", u="m", y="r")
+    y = ns.plants.bouc_wen(log.u, Ts=5e-3)
+    assert ns.mape(log.y, y) < 0.5 * ns.mape(log.y, ns.plants.bouc_wen(log.y, Ts=5e-3))
+    lines = [f"{a:.3f},{b:.9g},{c:.9g},{d:.9g}" for a, b, c, d in zip(log.t, log.y, log.u, y, strict=True)]
+    (tmp_path / "log.csv").write_text("t,r,m,y\n" + "\n".join(lines))
+    code, text, err = run(
+        "compare", bench / "model.json", tmp_path / "log.csv", "--input", "m", "--reference", "r", "--no-plot"
+    )
+    assert code == 0, err
+    assert f"{ns.mape(log.y, y):.4g}" in text and f"{ns.nsavi(log.u, log.y):.4g}" in text
+
+
+def test_compensate_exports_the_law(run, bench, tmp_path):
+    code, text, err = run("compensate", bench / "model.json", "--c", tmp_path / "law.c", "--st", tmp_path / "law.st")
+    assert code == 0 and not err and "C99 source" in text and "Structured Text" in text
+    law = ns.load(bench / "model.json").compensator()
+    assert (tmp_path / "law.c").read_text() == law.to_c() and (tmp_path / "law.st").read_text() == law.to_st()
+    code, _, err = run("compensate", bench / "model.json", "--st", bench / "model.json")
+    assert code == 2 and "is read by this command" in err
+
+
+def test_version_and_help(run):
+    code, text, _ = run("--version")
+    assert code == 0 and text.strip() == ns.__version__
+    for command in ("fit", "derive", "compare", "compensate", "simulate", "demo"):
+        code, text, _ = run(command, "--help")
+        assert code == 0 and "Usage" in text
+
+
+def rows(n, u="{k}", y="{k}", t="{t:.3f}"):
+    return "".join(f"{t},{u},{y}\n".format(k=k, t=k * 0.01, s=np.sin(k)) for k in range(n))
+
+
+BAD = {
+    "empty file": ("", "empty"),
+    "header only": ("t,u,y\n", "no data rows"),
+    "one row": ("t,u,y\n0,1,2\n", "at least 2"),
+    "constant input": ("t,u,y\n" + rows(100, u="3"), "input is constant"),
+    "constant output": ("t,u,y\n" + rows(100, y="3"), "output is constant"),
+    "nan": ("t,u,y\n" + rows(50) + "0.5,nan,1\n" + "0.51,1,1\n", "column 'u'"),
+    "text": ("t,u,y\n" + rows(50) + "0.5,oops,1\n", "'oops'"),
+    "unequal rows": ("t,u,y\n0,1,2,3\n" + rows(50), "4 values"),
+    "decreasing time": ("t,u,y\n" + rows(50) + "0.2,1,1\n", "time"),
+    "unknown column": ("t,a,b\n" + rows(50), "no column 'u'"),
+    "no time": ("u,y\n" + "".join(f"{k},{k}\n" for k in range(50)), "--ts"),
+    "too few samples": ("t,u,y\n" + rows(10, u="{s}", y="{s}"), "10 samples are too few"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_data_gives_one_message(run, tmp_path, name):
+    content, expected = BAD[name]
+    path = tmp_path / "bad.csv"
+    path.write_text(content)
+    code, out, err = run("fit", path, "--out", tmp_path / "m.json")
+    assert code == 2, (out, err)
+    message = [line for line in err.splitlines() if line.startswith("narx-sym:")]
+    assert len(message) == 1 and expected in message[0] and "Traceback" not in err
+    assert not (tmp_path / "m.json").exists()
+
+
+MODEL = {
+    "schema": 1,
+    "kind": "narx",
+    "input": "u",
+    "output": "y",
+    "terms": ["y[k-1]", "u[k-1]"],
+    "theta": [0.5, 1.0],
+}
+BAD_MODELS = {
+    "not json": ("{", "JSON"),
+    "a list": ("[]", "schema"),
+    "foreign schema": (json.dumps({"schema": 99}), "99"),
+    "no schema": (json.dumps({"terms": []}), "schema"),
+    "unknown field": (json.dumps(MODEL | {"__class__": "os"}), "unknown field"),
+    "code in a term": (
+        json.dumps(MODEL | {"terms": ["__import__('os').system('x')", "u[k-1]"]}),
+        "Cannot read",
+    ),
+    "huge power": (json.dumps(MODEL | {"terms": ["y[k-1]", "u[k-1]**9**9**9"]}), "power"),
+    "too few values": (json.dumps(MODEL | {"theta": [1.0]}), "2 parameters"),
+    "text as value": (json.dumps(MODEL | {"theta": ["a", 1.0]}), "theta"),
+    "infinite value": (
+        '{"schema": 1, "kind": "narx", "input": "u", "output": "y", "terms": ["y[k-1]"], "theta": [1e999]}',
+        "too large",
+    ),
+    "wrong kind": (json.dumps(MODEL | {"kind": "exe"}), "kind"),
+    "operating point": (json.dumps(MODEL | {"operating_point": {"q": 1}}), "operating_point"),
+    "lead": (json.dumps(MODEL | {"lead": -1}), "lead"),
+    "repeated term": (json.dumps(MODEL | {"terms": ["u[k-1]", "u[k-1]"]}), "twice"),
+    "deep": ("[" * 100_000, "JSON"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_MODELS)
+def test_bad_model_gives_one_message(run, tmp_path, name):
+    content, expected = BAD_MODELS[name]
+    path = tmp_path / "bad.json"
+    path.write_text(content)
+    code, out, err = run("derive", path)
+    assert code == 2 and expected in err and "Traceback" not in err, (out, err)
+
+
+def test_bad_usage(run, bench, tmp_path):
+    for arguments, expected in {
+        ("fit",): "Missing argument",
+        ("nonsense",): "No such command",
+        ("fit", tmp_path / "no.csv", "--out", tmp_path / "m.json"): "no such file",
+        ("fit", bench / "data.csv", "--out", tmp_path / "no" / "m.json"): "does not exist",
+        ("fit", bench / "data.csv", "--out", tmp_path / "m.json", "--base", "cubic"): "Unknown base",
+        ("fit", bench / "data.csv", "--out", tmp_path / "m.json", "--rows", "a:b"): "--rows A:B",
+        ("fit", bench / "data.csv", "--out", tmp_path / "m.json", "--delay", "500"): "--delay",
+        ("fit", bench / "data.csv", "--out", tmp_path / "m.json", "--method", "foo"): "Unknown method 'foo'",
+        ("fit", bench / "data.csv", "--out", bench / "data.csv"): "is read by this command",
+        ("compensate", bench / "model.json", "--latex", bench / "model.json"): "is read by this command",
+        ("compare", bench / "model.json", bench / "data.csv", "--plot", bench / "data.csv"): "is read by this command",
+        ("fit", bench / "data.csv", "--out", tmp_path / "m.json", "--rows", "0:50", "--n-u", "60", "--degree", "1"): "shorter than the largest lag",
+        ("fit", bench / "data.csv", "--out", tmp_path / "m.json", "--n-u", "60"): "The pool would have",
+        ("derive", tmp_path / "no.json"): "no such model",
+        ("compensate", bench / "model.json", "--reference", bench / "ref.csv"): "belong together",
+        ("compensate", bench / "model.json", "--reference", bench / "ref.csv", "--column", "q", "--out", tmp_path / "m.csv"): "no column 'q'",
+        ("compare", bench / "model.json", bench / "data.csv", "--plot", tmp_path / "p.xyz"): "pictures end in",
+        ("compare", bench / "model.json", bench / "data.csv", "--channels", "temp"): "no column 'temp'",
+    }.items():  # fmt: skip
+        code, _, err = run(*arguments)
+        assert code == 2 and expected in " ".join(err.split()), (arguments, err)
+        assert "Traceback" not in err
+
+
+def test_not_invertible_names_term_and_assumption(run, tmp_path):
+    path = tmp_path / "m.json"
+    ns.save(ns.NARX.from_terms(["y[k-1]", "phi2[k-1]*y[k-1]"], [1.0, 0.1]), path)
+    code, _, err = run("compensate", path)
+    assert code == 2 and "phi2[k-1]*y[k-1]" in err and "A1(i)" in err
+
+
+def test_diverging_simulation_is_said(run, tmp_path, bench):
+    path = tmp_path / "m.json"
+    ns.save(ns.NARX.from_terms(["y[k-1]", "y[k-1]**3", "u[k-1]"], [1.5, 1.0, 1.0]), path)
+    code, _, err = run("simulate", path, bench / "data.csv", "--input", "u", "--out", tmp_path / "y.csv", "--y0", "1")
+    assert code == 2 and "diverges" in err and not (tmp_path / "y.csv").exists()
+
+
+@needs_shared
+def test_real_piezo(run, tmp_path):
+    train = SHARED / "piezo_dbo" / "train_1Hz_full_range.csv"
+    test = SHARED / "piezo_dbo" / "test_varying_amplitude.csv"
+    out = tmp_path / "m.json"
+    code, _, err = run("fit", train, "--rows", "20:", "--base", "narx", "--for-compensation", "--out", out)
+    assert code == 0, err
+    model = ns.load(out)
+    code, _, err = run("compare", out, test, "--rows", "20:5000", "--plot", tmp_path / "c.png", "--units", "V,um")
+    assert code == 0, err
+    code, text, err = run("derive", out)
+    assert code == 0 and "attracting where" in text, err
+    # The law's reference is an output: the measured one of the test file.
+    code, _, err = run(
+        "compensate",
+        out,
+        "--reference",
+        test,
+        "--column",
+        "y",
+        "--rows",
+        "20:5000",
+        "--out",
+        tmp_path / "m.csv",
+    )
+    assert code == 0, err
+    seen, unseen = ns.read(train, rows="20:"), ns.read(test, rows="20:5000")
+    static = ns.identify(seen, base="static")
+    assert ns.evaluate(model, seen).free_run_nrmse < 0.03
+    assert ns.evaluate(model, unseen).free_run_nrmse < 0.5 * ns.evaluate(static, unseen).free_run_nrmse
+
+
+@needs_shared
+def test_real_seal_friction_with_gaps_and_jitter(run, tmp_path):
+    data = SHARED / "pneumatic_seal_friction" / "Oring_1bar.csv"
+    code, _, err = run("fit", data, "--base", "static", "--out", tmp_path / "m.json")
+    assert code == 0 and "note:" in err

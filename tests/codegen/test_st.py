@@ -1,0 +1,182 @@
+"""Structured Text: a parser of the standard's grammar reads it, and walking its tree gives what Python gives."""
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+from exported import AWKWARD, SUBJECTS, valued
+from iec import IDENTIFIER, KEYWORDS, Block
+
+import narx_sym as ns
+from narx_sym.codegen.export import to_st
+from narx_sym.errors import ModelError
+from narx_sym.symbolic.recursion import Recursion
+from narx_sym.symbolic.signals import k, r, signal, u, y
+
+needs_blark = pytest.mark.skipif(importlib.util.find_spec("blark") is None, reason="blark is not installed here")
+MATIEC = os.environ.get("MATIEC")  # the folder of a built matiec: iec2c and lib
+needs_matiec = pytest.mark.skipif(
+    not (MATIEC and shutil.which("gcc")), reason="MATIEC does not name the folder of a matiec compiler"
+)
+N = 600
+p = signal("p")
+
+
+def scanned(block, subject, n=N):
+    """Scan a block over a subject's steps; its inputs stand in the order of the recursion's."""
+    steps = list(subject.steps(n).values())
+    takes = block.inputs[: len(steps)]
+    others = [name for name in block.inputs[len(steps) :] if name != "RESTART"]
+    rest = {name: subject.at_rest(re.sub(r"(_SIG\d*)?_REST$", "", name).lower()) for name in others}
+    rows = zip(*steps, strict=True) if steps else [()] * n
+    return np.array([block.scan(**dict(zip(takes, map(float, row), strict=True)), **rest) for row in rows])
+
+
+@needs_blark
+@pytest.mark.parametrize("name", SUBJECTS)
+def test_the_interpreted_text_agrees_with_python(name):
+    subject = SUBJECTS[name]
+    expected = subject.expected(N)
+    found = scanned(Block(subject.st("x1")), subject)
+    assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max() and np.ptp(expected) > 0
+
+
+WAVE = np.concatenate([np.zeros(5), np.sin(np.arange(60) / 4)])
+MIXED = ns.NARX.from_terms(
+    ["y[k-1]", "y[k-2]", "Max(u[k-1], y[k-1])", "sign(u[k-2])*u[k-1]", "u[k-3]"], [0.5, 0.1, 0.3, 0.2, 0.1]
+)
+
+
+def mixed(source):
+    block = Block(source)
+    return np.array([block.scan(U=x, Y_REST=0.4) for x in [0.0, *WAVE.tolist()]])[: WAVE.size]
+
+
+@needs_blark
+@pytest.mark.parametrize(
+    "wrong",
+    (
+        None, (" + ", " - "), ("y_past[1]", "y_past[2]"), ("y_past[2] := y_past[1];", ""), ("MAX", "MIN"),
+        ("> 0.0", "< 0.0"), ("u_past[1] := u;", ""), ("0.3", "0.31"), ("u_past[2] := u_past[1];", "u_past[2] := u;"),
+        ("u_past[2]", "u_past[3]"),
+    ),
+)  # fmt: skip
+def test_a_wrong_text_is_seen(wrong):
+    """What catches a wrong sign, a wrong shift of the state, a wrong function and a wrong index."""
+    expected = MIXED.simulate(WAVE, 0.4, u0=0.0)
+    start, end, step = MIXED.to_st("x1").partition("END_IF;")
+    if wrong is None:
+        assert np.abs(mixed(start + end + step) - expected).max() <= 1e-12
+        return
+    assert step.replace(*wrong, 1) != step
+    with pytest.raises(AssertionError, match=r"is not small|outside"):
+        gap = np.abs(mixed(start + end + step.replace(*wrong, 1)) - expected).max()
+        assert gap <= 1e-3, "is not small"
+
+
+@pytest.mark.parametrize("name", AWKWARD)
+def test_any_name_becomes_a_legal_one(name):
+    source = ns.Model(y[k - 1] / 2 + signal(name)[k - 1] + 2 * u[k], (), []).to_st("x1")
+    assert source.count("(*") == source.count("*)") == 1 and source.isascii() and "\\" not in source
+    declared = re.findall(r"^    (\w+) : ", source, re.M)
+    assert len({n.upper() for n in declared}) == len(declared) == 7
+    assert all(IDENTIFIER.fullmatch(n) and n.upper() not in KEYWORDS and len(n) <= 32 for n in declared)
+
+
+def test_names_that_differ_in_case_only_stay_two():
+    source = ns.Model(y[k - 1] / 2 + signal("Load")[k] + 2 * signal("LOAD")[k] + u[k], (), []).to_st()
+    assert len({line.split(":")[0].strip().lower() for line in re.findall(r"^ +\w+ : LREAL;", source, re.M)}) == 4
+
+
+@needs_blark
+def test_what_a_branch_needs_is_computed_in_it():
+    """A controller stops at a division by zero, also where its result is not used."""
+    shared = 1 / u[k] + u[k] / 2
+    recursion = Recursion(((y[k], sp.Piecewise((shared**2 + shared, u[k] > 0), (y[k - 1], True))),))
+    block = Block(to_st(recursion, {}, "x1"))
+    found = [block.scan(U=x, Y_REST=0.5) for x in (0.0, 2.0, 0.0, -1.0)]
+    assert found == pytest.approx([0.5, 3.75, 3.75, 3.75])
+
+
+@needs_blark
+def test_restart():
+    block = Block(ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0]).to_st())
+    first = [block.scan(U=x, Y_REST=0.2) for x in (1.0, 2.0)]
+    assert first == [1.1, 2.55]
+    again = [block.scan(U=1.0, Y_REST=0.2, RESTART=True), block.scan(U=2.0, RESTART=False)]
+    assert again == first
+
+
+@needs_blark
+def test_single_precision():
+    source = SUBJECTS["functions"].st("x1", single=True)
+    assert "LREAL" not in source and "REAL#0.428" in source
+    Block(source)
+
+
+@needs_blark
+def test_a_channel_from_a_file_cannot_bring_code():
+    linear = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5], Ts=0.01)
+    source = valued(linear, "channel:*) u := 9.0; (*").to_st()
+    block = Block(source)
+    assert "9.0" not in source.split("*)")[1] and block.inputs[0] == "U_9_0"
+
+
+def test_what_the_standard_does_not_have_is_refused():
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5])
+    for name in ("my law", "a__b", "a_", "1a", "_a", "if", "Max", "x" * 33):
+        with pytest.raises(ModelError, match="function block"):
+            model.to_st(name)
+    with pytest.raises(ModelError, match="rule for zeta"):
+        to_st(Recursion(((y[k], sp.zeta(u[k])),)), {})
+    with pytest.raises(ModelError, match="last case"):
+        to_st(Recursion(((y[k], sp.Piecewise((u[k], u[k] > 0))),)), {})
+    with pytest.raises(ModelError, match="No value"):
+        ns.NARX.from_terms(["y[k-1]"]).to_st()
+    with pytest.raises(ModelError, match="does not compute z"):
+        to_st(Recursion(((p[k], r[k]),)), {}, output="z")
+
+
+@needs_matiec
+@pytest.mark.parametrize("name", [n for n in SUBJECTS if n != "awkward"])  # its C has no room for a variable EOF
+def test_a_compiler_agrees(name, tmp_path):
+    """Matiec turns the text into C; that is compiled and run."""
+    subject, folder = SUBJECTS[name], Path(MATIEC)
+    (tmp_path / "x.st").write_text(subject.st("x1"))
+    made = subprocess.run(
+        [folder / "iec2c", "-I", folder / "lib", "x.st"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert made.returncode == 0, made.stderr
+    header = (tmp_path / "POUS.h").read_text()
+    variables = re.findall(r"__DECLARE_VAR\((\w+),(\w+)\)", header.split("FB private variables")[0])
+    inputs = [v for kind, v in variables if kind == "LREAL" and not v.endswith("_REST")]
+    steps = subject.steps(N)
+    output = inputs[len(steps)]
+    rest = [v for kind, v in variables if v.endswith("_REST")]
+    at_rest = [(v, subject.at_rest(re.sub(r"(_SIG\d*)?_REST$", "", v).lower())) for v in rest]
+    columns = max(1, len(steps))
+    (tmp_path / "main.c").write_text(
+        "\n".join(
+            [
+                '#include "iec_std_lib.h"', '#include "accessor.h"', '#include "POUS.h"', '#include "POUS.c"',
+                "TIME __CURRENT_TIME; BOOL __DEBUG;", "int main(void) {", "    static X1 s; double row[64];",
+                "    X1_init__(&s, 0);",
+                *(f"    s.{v}.value = {value!r};" for v, value in at_rest),
+                f"    while (fread(row, 8, {columns}, stdin) == {columns}) {{",
+                *(f"        s.{v}.value = row[{i}];" for i, v in enumerate(inputs[: len(steps)])),
+                f"        X1_body__(&s); fwrite(&s.{output}.value, 8, 1, stdout);", "    }", "    return 0; }",
+            ]
+        )
+    )  # fmt: skip
+    built = ["gcc", "-w", "-I", folder / "lib" / "C", "main.c", "-o", "x", "-lm"]
+    subprocess.run(built, cwd=tmp_path, check=True, capture_output=True)
+    rows = np.column_stack(list(steps.values())) if steps else np.zeros((N, 1))
+    ran = subprocess.run([tmp_path / "x"], input=rows.tobytes(), capture_output=True, check=True)
+    expected = subject.expected(N)
+    assert np.abs(np.frombuffer(ran.stdout) - expected).max() <= 1e-12 * np.abs(expected).max()

@@ -1,0 +1,571 @@
+"""Records, reading, regular time, writing: values and messages."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from places import PACKAGE, SHARED, needs_shared
+from scipy.io import savemat
+
+from narx_sym.data.record import Record, check_excitation, read, read_signal
+from narx_sym.data.timegrid import regular_time
+from narx_sym.errors import DataError, NarxError
+from narx_sym.files.atomic import write_csv, write_text
+
+
+def record(n=100, **more):
+    k = np.arange(n)
+    return Record.from_arrays(np.sin(0.1 * k), np.cos(0.1 * k), Ts=0.5, channels={"p": k}, **more)
+
+
+def put(folder, text, name="x.csv", encoding="utf-8"):
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode(encoding))
+    return path
+
+
+def message(call, *args, **kwargs):
+    with pytest.raises(DataError) as error:
+        call(*args, **kwargs)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+# ---------------------------------------------------------------- Record
+
+
+def test_record_holds_read_only_float_copies():
+    u = np.arange(5)
+    r = Record.from_arrays(u, pd.Series([1, 2, 3, 4, 5.5]), Ts=0.1, channels={"p": u[:, None]})
+    u[0] = 99
+    assert r.u[0] == 0 and r.channels["p"][0] == 0
+    for a in (r.u, r.y, r.t, r.channels["p"], r[1:].u):
+        assert a.dtype == np.float64 and a.ndim == 1 and a.flags.c_contiguous and not a.flags.writeable
+    with pytest.raises(AttributeError):
+        r.Ts = 3
+    np.testing.assert_allclose(r.t, [0, 0.1, 0.2, 0.3, 0.4])
+    assert len(r) == 5 and r.notes == () and r.breaks == ()
+
+
+def test_a_series_changed_later_does_not_change_the_record():
+    s = pd.Series([1.0, 2.0, 3.0])
+    r = Record.from_arrays(s, [0, 1, 2], Ts=1)
+    s.iloc[0] = 7
+    assert r.u[0] == 1
+
+
+def test_from_arrays_finds_Ts_from_stamps():
+    r = Record.from_arrays([1, 2, 3], [1, 2, 3], t=[5, 5.25, 5.5])
+    assert r.Ts == 0.25 and r.t[0] == 5
+    r = Record.from_arrays([1, 2, 3], [1, 2, 3], t=[5, 4, 3], Ts=2)  # the given Ts wins, and is said
+    assert r.Ts == 2 and r.t.tolist() == [0, 2, 4] and "not used" in r.notes[0]
+
+
+@pytest.mark.parametrize(
+    "u, y, more, words",
+    [
+        ([1, 2, 3], [1, 2], {"Ts": 1}, "u has 3 samples but y has 2"),
+        ([1, 2], [1, 2], {"Ts": 1, "channels": {"p": [1]}}, "channel p has 1"),
+        ([1, 2], [1, 2], {"t": [1, 2, 3]}, "t has 3"),
+        ([1], [1], {"Ts": 1}, "at least 2"),
+        ([1], [1], {"t": [1]}, "at least 2"),
+        ([], [], {"Ts": 1}, "at least 2"),
+        (
+            [1, np.nan, np.nan],
+            [1, 2, 3],
+            {"Ts": 1},
+            "u has 2 missing or infinite value(s), the first at index 1",
+        ),
+        ([1, 2], [1, np.inf], {"Ts": 1}, "y has 1 missing"),
+        (np.eye(3), [1, 2, 3], {"Ts": 1}, "shape (3, 3)"),
+        (["a", "b"], [1, 2], {"Ts": 1}, "u is not an array of real numbers"),
+        ([1j, 2], [1, 2], {"Ts": 1}, "real numbers"),
+        ([1, 2], [1, 2], {}, "no sampling time"),
+        ([1, 2], [1, 2], {"Ts": 0}, "positive number of seconds, not 0"),
+        ([1, 2], [1, 2], {"Ts": np.nan}, "positive"),
+        ([1, 2], [1, 2], {"Ts": "fast"}, "'fast'"),
+        ([1, 2, 3], [1, 2, 3], {"t": [0, 2, 1]}, "t[2]: time decreases"),
+    ],
+)
+def test_from_arrays_refuses(u, y, more, words):
+    assert words in message(Record.from_arrays, u, y, **more)
+
+
+def test_breaks_must_lie_inside():
+    x = np.arange(4.0)
+    for breaks in ((0,), (4,), (2, 2), (3, 1)):
+        assert "breaks" in message(Record, x, x, x, 1.0, breaks=breaks)
+
+
+def test_slices_carry_channels_breaks_and_notes():
+    r = record(30)
+    r = Record(r.u, r.y, r.t, r.Ts, r.channels, "b", ("said",), (10, 20))
+    s = r[5:25]
+    assert len(s) == 20 and s.breaks == (5, 15) and s.notes == ("said",) and s.name == "b" and s.Ts == 0.5
+    np.testing.assert_array_equal(s.channels["p"], np.arange(5, 25))
+    np.testing.assert_array_equal(s.t, r.t[5:25])
+    assert r[10:].breaks == (10,) and r[:10].breaks == () and r[-5:].breaks == ()
+    assert [len(p) for p in s.segments()] == [5, 10, 5]
+    assert all(p.breaks == () for p in s.segments())
+    np.testing.assert_array_equal(np.concatenate([p.u for p in s.segments()]), s.u)
+    assert [len(p) for p in r[9:].segments()] == [10, 10]  # one sample alone is no segment
+    assert len(record(7).segments()) == 1
+
+
+def test_slices_refuse():
+    r = record(30)
+    assert "step of a slice must be 1, not 2" in message(r.__getitem__, slice(0, 20, 2))
+    assert "at least 2" in message(r.__getitem__, slice(5, 6))
+    with pytest.raises(TypeError, match="slice"):
+        r[3]
+
+
+def test_split():
+    a, b = record(100).split(0.7)
+    assert len(a) == 70 and len(b) == 30 and b.channels["p"][0] == 70
+    for fraction in (0, 1, 0.001, 1.5, -0.2):
+        assert "fewer than 2" in message(record(100).split, fraction)
+
+
+def test_repr_is_one_line():
+    text = repr(record(101, name="run"))
+    assert "\n" not in text
+    for part in ("'run'", "N = 101", "Ts = 0.5 s", "50 s", "u in [-", "y in [", "p in [0, 100]"):
+        assert part in text
+
+
+def test_check_excitation():
+    check_excitation(record())
+    x = np.arange(5)
+    text = message(check_excitation, Record.from_arrays(np.full(5, 1.8), x, Ts=1))
+    assert "input is constant (1.8" in text and "nothing can be identified" in text and "--input" in text
+    assert "output is constant" in message(check_excitation, Record.from_arrays(x, 0 * x, Ts=1))
+
+
+# ---------------------------------------------------------------- text files
+
+GOOD = "t,u,y,p\n0,1,10,5\n0.1,2,20,6\n0.2,3.5,30,7\n0.3,4,40,8\n"
+
+
+def test_read_plain(tmp_path):
+    r = read(put(tmp_path, GOOD))
+    assert r.u.tolist() == [1, 2, 3.5, 4] and r.y.tolist() == [10, 20, 30, 40] and r.Ts == 0.1
+    assert r.name == "x" and r.channels == {} and r.notes == ()
+
+
+@pytest.mark.parametrize(
+    "text, encoding, name",
+    [
+        (GOOD, "utf-8-sig", "a.csv"),
+        (GOOD.replace("\n", "\r\n"), "utf-8", "a.csv"),
+        (GOOD.replace("\n", "\r"), "utf-8", "a.csv"),
+        (GOOD.replace(",", ";"), "utf-8", "a.csv"),
+        (GOOD.replace(",", "\t"), "utf-8", "a.tsv"),
+        (GOOD.replace(",", " "), "utf-8", "a.dat"),
+        (GOOD.replace(",", ";").replace(".", ","), "utf-8", "a.csv"),
+        (GOOD.replace(",", "\t").replace(".", ","), "utf-8", "a.txt"),
+        (GOOD.replace(",", " , "), "utf-8", "a.csv"),
+        (GOOD.replace("t,u,y,p", '"t","u","y","p, in bar"'), "utf-8", "a.csv"),
+        (GOOD.replace("\n", ",\n"), "utf-8", "a.csv"),
+        (GOOD.replace("\n", "\n\n"), "utf-8", "a.csv"),
+        (GOOD, "utf-16", "a.txt"),
+    ],
+)
+def test_text_dialects(tmp_path, text, encoding, name):
+    r = read(put(tmp_path, text, name, encoding))
+    assert r.u.tolist() == [1, 2, 3.5, 4] and r.y.tolist() == [10, 20, 30, 40] and r.Ts == 0.1
+
+
+def test_numbers_are_read_with_full_precision(tmp_path):
+    values = np.random.default_rng(0).normal(size=200) * 10.0 ** np.arange(-100, 100)
+    text = "t,u,y\n" + "".join(f"{k},{float(v)!r},1\n" for k, v in enumerate(values))
+    np.testing.assert_allclose(read(put(tmp_path, text)).u, values, rtol=1e-13)  # exact from pandas 3 on
+    text = text.replace(",", ";").replace(".", ",")
+    np.testing.assert_allclose(read(put(tmp_path, text)).u, values, rtol=1e-13)  # exact from pandas 3 on
+
+
+def test_latin_1_is_read_and_said(tmp_path):
+    r = read(put(tmp_path, "t,u,Länge\n0,1,2\n1,2,3\n", encoding="latin-1"), y="Länge")
+    assert r.y.tolist() == [2, 3] and any("Latin-1" in n for n in r.notes)
+
+
+def test_chosen_columns_and_channels(tmp_path):
+    path = put(tmp_path, GOOD)
+    r = read(path, u="p", y="u", channels=["y"])
+    assert r.u.tolist() == [5, 6, 7, 8] and r.y.tolist() == [1, 2, 3.5, 4] and list(r.channels) == ["y"]
+    assert list(read(path, channels="all").channels) == ["p"]
+    assert list(read(path, channels="p, y").channels) == ["p", "y"]
+    assert "no column 'q'" in (text := message(read, path, channels=["q"])) and "--channels" in text
+
+
+def test_all_channels_leave_text_out_and_say_so(tmp_path):
+    r = read(put(tmp_path, "t,u,y,p,remark\n0,1,2,3,ok\n1,2,3,4,bad\n"), channels="all")
+    assert list(r.channels) == ["p"] and any("'remark' holds text" in n for n in r.notes)
+
+
+def test_rows(tmp_path):
+    path = put(tmp_path, GOOD)
+    for rows in ("1:3", slice(1, 3), " 1 : 3 ", "-3:-1"):
+        r = read(path, rows=rows)
+        assert r.u.tolist() == [2, 3.5] and r.t[0] == 0.1
+    assert len(read(path, rows="1:")) == 3 and len(read(path, rows=":2")) == 2
+    assert "A:B" in message(read, path, rows="1-3")
+    assert "A:B" in message(read, path, rows="-:3")
+    assert "step 1" in message(read, path, rows=slice(0, 4, 2))
+    assert "1 data row(s) left of 4" in message(read, path, rows="3:9")
+
+
+def test_rows_with_given_Ts_keep_their_time(tmp_path):
+    path = put(tmp_path, GOOD)
+    np.testing.assert_array_equal(read(path, Ts=0.5, rows="1:").t, read(path, Ts=0.5)[1:].t)
+
+
+def test_Ts_overrides_the_column_even_a_bad_one(tmp_path):
+    path = put(tmp_path, "t,u,y\nx,1,2\nx,2,3\n")
+    r = read(path, Ts=0.25)
+    assert r.t.tolist() == [0, 0.25] and "not used" in r.notes[0] and "0.25" in r.notes[0]
+    assert read(put(tmp_path, "u,y\n1,2\n2,3\n"), Ts=2).notes == ()
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("", ["is empty", "header"]),
+        ("\n\n", ["is empty"]),
+        ("t,u,y\n", ["no data rows"]),
+        ("t,u,y\n0,1,2\n", ["1 data row(s)", "at least 2"]),
+        ("0,1,2\n1,2,3\n2,3,4\n", ["line 1", "column names", "header"]),
+        ("time,in,y\n0,1,2\n1,2,3\n", ["no column 'u'", "time, in, y", "--input"]),
+        ("t,u,out\n0,1,2\n1,2,3\n", ["no column 'y'", "t, u, out", "--output"]),
+        ("time,u,y\n0,1,2\n1,2,3\n", ["no time column 't'", "--ts", "--time", "time, u, y"]),
+        ("t,u,y\n0,1,2\n1,2,3\n2,oops,4\n3,zzz,4\n", ["'u'", "text in line 4", "'oops'"]),
+        ("t,u,y\n0,1,2\n\n1,2,3\n2,oops,4\n", ["text in line 5"]),
+        ("t;u;y\n0;1,5;2\n1;2.5;3\n", ["'u'", "line 3", "'2.5'"]),
+        ("t,u,y\n0,1,2\n1,,3\n2,nan,4\n", ["'u'", "2 missing or infinite", "line 3", "--rows"]),
+        ("t,u,y\n0,1,2\n1,2,inf\n2,3,4\n", ["'y'", "1 missing or infinite", "line 3"]),
+        ("t,u,y\n0,1,2\n1,2\n2,3,4\n", ["'y'", "1 missing", "line 3"]),
+        ("t,u,y\n0,1,2\n,2,4\n2,3,4\n", ["'t'", "1 missing", "line 3"]),
+        ("t,u,y\n0,1,2\n1,2,3\n1,2,3\n", ["'t'", "line 4", "time repeats", "--ts"]),
+        ("t,u,y\n0,1,2\n2,2,3\n1,2,3\n", ["line 4", "time decreases"]),
+        ("t,u,y\n0,1,2\n1,2,3,4\n2,3,4\n", ["line 3 has 4 values", "3 names"]),
+        ("t,u,y\n0,1,5,2\n1,2,5,3\n", ["line 2 has 4 values", "decimal comma"]),
+        ("t,u,u,y\n0,1,2,3\n1,2,3,4\n", ["two columns are named 'u'", "--input"]),
+        ('t,u,y\n0,1,"2\n1,2,3\n', ["quotes"]),
+        (b"t,u,y\n\0\1\2", ["binary"]),
+    ],
+)
+def test_bad_text_files(tmp_path, text, words):
+    path = put(tmp_path, text)
+    found = message(read, path)
+    for word in [str(path), *words]:
+        assert word in found
+
+
+def test_only_used_columns_and_rows_matter(tmp_path):
+    text = "t,u,y,q,q\ns,V,um,-,-\n0,1,2,nan,x\n1,2,3,,x\n2,nan,3,,x\n"
+    path = put(tmp_path, text)
+    r = read(path, rows="1:3")
+    assert r.u.tolist() == [1, 2] and r.y.tolist() == [2, 3]
+    assert "line 5" in message(read, path, rows="1:")
+    assert "text in line 2" in message(read, path)
+    assert "named 'q'" in message(read, path, rows="1:3", channels=["q"])
+    path = put(tmp_path, "t,u,y\n0,1,2\n1,2,3\n2,x,3\n")
+    assert "text in line 4" in message(read, path, rows="1:")
+
+
+def test_paths_are_refused(tmp_path):
+    assert "no such file" in message(read, tmp_path / "none.csv")
+    assert "is a folder" in message(read, tmp_path)
+    assert "unknown kind of file '.xlsx'" in message(read, put(tmp_path, "x", "x.xlsx"))
+
+
+def test_importing_does_not_import_pandas():
+    code = "import sys, narx_sym.data.record; print('pandas' in sys.modules, 'scipy' in sys.modules)"
+    probe = (
+        f"import sys, types; p = types.ModuleType('narx_sym'); p.__path__ = [{str(PACKAGE)!r}]; "
+        f"sys.modules['narx_sym'] = p; {code}"
+    )
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False"]
+
+
+# ---------------------------------------------------------------- other formats
+
+
+def test_npz(tmp_path):
+    k = np.arange(5.0)
+    np.savez(tmp_path / "a.npz", t=k * 0.1, u=k[:, None], y=k**2, gain=3.0)
+    r = read(tmp_path / "a.npz")
+    assert r.u.tolist() == k.tolist() and r.Ts == 0.1 and "gain" in r.notes[0]
+    np.savez(tmp_path / "b.npz", t=k, u=np.where(k == 3, np.nan, k), y=k)
+    assert "row 3" in message(read, tmp_path / "b.npz")
+    np.savez(tmp_path / "c.npz", t=k, u=k, y=k[:3])
+    assert "samples but" in message(read, tmp_path / "c.npz")
+    np.savez(tmp_path / "d.npz", u=np.array([{}, 1], dtype=object))
+    assert "cannot be read as .npz" in message(read, tmp_path / "d.npz")
+    assert "cannot be read as .npz" in message(read, put(tmp_path, "junk", "e.npz"))
+    np.savez(tmp_path / "f.npz", u=np.eye(3))
+    assert "no vector" in message(read, tmp_path / "f.npz")
+
+
+def test_mat(tmp_path):
+    k = np.arange(5.0)
+    savemat(tmp_path / "a.mat", {"t": k * 0.1, "u": k, "y": k[:, None] ** 2, "s": {"a": 1}})
+    r = read(tmp_path / "a.mat")
+    assert r.y.tolist() == (k**2).tolist() and r.Ts == 0.1 and "s" in r.notes[0]
+    assert "no column 'v'; there are the columns t, u, y" in message(read, tmp_path / "a.mat", u="v")
+    assert "cannot be read as .mat" in message(read, put(tmp_path, "junk", "b.mat"))
+    header = b"MATLAB 7.3 MAT-file".ljust(124, b" ") + b"\x00\x02IM"
+    assert "v7.3" in message(read, put(tmp_path, header + bytes(512), "c.mat"))
+
+
+def test_parquet_without_its_reader(tmp_path, monkeypatch):
+    def missing(*args, **kwargs):
+        raise ImportError("no engine")
+
+    monkeypatch.setattr(pd, "read_parquet", missing)
+    assert "pyarrow" in message(read, put(tmp_path, "x", "a.parquet"))
+
+
+def test_parquet_columns(tmp_path, monkeypatch):
+    frame = pd.DataFrame(
+        {"t": [0, 1, 2], "u": [1.0, 2, 3], "y": pd.array([1, None, 3], dtype="Int64"), "w": list("abc")}
+    )
+    monkeypatch.setattr(pd, "read_parquet", lambda name: frame)
+    path = put(tmp_path, "x", "a.parquet")
+    assert read(path, y="u").y.tolist() == [1, 2, 3]
+    assert "'y' has 1 missing" in message(read, path)
+    assert "text in row 0: 'a'" in message(read, path, y="w")
+
+
+# ---------------------------------------------------------------- one signal
+
+
+def test_read_signal(tmp_path):
+    path = put(tmp_path, "r\n1\n1\n1\n")
+    values, Ts, t = read_signal(path, "r")
+    assert values.tolist() == [1, 1, 1] and Ts is None and t.tolist() == [0, 1, 2]
+    assert read_signal(path, None, Ts=0.5)[1:][1].tolist() == [0, 0.5, 1]
+    path = put(tmp_path, GOOD)
+    values, Ts, t = read_signal(path, "y", rows="1:")
+    assert values.tolist() == [20, 30, 40] and Ts == 0.1 and t[0] == 0.1
+    assert "which column" in (text := message(read_signal, path, None, option="--reference")) and "--reference" in text
+    assert "no column 'r'" in (text := message(read_signal, path, "r", option="--reference")) and "--reference" in text
+    assert "line 2" in message(read_signal, put(tmp_path, "r\n\n1\n"[:2] + "a\n1\n"), "r")
+
+
+def test_read_signal_says_resampling_and_refuses_gaps(tmp_path):
+    t = np.arange(40) * 0.1
+    jitter = t + 0.02 * np.sin(np.arange(40) ** 2)
+    rows = "".join(f"{a:.6f},{a:.6f}\n" for a in jitter)
+    with pytest.warns(UserWarning, match="irregular"):
+        values, _, time = read_signal(put(tmp_path, "t,r\n" + rows), "r")
+    np.testing.assert_allclose(values, time, atol=1e-9)
+    for start in (1, 20):
+        gap = np.where(np.arange(40) < start, t, t + 5)
+        rows = "".join(f"{a:.6f},{a:.6f}\n" for a in gap)
+        assert "gap" in message(read_signal, put(tmp_path, "t,r\n" + rows), "r")
+
+
+# ---------------------------------------------------------------- time
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    n=st.integers(2, 400),
+    Ts=st.sampled_from([0.005, 1 / 750, 0.01, 1e-6, 2.0, 1 / 3, 1 / 44100, 0.0123]),
+    start=st.sampled_from([0.0, 1.0, 1234.5, -3.0]),
+    digits=st.integers(1, 6),
+    floor=st.booleans(),
+)
+def test_rounded_stamps_never_change_samples(n, Ts, start, digits, floor):
+    unit = 10.0 ** (np.floor(np.log10(Ts)) - digits)
+    exact = start + Ts * np.arange(n)
+    t = np.round((np.floor if floor else np.rint)(exact / unit) * unit, 15)
+    x = np.random.default_rng(n).normal(size=n)
+    grid = regular_time(t)
+    np.testing.assert_array_equal(grid.apply(x), x)
+    assert not grid.resampled and grid.breaks == () and grid.t.size == n
+    if n >= 20:  # a few stamps may all end in 0, then their last digit is not the printed one
+        assert np.max(np.abs(grid.t - t)) <= 1.3 * unit + 3e-3 * Ts
+        # Stamps lie within one unit of the truth and the grid within 0.6 of the stamps, at both ends.
+        assert abs(grid.Ts - Ts) * (n - 1) <= 2.2 * unit + 3e-3 * Ts
+    assert np.ptp(np.diff(grid.t)) <= 1e-9 * Ts + 4 * np.spacing(np.abs(grid.t).max())
+
+
+def test_nice_steps_are_found():
+    k = np.arange(5000)
+    assert regular_time(np.round(k / 750, 6)).Ts == 1 / 750
+    assert regular_time(k * 0.005).Ts == 0.005
+    assert regular_time(np.round(k * 0.005, 3)).notes == ()  # exact stamps: nothing to say
+    assert "snapped" in regular_time(np.round(k / 750, 6)).notes[0]
+    assert regular_time(k * np.pi / 1000).Ts == pytest.approx(np.pi / 1000, rel=1e-9)
+
+
+def test_step_without_a_short_number():
+    exact = np.arange(100000) * (np.pi / 1000)
+    for t in (np.round(exact, 4), np.array([float(f"{a:.6g}") for a in exact])):
+        grid = regular_time(t)
+        assert not grid.resampled and grid.Ts == pytest.approx(np.pi / 1000, rel=1e-7)
+        assert np.abs(grid.t - exact)[:100].max() < 5e-5
+
+
+def test_jitter_below_a_thousandth_is_no_jitter():
+    noise = np.random.default_rng(0).uniform(-1, 1, 500)
+    t = np.arange(500) * 0.01
+    assert not regular_time(t + 0.5e-5 * noise).resampled
+    assert regular_time(t + 3e-5 * noise).resampled
+
+
+def test_stamps_since_1970():
+    t = np.round(1.7e9 + np.arange(2000) * 0.01, 2)
+    grid = regular_time(t)
+    assert grid.Ts == 0.01 and not grid.resampled
+
+
+def test_jitter_is_resampled_and_said():
+    rng = np.random.default_rng(1)
+    t = 0.01 * np.arange(500) + rng.uniform(-0.002, 0.002, 500)
+    grid = regular_time(t)
+    assert grid.resampled and grid.breaks == () and grid.Ts == pytest.approx(0.01, rel=0.05)
+    assert "irregular" in grid.notes[-1] and "linear interpolation" in grid.notes[-1] and "jitter" in grid.notes[-1]
+    np.testing.assert_allclose(grid.apply(3 * t + 1), 3 * grid.t + 1, atol=1e-9)  # a line stays a line
+    assert grid.t[0] == t[0] and grid.t[-1] <= t[-1] + 1e-6
+    assert grid.t[-1] > t[-1] - grid.Ts
+
+
+@pytest.mark.parametrize("holes", [[50], [20, 21, 22], [7, 8, 30, 61, 62, 63, 64, 110, 151, 152, 190]])
+def test_missing_samples_are_filled_and_the_others_kept(holes):
+    k = np.delete(np.arange(200), holes)
+    x = np.random.default_rng(0).normal(size=k.size)
+    for t in (np.round(k * 0.01, 2), np.round(k * 0.01, 4)):
+        grid = regular_time(t)
+        assert grid.Ts == 0.01 and grid.t.size == 200 and f"{len(holes)} sample(s) are missing" in grid.notes[-1]
+        np.testing.assert_array_equal(grid.apply(x)[k], x)
+
+
+def test_gaps_split_and_short_parts_are_dropped():
+    t = np.concatenate([[0.0], 1 + 0.01 * np.arange(50), 5 + 0.01 * np.arange(30), [9.0, 9.01]]).round(3)
+    x = np.arange(t.size, dtype=float)
+    grid = regular_time(t, lambda i: f"line {i + 2}")
+    assert grid.breaks == (50,) and not grid.resampled and grid.Ts == 0.01
+    np.testing.assert_array_equal(grid.apply(x), x[1:81])
+    np.testing.assert_allclose(grid.t, t[1:81], atol=1e-12)
+    notes = " ".join(grid.notes)
+    assert "line 2: a part of only 1 sample" in notes and "line 3: gap of 1 s" in notes
+    assert "line 83: a part of only 2 sample" in notes
+
+
+def test_ten_steps_are_no_gap_and_eleven_are():
+    for steps, breaks in ((10, ()), (11, (20,))):
+        k = np.concatenate([np.arange(20), 19 + steps + np.arange(20)])
+        assert regular_time(k * 0.5).breaks == breaks
+
+
+def test_gaps_everywhere_are_refused():
+    t = np.concatenate([100 * i + np.arange(3) for i in range(8)]).astype(float)
+    assert "gaps everywhere" in message(regular_time, t)
+
+
+# ---------------------------------------------------------------- measured files
+
+
+@needs_shared
+@pytest.mark.parametrize(
+    "name, n, Ts",
+    [
+        ("boucwen/test_multisine.csv", 8192, 1 / 750),
+        ("boucwen/train_multisine.csv", 40960, 1 / 750),
+        ("boucwen/test_sinesweep.csv", 153000, 1 / 750),
+        ("hydraulic_motor_rotation/run.csv", 15246, 0.02),
+        ("piezo_dbo/train_1Hz_full_range.csv", 8027, 0.005),
+        ("piezo_dbo/test_varying_amplitude.csv", 14155, 0.005),
+    ],
+)
+def test_measured_files_on_a_grid_are_not_changed(name, n, Ts):
+    r = read(SHARED / name)
+    frame = pd.read_csv(SHARED / name)
+    assert len(r) == n and r.Ts == Ts and r.breaks == ()
+    np.testing.assert_array_equal(r.u, frame["u"])
+    np.testing.assert_array_equal(r.y, frame["y"])
+
+
+@needs_shared
+def test_a_late_part_of_the_sweep_still_has_the_true_step():
+    # There the stamps have 1 ms resolution for a step of 1.33 ms.
+    r = read(SHARED / "boucwen/test_sinesweep.csv", rows="100000:")
+    assert r.Ts == 1 / 750 and len(r) == 53000
+
+
+@needs_shared
+@pytest.mark.parametrize("name, parts, dropped", [("Oring257_1bar", 3, 1), ("Oring_1bar", 2, 0), ("Oring_3bar", 3, 0)])
+def test_measured_files_with_jitter_and_gaps(name, parts, dropped):
+    path = SHARED / "pneumatic_seal_friction" / f"{name}.csv"
+    r = read(path, channels="all")
+    raw = pd.read_csv(path)
+    assert r.Ts == 0.01 and len(r.segments()) == parts and list(r.channels) == ["pressure_bar"]
+    assert sum("is dropped" in n for n in r.notes) == dropped
+    assert any("irregular" in n for n in r.notes)
+    for s in r.segments():
+        np.testing.assert_allclose(np.diff(s.t), 0.01, rtol=1e-6)
+        np.testing.assert_allclose(s.y, np.interp(s.t, raw["t"], raw["y"]), atol=1e-9)
+
+
+@needs_shared
+def test_measured_file_with_more_channels():
+    r = read(SHARED / "piezo_dbo/test_varying_amplitude.csv", channels=["u_axis2", "y_desired_um"], rows="20:5000")
+    assert list(r.channels) == ["u_axis2", "y_desired_um"] and len(r) == 4980
+    check_excitation(r)
+
+
+# ---------------------------------------------------------------- writing
+
+
+def test_write_csv_round_trip(tmp_path):
+    path = tmp_path / "out.csv"
+    k = np.arange(50)
+    write_csv(path, {"t": k * 0.005, "u": np.sin(k) * 1e-5, "y": np.exp(k)})
+    r = read(path)
+    np.testing.assert_allclose(r.u, np.sin(k) * 1e-5, rtol=1e-9)
+    assert r.Ts == 0.005 and path.read_bytes().startswith(b"t,u,y\n0,0,1\n0.005,8.414709848e-06,2.718281828\n")
+    assert os.listdir(tmp_path) == ["out.csv"]
+
+
+def test_write_refuses(tmp_path):
+    assert "does not exist" in message(write_csv, tmp_path / "no" / "a.csv", {"u": [1]})
+    assert "equal lengths" in message(write_csv, tmp_path / "a.csv", {"u": [1], "y": [1, 2]})
+    assert "is a folder" in message(write_text, tmp_path, "x")
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.txt"
+    write_text(path, "old ü\n")
+
+    def full(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    assert "No space left" in message(write_text, path, "new")
+    assert path.read_text(encoding="utf-8") == "old ü\n" and os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_every_error_has_one_base():
+    assert issubclass(DataError, NarxError) and issubclass(NarxError, ValueError)
+
+
+def test_a_channel_with_a_unit_in_its_name(tmp_path):
+    path = tmp_path / "rig.csv"
+    path.write_text("t,u,y,temp [C],2nd\n" + "".join(f"{i / 10},{i % 7},{i % 5},{20 + i},{i}\n" for i in range(30)))
+    record = read(path, channels="all")
+    assert list(record.channels) == ["temp_C", "channel_2nd"]
+    assert "column 'temp [C]' is the channel temp_C" in record.notes
+    assert list(read(path, channels="temp_C").channels) == list(read(path, channels="temp [C]").channels) == ["temp_C"]
+    path.write_text("t,u,y,a b,a-b\n" + "".join(f"{i / 10},{i % 7},{i % 5},{i},{i}\n" for i in range(30)))
+    with pytest.raises(DataError, match="'a b' and 'a-b' would both be called a_b"):
+        read(path, channels="all")

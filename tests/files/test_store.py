@@ -1,0 +1,201 @@
+"""Model files: what is saved comes back, byte for byte."""
+
+import json
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import narx_sym as ns
+from narx_sym.errors import ModelError
+from narx_sym.models.effects import EFFECTS
+from narx_sym.models.extend import extend, variants
+from narx_sym.symbolic.signals import k, phi1, u, y
+
+a, b, d = sp.symbols("a b d", real=True)
+MODELS = {
+    "narx": ns.NARX.from_terms(["y[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]**2", "abs(u[k-1])"], [1.0, 1e-17, -2.5]),
+    "unfitted": ns.NARX.from_terms(["y[k-1]", "u[k-1]"]),
+    "inverse": ns.NARX.from_terms(["u[k-1]", "phi1[k-1]"], [1.0, 1.3], input="y", output="u", lead=2),
+    "shifted": ns.NARX.from_terms(["y[k-1]", "phi1[k-1]"], [1.0, 2.0], operating_point={u: 1.8, y: -96.1}, Ts=0.005),
+    "channel": ns.NARX.from_terms(["y[k-1]", "temp[k]*u[k-1]"], [0.5, 2.0], channels=["temp"]),
+    "equation": ns.Model(
+        y[k - 1] + a * phi1[k] + b * sp.Abs(phi1[k]) * (d * u[k - 1] - y[k - 1]), (a, b, d), [0.7, 0.01, 1.6]
+    ),
+    "constrained": ns.NARX.from_terms(["y[k-1]", "y[k-2]", "phi1[k-1]"], constraints=("continuum",)),
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_round_trip(name, tmp_path):
+    model = MODELS[name]
+    ns.save(model, tmp_path / "a.json")
+    loaded = ns.load(tmp_path / "a.json")
+    ns.save(loaded, tmp_path / "b.json")
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    assert loaded.F == model.F and loaded.symbols == model.symbols and loaded.lead == model.lead
+    assert loaded.operating_point == model.operating_point and loaded.recursion == model.recursion
+    assert (loaded.theta is None) == (model.theta is None)
+    if model.theta is not None:
+        assert np.array_equal(loaded.theta, model.theta)
+
+
+def test_constraints_come_back(tmp_path):
+    model = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]"])
+    t1, t2, _ = model.symbols
+    model.constraints = (sp.Eq(t1 + t2, 1),)
+    ns.save(model, tmp_path / "m.json")
+    assert sp.simplify(ns.load(tmp_path / "m.json").constraints[0].lhs - (t1 + t2 - 1)) == 0
+
+
+def test_fit_information_comes_back(tmp_path):
+    t = np.arange(500) * 0.01
+    source = np.sin(3 * t) + 0.3 * np.sin(17 * t)
+    record = ns.Record.from_arrays(source, 2 * source + 0.1 * source**2, Ts=0.01)
+    model = ns.identify(record, base="static")
+    ns.save(model, tmp_path / "m.json")
+    assert ns.load(tmp_path / "m.json").info == json.loads(json.dumps(model.info))
+
+
+# ---------------------------------------------------------------- models with effects
+
+LINEAR = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], [1.2, -0.4, 0.15, 0.1], Ts=0.01)
+CONTINUUM = ns.NARX.from_terms(
+    ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]"], [1.0, 0.7, 0.01], Ts=0.005, constraints=("continuum",),
+    operating_point={u: 0.3, y: -2.0},
+)  # fmt: skip
+N = 80
+WAVE = np.sin(np.arange(N) / 7) + 0.4 * np.sin(np.arange(N) / 2.3)
+TEMP = {"temp": np.cos(np.arange(N) / 30)}
+
+
+def with_values(added):
+    """Small coefficients, shape parameters of the size of the signals."""
+    rest = [0.01] * len(added.coefficients) + [0.3] * len(added.shape)
+    base = len(added.model.symbols) - len(rest)
+    added.model.theta = [*BASES[base].theta, *rest]
+    return added.model
+
+
+BASES = {len(m.symbols): m for m in (LINEAR, CONTINUUM)}
+
+
+def saved_and_loaded(model, folder):
+    ns.save(model, folder / "a.json")
+    loaded = ns.load(folder / "a.json")
+    ns.save(loaded, folder / "b.json")
+    assert (folder / "a.json").read_bytes() == (folder / "b.json").read_bytes()
+    return loaded
+
+
+@pytest.mark.parametrize("base", (LINEAR, CONTINUUM), ids=("linear", "continuum"))
+def test_every_variant_comes_back(base, tmp_path):
+    seen = set()
+    for variant in variants(base, ["temp"]):
+        model = with_values(extend(base, variant))
+        loaded = saved_and_loaded(model, tmp_path)
+        assert loaded.recursion == model.recursion and loaded.states == model.states, str(variant)
+        assert loaded.symbols == model.symbols and loaded.info == model.info
+        assert loaded.predictor == model.predictor
+        assert [sp.expand(c.lhs - c.rhs) for c in loaded.constraints] == [
+            sp.expand(c.lhs - c.rhs) for c in model.constraints
+        ]
+        assert bool(loaded.constraints) == bool(base.constraints)
+        runs = [m.simulate(WAVE, base.operating_point.get(y, 0.0), TEMP) for m in (model, loaded)]
+        assert np.array_equal(*runs), str(variant)
+        seen.add(variant.effect.id)
+    assert seen == set(EFFECTS)
+
+
+def test_several_effects_come_back_without_the_catalogue(tmp_path, monkeypatch):
+    model = LINEAR
+    for wanted in ("backlash", "hardening_spring", "creep", "backlash"):
+        model = extend(model, next(v for v in variants(LINEAR) if v.effect.id == wanted)).model
+    model.theta = [*LINEAR.theta, 0.1, 0.2, -0.02, 0.03, 0.5, 0.1, 0.1]
+    ns.save(model, tmp_path / "m.json")
+    monkeypatch.setattr("narx_sym.models.effects._effect.EFFECTS", {})
+    loaded = ns.load(tmp_path / "m.json")
+    assert loaded.recursion == model.recursion and [e["effect"] for e in loaded.info["effects"]][-1] == "backlash"
+    assert np.array_equal(loaded.simulate(WAVE, 0.0), model.simulate(WAVE, 0.0))
+
+
+def test_a_model_without_states_has_no_such_field(tmp_path):
+    ns.save(LINEAR, tmp_path / "m.json")
+    assert "states" not in json.loads((tmp_path / "m.json").read_text())
+
+
+def test_terms_may_read_states(tmp_path):
+    """The base's terms act on what a state makes of the input."""
+    data = {
+        "schema": 1, "kind": "narx", "input": "u", "output": "y", "terms": ["y[k-1]", "v[k-1]"], "theta": [0.5, 1.0],
+        "states": [{"state": "v", "update": "Max(-1, Min(1, u[k]))", "initial": "1", "group": ""}],
+    }  # fmt: skip
+    (tmp_path / "m.json").write_text(json.dumps(data))
+    loaded = saved_and_loaded(ns.load(tmp_path / "m.json"), tmp_path)
+    assert loaded.simulate([5.0, 5.0, 5.0], 0.0).tolist() == [0.0, 1.0, 1.5]
+
+
+PLAY = {"state": "p", "update": "Max(u[k] - r, Min(u[k] + r, p[k-1]))", "initial": "u[k]", "group": "backlash"}
+GOOD = {
+    "schema": 1, "kind": "equation", "input": "u", "output": "y", "F": "a*y[k-1] + p[k]", "symbols": ["a", "r"],
+    "theta": [0.5, 0.1], "states": [PLAY],
+    "info": {"effects": [{"effect": "backlash", "coefficients": ["a"], "shape": ["r"], "fixed": {}}]},
+}  # fmt: skip
+BAD_STATES = {
+    "no list": ("list", {"states": "p"}),
+    "no objects": ("object of texts", {"states": ["p"]}),
+    "no texts": ("object of texts", {"states": [PLAY | {"update": 1}]}),
+    "unknown field": ("'more'", {"states": [PLAY | {"more": "1"}]}),
+    "missing field": ("'initial'", {"states": [{n: v for n, v in PLAY.items() if n != "initial"}]}),
+    "no identifier": ("plain name", {"states": [PLAY | {"state": "p q"}]}),
+    "foreign letters": ("plain name", {"states": [PLAY | {"state": "\u03c6"}]}),
+    "long name": ("plain name", {"states": [PLAY | {"state": "p" * 101}]}),
+    "long group": ("characters", {"states": [PLAY | {"group": "p" * 101}]}),
+    "the output's name": ("means something else", {"states": [PLAY | {"state": "y"}]}),
+    "the name of time": ("means something else", {"states": [PLAY | {"state": "t"}]}),
+    "a function's name": ("means something else", {"states": [PLAY | {"state": "tanh"}]}),
+    "a parameter's name": ("twice", {"states": [PLAY | {"state": "a"}]}),
+    "a channel's name": ("twice", {"channels": ["p"]}),
+    "twice": ("twice", {"states": [PLAY, PLAY]}),
+    "parameter twice": ("twice", {"symbols": ["a", "r", "a"], "theta": [0.5, 0.1, 0.2]}),
+    "too many": ("at most", {"states": [PLAY | {"state": f"p{i}"} for i in range(201)]}),
+    "not causal": ("not known yet", {"states": [PLAY | {"update": "r*p[k]"}]}),
+    "the present output": ("not known yet", {"states": [PLAY | {"update": "r*y[k]"}]}),
+    "the future": ("after k", {"states": [PLAY | {"update": "r*u[k+1]"}]}),
+    "unknown name": ("unknown", {"states": [PLAY | {"update": "r*u[k] + q"}]}),
+    "unknown sequence": ("unknown", {"states": [PLAY | {"update": "r*u[k] + q[k-1]"}]}),
+    "attack": ("Cannot read|unknown", {"states": [PLAY | {"update": "__import__('os').system('true')"}]}),
+    "symbol in the initial value": ("unknown name", {"states": [PLAY | {"initial": "r"}]}),
+    "state in the initial value": ("unknown sequence", {"states": [PLAY | {"initial": "p[k]"}]}),
+    "phi in the initial value": ("measured signals", {"states": [PLAY | {"initial": "phi1[k]"}]}),
+    "future initial value": ("measured signals", {"states": [PLAY | {"initial": "u[k+1]"}]}),
+    "time only in the initial value": ("measured signals", {"states": [PLAY | {"initial": "t[k]"}]}),
+    "a parameter that nothing uses": ("does not appear", {"symbols": ["a", "r", "b"], "theta": [0.5, 0.1, 1.0]}),
+    "an output without x": ("does not contain", {"states": [PLAY, {"state": "x", "update": "r*y[k-1]", "initial": "0"}]}),
+    "effects as text": ("info.effects", {"info": {"effects": "backlash"}}),
+    "an effect as text": ("info.effects", {"info": {"effects": ["backlash"]}}),
+    "an effect's unknown field": ("info.effects", {"info": {"effects": [{"effect": "a", "coefficients": [], "b": 1}]}}),
+    "an effect without a name": ("by texts", {"info": {"effects": [{"effect": 1, "coefficients": []}]}}),
+    "coefficients that are none": ("no parameter", {"info": {"effects": [{"effect": "a", "coefficients": ["q"]}]}}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD_STATES)
+def test_bad_states_are_refused(name, tmp_path):
+    said, changed = BAD_STATES[name]
+    (tmp_path / "m.json").write_text(json.dumps(GOOD | changed))
+    with pytest.raises(ModelError, match=rf"m\.json: .*({said})"):
+        ns.load(tmp_path / "m.json")
+
+
+def test_the_base_of_these_is_good(tmp_path):
+    (tmp_path / "m.json").write_text(json.dumps(GOOD))
+    loaded = saved_and_loaded(ns.load(tmp_path / "m.json"), tmp_path)
+    assert loaded.simulate([0.0, 1.0, 0.0], 0.0).tolist() == pytest.approx([0.0, 0.9, 0.45 + 0.1])
+
+
+def test_what_could_not_be_read_back_is_not_written(tmp_path):
+    variant = next(v for v in variants(LINEAR, ["temp [C]"]) if v.channel)
+    with pytest.raises(ModelError, match="plain name"):
+        ns.save(extend(LINEAR, variant).model, tmp_path / "m.json")
+    assert not list(tmp_path.iterdir())

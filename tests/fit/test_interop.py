@@ -1,0 +1,279 @@
+"""Models taken elsewhere: CasADi, python-control, and models that come from SysIdentPy."""
+
+import importlib.util
+import sys
+
+import numpy as np
+import pytest
+import sympy as sp
+from exported import SUBJECTS, valued
+
+import narx_sym as ns
+from narx_sym.codegen.export import transition
+from narx_sym.errors import ModelError
+from narx_sym.fit.interop import from_sysidentpy
+from narx_sym.symbolic.printing import text
+from narx_sym.symbolic.recursion import Recursion
+from narx_sym.symbolic.signals import k, signal, u, y
+
+needs_control = pytest.mark.skipif(
+    importlib.util.find_spec("control") is None, reason="python-control is not installed here"
+)
+needs_sysidentpy = pytest.mark.skipif(
+    importlib.util.find_spec("sysidentpy") is None, reason="SysIdentPy is not installed here (the bench extra)"
+)
+N = 300
+MODELS = [name for name, subject in SUBJECTS.items() if isinstance(subject.thing, ns.Model)]
+LAWS = [name for name, subject in SUBJECTS.items() if isinstance(subject.thing, ns.Compensator)]
+
+
+def at_rest(subject):
+    """The state at rest; of a law also, whatever its preview has in sight."""
+    own = {str(subject.output.label), *(str(s.base.label) for s in subject.recursion.given)}
+    return subject.thing.rest_state(**{name: subject.at_rest(name) for name in own if name != "t"})
+
+
+# ---------------------------------------------------------------- CasADi
+
+
+@pytest.mark.parametrize("name", MODELS + LAWS)
+def test_casadi_steps_like_the_free_run(name):
+    subject = SUBJECTS[name]
+    function = subject.thing.to_casadi("one")
+    assert (function.name_in(), function.name_out()) == (["state", "inputs"], ["next", "output"])
+    state, given, waves = at_rest(subject), subject.recursion.given, subject.waves(N)
+    found = []
+    for i in range(N - 10):
+        now = [waves[str(s.base.label)][i - int(k - s.indices[0])] for s in given]
+        state, output = function(state, now)
+        found.append(float(output))
+    expected = subject.expected(N)
+    assert np.abs(np.array(found) - expected[: N - 10]).max() <= 1e-12 * np.abs(expected).max()
+
+
+def test_the_order_of_the_state():
+    model = ns.NARX.from_terms(["y[k-1]", "y[k-3]", "u[k-2]"], [0.5, 0.1, 2.0])
+    recursion = model.recursion
+    assert [text(s) for s in recursion.past] == ["y[k-1]", "y[k-2]", "y[k-3]", "u[k-1]", "u[k-2]"]
+    assert [text(s) for s in recursion.given] == ["u[k]"]
+    following, output = model.to_casadi()([1.0, 2.0, 3.0, 4.0, 5.0], [6.0])
+    assert float(output) == 0.5 * 1 + 0.1 * 3 + 2 * 5
+    assert np.array(following).ravel().tolist() == [float(output), 1, 2, 6, 4]
+    law = model.compensator()
+    assert [text(s) for s in law.recursion.given] == ["r[k+2]"]
+    assert [text(s) for s in law.recursion.past] == ["r[k+1]", "r[k]", "r[k-1]"]
+    assert model.rest_state(u=7.0, y=9.0).tolist() == [9, 9, 9, 7, 7]
+    assert law.rest_state(r=1.0).tolist() == [1, 1, 1]
+
+
+def test_the_state_can_be_differentiated():
+    """What a controller needs: the sensitivity of the next output to the input."""
+    import casadi as ca
+
+    step = ns.NARX.from_terms(["y[k-1]", "u[k]", "y[k-1]*u[k]"], [0.5, 1.0, 0.25]).to_casadi()
+    state, inputs = ca.SX.sym("x", 1), ca.SX.sym("u", 1)
+    slope = ca.Function("slope", [state, inputs], [ca.jacobian(step(state, inputs)[1], inputs)])
+    assert float(slope(2.0, 3.0)) == 1.5
+
+
+def test_rest_says_what_it_needs():
+    model = SUBJECTS["backlash"].thing
+    with pytest.raises(ModelError, match="needs u"):
+        model.rest_state(y=1.0)
+    with pytest.raises(ModelError, match="There is no z"):
+        model.rest_state(u=1.0, y=1.0, z=3.0)
+
+
+def test_a_step_needs_numbers_and_a_plain_name():
+    model = ns.NARX.from_terms(["y[k-1]", "u[k]"])
+    with pytest.raises(ModelError, match="No value was given for theta_1"):
+        model.to_casadi()
+    model.theta = [0.5, 1.0]
+    with pytest.raises(ModelError, match="name of a CasADi function"):
+        model.to_casadi("my model")
+    with pytest.raises(ModelError, match="time index"):
+        transition(Recursion(((y[k], y[k - 1] + k * u[k]),)), {})
+
+
+# ---------------------------------------------------------------- python-control
+
+
+@needs_control
+@pytest.mark.parametrize("name", MODELS)
+def test_a_control_system_responds_like_the_free_run(name):
+    import control
+
+    subject = SUBJECTS[name]
+    system = subject.thing.to_control("plant")
+    Ts, waves = subject.thing.Ts, subject.waves(N)
+    assert isinstance(system, control.NonlinearIOSystem) and system.dt == (Ts or True)
+    own = np.array([waves[label] for label in system.input_labels])
+    response = control.input_output_response(system, np.arange(N) * (Ts or 1), own, at_rest(subject))
+    expected = subject.expected(N)
+    assert np.abs(np.ravel(response.outputs) - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+@needs_control
+def test_a_loop_can_be_closed():
+    import control
+
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.9, 0.1], Ts=0.1)
+    gain = control.tf([2.0], [1.0], 0.1, name="gain", inputs="e", outputs="u")
+    loop = control.interconnect(
+        [model.to_control("plant"), gain, control.summing_junction(["r", "-y"], "e", name="sum")],
+        inplist=["r"], outlist=["y"], inputs="r", outputs="y",
+    )  # fmt: skip
+    found = control.input_output_response(loop, np.arange(40) * 0.1, np.ones(40)).outputs
+    expected = np.zeros(40)
+    for i in range(1, 40):
+        expected[i] = 0.9 * expected[i - 1] + 0.1 * 2 * (1 - expected[i - 1])
+    assert np.allclose(found, expected, rtol=0, atol=1e-12)
+
+
+@needs_control
+def test_awkward_channels_stay_apart():
+    import control
+
+    names = ("a.b", "a_b", "temp [K]", "u[0]", "", "sys.x")
+    weights = {n: i + 1 for i, n in enumerate(names)}
+    F = y[k - 1] / 2 + u[k] + sum(w * signal(n)[k - 1] for n, w in weights.items())
+    model = ns.Model(F, (), [], Ts=0.1)
+    system = model.to_control()
+    assert len(set(system.input_labels)) == len(names) + 1
+    given = [str(s.base.label) for s in model.recursion.given]
+    waves = {n: np.sin(np.arange(50) / (3 + i)) for i, n in enumerate(given)}
+    own = np.array([waves[n] for n in given])
+    response = control.input_output_response(system, np.arange(50) * 0.1, own, np.zeros(system.nstates))
+    found = np.ravel(response.outputs)
+    channels = {n: x for n, x in waves.items() if n != "u"}
+    assert np.allclose(found[1:], model.simulate(waves["u"], float(found[0]), channels)[1:], rtol=0, atol=1e-12)
+
+
+def test_without_control_the_command_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "control", None)
+    with pytest.raises(ModelError, match=r"pip install \"narx-sym\[interop\]\""):
+        ns.NARX.from_terms(["y[k-1]", "u[k]"], [0.5, 1.0]).to_control()
+
+
+# ---------------------------------------------------------------- SysIdentPy
+
+
+def measured(n=500):
+    """A system whose terms have three degrees, with a little noise; columns as SysIdentPy wants them."""
+    rng = np.random.default_rng(0)
+    source, output = rng.uniform(-1, 1, n), np.zeros(n)
+    for i in range(3, n):
+        output[i] = (
+            0.5 * output[i - 1] - 0.1 * output[i - 2] + 0.8 * source[i - 2] + 0.3 * source[i - 1] * output[i - 1]
+            + 0.2 * source[i - 3] ** 2 - 0.1 * output[i - 3] ** 3 + 0.05 + 1e-3 * rng.standard_normal()
+        )  # fmt: skip
+    return source[:, None], output[:, None]
+
+
+def frols(X, Y, degree=3, **options):
+    from sysidentpy.basis_function import Polynomial
+    from sysidentpy.model_structure_selection import FROLS
+    from sysidentpy.parameter_estimation import LeastSquares
+
+    settings = {"order_selection": False, "n_terms": 8, "ylag": 3, "xlag": 3, **options}
+    return FROLS(**{"basis_function": Polynomial(degree=degree), "estimator": LeastSquares(), **settings}).fit(X=X, y=Y)
+
+
+@needs_sysidentpy
+@pytest.mark.parametrize(
+    "options",
+    (
+        {"degree": 1, "n_terms": 5}, {"degree": 2}, {"degree": 3}, {"xlag": [3, 1, 2], "ylag": [2, 3]},
+        {"model_type": "NFIR"}, {"model_type": "NAR", "degree": 2, "n_terms": 3},
+        {"order_selection": True, "n_terms": None},
+    ),
+    ids=str,
+)  # fmt: skip
+def test_an_imported_model_runs_like_the_original(options):
+    X, Y = measured()
+    theirs = frols(X, Y, **options)
+    model = from_sysidentpy(theirs, Ts=0.1)
+    depth = theirs.max_lag
+    free, one = (theirs.predict(X=X, y=Y, steps_ahead=s).ravel() for s in (None, 1))
+    start = model.recursion.depth
+    assert model.Ts == 0.1 and len(model.terms) == len(theirs.theta)
+    assert np.abs(model.predict(ns.Record.from_arrays(X, Y, Ts=0.1))[depth:] - one[depth:]).max() <= 1e-9
+    ours = model.simulate(X[depth - start :], Y[depth - start : depth].ravel() if start else 0.0)[start:]
+    assert np.abs(ours - free[depth:]).max() <= 1e-9
+
+
+@needs_sysidentpy
+def test_the_terms_keep_their_theta():
+    """Rows are in the order of selection, and so is theta: the truth comes back term by term."""
+    X, Y = measured()
+    model = from_sysidentpy(frols(X, Y))
+    found = {text(t): v for t, v in zip(model.terms, model.theta, strict=True)}
+    truth = {
+        "y[k-1]": 0.5, "y[k-2]": -0.1, "u[k-2]": 0.8, "u[k-1]*y[k-1]": 0.3, "u[k-3]**2": 0.2, "y[k-3]**3": -0.1, "1": 0.05,
+    }  # fmt: skip
+    assert all(found[t] == pytest.approx(v, abs=3e-3) for t, v in truth.items())
+
+
+@needs_sysidentpy
+@pytest.mark.parametrize("name", ("AOLS", "OSF"))
+def test_its_other_selections_are_imported_too(name):
+    import sysidentpy.model_structure_selection as selections
+    from sysidentpy.basis_function import Polynomial
+
+    X, Y = measured()
+    theirs = getattr(selections, name)(ylag=2, xlag=2, basis_function=Polynomial(degree=2)).fit(X=X, y=Y)
+    model = from_sysidentpy(theirs)
+    one = theirs.predict(X=X, y=Y, steps_ahead=1).ravel()
+    assert np.abs(model.predict(ns.Record.from_arrays(X, Y, Ts=1.0)) - one)[2:].max() <= 1e-9
+
+
+@needs_sysidentpy
+def test_what_cannot_be_imported_is_said():
+    from sysidentpy.basis_function import Fourier, Polynomial
+    from sysidentpy.model_structure_selection import FROLS
+    from sysidentpy.simulation import SimulateNARMAX
+
+    X, Y = measured(200)
+    with pytest.raises(ModelError, match="not the basis Fourier"):
+        from_sysidentpy(frols(X, Y, basis_function=Fourier(degree=2)))
+    with pytest.raises(ModelError, match="2 inputs"):
+        from_sysidentpy(frols(np.column_stack([X, X**2]), Y, xlag=[[1, 2], [1, 2]], ylag=2, degree=1, n_terms=4))
+    with pytest.raises(ModelError, match="not fitted"):
+        from_sysidentpy(FROLS(basis_function=Polynomial(degree=2)))
+    with pytest.raises(ModelError, match="NoneType"):
+        from_sysidentpy("a model")
+    simulator = SimulateNARMAX(basis_function=Polynomial(degree=2), estimate_parameter=False)
+    rows, theta = np.array([[2002, 0], [1001, 0], [1002, 0]]), np.array([[0.8], [0.5], [-0.1]])
+    simulator.simulate(X_test=X, y_test=Y, model_code=rows, theta=theta)
+    assert simulator.final_model[0].tolist() == [1001, 0] and simulator.theta[0] == 0.8  # rows sorted, theta not
+    with pytest.raises(ModelError, match="SimulateNARMAX sorts"):
+        from_sysidentpy(simulator)
+
+
+@needs_sysidentpy
+def test_a_permuted_theta_is_refused():
+    X, Y = measured()
+    theirs = frols(X, Y)
+    theirs.final_model = theirs.final_model[::-1]
+    with pytest.raises(ModelError, match="predicts otherwise"):
+        from_sysidentpy(theirs)
+
+
+def test_an_import_can_be_taken_further():
+    """A stand-in with the attributes of a fitted model; no SysIdentPy is needed."""
+
+    class Fitted:
+        class Polynomial:
+            pass
+
+        basis_function = Polynomial()
+        final_model, theta = np.array([[1001, 0], [2001, 1001], [0, 0]]), np.array([[0.5], [0.2], [0.1]])
+        n_inputs, max_lag = 1, 1
+
+        def predict(self, X, y, steps_ahead):
+            late, source = y[:-1], X[:-1]
+            return np.concatenate([y[:1], 0.5 * late + 0.2 * late * source + 0.1])
+
+    model = from_sysidentpy(Fitted())
+    assert model.terms == [y[k - 1], u[k - 1] * y[k - 1], sp.S.One]
+    assert "y[k]" in model.to_c() and valued(model, "cubic_gain").to_st()

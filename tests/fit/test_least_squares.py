@@ -1,0 +1,551 @@
+"""Least squares with and without constraints, free-run fits, sensitivities, simulation and prediction."""
+
+import mpmath
+import numpy as np
+import pandas as pd
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from truth import exact_constrained
+
+from narx_sym.data.record import Record
+from narx_sym.engines.compile import Columns, compile
+from narx_sym.errors import DataError, Diverged, FitError, ModelError
+from narx_sym.fit.least_squares import Elimination, factor, one_step
+from narx_sym.fit.simulate import evaluate, free_run, predict, simulate
+from narx_sym.models.analysis import continuum
+from narx_sym.models.model import NARX, Model
+from narx_sym.symbolic.recursion import Recursion
+from narx_sym.symbolic.sensitivity import sensitivities
+from narx_sym.symbolic.signals import expand_phi, k, lag, phi1, phi2, samples, signal, u, y
+
+PAPER = (
+    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]",
+    "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
+)  # fmt: skip
+THETA = (1.0, 0.77, 1.44e-2, -9.6e-3, 3.15e-4, -2.47e-4)
+MIXED = ("y[k-1]", "y[k-2]", "u[k-1]", "phi1[k-1]", "phi2[k-1]*u[k-2]")
+
+
+def noise_record(n=300, seed=0, **more):
+    random = np.random.default_rng(seed)
+    return Record.from_arrays(random.standard_normal(n), random.standard_normal(n), Ts=0.1, **more)
+
+
+def slow(n, seed=0, peak=40.0):
+    """A slow input: a sum of sines from rest."""
+    i, random = np.arange(n), np.random.default_rng(seed)
+    x = sum(np.sin(w * i + p) for w, p in zip(random.uniform(0.01, 0.08, 5), random.uniform(0, 6, 5), strict=True))
+    x *= np.minimum(1, i / 50)
+    return x * peak / np.abs(x).max()
+
+
+def made(terms, theta, source, noise=0.0, seed=0):
+    """A record that the model itself made, with output noise."""
+    out = NARX.from_terms(terms, theta).simulate(source, 0.0)
+    return Record.from_arrays(source, out + noise * np.random.default_rng(seed).standard_normal(out.size), Ts=0.01)
+
+
+def regression(model, *records):
+    """[Psi, y] stacked, from the definition."""
+    parts = [Columns([*model.terms, y[k]])({"u": r.u, "y": r.y}) for r in records]
+    stacked = np.vstack(parts)
+    return stacked[:, :-1], stacked[:, -1]
+
+
+# ---------------------------------------------------------------- least squares
+
+
+@pytest.mark.parametrize("n", (50, 5_000))
+def test_least_squares_equals_lstsq(n):
+    model, record = NARX.from_terms(MIXED), noise_record(n)
+    Psi, target = regression(model, record)
+    expected, (rss,), *_ = np.linalg.lstsq(Psi, target)
+    assert model.fit(record) is model
+    np.testing.assert_allclose(model.theta, expected, rtol=1e-11)
+    variance = rss / (len(target) - 5) * np.linalg.inv(Psi.T @ Psi)
+    np.testing.assert_allclose(model.std, np.sqrt(np.diag(variance)), rtol=1e-9)
+    assert model.info["samples"] == n and model.Ts == 0.1
+
+
+def test_several_records_are_one_stacked_regression():
+    records = [noise_record(n, seed=n) for n in (40, 2_500, 300)]
+    model = NARX.from_terms(MIXED).fit(records)
+    Psi, target = regression(model, *records)
+    np.testing.assert_allclose(model.theta, np.linalg.lstsq(Psi, target)[0], rtol=1e-11)
+    # A gap separates like two records.
+    u_, y_ = (np.concatenate([getattr(r, name) for r in records]) for name in "uy")
+    gap = Record(u_, y_, np.arange(u_.size) * 0.1, 0.1, breaks=(40, 2_540))
+    np.testing.assert_allclose(NARX.from_terms(MIXED).fit(gap).theta, model.theta, rtol=1e-12)
+
+
+def test_the_factor_is_that_of_all_rows_with_lags_and_previews():
+    record = noise_record(5_000)
+    columns = Columns([u[k + 2], y[k - 3] * u[k], y[k]])
+    R, rows = factor(columns, [{"u": record.u, "y": record.y}])
+    i = np.arange(3, 4_998)
+    stacked = np.column_stack([record.u[i + 2], record.y[i - 3] * record.u[i], record.y[i]])
+    assert rows == len(i) and np.array_equal(R, np.triu(R))
+    np.testing.assert_allclose(R.T @ R, stacked.T @ stacked, rtol=1e-11, atol=1e-9)
+
+
+def test_the_order_of_the_terms_does_not_matter():
+    record = made(PAPER, THETA, slow(2_000), noise=0.01)
+    reference = dict(zip(PAPER, NARX.from_terms(PAPER).fit(record, ["continuum"]).theta, strict=True))
+    for seed in range(3):
+        order = list(np.random.default_rng(seed).permutation(PAPER))
+        model = NARX.from_terms(order)
+        found = dict(zip(order, model.fit(record, [sp.Eq(model.sigma_y, 1)]).theta, strict=True))
+        for term in PAPER:
+            assert found[term] == pytest.approx(reference[term], rel=1e-8), term
+
+
+def test_an_operating_point_fits_the_shifted_data():
+    record = noise_record(200)
+    moved = Record.from_arrays(record.u + 1.8, record.y - 96, Ts=0.1)
+    plain = NARX.from_terms(MIXED).fit(record)
+    around = NARX.from_terms(MIXED, operating_point={u: 1.8, y: -96}).fit(moved)
+    np.testing.assert_allclose(around.theta, plain.theta, rtol=1e-9)
+    np.testing.assert_allclose(around.predict(moved), plain.predict(record) - 96, atol=1e-10)
+
+
+def test_a_second_order_oscillator_is_recovered_from_its_own_motion():
+    theta = (2 * 0.98 * np.cos(0.2), -(0.98**2))
+    model = NARX.from_terms(["y[k-1]", "y[k-2]"], theta)
+    out = compile(model.recursion)({}, theta, {"y": [1.0, 0.9]}, length=400)["y"]
+    found = NARX.from_terms(["y[k-1]", "y[k-2]"]).fit(Record.from_arrays(slow(400), out, Ts=1))
+    np.testing.assert_allclose(found.theta, theta, rtol=1e-10)
+    assert np.abs(np.roots([1, -found.theta[0], -found.theta[1]])).max() == pytest.approx(0.98)
+    assert found.info["nrmse"]["free_run"] < 1e-9
+
+
+# ---------------------------------------------------------------- constraints
+
+
+CONSTRAINTS = {
+    "one": ([[1, 1, 0, 0, 0]], [1]),
+    "fixed": ([[0, 0, 1, 0, 0]], [2]),
+    "two fixed": ([[1, 0, 0, 0, 0], [0, 0, 0, 0, 3]], [1, 1]),
+    "two": ([[1, 1, 0, 0, 0], [0, 2, -1, 0, 0]], [1, 0]),
+    "three": ([[1, 1, 0, 0, 0], [0, 2, -1, 0, 1], [0, 0, 0, 1, -4]], [1, 3, 5]),
+    "repeated": ([[1, 1, 0, 0, 0], [2, 2, 0, 0, 0], [0, 0, 0, 1, 0]], [1, 2, 1]),
+    "dependent": ([[1, 1, 0, 0, 0], [0, 0, 1, 1, 0], [1, 1, 1, 1, 0]], [1, 2, 3]),
+    "all": (np.eye(5, dtype=int).tolist(), [1, 2, 3, 4, 5]),
+}
+
+
+@pytest.mark.parametrize("name", CONSTRAINTS)
+def test_constrained_least_squares_equals_exact_arithmetic(name):
+    S, c = CONSTRAINTS[name]
+    model, record = NARX.from_terms(MIXED), noise_record(24)
+    equations = [
+        sum(s * t for s, t in zip(row, model.symbols, strict=True)) - value for row, value in zip(S, c, strict=True)
+    ]
+    model.fit(record, equations)
+    expected = exact_constrained(*regression(model, record), S, c)
+    np.testing.assert_allclose(model.theta, expected, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(np.array(S) @ model.theta, c, atol=1e-13)
+    fixed = [i for i in range(5) if any(np.count_nonzero(row) == 1 and row[i] for row in S)]
+    assert all((model.std[i] < 1e-12) == (i in fixed) for i in range(5))
+    # The constraints stay with the model: fitted again without naming them, nothing changes.
+    again = model.theta
+    np.testing.assert_allclose(model.fit(record).theta, again, rtol=1e-12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.lists(st.integers(-3, 3), min_size=5, max_size=5).filter(any), min_size=1, max_size=4), st.data())
+def test_random_constraints_hold_and_leave_the_gradient_normal_to_them(S, data):
+    symbols = sp.symbols("theta_1:6", real=True)
+    inside = data.draw(st.lists(st.integers(-3, 3), min_size=5, max_size=5))  # so they do not contradict each other
+    equations = [sum(s * (t - v) for s, t, v in zip(row, symbols, inside, strict=True)) for row in S]
+    model, record = NARX.from_terms(MIXED), noise_record(60, seed=3)
+    theta, _ = one_step(model, record, equations)
+    Psi, target = regression(model, record)
+    S = np.array(S, dtype=float)
+    np.testing.assert_allclose(S @ theta, S @ inside, atol=1e-11)
+    gradient = Psi.T @ (Psi @ theta - target)
+    multipliers = np.linalg.lstsq(S.T, gradient)[0]
+    np.testing.assert_allclose(S.T @ multipliers, gradient, atol=1e-9 * np.abs(Psi.T @ target).max())
+
+
+def test_sigma_y_is_exactly_one():
+    record = made(PAPER, THETA, slow(3_000), noise=0.05)
+    model = NARX.from_terms(PAPER).fit(record, ["continuum"])
+    assert model.theta[0] == 1.0 and continuum(model, 0)
+    rest = model.simulate(np.full(100, 7.0), 12.5)
+    assert np.array_equal(rest, np.full(100, 12.5))
+    two = NARX.from_terms(["y[k-1]", "y[k-2]", "phi1[k-1]"])
+    two.fit(record, [sp.Eq(two.sigma_y, 1)])
+    assert abs(two.theta[0] + two.theta[1] - 1) <= 4.5e-16 and continuum(two)
+    whole = NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]", "1"]).fit(record, ["continuum"])
+    np.testing.assert_allclose(whole.theta, [1, whole.theta[1], -whole.theta[1], 0], rtol=0, atol=1e-14)
+
+
+A, B = sp.symbols("theta_1 theta_2", real=True)
+
+
+@pytest.mark.parametrize(
+    "equations, words",
+    (
+        ([A - 1, A - 2], "contradict"),
+        ([A + B - 1, 2 * A + 2 * B - 3], "contradict"),
+        ([sp.Eq(A, 1), sp.false], "can never hold"),
+        ([A * B - 1], "not linear"),
+        ([A**2 - 1], "not linear"),
+        ([sp.Symbol("alpha") - 1], "alpha"),
+        ([sp.Symbol("theta_1") - 1], "theta_1"),  # not the model's symbol, which is real
+        (["sigma"], "Unknown constraint 'sigma'"),
+    ),
+)
+def test_impossible_constraints(equations, words):
+    for method in ("one_step", "free_run"):
+        with pytest.raises(FitError, match=words):
+            NARX.from_terms(["y[k-1]", "u[k-1]"]).fit(noise_record(), equations, method=method)
+
+
+@pytest.mark.parametrize(
+    "nothing",
+    (sp.true, sp.S.Zero, sp.Eq(A - A, 0, evaluate=False)),
+)
+def test_a_constraint_that_says_nothing_changes_nothing(nothing):
+    record = noise_record()
+    model = NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"])
+    one = model.symbols[1] + model.symbols[2] - 1
+    alone = np.array(model.fit(record, [one]).theta)
+    np.testing.assert_allclose(model.fit(record, [one, nothing]).theta, alone, rtol=1e-12)
+
+
+def test_elimination_spans_the_solutions():
+    found = Elimination.of([A + 2 * B - 3], (A, B))
+    assert found.t0 @ [1, 2] == pytest.approx(3) and np.abs([1, 2] @ found.Z).max() < 1e-15
+    np.testing.assert_allclose(found.Z.T @ found.Z, np.eye(1), atol=1e-15)
+    assert Elimination.of([], (A, B)).Z.tolist() == [[1, 0], [0, 1]]
+
+
+# ---------------------------------------------------------------- standard errors
+
+
+@pytest.mark.parametrize("constrained", (False, True))
+def test_standard_errors_cover_the_truth(constrained):
+    terms, truth = ["u[k-1]", "u[k-2]", "phi2[k-1]"], np.array([0.7, 0.3, -0.5])
+    model = NARX.from_terms(terms)
+    random = np.random.default_rng(5)
+    equations = [model.symbols[0] + model.symbols[1] - 1] if constrained else []
+    inside = []
+    for _ in range(150):
+        source = random.standard_normal(60)
+        out = NARX.from_terms(terms, truth).simulate(source, 0.0) + 0.3 * random.standard_normal(60)
+        theta, std = one_step(model, Record.from_arrays(source, out, Ts=1), equations)
+        inside.append(np.abs(theta - truth) < 2.0 * std)
+    coverage = np.mean(inside, axis=0)  # 95 % by Student's t; four deviations of 150 draws are 0.07
+    assert np.all((coverage > 0.88) & (coverage < 0.995)), coverage
+
+
+# ---------------------------------------------------------------- what cannot be fitted
+
+
+def test_data_that_do_not_determine_the_model():
+    record = noise_record(100)
+    for terms in (["phi1[k-1]", "u[k-1]", "u[k-2]"], ["phi1[k-1]", "phi2[k-1]**2*phi1[k-1]"]):
+        with pytest.raises(FitError, match="linearly dependent"):
+            NARX.from_terms(terms).fit(record)
+    ramp = Record.from_arrays(np.arange(50.0), np.arange(50.0) ** 2, Ts=1)
+    with pytest.raises(FitError, match="linearly dependent"):
+        NARX.from_terms(["phi2[k-1]", "phi1[k-1]"]).fit(ramp)
+    half = Record.from_arrays(np.abs(record.u), record.y, Ts=1)
+    with pytest.raises(FitError, match="zero on all"):
+        NARX.from_terms(["y[k-1]", "Min(u[k-1], 0)"]).fit(half)
+    with pytest.raises(FitError, match="5 parameters cannot be estimated from 4 equations"):
+        NARX.from_terms(MIXED).fit(noise_record(6))
+    with pytest.raises(FitError, match="5 parameters cannot be estimated from 5 equations"):
+        NARX.from_terms(MIXED).fit(noise_record(7))
+    with pytest.raises(FitError, match="shorter than the largest lag"):
+        NARX.from_terms(["y[k-30]"]).fit(noise_record(20))
+    with pytest.raises(FitError, match="not finite"):
+        NARX.from_terms(["y[k-1]", "log(u[k-1])"]).fit(record)
+    with pytest.raises(DataError, match="constant"):
+        NARX.from_terms(["y[k-1]"]).fit(Record.from_arrays(np.ones(50), record.y[:50], Ts=1))
+    with pytest.raises(FitError, match="Unknown method"):
+        NARX.from_terms(["y[k-1]"]).fit(record, method="magic")
+    with pytest.raises(FitError, match="not linear in its parameters"):
+        Model(y[k - 1] * A + u[k], [A]).fit(record)
+    with pytest.raises(ModelError, match="'temperature'"):
+        NARX.from_terms(["y[k-1]", "temperature[k]"], channels=["temperature"]).fit(record)
+
+
+def test_a_failed_fit_leaves_the_model_as_it_was():
+    model = NARX.from_terms(["phi1[k-1]", "u[k-1]", "u[k-2]"], (1, 2, 3))
+    with pytest.raises(FitError):
+        model.fit(noise_record(100), [model.symbols[0] - 1, model.symbols[0] - 2])
+    assert model.theta.tolist() == [1, 2, 3] and model.constraints == () and model.std is None
+
+
+# ---------------------------------------------------------------- free-run fit
+
+
+def test_a_free_run_fit_recovers_the_exact_parameters():
+    record = made(PAPER, THETA, slow(1_500))
+    model = NARX.from_terms(PAPER, np.array(THETA) * (1, 1.1, 0.8, 0.9, 1.2, 1.1))
+    model.fit(record, ["continuum"], method="free_run")
+    np.testing.assert_allclose(model.theta, THETA, rtol=1e-7)
+    assert model.theta[0] == 1 and model.info["converged"] and model.info["nrmse"]["free_run"] < 1e-8
+
+
+def test_a_free_run_fit_of_a_model_that_is_not_linear_in_its_parameters():
+    a, d = sp.symbols("a d", real=True)
+    make = lambda theta: Model(0.9 * y[k - 1] + a * sp.tanh(d * u[k - 1]), [a, d], theta)  # noqa: E731
+    source = slow(500, peak=3.0)
+    record = Record.from_arrays(source, make([0.7, 1.6]).simulate(source, 0.0), Ts=1)
+    np.testing.assert_allclose(make([1.0, 1.0]).fit(record, method="free_run").theta, [0.7, 1.6], rtol=1e-7)
+    tied = make([1.0, 1.0])
+    tied.fit(record, [sp.Eq(a, sp.Rational(7, 10))], method="free_run")
+    assert tied.theta[0] == 0.7 and tied.theta[1] == pytest.approx(1.6, rel=1e-7)
+
+
+def test_under_output_noise_the_free_run_fit_beats_one_step():
+    source, fresh = slow(3_000), slow(1_000, seed=9)
+    truth = made(PAPER, THETA, fresh)
+    for seed in range(2):
+        record = made(PAPER, THETA, source, noise=0.3, seed=seed)
+        one = NARX.from_terms(PAPER).fit(record, ["continuum"])
+        free = NARX.from_terms(PAPER).fit(record, ["continuum"], method="free_run")
+        assert free.theta[0] == 1.0
+        assert evaluate(free, truth).free_run_nrmse < 0.5 * evaluate(one, truth).free_run_nrmse
+        assert evaluate(free, record).free_run_nrmse <= evaluate(one, record).free_run_nrmse
+        off = np.abs(free.theta - THETA) / np.maximum(free.std, 1e-300)
+        assert np.all(off[1:] < 5)  # white noise: the standard errors hold
+
+
+def test_free_run_fits_merge_records_and_estimate_each_start():
+    records = [made(PAPER, THETA, slow(700, seed=s)) for s in (1, 2)]
+    lifted = Record.from_arrays(records[1].u, records[1].y, Ts=0.01)
+    model = NARX.from_terms(PAPER, np.array(THETA) * 1.05)
+    model.fit([records[0], lifted], [sp.Eq(model.sigma_y, 1)], method="free_run")
+    np.testing.assert_allclose(model.theta, THETA, rtol=1e-6)
+
+
+def test_a_diverging_start_is_said():
+    record = made(PAPER, THETA, slow(600))
+    with pytest.raises(FitError, match="diverges"):
+        NARX.from_terms(["y[k-1]", "u[k-1]"], [4.0, 1.0]).fit(record, method="free_run")
+
+
+def test_auto_keeps_the_better_free_run():
+    noisy = made(PAPER, THETA, slow(1_500), noise=0.3)
+    one, auto = NARX.from_terms(PAPER).fit(noisy, ["continuum"]), NARX.from_terms(PAPER)
+    auto.fit(noisy, ["continuum"], method="auto")
+    assert auto.info["method"] == "free_run" and one.info["method"] == "one_step"
+    assert auto.info["nrmse"]["free_run"] < one.info["nrmse"]["free_run"]
+    assert auto.constraints == one.constraints and auto.theta[0] == 1
+
+
+def test_auto_keeps_one_step_where_the_free_run_is_worse_or_diverges():
+    random = np.random.default_rng(0)
+    wild = Record.from_arrays(random.standard_normal(400), np.cumsum(random.standard_cauchy(400)), Ts=1)
+    model = NARX.from_terms(["y[k-1]", "y[k-1]**3*u[k-1]", "y[k-1]**2"])
+    one = model.copy().fit(wild)
+    assert model.copy().fit(wild, method="free_run").info["nrmse"]["free_run"] > one.info["nrmse"]["free_run"]
+    auto = model.copy().fit(wild, method="auto")
+    assert auto.theta.tolist() == one.theta.tolist() and auto.std == one.std and auto.info == one.info
+    # An unstable plant, measured under feedback: its free run diverges.
+    source, out = np.zeros(3_000), np.zeros(3_000)
+    for i in range(1, 3_000):
+        source[i - 1] = -1.5 * out[i - 1] + random.standard_normal()
+        out[i] = 2 * out[i - 1] + source[i - 1]
+    record = Record.from_arrays(source, out, Ts=1)
+    model = NARX.from_terms(["y[k-1]", "u[k-1]"])
+    assert model.fit(record, method="auto") is model
+    np.testing.assert_allclose(model.theta, (2, 1), rtol=1e-9)
+    assert model.info["method"] == "one_step" and model.info["nrmse"]["free_run"] == np.inf
+    # A model that is not linear in its parameters has no other fit.
+    stuck = Model(A * y[k - 1] + B * u[k - 1], [A, B], [3.0, 1.0])
+    with pytest.raises(FitError, match="diverge"):
+        stuck.fit(record, method="auto")
+    assert stuck.theta.tolist() == [3, 1]
+
+
+# ---------------------------------------------------------------- sensitivities
+
+
+def by_high_precision(recursion, inputs, theta, start, at):
+    """Central differences of the run in 60 digits with respect to parameter `at` (None: the start)."""
+    step = mpmath.mpf(10) ** -25
+    functions = {"sign": mpmath.sign, "Abs": abs, "Heaviside": lambda x, *_: mpmath.mpf(x > 0)}
+    ((left, right),) = recursion.updates
+    used = samples(right)
+    f = sp.lambdify([*used, *recursion.parameters], right, [functions, "mpmath"])
+    n = len(next(iter(inputs.values())))
+
+    def run(shift):
+        values = [mpmath.mpf(float(t)) for t in theta]
+        first = [mpmath.mpf(float(s)) for s in start]
+        if at is None:
+            first = [s + shift for s in first]
+        else:
+            values[at] += shift
+        out = [*first]
+        for i in range(len(start), n):
+            past = [
+                out[i - lag(s)] if s.base == left.base else mpmath.mpf(float(inputs[str(s.base.label)][i - lag(s)]))
+                for s in used
+            ]
+            out.append(f(*past, *values))
+        return out
+
+    with mpmath.workdps(60):
+        return np.array([float((a - b) / (2 * step)) for a, b in zip(run(step), run(-step), strict=True)])
+
+
+C, D = sp.symbols("c d", real=True)
+
+
+@pytest.mark.parametrize(
+    "right, parameters, theta",
+    (
+        (NARX.from_terms(PAPER).right, NARX.from_terms(PAPER).symbols, (0.9, 0.7, 0.2, -0.1, 0.3, -0.2)),
+        (C * y[k - 1] + D**2 * sp.Abs(u[k] - y[k - 2]) + sp.sin(C * u[k - 1]), (C, D), (0.5, 0.4)),
+        (sp.Max(C * u[k] - D, sp.Min(C * u[k] + D, y[k - 1])), (C, D), (1.1, 0.3)),
+        (sp.Piecewise((C * y[k - 1], u[k] > 0), (D * y[k - 2] * u[k], True)) + C / 3, (C, D), (0.8, -0.5)),
+        (y[k - 1] / 2 + sp.tanh(C * u[k] + D * y[k - 3]) * sp.sign(u[k - 1] - y[k - 1]), (C, D), (0.8, -0.5)),
+        (sp.exp(-(C**2)) * y[k - 1] + phi1[k] * sp.Abs(D * u[k - 1] - y[k - 1]), (C, D), (0.7, 1.6)),
+    ),
+)
+def test_sensitivities_equal_high_precision_differences(right, parameters, theta):
+    recursion = Recursion(((y[k], right),), parameters)
+    inputs, start = {"u": np.random.default_rng(2).uniform(-1, 1, 60)}, np.full(recursion.depth, 0.25)
+    extended, directions = sensitivities(recursion, initial=True)
+    names = [d[y] for d in directions]
+    initial = {y: start, **dict.fromkeys(names, 0.0), names[-1]: 1.0}
+    for engine in ("native", "python"):
+        found = compile(extended, engine)(inputs, theta, initial)
+        np.testing.assert_allclose(
+            found["y"], compile(recursion)(inputs, theta, {y: start})["y"], rtol=1e-13, atol=1e-14
+        )
+        for at, name in enumerate(names):
+            expected = by_high_precision(recursion, inputs, theta, start, at if at < len(theta) else None)
+            size = np.abs(expected).max()
+            np.testing.assert_allclose(found[str(name.label)], expected, rtol=0, atol=1e-11 * size, err_msg=str(name))
+
+
+def test_sensitivities_of_chosen_parameters_through_several_states():
+    p = signal("p")
+    recursion = Recursion(((p[k], C * p[k - 1] + D * u[k]), (y[k], y[k - 1] / 2 + p[k] ** 2 + p[k - 1])), (C, D))
+    extended, directions = sensitivities(recursion, [D])
+    assert len(directions) == 1 and len(extended.updates) == 4 and extended.parameters == (C, D)
+    inputs, theta, h = {"u": np.random.default_rng(1).standard_normal(40)}, np.array([0.6, 0.3]), 1e-6
+    start = {"p": 0.1, "y": 0.2}
+    found = compile(extended)(inputs, theta, start | {str(d.label): 0.0 for d in directions[0].values()})
+    for state in (p, y):
+        up, down = (compile(recursion)(inputs, theta + np.array([0, s]), start)[str(state.label)] for s in (h, -h))
+        np.testing.assert_allclose(found[str(directions[0][state].label)], (up - down) / (2 * h), atol=1e-7)
+
+
+def test_a_direction_holds_the_states_that_it_moves_and_no_others():
+    p, q = signal("p"), signal("q")
+    chain = ((p[k], C * p[k - 1] + u[k]), (q[k], D * q[k - 1] + u[k - 1]), (y[k], y[k - 1] / 2 + p[k] * q[k - 1] + C))
+    recursion = Recursion(chain, (C, D))
+    extended, directions = sensitivities(recursion, initial=True)
+    assert [set(d) for d in directions] == [{p, y}, {q, y}, {p, y}]  # True: the start of the first state alone
+    equations = dict(extended.updates)
+    by_c, by_d, by_start = directions
+    assert len(equations) == 3 + 6
+    assert equations[by_c[p][k]] == C * by_c[p][k - 1] + p[k - 1]
+    assert equations[by_c[y][k]] == by_c[y][k - 1] / 2 + q[k - 1] * by_c[p][k] + 1
+    assert equations[by_d[q][k]] == D * by_d[q][k - 1] + q[k - 1]
+    assert equations[by_d[y][k]] == by_d[y][k - 1] / 2 + p[k] * by_d[q][k - 1]
+    assert equations[by_start[p][k]] == C * by_start[p][k - 1]
+    _, (none, both) = sensitivities(recursion, [], [(y,), (q, p)])
+    assert set(none) == {y} and set(both) == {p, q, y}
+    _, (nothing,) = sensitivities(Recursion(((y[k], y[k - 1] / 2 + u[k]), (p[k], C * u[k])), (C,)), [C])
+    assert set(nothing) == {p}
+
+
+# ---------------------------------------------------------------- simulate and predict
+
+
+def test_simulate_takes_any_kind_of_one_signal():
+    model = NARX.from_terms(PAPER, THETA)
+    source = slow(300)
+    expected = model.simulate(source, 0.5)
+    assert expected.shape == (300,) and expected.dtype == float and expected[:3].tolist() == [0.5] * 3
+    for given_u in (
+        source[:, None],
+        source[None, :],
+        source.tolist(),
+        pd.Series(source, index=range(5, 305)),
+        source[::1],
+    ):
+        assert np.array_equal(model.simulate(given_u, 0.5), expected)
+    for engine in ("numpy", "casadi", "python"):
+        np.testing.assert_allclose(simulate(model, source, 0.5, engine=engine), expected, atol=1e-10)
+    hand = expected.copy()
+    x, t = source, THETA
+    for i in range(3, 300):
+        d1, d2 = x[i - 1] - x[i - 2], x[i - 2] - x[i - 3]
+        hand[i] = (
+            t[0] * hand[i - 1] + t[1] * d1 + t[2] * abs(d2) * x[i - 2] + t[3] * abs(d2) * hand[i - 1]
+            + t[4] * d2 * x[i - 2] ** 2 + t[5] * d2 * x[i - 2] * hand[i - 1]
+        )  # fmt: skip
+    np.testing.assert_allclose(expected, hand, atol=1e-11)
+
+
+def test_the_start_of_a_simulation():
+    model = NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]"], (0.5, 0.2, 1.0))
+    assert model.simulate([0.0, 0, 0], [1.0, 2.0]).tolist() == [1, 2, 1.2]
+    assert model.simulate([0.0], 3.0).tolist() == [3] and model.simulate([0.0, 0], [3.0, 4]).tolist() == [3, 4]
+    with pytest.warns(UserWarning, match="starts from 0"):
+        assert model.simulate([1.0, 1, 1])[0] == 0
+    model.info["line"] = [10.0, 2.0]
+    assert model.simulate([1.0, 1, 1])[:2].tolist() == [12, 12]
+    assert NARX.from_terms(["1", "u[k-1]"], (2, 1)).simulate([1.0, 2], 0.0).tolist() == [0, 3]
+    for bad in ([], [1.0, np.nan], [np.inf, 1]):
+        with pytest.raises(ModelError, match="finite numbers"):
+            model.simulate(bad)
+    with pytest.raises(ModelError, match="needs 2 initial samples"):
+        model.simulate([1.0, 1, 1], [])
+    with pytest.raises(ModelError, match="no parameter values"):
+        NARX.from_terms(PAPER).simulate([1.0, 2])
+
+
+def test_two_columns_are_not_one_signal():
+    with pytest.raises(ModelError, match="shape"):
+        NARX.from_terms(["y[k-1]", "u[k-1]"], (0.5, 1.0)).simulate(np.ones((5, 2)), 0.0)
+
+
+def test_a_diverging_simulation_says_where_and_why():
+    model = NARX.from_terms(["y[k-1]", "u[k-1]"], (3.0, 1.0))
+    with pytest.raises(Diverged, match=r"sample \d+ is not finite.*unstable model"):
+        model.simulate(np.ones(2_000), 0.0)
+    assert evaluate(model, noise_record(2_000)).free_run_nrmse == np.inf
+
+
+def test_predict_uses_measured_outputs():
+    record = noise_record(50, channels={"p": np.arange(50.0)})
+    model = NARX.from_terms([*MIXED, "p[k-3]"], (0.5, -0.2, 1.0, 0.3, 0.1, 0.01), channels=["p"])
+    found = predict(model, record)
+    assert found.shape == (50,) and np.array_equal(found[:3], record.y[:3])
+    i = np.arange(3, 50)
+    x, out = record.u, record.y
+    expected = 0.5 * out[i - 1] - 0.2 * out[i - 2] + x[i - 1] + 0.3 * (x[i - 1] - x[i - 2]) + 0.01 * (i - 3.0)
+    np.testing.assert_allclose(found[3:], expected + 0.1 * np.sign(x[i - 1] - x[i - 2]) * x[i - 2], atol=1e-13)
+    assert free_run(model, record).shape == (50,)
+
+
+def test_an_inverse_model_predicts_the_input_from_the_output_ahead():
+    record = noise_record(40)
+    model = NARX.from_terms(["u[k-1]", "breve_phi1[k-1]"], (0.5, 2.0), input="y", output="u", lead=2)
+    found = predict(model, record)
+    i = np.arange(2, 38)
+    assert found.shape == (38,)
+    np.testing.assert_allclose(found[2:], 0.5 * record.u[i - 1] + 2 * (record.y[i + 1] - record.y[i]), atol=1e-13)
+    made_up = Record.from_arrays(found, record.y[:38], Ts=1)
+    assert len(made_up) == 38
+
+
+def test_the_pair_of_errors_tells_one_step_from_free_run():
+    record = made(PAPER, THETA, slow(1_000), noise=0.1)
+    lazy = NARX.from_terms(["y[k-1]", "y[k-2]"], (2.0, -1.0))
+    pair = evaluate(lazy, record)
+    assert pair.one_step_nrmse < 0.05 < 1 < pair.free_run_nrmse
+    assert expand_phi(phi2[k]).has(sp.sign)

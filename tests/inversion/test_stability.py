@@ -1,0 +1,228 @@
+"""The law's own dynamics: eigenvalues, fixed points, regions, excursions of a run."""
+
+import warnings
+
+import numpy as np
+import pytest
+import sympy as sp
+from printed import BENCH, INVERSE, INVERSE_TABLE_1, PRINTED, TABLE_1, VALVE
+
+import narx_sym as ns
+from narx_sym import plots
+from narx_sym.cli import main as cli
+from narx_sym.engines.compile import compile
+from narx_sym.errors import Diverged, ModelError, NarxError
+from narx_sym.fit.excursions import operating_range
+from narx_sym.inversion.stability import direction, heading, mbar, rbar
+from narx_sym.models.analysis import z
+from narx_sym.symbolic.signals import k, m, r
+
+
+def valve(**options):
+    return ns.NARX.from_terms(VALVE, PRINTED, Ts=0.01, **options).compensator()
+
+
+def sine(n=3000, size=0.56, level=3.0):
+    return level + size * np.sin(0.002 * np.pi * np.arange(n))
+
+
+# -- symbols ---------------------------------------------------------------------------------------------------
+
+
+def test_the_published_valve_law():
+    """PAPER_NOTES: (19.76 + s (-9.44 m + 12.61 r)) / 19.32, 1.51 rising and 0.53 falling at m = r = 3."""
+    internal = valve().internal
+    printed = (sp.Rational("19.76") + direction * (-sp.Rational("9.44") * mbar + sp.Rational("12.61") * rbar)) / (
+        sp.Rational("19.32")
+    )
+    gaps = sp.Poly(internal.eigenvalue - printed, mbar, rbar, direction).coeffs()
+    assert max(abs(float(c)) for c in gaps) < 1e-12
+    assert internal.integrates and internal.fixed_points.equilibria == "continuum"
+    assert internal.radius(3, 3, 1) == pytest.approx(1.51, abs=0.01)
+    assert internal.radius(3, 3, -1) == pytest.approx(0.53, abs=0.01)
+    assert isinstance(internal.region, sp.Ge) and internal.region.free_symbols == {mbar, rbar, direction}
+    for level, goal, s in ((3, 3, 1), (3, 3, -1), (5, 3, 1), (5, 3, -1)):
+        inside = bool(internal.region.subs({mbar: level, rbar: goal, direction: s}))
+        assert inside == internal.repelling(level, goal, s)
+    assert internal.repelling([3, 5], [3, 3]).tolist() == [True, True]  # one direction is enough
+    assert str(internal.turns[direction]) == "sign(m[k - 1] - m[k - 2])"
+
+
+def test_the_jacobian_keeps_its_time_indices():
+    law = ns.NARX.from_terms(BENCH).compensator()
+    first, second = law.internal.jacobian
+    t, step, sign = law.symbols, m[k - 1] - m[k - 2], sp.sign(m[k - 1] - m[k - 2])
+    assert sp.expand(t[1] * second - (t[2] * sign * m[k - 1] + t[3] * sign * r[k] + t[4] * m[k - 1] ** 2
+                                      + t[5] * m[k - 1] * r[k])) == 0  # fmt: skip
+    whole = t[1] - t[2] * sign * step - 2 * t[4] * step * m[k - 1] - t[5] * step * r[k]
+    assert sp.expand(t[1] * (first + second) - whole) == 0
+
+
+def test_an_inverse_turns_with_its_reference():
+    law = ns.NARX.from_terms(INVERSE, INVERSE_TABLE_1, input="y", output="u", lead=2).compensator()
+    internal = law.internal
+    theta = law.symbols
+    assert sp.expand(internal.polynomial - (z - theta[0] - theta[4] * heading * rbar)) == 0
+    assert not internal.integrates  # theta_1 = 1 is not the whole eigenvalue
+    assert internal.radius(0.0, 40.0, -1) == pytest.approx(1 + 40 * 1.07e-5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # 1.0004 while falling, 0.9996 while rising: nothing to warn of
+        goal = 40 * np.sin(2e-3 * np.pi * np.arange(4000))
+        found = internal.along(law.run(goal, 0.0), goal, 0.0)
+    assert found.share == pytest.approx(0.5, abs=0.01) and 1 < found.growth < 1.2 and not found.noteworthy
+
+
+def test_fixed_points():
+    linear = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, 0.25]).compensator().internal
+    (point,) = linear.fixed_points.equilibria
+    assert sp.expand(point - rbar * 0.4) == 0  # 0.5 r = 1.25 m
+    assert linear.eigenvalue == -0.25 and linear.region == sp.false and not linear.turns
+    unfitted = ns.NARX.from_terms(BENCH).compensator()
+    conditions = unfitted.internal.fixed_points.conditions
+    assert [sp.simplify(c.lhs - c.rhs - (1 - unfitted.symbols[0]) / unfitted.symbols[1]) for c in conditions] == [0]
+
+
+def test_two_roots_left():
+    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]", "u[k-3]"], [0.5, 1.0, 0.3, -0.4]).compensator()
+    assert law.internal.eigenvalue is None and law.internal.region == sp.false
+    roots = np.abs(np.roots([1, 0.3, -0.4]))
+    assert law.internal.radius(0.0, 0.0) == pytest.approx(roots.max())
+    assert not law.internal.repelling(1.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    "term", ("abs(phi1[k-2])*u[k-2]", "Max(phi1[k-2], 0)*u[k-2]", "tanh(1000*phi1[k-2])*phi1[k-2]*u[k-2]")
+)
+def test_every_way_to_ask_for_a_direction(term):
+    """|phi1| u and a steep tanh are sign(phi1) phi1 u; Max(phi1, 0) u is half of it plus half of phi1 u."""
+    plain = (
+        ns.NARX.from_terms(["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]"], [1, 2, 0.5]).compensator().internal
+    )
+    other = ns.NARX.from_terms(["y[k-1]", "phi1[k-1]", term], [1, 2, 0.5]).compensator().internal
+    wanted = plain.eigenvalue.subs(direction, (1 + direction) / 2) if "Max" in term else plain.eigenvalue
+    assert sp.expand(other.eigenvalue - wanted) == 0
+
+
+def test_unknown_symbols_are_named():
+    with pytest.raises(ModelError, match="theta_"):
+        ns.NARX.from_terms(BENCH).compensator().internal.radius(1, 1)
+
+
+def test_new_values_are_seen():
+    model = ns.NARX.from_terms(VALVE, PRINTED)
+    law = model.compensator()
+    assert law.internal.repelling(3, 3, 1)
+    model.theta = [1, -1, 2, 0, 0]
+    assert not law.internal.repelling(3, 3, 1) and law.internal.eigenvalue == 0.5
+
+
+# -- runs ------------------------------------------------------------------------------------------------------
+
+
+def test_a_reference_that_enters_the_region_is_flagged():
+    law, goal = valve(), sine()
+    with pytest.warns(
+        UserWarning, match=r"amplifies its own errors at .* % of the samples, first at sample \d+ \(t = 0.*transient"
+    ) as said:
+        volts = law.run(goal, 3.0)
+    assert len(said) == 1
+    found = law.internal.along(volts, goal, 3.0)
+    assert found.first == np.flatnonzero(found.radius > 1)[0] and found.share == np.mean(found.radius > 1)
+    assert f"first at sample {found.first} " in str(said[0].message)
+    steps = np.diff(np.concatenate([[3.0, 3.0], volts]))[1:-1]
+    at = found.first
+    assert found.radius[at] == pytest.approx(law.internal.radius(volts[at - 1], goal[at], np.sign(steps[at - 1])))
+
+
+def test_growth_is_that_of_a_disturbance():
+    """At a constant reference a small step of m is multiplied by the eigenvalue from sample to sample."""
+    law = ns.NARX.from_terms(VALVE, [1, -1.9, 2.0, 3.5, -3.5]).compensator()
+    goal, past = np.full(60, 3.0), np.array([2.8 - 1e-6, 2.8])
+    volts = compile(law.recursion)({"r": goal}, law.model.theta, {"m": past})["m"]
+    found = law.internal.along(volts, goal)
+    steps = np.diff(volts)
+    np.testing.assert_allclose(steps[1:] / steps[:-1], found.radius[2:], rtol=1e-6)
+    assert found.growth == pytest.approx(steps.max() / steps[0], rel=1e-6) and found.growth > 1000
+    assert volts[-1] > 2.95 and steps[-1] < 0.9 * steps.max()  # it crosses by itself and settles
+
+
+def test_a_run_that_forgets_is_not_flagged():
+    law, goal = ns.NARX.from_terms(BENCH, TABLE_1).compensator(), sine(size=40.0, level=0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = law.internal.along(law.run(goal, 0.0), goal, 0.0)
+    assert found.first is None and found.share == 0 and found.growth == 1 and found.rate < 0.5
+    assert "forgets" in found.sentence()
+
+
+def test_a_law_that_runs_away_says_where_it_began():
+    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, 3.0], Ts=0.01).compensator()
+    with pytest.raises(Diverged, match=r"first at sample 0 \(t = 0 s\) .*eigenvalue 3.*the law can run away"):
+        law.run(sine(900), 0.1)
+
+
+def test_two_signals_of_one_length():
+    for m_values, r_values in (([1.0], [1.0]), ([1.0, 2.0], [1.0, 2.0, 3.0])):
+        with pytest.raises(ModelError, match="same length"):
+            valve().internal.along(m_values, r_values)
+
+
+# -- the operating range ---------------------------------------------------------------------------------------
+
+
+def with_ranges(theta, terms=VALVE, line=(0.0, 1.0), band=0.2, **options):
+    model = ns.NARX.from_terms(terms, theta, Ts=0.01, **options)
+    model.info |= {"ranges": {"u": [2.0, 4.0], "y": [2.0, 4.0]}, "line": list(line), "band": band}
+    return model
+
+
+def test_the_operating_range_is_a_band_around_the_line():
+    law = with_ranges(PRINTED).compensator()
+    found = operating_range(law)
+    assert found.shares["rising"] == 1.0 and found.shares["falling"] == 0.0
+    assert found.largest == pytest.approx(law.internal.radius(*found.at, 1))
+    assert abs(found.at[0] - found.at[1]) <= 0.2 + 1e-9
+    assert "A short visit is not a divergence" in found.sentence and "100 % while rising" in found.sentence
+    calm = operating_range(with_ranges([1, -1, 2, 0, 0]).compensator())
+    assert calm.sentence == "" and calm.shares == {"moving": 0.0}
+    assert operating_range(valve()) is None
+    inverse = with_ranges(INVERSE_TABLE_1, INVERSE, input="y", output="u", lead=2).compensator()
+    assert operating_range(inverse).shares == {"rising": 0.0, "falling": 1.0}
+
+
+def test_the_band_of_a_fit(tmp_path):
+    u = ns.plants.filtered_noise(N=3000, Ts=0.01, cutoff=0.5, seed=2)
+    record = ns.Record.from_arrays(u, ns.plants.bouc_wen(u, Ts=0.01), Ts=0.01)
+    model = ns.NARX.from_terms(BENCH).fit(record, ["continuum"])
+    offset, slope = model.info["line"]
+    assert model.info["band"] == pytest.approx(np.abs(record.y - offset - slope * record.u).max())
+    ns.save(model, tmp_path / "m.json")
+    assert ns.load(tmp_path / "m.json").info["band"] == model.info["band"]
+    text = (tmp_path / "m.json").read_text()
+    (tmp_path / "bad.json").write_text(text.replace('"band": ', '"band": -'))
+    with pytest.raises(ModelError, match="band"):
+        ns.load(tmp_path / "bad.json")
+
+
+def test_the_command_says_it_once(tmp_path, monkeypatch, capsys):
+    for theta, expected in ((PRINTED, 1), ([1, -1, 2, 0, 0], 0)):
+        path = tmp_path / "model.json"
+        ns.save(with_ranges(theta), path)
+        monkeypatch.setattr("sys.argv", ["narx-sym", "compensate", str(path)])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        assert stop.value.code == 0
+        assert capsys.readouterr().out.replace("\n", " ").count("own dynamics repel") == expected
+
+
+# -- the picture -----------------------------------------------------------------------------------------------
+
+
+def test_the_picture(tmp_path):
+    law = valve()
+    figure = plots.plot_internal(law, ranges={"m": (2, 4), "r": (2, 4)}, units={"u": "V", "y": "V"})
+    assert [ax.get_xlabel() for ax in figure.axes[:2]] == ["r [V]", "r [V]"] and figure.axes[0].get_ylabel() == "m [V]"
+    assert figure.axes[0].get_title() == "while m rises"
+    figure.savefig(tmp_path / "law.png")
+    with pytest.raises(NarxError, match="range of m"):
+        plots.plot_internal(law)

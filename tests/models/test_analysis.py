@@ -1,0 +1,441 @@
+"""Steady state, Sigma_y, the continuum, Property 1, Jury's conditions, quasi-static sets."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+
+from narx_sym.errors import FitError, ModelError
+from narx_sym.models.analysis import (
+    characteristic,
+    constraint_matrix,
+    continuum,
+    continuum_conditions,
+    folded,
+    jacobian,
+    jury,
+    newest_input,
+    phi1_,
+    property_1,
+    quasi_static,
+    remembered,
+    rest_map,
+    sigma_y,
+    steady_state,
+    u_,
+    ubar,
+    without_integrator,
+    ybar,
+    ytilde,
+    z,
+)
+from narx_sym.models.model import NARX, Model
+from narx_sym.symbolic.recursion import State
+from narx_sym.symbolic.signals import k, phi1, phi2, signal, t, u, y
+
+PAPER = (
+    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]",
+    "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
+)  # fmt: skip
+TABLE_1 = (1.0, 0.77, 1.44e-2, -9.6e-3, 3.15e-4, -2.47e-4)
+
+
+def zero(expression):
+    return sp.simplify(expression) == 0
+
+
+# ---------------------------------------------------------------- steady state and Sigma_y
+
+
+def test_sigma_y_adds_the_linear_output_terms_only():
+    model = NARX.from_terms(["y[k-1]", "phi1[k-1]", "y[k-3]", "y[k-1]*phi1[k-1]", "y[k-2]**2", "u[k-1]"])
+    t = model.symbols
+    assert sigma_y(model) == model.sigma_y == t[0] + t[2]
+    assert NARX.from_terms(["u[k-1]"]).sigma_y == 0
+    a = sp.Symbol("a", real=True)
+    assert Model(a * y[k - 1] + (1 - a) * y[k - 2] + u[k - 1], [a]).sigma_y == 1
+
+
+def test_the_rest_map_holds_every_signal_constant():
+    model = NARX.from_terms([*PAPER, "u[k-1]", "y[k-2]*u[k-3]", "phi2[k-1]", "p[k-1]"], channels=["p"])
+    t = model.symbols
+    pbar = sp.Symbol(r"\bar{p}", real=True)
+    assert zero(rest_map(model) - (t[0] * ybar + t[6] * ubar + t[7] * ybar * ubar + t[9] * pbar))
+
+
+@pytest.mark.parametrize(
+    "terms, theta, expected",
+    (
+        (PAPER, TABLE_1, True),
+        (PAPER, (0.999, *TABLE_1[1:]), False),
+        (["y[k-1]", "u[k-1]"], (1, 0.1), False),  # Assumption 1 and Sigma_y = 1 hold, and it drifts
+        (["y[k-1]", "u[k-1]", "u[k-2]"], (1, 0.1, -0.1), True),
+        (["y[k-1]", "1"], (1, 0.1), False),
+        (["y[k-1]", "1"], (1, 0), True),
+        (["y[k-1]", "y[k-1]*u[k-1]"], (1, 0.1), False),
+        (["y[k-1]", "y[k-2]*u[k-1]", "y[k-1]*u[k-2]"], (1, 0.1, -0.1), True),
+        (["y[k-1]", "y[k-2]", "y[k-3]", "phi1[k-1]"], (0.5, 0.2, 0.3, 1), True),
+        (["y[k-1]", "y[k-1]**2"], (1, 0.1), False),
+        (["y[k-1]", "phi2[k-1]**2"], (1, 3), True),
+    ),
+)
+def test_a_continuum_needs_the_whole_rest_map(terms, theta, expected):
+    model = NARX.from_terms(terms, theta)
+    assert continuum(model) is expected
+    conditions = [(c.lhs - c.rhs).xreplace(model.values) for c in continuum_conditions(model)]
+    assert all(abs(float(c)) < 1e-12 for c in conditions) is expected
+    # What it means: from anywhere, a constant input keeps the output where it is.
+    depth = model.recursion.depth
+    moved = [
+        model.simulate(np.full(10, v), np.full(depth, start)) - start for v in (-1.5, 0, 2) for start in (-2, 0, 3)
+    ]
+    assert bool(np.abs(moved).max() < 1e-9) is expected
+    assert (steady_state(model).equilibria == "continuum") is expected
+
+
+def test_continuum_conditions_are_equations_in_the_parameters():
+    model = NARX.from_terms(["y[k-1]", "u[k-1]", "1", "y[k-2]", "u[k-2]", "u[k-1]*y[k-1]", "sin(u[k-2])"])
+    t = model.symbols
+    found = {sp.expand(c.lhs - c.rhs) for c in continuum_conditions(model)}
+    assert found == {t[0] + t[3] - 1, t[1] + t[4], t[2], t[5], t[6]}
+    assert sp.Eq(t[0] + t[3], 1, evaluate=False) in continuum_conditions(model)
+    S, c = constraint_matrix([sp.Eq(NARX.from_terms(PAPER).sigma_y, 1)], NARX.from_terms(PAPER).symbols)
+    assert S == sp.Matrix([[1, 0, 0, 0, 0, 0]]) and c == sp.Matrix([1])
+
+
+def test_constraints_that_are_no_linear_equations_in_theta():
+    a, b = sp.symbols("a b")
+    for equations, words in (
+        ([a * b - 1], "not linear"),
+        ([a + sp.Symbol("foreign")], "foreign"),
+        ([sp.Symbol("w") * a], "w"),
+    ):
+        with pytest.raises(FitError, match=words):
+            constraint_matrix(equations, [a, b])
+
+
+def test_the_steady_state_is_a_fixed_point():
+    model = NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-1]**2", "y[k-1]**2"], (0.4, 0.1, 0.3, 0.05, 0.02))
+    state = steady_state(model)
+    assert len(state.equilibria) == 2
+    for value in (0.0, 1.0):
+        points = [complex(p.subs(ubar, value)) for p in state.equilibria]
+        settled = model.simulate(np.full(400, value), np.zeros(2))[-1]
+        assert min(abs(p - settled) for p in points) < 1e-9
+    assert r"\bar{y}" in state.latex()
+
+
+def test_an_operating_point_moves_the_steady_state():
+    terms, theta = ["y[k-1]", "u[k-1]", "u[k-1]*phi1[k-1]"], (0.5, 2.0, 1.0)
+    plain = steady_state(NARX.from_terms(terms, theta)).equilibria
+    moved = steady_state(NARX.from_terms(terms, theta, operating_point={y: -96.0, u: 1.8})).equilibria
+    assert zero(sp.nsimplify(plain[0].subs(ubar, ubar - sp.Rational(18, 10)) - 96 - moved[0], rational=True))
+
+
+# ---------------------------------------------------------------- Property 1
+
+
+@pytest.mark.parametrize(
+    "terms, theta, count, diverging, holds",
+    (
+        (PAPER, TABLE_1, "continuum", False, True),
+        (["y[k-1]", "u[k-1]"], (0.9, 1), 1, False, False),
+        (["y[k-1]", "u[k-1]"], (1.1, 1), 1, True, False),
+        (["y[k-1]", "u[k-1]"], (1, 0.1), 0, None, False),
+        (["y[k-1]", "1"], (1, 0.1), 0, None, False),
+        (["y[k-1]", "y[k-2]", "phi1[k-1]"], (1.5, -0.5, 1), "continuum", False, True),  # the other root is 0.5
+        (["y[k-1]", "y[k-2]", "phi1[k-1]"], (-0.5, 1.5, 1), "continuum", True, False),  # ... and -1.5
+        (["y[k-1]", "y[k-2]", "phi1[k-1]"], (2, -1, 1), "continuum", True, False),  # a double root at 1
+        (["y[k-1]", "y[k-1]**3"], (1.5, -0.5), 3, False, True),  # -1, 0, 1: both ends attract
+        (["y[k-1]", "y[k-1]**2"], (0.5, 0.5), 2, False, False),  # 0 attracts, 1 repels
+        (["y[k-1]**2", "1"], (1, 1), 0, None, False),  # complex only
+    ),
+)
+def test_property_1(terms, theta, count, diverging, holds):
+    verdict = property_1(NARX.from_terms(terms, theta))
+    assert verdict.holds is holds and verdict.diverging is diverging
+    assert (verdict.equilibria if count == "continuum" else len(verdict.equilibria)) == count
+    assert verdict.reason
+
+
+def test_property_1_needs_numbers():
+    with pytest.raises(ModelError, match="fit the model or give theta"):
+        property_1(NARX.from_terms(PAPER))
+
+
+# ---------------------------------------------------------------- Jury
+
+
+def holds(conditions):
+    return all(bool(c.doit() if hasattr(c, "doit") else c) for c in conditions)
+
+
+@example([0.5], True)
+@example([2.0, 0.5], False)
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.floats(-1.6, 1.6), min_size=1, max_size=5), st.booleans())
+def test_jury_agrees_with_the_roots(numbers, as_roots):
+    """Polynomials by their coefficients, or by real roots and conjugate pairs."""
+    if as_roots:
+        roots = np.array(numbers, dtype=complex)
+        if len(numbers) >= 2:
+            roots[:2] = complex(numbers[0], numbers[1]), complex(numbers[0], -numbers[1])
+        coefficients = np.poly(roots).real
+    else:
+        coefficients = np.array([1.0, *numbers])
+    largest = np.abs(np.roots(coefficients)).max(initial=0)
+    assume(abs(largest - 1) > 1e-3)
+    exact = [sp.Rational(float(c)) for c in coefficients]
+    polynomial = sum(c * z ** (len(exact) - 1 - i) for i, c in enumerate(exact))
+    table = jury(polynomial)
+    # A zero in the first column is the singular case of the table: on the border of what it can decide.
+    assume(all((c.lhs - c.rhs) != 0 for c in table))
+    assert holds(table) == (largest < 1)
+    assert holds(jury(-3 * polynomial)) == (largest < 1)
+
+
+def test_jury_of_low_orders_in_symbols():
+    a, b = sp.symbols("a b", real=True)
+    assert jury(z - a) == [sp.Lt(sp.Abs(a), 1, evaluate=False)]
+    assert jury(sp.Integer(3)) == []
+    triangle = jury(z**2 - a * z - b)
+    assert {sp.expand(c.lhs - c.rhs) for c in triangle[:2]} == {1 - a - b, 1 + a - b}
+    assert triangle[2].lhs.subs(b, sp.Rational(1, 3)) == sp.Rational(1, 3) and triangle[2].rhs == 1
+    assert characteristic([a, b]) == z**2 - a * z - b
+
+
+def test_an_exact_integrator_is_taken_out():
+    a, b = sp.symbols("a b", real=True)
+    reduced, found = without_integrator(sp.expand((z - 1) * (z - a) * (z - b)))
+    assert found and zero(sp.expand(reduced - (z - a) * (z - b)))
+    assert without_integrator(z - a) == (z - a, False)
+    assert without_integrator(z - 1) == (1, True)
+    almost = z - sp.Rational(999_999, 1_000_000)
+    assert without_integrator(almost) == (almost, False)
+
+
+# ---------------------------------------------------------------- quasi-static sets
+
+
+def test_quasi_static_sets_of_the_papers_model():
+    model = NARX.from_terms(PAPER)
+    t = model.symbols
+    found = quasi_static(model)
+    for s, branch in ((1, found.loading), (-1, found.unloading)):
+        numerator = t[1] * phi1_ + t[2] * s * phi1_ * u_ + t[4] * phi1_ * u_**2
+        assert zero(branch - numerator / (1 - t[0] - t[3] * s * phi1_ - t[5] * phi1_ * u_))
+    assert zero(found.jacobian - (t[0] + t[3] * phi2[k - 2] * phi1[k - 2] + t[5] * phi1[k - 2] * u[k - 2]))
+    assert jacobian(model) == [found.jacobian]
+    loading = found.conditions(loading=True)
+    assert zero(loading.lhs - sp.Abs(t[0] + t[3] * phi1_ + t[5] * phi1_ * u_)) and loading.rhs == 1
+    assert found.repelling == sp.Not(found.attracting)
+    assert "cases" in found.latex()
+
+
+def direct(model, theta, value, step):
+    """(fixed point, largest eigenvalue) with u and phi1 held, by iterating and differencing the equation itself."""
+    s = np.sign(step)
+
+    def F(*past):
+        names = {y[k - i - 1]: v for i, v in enumerate(past)}
+        names |= (
+            {phi1[k - i]: step for i in range(4)}
+            | {phi2[k - i]: s for i in range(4)}
+            | {u[k - i]: value for i in range(4)}
+        )
+        names |= dict(zip(model.symbols, theta, strict=True))
+        return float(model.F.xreplace({a: sp.Float(b, 30) for a, b in names.items()}))
+
+    n = model.n_y
+    intercept = F(*[0.0] * n)
+    slopes = [F(*(float(i == j) for j in range(n))) - intercept for i in range(n)]
+    companion = np.vstack([slopes, np.eye(n)[:-1]]) if n else np.zeros((1, 1))
+    return intercept / (1 - sum(slopes)), np.abs(np.linalg.eigvals(companion)).max()
+
+
+@pytest.mark.parametrize(
+    "terms, theta",
+    (
+        (PAPER, TABLE_1),
+        (["y[k-1]", "y[k-2]", "phi1[k-1]", "phi1[k-1]*y[k-2]", "phi2[k-1]*u[k-2]"], (1.2, -0.3, 0.5, 0.2, 0.3)),
+        (["u[k-1]", "phi2[k-1]*phi1[k-1]"], (2.0, 0.5)),
+    ),
+)
+def test_evaluated_sets_equal_the_equation_itself(terms, theta):
+    model = NARX.from_terms(terms, theta)
+    source = 4 * np.sin(np.arange(60) * 0.37)
+    source[20:25] = source[20]
+    found = model.quasi_static().evaluate(source)
+    steps = np.diff(source, prepend=source[:1])
+    assert np.array_equal(found.phi1, steps) and np.array_equal(found.loading, steps > 0)
+    resting = steps == 0
+    assert resting.sum() == 5 and np.array_equal(np.isnan(found.ytilde), resting)
+    assert not found.attracting[resting].any() and not found.repelling[resting].any()
+    assert np.array_equal(found.repelling[~resting], ~found.attracting[~resting])
+    for i in np.flatnonzero(~resting):
+        point, radius = direct(model, theta, source[i], steps[i])
+        assert found.ytilde[i] == pytest.approx(point, rel=1e-9, abs=1e-9)
+        assert found.spectral_radius[i] == pytest.approx(radius, rel=1e-9, abs=1e-9)
+        assert abs(radius - 1) < 1e-9 or found.attracting[i] == (radius < 1)
+
+
+def test_both_regions_occur_and_the_conditions_agree_with_the_masks():
+    model = NARX.from_terms(PAPER, TABLE_1)
+    sets = model.quasi_static()
+    source = 40 * np.sin(np.arange(400) * 0.05)
+    found = sets.evaluate(source)
+    assert found.attracting.sum() > 20 and found.repelling.sum() > 20
+    for i in range(5, 400, 23):
+        condition = sets.conditions(bool(found.loading[i])).xreplace(model.values)
+        assert (
+            bool(condition.xreplace({u_: sp.Float(source[i]), phi1_: sp.Float(found.phi1[i])})) == found.attracting[i]
+        )
+
+
+def test_a_given_step_replaces_the_difference():
+    model = NARX.from_terms(PAPER, TABLE_1)
+    found = model.quasi_static().evaluate([1.0, 1.0], phi1=-0.5)
+    assert not found.loading.any() and found.ytilde[0] == found.ytilde[1]
+    assert found.ytilde[0] == pytest.approx(direct(model, TABLE_1, 1.0, -0.5)[0])
+    with pytest.raises(ModelError, match="no parameter values"):
+        NARX.from_terms(PAPER).quasi_static().evaluate([1.0, 2.0])
+
+
+def test_sets_without_closed_form_or_with_several_solutions():
+    a = sp.Symbol("a", real=True)
+    with pytest.raises(ModelError, match="no closed-form"):
+        Model(y[k - 1] + a * phi1[k - 1], [a]).quasi_static()
+    squared = NARX.from_terms(["y[k-1]**2", "u[k-1]"], (0.2, 1)).quasi_static()
+    assert isinstance(squared.loading, sp.FiniteSet)
+    assert all(zero((squared.model.F - y[k - 1]).xreplace({y[k - 1]: s, u[k - 1]: u_})) for s in squared.loading)
+    with pytest.raises(ModelError, match="several solutions"):
+        squared.evaluate([0.1, 0.2])
+
+
+def test_second_order_sets_carry_the_jury_conditions():
+    model = NARX.from_terms(["y[k-1]", "y[k-2]", "phi1[k-1]"])
+    found = quasi_static(model)
+    t = model.symbols
+    assert found.jacobian == [t[0], t[1]] and isinstance(found.attracting, sp.And) and len(found.attracting.args) == 3
+    integrating = Model(
+        2 * t[0] * y[k - 1] + (1 - 2 * t[0]) * y[k - 2] + t[1] * phi1[k - 1] + y[k - 1] * phi1[k - 1] * 0, t[:2]
+    )
+    polynomial, taken = without_integrator(characteristic(jacobian(integrating)))
+    assert taken and zero(sp.expand(polynomial - (z - (2 * t[0] - 1))))
+    for a, inside in ((0.9, True), (1.1, False), (-0.1, False), (0.1, True)):
+        (condition,) = jury(polynomial)
+        assert bool(condition.subs(t[0], a)) is inside
+
+
+@pytest.mark.parametrize("terms", (PAPER, ["y[k-1]", "y[k-2]", "u[k-1]", "phi1[k-2]*u[k-1]", "y[k-1]*phi1[k-1]"]))
+def test_around_an_operating_point_the_sets_are_those_of_the_shifted_problem(terms):
+    y0, u0 = -96.0, 1.5
+    plain, moved = NARX.from_terms(terms), NARX.from_terms(terms, operating_point={y: y0, u: u0})
+    a, b = quasi_static(plain), quasi_static(moved)
+    for first, second in ((a.loading, b.loading), (a.unloading, b.unloading)):
+        assert zero(sp.nsimplify(first.subs(u_, u_ - u0) + y0 - second, rational=True))
+    inside = {y[k - i]: y[k - i] - y0 for i in range(1, 3)} | {u[k - i]: u[k - i] - u0 for i in range(1, 4)}
+    assert [s.xreplace(inside) for s in jacobian(plain)] == jacobian(moved)
+    theta = np.linspace(0.2, 0.6, len(terms))
+    plain.theta = moved.theta = theta
+    source = np.sin(np.arange(30.0))
+    x, w = plain.quasi_static().evaluate(source), moved.quasi_static().evaluate(source + u0)
+    np.testing.assert_allclose(w.ytilde[1:], x.ytilde[1:] + y0, rtol=1e-9)
+    np.testing.assert_allclose(w.spectral_radius, x.spectral_radius, rtol=1e-9)
+    assert ytilde not in b.loading.free_symbols
+
+
+# ---------------------------------------------------------------- what is not one equation in y and u
+
+
+def remembering(right=0):
+    """A model with a state that remembers."""
+    h, (a_, b_) = signal("h"), sp.symbols("a_0 b_1", real=True)
+    return Model(
+        a_ * y[k - 1] + h[k] + right, (a_, b_), (0.5, 0.2), states=(State(h[k], b_ * h[k - 1] + u[k - 1], group="1"),)
+    )
+
+
+def test_what_remembers_is_named():
+    with pytest.raises(
+        ModelError, match=r"steady state is not derived .*: the state h\[k\] remembers more than outputs"
+    ):
+        rest_map(remembering())
+    named = remembering()
+    named.info["effects"] = [
+        {"effect": "offset", "coefficients": ["c_2"]}, {"effect": "creep", "coefficients": ["b_1"]},
+    ]  # fmt: skip
+    with pytest.raises(ModelError, match=r"the effect creep remembers more .* \(h\[k\]\)"):
+        quasi_static(named)
+    with pytest.raises(ModelError, match="the state h"):  # it changes with time too, but that is not the first reason
+        rest_map(remembering(t[k]))
+    assert remembered(NARX.from_terms(["y[k-1]", "u[k-1]"])) == ""
+
+
+def test_what_changes_with_time_is_named():
+    a_, b_ = sp.symbols("a_1 b_1", real=True)
+    drifting = Model(a_ * y[k - 1] + b_ * t[k] + u[k], (a_, b_), (0.5, 0.1))
+    with pytest.raises(ModelError, match="the equation changes with time, so that nothing is at rest"):
+        rest_map(drifting)
+    drifting.info["effects"] = [
+        {"effect": "offset", "coefficients": ["a_1"]}, {"effect": "drift", "coefficients": ["b_1"]},
+    ]  # fmt: skip
+    with pytest.raises(ModelError, match="the effect drift changes with time"):
+        rest_map(drifting)
+    assert jacobian(drifting) == [a_]  # a slope does not ask for rest
+
+
+def test_only_differences_of_neighbours_are_phi1():
+    parts = [
+        u[k - 1] - u[k - 2],
+        u[k - 2] - u[k - 1],
+        u[k - 1] + u[k - 2],
+        u[k - 1] - u[k - 3],
+        2 * u[k - 1] - u[k - 2],
+    ]
+    expected = [phi1[k - 1], -phi1[k - 1], *parts[2:]]
+    for part, wanted in zip(parts, expected, strict=True):
+        assert folded(Model(y[k - 1] / 2 + sp.exp(part), ())) == y[k - 1] / 2 + sp.exp(wanted)
+
+
+def test_conditions_of_a_continuum_as_they_are_written():
+    model = NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]", "y[k-2]", "1", "phi1[k-1]*y[k-1]"])
+    a, b, c, d, e, _ = model.symbols
+    written = {(cond.lhs, cond.rhs) for cond in continuum_conditions(model)}
+    assert written == {(a + d, 1), (b + c, 0), (e, 0)}
+    assert continuum_conditions(NARX.from_terms(["y[k-1]", "phi1[k-1]"]))[0].rhs == 1
+
+
+def test_only_a_root_at_one_is_an_integrator():
+    rest, integrates = without_integrator((z - 1) * (z - sp.Rational(1, 2)))
+    assert sp.expand(rest - z + sp.Rational(1, 2)) == 0 and integrates is True
+    assert without_integrator(z - sp.Rational(1, 2)) == (z - sp.Rational(1, 2), False)
+
+
+def test_a_model_without_input_has_its_delay():
+    assert newest_input(NARX.from_terms(["y[k-1]", "1"])) == 0
+    assert newest_input(NARX.from_terms(["y[k-1]", "u[k-3]", "phi1[k-2]"])) == 2
+
+
+def test_a_set_that_is_the_only_root():
+    sets = quasi_static(NARX.from_terms(["y[k-1]", "y[k-1]**2", "y[k-1]*u[k-1]", "u[k-1]**2"], (1, 1, -2, 1)))
+    for branch in (sets.loading, sets.unloading):
+        known = branch.xreplace(dict(zip(sets.model.symbols, map(sp.Integer, (1, 1, -2, 1)), strict=True)))
+        roots = known if isinstance(known, sp.FiniteSet) else [known]
+        assert {sp.simplify(root) for root in roots} == {u_}  # (ytilde - u)^2 = 0
+    pinned = quasi_static(Model(y[k - 1] + (y[k - 1] - u[k - 1]) ** 2, ()))
+    assert pinned.loading == pinned.unloading == u_
+
+
+@pytest.mark.parametrize(
+    "terms, theta, said",
+    (
+        (["y[k-1]", "u[k-1]"], (0.5, 1.0), "one equilibrium for a constant input, 1 non-diverging; two are needed"),
+        (["y[k-1]", "u[k-1]"], (1.5, 1.0), "one equilibrium for a constant input, 0 non-diverging; two are needed"),
+        (["y[k-1]", "y[k-1]**3"], (1.5, -0.5), "3 equilibria for a constant input, 2 non-diverging; two are needed"),
+    ),
+)
+def test_property_1_says_what_it_counted(terms, theta, said):
+    verdict = property_1(NARX.from_terms(terms, theta))
+    assert verdict.reason == said and verdict.holds == ("2 non" in said)

@@ -1,0 +1,580 @@
+"""A model plus an effect is a model: it contains the base, runs, predicts, prints, and moves along its direction."""
+
+import shutil
+import subprocess
+from itertools import permutations
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import narx_sym as ns
+from narx_sym.diagnosis.directions import Linearised
+from narx_sym.engines.compile import compile
+from narx_sym.errors import Diverged, ModelError, NotInvertible
+from narx_sym.fit.constraints import constraint_equations
+from narx_sym.fit.freerun import FreeRun
+from narx_sym.fit.simulate import initial_values
+from narx_sym.inversion.summary import document, summary
+from narx_sym.models.effects import EFFECTS, Catalogue, Form, Scan, effect
+from narx_sym.models.extend import equations, extend, find, variants, without
+from narx_sym.symbolic.recursion import State
+from narx_sym.symbolic.signals import k, m, signal, t, u, v, x, y
+
+gcc = shutil.which("gcc")
+BASES = {
+    "linear": ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], [1.2, -0.4, 0.15, 0.1], Ts=0.01),
+    "continuum": ns.NARX.from_terms(
+        ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"], [1.0, 0.7, 0.1, -0.2],
+        Ts=0.01, constraints=["continuum"], operating_point={u: 0.3, y: -2.0},
+    ),
+    "static": ns.NARX.from_terms(["u[k]", "u[k]**2"], [1.5, 0.2], Ts=0.01),
+}  # fmt: skip
+N, REST = 300, 20
+EVERY = [(name, v) for name, base in BASES.items() for v in variants(base, ["temp"])]
+IDS = [f"{name}-{v}".replace(" ", "_") for name, v in EVERY]
+
+
+def record_of(base):
+    """An experiment that starts at rest at the operating point: nothing has a past."""
+    i = np.arange(N - REST)
+    wave = 0.8 * np.sin(i / 17) + 0.5 * np.sin(i / 5.3) + 0.21 * np.sin(i / 2.17)
+    source = base.operating_point.get(u, 0.0) + np.concatenate([np.zeros(REST), wave])
+    temp = np.concatenate([np.zeros(REST), np.cos(i / 40)])
+    start = base.operating_point.get(y, 0.0)
+    clean = base.simulate(source, start)
+    noise = 0.05 * np.random.default_rng(3).standard_normal(N)
+    noise[:REST] = 0.0
+    return ns.Record.from_arrays(source, clean + noise, Ts=0.01, channels={"temp": temp})
+
+
+RECORDS = {name: record_of(base) for name, base in BASES.items()}
+
+
+def valued(added, base, c=0.0):
+    """Put values in: the base's, c for every coefficient, shapes inside the range of the signals."""
+    sizes = {"tau": 0.05, "f": 3.0, "b": 0.7, "d": 1.1}
+    shapes = [sizes.get(str(s).split("_")[0], 0.25) for s in added.shape]
+    given = dict.fromkeys(added.coefficients, c) | dict(zip(added.shape, shapes, strict=True))
+    given |= dict(zip(base.symbols, base.theta, strict=True))
+    added.model.theta = [given[s] for s in added.model.symbols]
+    return added.model
+
+
+def run(model, record):
+    return model.simulate(record.u, record.y[0], {**record.channels, "t": record.t})
+
+
+def first(base, wanted, where=None, driver=None):
+    found = (v for v in variants(base, ["temp"]) if v.id == wanted and where in (None, v.where))
+    return next(v for v in found if driver in (None, v.driver))
+
+
+# ---------------------------------------------------------------- every variant of every base
+
+
+@pytest.mark.parametrize("name, variant", EVERY, ids=IDS)
+def test_a_variant_is_a_model(name, variant):
+    base, record = BASES[name], RECORDS[name]
+    added = extend(base, variant)
+    expected = run(base, record)
+    assert np.abs(run(valued(added, base), record) - expected).max() <= 1e-12
+    c = 1e-3 if variant.where == "inside" else 0.02
+    model = valued(added, base, c)
+    free = run(model, record)
+    assert np.all(np.isfinite(free)) and np.abs(free - expected).max() > 1e-6
+    # What the model makes itself it predicts without error, once the start is over.
+    own = ns.Record.from_arrays(record.u, free, Ts=0.01, channels=record.channels)
+    late = slice(max(model.recursion.depth, model.predictor.depth) + 2, None)
+    if not set(variant.effect.arguments) & {"t", "channel"} or base.n_y < 2:
+        assert np.abs(model.predict(own) - free)[late].max() < 1e-9
+    assert set(map(str, model.symbols)) == {str(s) for s in (*base.symbols, *added.coefficients, *added.shape)}
+    assert model.info["effects"][0]["effect"] == variant.id
+    assert constraint_equations(model, None) == constraint_equations(base, None)
+    for shown in (model.latex(), model.latex(numbers=True), *(ns.latex(s.right) for s in model.states)):
+        assert shown.count("{") == shown.count("}") and "**" not in shown
+
+
+@pytest.mark.parametrize("name, variant", EVERY, ids=IDS)
+def test_the_direction_is_the_derivative_of_the_free_run(name, variant):
+    base, record = BASES[name], RECORDS[name]
+    problem = FreeRun(base, record, [])
+    around = Linearised(problem, problem.start(base.theta))
+    added = extend(base, variant)
+    values = dict(zip(added.shape, valued(added, base).theta[len(base.theta) + len(added.coefficients) :], strict=True))
+    form = equations(base, variant)
+    own = {sp.Symbol(p, real=True): values[s] for p, s in zip(variant.shape, added.shape, strict=True)}
+    found = around.moved(variant.where, around.contributions(form.states, form.z, own))
+    assert found.shape == (N - problem.depth, len(added.coefficients))
+    for j, c in enumerate(added.coefficients):
+        runs = []
+        for small in (1e-6, -1e-6):
+            model = valued(added, base)
+            theta = model.theta
+            theta[model.symbols.index(c)] = small
+            model.theta = theta
+            runs.append(run(model, record))
+        expected = (runs[0] - runs[1])[problem.depth :] / 2e-6
+        assert np.linalg.norm(found[:, j] - expected) <= 1e-5 * np.linalg.norm(expected)
+        assert np.any(expected)
+
+
+@pytest.mark.parametrize("name", ("linear", "continuum"))
+def test_an_output_effect_is_taken_off_before_the_core_predicts(name):
+    """By hand: the core sees the past measured outputs without the effect's part."""
+    base, record = BASES[name], RECORDS[name]
+    problem = FreeRun(base, record, [])
+    around = Linearised(problem, problem.start(base.theta))
+    tried = set()
+    for variant in variants(base, ["temp"]):
+        if variant.where != "output" or variant.driver == "y":
+            continue
+        added = extend(base, variant)
+        model = valued(added, base, 0.1)
+        form = equations(base, variant)
+        values = [model.values[s] for s in added.shape]
+        symbols = [sp.Symbol(p, real=True) for p in variant.shape]
+        (z,) = around.contributions(form.states, form.z, dict(zip(symbols, map(float, values), strict=True)))
+        part = 0.1 * z.sum(axis=1)
+        core = ns.Record.from_arrays(record.u, record.y - part, Ts=0.01)
+        late = slice(REST, None)
+        assert np.abs(model.predict(record) - base.predict(core) - part)[late].max() < 1e-9, str(variant)
+        tried.add(variant.effect.id)
+    assert {"drift", "channel", "hysteresis", "coulomb_friction", "offset"} <= tried
+
+
+SLIPS = sp.sign(y[k - 1] - y[k - 2])
+
+
+def c_models(base, inner):
+    """One model per effect, form, place and driver; with or without the inner output `x`."""
+    found = {}
+    for variant in variants(base, ["temp"]):
+        if (variant.where == "output") == inner:
+            key = (variant.id, variant.effect.form, variant.where, variant.driver)
+            found.setdefault(key, valued(extend(base, variant), base, 0.02))
+    return list(found.values())
+
+
+def built(folder, sources, body):
+    """Compile several sources into one program without a warning; each has its own prefix."""
+    path = folder / "all.c"
+    path.write_text("\n".join([*sources, "#include <stdio.h>", "int main(void)", "{", *body, "}"]))
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+    subprocess.run([gcc, *flags, path, "-o", folder / "all", "-lm"], check=True, capture_output=True)
+    return subprocess.run([folder / "all"], capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.skipif(gcc is None, reason="no C compiler here")
+@pytest.mark.parametrize("inner", (False, True))
+@pytest.mark.parametrize("name", ("linear", "continuum"))
+def test_c_source_of_every_effect_passes_its_own_test(name, inner, tmp_path):
+    # Without forces that hold it, rounding decides the sign of a difference at rest.
+    models = [m for m in c_models(BASES[name], inner) if name == "linear" or not m.recursion.updates[-1][1].has(SLIPS)]
+    written = {f"m{i}": model.to_c(f"m{i}") for i, model in enumerate(models)}
+    written = {prefix: source for prefix, source in written.items() if "int main" in source}  # else its test diverges
+    sources = []
+    for prefix, source in written.items():
+        sources += [f"#define {prefix.upper()}_SELF_TEST", f"#define main main_{prefix}", source, "#undef main"]
+    calls = " + ".join(f"main_{prefix}()" for prefix in written)
+    assert built(tmp_path, sources, [f"return {calls};"]).count("passed") == len(written) > 5
+
+
+@pytest.mark.skipif(gcc is None, reason="no C compiler here")
+def test_a_step_in_c_returns_the_output(tmp_path):
+    base = BASES["linear"]
+    model = valued(extend(base, first(base, "cubic_gain")), base, 0.1)
+    source = model.to_c("m")
+    rest = source.split("void m_init(")[1].split(")")[0].count(",")
+    body = ["m_state s;", f"m_init(&s{', 0.0' * rest});", *['printf("%.17g\\n", m_step(&s, 1.0));'] * 5, "return 0;"]
+    found = [float(line) for line in built(tmp_path, [source], body).split()]
+    assert found == pytest.approx(model.simulate(np.ones(7), 0.0, u0=0.0)[:5].tolist())
+
+
+def test_time_is_an_input_of_the_c_source():
+    base = BASES["linear"]
+    source = valued(extend(base, first(base, "ageing")), base, 0.1).to_c("aged")
+    assert "aged_step(aged_state *past, aged_real t, aged_real u)" in source
+
+
+# ---------------------------------------------------------------- several effects
+
+
+def test_several_effects_by_hand():
+    """Play before the input, a cubic spring inside, and a drift beside."""
+    base, record = BASES["linear"], RECORDS["linear"]
+    model = base
+    for wanted, where in (("backlash", "input"), ("hardening_spring", None), ("drift", None)):
+        model = extend(model, first(base, wanted, where)).model
+    assert [str(s) for s in model.symbols[4:]] == [
+        "c_backlash", "r_backlash", "c_hardening_spring", "c_drift",
+    ]  # fmt: skip
+    c, r, spring, drift = 0.6, 0.2, -0.05, 0.3
+    model.theta = [*base.theta, c, r, spring, drift]
+    a1, a2, b1, b2 = base.theta
+    w, p, inner = np.zeros(N), np.zeros(N), np.zeros(N)
+    for i in range(1, N):
+        p[i] = max(record.u[i] - r, min(record.u[i] + r, p[i - 1]))
+        w[i] = record.u[i] + c * (p[i] - record.u[i])
+        if i > 1:
+            inner[i] = (
+                a1 * inner[i - 1] + a2 * inner[i - 2] + b1 * w[i - 1] + b2 * w[i - 2] + spring * inner[i - 1] ** 3
+            )
+    assert np.abs(run(model, record) - inner - drift * record.t)[2:].max() < 1e-12
+    assert [e["effect"] for e in model.info["effects"]] == ["backlash", "hardening_spring", "drift"]
+    assert model.inner == x and {s.left.base for s in model.states} == {signal("p"), v, x}
+    assert model.n_y == 2 and model.n_u == 2 and model.delay == 1
+
+
+@pytest.mark.parametrize("name", ("linear", "continuum"))
+@pytest.mark.parametrize(
+    "chosen",
+    (
+        (("rate_dependence", "input"), ("creep", "output"), ("hardening_spring", "inside")),
+        (("dead_zone", "input"), ("channel:temp", "output"), ("hysteresis", "inside")),
+        (("backlash", "output"), ("ageing", "input"), ("quadratic_drag", "inside")),
+        (("quadratic_gain", "input"), ("offset", "output"), ("bilinear_gain", "inside")),
+    ),
+)
+def test_the_order_of_input_inside_and_output_does_not_matter(name, chosen):
+    base, record = BASES[name], RECORDS[name]
+    runs = []
+    for order in permutations(chosen):
+        model, values = base, dict(zip(base.symbols, base.theta, strict=True))
+        for wanted, where in order:
+            added = extend(model, first(model, wanted, where))
+            values |= dict.fromkeys(added.coefficients, 0.002) | dict.fromkeys(added.shape, 0.3)
+            model = added.model
+        model.theta = [values[s] for s in model.symbols]
+        runs.append(run(model, record))
+    assert all(np.abs(r - runs[0]).max() < 1e-11 for r in runs) and np.all(np.isfinite(runs[0]))
+
+
+def test_the_same_effect_twice_gets_numbers():
+    base, record = BASES["linear"], RECORDS["linear"]
+    variant = first(base, "backlash", "input")
+    one = extend(base, variant)
+    two = extend(one.model, variant)
+    three = extend(two.model, first(two.model, "backlash", "output"))
+    names = [str(s) for s in three.model.symbols[4:]]
+    assert names == ["c_backlash", "r_backlash", "c_backlash2", "r_backlash2", "c_backlash3", "r_backlash3"]
+    assert [str(s.left) for s in three.model.states] == ["p[k]", "p_2[k]", "v[k]", "x[k]", "p_3[k]"]
+    assert {s.group for s in three.model.memory} == {"backlash", "backlash2", "backlash3"}
+    # Both act on the measured input, side by side.
+    two.model.theta = [*base.theta, 0.2, 0.3, 0.1, 0.3]
+    one.model.theta = [*base.theta, 0.3, 0.3]
+    assert np.abs(run(two.model, record) - run(one.model, record)).max() < 1e-12
+
+
+def test_without_takes_an_effect_off_again():
+    base, record = BASES["continuum"], RECORDS["continuum"]
+    one = extend(base, first(base, "creep"))
+    two = extend(one.model, first(one.model, "backlash", "input"))
+    three = extend(two.model, first(two.model, "quadratic_drag", "inside"))
+    full = three.model
+    full.theta = [*base.theta, 0.1, 0.05, 0.3, 0.2, 0.01]
+    left = without(full, [*one.coefficients, *three.coefficients])
+    assert [str(s) for s in left.symbols[4:]] == ["c_backlash", "r_backlash"]
+    assert [e["effect"] for e in left.info["effects"]] == ["backlash"]
+    assert not any(str(s.left).startswith("w") for s in left.states)
+    only = extend(base, first(base, "backlash", "input"))
+    only.model.theta = [*base.theta, 0.3, 0.2]
+    assert left.theta.tolist() == only.model.theta.tolist()
+    assert np.abs(run(left, record) - run(only.model, record)).max() < 1e-12
+    none = without(left, two.coefficients)
+    assert none.symbols == base.symbols and "effects" not in none.info
+    assert np.abs(run(none, record) - run(base, record)).max() < 1e-12
+    assert constraint_equations(none, None) == constraint_equations(base, None)
+
+
+def test_a_term_of_the_base_can_go():
+    base = BASES["linear"]
+    left = without(base, base.symbols[3:])
+    assert left.symbols == base.symbols[:3] and left.F == base.F.xreplace({base.symbols[3]: 0})
+
+
+# ---------------------------------------------------------------- variants
+
+
+def test_variants_fit_the_model():
+    static, shifted = BASES["static"], BASES["continuum"]
+    assert not any(one.where == "inside" and one.driver != "y" for one in variants(static))
+    assert {one.effect.id for one in variants(shifted, ["temp"])} == set(EFFECTS)
+    assert any(one.raw for one in variants(shifted)) and not any(one.raw for one in variants(BASES["linear"]))
+    assert {one.lag for one in variants(static)} == {0} and {one.lag for one in variants(shifted)} == {0, 1}
+    assert not any(one.channel for one in variants(shifted))
+    assert {one.channel for one in variants(shifted, ["a", "b"]) if one.channel} == {"a", "b"}
+    listed = [str(one) for one in variants(shifted, ["temp"])]
+    assert len(set(listed)) == len(listed)
+
+
+def test_raw_means_measured_from_zero():
+    base, record = BASES["continuum"], RECORDS["continuum"]
+    around, raw = (next(o for o in variants(base) if o.id == "asymmetric_gain" and o.raw == r) for r in (False, True))
+    for variant, offset in ((around, 0.3), (raw, 0.0)):
+        added = extend(base, variant)
+        start = {"y": record.y[0], "v": 0.0}
+        seen = compile(valued(added, base, 1.0).recursion)({"u": record.u}, added.model.theta, start)["v"]
+        assert np.allclose(seen[REST:], (record.u - 0.3 + np.abs(record.u - offset))[REST:], rtol=0, atol=1e-12)
+
+
+def test_unknown_effects_are_refused():
+    assert find("backlash") == (EFFECTS["backlash"], None) and find("channel:load")[1] == "load"
+    for wrong, said in (("gravity", "Unknown effect"), ("channel", "Name the channel"), ("drift:temp", "does not use")):
+        with pytest.raises(ModelError, match=said):
+            find(wrong)
+
+
+def test_a_fitted_extension_finds_the_effect():
+    base, record = BASES["linear"], RECORDS["linear"]
+    added = extend(base, first(base, "quadratic_gain"))
+    true = valued(added, base, 0.2)
+    data = ns.Record.from_arrays(record.u, run(true, record), Ts=0.01)
+    fitted = valued(extend(base, first(base, "quadratic_gain")), base, 0.05).fit(data, method="free_run")
+    assert fitted.theta == pytest.approx([*base.theta, 0.2], rel=1e-6) and k not in fitted.symbols
+
+
+# ---------------------------------------------------------------- names
+
+
+def test_channels_may_not_be_called_like_something_else():
+    base = BASES["linear"]
+    for name in ("u", "y", "t", "x", "v", "r", "m", "k", "phi1", "breve_phi2", "theta_1"):
+        variant = next(one for one in variants(base, [name]) if one.channel)
+        with pytest.raises(ModelError, match="rename the column"):
+            extend(base, variant)
+    play = extend(base, first(base, "backlash", "input")).model  # has a state p
+    with pytest.raises(ModelError, match=r"'p'.*rename the column"):
+        extend(play, next(one for one in variants(play, ["p"]) if one.channel))
+    inner = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "x[k-1]"], channels=["x"])
+    with pytest.raises(ModelError, match="rename the column"):
+        extend(inner, first(inner, "drift"))
+
+
+def test_a_state_gets_another_name_than_a_channel_and_a_parameter():
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "p[k-1]"], [0.5, 1.0, 0.3], channels=["p"], Ts=0.01)
+    added = extend(base, first(base, "backlash", "input"))
+    assert [str(s.left) for s in added.model.states] == ["p_2[k]", "v[k]"] and added.model.channels == ("p",)
+    added.model.theta = [0.5, 1.0, 0.3, 0.0, 0.2]
+    record = RECORDS["linear"]
+    temp = record.channels["temp"]
+    expected = base.simulate(record.u, 0.0, {"p": temp})
+    assert np.abs(added.model.simulate(record.u, 0.0, {"p": temp}) - expected).max() < 1e-12
+    p = sp.Symbol("p", real=True)
+    named = ns.Model(p * y[k - 1] + u[k - 1], [p], [0.5], Ts=0.01)
+    assert str(extend(named, first(named, "backlash", "input")).model.states[0].left) == "p_2[k]"
+    taken = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "c_drift[k]"], channels=["c_drift"])
+    assert [str(c) for c in extend(taken, first(taken, "drift")).coefficients] == ["c_drift2"]
+
+
+def test_a_shape_parameter_may_not_be_called_like_a_coefficient():
+    for name in ("c", "c1"):
+        function = eval(f"lambda x, {name}: {name} * x[k]")
+        with pytest.raises(ModelError, match="like a coefficient"):
+            effect("input", scan={name: Scan("amplitude", (1.0,))}, id="own", register=False)(function)
+
+
+def test_inverse_models_have_no_effects():
+    inverse = ns.NARX.from_terms(["u[k-1]", "y[k]"], [0.5, 1.0], input="y", output="u", lead=2)
+    with pytest.raises(ModelError, match="inverse"):
+        extend(inverse, first(BASES["linear"], "drift"))
+    left = without(inverse, inverse.symbols[:1])
+    assert left.lead == 2 and left.input == y and left.output == u
+
+
+def test_without_follows_what_is_read_to_the_end():
+    a, b = signal("a"), signal("b")
+    c, d = sp.symbols("c d", real=True)
+    chain = [State(a[k], a[k - 1] / 2 + u[k]), State(b[k], b[k - 1] / 2 + a[k])]
+    model = ns.Model(d * u[k - 1] + c * b[k], [c, d], [0.1, 0.2], states=chain)
+    assert len(without(model, []).states) == 2
+    assert without(model, [c]).states == ()  # a is read by b only, b by nothing
+    two = ns.Model(d * u[k - 1] + c * a[k], [c, d], [0.1, 0.2], states=chain)
+    assert [s.left for s in without(two, []).states] == [a[k]]
+    variant = first(BASES["linear"], "periodic_disturbance")
+    added = extend(BASES["linear"], variant)
+    half = without(added.model, added.coefficients[:1])
+    assert half.info["effects"][0]["coefficients"] == [str(added.coefficients[1])]
+
+
+# ---------------------------------------------------------------- what goes wrong
+
+
+@pytest.mark.parametrize("where", ("input", "output"))
+def test_a_diverging_run_shows_the_output(where):
+    base = ns.NARX.from_terms(["y[k-1]", "y[k-1]**3", "u[k-1]"], [1.1, 0.3, 1.0], Ts=0.01)
+    model = extend(base, first(base, "backlash", where)).model
+    model.theta = [*base.theta, 0.3, 0.1]
+    with pytest.raises(Diverged) as caught:
+        model.simulate(np.ones(200), 0.0)
+    said, at = str(caught.value), caught.value.at
+    assert said.startswith("The simulation of y diverges") and "Largest terms" in said
+    assert ("dF/dy[k-1]" if where == "input" else "dF/dx[k-1]") in said
+    path = caught.value.trajectory[:at]
+    assert np.all(np.isfinite(path)) and np.abs(path[-1]) > 1e3
+    assert np.array_equal(path, model.simulate(np.ones(at), 0.0))
+    with pytest.raises(Diverged, match=f"The simulation of {'y' if where == 'input' else 'x'} diverges"):
+        compile(model.recursion)({"u": np.ones(200)}, model.theta, {"y": 0.0, "p": 0.0, "x": 0.0, "v": 0.0})
+
+
+def test_an_initial_value_must_be_finite():
+    q = signal("q")
+    c = sp.Symbol("c", real=True)
+    model = ns.Model(y[k - 1] / 2 + c * q[k], [c], [1.0], states=[State(q[k], q[k - 1] / 2 + u[k], 1 / u[k])])
+    assert initial_values(model, {"u": np.full(3, 2.0), "y": np.zeros(3)}, 2)["q"].tolist() == [0.5, 0.5]
+    with pytest.raises(ModelError, match=r"initial value of q\[k\], 1/u\[k\], is not finite at u\[k\] = 0"):
+        model.simulate(np.zeros(5), 0.0)
+
+
+# ---------------------------------------------------------------- equations, analysis, laws
+
+
+def test_all_equations_are_shown():
+    base = BASES["linear"]
+    model = base
+    for wanted, where in (("backlash", "input"), ("drift", None)):
+        model = extend(model, first(model, wanted, where)).model
+    model.theta = [*base.theta, 0.6, 0.2, 0.3]
+    shown = model.latex(numbers=True)
+    assert [shown.count(f"{left}_{{k}} &=") for left in "pvxy"] == [1, 1, 1, 1] and shown.count("aligned") == 2
+    assert shown.index("p_{k} &=") < shown.index("v_{k} &=") < shown.index("x_{k} &=") < shown.index("y_{k} &=")
+    assert "0.2" in shown and "r_" not in shown and "r_{backlash}" in model.latex()
+    assert [line.split(" = ")[0] for line in repr(model)[6:-1].split("; ")] == ["p[k]", "v[k]", "x[k]", "y[k]"]
+    rows = {row["symbol"]: row["term"] for row in model.table()}
+    assert rows["theta_1"] == "x[k-1]" and rows["theta_3"] == "v[k-1]" and rows["c_drift"] == "t[k]"
+    shifted = extend(BASES["continuum"], first(BASES["continuum"], "drift")).model
+    assert shifted.latex().count("around the operating point") == 1
+
+
+REMEMBERING = ("backlash", "creep", "rate_dependence", "hysteresis")
+
+
+@pytest.mark.parametrize("name", ("linear", "continuum"))
+def test_everything_derived_can_be_read(name):
+    base, tried = BASES[name], set()
+    for variant in variants(base, ["temp"]):
+        key = (variant.id, variant.effect.form, variant.where, variant.driver)
+        if key in tried:
+            continue
+        tried.add(key)
+        model = valued(extend(base, variant), base, 0.02)
+        told = {heading: " ".join(lines) for heading, lines in summary(model)}
+        assert all(told.values()) and "y[k] = " in told["Model"]
+        written = document(model)
+        assert written.count("{") == written.count("}")
+        if model.recurrent:
+            assert variant.id in REMEMBERING
+            for heading in ("Steady state", "Property 1", "Quasi-static solutions", "Assumptions"):
+                assert "not derived for this model" in told[heading] and variant.id in told[heading]
+            assert "m[k] = " in told["Compensation law"]
+        elif variant.driver == "t" and variant.id != "offset":
+            assert "changes with time" in told["Steady state"] and variant.id in told["Quasi-static solutions"]
+        else:
+            assert "not derived" not in told["Steady state"] + told["Assumptions"]
+
+
+def test_sigma_y_is_that_of_the_core():
+    base = BASES["linear"]
+    for wanted, where in (("drift", "output"), ("dead_zone", "input"), ("backlash", "input")):
+        assert extend(base, first(base, wanted, where)).model.sigma_y == base.sigma_y
+    with pytest.raises(ModelError, match="hysteresis remembers"):
+        extend(base, first(base, "hysteresis", "inside", "y")).model.sigma_y
+
+
+def test_static_equations_of_an_extended_model():
+    base = BASES["linear"]
+    model = extend(base, first(base, "offset", "output")).model
+    c = model.symbols[-1]
+    assert sp.simplify(model.quasi_static().loading - base.quasi_static().loading - c) == 0
+    loop = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]"], [0.5, 0.4, 0.1], Ts=0.01)
+    seen = extend(loop, first(loop, "offset", "output")).model  # its differences are written out
+    assert sp.simplify(seen.quasi_static().loading - loop.quasi_static().loading - seen.symbols[-1]) == 0
+    bent = extend(loop, first(loop, "quadratic_gain")).model
+    with pytest.raises(ModelError, match="difference in time"):
+        bent.quasi_static()
+
+
+def followed(model, law, reference, channels=None, late=0):
+    """How far the model leaves the reference when the law drives it."""
+    m = law.run(reference, 0.0, channels)
+    out = model.simulate(m, reference[: max(1, model.recursion.depth)], channels)
+    return np.abs(out - reference)[late:].max()
+
+
+@pytest.mark.parametrize(
+    "wanted, where, late",
+    (
+        ("offset", "output", 150), ("drift", "output", 150), ("channel:temp", "output", 0), ("channel:temp", "inside", 0),
+        ("periodic_disturbance", "output", 150), ("hardening_spring", "inside", 0), ("quadratic_drag", "inside", 0),
+        ("input_delay", "input", 0),
+    ),
+)  # fmt: skip
+def test_a_law_of_an_extended_model_makes_it_follow(wanted, where, late):
+    """Where the effect is not zero at the start, the inner output starts wrong, and the base forgets it."""
+    base = BASES["linear"]
+    model = valued(extend(base, first(base, wanted, where)), base, 0.02)
+    law = model.compensator()
+    assert law.residual() == 0
+    i = np.arange(N)
+    reference = np.where(i < REST, 0.0, np.sin((i - REST) / 20) - np.sin((i - REST) / 7) * 20 / 70)
+    channels = {"temp": RECORDS["linear"].channels["temp"]} if "temp" in wanted else None
+    if channels:
+        channels["temp"] = np.where(i < REST, 0.0, np.sin((i - REST) / 31))
+    assert followed(model, law, reference, channels, late) < 1e-9
+    if wanted == "drift":
+        assert t in law.recursion.inputs
+        known = {"t": i * base.Ts}
+        ours, given = law.run(reference, 0.0), law.run(reference, 0.0, known)
+        assert np.array_equal(ours[:-1], given[:-1])  # only the law's own clock goes on after the end
+        longer = law.run(np.append(reference, reference[-1]), 0.0)
+        assert np.array_equal(ours, longer[:-1])
+
+
+@pytest.mark.parametrize("name", ("linear", "continuum"))
+def test_without_values_what_is_not_linear_has_no_law_and_says_which_effect(name):
+    base = BASES[name]
+    for wanted, where, driver, said in (
+        ("dead_zone", "input", "u", r"u\[k-1\] cannot be isolated: the effect dead_zone uses it other than linearly"),
+        ("channel_gain:temp", "input", "channel", "the effect channel_gain:temp uses it"),
+        ("coulomb_friction", "output", "u", r"u\[k\] cannot be isolated: the effect coulomb_friction"),
+        ("backlash", "input", "u", r"the effect backlash remembers it \(p\[k\]\)"),
+        ("backlash", "output", "y", "the effect backlash remembers it"),
+    ):
+        with pytest.raises(NotInvertible, match=said):
+            extend(base, first(base, wanted, where, driver)).model.compensator()
+
+
+def test_an_effect_on_the_inner_output_needs_values():
+    own = Catalogue()
+    own.add(effect("output", driver="y", id="own", register=False)(lambda x: x[k] ** 2))
+    base = BASES["linear"]
+    model = extend(base, next(variants(base, catalogue=own))).model
+    with pytest.raises(NotInvertible, match=r"the effect own acts on the inner output x\[k\]"):
+        model.compensator()
+    law = valued(extend(base, next(variants(base, catalogue=own))), base, 0.1).compensator()
+    assert law.residual() == 0 and [s.how for s in law.staged.stages] == ["quadratic", "linear"]
+
+
+def test_what_remembers_through_others_is_found():
+    """In sub-steps h[k] depends on h[k-1] only through further states."""
+    own = Catalogue()
+    q, h = signal("q"), signal("h")
+
+    @effect("input", id="own", register=False)
+    def stepped(x):
+        return Form((h[k],), (State(q[k], h[k - 1] / 2 + x[k]), State(h[k], q[k] / 2)))
+
+    own.add(stepped)
+    base = BASES["linear"]
+    model = extend(base, next(variants(base, catalogue=own))).model
+    assert [s.left for s in model.recurrent] == [q[k], h[k]] and {s.left for s in model.hidden} == {h[k]}
+    law = model.compensator()  # linear: no values are needed
+    assert law.residual() == 0
+    assert [left for left, _ in law.updates] == [v[k], m[k], q[k], h[k]]
+
+
+def test_time_rests_before_the_start():
+    base = BASES["linear"]
+    model = valued(extend(base, first(base, "drift")), base, 0.5)
+    still = model.simulate(np.zeros(50), 0.0, u0=0.0)
+    assert still == pytest.approx(0.5 * base.Ts * np.arange(50), abs=1e-12)

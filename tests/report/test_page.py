@@ -1,0 +1,326 @@
+"""The report: what it tells, its pictures and the numbers behind them, equations, units, and hostile names."""
+
+import csv
+import hashlib
+import io
+import re
+import xml.etree.ElementTree as ET
+from urllib.parse import unquote
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import narx_sym as ns
+from narx_sym.cli.demo import STAGE_UNITS
+from narx_sym.models.effects import Catalogue
+from narx_sym.report import comparison as traces
+from narx_sym.report import page as report
+from narx_sym.report import pictures, story
+from narx_sym.report.plots import thin
+from narx_sym.symbolic.mathml import from_latex, marked, mathml
+from narx_sym.symbolic.signals import signal
+
+HOSTILE = '<script>alert(1)</script> & "$x_{'
+
+
+@pytest.fixture(scope="module")
+def parts(stage_diagnosis):
+    return {s.key: s.html for s in report.sections(stage_diagnosis, STAGE_UNITS)}
+
+
+@pytest.fixture(scope="module")
+def page(stage_report):
+    return stage_report.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def hostile():
+    """A diagnosis in which every name is an attack: of the record and of a channel that matters."""
+    rng = np.random.default_rng(1)
+    n = 400
+    u, other = rng.standard_normal(n), np.sin(np.arange(n) / 20)
+    y = np.zeros(n)
+    for k in range(1, n):
+        y[k] = 0.8 * y[k - 1] + 0.3 * u[k - 1] * (1 + 0.5 * other[k])
+    record = ns.Record.from_arrays(
+        u, y + 0.01 * rng.standard_normal(n), Ts=0.01, channels={HOSTILE: other}, name=HOSTILE
+    )
+    catalogue = Catalogue({name: ns.EFFECTS[name] for name in ("channel_gain", "bilinear_gain")})
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "1"]).fit(record)
+    found = ns.diagnose(base, record, catalogue=catalogue)
+    assert found.best.effect == f"channel_gain:{HOSTILE}"
+    return found
+
+
+def downloads(html):
+    """Return the files that a page holds, by name."""
+    found = re.findall(r'download="([^"]+)" href="data:[^,]*,([^"]*)"', html)
+    return {name: unquote(text.replace("&amp;", "&")) for name, text in found}
+
+
+# ---- the story -------------------------------------------------------------------------------------------------------
+
+
+def test_the_parts_stand_in_order(page, parts):
+    places = [page.index(f'<section id="{key}"') for key, _ in pictures.PANELS]
+    assert places == sorted(places) and list(parts) == [key for key, _ in pictures.PANELS]
+
+
+def test_the_verdict_has_sizes_in_the_users_units(stage_diagnosis, parts):
+    d = stage_diagnosis
+    error = d.ladder[0]["validation"] * d.steps[0].base.problem.spread
+    assert f"{story.number(error)} mm" in parts["verdict"]
+    assert d.verdict.replace("_", " ") in parts["verdict"] and "Next." in parts["verdict"]
+    after = d.ladder[-1]["validation"] * d.steps[0].base.problem.spread
+    assert f"{story.number(after)} mm" in parts["verdict"] and after < 0.3 * error
+
+
+def test_candidates_have_intervals_equations_and_sentences(stage_diagnosis, parts):
+    d = stage_diagnosis
+    for row, c in zip(d.table(), d.candidates, strict=True):
+        assert f"{100 * row['low']:.0f} to {100 * row['high']:.0f} %" in parts["candidates"]
+        assert c.variant.effect.sentence in parts["candidates"]
+    assert parts["candidates"].count("<math") >= len(d.candidates)
+    assert parts["candidates"].count('class="candidate chosen"') == len(d.confusion_set)
+    assert "What could not have been seen" in parts["candidates"]
+
+
+def test_the_new_term_is_marked_and_deleted_parameters_are_listed(stage_diagnosis, parts):
+    before, after = parts["model"].split("<h3>After")
+    assert 'class="new"' not in before and 'class="new"' in after
+    rows = {
+        r.name: r
+        for r in story.parameters(
+            stage_diagnosis.steps[0].base.model, stage_diagnosis.model, STAGE_UNITS,
+            story.shape_units(stage_diagnosis, STAGE_UNITS),
+        )
+    }  # fmt: skip
+    assert rows["r_backlash"].status == "new" and rows["r_backlash"].unit == "rad"
+    kept = {str(s) for s in stage_diagnosis.model.symbols}
+    assert all((r.status == "deleted") == (name not in kept) for name, r in rows.items())
+
+
+def test_what_is_not_derived_says_why(parts):
+    assert "The quasi-static solution is not derived for this model" in parts["derived"]
+    assert "The law with numbers" in parts["derived"]
+
+
+def test_what_comes_from_where(stage_diagnosis, tmp_path):
+    file = tmp_path / "data.csv"
+    file.write_text("t,u,y\n")
+    html = {s.key: s.html for s in report.sections(stage_diagnosis, STAGE_UNITS, [file], {"base": "linear"}, False)}
+    told = html["provenance"]
+    assert hashlib.sha256(file.read_bytes()).hexdigest() in told and "base = linear" in told and "seed = 0" in told
+    assert ns.__version__ in told and "numpy" in told and "<script" not in html["compare"]
+
+
+def test_no_address_and_no_foreign_script(page):
+    links = re.findall(r'(?:src|href)="([^"]*)"', re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL))
+    assert links and all(link.startswith(("#", "data:")) for link in links)
+    assert not re.search(
+        r"<script[^>]+src|<link|@import|url\(\s*['\"]?http", re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    )
+    assert len(page.encode()) < 3e6
+
+
+# ---- pictures and numbers ----------------------------------------------------------------------------------------
+
+
+def test_every_picture_has_a_text_alternative_and_ids_are_unique(page):
+    still = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    pictures = re.findall(r"<svg [^>]*>", still)
+    assert len(pictures) > 10
+    for tag in pictures:
+        assert 'role="img"' in tag and len(re.search(r'aria-label="([^"]*)"', tag)[1]) > 20
+    ids = re.findall(r'\sid="([^"]+)"', still)
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r"url\(#([^)]+)\)", still)) <= set(ids)
+    assert {h for h in re.findall(r'href="#([^"]+)"', still)} <= set(ids)
+
+
+def test_the_numbers_behind_the_pictures(stage_diagnosis, page):
+    files = downloads(page)
+    rows = list(csv.DictReader(io.StringIO(files["ladder.csv"])))
+    assert [row["model"] for row in rows] == [*stage_diagnosis.rungs, "noise floor"]
+    assert float(rows[0]["held out"]) == pytest.approx(stage_diagnosis.ladder[0]["validation"], rel=1e-4)
+    time = np.genfromtxt(io.StringIO(files["time_0.csv"]), delimiter=",", names=True)
+    record = stage_diagnosis.steps[0].base.split.records[0]
+    assert time["measured"].max() == pytest.approx(record.y.max(), rel=1e-4)
+    assert time["measured"].min() == pytest.approx(record.y.min(), rel=1e-4)
+    following = np.genfromtxt(io.StringIO(files["next.csv"]), delimiter=",", names=True)
+    assert following.dtype.names == ("t", "u") and len(following) == stage_diagnosis.experiment.u.size
+
+
+def test_the_python_of_the_page_runs(stage_diagnosis, page, tmp_path, monkeypatch):
+    import html
+
+    (tmp_path / "model.json").write_text(downloads(page)["model.json"])
+    record = stage_diagnosis.steps[0].base.split.records[0]
+    rows = "\n".join(f"{t},{u},{y}" for t, u, y in zip(record.t, record.u, record.y, strict=True))
+    (tmp_path / "data.csv").write_text(f"t,u,y\n{rows}\n")
+    monkeypatch.chdir(tmp_path)
+    code = {name: html.unescape(re.search(rf'<pre id="{name}"[^>]*>(.*?)</pre>', page, flags=re.DOTALL)[1])
+            for name in ("model-python", "law-python", "model-latex")}  # fmt: skip
+    known = {}
+    exec(code["model-python"], known)
+    expected = stage_diagnosis.model.simulate(record.u, y0=record.y[0])
+    np.testing.assert_allclose(known["simulated"], expected, rtol=1e-9, atol=1e-12)
+    known = {"r": 0.5 * record.y}
+    exec(code["law-python"], known)
+    assert np.isfinite(known["m"]).all() and code["model-latex"] == stage_diagnosis.model.latex()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 3000), st.integers(2, 200), st.integers(0, 2**32 - 1))
+def test_thinning_keeps_the_extremes(size, most, seed):
+    x = np.random.default_rng(seed).standard_normal(size)
+    kept = thin(x, most)
+    assert np.all(np.diff(kept) > 0) and kept[0] == 0 and kept[-1] == size - 1
+    assert x[kept].max() == x.max() and x[kept].min() == x.min()
+    if size > 2 * most:
+        assert kept.size <= most + 2
+        for a, b in zip(edges := np.linspace(0, size, most // 2 + 1).astype(int), edges[1:], strict=False):
+            inside = kept[(kept >= a) & (kept < b)]
+            assert x[inside].max() == x[a:b].max() and x[inside].min() == x[a:b].min()
+
+
+def test_a_long_record_is_thinned_for_all_lines_together():
+    rng = np.random.default_rng(0)
+    n = 50_000
+    t, y = np.arange(n) * 1e-3, np.cumsum(rng.standard_normal(n))
+    runs = {"base": y + rng.standard_normal(n), "base + drift": y + 0.1 * rng.standard_normal(n)}
+    c = traces.Comparison(t, rng.standard_normal(n), y, runs, {"base": 1.0, "base + drift": 0.1}, 0.1, "long", None)
+    assert c.keep.size <= traces.POINTS + 10
+    for error in c.errors.values():
+        assert np.abs(error[c.keep]).max() == np.abs(error).max()
+
+
+def test_pictures_from_python(stage_diagnosis):
+    from narx_sym.report.plots import new_axes
+
+    d = stage_diagnosis
+    figure, ax = new_axes()
+    assert d.plot_ladder(ax=ax, units=STAGE_UNITS) is figure and ax.get_ylabel()
+    assert [t.get_text() for t in ax.get_xticklabels()] == d.rungs
+    figure, ax = new_axes()
+    assert d.plot_candidates(ax=ax) is figure and ax.get_xlabel() and ax.get_legend() is not None
+    shown = d.plot_comparison(units=STAGE_UNITS)
+    labels = {a.get_xlabel() for a in shown.axes} | {a.get_ylabel() for a in shown.axes}
+    assert {"time [s]", "u [rad]", "y [mm]", "measured - simulated [mm]"} <= labels
+    assert shown.axes[0].get_ylim() == shown.axes[2].get_ylim()  # before and after
+    with pytest.raises(ns.NarxError, match="5 axes"):
+        d.plot_comparison(axes=[ax])
+    assert d.plot_where_it_fails(STAGE_UNITS).axes
+    paper = ns.NARX.from_terms(["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"],
+                               theta=[1.0, 0.77, 1.44e-2, -1e-2])  # fmt: skip
+    paper.info["ranges"] = {"u": (-40.0, 40.0)}
+    _, ax = new_axes()
+    paper.plot_quasi_static(ax=ax, units={"u": "V", "y": "um"})
+    assert ax.get_xlabel() == "u [V]" and ax.get_ylabel() == "y [um]" and len(ax.lines) > 2
+    drawn = pictures.quasi_static(paper, {"u": "V"})
+    assert drawn is not None and "attracting" in drawn.svg
+
+
+# ---- hostile names, notebooks -------------------------------------------------------------------------------------
+
+
+def test_hostile_names_stay_text(hostile, tmp_path):
+    path = tmp_path / "r.html"
+    hostile.report(path, {"u": "<b>V", "y": "</title>$"})
+    text = path.read_text(encoding="utf-8")
+    assert "<script>alert" not in text and "<b>V" not in text and "</title>$" not in text
+    assert "&lt;script&gt;alert(1)" in text
+    # What Bokeh's script holds of it cannot end the script.
+    assert len(re.findall(r"<script\b", text)) == len(re.findall(r"</script>", text)) == 5
+
+
+def test_what_notebooks_show(hostile, stage_diagnosis):
+    for thing in (hostile, hostile.model, stage_diagnosis, stage_diagnosis.model, stage_diagnosis.model.compensator()):
+        shown = thing._repr_html_()
+        assert "<script" not in shown and shown.count("<table") == shown.count("</table>")
+        assert "<math" in shown or "<svg" in shown or 'class="latex"' in shown
+    assert "<math" in stage_diagnosis.model._repr_html_() and "<svg" in stage_diagnosis._repr_html_()
+
+
+# ---- equations, numbers, units ------------------------------------------------------------------------------------
+
+
+def test_equations_are_mathml_not_latex(page):
+    assert 'class="latex"' not in page
+    for block in re.findall(r"<math .*?</math>", page, flags=re.DOTALL):
+        assert len(list(ET.fromstring(block).iter())) > 3
+
+
+@pytest.mark.parametrize(
+    "text", [r"\text{if <script>alert(1)</script> & b}", r"\frac{", r"\href{javascript:alert(1)}{x}"]
+)
+def test_odd_latex_is_harmless(text):
+    shown = from_latex(text)
+    assert "<script" not in shown and "href" not in re.sub(r"<code.*?</code>", "", shown)
+    ET.fromstring(shown)
+
+
+def test_digits_and_marks():
+    assert "0.3027" in from_latex(r"y_{k} = 0.30272786 u_{k}", 4) and "0.30272786" in from_latex(r"0.30272786 u_{k}")
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.5, 2.0])
+    assert 'class="new"' in marked(model, [model.symbols[1]]) and 'class="new"' not in marked(model)
+    assert mathml(model.sigma_y).startswith("<math")
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (0.0, "0"),
+        (0.0203, "0.0203"),
+        (1234.56, "1235"),
+        (1.5e-7, "1.50e-7"),
+        (-2.5e8, "-2.50e8"),
+        (np.nan, "-"),
+        (9.996, "10.0"),
+    ],
+)
+def test_numbers_are_short(value, shown):
+    assert story.number(value) == shown
+
+
+def test_units_of_coefficients():
+    u, y, k, phi1, phi2 = ns.u, ns.y, ns.k, ns.phi1, ns.phi2
+    units = {"u": "V", "y": "um"}
+    for term, unit in ((y[k - 1], "1"), (u[k - 1], "um/V"), (phi1[k], "um/V"), (phi2[k] * phi1[k] * u[k], "um/V²"),
+                       (phi1[k] * y[k - 1], "1/V"), (sp.S.One, "um"), (sp.sign(u[k]), "um"), (abs(u[k]) * u[k], "um/V²"),
+                       (signal("w")[k] * u[k], "")):  # fmt: skip
+        assert story.unit_of(y[k], term, units) == unit, term
+    assert story.unit_of(y[k], u[k], {"u": "V"}) == "" and story.unit_of(y[k], y[k - 1], {}) == "1"
+
+
+def test_moved_parameters_are_named():
+    rows = [story.Parameter("a", "", "", (1.0, 0.1), (2.0, 0.1)), story.Parameter("b", "", "", (1.0, 0.5), (1.2, 0.5)),
+            story.Parameter("c", "", "", (1.0, 0.1), None)]  # fmt: skip
+    said = story.moved(rows)
+    assert "a from 1.00 to 2.00" in said and "b from" not in said and said.endswith("redundant: c.")
+
+
+def test_an_experiment_gets_its_units(stage_diagnosis):
+    e = stage_diagnosis.experiment
+    for name, told in (
+        ("sine of 2 Hz with growing amplitude, amplitude 0.5", "sine of 2 Hz with growing amplitude, amplitude 0.5 V"),
+        ("random levels, a new one every 1 s, moving at 42.1 per s", "random levels, a new one every 1 s, moving at 42.1 V/s"),
+        ("rest at -1.5 V for 3 s", None),
+        ("sine of 3 Hz, 10 % of the amplitude and then all of it, full range", None),
+    ):  # fmt: skip
+        step = story.replace(stage_diagnosis.steps[0], experiment=story.replace(e, name=name))
+        found = story.with_units(story.replace(stage_diagnosis, steps=[step]), {"u": "V"})
+        assert found.experiment.name == (told or name)
+
+
+def test_a_minus_is_not_between_factors():
+    c, s = sp.symbols("c s", real=True)
+    model = ns.Model(ns.y[ns.k - 1] + c * sp.tanh((ns.u[ns.k] - ns.u[ns.k - 1]) / s), (c, s), [5.72, 0.2486612])
+    for numbers in (False, True):
+        assert "5.72 " not in (shown := model.latex(numbers=numbers)) or r"5.72\,\tanh" in shown, shown
+        assert "- 1" not in shown and "-1 " not in shown
+    shown = marked(model, values=True)
+    assert "4.02" in shown and not re.search(r"\d\.\d{4}", shown)  # four digits, also inside a function

@@ -1,0 +1,177 @@
+"""No wrong number in silence: run-away laws, useless fits, hand-made model files, overwritten inputs, Ctrl-C."""
+
+import json
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+import narx_sym as ns
+from narx_sym.cli import main as cli
+from narx_sym.errors import Diverged, FitError, ModelError, NotInvertible
+from narx_sym.fit import identify as identification
+from narx_sym.fit.identify import periodic_growth
+
+TERMS = ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"]
+
+
+def bench(N=3000, Ts=0.01, peak=70.0, seed=2, u0=0.0, y0=0.0):
+    u = ns.plants.filtered_noise(N=N, Ts=Ts, cutoff=0.5, peak=peak, seed=seed)
+    return ns.Record.from_arrays(u + u0, ns.plants.bouc_wen(u, Ts=Ts) + y0, Ts=Ts)
+
+
+def with_ranges(model, u=(-1.0, 1.0), y=(-1.0, 1.0)):
+    model.info["ranges"] = {"u": list(u), "y": list(y)}
+    return model
+
+
+def test_a_law_that_runs_away_is_refused():
+    """Non-minimum phase: the inverse has an eigenvalue of 2."""
+    model = with_ranges(ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, -2.0]))
+    with pytest.raises(Diverged, match=r"runs away.*internal eigenvalue 2"):
+        model.compensator().run(np.sin(np.arange(60) / 5), 0.0)
+
+
+def test_what_a_law_leaves_is_said():
+    model = with_ranges(ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0]))
+    with pytest.warns(UserWarning) as said:
+        model.compensator().run(1.5 * np.sin(np.arange(60) / 9), 0.0)
+    assert any("leaves the identified outputs" in str(w.message) for w in said)
+    unstable = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, -1.1])
+    with pytest.warns(UserWarning, match="amplifies its own errors"):
+        unstable.compensator().run(np.sin(np.arange(30) / 5), 0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.compensator().run(0.5 * np.sin(np.arange(60) / 9), 0.0)
+
+
+@pytest.mark.parametrize("base", ("narx", "linear", "static"))
+@pytest.mark.parametrize("delay", (0, 1, 2))
+def test_for_compensation_always_gives_a_law(base, delay):
+    record = bench()
+    model = ns.identify(record, base=base, delay=delay, for_compensation=True)
+    law = model.compensator()
+    assert law.residual() == 0 and law.preview == delay
+    assert model.info["selection"]["stable_law"] in (True, False)
+
+
+def test_the_term_that_is_inverted_is_never_left_out():
+    """A lightly damped resonance: ERR would not choose phi1[k-1]."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(1500)
+    y = np.zeros_like(u)
+    for i in range(2, u.size):
+        y[i] = 1.9 * y[i - 1] - 0.95 * y[i - 2] + 0.01 * u[i - 2]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            model = ns.identify(ns.Record.from_arrays(u, y, Ts=0.01), for_compensation=True)
+        except (FitError, NotInvertible):
+            return
+    assert model.compensator().residual() == 0
+
+
+def test_a_useless_fit_is_said():
+    rng = np.random.default_rng(1)
+    record = ns.Record.from_arrays(rng.standard_normal(500), rng.standard_normal(500), Ts=1.0)
+    with pytest.warns(UserWarning, match="no better than a constant"):
+        ns.identify(record, base="static")
+
+
+def test_an_unbounded_model_is_said():
+    model = with_ranges(ns.NARX.from_terms(["y[k-1]", "phi1[k-1]*u[k-1]"], [1.0, 1.0]))
+    model.info["line"] = [0.0, 0.0]
+    assert periodic_growth(model) < 1.0
+    drifting = with_ranges(ns.NARX.from_terms(["y[k-1]", "phi2[k-1]*phi1[k-1]"], [1.0, 1.0]))
+    drifting.info["line"] = [0.0, 0.0]
+    assert periodic_growth(drifting) > 5.0
+
+
+def test_a_hand_made_model_on_biased_data_starts_on_the_data():
+    record = bench(u0=500.0, y0=-900.0)
+    model = ns.NARX.from_terms(TERMS).fit(record, ["continuum"])
+    offset, slope = model.info["line"]
+    assert offset + slope * record.u.mean() == pytest.approx(record.y.mean(), rel=1e-6)
+    centred = ns.NARX.from_terms(TERMS).fit(bench(), ["continuum"])
+    assert centred.info["line"][0] == 0.0
+
+
+def test_records_are_judged_around_their_own_means():
+    first, second = bench(seed=1), bench(seed=2)
+    model = ns.NARX.from_terms(TERMS).fit([first, second], ["continuum"])
+    alone = [ns.evaluate(model, r).free_run_nrmse for r in (first, second)]
+    assert min(alone) <= ns.evaluate(model, [first, second]).free_run_nrmse <= max(alone)
+
+
+def test_another_sampling_time_is_said():
+    model = ns.NARX.from_terms(TERMS).fit(bench(), ["continuum"])
+    other = bench()
+    with pytest.warns(UserWarning, match=r"Ts = 0.02 s"):
+        ns.evaluate(model, ns.Record.from_arrays(other.u, other.y, Ts=0.02))
+
+
+def test_rest_before_the_start_makes_the_round_trip_exact():
+    model = ns.NARX.from_terms(TERMS).fit(bench(), ["continuum"])
+    law = model.compensator()
+    reference = 20 + 15 * np.sin(np.arange(400) / 40)
+    m0 = law.rest_input(reference[0])
+    m = law.run(reference, m0)
+    expected = model.simulate(m, y0=reference[0], u0=m0)
+    assert np.abs(expected - reference)[:-1].max() < 1e-9 * np.ptp(reference)
+
+
+BASE = {"schema": 1, "kind": "narx", "input": "u", "output": "y", "terms": ["y[k-1]", "u[k-1]"], "theta": [0.5, 1.0]}
+NONSENSE = {
+    "input as a list": {"input": ["u"]},
+    "negative Ts": {"Ts": -1},
+    "zero Ts": {"Ts": 0},
+    "negative std": {"std": [-1.0, 0.1]},
+    "lead of a direct model": {"lead": 5},
+    "unused channel": {"channels": ["a"]},
+    "constraint on signals": {"constraints": ["y[k]"]},
+    "broken constraint": {"constraints": ["theta_1 - 2"]},
+    "broken continuum": {"constraints": ["continuum"]},
+    "reversed ranges": {"info": {"ranges": {"u": [1, -1]}}},
+    "far operating point": {"operating_point": {"u": 1e300}},
+    "schema true": {"schema": True},
+    "future input": {"terms": ["y[k-1]", "u[k+1]"]},
+    "not a number": {"theta": [None, 1.0]},
+}
+
+
+@pytest.mark.parametrize("name", NONSENSE)
+def test_nonsense_in_a_model_file_is_refused(name, tmp_path):
+    path = tmp_path / "m.json"
+    path.write_text(json.dumps(BASE | NONSENSE[name]))
+    with pytest.raises(ModelError, match=r"m\.json"):
+        ns.load(path)
+
+
+def test_the_base_of_these_is_good(tmp_path):
+    path = tmp_path / "m.json"
+    path.write_text(json.dumps(BASE))
+    assert ns.load(path).theta.tolist() == [0.5, 1.0]
+
+
+def test_no_closed_form_is_looked_for_for_ever(tmp_path):
+    from narx_sym.inversion.summary import summary
+
+    model = ns.NARX.from_terms(["y[k-1]", "exp(exp(exp(y[k-1])))", "u[k-1]"], [0.5, 0.1, 1.0])
+    assert any("no closed-form" in line for _, lines in summary(model) for line in lines)
+
+
+def test_interrupted(monkeypatch, capsys, tmp_path):
+    record = bench(N=200)
+    rows = "\n".join(f"{a},{b},{c}" for a, b, c in zip(record.t, record.u, record.y, strict=True))
+    (tmp_path / "d.csv").write_text("t,u,y\n" + rows)
+
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(identification, "identify", stop)
+    monkeypatch.setattr(sys, "argv", ["narx-sym", "fit", str(tmp_path / "d.csv"), "--out", str(tmp_path / "m.json")])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 130 and "interrupted" in capsys.readouterr().err
+    assert not (tmp_path / "m.json").exists()
