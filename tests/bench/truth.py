@@ -18,16 +18,18 @@ from hypothesis import HealthCheck, Phase, assume, given, settings
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-from test_engines import inputs_of, recursions, runs  # noqa: E402
-from test_selection import classical, random_problem, triangle  # noqa: E402
+from drawn import inputs_of, recursions, runs  # noqa: E402
 from truth import (  # noqa: E402
     NAMES,
+    classical,
     complex_step,
     digits,
     exact_constrained,
     exact_least_squares,
+    random_problem,
     smooth_models,
     strd,
+    triangle,
 )
 
 from narx_sym.data.metrics import nrmse  # noqa: E402

@@ -7,9 +7,9 @@ import subprocess
 import numpy as np
 import pytest
 import sympy as sp
+from drawn import recursions
 from exported import AWKWARD, SUBJECTS, Subject, valued
 from hypothesis import HealthCheck, assume, given, settings
-from test_engines import recursions
 
 import narx_sym as ns
 from narx_sym.codegen.export import to_c

@@ -4,9 +4,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from drawn import assert_agree, inputs_of, recursions, runs
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from test_engines import assert_agree, inputs_of, recursions, runs
 from truth import NAMES, complex_step, digits, exact_constrained, exact_least_squares, smooth_models, strd
 
 from narx_sym.data.record import Record

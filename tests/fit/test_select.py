@@ -5,6 +5,7 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from truth import classical, random_problem, triangle
 
 from narx_sym import plants
 from narx_sym.data.record import Record
@@ -22,40 +23,6 @@ SIX = (
     "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]",
     "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
 )  # fmt: skip
-
-
-def triangle(Psi, target):
-    return np.linalg.qr(np.column_stack([Psi, target]), mode="r")
-
-
-def random_problem(seed, n=300, width=12):
-    """Correlated candidates and a sparse truth with noise."""
-    random = np.random.default_rng(seed)
-    Psi = random.standard_normal((n, width)) @ (np.eye(width) + 0.6 * random.standard_normal((width, width)))
-    Psi *= 10.0 ** random.integers(-6, 6, width)
-    truth = np.where(random.random(width) < 0.4, random.standard_normal(width), 0) / np.linalg.norm(Psi, axis=0)
-    return Psi, Psi @ truth + 0.05 * random.standard_normal(n) / np.sqrt(n)
-
-
-def classical(Psi, target, steps):
-    """Forward orthogonal least squares from its definition (Chen, Billings & Luo 1989), in long double, on all rows."""
-    W, d = Psi.astype(np.longdouble), target.astype(np.longdouble)
-    energy, order, shares, basis, gaps = d @ d, [], [], [], []
-    for _ in range(steps):
-        ratios = {}
-        for j in set(range(W.shape[1])) - set(order):
-            w = W[:, j].copy()
-            for _ in range(2):
-                for b in basis:
-                    w -= (b @ w) / (b @ b) * b
-            ratios[j] = ((w @ d) ** 2 / ((w @ w) * energy), w)
-        pick = max(ratios, key=lambda j: ratios[j][0])
-        ranked = sorted((float(x) for x, _ in ratios.values()), reverse=True)
-        gaps.append(1 - ranked[1] / ranked[0] if len(ranked) > 1 else 1.0)
-        order.append(pick)
-        shares.append(float(ratios[pick][0]))
-        basis.append(ratios[pick][1])
-    return order, np.array(shares), min(gaps)
 
 
 @settings(max_examples=12, deadline=None)
