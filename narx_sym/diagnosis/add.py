@@ -19,6 +19,11 @@ from .refit import Fitted, Split, settle
 FINAL = 200  # steps of the last fit: a kink is passed slowly
 
 
+def add(model: Model, effect: str | Candidate, where: str | None = None) -> Addition:
+    """Add a physical effect by id, or a candidate of a diagnosis; `.fit(record)` returns the extended model."""
+    return Addition(model, effect, where)
+
+
 class Addition:
     """A model about to get an effect: `fit` finds how it acts, and returns the extended model.
 

@@ -35,6 +35,7 @@ from .candidates import (
     score,
     shares,
 )
+from .doors import DiagnosisDoors
 from .experiment import Experiment, propose
 from .misfit import Misfit, misfit_of
 from .pairs import Pair, best_pair, single
@@ -354,7 +355,7 @@ def _without(
 
 
 @dataclass
-class Diagnosis:
+class Diagnosis(DiagnosisDoors):
     """What is missing from a model, step by step."""
 
     steps: list[Step]
@@ -457,43 +458,6 @@ class Diagnosis:
             rest = [s.to_dict(None) for s in self.steps[1:]]
             first["steps"] = [{n: v for n, v in first.items() if n not in ("schema", "seconds", "seed")}, *rest]
         return first
-
-    # -- doors: each is one call of the module that does it ----------------------------------------------------
-
-    def report(self, path: Any, units: Mapping[str, str] | None = None, files: Any = (), settings: Any = None) -> None:
-        """Write one self-contained HTML file that shows everything; see `narx_sym.report.page.report`."""
-        from ..report.page import report
-
-        report(self, path, units, files, settings)
-
-    def plot_comparison(self, axes: Any = None, units: Mapping[str, str] | None = None) -> Any:
-        """Draw measured and simulated output, before and after; see `narx_sym.report.comparison.plot_comparison`."""
-        from ..report.comparison import plot_comparison
-
-        return plot_comparison(self, axes, units)
-
-    def plot_ladder(self, ax: Any = None, units: Mapping[str, str] | None = None) -> Any:
-        """Draw the error after each added effect; see `narx_sym.report.plots.plot_ladder`."""
-        from ..report.plots import plot_ladder
-
-        return plot_ladder(self, units=dict(units or {}), ax=ax)
-
-    def plot_candidates(self, ax: Any = None) -> Any:
-        """Draw what each candidate removes; see `narx_sym.report.plots.plot_candidates`."""
-        from ..report.plots import plot_candidates
-
-        return plot_candidates(self, ax=ax)
-
-    def plot_where_it_fails(self, units: Mapping[str, str] | None = None) -> Any:
-        """Draw the error in the panels that tell most; see `narx_sym.report.plots.where_it_fails`."""
-        from ..report.plots import where_it_fails
-
-        return where_it_fails(self.misfit, units=dict(units or {}))
-
-    def _repr_html_(self) -> str:
-        from ..report.notebook import diagnosis_html
-
-        return diagnosis_html(self)
 
     def __repr__(self) -> str:
         return f"Diagnosis({self.sentence()})"

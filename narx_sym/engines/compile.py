@@ -12,6 +12,8 @@ import sympy as sp
 
 from ..errors import Diverged, ModelError
 from ..inversion.solution import Root
+from ..models.analysis import phi1_, u_, ytilde
+from ..models.model import Model
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import expand_phi, lag, samples
 from .plan import Plan
@@ -282,8 +284,6 @@ class StaticSets:
     """
 
     def __init__(self, quasi_static: Any, u: Array, phi1: Array):
-        from ..models.analysis import phi1_, u_, ytilde  # analysis lies above this module
-
         model = quasi_static.model
         self.u, self.phi1 = u, phi1
         self.loading = phi1 > 0
@@ -350,6 +350,6 @@ def largest_root(polynomial: Any, z: Any, arguments: Mapping[Any, Array]) -> Arr
     return _spectral_radius([np.broadcast_to(np.asarray(f, dtype=float), n) for f in found], n)
 
 
-def values(theta: Any) -> Array | None:
-    """Return parameter values as a float array."""
-    return None if theta is None else np.array(theta, dtype=float)
+def theta_array(model: Model) -> Array | None:
+    """Return the parameter values, (n_theta,) float array, or None before a fit."""
+    return None if model._theta is None else np.array(model._theta, dtype=float)

@@ -102,6 +102,11 @@ def radius(internal: InternalDynamics, m: Any, r: Any, s: float | None = None) -
     return worst if worst.ndim else worst[()]
 
 
+def repelling(internal: InternalDynamics, m: Any, r: Any, s: float | None = None) -> Array:
+    """Return whether a law repels at points (m, r), (N,) bool: moving in the direction s = 1 or -1, or in any."""
+    return radius(internal, m, r, s) > 1
+
+
 def _numbers(internal: InternalDynamics) -> Any:
     """Return the polynomial with numbers, or say what keeps it from being one."""
     polynomial = internal.numbers

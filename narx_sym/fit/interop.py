@@ -12,6 +12,7 @@ from ..codegen.export import transition
 from ..codegen.layout import numbered, shortened
 from ..data.record import Record
 from ..errors import ModelError
+from ..inversion.compensator import Compensator
 from ..models.model import NARX, Model
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
@@ -47,6 +48,16 @@ def rest_state(recursion: Recursion, initial: Mapping[Any, Any], rest: Mapping[s
         expr = sp.sympify(initial.get(base, base[k]))
         values[base] = expr.xreplace({s: sp.Float(float(rest[str(s.base.label)])) for s in samples(expr)})
     return np.array([float(values[s.base]) for s in recursion.past])
+
+
+def model_rest_state(model: Model, **rest: float) -> Array:
+    """Return the state of `to_casadi` and `to_control` at rest: `model.rest_state(u=1.0, y=2.0)`."""
+    return rest_state(model.recursion, model.starts, rest)
+
+
+def law_rest_state(law: Compensator, **rest: float) -> Array:
+    """Return the state of `to_casadi` at rest: `law.rest_state(m=1.0, r=2.0)`."""
+    return rest_state(law.recursion, {}, rest)
 
 
 def to_control(model: Model, name: str = "model") -> Any:

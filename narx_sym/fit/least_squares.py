@@ -232,7 +232,7 @@ def unfinished(model: Model) -> Model:
         warnings.warn(
             "The fit stopped before it converged; the best parameters found are kept, marked by info['converged']. "
             "Allow more max_steps, or begin from other values.",
-            stacklevel=4,
+            stacklevel=3,
         )
     return model
 

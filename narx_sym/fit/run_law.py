@@ -107,7 +107,7 @@ def run_law(
     if found.missed.any() and limits is None and rate is None and not clip:
         raise _unreachable(law, found, target)
     for warning in [*found.report, *law_warnings(law, target, found.m, start)]:
-        warnings.warn(warning, stacklevel=3)
+        warnings.warn(warning, stacklevel=2)
     return found.m
 
 
@@ -151,6 +151,18 @@ def follow(
     size = float(np.abs(target).max())
     missed = gap > MISSED * max(float(np.ptp(target)), 1e-3 * size) + 1e-12 * (1.0 + size)
     return Following(command, reached, held, missed, float(gap.max()), values)
+
+
+def law_start(law: Compensator, output: float, m0: float | None = None) -> dict[str, float]:
+    """Return the values before the start, at rest, by name: what the recursion and the C source begin with."""
+    begin = rest_input(law.model, float(output)) if m0 is None else float(m0)
+    rest = rest_states(law.model, begin, float(output))
+    return {"m": begin, "r": float(output), str(law.model.output.label): float(output)} | rest
+
+
+def law_rest_input(law: Compensator, output: float) -> float:
+    """Return the input to start from; see `narx_sym.fit.simulate.rest_input`."""
+    return rest_input(law.model, float(output))
 
 
 def _padded(law: Compensator, compiled: Compiled, target: Array, channels: Mapping[str, Any]) -> dict[str, Array]:

@@ -133,7 +133,7 @@ def simulate(
     source = vector(u, "input of a simulation")
     if warn:
         for said in extrapolates(model, [source if u0 is None else np.concatenate([[float(u0)], source])]):
-            warnings.warn(said, stacklevel=3)
+            warnings.warn(said, stacklevel=2)
     if u0 is not None:
         depth = max(1, model.recursion.depth)
         held = {str(getattr(n, "label", n)): values for n, values in (channels or {}).items()}
@@ -397,7 +397,7 @@ def rest_input(model: Model, value: float) -> float:
     line = model.info.get("line")
     if line is None:
         if value != 0:
-            warnings.warn("No initial input m0 was given: the law starts from 0.", stacklevel=4)
+            warnings.warn("No initial input m0 was given: the law starts from 0.", stacklevel=3)
         return 0.0
     offset, slope = line
     if model.input == u:

@@ -6,7 +6,7 @@ Models beyond Assumption A1 are inverted in stages (`stages`), each of them by b
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,6 +21,7 @@ from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import k, lag, m, r, samples, shift, swap, u, y
 from ..symbolic.smoothing import smoothed, widths
+from .doors import CompensatorDoors
 from .grouping import offending, polynomials, q, why_not
 from .solution import Branch, vanishes
 from .stability import InternalDynamics, internal_dynamics
@@ -28,7 +29,7 @@ from .stages import Staged, guarded, in_order, stages_of, wanted
 
 
 @dataclass(frozen=True)
-class Compensator:
+class Compensator(CompensatorDoors):
     """A compensation law m[k] = ... that makes the model's output follow the reference r.
 
     Attributes
@@ -126,12 +127,6 @@ class Compensator:
         """What is known about the branches, in words: a proof, or what a check in numbers found; see `check`."""
         return str(self.check())
 
-    def check(self, reference: Any = None, m0: Any = None, channels: Mapping[str, Any] | None = None) -> Any:
-        """Count the solutions of each stage along a run; see `narx_sym.fit.run_law.check`."""
-        from ..fit.run_law import check
-
-        return check(self, reference, m0, channels)
-
     def expand(self) -> sp.Eq:
         """Return the law with numbers in the place of the parameters."""
         return sp.Eq(m[k], self.law.xreplace(self.model.values), evaluate=False)
@@ -170,103 +165,6 @@ class Compensator:
         own = widths(eps, {m: "u", r: "y"}, self.model.info)
         f = None if self.f is None else smoothed(self.f, widths(eps, {u: "u", y: "y"}, self.model.info), form)
         return replace(self, model=self.model.smooth(eps, form), law=smoothed(self.law, own, form), f=f)
-
-    def run(
-        self,
-        reference: Any,
-        m0: Any = None,
-        channels: Mapping[str, Any] | None = None,
-        limits: Sequence[float] | None = None,
-        rate: float | None = None,
-        clip: bool = False,
-    ) -> Any:
-        """Compute m over a reference; see `narx_sym.fit.run_law.run_law`."""
-        from ..fit.run_law import run_law
-
-        return run_law(self, reference, m0, channels, limits, rate, clip)
-
-    def follow(
-        self,
-        reference: Any,
-        m0: Any = None,
-        channels: Mapping[str, Any] | None = None,
-        limits: Sequence[float] | None = None,
-        rate: float | None = None,
-    ) -> Any:
-        """Compute m and what the model then does, with what is held and missed; see `narx_sym.fit.run_law.follow`."""
-        from ..fit.run_law import follow
-
-        return follow(self, reference, m0, channels, limits, rate)
-
-    def start(self, output: float, m0: float | None = None) -> dict[str, float]:
-        """Return the values before the start, at rest, by name: what the recursion and the C source begin with."""
-        from ..fit.simulate import rest_states
-
-        begin = self.rest_input(output) if m0 is None else float(m0)
-        rest = rest_states(self.model, begin, float(output))
-        return {"m": begin, "r": float(output), str(self.model.output.label): float(output)} | rest
-
-    def rest_input(self, output: float) -> float:
-        """Return the input to start from; see `narx_sym.fit.simulate.rest_input`."""
-        from ..fit.simulate import rest_input
-
-        return rest_input(self.model, float(output))
-
-    def to_c(
-        self,
-        name: str = "law",
-        single: bool = False,
-        limits: Sequence[float] | None = None,
-        rate: float | None = None,
-    ) -> str:
-        """Return the law as C99 source, within limits where they are given; see `narx_sym.codegen.export.to_c`.
-
-        Raises
-        ------
-        NotInvertible
-            Where the law has no closed form.
-        """
-        from ..codegen.export import to_c
-
-        recursion, usual = self._exported(limits, rate), self.model.usual
-        usual = {**usual, **{own: usual[of] for own, of in (("m", "u"), ("r", "y")) if of in usual}}
-        return to_c(recursion, self.model.values, name, single, m, ranges=usual, Ts=self.model.Ts)
-
-    def to_st(
-        self,
-        name: str = "law",
-        single: bool = False,
-        limits: Sequence[float] | None = None,
-        rate: float | None = None,
-    ) -> str:
-        """Return the law as an IEC 61131-3 function block; limits and errors as for `to_c`."""
-        from ..codegen.export import to_st
-
-        return to_st(self._exported(limits, rate), self.model.values, name, single, m, Ts=self.model.Ts)
-
-    def to_casadi(self, name: str = "law") -> Any:
-        """Return one step as a CasADi `Function` (state, inputs) -> (next, output).
-
-        state : `recursion.past`, such as m[k-1], r[k]; `rest_state` gives its values at rest
-        inputs : `recursion.given`, the reference at the end of the preview, such as r[k+1]; output is m[k]
-        """
-        from ..codegen.export import transition
-
-        return transition(self._exported(), self.model.values, name, m)
-
-    def rest_state(self, **rest: float) -> Any:
-        """Return the state of `to_casadi` at rest: `law.rest_state(m=1.0, r=2.0)`."""
-        from ..fit.interop import rest_state
-
-        return rest_state(self.recursion, {}, rest)
-
-    def _exported(self, limits: Sequence[float] | None = None, rate: float | None = None) -> Recursion:
-        if not self.closed_form:
-            raise NotInvertible(f"This law cannot be exported: {self._open()}.")
-        return self.recursion if limits is None and rate is None else self.limited(limits, rate)
-
-    def _open(self) -> str:
-        return next(s.proof for s in self.staged.stages if not s.closed_form) if self.staged else ""
 
     def latex(self, numbers: bool = False) -> str:
         """LaTeX of the law, grouped as in the paper: one bracket over the coefficient of the newest input."""
@@ -318,11 +216,6 @@ class Compensator:
 
     def _repr_latex_(self) -> str:
         return f"$\\displaystyle {self.latex()}$"
-
-    def _repr_html_(self) -> str:
-        from ..report.notebook import law_html
-
-        return law_html(self)
 
     def __repr__(self) -> str:
         return f"Compensator({'; '.join(self.lines(numbers=True))})"

@@ -17,6 +17,7 @@ from ..models.analysis import SteadyState, characteristic, jury, steady_state, u
 from ..models.model import Model
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import k, lag, m, r, samples, shift
+from .doors import InternalDynamicsDoors
 
 if TYPE_CHECKING:
     from .compensator import Compensator
@@ -27,7 +28,7 @@ direction, heading = (sp.Symbol(n, real=True) for n in ("s", "s_r"))
 
 
 @dataclass(frozen=True)
-class InternalDynamics:
+class InternalDynamics(InternalDynamicsDoors):
     """How a law reacts to its own past, around slow motion.
 
     Attributes
@@ -92,24 +93,6 @@ class InternalDynamics:
             found.equilibria if isinstance(found.equilibria, str) else [p.xreplace(names) for p in found.equilibria]
         )
         return SteadyState(found.equation.xreplace(names), [c.xreplace(names) for c in found.conditions], points)
-
-    def radius(self, m: Any, r: Any, s: float | None = None) -> Any:
-        """Return the largest |eigenvalue| at points (m, r); see `narx_sym.fit.excursions.radius`."""
-        from ..fit.excursions import radius
-
-        return radius(self, m, r, s)
-
-    def repelling(self, m: Any, r: Any, s: float | None = None) -> Any:
-        """Return whether the law repels at points (m, r), (N,) bool: moving in the direction s = 1 or -1, or in any."""
-        from ..fit.excursions import radius
-
-        return radius(self, m, r, s) > 1
-
-    def along(self, m: Any, r: Any, m0: float | None = None) -> Any:
-        """Follow the eigenvalue along a run of the law; see `narx_sym.fit.excursions.excursion`."""
-        from ..fit.excursions import excursion
-
-        return excursion(self, m, r, m0)
 
 
 def internal_dynamics(law: Compensator) -> InternalDynamics:

@@ -18,6 +18,7 @@ from ..symbolic.recursion import State
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import differences, k, lag, lags, samples, t, x
 from . import assumptions
+from .doors import QuasiStaticDoors
 from .model import Model, pairs
 
 ybar, ubar, ytilde = (sp.Symbol(n, real=True) for n in (r"\bar{y}", r"\bar{u}", r"\tilde{y}"))
@@ -305,7 +306,7 @@ def property_1(model: Model) -> Verdict:
 
 
 @dataclass(frozen=True)
-class QuasiStatic:
+class QuasiStatic(QuasiStaticDoors):
     """The sets ytilde(u, phi1) under loading and unloading, and where they attract.
 
     Attributes
@@ -336,12 +337,6 @@ class QuasiStatic:
         slopes = self.jacobian if isinstance(self.jacobian, list) else [self.jacobian]
         loading, unloading = ([_static(s, self.model, d) for s in slopes] for d in (1, -1))
         return loading, unloading
-
-    def evaluate(self, u: Any, phi1: Any = None) -> Any:
-        """Evaluate along an input; see `narx_sym.engines.compile.evaluate_quasi_static`."""
-        from ..engines.compile import evaluate_quasi_static
-
-        return evaluate_quasi_static(self, u, phi1)
 
     def latex(self) -> str:
         """LaTeX of the two cases and of the attracting condition."""

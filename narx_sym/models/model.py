@@ -20,12 +20,13 @@ from ..symbolic.recursion import Recursion, State
 from ..symbolic.signals import differences, expand_phi, k, lag, lags, samples, shift, signal, t, u, v, x, y
 from ..symbolic.smoothing import smoothed, widths
 from . import assumptions
+from .doors import ModelDoors
 
 MAX_POOL = 20_000
 FUNCTIONS = {"abs": sp.Abs, "sin": sp.sin, "cos": sp.cos, "tanh": sp.tanh, "exp": sp.exp, "sign": sp.sign}
 
 
-class Model:
+class Model(ModelDoors):
     """A difference equation with named parameters, optionally fitted.
 
     Parameters
@@ -89,9 +90,7 @@ class Model:
     @property
     def theta(self) -> Any:
         """The parameter values, (n_theta,) float array, or None before a fit."""
-        from ..engines.compile import values
-
-        return values(self._theta)
+        return self.array
 
     @theta.setter
     def theta(self, theta: Sequence[float] | None) -> None:
@@ -245,13 +244,6 @@ class Model:
         """Names of the further measured sequences that enter."""
         return tuple(str(b.label) for b in self.recursion.inputs if b not in (self.input, self.output, t))
 
-    @property
-    def sigma_y(self) -> Any:
-        """The sum of the parameters of the linear output regressors (Eq. of Lemma 1)."""
-        from .analysis import sigma_y
-
-        return sigma_y(self)
-
     def copy(self) -> Model:
         """Return the same model, to be fitted apart."""
         made = copy.copy(self)
@@ -294,111 +286,6 @@ class Model:
         }
         return made
 
-    # -- doors: each is one call of the module that does it ----------------------------------------------------
-
-    def fit(
-        self, records: Any, constraints: Sequence[Any] | None = None, method: str = "one_step", **options: Any
-    ) -> Any:
-        """Estimate theta in place and return the model; see `narx_sym.fit.least_squares.fit`."""
-        from ..fit.least_squares import fit
-
-        return fit(self, records, constraints=constraints, method=method, **options)
-
-    def simulate(
-        self,
-        u: Any,
-        y0: Any = None,
-        channels: Mapping[str, Any] | None = None,
-        engine: str = "native",
-        u0: float | None = None,
-    ) -> Any:
-        """Free run over an input; see `narx_sym.fit.simulate.simulate`."""
-        from ..fit.simulate import simulate
-
-        return simulate(self, u, y0, channels, engine, u0)
-
-    def predict(self, record: Any) -> Any:
-        """One-step-ahead prediction from measured outputs; see `narx_sym.fit.simulate.predict`."""
-        from ..fit.simulate import predict
-
-        return predict(self, record)
-
-    def quasi_static(self) -> Any:
-        """Return the quasi-static solutions; see `narx_sym.models.analysis.quasi_static`."""
-        from .analysis import quasi_static
-
-        return quasi_static(self)
-
-    def check(self, rules: Sequence[str] | None = None) -> Any:
-        """Which terms break which assumption; see `narx_sym.models.analysis.check`."""
-        from .analysis import check
-
-        return check(self, rules)
-
-    def compensator(self) -> Any:
-        """Derive the compensation law; see `narx_sym.inversion.compensator.compensator`."""
-        from ..inversion.compensator import compensator
-
-        return compensator(self)
-
-    def add(self, effect: Any, where: str | None = None) -> Any:
-        """Add a physical effect by id, or a candidate of a diagnosis; `.fit(record)` returns the extended model."""
-        from ..diagnosis.add import Addition
-
-        return Addition(self, effect, where)
-
-    def plot_quasi_static(self, u: Any = None, ax: Any = None, units: Mapping[str, str] | None = None) -> Any:
-        """Draw the quasi-static sets and the loop; see `narx_sym.report.plots.plot_quasi_static`."""
-        from ..report.plots import plot_quasi_static
-
-        return plot_quasi_static(self, u, ax=ax, units=dict(units or {}))
-
-    def plot_comparison(self, record: Any, axes: Any = None, units: Mapping[str, str] | None = None) -> Any:
-        """Draw measured and simulated output, error and loop; see `narx_sym.report.plots.plot_comparison`."""
-        from ..report.plots import plot_comparison
-
-        return plot_comparison(self, record, axes, dict(units or {}))
-
-    def save(self, path: Any) -> None:
-        """Write the model file; see `narx_sym.files.store.save`."""
-        from ..files.store import save
-
-        save(self, path)
-
-    def to_c(self, name: str = "model", single: bool = False) -> str:
-        """Return the free run as C99 source; see `narx_sym.codegen.export.to_c`."""
-        from ..codegen.export import to_c
-
-        return to_c(self.recursion, self.values, name, single, self.output, self.starts, self.usual, self.Ts)
-
-    def to_st(self, name: str = "model", single: bool = False) -> str:
-        """Return the free run as an IEC 61131-3 function block; see `narx_sym.codegen.export.to_st`."""
-        from ..codegen.export import to_st
-
-        return to_st(self.recursion, self.values, name, single, self.output, self.starts, self.Ts)
-
-    def to_casadi(self, name: str = "model") -> Any:
-        """Return one step as a CasADi `Function` (state, inputs) -> (next, output).
-
-        state : `recursion.past`, such as y[k-1], y[k-2], u[k-1]; `rest_state` gives its values at rest
-        inputs : `recursion.given`, such as u[k]; next is the state one sample later, output is y[k]
-        """
-        from ..codegen.export import transition
-
-        return transition(self.recursion, self.values, name, self.output)
-
-    def to_control(self, name: str = "model") -> Any:
-        """Return a discrete-time `control.NonlinearIOSystem`; see `narx_sym.fit.interop.to_control`."""
-        from ..fit.interop import to_control
-
-        return to_control(self, name)
-
-    def rest_state(self, **rest: float) -> Any:
-        """Return the state of `to_casadi` and `to_control` at rest: `model.rest_state(u=1.0, y=2.0)`."""
-        from ..fit.interop import rest_state
-
-        return rest_state(self.recursion, self.starts, rest)
-
     # -- printing ----------------------------------------------------------------------------------------------
 
     def latex(self, numbers: bool = False) -> str:
@@ -427,11 +314,6 @@ class Model:
 
     def _repr_latex_(self) -> str:
         return f"$\\displaystyle {self.latex()}$"
-
-    def _repr_html_(self) -> str:
-        from ..report.notebook import model_html
-
-        return model_html(self)
 
     def table(self) -> list[dict[str, Any]]:
         """One row per parameter: symbol, term, value, standard error."""

@@ -13,7 +13,7 @@ from ..diagnosis.bases import words
 from ..diagnosis.misfit import Misfit
 from ..diagnosis.procedure import Diagnosis
 from ..errors import NarxError
-from .plots import BLACK, BLUE, ORANGE, RED, SKY, YELLOW, label, new_axes, thin
+from .plots import BLACK, BLUE, ORANGE, RED, SKY, YELLOW, label, new_axes, thin, where_it_fails
 
 Array = np.ndarray
 Units = Mapping[str, str]
@@ -153,3 +153,8 @@ def plot_comparison(diagnosis: Diagnosis, axes: Any = None, units: Units | None 
 
 def _colour(c: Comparison, run: str) -> str:
     return ORANGE if run == next(iter(c.runs)) else BLUE
+
+
+def plot_where_it_fails(diagnosis: Diagnosis, units: Units | None = None) -> Any:
+    """Draw the error in the panels that tell most; see `narx_sym.report.plots.where_it_fails`."""
+    return where_it_fails(diagnosis.misfit, units=dict(units or {}))

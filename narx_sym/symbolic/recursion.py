@@ -14,6 +14,7 @@ from typing import Any
 import sympy as sp
 
 from ..errors import ModelError
+from .doors import RecursionDoors
 from .signals import expand_phi, k, lag, samples
 
 
@@ -48,7 +49,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Recursion:
+class Recursion(RecursionDoors):
     """`x[k] = f(x[k-1], ..., inputs, parameters)`, one equation per state, evaluated in order.
 
     Parameters
@@ -133,12 +134,6 @@ class Recursion:
     def extend(self, updates: Sequence[tuple[Any, Any]], parameters: Sequence[Any] = ()) -> Recursion:
         """Append further equations."""
         return Recursion((*self.updates, *updates), (*self.parameters, *parameters))
-
-    def compile(self, engine: str = "native") -> Any:
-        """Return a function over arrays; see `narx_sym.engines.compile`."""
-        from ..engines.compile import compile
-
-        return compile(self, engine)
 
 
 def written_out(expr: Any, states: Sequence[State]) -> int:

@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -12,19 +13,60 @@ SYMBOLIC = ROOMS[: ROOMS.index("engines")]  # these stay free of NUMERIC
 NUMERIC = {"numpy", "scipy", "casadi", "llvmlite", "pandas", "matplotlib"}
 ONLY = {"data/plants.py": {"errors"}}  # the plants are an independent truth
 FILES = sorted(f for f in PACKAGE.rglob("*.py") if f not in (PACKAGE / "__init__.py", PACKAGE / "__main__.py"))
-MOST = 12  # things in a folder
+MOST, LONGEST, A_SCREEN = 12, 400, 60  # things in a folder, lines of a module, lines of a function beside its docstring
+
+# What does not keep a rule yet. Each list only shrinks: an entry that is no longer needed fails too.
+UPWARDS = {"app/workbench.py: narx_sym.cli.demo"}  # the example of the stage
+TYPES_ONLY = {  # circles that only names for type checkers close: nothing is loaded in them
+    ("app.downloads", "app.workbench"),
+    ("app.jobs", "app.story"),
+    ("inversion.compensator", "inversion.stability"),
+}
+CROWDED = {"app"}
+LONG_MODULES = {
+    "cli/diagnose.py",
+    "data/tables.py",
+    "diagnosis/experiment.py",
+    "diagnosis/misfit.py",
+    "diagnosis/procedure.py",
+    "fit/simulate.py",
+    "models/analysis.py",
+    "models/model.py",
+    "report/plots.py",
+}
+LONG_FUNCTIONS = {
+    "cli/demo.py: run",
+    "cli/diagnose.py: diagnose",
+    "cli/main.py: compensate",
+    "codegen/c.py: source",
+    "diagnosis/experiment.py: _shapes",
+    "diagnosis/procedure.py: step",
+    "files/store.py: from_dict",
+    "inversion/kinks.py: solve_kinked",
+}
 
 
-def imported(tree: ast.AST, package: list[str]) -> Iterator[tuple[int, str]]:
-    """Line and absolute dotted name of every import, those inside functions too."""
+def place(file: Path) -> str:
+    return file.relative_to(PACKAGE).as_posix()
+
+
+def tree_of(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+def imported(tree: ast.AST, package: list[str]) -> Iterator[tuple[int, str, list[str]]]:
+    """Line, absolute dotted source and names of every import, those inside functions too."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name) for alias in node.names)
+            yield from ((node.lineno, alias.name, []) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
             source = ".".join([*base, *filter(None, [node.module])])
-            bare = source == "narx_sym"
-            yield from ((node.lineno, f"{source}.{a.name}" if bare else source) for a in node.names)
+            yield node.lineno, source, [a.name for a in node.names]
+
+
+def package_of(file: Path) -> list[str]:
+    return ["narx_sym", *file.relative_to(PACKAGE).parts[:-1]]
 
 
 def broken(file: str, name: str) -> str | None:
@@ -43,10 +85,131 @@ def broken(file: str, name: str) -> str | None:
     return None if ROOMS.index(there) <= ROOMS.index(here) else "that room does not stand before this one"
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda f: f.relative_to(PACKAGE).as_posix())
+def faults_of(file: Path) -> dict[str, str]:
+    found = {}
+    for line, source, names in imported(tree_of(file), package_of(file)):
+        for name in [f"{source}.{n}" for n in names] if source == "narx_sym" else [source]:
+            if why := broken(place(file), name):
+                found[f"{place(file)}: {name}"] = f"{place(file)}:{line}: imports {name}: {why}"
+    return found
+
+
+@pytest.mark.parametrize("file", FILES, ids=place)
 def test_layer(file: Path) -> None:
-    name = file.relative_to(PACKAGE).as_posix()
-    package = ["narx_sym", *name.split("/")[:-1]]
-    found = imported(ast.parse(file.read_text(encoding="utf-8")), package)
-    faults = [f"{name}:{line}: imports {what}: {why}" for line, what in found if (why := broken(name, what))]
-    assert not faults, "\n".join(faults)
+    faults = faults_of(file)
+    assert not faults.keys() - UPWARDS, "\n".join(faults.values())
+    expected = {e for e in UPWARDS if e.startswith(f"{place(file)}:")}
+    assert expected <= faults.keys(), f"no longer needed in the list: {expected - faults.keys()}"
+
+
+DOORS = [f for f in FILES if f.name == "doors.py"]
+
+
+def lines_of(tree: ast.Module) -> Iterator[ast.AST]:
+    """What a file of doors is made of, without texts and the import of `door`."""
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef):
+            yield from (n for n in node.body if not (isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)))
+        elif isinstance(node, ast.ImportFrom):
+            assert {a.name for a in node.names} <= {"door", "view"}, f"line {node.lineno}: only doors are imported"
+        else:
+            assert isinstance(node, ast.Expr), f"line {node.lineno}: a file of doors holds nothing but doors"
+
+
+@pytest.mark.parametrize("file", DOORS, ids=place)
+def test_doors_hold_nothing_but_doors_that_open(file: Path) -> None:
+    for node in lines_of(tree_of(file)):
+        assert isinstance(node, ast.Assign) and isinstance(node.value, ast.Call), ast.dump(node)
+        assert isinstance(node.value.func, ast.Name) and node.value.func.id in ("door", "view"), ast.dump(node)
+        module, name = (a.value for a in node.value.args if isinstance(a, ast.Constant))
+        behind = getattr(import_module(f"narx_sym.{module}"), str(name), None)
+        assert callable(behind), f"{place(file)}:{node.lineno}: there is no function {name} in {module}"
+        assert behind.__module__ == f"narx_sym.{module}", f"{place(file)}:{node.lineno}: {name} lives elsewhere"
+        assert behind.__doc__, f"{place(file)}:{node.lineno}: {name} has no docstring"
+
+
+def test_doors_stand_in_the_files_of_doors_only() -> None:
+    for file in set(FILES) - {*DOORS, PACKAGE / "symbolic" / "door.py"}:
+        for _, source, _ in imported(tree_of(file), package_of(file)):
+            assert source != "narx_sym.symbolic.door", f"{place(file)} has a door of its own"
+
+
+def for_types_only(tree: ast.Module) -> set[ast.AST]:
+    """What stands under `if TYPE_CHECKING:`."""
+    guards = (n for n in ast.walk(tree) if isinstance(n, ast.If) and ast.unparse(n.test).endswith("TYPE_CHECKING"))
+    return {inner for guard in guards for inner in ast.walk(guard)}
+
+
+def arrows(types: bool) -> dict[str, set[str]]:
+    """Which module imports which, inside functions too; what is imported for type checkers alone only if `types`."""
+    names = {place(f).removesuffix(".py").replace("/", ".").removesuffix(".__init__"): f for f in FILES}
+    found: dict[str, set[str]] = {}
+    for name, file in names.items():
+        tree = tree_of(file)
+        skipped = set() if types else for_types_only(tree)
+        nodes = [n for n in ast.walk(tree) if isinstance(n, (ast.Import, ast.ImportFrom)) and n not in skipped]
+        found[name] = set()
+        for _, source, listed in imported(ast.Module(body=nodes, type_ignores=[]), package_of(file)):  # type: ignore[arg-type]
+            bare = source.removeprefix("narx_sym").removeprefix(".")
+            for there in (f"{bare}.{n}".removeprefix(".") for n in listed) if listed else [bare]:
+                found[name].add(there if there in names else bare)
+        found[name] &= names.keys() - {name}
+    return found
+
+
+def circles(graph: dict[str, set[str]]) -> set[tuple[str, ...]]:
+    """Return the sets of modules that reach each other, each as a sorted tuple."""
+
+    def reached(start: str) -> set[str]:
+        seen: set[str] = set()
+        more = {start}
+        while more:
+            more = {there for here in more for there in graph[here]} - seen
+            seen |= more
+        return seen
+
+    beyond = {name: reached(name) for name in graph}
+    return {tuple(sorted(o for o in beyond[n] if n in beyond[o])) for n in graph if n in beyond[n]}
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    assert circles(arrows(types=False)) == set()
+
+
+def test_circles_of_type_checkers_only_shrink() -> None:
+    assert circles(arrows(types=True)) == TYPES_ONLY
+
+
+def test_the_search_for_circles_finds_them() -> None:
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == {("a", "b", "c")}
+    assert len(arrows(types=False)["cli.main"]) > 5
+
+
+def test_folders_are_not_crowded() -> None:
+    folders = [d for d in PACKAGE.rglob("*") if d.is_dir() and d.name != "__pycache__"]
+    counts = {
+        place(d): sum(
+            (f.suffix == ".py" and f.name not in ("__init__.py", "doors.py"))
+            or (f.is_dir() and f.name != "__pycache__")
+            for f in d.iterdir()
+        )
+        for d in folders
+    }
+    assert {name for name, count in counts.items() if count > MOST} == CROWDED, counts
+
+
+def test_modules_are_short() -> None:
+    lines = {place(f): len(f.read_text(encoding="utf-8").splitlines()) for f in FILES}
+    assert {name for name, count in lines.items() if count > LONGEST} == LONG_MODULES
+
+
+def test_functions_fit_on_a_screen() -> None:
+    found = set()
+    for file in FILES:
+        for node in ast.walk(tree_of(file)):
+            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                first = node.body[0]
+                text = first.end_lineno - first.lineno + 1 if ast.get_docstring(node) else 0  # type: ignore[operator]
+                if node.end_lineno - node.lineno + 1 - text > A_SCREEN:  # type: ignore[operator]
+                    found.add(f"{place(file)}: {node.name}")
+    assert found == LONG_FUNCTIONS

@@ -1,0 +1,14 @@
+"""What users call on a diagnosis and what lives in later rooms."""
+
+from ..symbolic.door import door
+
+
+class DiagnosisDoors:
+    """Each line is one function of the room that does it; it takes the diagnosis first."""
+
+    report = door("report.page", "report")
+    plot_comparison = door("report.comparison", "plot_comparison")
+    plot_ladder = door("report.plots", "plot_ladder")
+    plot_candidates = door("report.plots", "plot_candidates")
+    plot_where_it_fails = door("report.comparison", "plot_where_it_fails")
+    _repr_html_ = door("report.notebook", "diagnosis_html")

@@ -1,0 +1,32 @@
+"""What users call on a model and what lives in later rooms, or stands on the model here."""
+
+from ..symbolic.door import door, view
+
+
+class ModelDoors:
+    """Each line is one function of the room that does it; it takes the model first."""
+
+    array = view("engines.compile", "theta_array")
+    sigma_y = view("models.analysis", "sigma_y")
+    quasi_static = door("models.analysis", "quasi_static")
+    check = door("models.analysis", "check")
+    save = door("files.store", "save")
+    compensator = door("inversion.compensator", "compensator")
+    to_c = door("codegen.targets", "model_to_c")
+    to_st = door("codegen.targets", "model_to_st")
+    to_casadi = door("codegen.targets", "model_to_casadi")
+    fit = door("fit.least_squares", "fit")
+    simulate = door("fit.simulate", "simulate")
+    predict = door("fit.simulate", "predict")
+    to_control = door("fit.interop", "to_control")
+    rest_state = door("fit.interop", "model_rest_state")
+    add = door("diagnosis.add", "add")
+    plot_quasi_static = door("report.plots", "plot_quasi_static")
+    plot_comparison = door("report.plots", "plot_comparison")
+    _repr_html_ = door("report.notebook", "model_html")
+
+
+class QuasiStaticDoors:
+    """Each line is one function of the room that does it; it takes the quasi-static sets first."""
+
+    evaluate = door("engines.compile", "evaluate_quasi_static")
