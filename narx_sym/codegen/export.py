@@ -18,6 +18,8 @@ from ..symbolic.signals import lag, samples
 from . import c, st
 
 CHECKED, LONGEST_CHECK = 48, 200  # samples of a self-test; a long delay adds its own
+TELLING = 1e-3  # a self-test that rounding may move by more than this says nothing
+DRAWN = 4  # runs with other last bits
 
 
 def transition(recursion: Recursion, values: Mapping[Any, float], name: str = "narx", output: Any = None) -> Any:
@@ -72,7 +74,7 @@ def to_c(
     """
     numbers, returned = _numbers(recursion, values), _returned(recursion, output)
     starts = _starts(recursion, numbers, initial or {})
-    example = _example(recursion, numbers, returned, starts, ranges or {})
+    example = _example(recursion, numbers, returned, starts, ranges or {}, single)
     return c.source(recursion, numbers, name, single, returned, starts, _notes(Ts), example)
 
 
@@ -141,9 +143,13 @@ def _example(
     output: Any,
     initial: Mapping[Any, Any],
     ranges: Mapping[str, Sequence[float]],
+    single: bool,
 ) -> Any:
-    """Run a recursion from rest, every input along its own wave; smaller waves where that diverges."""
-    theta = [float(v) for v in numbers.values()]
+    """Run a recursion from rest, every input along its own wave; smaller waves where that diverges.
+
+    A wave along which the last bits decide (a sign of what should be zero, an unstable run) is no test of the code.
+    """
+    theta = np.array([float(v) for v in numbers.values()])
     depth, still = recursion.depth, recursion.depth + recursion.lead + 1
     n = CHECKED + min(depth, LONGEST_CHECK)
     phases = np.maximum(np.arange(n + still + recursion.lead) - still, 0) / 3
@@ -158,11 +164,22 @@ def _example(
         for base, e in initial.items():
             start[base] = float(e.xreplace({s: sp.Float(rest.setdefault(s.base, 0.0)) for s in samples(e)}))
         inputs = {b: waves[b] for b in recursion.inputs}
-        run = compiled(inputs, theta, start, length=phases.size, on_divergence="nan")
-        expected = run[str(output.label)][depth : depth + n]
-        if np.all(np.isfinite(expected)):
+
+        def run(bits: Any, given: Any = inputs, begin: Any = start) -> Any:
+            # One factor for each wave: what rests goes on resting.
+            waved, begun = ({b: x * bits(1)[0] for b, x in of.items()} for of in (given, begin))
+            moved = compiled(waved, theta * bits(theta.size), begun, length=phases.size, on_divergence="nan")
+            return moved[str(output.label)][depth : depth + n]
+
+        expected, rounding = run(np.ones), 0.0
+        rng, eps = np.random.default_rng(0), float(np.finfo("f" if single else "d").eps)
+        for _ in range(DRAWN if np.all(np.isfinite(expected)) else 0):
+            other = run(lambda size, rng=rng, eps=eps: 1.0 + eps * rng.uniform(-1, 1, size))
+            with np.errstate(all="ignore"):
+                rounding = max(rounding, float(np.abs((other - expected) / (1.0 + np.abs(expected))).max()))
+        if np.all(np.isfinite(expected)) and rounding * c.ROUNDINGS < TELLING:
             # What a step takes: the newest sample of each input that the equations read.
             read = {s for _, right in recursion.updates for s in samples(right)}
             newest = {b: min(lag(s) for s in read if s.base == b) for b in recursion.inputs}
-            return c.Example({b: waves[b][depth - i :][:n] for b, i in newest.items()}, rest, expected)
+            return c.Example({b: waves[b][depth - i :][:n] for b, i in newest.items()}, rest, expected, rounding)
     return None

@@ -16,6 +16,7 @@ from ..models.analysis import phi1_, u_, ytilde
 from ..models.model import Model
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import expand_phi, lag, samples
+from .numpy import MODULES
 from .plan import Plan
 
 ENGINES = ("native", "numpy", "casadi", "python")
@@ -188,7 +189,7 @@ def to_casadi(recursion: Recursion) -> Any:
 
 def lambdify(expressions: Sequence[Any], arguments: Sequence[Any]) -> Any:
     """Return a NumPy function of plain symbols for expressions that are not recursions."""
-    function = sp.lambdify(list(arguments), list(expressions), modules="numpy", cse=True, dummify=True)
+    function = sp.lambdify(list(arguments), list(expressions), modules=MODULES, cse=True, dummify=True)
 
     def quiet(*values: Any) -> Any:
         with np.errstate(all="ignore"):  # what is not finite is looked for where it matters
@@ -277,7 +278,8 @@ class StaticSets:
     ----------
     u, phi1 : (N,) arrays
     ytilde : (N,) array
-        The solution of the branch that each sample is on; NaN where the input rests [unit of the output].
+        The solution of the branch that each sample is on; NaN where the input rests, and where Sigma_y = 1 leaves none
+        [unit of the output].
     loading, attracting : (N,) bool arrays
     spectral_radius : (N,) array
         The largest |eigenvalue| of dF/dy; below 1 the set attracts.
@@ -295,6 +297,8 @@ class StaticSets:
                 if isinstance(expression, sp.FiniteSet):
                     raise ModelError("The quasi-static equation has several solutions; evaluate them one by one.")
                 numeric = [sp.sympify(e).xreplace(model.values) for e in (expression, *derivatives)]
+                if _vanishing(expression, model):  # 1 - Sigma_y = 0: every output, or none, is a solution
+                    numeric[0] = sp.nan
                 foreign = {s for e in numeric for s in e.free_symbols} - {u_, phi1_, ytilde}
                 if foreign:
                     raise ModelError(f"The sets depend on further signals ({', '.join(map(str, foreign))}).")
@@ -311,6 +315,13 @@ class StaticSets:
     def repelling(self) -> Array:
         """(N,) bool array."""
         return (self.phi1 != 0) & ~self.attracting
+
+
+def _vanishing(expression: Any, model: Any) -> bool:
+    """Whether the denominator of a quasi-static solution is a number that is zero to rounding."""
+    below = sp.fraction(sp.together(expression))[1].xreplace(model.values)
+    parts = [abs(float(p)) for p in sp.Add.make_args(below)] if below.is_number else []
+    return bool(parts) and abs(float(below)) <= 1e-12 * max(1.0, *parts)
 
 
 def _spectral_radius(slopes: Sequence[Array], n: int) -> Array:

@@ -6,7 +6,8 @@ solved in order. Every other recursion is run step by step through `lambdify`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,26 @@ from .plan import Plan
 
 CHUNK = 8192
 MAX_BAND = 64  # the band matrix holds CHUNK numbers for each lag up to the largest
-MODULES = [{"Heaviside": lambda x, *_: np.where(x > 0, 1.0, 0.0)}, "numpy"]
+
+
+class _Joined:
+    """`logical_and.reduce` over conditions of which some are one number: NumPy's own refuses ragged lists."""
+
+    def __init__(self, joint: Any):
+        self.joint = joint
+
+    def reduce(self, values: Iterable[Any]) -> Any:
+        """Join conditions of any shapes."""
+        return reduce(self.joint, values)
+
+
+MODULES = [
+    {
+        "Heaviside": lambda x, *_: np.where(x > 0, 1.0, 0.0),
+        "logical_and": _Joined(np.logical_and), "logical_or": _Joined(np.logical_or),
+    },
+    "numpy",
+]  # fmt: skip
 
 
 def affine_rows(plan: Plan) -> list[tuple[list[int], list[sp.Expr]]] | None:

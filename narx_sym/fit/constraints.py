@@ -32,6 +32,9 @@ class Elimination:
             return cls(np.zeros(n), np.eye(n))
         S_symbolic, c_symbolic = constraint_matrix(equations, symbols)
         S, c = np.array(S_symbolic, dtype=float), np.array(c_symbolic, dtype=float).ravel()
+        # What an equation says does not depend on its unit: each is scaled to a largest coefficient of 1.
+        scale = np.abs(S).max(axis=1, initial=0.0)
+        S, c = S / np.where(scale > 0, scale, 1.0)[:, None], c / np.where(scale > 0, scale, 1.0)
         t0, fixed = np.zeros(n), np.zeros(n, dtype=bool)
         # A constraint that leaves one parameter free fixes it, exactly; what it fixes may make others so.
         while True:

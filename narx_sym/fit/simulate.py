@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -265,13 +266,26 @@ def rest_output(model: Model, value: float) -> float:
     return 0.0
 
 
+def _by_parts(model: Model, record: Record, run: Callable[[Record], Array]) -> Array:
+    """Run over each contiguous part of a record by itself; a sample left alone is the measured one."""
+    lead, measured = (model.lead, record.u) if model.input == y else (0, record.y)
+    edges = pairwise((0, *record.breaks, len(record)))
+    return np.concatenate([run(record[a:b]) if b - a > 1 else measured[a : max(a, b - lead)] for a, b in edges])
+
+
 def predict(model: Model, record: Record) -> Array:
     """One step ahead from measured outputs; the first samples, which have no past, are the measured ones.
 
+    A record with gaps is predicted part by part.
+
     Returns
     -------
-    (N,) array [unit of the output]; (N - lead,) for an inverse model
+    (N,) array [unit of the output]; for an inverse model each part lacks its last `lead` samples
     """
+    return _by_parts(model, record, lambda part: _predicted(model, part))
+
+
+def _predicted(model: Model, record: Record) -> Array:
     theta = fitted(model)
     data = arrays(model, record)
     predictor = compile(model.predictor)
@@ -282,7 +296,16 @@ def predict(model: Model, record: Record) -> Array:
 
 
 def free_run(model: Model, record: Record, engine: str = "native") -> Array:
-    """Simulate along a record, starting from its first measured outputs."""
+    """Simulate along a record, starting from its first measured outputs, and again after each gap.
+
+    Returns
+    -------
+    (N,) array [unit of the output]; for an inverse model each part lacks its last `lead` samples
+    """
+    return _by_parts(model, record, lambda part: _simulated(model, part, engine))
+
+
+def _simulated(model: Model, record: Record, engine: str) -> Array:
     data = arrays(model, record)
     output = str(model.output.label)
     first = data[output][: max(1, model.recursion.depth)]

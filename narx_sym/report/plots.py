@@ -69,10 +69,12 @@ def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[
         grid = figure.add_gridspec(2, 2, width_ratios=(3, 2), height_ratios=(3, 1))
         top = figure.add_subplot(grid[0, 0])
         axes = [top, figure.add_subplot(grid[1, 0], sharex=top), figure.add_subplot(grid[:, 1])]
-    data = arrays(model, record)
+    parts = record.segments()
+    listed = [arrays(model, part) for part in parts]
     source, output = str(model.input.label), str(model.output.label)
-    simulated = free_run(model, record)
-    time, measured, driver = record.t[: simulated.size], data[output], data[source]
+    simulated = np.concatenate([free_run(model, part) for part in parts])
+    measured, driver = (np.concatenate([d[name] for d in listed]) for name in (output, source))
+    time = np.concatenate([part.t[: d[output].size] for part, d in zip(parts, listed, strict=True)])
     keep = np.union1d(thin(measured), thin(measured - simulated))
     name = label(output, units.get(output, ""))
     axes[0].plot(time[keep], measured[keep], color=BLACK, lw=1.6, label="measured")

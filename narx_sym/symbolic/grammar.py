@@ -31,7 +31,7 @@ GRAMMAR = r"""
          | "(" sum ")"
     SIGN: "+" | "-"
     TIMES: "*" | "/"
-    NAME: /(?!k\b)[A-Za-z_][A-Za-z_0-9]*/
+    NAME: /[A-Za-z_][A-Za-z_0-9]*/
     INT: /[0-9]+/
     NUMBER: /([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?/
     %ignore /[ \t\n]+/

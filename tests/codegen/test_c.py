@@ -246,3 +246,20 @@ def test_the_same_model_gives_the_same_source():
     law = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5], Ts=0.01).compensator()
     assert law.to_c() == law.to_c() and "Sampling time: 0.01 s" in law.to_c()
     assert "m[k] = 2.0*r[k+1] - 1.6*r[k]\n" in law.to_c()
+
+
+@needs_gcc
+def test_correct_code_passes_where_rounding_grows(tmp_path):
+    """An unstable run multiplies the last bits: the self-test allows what they do, and no more."""
+    growing = Recursion(((y[k], 2.1 * y[k - 1] - 0.3 * y[k - 2] + u[k] * y[k - 1] / 3 + u[k - 1]),))
+    chaotic = Recursion(((y[k], 3.99 * y[k - 1] * (1 - y[k - 1])), (signal("w")[k], y[k] + u[k])))
+    for name, recursion in {"grows": growing, "chaos": chaotic}.items():
+        source = to_c(recursion, {}, name, ranges={"y": (0.2, 0.6)})
+        if name == "chaos":  # nothing can be said about such a run
+            assert "No self-test" in source
+            continue
+        told = subprocess.run([built(tmp_path, source, f"-D{name.upper()}_SELF_TEST")], capture_output=True, text=True)
+        assert "passed" in told.stdout, told.stdout
+        wrong = source.replace("0.3", "0.30001")
+        told = subprocess.run([built(tmp_path, wrong, f"-D{name.upper()}_SELF_TEST")], capture_output=True, text=True)
+        assert "FAILED" in told.stdout

@@ -390,3 +390,12 @@ def test_columns_equal_the_products_written_by_hand(powers):
         np.testing.assert_allclose(found[:, column], values, rtol=1e-13, atol=1e-300)
     blocks = [columns.block(data, a, min(a + 7, 30)) for a in range(columns.depth, 30, 7)]
     assert np.array_equal(np.vstack(blocks), found)
+
+
+def test_conditions_on_parameters_and_signals_together():
+    a = sp.Symbol("a", real=True)
+    for joint in (sp.And, sp.Or):
+        choice = sp.Piecewise((1, joint(a > 0, u[k] > 0)), (u[k - 1], joint(u[k] < 0, a < 1, u[k - 1] > 0)), (2, True))
+        for right in (choice, choice + y[k - 1] / 2):
+            results = runs(Recursion(((y[k], right),), (a,)), {"u": inputs_of(40)["u"]}, [0.5], {"y": 0.1})
+            assert_agree(results)

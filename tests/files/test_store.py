@@ -7,9 +7,10 @@ import pytest
 import sympy as sp
 
 import narx_sym as ns
-from narx_sym.errors import ModelError
+from narx_sym.errors import ModelError, ParseError
 from narx_sym.models.effects import EFFECTS
 from narx_sym.models.extend import extend, variants
+from narx_sym.symbolic.grammar import parse
 from narx_sym.symbolic.signals import k, phi1, u, y
 
 a, b, d = sp.symbols("a b d", real=True)
@@ -199,3 +200,12 @@ def test_what_could_not_be_read_back_is_not_written(tmp_path):
     with pytest.raises(ModelError, match="plain name"):
         ns.save(extend(LINEAR, variant).model, tmp_path / "m.json")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_parameter_may_be_called_k(tmp_path):
+    stiffness, b = sp.symbols("k b", real=True)
+    model = ns.Model(b * y[k - 1] - stiffness * u[k - 2] ** 2, (stiffness, b), [0.3, 0.5])
+    loaded = saved_and_loaded(model, tmp_path)
+    assert loaded.F == model.F and loaded.symbols == model.symbols
+    with pytest.raises(ParseError, match="unknown name 'k'"):
+        parse("k*u[k-1]")

@@ -4,6 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import sympy as sp
 from drawn import assert_agree, inputs_of, recursions, runs
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
@@ -12,6 +13,7 @@ from truth import NAMES, complex_step, digits, exact_constrained, exact_least_sq
 from narx_sym.data.record import Record
 from narx_sym.engines.compile import Columns, compile
 from narx_sym.errors import FitError
+from narx_sym.fit.constraints import Elimination
 from narx_sym.fit.least_squares import CORRECTED, factor, one_step, refined, solve_factor
 from narx_sym.models.model import NARX
 from narx_sym.symbolic.recursion import Recursion
@@ -169,3 +171,14 @@ def test_intervals_of_a_free_run_fit_cover_the_truth():
         inside.append(np.abs(model.theta - truth) < 1.99 * np.array(model.std))
     coverage = np.mean(inside, axis=0)  # of 150 draws: three and a half deviations are 0.062
     assert np.all((coverage > 0.888) & (coverage < 1)), coverage
+
+
+def test_the_unit_of_a_constraint_does_not_matter():
+    """An equation with coefficients of 1e-13 is the same equation."""
+    a, b, c = sp.symbols("a b c", real=True)
+    for size in (1.0, 1e-14, 1e12):
+        tiny = sp.Eq(sp.Float(size) * (a + 2 * b), sp.Float(size) * 3, evaluate=False)
+        both = Elimination.of([tiny, sp.Eq(b + c, 1, evaluate=False)], [a, b, c])
+        assert both.Z.shape == (3, 1)
+        theta = both.t0 + both.Z @ [0.7]
+        assert theta[0] + 2 * theta[1] == pytest.approx(3) and theta[1] + theta[2] == pytest.approx(1)

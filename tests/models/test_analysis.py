@@ -439,3 +439,14 @@ def test_a_set_that_is_the_only_root():
 def test_property_1_says_what_it_counted(terms, theta, said):
     verdict = property_1(NARX.from_terms(terms, theta))
     assert verdict.reason == said and verdict.holds == ("2 non" in said)
+
+
+def test_without_a_term_in_the_output_the_continuum_has_no_sets():
+    """1 - Sigma_y is a rounding error there: the quotient is no number, not 1e16."""
+    theta = [0.7, 0.2, 0.1, 0.8]
+    model = NARX.from_terms(["y[k-1]", "y[k-2]", "y[k-3]", "phi1[k-1]"], theta)
+    assert 0 < abs(sum(theta[:3]) - 1) < 1e-15
+    found = model.quasi_static().evaluate(np.sin(np.arange(20) / 3))
+    assert np.isnan(found.ytilde).all()
+    kept = NARX.from_terms(["y[k-1]", "y[k-2]", "phi1[k-1]"], [0.7, 0.2, 0.8]).quasi_static().evaluate([1.0, 2.0])
+    assert np.isfinite(kept.ytilde[1])
