@@ -6,7 +6,7 @@ import pytest
 
 import narx_sym as ns
 from narx_sym.cli import main as cli
-from narx_sym.cli.demo import PLAY, STAGE_UNITS, stage
+from narx_sym.data.examples import PLAY, STAGE_UNITS, stage
 
 
 @pytest.fixture

@@ -71,7 +71,7 @@ def application(bench: Workbench) -> Any:
     from nicegui import app as framework
     from nicegui import ui
 
-    from .page import Page
+    from .browser.page import Page
 
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..data.examples import PLAY, STAGE_UNITS, stage
 from ..data.record import Record, read
 from ..data.tables import Table
 from ..data.tables import load as load_table
@@ -19,11 +20,13 @@ from ..files.store import load as load_model
 from ..fit.identify import BASES, prepare
 from ..models.model import Model
 from ..models.rewrite import rewritten, written_terms
+from ..report.page import page
 from ..symbolic.signals import plain_name, u
 from .choice import Choice, guessed, in_the_page, number, shortened
-from .downloads import download
+from .downloads import written
 from .jobs import Law, Rung, Way, added, edited, first, law_of
 from .preview import signals_svg
+from .story import Story
 from .worker import Worker
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
@@ -155,8 +158,6 @@ class Workbench:
 
     def example(self) -> None:
         """Take simulated measurements of a stage behind a gear with play."""
-        from ..cli.demo import PLAY, STAGE_UNITS, stage
-
         with self._said():
             record = stage(PLAY)
             path = Path(tempfile.mkdtemp(dir=self.folder)) / "simulated_stage.csv"
@@ -338,8 +339,17 @@ class Workbench:
         return _Said(self)
 
     def download(self, kind: str) -> tuple[str, str]:
-        """Return name and content of a file; see `downloads.download`."""
-        return download(self, kind)
+        """Return name and content of a file; see `downloads.written`."""
+        if self.rung is None:
+            raise ModelError("There is no model yet: diagnose a base first.")
+        content = written(kind, self.rung.model, self.law, self._page)
+        return f"{plain_name(Path(self.file).stem)}_{kind}", content
+
+    def _page(self) -> str:
+        choice = self.choice
+        settings = {"base": self.base_name or str(self.base), "rows": choice.rows or "all"}
+        settings["channels"] = ", ".join(choice.channels) or "none"
+        return page(Story.of(self.rungs), choice.units, [self.path] if self.path else [], settings)
 
 
 class _Said:

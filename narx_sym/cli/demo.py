@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..data import plants
+from ..data.examples import ACTUATOR_UNITS, PLAY, STAGE_UNITS, actuator, stage
 from ..data.metrics import mape, nsavi
-from ..data.record import Record
 from ..diagnosis.procedure import diagnose
 from ..engines.compile import compile
 from ..files.atomic import write_csv, write_text
@@ -31,47 +31,7 @@ from ..symbolic.printing import text
 from .diagnose import show, write_json
 from .options import print_equations
 
-UNITS = {"u": "V", "y": "um", "r": "um", "m": "V"}
 PAPER = {"model": 0.398, "inverse": 0.413, "none": 6.536, "law": 0.322, "inverse law": 0.425}
-PEAK, SEED = 75.0, 0
-STAGE_UNITS = {"u": "rad", "y": "mm"}
-PLAY, STAGE_TS, STAGE_SAMPLES = 0.3, 0.01, 2000  # half-width of the gear's play [rad]; [s]
-
-
-def bench(seed: int = SEED, peak: float = PEAK) -> tuple[Record, Record]:
-    """Return identification and validation records of the piezo actuator (section 5 of the paper)."""
-    u = plants.filtered_noise(peak=peak, seed=seed)
-    t = np.arange(u.size) * 1e-3
-    sine = 40 * np.sin(2 * np.pi * t)
-    return (
-        Record.from_arrays(u, plants.bouc_wen(u), Ts=1e-3, name="identification"),
-        Record.from_arrays(sine, plants.bouc_wen(sine), Ts=1e-3, name="validation"),
-    )
-
-
-def stage(play: float, seed: int = SEED) -> Record:
-    """Return a record of a motor that moves a stage through a gear with play, by an elastic spindle.
-
-    The gear follows the motor's angle once the slack is taken up; the stage obeys x'' + 2 d w x' + w^2 x = w^2 g p.
-    Integrated in small steps, with the noise of a position sensor.
-
-    Parameters
-    ----------
-    play : float
-        Half of the slack [rad].
-    """
-    w, d, gain, noise, fine = 2 * np.pi * 3.0, 0.5, 0.8, 0.02, 20  # [rad/s], -, [mm/rad], [mm], steps per sample
-    u = plants.filtered_noise(N=STAGE_SAMPLES, Ts=STAGE_TS, cutoff=2.0, peak=5.0, seed=seed + 1)
-    h, p, x, v = STAGE_TS / fine, float(u[0]), 0.0, 0.0
-    path = []
-    for angle in u.tolist():
-        path.append(x)
-        p = max(angle - play, min(angle + play, p))
-        for _ in range(fine):
-            v += h * (w * w * (gain * p - x) - 2 * d * w * v)
-            x += h * v
-    y = np.array(path) + noise * np.random.default_rng(seed + 2).standard_normal(u.size)
-    return Record.from_arrays(u, y, Ts=STAGE_TS, name="stage")
 
 
 def run(
@@ -85,7 +45,7 @@ def run(
     out.mkdir(exist_ok=True)
     say = console.print
     with working("Simulating a piezo actuator with Bouc-Wen hysteresis"):
-        training, validation = bench()
+        training, validation = actuator()
     write_csv(out / "identification.csv", {"t": training.t, "u": training.u, "y": training.y})
     write_csv(out / "validation.csv", {"t": validation.t, "u": validation.u, "y": validation.y})
 
@@ -141,14 +101,14 @@ def run(
 
     with working("Drawing"):
         window = validation[:2000]
-        save_figure(plot_comparison(model, window, units=UNITS), out / "comparison.png")
+        save_figure(plot_comparison(model, window, units=ACTUATOR_UNITS), out / "comparison.png")
         save_figure(
-            plot_quasi_static(model, 70 * np.sin(2 * np.pi * np.arange(1000) / 1000), units=UNITS),
+            plot_quasi_static(model, 70 * np.sin(2 * np.pi * np.arange(1000) / 1000), units=ACTUATOR_UNITS),
             out / "quasi_static.png",
         )
         last = slice(-2000, None)
         shown = {"with the law": outputs["law"][last], "without": outputs["without"][last]}
-        figure = plot_compensation(validation.t[last], r[last], inputs["law"][last], shown, UNITS)
+        figure = plot_compensation(validation.t[last], r[last], inputs["law"][last], shown, ACTUATOR_UNITS)
         save_figure(figure, out / "compensation.png")
     find_missing(out, working, say, save_figure)
     say(f"Written to {out}/: " + ", ".join(sorted(p.name for p in out.iterdir())), markup=False)

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import narx_sym as ns
-from narx_sym.cli.demo import STAGE_UNITS
+from narx_sym.data.examples import STAGE_UNITS
 from narx_sym.models.effects import Catalogue
 from narx_sym.report import comparison as traces
 from narx_sym.report import page as report

@@ -8,11 +8,11 @@ from typing import Any
 
 from nicegui import run, ui
 
-from ..report.page import style
-from ..report.svg import stylesheet
+from ...report.page import style
+from ...report.svg import stylesheet
+from ..workbench import SUFFIXES, Workbench
 from . import results
 from .widgets import drop, figure, heading, said, section
-from .workbench import SUFFIXES, Workbench
 
 HERE = Path(__file__).parent
 BEAT = 0.2  # seconds between looks at the workbench

@@ -7,10 +7,10 @@ from html import escape
 
 from nicegui import ui
 
-from ..models.effects import EFFECTS
-from .jobs import Rung
+from ...models.effects import EFFECTS
+from ..jobs import Rung
+from ..workbench import Workbench
 from .widgets import caption, data_cells, head, heading, part, said, section, small
-from .workbench import Workbench
 
 DOWNLOADS = {
     "report.html": "Report (HTML)", "model.json": "Model (JSON)", "model.tex": "Derivation (LaTeX)",
