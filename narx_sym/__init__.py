@@ -10,6 +10,7 @@ The rooms, each of which imports only rooms that stand before it:
 - `data`: records and simulated plants
 - `fit`: section 2 of the paper; simulation, estimation, selection, laws run over a reference
 - `diagnosis`: which physical effect is missing
+- `tasks`: what people ask for, one function for each, shared by all that follow
 - `report`, `app`, `cli`: what people look at and type
 
 `__init__.pyi` lists the public names; each is loaded when it is first used.

@@ -53,13 +53,13 @@ def linear_model(u, y):
 # -- work for a process: functions of a module, which a new process can import ------------------------------------
 
 
-def count(n, report):
+def count(n, progress):
     """Report, and return a number."""
-    report(f"counting to {n}")
+    progress(f"counting to {n}")
     return n
 
 
-def fail(error, report):
+def fail(error, progress):
     """Fail in one of several ways."""
     if error == "said":
         raise ns.errors.DataError("what is wrong, in one sentence")
@@ -68,17 +68,17 @@ def fail(error, report):
     os._exit(3)
 
 
-def warn(report):
+def warn(progress):
     """Warn."""
     warnings.warn("this is worth a look", stacklevel=1)
     return "done"
 
 
-def forever(path, report):
+def forever(path, progress):
     """Say which process this is, and never end."""
     with open(path, "w") as file:
         file.write(str(os.getpid()))
-    report("never ends")
+    progress("never ends")
     while True:
         time.sleep(0.05)
 

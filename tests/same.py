@@ -12,9 +12,9 @@ import joblib
 import numpy as np
 
 import narx_sym as ns
-from narx_sym.cli.diagnose import write_json
 from narx_sym.fit.bootstrap import block_bootstrap
-from narx_sym.inversion.summary import document
+from narx_sym.inversion.analyses import document
+from narx_sym.tasks.result_file import write_json
 
 N, TS = 900, 0.01
 EFFECTS = ("dead_zone", "backlash", "saturation")  # an empty tuple: the whole catalogue

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from ..errors import ModelError
 from ..files.store import to_text
-from ..inversion.summary import document
+from ..inversion.analyses import document
 from ..models.model import Model
-from .jobs import Law
+from ..tasks.compensate import Law
 
 
 def written(kind: str, model: Model, law: Law | None, report: Callable[[], str]) -> str:

@@ -16,17 +16,18 @@ from ..data.tables import Table
 from ..data.tables import load as load_table
 from ..errors import DataError, ModelError, NarxError
 from ..files.atomic import write_csv
-from ..files.store import load as load_model
-from ..fit.identify import BASES, prepare
+from ..fit.identify import prepare
 from ..models.model import Model
 from ..models.rewrite import rewritten, written_terms
 from ..report.page import page
-from ..symbolic.signals import plain_name, u
+from ..symbolic.signals import plain_name
+from ..tasks.base import check_kind, read_base
+from ..tasks.compensate import Law
 from .choice import Choice, guessed, in_the_page, number, shortened
 from .downloads import written
-from .jobs import Law, Rung, Way, added, edited, first, law_of
+from .jobs import added, derived, diagnosed, edited
 from .preview import signals_svg
-from .story import Story
+from .story import Shown, Story
 from .worker import Worker
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
@@ -48,10 +49,10 @@ class Workbench:
         What was read with this choice.
     base : str or Model
         "static", "linear", "narx", or a model from a file, called `base_name`.
-    rungs : list of Rung
+    revisions : list of Shown
         The models so far; the last one is shown.
     law : Law or None
-        Of the last rung, where it was asked for.
+        Of the last revision, where it was asked for.
     error, notes : one message, and what was changed in silence
     """
 
@@ -73,7 +74,7 @@ class Workbench:
         self.choice = Choice()
         self.record: Record | None = None
         self.preview = ""
-        self.rungs: list[Rung] = []
+        self.revisions: list[Shown] = []
         self.law: Law | None = None
 
     # -- data --------------------------------------------------------------------------------------------------
@@ -132,7 +133,7 @@ class Workbench:
 
     def _take_record(self) -> None:
         self.cancel()
-        self.record, self.rungs, self.law = None, [], None
+        self.record, self.revisions, self.law = None, [], None
         record = self._read()
         prepare(record)
         self.preview = signals_svg(record, self.choice.units)
@@ -171,9 +172,7 @@ class Workbench:
     def choose_base(self, base: str) -> None:
         """Choose a kind of base."""
         with self._said():
-            if base not in BASES:
-                raise ModelError(f"Unknown base {base!r}: use {', '.join(BASES)}, or a model file.")
-            self.base, self.base_name = base, ""
+            self.base, self.base_name = check_kind(base), ""
 
     def upload_model(self, name: str, content: bytes) -> None:
         """Take a model file as the base."""
@@ -182,23 +181,16 @@ class Workbench:
             self._check_size(len(content), shown)
             path = self._keep(shown, ".json", content)
             try:
-                model = load_model(path)
-            except NarxError as error:
-                raise ModelError(str(error).replace(str(path), shown)) from None
+                self.base, self.base_name = read_base(path, shown), shown
             finally:
                 self._drop(path)
-            if model.input != u:
-                raise ModelError(f"{shown}: this is an inverse model; a base goes from u to y.")
-            if model.theta is None:
-                raise ModelError(f"{shown}: the model has no parameter values; fit it first.")
-            self.base, self.base_name = model, shown
 
     # -- steps -------------------------------------------------------------------------------------------------
 
     @property
-    def rung(self) -> Rung | None:
+    def current(self) -> Shown | None:
         """The model that is shown."""
-        return self.rungs[-1] if self.rungs else None
+        return self.revisions[-1] if self.revisions else None
 
     def diagnose(self) -> None:
         """Begin to identify the base and to diagnose it; what was added before goes when that is done."""
@@ -207,7 +199,7 @@ class Workbench:
             needed = [n for n in base.channels if n not in record.channels] if isinstance(base, Model) else []
             if needed:
                 raise ModelError(f"The model needs the channel {needed[0]!r}: choose it among the columns.")
-            self._begin(lambda made: self._put([made]), first, base, Way((record,), self.choice.units))
+            self._begin(lambda made: self._put([made]), diagnosed, base, (record,), self.choice.units)
 
     def add(self, effect: str) -> None:
         """Begin to add an effect to the model."""
@@ -221,18 +213,18 @@ class Workbench:
             what = f"{name or 'new term'}: {text.strip()}" if text.strip() else f"without {name}"
             self._climb(edited, model, name, what)
 
-    def _climb(self, work: Callable[..., Rung], *what: Any) -> None:
-        if not self.rungs:
+    def _climb(self, work: Callable[..., Shown], *what: Any) -> None:
+        if not self.revisions:
             raise ModelError("Diagnose a base first.")
-        before = tuple(self.rungs)
-        way = Way((self._measured,), self.choice.units, tuple(replace(r, shown=None) for r in before))
-        self._begin(lambda made: self._put([*before, made]), work, *what, way)
+        before = tuple(self.revisions)
+        bare = tuple(r.bare() for r in before)
+        self._begin(lambda made: self._put([*before, made]), work, *what, bare, (self._measured,), self.choice.units)
 
     @property
-    def _last(self) -> Rung:
-        if self.rung is None:
+    def _last(self) -> Shown:
+        if self.current is None:
             raise ModelError("Diagnose a base first.")
-        return self.rung
+        return self.current
 
     @property
     def _measured(self) -> Record:
@@ -240,31 +232,31 @@ class Workbench:
             raise DataError("Choose the data first.")
         return self.record
 
-    def _put(self, rungs: list[Rung]) -> None:
-        self.rungs, self.law = rungs, None
-        self.notes = rungs[-1].notes
+    def _put(self, revisions: list[Shown]) -> None:
+        self.revisions, self.law = revisions, None
+        self.notes = revisions[-1].notes
 
     def back(self) -> None:
         """Take the last step back."""
         with self._said():
-            if len(self.rungs) < 2:
+            if len(self.revisions) < 2:
                 raise ModelError("There is no step to take back.")
-            self._put(self.rungs[:-1])
+            self._put(self.revisions[:-1])
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
-        """Name and free-run NRMSE on training and on held-out samples of each rung."""
-        return [{"name": r.name, **r.errors} for r in self.rungs]
+        """Name and free-run NRMSE on training and on held-out samples of each revision."""
+        return [{"name": r.name, **r.errors} for r in self.revisions]
 
     @property
     def floor(self) -> float:
-        """The noise floor as NRMSE: the lowest that any rung tells."""
-        return min(r.found.steps[0].floor / r.base.problem.spread for r in self.rungs)
+        """The noise floor as NRMSE: the lowest that any revision tells."""
+        return min(r.found.steps[0].floor / r.base.problem.spread for r in self.revisions)
 
     @property
     def terms(self) -> dict[str, str]:
         """Terms that may be edited, as text by their parameters."""
-        return written_terms(self.rungs[-1].base.model) if self.rungs else {}
+        return written_terms(self.revisions[-1].base.model) if self.revisions else {}
 
     # -- compensator -------------------------------------------------------------------------------------------
 
@@ -281,7 +273,7 @@ class Workbench:
             largest = number(rate, "The largest change")
             if largest is not None and largest <= 0:
                 raise DataError("The largest change must be positive.")
-            self._begin(self._show_law, law_of, model, limits, largest)
+            self._begin(self._show_law, derived, model, limits, largest)
 
     def _show_law(self, law: Law) -> None:
         self.law = law
@@ -340,16 +332,16 @@ class Workbench:
 
     def download(self, kind: str) -> tuple[str, str]:
         """Return name and content of a file; see `downloads.written`."""
-        if self.rung is None:
+        if self.current is None:
             raise ModelError("There is no model yet: diagnose a base first.")
-        content = written(kind, self.rung.model, self.law, self._page)
+        content = written(kind, self.current.model, self.law, self._page)
         return f"{plain_name(Path(self.file).stem)}_{kind}", content
 
     def _page(self) -> str:
         choice = self.choice
         settings = {"base": self.base_name or str(self.base), "rows": choice.rows or "all"}
         settings["channels"] = ", ".join(choice.channels) or "none"
-        return page(Story.of(self.rungs), choice.units, [self.path] if self.path else [], settings)
+        return page(Story.of(self.revisions), choice.units, [self.path] if self.path else [], settings)
 
 
 class _Said:

@@ -29,7 +29,7 @@ class Outcome:
 class Worker:
     """One piece of work at a time, a function of a module with arguments that can be pickled.
 
-    The function takes `report`, which is called with a text, as its last argument. The process stays for the next
+    The function takes `progress`, which is called with a text, as its last argument. The process stays for the next
     piece of work; `stop` ends it.
     """
 
@@ -123,7 +123,7 @@ def _serve(pipe: Any) -> None:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             try:
-                outcome = Outcome(work(*arguments, report=lambda text: pipe.send(("progress", text))))
+                outcome = Outcome(work(*arguments, progress=lambda text: pipe.send(("progress", text))))
             except NarxError as error:
                 outcome = Outcome(error=str(error))
             except Exception as error:  # one message in the page, whatever happens

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +10,16 @@ import numpy as np
 from ..data import plants
 from ..data.examples import ACTUATOR_UNITS, PLAY, STAGE_UNITS, actuator, stage
 from ..data.metrics import mape, nsavi
+from ..data.record import Record
 from ..diagnosis.procedure import diagnose
 from ..engines.compile import compile
 from ..files.atomic import write_csv, write_text
 from ..files.store import save
 from ..fit.identify import identify, identify_inverse
 from ..fit.simulate import evaluate
-from ..inversion.summary import document
+from ..inversion.analyses import document
 from ..models import analysis
+from ..models.model import Model
 from ..report.plots import (
     plot_candidates,
     plot_comparison,
@@ -28,27 +29,36 @@ from ..report.plots import (
     where_it_fails,
 )
 from ..symbolic.printing import text
-from .diagnose import show, write_json
-from .options import print_equations
+from ..tasks.result_file import write_json
+from .options import save_figure
+from .printing import console, print_diagnosis, print_equations, table, working
 
 PAPER = {"model": 0.398, "inverse": 0.413, "none": 6.536, "law": 0.322, "inverse law": 0.425}
 
 
-def run(
-    out: Path,
-    working: Callable[[str], Any],
-    table: Callable[..., None],
-    console: Any,
-    save_figure: Callable[[Any, Path], None],
-) -> None:
+def run(out: Path) -> None:
     """Write everything into a folder and print the story."""
     out.mkdir(exist_ok=True)
-    say = console.print
     with working("Simulating a piezo actuator with Bouc-Wen hysteresis"):
         training, validation = actuator()
     write_csv(out / "identification.csv", {"t": training.t, "u": training.u, "y": training.y})
     write_csv(out / "validation.csv", {"t": validation.t, "u": validation.u, "y": validation.y})
+    model, inverse = identify_both(out, training)
+    derive(out, model)
+    inputs, outputs = compensate(out, model, inverse, validation)
+    compare(model, inverse, validation, inputs, outputs)
+    draw(out, model, validation, inputs, outputs)
+    find_missing(out)
+    say(f"Written to {out}/: " + ", ".join(sorted(p.name for p in out.iterdir())), markup=False)
 
+
+def say(what: str, **options: Any) -> None:
+    """Print one line of the story."""
+    console().print(what, **options)
+
+
+def identify_both(out: Path, training: Record) -> tuple[Model, Model]:
+    """Identify the model and the inverse model."""
     say("[bold]1. Identify[/bold]: a piezo actuator, 50 s at 1 kHz, u in V, y in um")
     with working("Selecting the structure and fitting in free run"):
         model = identify(training, for_compensation=True)
@@ -56,12 +66,13 @@ def run(
     save(model, out / "model.json")
     save(inverse, out / "inverse.json")
     rows = [[r["symbol"], r["term"], f"{r['theta']:.5g}", f"{r['std']:.1g}"] for r in model.table()]
-    table(
-        "The model, selected by ERR from the paper's pool",
-        ["parameter", "term", "value", "standard error"],
-        rows,
-    )
+    title = "The model, selected by ERR from the paper's pool"
+    table(title, ["parameter", "term", "value", "standard error"], rows)
+    return model, inverse
 
+
+def derive(out: Path, model: Model) -> None:
+    """Derive what section 3 of the paper says of the model."""
     say("[bold]2. Derive[/bold]: everything below follows from the equation by algebra")
     sets = model.quasi_static()
     verdict = analysis.property_1(model)
@@ -70,6 +81,9 @@ def run(
     say(f"  attracts where {sets.attracting}", markup=False)
     write_text(out / "derivation.tex", document(model))
 
+
+def compensate(out: Path, model: Model, inverse: Model, validation: Record) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Run both laws on the actuator: inputs and outputs by name."""
     say("[bold]3. Compensate[/bold]: the law in closed form")
     law, inverse_law = model.compensator(), inverse.compensator()
     say(f"  m[k] = {text(law.law)}", markup=False)
@@ -81,9 +95,13 @@ def run(
         inputs = {"without": r, "law": law.run(r), "inverse law": inverse_law.run(r)}
         outputs = {name: plants.bouc_wen(m) for name, m in inputs.items()}
     write_csv(out / "compensated.csv", {"t": validation.t, "r": r, "m": inputs["law"], "y": outputs["law"]})
+    return inputs, outputs
 
+
+def compare(model: Model, inverse: Model, validation: Record, inputs: dict[str, Any], outputs: dict[str, Any]) -> None:
+    """Print the errors beside those of the paper."""
     say("[bold]4. Compare[/bold] with the paper (one noise realisation; the README shows twenty)")
-    found = {name: mape(r, y) for name, y in outputs.items()}
+    found = {name: mape(validation.u, y) for name, y in outputs.items()}
     table(
         "MAPE in % of the output's range",
         ["", "here", "paper"],
@@ -93,39 +111,35 @@ def run(
             ["tracking without compensation", found["without"], PAPER["none"]],
             ["tracking with the law of the model", found["law"], PAPER["law"]],
             ["tracking with the law of the inverse", found["inverse law"], PAPER["inverse law"]],
-            ["effort NSAVI, law of the model", nsavi(inputs["law"], r), 1.13],
+            ["effort NSAVI, law of the model", nsavi(inputs["law"], validation.u), 1.13],
         ],
     )
     compiled = compile(model.recursion)
     say(f"  The model runs as {compiled.engine} code compiled from the equation.", markup=False)
 
+
+def draw(out: Path, model: Model, validation: Record, inputs: dict[str, Any], outputs: dict[str, Any]) -> None:
+    """Draw the model's free run, its quasi-static sets and the compensated run."""
     with working("Drawing"):
-        window = validation[:2000]
-        save_figure(plot_comparison(model, window, units=ACTUATOR_UNITS), out / "comparison.png")
-        save_figure(
-            plot_quasi_static(model, 70 * np.sin(2 * np.pi * np.arange(1000) / 1000), units=ACTUATOR_UNITS),
-            out / "quasi_static.png",
-        )
+        save_figure(plot_comparison(model, validation[:2000], units=ACTUATOR_UNITS), out / "comparison.png")
+        cycle = 70 * np.sin(2 * np.pi * np.arange(1000) / 1000)
+        save_figure(plot_quasi_static(model, cycle, units=ACTUATOR_UNITS), out / "quasi_static.png")
         last = slice(-2000, None)
         shown = {"with the law": outputs["law"][last], "without": outputs["without"][last]}
-        figure = plot_compensation(validation.t[last], r[last], inputs["law"][last], shown, ACTUATOR_UNITS)
+        figure = plot_compensation(validation.t[last], validation.u[last], inputs["law"][last], shown, ACTUATOR_UNITS)
         save_figure(figure, out / "compensation.png")
-    find_missing(out, working, say, save_figure)
-    say(f"Written to {out}/: " + ", ".join(sorted(p.name for p in out.iterdir())), markup=False)
 
 
-def find_missing(
-    out: Path, working: Callable[[str], Any], say: Callable[..., None], save_figure: Callable[[Any, Path], None]
-) -> None:
+def find_missing(out: Path) -> None:
     """Diagnose a machine with a hidden effect, add what is named, and diagnose one without it."""
     say("[bold]5. Diagnose[/bold]: a motor moves a stage; its gear has play, which no linear model knows")
     record = stage(PLAY)
     write_csv(out / "stage.csv", {"t": record.t, "u": record.u, "y": record.y})
     with working("Identifying a linear model of the stage"):
         base = identify(record, base="linear")
-    with working("Diagnosing it: which effect is missing?") as report:
-        found = diagnose(base, record, report=report)
-    show(found, STAGE_UNITS)
+    with working("Diagnosing it: which effect is missing?") as progress:
+        found = diagnose(base, record, report=progress)
+    print_diagnosis(found, STAGE_UNITS)
     write_json(found, out / "diagnosis.json", None)
 
     say("[bold]6. Add[/bold] what is missing, and watch the error fall")

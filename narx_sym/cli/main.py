@@ -13,7 +13,7 @@ import typer
 
 from ..app import command as live
 from ..errors import INTERRUPTED, DataError, NarxError
-from . import diagnose as cli_diagnose
+from . import diagnose, effects, law
 from .options import (
     Channels,
     DataFiles,
@@ -26,17 +26,13 @@ from .options import (
     Ts,
     Units,
     check_targets,
-    console,
-    note,
-    print_errors,
-    print_fails,
-    print_model,
     records,
     save_figure,
-    table,
     unit_names,
-    working,
+    where_beside,
+    with_columns,
 )
+from .printing import console, note, print_errors, print_fails, print_model, table, working
 
 app = typer.Typer(
     help="Hysteretic actuators as symbolic NARX models: identify, derive, compensate, compare, diagnose.",
@@ -101,7 +97,7 @@ def derive(
     """Derive Sigma_y, the equilibria, the quasi-static sets, where they attract, and check the assumptions."""
     from ..files.atomic import write_text
     from ..files.store import load
-    from ..inversion.summary import document, summary
+    from ..inversion.analyses import document, summary
 
     check_targets([latex, plot], model_file)
     model = load(model_file)
@@ -143,29 +139,27 @@ def compare(
 
     With --reference the data are a log of reference, compensated input and measured output: tracking MAPE and NSAVI.
     """
-    from ..data.metrics import mape, nsavi
     from ..files.store import load
-    from ..fit.simulate import arrays, evaluate, extrapolates
+    from ..tasks import compare as task
 
     target = None if no_plot else plot
-    where = cli_diagnose.beside(target)
+    where = where_beside(target)
     check_targets([target, where], model_file, *data)
     model = load(model_file)
-    named = ",".join(filter(None, [channels, reference, *model.channels])) if channels != "all" else "all"
+    named = with_columns(channels, [*filter(None, [reference]), *model.channels])
     measured = records(data, u, y, t, ts, named, rows, missing)
     with working("Simulating"):
-        pairs = [(r.name, evaluate(model, r)) for r in measured]
-    for record in measured:
-        for said in extrapolates(model, [arrays(model, s)[str(model.input.label)] for s in record.segments()]):
-            note(f"{record.name}: {said}")
-    print_errors(pairs)
+        found = task.compare(model, measured)
+    for said in found.notes:
+        note(said)
+    print_errors(found.errors)
     names = unit_names(units)
-    failed = cli_diagnose.fails(model, measured)
-    if failed is not None:
-        print_fails(failed, names)
+    if found.misfit is not None:
+        print_fails(found.misfit, names)
     if reference:
-        tracked = [[r.name, mape(r.channels[reference], r.y), nsavi(r.u, r.channels[reference])] for r in measured]
-        table("Tracking of the reference", ["record", "MAPE [% of range]", "NSAVI"], tracked)
+        tracked = [task.tracking(r, reference) for r in measured]
+        rows_of = [[one.name, one.mape, one.nsavi] for one in tracked]
+        table("Tracking of the reference", ["record", "MAPE [% of range]", "NSAVI"], rows_of)
     if target:
         from ..report.plots import plot_comparison, where_it_fails
 
@@ -174,120 +168,13 @@ def compare(
             longest = max(record.segments(), key=len)
             save_figure(plot_comparison(model, longest, units=names), path)
             console().print(f"Picture of {record.name}{' (longest segment)' if record.breaks else ''}: {path}")
-        if failed is not None and where is not None:
-            save_figure(where_it_fails(failed, units=names), where)
+        if found.misfit is not None and where is not None:
+            save_figure(where_it_fails(found.misfit, units=names), where)
             console().print(f"Picture of where it fails: {where}")
 
 
-app.command()(cli_diagnose.diagnose)
-app.command()(cli_diagnose.add)
-app.command()(cli_diagnose.effects)
-
-
-@app.command()
-def compensate(
-    model_file: ModelFile,
-    latex: Annotated[Path | None, typer.Option("--latex", help="Write the law as LaTeX.")] = None,
-    c: Annotated[Path | None, typer.Option("--c", help="Write the law as C99 source.")] = None,
-    st: Annotated[Path | None, typer.Option("--st", help="Write the law as Structured Text (IEC 61131-3).")] = None,
-    reference: Annotated[Path | None, typer.Option("--reference", help="CSV with the wanted output.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="CSV for the compensated input.")] = None,
-    column: Annotated[
-        str | None, typer.Option("--column", help="Column of the reference (default: the only one).")
-    ] = None,
-    m0: Annotated[float | None, typer.Option("--m0", help="Input before the start.")] = None,
-    limits: Annotated[
-        tuple[float, float] | None, typer.Option("--limits", metavar="LO HI", help="Range of the actuator's input.")
-    ] = None,
-    rate: Annotated[float | None, typer.Option("--rate", help="Largest change of the input per sample.")] = None,
-    clip: Annotated[
-        bool, typer.Option("--clip", help="Come as near as possible where the reference cannot be reached.")
-    ] = False,
-    t: Time = "t",
-    ts: Ts = None,
-    rows: Rows = None,
-) -> None:
-    """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
-    from ..data.metrics import nsavi
-    from ..data.record import read_signal
-    from ..files.atomic import write_csv, write_text
-    from ..files.store import load
-    from ..fit.excursions import operating_range
-
-    check_targets([latex, c, st, out], model_file, reference)
-    if (reference is None) != (out is None):
-        raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
-    model = load(model_file)
-    law = model.compensator()
-    console().print("[bold]Compensation law[/bold] (in your units)")
-    for line in law.lines(numbers=True):
-        console().print(f"  {line}", markup=False)
-    console().print(f"It looks {law.preview} sample(s) ahead in the reference.")
-    if law.staged:
-        with working("Counting the solutions of each stage"):
-            console().print(f"Checked: {law.checked}.", markup=False)
-    if (found := operating_range(law)) is not None and found.sentence:
-        console().print(found.sentence)
-    if latex:
-        write_text(latex, f"\\[\n{law.latex(numbers=True)}\n\\]\n")
-        console().print(f"LaTeX written to {latex}")
-    if c:
-        write_text(c, law.to_c(limits=limits, rate=rate))
-        console().print(f"C99 source written to {c}")
-    if st:
-        write_text(st, law.to_st(limits=limits, rate=rate))
-        console().print(f"Structured Text written to {st}")
-    if reference and out:
-        r, step, stamps = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column", prefer="r")
-        step_differs = step is not None and model.Ts and abs(step - model.Ts) > 1e-6 * model.Ts
-        if step_differs:
-            note(f"the reference has Ts = {step:g} s, the model was identified at {model.Ts:g} s")
-        if model.channels:
-            raise DataError(f"{model_file}: the law needs the channel {model.channels[0]!r}; use Python for this one.")
-        start = law.rest_input(r[0]) if m0 is None else m0
-        m = law.run(r, start, limits=limits, rate=rate, clip=clip)
-        write_csv(out, {"t": stamps, "r": r, "m": m})
-        console().print(f"Compensated input: {len(m)} samples, m in [{m.min():.4g}, {m.max():.4g}]")
-        console().print(
-            f"It starts from rest at m = {start:.6g} with the output at {r[0]:.6g}. To see what the model expects:"
-        )
-        console().print(
-            f"  narx-sym simulate {model_file} {out} --input m --u0 {start:.10g} --y0 {r[0]:.10g} --out expected.csv"
-        )
-        if abs(r - r[0]).max() > 0:
-            console().print(f"NSAVI (effort against the reference's): {nsavi(m, r):.4g}")
-        console().print(f"Written to {out}")
-
-
-@app.command()
-def simulate(
-    model_file: ModelFile,
-    input_file: Annotated[Path, typer.Argument(metavar="INPUT.csv", help="CSV with the input.")],
-    out: Annotated[Path, typer.Option("--out", help="CSV for the simulated output.")],
-    u: Annotated[str | None, typer.Option("--input", help="Column of the input (default: u, or the only one).")] = None,
-    y0: Annotated[float | None, typer.Option("--y0", help="Output at the start.")] = None,
-    u0: Annotated[float | None, typer.Option("--u0", help="Input before the start, at rest with the output.")] = None,
-    t: Time = "t",
-    ts: Ts = None,
-    rows: Rows = None,
-) -> None:
-    """Free run over an input."""
-    from ..data.record import read_signal
-    from ..files.atomic import write_csv
-    from ..files.store import load
-
-    check_targets([out], model_file, input_file)
-    model = load(model_file)
-    if model.channels:
-        raise DataError(f"{model_file}: the model needs the channel {model.channels[0]!r}; use Python for this one.")
-    values, step, stamps = read_signal(input_file, u, Ts=ts, t=t, rows=rows, prefer=str(model.input.label))
-    if step is not None and model.Ts and abs(step - model.Ts) > 1e-6 * model.Ts:
-        note(f"the input has Ts = {step:g} s, the model was identified at {model.Ts:g} s")
-    name = str(model.output.label)
-    simulated = model.simulate(values, y0, u0=u0)
-    write_csv(out, {"t": stamps, str(model.input.label): values, name: simulated})
-    low, high = float(simulated.min()), float(simulated.max())
-    console().print(f"{len(values)} samples, {name} in [{low:.4g}, {high:.4g}], written to {out}")
+for command in (diagnose.diagnose, effects.add, effects.effects, law.compensate, law.simulate):
+    app.command()(command)
 
 
 @app.command()
@@ -299,7 +186,7 @@ def demo(
 
     if not out.parent.is_dir() or out.is_file():
         raise DataError(f"{out}: cannot be a folder here; choose another with --out.")
-    run(out, working, table, console(), save_figure)
+    run(out)
 
 
 app.command("app")(live.app)

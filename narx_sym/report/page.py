@@ -5,7 +5,6 @@ Every part of `pictures.PANELS` is a template of its own; `sections` returns the
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -20,8 +19,8 @@ from ..errors import ModelError, NotInvertible
 from ..files.atomic import PathLike, csv_text, write_text
 from ..files.store import to_text
 from ..fit.excursions import operating_range
+from ..inversion.analyses import derived
 from ..inversion.compensator import compensator
-from ..inversion.summary import derived
 from ..models.extend import Variant
 from ..models.model import Model
 from ..symbolic.mathml import from_latex, marked
@@ -223,8 +222,7 @@ def _model(d: Diagnosis, units: Units) -> dict[str, Any]:
 
 
 def _derived(model: Model) -> dict[str, Any]:
-    parts = [(re.sub(r" ?\$.*\$", " into A(q), B(q) and f", one.heading), one) for one in derived(model)
-             if one.latex or not one.heading.startswith("Continuum")]  # fmt: skip
+    parts = derived(model)
     try:
         law = compensator(model)
     except NotInvertible:  # the reason stands among the parts

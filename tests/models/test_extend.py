@@ -15,7 +15,7 @@ from narx_sym.errors import Diverged, ModelError, NotInvertible
 from narx_sym.fit.constraints import constraint_equations
 from narx_sym.fit.freerun import FreeRun
 from narx_sym.fit.simulate import initial_values
-from narx_sym.inversion.summary import document, summary
+from narx_sym.inversion.analyses import document, summary
 from narx_sym.models.effects import EFFECTS, Catalogue, Form, Scan, effect
 from narx_sym.models.extend import equations, extend, find, variants, without
 from narx_sym.symbolic.recursion import State

@@ -155,7 +155,7 @@ def test_the_base_of_these_is_good(tmp_path):
 
 
 def test_no_closed_form_is_looked_for_for_ever(tmp_path):
-    from narx_sym.inversion.summary import summary
+    from narx_sym.inversion.analyses import summary
 
     model = ns.NARX.from_terms(["y[k-1]", "exp(exp(exp(y[k-1])))", "u[k-1]"], [0.5, 0.1, 1.0])
     assert any("no closed-form" in line for _, lines in summary(model) for line in lines)

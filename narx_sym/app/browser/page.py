@@ -71,8 +71,8 @@ class Page:
                 Part(lambda: (bench.record,), self.preview),
                 Part(lambda: (bench.base_name, bench.record is None), self.base),
             ]
-            self.found = Part(lambda: (bench.rung,), lambda: results.found(bench))
-            self.parts += [self.found, Part(lambda: (bench.rung, bench.law), lambda: results.take_away(bench))]
+            self.found = Part(lambda: (bench.current,), lambda: results.found(bench))
+            self.parts += [self.found, Part(lambda: (bench.current, bench.law), lambda: results.take_away(bench))]
         ui.timer(BEAT, self.look)
 
     def look(self) -> None:
@@ -85,7 +85,7 @@ class Page:
             raise
         if self.bench.busy:
             self.doing.text = f"{self.bench.worker.progress} ({self.bench.worker.seconds:.0f} s)"
-        if self.found in changed and self.bench.rung is not None:
+        if self.found in changed and self.bench.current is not None:
             # Who uses a keyboard or a reader is led to the result.
             ui.run_javascript("document.getElementById('found')?.focus()")
 

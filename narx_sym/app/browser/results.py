@@ -1,4 +1,4 @@
-"""The parts of the page that show a rung: what was found, where it fails, candidates, model, law, downloads."""
+"""The parts of the page that show a model: what was found, where it fails, candidates, model, law, downloads."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from html import escape
 from nicegui import ui
 
 from ...models.effects import EFFECTS
-from ..jobs import Rung
+from ..story import Shown
 from ..workbench import Workbench
-from .widgets import caption, data_cells, head, heading, part, said, section, small
+from .widgets import caption, data_cells, equation, head, heading, part, said, section, small
 
 DOWNLOADS = {
     "report.html": "Report (HTML)", "model.json": "Model (JSON)", "model.tex": "Derivation (LaTeX)",
@@ -29,19 +29,19 @@ LAW_FILES = {"law.tex": "Law (LaTeX)", "law.c": "Law (C99)"}
 
 def found(bench: Workbench) -> None:
     """Show the verdict, the ladder, the candidates, before and after, where it fails, and the model."""
-    rung = bench.rung
-    if rung is None or rung.shown is None:
+    current = bench.current
+    if current is None:
         return
-    html = rung.shown.html
+    html = current.html
     with section("3. What was found", "found"):
         part(html["verdict"])
-        said(NEXT[rung.found.verdict]).classes("next-step")
+        said(NEXT[current.found.verdict]).classes("next-step")
         part(html["ladder"])
-        if len(bench.rungs) > 1:
-            back = ui.button(f"Step back from “{rung.name}”", on_click=bench.back)
+        if len(bench.revisions) > 1:
+            back = ui.button(f"Step back from “{current.name}”", on_click=bench.back)
             back.props("no-caps outline")
     with section("4. What may be missing"):
-        candidates(bench, rung)
+        candidates(bench, current)
         part(html["candidates"])
         part(html.get("experiment", ""))
     with section("5. Measured and simulated"):
@@ -50,15 +50,15 @@ def found(bench: Workbench) -> None:
         part(html["where"])
     with section("7. The model"):
         part(html["model"])
-        model(bench, rung)
+        model(bench, current)
     with section("8. What follows from the model"):
         part(html["derived"])
-    ui.run_javascript(f"narxDraw(() => {{ {rung.shown.script} }})")
+    ui.run_javascript(f"narxDraw(() => {{ {current.script} }})")
 
 
-def candidates(bench: Workbench, rung: Rung) -> None:
+def candidates(bench: Workbench, current: Shown) -> None:
     """Show the candidates, each with its button, and any other effect."""
-    rows = rung.found.table()
+    rows = current.found.table()
     if not rows:
         said("Nothing stands out: no effect of the catalogue would make this model clearly better.")
     else:
@@ -96,9 +96,9 @@ def others_of(bench: Workbench, shown: set[str]) -> list[str]:
     return [n for n in names if n not in shown]
 
 
-def model(bench: Workbench, rung: Rung) -> None:
+def model(bench: Workbench, current: Shown) -> None:
     """Show the parameters, and the terms as text."""
-    now = rung.model
+    now = current.model
     heading("Change a term", 3)
     said(
         "The same model fitted on all samples: the one to take away. A term is changed by its text: sums, products, "
@@ -139,7 +139,7 @@ def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
 
 def take_away(bench: Workbench) -> None:
     """Show the compensator, and the files to download."""
-    if bench.rung is None:
+    if bench.current is None:
         return
     law = bench.law
     with section("9. Compensator"):
@@ -155,7 +155,7 @@ def take_away(bench: Workbench) -> None:
         if law is not None and law.why_not:
             said(f"There is no law: {law.why_not}").classes("verdict")
         elif law is not None:
-            part(law.html)
+            equation(law.latex, "Compensation law")
             with ui.element("ul").classes("notes"):
                 for note in law.notes:
                     with ui.element("li"):

@@ -9,6 +9,8 @@ from typing import Any
 
 from nicegui import ui
 
+from ...symbolic.mathml import from_latex
+
 
 @contextmanager
 def section(title: str, name: str = "") -> Iterator[None]:
@@ -44,6 +46,11 @@ def part(html: str) -> None:
     if html:
         # The inner class is what the report's style sheet asks of a page with scripts.
         ui.html(f'<div class="js">{html}</div>', sanitize=False).classes("told")
+
+
+def equation(latex: str, means: str) -> None:
+    """Show an equation; one that is wider than the screen may be scrolled."""
+    part(f'<div class="equation" tabindex="0" role="group" aria-label="{escape(means)}">{from_latex(latex)}</div>')
 
 
 def figure(markup: str) -> None:

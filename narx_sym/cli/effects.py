@@ -1,0 +1,84 @@
+"""The commands about effects: add one to a model, list what is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import (
+    Channels,
+    DataFiles,
+    EffectFiles,
+    Input,
+    Missing,
+    ModelFile,
+    Output,
+    Rows,
+    Time,
+    Ts,
+    check_targets,
+    records,
+    with_columns,
+    with_own,
+)
+from .printing import console, note, print_equations, print_errors, working
+
+
+def add(
+    model_file: ModelFile,
+    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="Id, as `narx-sym effects` lists it.")],
+    data: DataFiles,
+    out: Annotated[Path, typer.Option("--out", help="Where to write the model with the effect.")],
+    where: Annotated[str | None, typer.Option(help="input, inside or output (default: what fits best).")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")] = 0,
+    effects: EffectFiles = None,
+    u: Input = "u",
+    y: Output = "y",
+    t: Time = "t",
+    ts: Ts = None,
+    channels: Channels = "",
+    rows: Rows = None,
+    missing: Missing = "refuse",
+) -> None:
+    """Add an effect to a model, fit both together in free run, and compare the errors before and after."""
+    from ..diagnosis.add import Addition
+    from ..files.store import save
+    from ..tasks import add as task
+    from ..tasks.base import read_base
+
+    check_targets([out], model_file, *data, *(effects or []))
+    model = read_base(model_file)
+    addition = Addition(model, effect, where, with_own(effects or []))
+    wanted = with_columns(channels, [*model.channels, *([addition.channel] if addition.channel else [])])
+    measured = records(data, u, y, t, ts, wanted, rows, missing)
+    with working(f"Adding {effect}") as progress:
+        made = task.add(addition, measured, seed, progress)
+    if made.without.note:
+        note(made.without.note)
+    save(made.model, out)
+    for one in made.model.info["effects"][-1:]:
+        driven = f", driven by {one['driver']}" if one["driver"] in ("u", "y") else ""
+        form = f" ({one['form']})" if one["form"] else ""
+        place = "inside" if one["where"] == "inside" else f"at the {one['where']}"
+        console().print(f"[bold]{one['effect']}[/bold]{form} {place}{driven}")
+    print_errors(made.errors)
+    print_equations(made.model)
+    console().print(f"Model written to {out}")
+
+
+def effects(effects: EffectFiles = None) -> None:
+    """List the catalogue: what each effect is, its equations, where it may act, units and sources."""
+    from ..models.effects import DETECTED
+
+    say = console().print
+    catalogue = with_own(effects or [])
+    say("Every effect multiplies a coefficient c: at c = 0 the model is as before. x is what drives it.\n")
+    for name, forms in catalogue.items():
+        needs = any("channel" in f.arguments for f in forms)
+        say(f"[bold]{name}{':<name>' if needs else ''}[/bold]  {forms[0].sentence}")
+        for one in forms:
+            say(f"    {f'{one.form}: ' if one.form else ''}{one.written}", markup=False)
+            say(f"        {one.acts}{f'; {one.source}' if one.source else ''}", markup=False)
+    say("\nSeen in the record itself, without a model: " + ", ".join(DETECTED) + ".")

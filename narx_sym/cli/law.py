@@ -1,0 +1,124 @@
+"""The commands that run: the compensation law over a reference, a model over an input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..errors import DataError
+from .options import ModelFile, Rows, Time, Ts, check_targets
+from .printing import console, note, working
+
+if TYPE_CHECKING:
+    from ..inversion.compensator import Compensator
+
+
+def compensate(
+    model_file: ModelFile,
+    latex: Annotated[Path | None, typer.Option("--latex", help="Write the law as LaTeX.")] = None,
+    c: Annotated[Path | None, typer.Option("--c", help="Write the law as C99 source.")] = None,
+    st: Annotated[Path | None, typer.Option("--st", help="Write the law as Structured Text (IEC 61131-3).")] = None,
+    reference: Annotated[Path | None, typer.Option("--reference", help="CSV with the wanted output.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="CSV for the compensated input.")] = None,
+    column: Annotated[
+        str | None, typer.Option("--column", help="Column of the reference (default: the only one).")
+    ] = None,
+    m0: Annotated[float | None, typer.Option("--m0", help="Input before the start.")] = None,
+    limits: Annotated[
+        tuple[float, float] | None, typer.Option("--limits", metavar="LO HI", help="Range of the actuator's input.")
+    ] = None,
+    rate: Annotated[float | None, typer.Option("--rate", help="Largest change of the input per sample.")] = None,
+    clip: Annotated[
+        bool, typer.Option("--clip", help="Come as near as possible where the reference cannot be reached.")
+    ] = False,
+    t: Time = "t",
+    ts: Ts = None,
+    rows: Rows = None,
+) -> None:
+    """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
+    from ..data.record import read_signal
+    from ..files.atomic import write_text
+    from ..files.store import load
+    from ..tasks.compensate import ahead, caution
+
+    check_targets([latex, c, st, out], model_file, reference)
+    if (reference is None) != (out is None):
+        raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
+    law = load(model_file).compensator()
+    console().print("[bold]Compensation law[/bold] (in your units)")
+    for line in law.lines(numbers=True):
+        console().print(f"  {line}", markup=False)
+    console().print(ahead(law))
+    if law.staged:
+        with working("Counting the solutions of each stage"):
+            console().print(f"Checked: {law.checked}.", markup=False)
+    if said := caution(law):
+        console().print(said)
+    if latex:
+        write_text(latex, f"\\[\n{law.latex(numbers=True)}\n\\]\n")
+        console().print(f"LaTeX written to {latex}")
+    if c:
+        write_text(c, law.to_c(limits=limits, rate=rate))
+        console().print(f"C99 source written to {c}")
+    if st:
+        write_text(st, law.to_st(limits=limits, rate=rate))
+        console().print(f"Structured Text written to {st}")
+    if reference and out:
+        goal = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column", prefer="r")
+        _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, clip=clip)
+
+
+def _follow(law: Compensator, goal: Any, out: Path, model_file: Path, m0: float | None, **options: Any) -> None:
+    """Run a law over a reference: samples, sampling time and time stamps; say what came of it."""
+    from ..files.atomic import write_csv
+    from ..tasks.base import other_pace
+    from ..tasks.compensate import follow
+
+    r, step, stamps = goal
+    if pace := other_pace(law.model, step, "the reference has"):
+        note(pace)
+    if law.model.channels:
+        raise DataError(f"{model_file}: the law needs the channel {law.model.channels[0]!r}; use Python for this one.")
+    run = follow(law, r, m0, **options)
+    m = run.m
+    write_csv(out, {"t": stamps, "r": r, "m": m})
+    say = console().print
+    say(f"Compensated input: {len(m)} samples, m in [{m.min():.4g}, {m.max():.4g}]")
+    say(f"It starts from rest at m = {run.start:.6g} with the output at {r[0]:.6g}. To see what the model expects:")
+    say(f"  narx-sym simulate {model_file} {out} --input m --u0 {run.start:.10g} --y0 {r[0]:.10g} --out expected.csv")
+    if run.effort is not None:
+        say(f"NSAVI (effort against the reference's): {run.effort:.4g}")
+    say(f"Written to {out}")
+
+
+def simulate(
+    model_file: ModelFile,
+    input_file: Annotated[Path, typer.Argument(metavar="INPUT.csv", help="CSV with the input.")],
+    out: Annotated[Path, typer.Option("--out", help="CSV for the simulated output.")],
+    u: Annotated[str | None, typer.Option("--input", help="Column of the input (default: u, or the only one).")] = None,
+    y0: Annotated[float | None, typer.Option("--y0", help="Output at the start.")] = None,
+    u0: Annotated[float | None, typer.Option("--u0", help="Input before the start, at rest with the output.")] = None,
+    t: Time = "t",
+    ts: Ts = None,
+    rows: Rows = None,
+) -> None:
+    """Free run over an input."""
+    from ..data.record import read_signal
+    from ..files.atomic import write_csv
+    from ..files.store import load
+    from ..tasks.base import other_pace
+
+    check_targets([out], model_file, input_file)
+    model = load(model_file)
+    if model.channels:
+        raise DataError(f"{model_file}: the model needs the channel {model.channels[0]!r}; use Python for this one.")
+    values, step, stamps = read_signal(input_file, u, Ts=ts, t=t, rows=rows, prefer=str(model.input.label))
+    if pace := other_pace(model, step, "the input has"):
+        note(pace)
+    name = str(model.output.label)
+    simulated = model.simulate(values, y0, u0=u0)
+    write_csv(out, {"t": stamps, str(model.input.label): values, name: simulated})
+    low, high = float(simulated.min()), float(simulated.max())
+    console().print(f"{len(values)} samples, {name} in [{low:.4g}, {high:.4g}], written to {out}")

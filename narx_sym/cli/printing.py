@@ -1,0 +1,184 @@
+"""What the commands print: results on stdout, progress and notes on stderr."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+# Heavy modules are imported inside the functions: `narx-sym --help` answers at once.
+if TYPE_CHECKING:
+    from ..diagnosis.procedure import Diagnosis
+    from ..models.model import Model
+
+PACE = 2.0  # seconds between lines of progress where there is no terminal
+FEW = 3  # effects shown from either end of the sizes that would have been seen
+MARK = "*"
+
+
+def console(stderr: bool = False) -> Any:
+    """Return a rich console; results go to stdout, progress and notes to stderr."""
+    from rich.console import Console
+
+    shown = Console(stderr=stderr, highlight=False, soft_wrap=True)
+    # In a pipe or a log nothing is cut off.
+    return shown if shown.is_terminal else Console(stderr=stderr, highlight=False, soft_wrap=True, width=140)
+
+
+@contextmanager
+def working(what: str) -> Iterator[Callable[[str], None]]:
+    """Show on stderr that something longer is going on; the function it yields tells what exactly."""
+    shown = console(stderr=True)
+    if shown.is_terminal:
+        from rich.markup import escape
+
+        with shown.status(escape(what)) as status:
+            yield lambda now: status.update(escape(f"{what}: {now}"))
+        return
+    print(f"{what} ...", file=sys.stderr, flush=True)
+    said = time.monotonic()
+
+    def progress(now: str) -> None:
+        nonlocal said
+        if time.monotonic() - said > PACE:
+            print(f"{what}: {now} ...", file=sys.stderr, flush=True)
+            said = time.monotonic()
+
+    yield progress
+
+
+def note(message: str) -> None:
+    """Print a note on stderr."""
+    print(f"note: {message}", file=sys.stderr)
+
+
+def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:
+    """Print a table on stdout."""
+    from rich.markup import escape  # "y[k-1]" is not a style
+    from rich.table import Table
+
+    shown = Table(title=title, title_justify="left")
+    for i, name in enumerate(columns):
+        shown.add_column(name, justify="left" if i == 0 else "right")
+    for row in rows:
+        shown.add_row(*(f"{v:.4g}" if isinstance(v, float) else escape(str(v)) for v in row))
+    console().print(shown)
+
+
+def print_model(model: Model) -> None:
+    """Print terms, parameters and both errors."""
+    rows = [
+        [r["symbol"], r["term"], f"{r['theta']:.6g}", f"{r['std']:.2g}" if r["std"] else "fixed"] for r in model.table()
+    ]
+    table("Model", ["parameter", "term", "value", "standard error"], rows)
+    _print_point(model)
+
+
+def print_errors(rows: list[tuple[str, Any]]) -> None:
+    """Print the pairs of errors."""
+    table(
+        "Errors, always in pairs (NRMSE = rms error / std of the output; MAPE in % of its range)",
+        ["record", "one-step NRMSE", "free-run NRMSE", "one-step MAPE", "free-run MAPE"],
+        [[n, e.one_step_nrmse, e.free_run_nrmse, e.one_step_mape, e.free_run_mape] for n, e in rows],
+    )
+
+
+def print_equations(model: Model) -> None:
+    """Print all equations of a model with numbers: what its effects remember, then the output."""
+    from ..symbolic.printing import text
+    from ..symbolic.recursion import State
+    from ..symbolic.signals import k
+
+    def digits(expression: Any) -> str:
+        import sympy as sp
+
+        known = sp.sympify(expression).xreplace(model.values)
+        return text(known.xreplace({f: sp.Float(f"{float(f):.6g}") for f in known.atoms(sp.Float)}))
+
+    for equation in [*model.states, State(model.output[k], model.F)]:
+        console().print(f"  {equation.left.base.label}[k] = {digits(equation.right)}", markup=False)
+    _print_point(model)
+
+
+def _print_point(model: Model) -> None:
+    if model.operating_point:
+        around = ", ".join(f"{b.label} - ({v:g})" for b, v in model.operating_point.items())
+        console().print(f"Terms are in the signals measured from the operating point: {around}.", markup=False)
+
+
+def print_fails(misfit: Any, units: dict[str, str], most: int = 5) -> None:
+    """Print where a model fails: the panels that explain most of its error, each with its worst region."""
+    rows = [
+        [row["panel"], f"{100 * row['share']:.0f} %", _percent(row["share_missing"]), row["worst"]]
+        for row in misfit.table(units)[:most]
+    ]
+    table(
+        "Where it fails (share of the variance that a panel explains)",
+        ["panel", "of the error", "of the missing input", "worst"],
+        rows,
+    )
+
+
+def _percent(share: float) -> str:
+    return "" if share != share else f"{100 * share:.0f} %"
+
+
+# -- a diagnosis -----------------------------------------------------------------------------------------------
+
+
+def print_diagnosis(found: Diagnosis, units: dict[str, str]) -> None:
+    """Print what was found."""
+    step = found.steps[0]
+    console().print(f"[bold]{found.verdict}[/bold]")
+    console().print(found.sentence(units), markup=False)
+    before = step.nrmse(step.base)["validation"]
+    rows = [
+        [
+            f"{row['effect']}{' ' + MARK if row['in_confusion_set'] else ''}", row["where"],
+            f"{100 * row['share']:.0f} %", f"{100 * row['low']:.0f} to {100 * row['high']:.0f} %", before,
+            row["nrmse"], row["parameters"],
+        ]
+        for row in found.table()
+    ]  # fmt: skip
+    if rows:
+        table(
+            f"Candidates (share of the removable error, with its 95 % interval; {MARK} these data cannot tell apart)",
+            ["effect", "where", "share", "interval", "free-run NRMSE before", "after", "parameters"],
+            rows,
+        )
+    floor = found.floor / step.base.problem.spread
+    ladder = [[name, r["train"], r["validation"]] for name, r in zip(found.rungs, found.ladder, strict=True)]
+    ladder.append([f"noise floor ({step.floor_kind})", "", floor])
+    table("Errors, step by step (free-run NRMSE)", ["model", "training", "held out"], ladder)
+    for i, later in enumerate(found.steps[1:], 2):
+        console().print(f"Step {i}: {later.sentence(units)}", markup=False)
+    print_fails(found.misfit, units)
+    print_detectable(step, units)
+
+
+def print_detectable(step: Any, units: dict[str, str]) -> None:
+    """Print which effects these data would have shown, and which a refit hides."""
+    seen = {n: v for n, v in step.smallest_detectable.items() if n not in step.absorbed}
+    sizes = sorted(seen.items(), key=lambda p: (p[1], p[0]))
+    shown = sizes if len(sizes) <= 2 * FEW else [*sizes[:FEW], ("...", None), *sizes[-FEW:]]
+    spread, unit = step.base.problem.spread, f" [{units['y']}]" if units.get("y") else ""
+    rows = [[n, "" if v is None else v, "" if v is None else f"{100 * v / spread:.2g} %"] for n, v in shown]
+    if rows:
+        table(
+            "What could not have been seen: an effect that moves the output by less",
+            ["effect", f"rms{unit}", "of the output's standard deviation"],
+            rows,
+        )
+    if step.absorbed:
+        console().print(f"A refit of the base absorbs: {', '.join(step.absorbed)}.", markup=False)
+
+
+def print_next(written: str | None, path: Path | None) -> None:
+    """Say where the input of the next experiment is."""
+    if written:
+        console().print(f"The input of the next experiment: {path}")
+    else:
+        console().print("To write the input of the next experiment: --experiment next.csv")

@@ -1,0 +1,251 @@
+"""All that is derived from one model: what the terminal says, what a LaTeX document and the report show.
+
+Each analysis is one function with `@analysis`; the order and both headings stand at its top, and nothing else lists it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import sympy as sp
+
+from ..errors import ModelError, NotInvertible
+from ..models import analysis as derive
+from ..models.model import Model
+from ..symbolic.printing import latex, text
+from .compensator import Compensator, compensator
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What an analysis found: lines of plain text, and equations in LaTeX; either may be missing."""
+
+    lines: list[str] = field(default_factory=list)
+    equations: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What the analyses look at: a model, and its law, which is derived once."""
+
+    model: Model
+
+    @cached_property
+    def law(self) -> Compensator:
+        """The compensation law.
+
+        Raises
+        ------
+        NotInvertible
+            Where the model has none.
+        """
+        return compensator(self.model)
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """One thing that is derived from a model.
+
+    Attributes
+    ----------
+    find : function from a Subject to a Finding
+        A ModelError or NotInvertible that it raises is the reason why there is nothing.
+    order : float
+        Its place among the others.
+    heading, title : str
+        Above its lines on the terminal, and above its equations in documents; "" where it is not told there.
+    """
+
+    find: Callable[[Subject], Finding]
+    order: float
+    heading: str = ""
+    title: str = ""
+
+
+ANALYSES: dict[str, Analysis] = {}
+
+
+def analysis(
+    order: float, heading: str = "", title: str = ""
+) -> Callable[[Callable[[Subject], Finding]], Callable[[Subject], Finding]]:
+    """Register an analysis under the name of its function; see `Analysis`."""
+
+    def register(find: Callable[[Subject], Finding]) -> Callable[[Subject], Finding]:
+        ANALYSES[find.__name__] = Analysis(find, order, heading, title)
+        return find
+
+    return register
+
+
+# -- what is told ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Derived:
+    """One thing that is derived from a model: LaTeX of its equations, or the reason why there are none."""
+
+    title: str
+    latex: list[str] = field(default_factory=list)
+    reason: str = ""
+
+
+def _tried(one: Analysis, subject: Subject) -> Finding | str:
+    """Return what is found, or the reason why there is nothing."""
+    try:
+        return one.find(subject)
+    except (ModelError, NotInvertible) as error:
+        return str(error)
+
+
+def _in_order() -> list[Analysis]:
+    return sorted(ANALYSES.values(), key=lambda one: one.order)
+
+
+def summary(model: Model) -> list[tuple[str, list[str]]]:
+    """Return headings and lines of plain text: what a user reads on the terminal.
+
+    Where something is not derived, its lines say why.
+    """
+    subject, told = Subject(model), []
+    for one in _in_order():
+        if one.heading:
+            found = _tried(one, subject)
+            told.append((one.heading, [found] if isinstance(found, str) else found.lines))
+    return [(heading, lines) for heading, lines in told if lines]
+
+
+def derived(model: Model) -> list[Derived]:
+    """Return what is derived from a model, in the order of the paper; what cannot be derived has its reason, once."""
+    subject = Subject(model)
+    told: list[Derived] = []
+    for one in _in_order():
+        if one.title:
+            found = _tried(one, subject)
+            if not isinstance(found, str):
+                told += [Derived(one.title, found.equations)] if found.equations else []
+            elif found not in [other.reason for other in told]:
+                told.append(Derived(one.title, reason=found))
+    return told
+
+
+def document(model: Model) -> str:
+    """Return a LaTeX document with every derived equation; it compiles with amsmath alone."""
+    parts = [("Model", [model.latex(), *([model.latex(numbers=True)] if model.values else [])])]
+    parts += [(one.title, one.latex or [_boxed(one.reason)]) for one in derived(model)]
+    body = "\n\n".join(
+        rf"\section*{{{heading}}}" + "\n" + "\n".join(f"\\[\n{e}\n\\]" for e in equations)
+        for heading, equations in parts
+    )
+    return (
+        "\\documentclass{article}\n\\usepackage{amsmath}\n\\usepackage[margin=2cm]{geometry}\n"
+        f"\\begin{{document}}\n{body}\n\\end{{document}}\n"
+    )
+
+
+def _boxed(message: str) -> str:
+    return rf"\parbox{{0.9\linewidth}}{{{_escape(message)}}}"
+
+
+def _escape(message: str) -> str:
+    for special in "_^&%#$":
+        message = message.replace(special, "\\" + special if special != "^" else r"\textasciicircum{}")
+    return message
+
+
+# -- the analyses ----------------------------------------------------------------------------------------------
+
+
+@analysis(10, "Model")
+def equation(subject: Subject) -> Finding:
+    """Show the equation as it is, and the values of its parameters."""
+    model = subject.model
+    numbers = [] if model.theta is None else model.theta
+    return Finding([*model.lines(), *(f"{s} = {v:.6g}" for s, v in zip(model.symbols, numbers, strict=False))])
+
+
+@analysis(20, "In your units")
+def in_units(subject: Subject) -> Finding:
+    """Show the equation in the user's units, or all of them where states remain."""
+    model = subject.model
+    updates = model.recursion.updates if model.hidden else [model.expand(numbers=True).args]
+    return Finding([f"{text(left)} = {text(right.xreplace(model.values))}" for left, right in updates])
+
+
+@analysis(30, "Sigma_y", "Sum of the linear output parameters")
+def sigma_y(subject: Subject) -> Finding:
+    """Sum up the parameters of the linear output terms."""
+    values = subject.model.values
+    found = derive.sigma_y(subject.model)
+    number = found.xreplace(values)
+    valued = rf" = {latex(sp.Float(number))}" if found.free_symbols and number.is_number else ""
+    line = f"{found} = {float(number):.12g}" if values and number.is_number else str(found)
+    return Finding([line], [rf"\Sigma_y = {latex(found)}{valued}"])
+
+
+@analysis(40, "Steady state", "Steady state")
+def steady_state(subject: Subject) -> Finding:
+    """Tell where the output rests under a constant input."""
+    state = derive.steady_state(subject.model)
+    conditions = " and ".join(f"{c.lhs} = {c.rhs}" for c in state.conditions) or "always"
+    lines = [f"{state.equation.lhs} = {state.equation.rhs}", f"continuum of equilibria (Lemma 1) if {conditions}"]
+    return Finding(lines, [latex(state.equation)])
+
+
+@analysis(50, title="Continuum of equilibrium points, where")
+def continuum(subject: Subject) -> Finding:
+    """Derive the conditions of Lemma 1."""
+    return Finding(equations=[latex(c) for c in derive.continuum_conditions(subject.model)] or [r"\text{always}"])
+
+
+@analysis(60, "Property 1")
+def property_1(subject: Subject) -> Finding:
+    """Tell whether the output keeps still under a constant input: a verdict on numbers."""
+    if not subject.model.values:
+        return Finding()
+    verdict = derive.property_1(subject.model)
+    return Finding([f"{'holds' if verdict.holds else 'fails'}: {verdict.reason}"])
+
+
+@analysis(70, "Quasi-static solutions", "Quasi-static sets and attracting condition")
+def quasi_static(subject: Subject) -> Finding:
+    """Tell where the output settles while the input moves slowly."""
+    sets = derive.quasi_static(subject.model)
+    lines = [f"loading:   {sets.loading}", f"unloading: {sets.unloading}", f"attracting where {sets.attracting}"]
+    return Finding(lines, sets.latex().split(r" \\ ", 1))
+
+
+@analysis(80, "Assumptions")
+def assumptions(subject: Subject) -> Finding:
+    """Tell which assumptions of the paper the model violates."""
+    return Finding([str(v) for v in derive.check(subject.model)] or ["none is violated"])
+
+
+@analysis(90, "Compensation law", "Compensation law")
+def law(subject: Subject) -> Finding:
+    """Derive the law in closed form."""
+    return Finding(subject.law.lines(), [subject.law.latex()])
+
+
+@analysis(100, title="Grouping into A(q), B(q) and f")
+def grouping(subject: Subject) -> Finding:
+    """Separate the linear parts of the model, where it has them."""
+    return Finding(equations=[] if subject.law.A is None else subject.law.latex_grouping())
+
+
+@analysis(110, "The law's own dynamics")
+def dynamics(subject: Subject) -> Finding:
+    """Tell where the law forgets its own errors."""
+    internal = subject.law.internal
+    lines = [f"attracting where {internal.condition}"]
+    if subject.model.values:
+        region = internal.region
+        lines.append("repelling nowhere" if region is sp.false else f"repelling where {region}")
+    return Finding([*lines, *(f"{d} = {text(turn)}" for d, turn in internal.turns.items())])
+
+
+@analysis(120, title="The law's own dynamics: attracting condition")
+def attracting(subject: Subject) -> Finding:
+    """Derive the condition of `dynamics` for documents, where it is short enough for one."""
+    return Finding(equations=[] if subject.law.staged else [latex(subject.law.internal.condition)])

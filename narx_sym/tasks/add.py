@@ -1,0 +1,53 @@
+"""An effect added to a model, and what it is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..data.record import Record
+from ..diagnosis.add import Addition
+from ..fit.identify import prepare
+from ..fit.simulate import Errors, evaluate
+from ..models.model import Model
+from .finish import Finished, fit_on_all
+
+
+@dataclass(frozen=True, eq=False)
+class Added:
+    """A model with an effect.
+
+    Attributes
+    ----------
+    model : Model
+    errors : list of (name, Errors)
+        Before, before but fitted to the same data, and with the effect.
+    without : Finished
+        The model without the effect, fitted to the same data.
+    """
+
+    model: Model
+    errors: list[tuple[str, Errors]]
+    without: Finished
+
+
+def add(
+    addition: Addition, records: Sequence[Record], seed: int = 0, progress: Callable[[str], Any] = lambda what: None
+) -> Added:
+    """Fit a model with an effect, both together in free run, and compare the errors before and after.
+
+    Parameters
+    ----------
+    addition : Addition
+        The model, the effect and its place, from `narx_sym.diagnosis.add`.
+    """
+    listed = prepare(list(records))
+    before = evaluate(addition.model, listed)
+    without = fit_on_all(addition.model, listed)
+    model = addition.fit(listed, seed, progress)
+    errors = [
+        ("before", before), ("before, fitted to these data", evaluate(without.model, listed)),
+        (f"with {addition.effect}", evaluate(model, listed)),
+    ]  # fmt: skip
+    return Added(model, errors, without)

@@ -1,0 +1,65 @@
+"""The model to begin with: one from a file, or one that is identified."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..data.record import Record
+from ..errors import ModelError, NarxError
+from ..files.store import load
+from ..fit.identify import BASES, identify, prepare
+from ..models.model import Model
+from ..symbolic.signals import u
+
+
+def read_base(path: str | Path, shown: str = "") -> Model:
+    """Return the model in a file, fitted and from u to y.
+
+    Parameters
+    ----------
+    shown : str
+        What the file is called in errors; its path by default.
+
+    Raises
+    ------
+    ModelError
+        For an inverse model, one without parameter values, or a file that holds none.
+    """
+    shown = shown or str(path)
+    try:
+        model = load(path)
+    except NarxError as error:
+        raise ModelError(str(error).replace(str(path), shown)) from None
+    if model.input != u:
+        raise ModelError(f"{shown}: this is an inverse model; a base goes from u to y.")
+    if model.theta is None:
+        raise ModelError(f"{shown}: the model has no parameter values; fit it first.")
+    return model
+
+
+def check_kind(kind: str) -> str:
+    """Return the name of a kind of base; refuse one that does not exist."""
+    if kind not in BASES:
+        raise ModelError(f"Unknown base {kind!r}: use {', '.join(BASES)}, or a model file that ends in .json.")
+    return kind
+
+
+def identify_base(kind: str, records: Sequence[Record]) -> Model:
+    """Identify a base of a kind; what is wrong with the data is said at once."""
+    check_kind(kind)
+    prepare(records)
+    return identify(records, base=kind)
+
+
+def other_pace(model: Model, Ts: float | None, what: str) -> str:
+    """Say that data have another sampling time [s] than the model; an empty text where they agree.
+
+    Parameters
+    ----------
+    what : str
+        What the data are, such as "the reference has".
+    """
+    if Ts is None or not model.Ts or abs(Ts - model.Ts) <= 1e-6 * model.Ts:
+        return ""
+    return f"{what} Ts = {Ts:g} s, the model was identified at {model.Ts:g} s"

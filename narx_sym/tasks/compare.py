@@ -1,0 +1,75 @@
+"""A model against measurements: errors in pairs, what is new to it, where it fails, and how a reference is tracked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..data.metrics import mape, nsavi
+from ..data.record import Record
+from ..diagnosis.misfit import Misfit, misfit_of
+from ..diagnosis.refit import period_noise
+from ..errors import NarxError
+from ..fit.simulate import Errors, arrays, evaluate, extrapolates, free_run
+from ..models.model import Model
+from ..symbolic.signals import u
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """What a comparison found.
+
+    Attributes
+    ----------
+    errors : list of (name of the record, Errors)
+    misfit : Misfit or None
+        Where the model fails along the longest segment; None where that cannot be said.
+    notes : list of str
+        Where records leave what the model has seen, and why there is no misfit.
+    """
+
+    errors: list[tuple[str, Errors]]
+    misfit: Misfit | None
+    notes: list[str]
+
+
+def compare(model: Model, records: Sequence[Record]) -> Compared:
+    """Compare a model, as it is, with measurements."""
+    errors = [(r.name, evaluate(model, r)) for r in records]
+    notes = [
+        f"{record.name}: {said}"
+        for record in records
+        for said in extrapolates(model, [arrays(model, s)[str(model.input.label)] for s in record.segments()])
+    ]
+    misfit, why_not = where_it_fails(model, records)
+    return Compared(errors, misfit, [*notes, *filter(None, [why_not])])
+
+
+def where_it_fails(model: Model, records: Sequence[Record]) -> tuple[Misfit | None, str]:
+    """Return where a model fails along the longest segment; None, and the reason, where that cannot be said."""
+    if model.input != u:
+        return None, "where it fails is shown for models from u to y, not for inverse ones"
+    record = max((s for r in records for s in r.segments()), key=len)
+    try:
+        error = record.y - free_run(model, record)
+        noise = [x for part in period_noise([record]) for x in part.tolist()]
+        floor = math.sqrt(math.fsum(x * x for x in noise) / len(noise)) if noise else None
+        return misfit_of(model, record, error, floor), ""
+    except NarxError as error:
+        return None, f"where it fails cannot be said: {error}"
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How well a compensated run followed its reference: MAPE [% of range] and NSAVI (the effort)."""
+
+    name: str
+    mape: float
+    nsavi: float
+
+
+def tracking(record: Record, reference: str) -> Tracking:
+    """Judge a log of a compensated run; `reference` names its channel with the wanted output."""
+    wanted = record.channels[reference]
+    return Tracking(record.name, mape(wanted, record.y), nsavi(record.u, wanted))

@@ -1,0 +1,117 @@
+"""The compensation law of a model: what a user should know before it runs, its sources, and a run of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..data.metrics import nsavi
+from ..errors import ModelError, NarxError, NotInvertible
+from ..fit.excursions import operating_range
+from ..inversion.compensator import Compensator, compensator
+from ..models.model import Model
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Law:
+    """A compensation law as text, or why there is none.
+
+    Attributes
+    ----------
+    lines, latex : the law with numbers
+    symbols : its LaTeX with symbols
+    notes : what a user should know before it runs
+    code : C99 source, "" where the law has none
+    why_not : str
+        "" where there is a law.
+    """
+
+    lines: tuple[str, ...] = ()
+    latex: str = ""
+    symbols: str = ""
+    notes: tuple[str, ...] = ()
+    code: str = ""
+    why_not: str = ""
+
+
+def ahead(law: Compensator) -> str:
+    """Say how far a law looks ahead."""
+    return f"It looks {law.preview} sample{'' if law.preview == 1 else 's'} ahead in the reference."
+
+
+def caution(law: Compensator) -> str:
+    """Say where a law's own dynamics repel in its operating range; an empty text where they do not."""
+    found = operating_range(law)
+    return "" if found is None else found.sentence
+
+
+def law_of(
+    model: Model,
+    limits: tuple[float, float] | None = None,
+    rate: float | None = None,
+    progress: Callable[[str], Any] = lambda what: None,
+) -> Law:
+    """Derive the compensation law of a model, with its source.
+
+    Parameters
+    ----------
+    limits, rate : of the actuator's input and of its change per sample, for the source
+    """
+    progress("deriving the compensation law")
+    try:
+        law = compensator(model)
+    except (NotInvertible, ModelError) as error:
+        return Law(why_not=str(error))
+    notes = [ahead(law)]
+    ranges = [f"{name} from {low:.4g} to {high:.4g}" for name, (low, high) in model.info.get("ranges", {}).items()]
+    if ranges:
+        notes.append(f"It was identified for {' and '.join(ranges)}: beyond that nothing was measured.")
+    if law.staged:
+        progress("counting the solutions of each stage")
+        notes.append(f"Checked: {law.checked}.")
+    notes += filter(None, [caution(law)])
+    try:
+        code = law.to_c(limits=limits, rate=rate)
+    except NarxError as error:
+        code = ""
+        notes.append(f"There is no C source: {error}")
+    return Law(tuple(law.lines(numbers=True)), law.latex(numbers=True), law.latex(), tuple(notes), code)
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """A run of a law over a reference.
+
+    Attributes
+    ----------
+    m : (N,) array [unit of the input]
+    start : float
+        The input at rest before it.
+    effort : float or None
+        NSAVI against the reference's; None where that does not move.
+    """
+
+    m: Array
+    start: float
+    effort: float | None
+
+
+def follow(law: Compensator, r: Array, m0: float | None = None, **options: Any) -> Followed:
+    """Run a law over a reference, (N,) array [unit of the output], from rest.
+
+    Parameters
+    ----------
+    m0 : float, optional
+        Input before the start; what keeps the model at the first sample of the reference by default.
+    options : limits, rate, clip, as `Compensator.run` takes them
+    """
+    if law.model.channels:
+        raise ModelError(f"The law needs the channel {law.model.channels[0]!r}; use Python for this one.")
+    start = law.rest_input(r[0]) if m0 is None else m0
+    m = law.run(r, start, **options)
+    return Followed(m, start, nsavi(m, r) if np.ptp(r) > 0 else None)

@@ -1,0 +1,30 @@
+"""A diagnosis as JSON in the published schema."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from ..diagnosis.procedure import Diagnosis
+from ..files.atomic import write_text
+
+
+def write_json(found: Diagnosis, path: Path, experiment: str | None) -> None:
+    """Write a diagnosis in the published schema: sorted keys, no NaN, `seconds` last."""
+    plain = finite(found.to_dict(experiment))
+    seconds = plain.pop("seconds")
+    text = json.dumps(plain, indent=1, sort_keys=True, allow_nan=False)
+    write_text(path, f'{text[:-2]},\n "seconds": {json.dumps(seconds)}\n}}\n')
+
+
+def finite(value: Any) -> Any:
+    """Replace what JSON cannot say, NaN and infinity, by null."""
+    if isinstance(value, dict):
+        return {str(n): finite(v) for n, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(v) for v in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

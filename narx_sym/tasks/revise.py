@@ -1,0 +1,99 @@
+"""A model in the making: each revision is a model with the diagnosis of what it still lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..data.record import Record
+from ..diagnosis.add import Addition
+from ..diagnosis.procedure import Diagnosis, diagnose
+from ..diagnosis.refit import Fitted, prune
+from ..errors import FitError
+from ..models.effects import EFFECTS
+from ..models.model import Model
+from .base import identify_base
+from .finish import fit_on_all
+
+Progress = Callable[[str], Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Revision:
+    """One state of a model.
+
+    Attributes
+    ----------
+    name : str
+        What was done to get here.
+    found : Diagnosis
+        Of this model: `found.steps[0].base` is the model as fitted on the training samples.
+    model : Model
+        Fitted on all samples: the one to take away.
+    effect : str
+        The effect that was added; "" for a base or an edited term.
+    notes : tuple of str
+    """
+
+    name: str
+    found: Diagnosis
+    model: Model
+    effect: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def base(self) -> Fitted:
+        """The model as fitted on the training samples."""
+        return self.found.steps[0].base
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Free-run NRMSE on training and on held-out samples."""
+        return self.found.steps[0].nrmse(self.base)
+
+
+def begin(base: str | Model, records: Sequence[Record], progress: Progress) -> Revision:
+    """Identify a base, unless it is a model already, and diagnose it."""
+    if isinstance(base, Model):
+        return revised("model file", base, records, progress)
+    progress(f"identifying a {base} base from {sum(map(len, records))} samples")
+    return revised(f"{base} base", identify_base(base, records), records, progress)
+
+
+def with_effect(before: Revision, effect: str, records: Sequence[Record], progress: Progress) -> Revision:
+    """Add an effect: a candidate of the diagnosis as it was fitted there, or any other of the catalogue."""
+    step = before.found.steps[0]
+    candidate = next((c for c in step.candidates if c.effect == effect), None)
+    if candidate is None:
+        model = Addition(before.base.model, effect, None, EFFECTS).fit(list(records), report=progress)
+    elif step.chosen is not None and candidate is step.candidates[0]:
+        model = step.chosen.model
+    else:
+        progress("deleting what became redundant")
+        model = prune(candidate.fitted, before.base).model
+    return revised(f"+ {effect}", model, records, progress, effect)
+
+
+def with_term(model: Model, name: str, what: str, records: Sequence[Record], progress: Progress) -> Revision:
+    """Fit a model whose term with the parameter `name` is new; `what` says so in words."""
+    starts = [model.theta]
+    if model.theta is not None and name:  # the old value may be a bad one for the new term
+        starts.append([0.0 if str(s) == name else v for s, v in zip(model.symbols, model.theta, strict=True)])
+    for start in starts[:-1]:
+        model.theta = start
+        try:
+            return revised(what, model, records, progress)
+        except FitError:
+            continue
+    model.theta = starts[-1]
+    return revised(what, model, records, progress)
+
+
+def revised(name: str, model: Model, records: Sequence[Record], progress: Progress, effect: str = "") -> Revision:
+    """Diagnose a model, and fit it on all samples."""
+    found = diagnose(model, list(records), report=progress)
+    progress("fitting on all samples")
+    final = fit_on_all(found.steps[0].base.model, records)
+    notes = (f"{final.note[0].upper()}{final.note[1:]}.",) if final.note else ()
+    return Revision(name, found, final.model, effect, notes)
