@@ -12,7 +12,7 @@ CASES = {
     "equation": ("theta_2 = 0.8", ""),
     "in_units": ("+ 0.8*u[k-1] - 0.8*u[k-2] + 1.0*y[k-1]", ""),
     "sigma_y": ("theta_1 = 1", r"\Sigma_y = \theta_{1} = 1"),
-    "steady_state": ("*theta_1", r"\bar{y} = \theta_{1} \bar{y}"),
+    "steady_state": ("*theta_1", r"\bar{y} = \bar{y} \theta_{1}"),
     "continuum": ("", r"\theta_{1} = 1"),
     "property_1": ("holds", ""),
     "quasi_static": ("loading:", r"\tilde{y}"),
