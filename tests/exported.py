@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
+from paper import BENCH
 
 import narx_sym as ns
 from narx_sym.codegen.export import to_c, to_st
@@ -14,11 +15,6 @@ from narx_sym.models.extend import extend, variants
 from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.signals import k, phi1, phi2, signal, t, u, y
 
-PAPER = [
-    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2",
-    "phi1[k-2]*u[k-2]*y[k-1]",
-]  # fmt: skip
-THETA = [1.0, 0.77, 1.44e-2, -9.60e-3, 3.15e-4, -2.47e-4]
 STILL = 12  # samples at rest before anything moves
 # Names that a file may bring: words of the languages, their comments, and worse.
 AWKWARD = (
@@ -119,8 +115,8 @@ def of(thing, **options):
 
 
 def subjects():
-    paper = ns.NARX.from_terms(PAPER, THETA, Ts=0.001)
-    shifted = ns.NARX.from_terms(PAPER, THETA, operating_point={u: 1.8, y: -95.9})
+    paper = BENCH.published(Ts=0.001)
+    shifted = BENCH.published(operating_point={u: 1.8, y: -95.9})
     inverse = ns.NARX.from_terms(
         ["u[k-1]", "phi1[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]"], [1.0, 1.27, -0.02], input="y", output="u", lead=3
     )

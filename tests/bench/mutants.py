@@ -28,7 +28,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 MODULES = ("fit/least_squares", "models/analysis", "inversion/compensator", "symbolic/sensitivity")
 TESTS = (
-    "fit/test_least_squares models/test_analysis inversion/test_compensator paper/test_paper inversion/test_stability "
+    "fit/test_least_squares models/test_analysis inversion/test_compensator whole/test_paper inversion/test_stability "
     "data/test_coverage fit/test_select symbolic/test_smoothing "
     "fit/test_numerical_truth::^(?!.*engines) fit/test_interop::casadi|rest|state|loop engines/test_engines::sensitivities "
     "inversion/test_laws::^(?!.*(random|every|completed)) models/test_extend::static|sigma_y|remembers|inner|by_hand|initial|law|time|rest"

@@ -20,7 +20,10 @@ from joblib import Parallel, delayed
 from rich.progress import track
 from scipy.stats import spearmanr
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from paper import BENCH, BENCH_INVERSE
 
 from narx_sym import NARX, Record, assumptions, free_run, mape, nsavi, plants, pool, select
 from narx_sym.errors import Diverged, NotInvertible
@@ -28,18 +31,7 @@ from narx_sym.models.model import Pool
 
 N, TS = 50_000, 1e-3
 SINE = 40 * np.sin(2 * np.pi * TS * np.arange(N))  # the validation input [V] and the reference [um]
-DIRECT = (
-    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]",
-    "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
-)  # fmt: skip
-INVERSE = (
-    "u[k-1]", "phi1[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]", "phi2[k-1]*phi1[k-1]*y[k-1]",
-    "phi2[k-1]*y[k-1]*u[k-1]", "phi2[k-1]*y[k-1]**2",
-)  # fmt: skip
-TABLE_1 = {
-    "direct": (1.0, 0.77, 1.44e-2, -9.60e-3, 3.15e-4, -2.47e-4),
-    "inverse": (1.0, 1.27, -2.13e-2, 1.37e-2, -1.07e-5, 7.99e-6),
-}
+TABLE_1 = {"direct": BENCH.theta, "inverse": BENCH_INVERSE.theta}
 MODELS = {  # key: name, paper's validation MAPE, tracking MAPE, NSAVI
     "direct": ("M, constrained LS", 0.398, 0.322, 1.13),
     "direct free-run": ("M, free-run fit", 0.398, 0.322, 1.13),
@@ -66,12 +58,12 @@ def excitations(peaks: Iterable[float]) -> tuple[Array, Array]:
 
 def direct() -> NARX:
     """Return the paper's model M."""
-    return NARX.from_terms(DIRECT, constraints=("continuum",))
+    return BENCH.model(constraints=("continuum",))
 
 
 def inverse() -> NARX:
     """Return the paper's inverse: its y[k-1] stands for the measured y[k+1]."""
-    return NARX.from_terms(INVERSE, input="y", output="u", lead=2, constraints=("continuum",))
+    return BENCH_INVERSE.model(constraints=("continuum",))
 
 
 def black_box_pool() -> Pool:

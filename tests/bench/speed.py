@@ -30,11 +30,13 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 import sympy as sp
-from paper_tables import TABLE_1, TS, direct
+from paper import BENCH
+from paper_tables import TS, direct
 from scipy.linalg.blas import dsyrk
 
 from narx_sym import NARX, Model, Record, plants, pool
@@ -46,7 +48,7 @@ from narx_sym.symbolic.sensitivity import sensitivities
 from narx_sym.symbolic.signals import k, u, y
 
 ROOT, N = Path(__file__).resolve().parents[2], 50_000
-THETA = np.array(TABLE_1["direct"])
+THETA = np.array(BENCH.theta)
 Array = np.ndarray
 
 C_LOOP = """

@@ -8,39 +8,29 @@ Constrained least squares on the paper's structures, as in the derivations P10, 
 from __future__ import annotations
 
 import argparse
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 import numpy as np
 import sympy as sp
-from paper_tables import DIRECT, INVERSE, TS, N  # sets the path to the package first
+from paper import VALVE, VALVE_INVERSE
+from paper_tables import TS, N, direct, inverse
 
 from narx_sym import NARX, Record, evaluate, mape, nsavi, plants, pool, select
 from narx_sym.errors import Diverged
 from narx_sym.files.parallel import sweep
 from narx_sym.models.assumptions import COMPENSATION, CONTINUUM
 
-VALVE = ("y[k-1]", "phi1[k-2]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]")
-VALVE_INVERSE = (
-    "u[k-1]", "phi1[k-1]", "phi1[k-2]", "phi1[k-1]*y[k-2]",
-    "phi2[k-2]*phi1[k-2]*y[k-2]", "phi2[k-2]*phi1[k-2]*u[k-1]",
-)  # fmt: skip
 STEPS = (1, 2, 5, 10, 15, 20, 25, 30, 40, 50)  # [ms]
 BETA = np.linspace(0.004, 0.1, 49)
 LEADS = (0.5, 1.0, 2.0, 4.0, 8.0)  # values of the valve model's theta_3
 PAPER_VALVE = {"model": (3.926, 2.374), "tracking": (5.514, 2.939), "NSAVI": (1.81, 1.61), "none": 18.602}
 Array = np.ndarray
-
-
-def direct() -> NARX:
-    """Return the paper's model M of the bench test."""
-    return NARX.from_terms(DIRECT, constraints=("continuum",))
-
-
-def inverse() -> NARX:
-    """Return the paper's inverse of the bench test."""
-    return NARX.from_terms(INVERSE, input="y", output="u", lead=2, constraints=("continuum",))
 
 
 def run(model: NARX, reference: Array, m0: float) -> tuple[Array | None, Any]:
@@ -162,13 +152,13 @@ def valve_seed(seed: int) -> list[float]:
     validation = measured(reference)
     found = {}
     for value in (None, *LEADS):
-        model = NARX.from_terms(VALVE)
+        model = VALVE.model()
         extra = [] if value is None else [sp.Eq(model.symbols[2], value)]
         model.fit(record, [sp.Eq(model.symbols[0], 1), *extra], method="free_run")
         found[value] = (model.compensator().internal.along(record.u, record.y).rate, model)
     rate, chosen = min((found[value] for value in LEADS), key=lambda pair: pair[0])
     c = float(chosen.theta[3])
-    second = NARX.from_terms(VALVE_INVERSE, [1, 1, 0, 0, c, -c], input="y", output="u", lead=2)
+    second = VALVE_INVERSE.model([1, 1, 0, 0, c, -c])
     second.fit(record.smoothed(1.0), ["continuum"], method="free_run")
     row = []
     for model, held in ((chosen, validation), (second, validation.smoothed(1.0))):

@@ -8,6 +8,7 @@ import sympy as sp
 from drawn import STATES, A, B, V, X, assert_agree, inputs_of, recursions, runs
 from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
+from paper import BENCH
 
 import narx_sym.engines.compile as bridge
 from narx_sym.engines.compile import ENGINES, Columns, compile, to_casadi
@@ -17,12 +18,6 @@ from narx_sym.errors import Diverged, ModelError
 from narx_sym.models.model import NARX
 from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.signals import k, phi1, phi2, u, y
-
-PAPER = (
-    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]",
-    "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
-)  # fmt: skip
-
 
 # ---------------------------------------------------------------- agreement on random recursions
 
@@ -112,7 +107,7 @@ def test_a_decaying_run_ends_in_zeros_or_in_what_is_as_good():
 def test_sensitivities_run_the_same_in_all_engines():
     from narx_sym.symbolic.sensitivity import sensitivities
 
-    model = NARX.from_terms(PAPER)
+    model = BENCH.model()
     extended, directions = sensitivities(model.recursion, initial=True)
     start = dict.fromkeys(extended.states, 0.0) | {y: 0.2, directions[-1][y]: 1.0}
     results = runs(extended, inputs_of(300), (0.9, 0.5, 0.1, -0.2, 0.02, -0.03), start)
@@ -334,7 +329,7 @@ def test_without_llvmlite_native_falls_back_to_python(monkeypatch):
 
 
 def test_the_papers_model_is_collected_in_its_newest_output():
-    model = NARX.from_terms(PAPER)
+    model = BENCH.model()
     plan = Plan.of(model.recursion)
     ((constant, slope),) = plan.collected
     newest = plan.sample[0, 1]

@@ -6,6 +6,7 @@ import sys
 import joblib
 import numpy as np
 import pytest
+from paper import BENCH
 
 import narx_sym as ns
 from narx_sym.errors import ModelError
@@ -16,13 +17,9 @@ from narx_sym.fit.freerun import FreeRun
 from narx_sym.models.extend import extend, variants
 from narx_sym.symbolic.signals import u, y
 
-PAPER = [
-    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2",
-    "phi1[k-2]*u[k-2]*y[k-1]",
-]  # fmt: skip
-TABLE_1 = np.array([1.0, 0.77, 1.44e-2, -9.60e-3, 3.15e-4, -2.47e-4])
+TABLE_1 = np.array(BENCH.theta)
 OTHERS = {
-    "paper": (PAPER, TABLE_1),
+    "paper": (BENCH.terms, TABLE_1),
     "two lags": (["y[k-1]", "y[k-2]", "u[k-1]", "abs(u[k-2])"], np.array([1.2, -0.4, 0.3, 0.1])),
     "nonlinear": (["y[k-1]", "tanh(y[k-1])", "Max(u[k-1], y[k-2])"], np.array([0.3, 0.2, 0.4])),
 }
@@ -95,7 +92,7 @@ def test_several_starts_fit_a_model_with_states():
 
 
 def test_a_diverging_set_has_infinite_cost_and_spoils_no_other(record):
-    model = ns.NARX.from_terms(PAPER)
+    model = BENCH.model()
     thetas = cloud(TABLE_1, 5)
     good = ensemble.costs(model, thetas, record)
     thetas[2, 0] = 3.0
@@ -104,7 +101,7 @@ def test_a_diverging_set_has_infinite_cost_and_spoils_no_other(record):
 
 
 def test_costs_add_records_up(record):
-    model = ns.NARX.from_terms(PAPER)
+    model = BENCH.model()
     first, second = record[:1200], record[1200:]
     thetas = cloud(TABLE_1, 4)
     depth = model.recursion.depth
@@ -115,9 +112,9 @@ def test_costs_add_records_up(record):
 
 def test_wrong_shapes_are_refused(record):
     with pytest.raises(ModelError, match="shape"):
-        ensemble.costs(ns.NARX.from_terms(PAPER), np.ones((3, 5)), record)
+        ensemble.costs(BENCH.model(), np.ones((3, 5)), record)
     with pytest.raises(ModelError, match="shorter"):
-        ensemble.costs(ns.NARX.from_terms(PAPER), TABLE_1, record[:3])
+        ensemble.costs(BENCH.model(), TABLE_1, record[:3])
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -191,7 +188,7 @@ def validation_error(seed):
     """One cell of a sweep: simulate the plant, identify, validate."""
     u = ns.plants.filtered_noise(N=2000, Ts=0.01, cutoff=0.5, peak=70.0, seed=seed)
     record = ns.Record.from_arrays(u, ns.plants.bouc_wen(u, Ts=0.01), Ts=0.01)
-    model = ns.NARX.from_terms(PAPER).fit(record, ["continuum"])
+    model = BENCH.model().fit(record, ["continuum"])
     return float(ns.evaluate(model, record).free_run_nrmse)
 
 

@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from paper import BENCH
 from truth import exact_constrained
 
 from narx_sym.data.record import Record
@@ -20,11 +21,6 @@ from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.sensitivity import sensitivities
 from narx_sym.symbolic.signals import expand_phi, k, lag, phi1, phi2, samples, signal, u, y
 
-PAPER = (
-    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]",
-    "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
-)  # fmt: skip
-THETA = (1.0, 0.77, 1.44e-2, -9.6e-3, 3.15e-4, -2.47e-4)
 MIXED = ("y[k-1]", "y[k-2]", "u[k-1]", "phi1[k-1]", "phi2[k-1]*u[k-2]")
 
 
@@ -91,13 +87,13 @@ def test_the_factor_is_that_of_all_rows_with_lags_and_previews():
 
 
 def test_the_order_of_the_terms_does_not_matter():
-    record = made(PAPER, THETA, slow(2_000), noise=0.01)
-    reference = dict(zip(PAPER, NARX.from_terms(PAPER).fit(record, ["continuum"]).theta, strict=True))
+    record = made(BENCH.terms, BENCH.theta, slow(2_000), noise=0.01)
+    reference = dict(zip(BENCH.terms, BENCH.model().fit(record, ["continuum"]).theta, strict=True))
     for seed in range(3):
-        order = list(np.random.default_rng(seed).permutation(PAPER))
+        order = list(np.random.default_rng(seed).permutation(BENCH.terms))
         model = NARX.from_terms(order)
         found = dict(zip(order, model.fit(record, [sp.Eq(model.sigma_y, 1)]).theta, strict=True))
-        for term in PAPER:
+        for term in BENCH.terms:
             assert found[term] == pytest.approx(reference[term], rel=1e-8), term
 
 
@@ -170,8 +166,8 @@ def test_random_constraints_hold_and_leave_the_gradient_normal_to_them(S, data):
 
 
 def test_sigma_y_is_exactly_one():
-    record = made(PAPER, THETA, slow(3_000), noise=0.05)
-    model = NARX.from_terms(PAPER).fit(record, ["continuum"])
+    record = made(BENCH.terms, BENCH.theta, slow(3_000), noise=0.05)
+    model = BENCH.model().fit(record, ["continuum"])
     assert model.theta[0] == 1.0 and continuum(model, 0)
     rest = model.simulate(np.full(100, 7.0), 12.5)
     assert np.array_equal(rest, np.full(100, 12.5))
@@ -285,10 +281,10 @@ def test_a_failed_fit_leaves_the_model_as_it_was():
 
 
 def test_a_free_run_fit_recovers_the_exact_parameters():
-    record = made(PAPER, THETA, slow(1_500))
-    model = NARX.from_terms(PAPER, np.array(THETA) * (1, 1.1, 0.8, 0.9, 1.2, 1.1))
+    record = made(BENCH.terms, BENCH.theta, slow(1_500))
+    model = BENCH.model(np.array(BENCH.theta) * (1, 1.1, 0.8, 0.9, 1.2, 1.1))
     model.fit(record, ["continuum"], method="free_run")
-    np.testing.assert_allclose(model.theta, THETA, rtol=1e-7)
+    np.testing.assert_allclose(model.theta, BENCH.theta, rtol=1e-7)
     assert model.theta[0] == 1 and model.info["converged"] and model.info["nrmse"]["free_run"] < 1e-8
 
 
@@ -305,35 +301,35 @@ def test_a_free_run_fit_of_a_model_that_is_not_linear_in_its_parameters():
 
 def test_under_output_noise_the_free_run_fit_beats_one_step():
     source, fresh = slow(3_000), slow(1_000, seed=9)
-    truth = made(PAPER, THETA, fresh)
+    truth = made(BENCH.terms, BENCH.theta, fresh)
     for seed in range(2):
-        record = made(PAPER, THETA, source, noise=0.3, seed=seed)
-        one = NARX.from_terms(PAPER).fit(record, ["continuum"])
-        free = NARX.from_terms(PAPER).fit(record, ["continuum"], method="free_run")
+        record = made(BENCH.terms, BENCH.theta, source, noise=0.3, seed=seed)
+        one = BENCH.model().fit(record, ["continuum"])
+        free = BENCH.model().fit(record, ["continuum"], method="free_run")
         assert free.theta[0] == 1.0
         assert evaluate(free, truth).free_run_nrmse < 0.5 * evaluate(one, truth).free_run_nrmse
         assert evaluate(free, record).free_run_nrmse <= evaluate(one, record).free_run_nrmse
-        off = np.abs(free.theta - THETA) / np.maximum(free.std, 1e-300)
+        off = np.abs(free.theta - BENCH.theta) / np.maximum(free.std, 1e-300)
         assert np.all(off[1:] < 5)  # white noise: the standard errors hold
 
 
 def test_free_run_fits_merge_records_and_estimate_each_start():
-    records = [made(PAPER, THETA, slow(700, seed=s)) for s in (1, 2)]
+    records = [made(BENCH.terms, BENCH.theta, slow(700, seed=s)) for s in (1, 2)]
     lifted = Record.from_arrays(records[1].u, records[1].y, Ts=0.01)
-    model = NARX.from_terms(PAPER, np.array(THETA) * 1.05)
+    model = BENCH.model(np.array(BENCH.theta) * 1.05)
     model.fit([records[0], lifted], [sp.Eq(model.sigma_y, 1)], method="free_run")
-    np.testing.assert_allclose(model.theta, THETA, rtol=1e-6)
+    np.testing.assert_allclose(model.theta, BENCH.theta, rtol=1e-6)
 
 
 def test_a_diverging_start_is_said():
-    record = made(PAPER, THETA, slow(600))
+    record = made(BENCH.terms, BENCH.theta, slow(600))
     with pytest.raises(FitError, match="diverges"):
         NARX.from_terms(["y[k-1]", "u[k-1]"], [4.0, 1.0]).fit(record, method="free_run")
 
 
 def test_auto_keeps_the_better_free_run():
-    noisy = made(PAPER, THETA, slow(1_500), noise=0.3)
-    one, auto = NARX.from_terms(PAPER).fit(noisy, ["continuum"]), NARX.from_terms(PAPER)
+    noisy = made(BENCH.terms, BENCH.theta, slow(1_500), noise=0.3)
+    one, auto = BENCH.model().fit(noisy, ["continuum"]), BENCH.model()
     auto.fit(noisy, ["continuum"], method="auto")
     assert auto.info["method"] == "free_run" and one.info["method"] == "one_step"
     assert auto.info["nrmse"]["free_run"] < one.info["nrmse"]["free_run"]
@@ -403,7 +399,7 @@ C, D = sp.symbols("c d", real=True)
 @pytest.mark.parametrize(
     "right, parameters, theta",
     (
-        (NARX.from_terms(PAPER).right, NARX.from_terms(PAPER).symbols, (0.9, 0.7, 0.2, -0.1, 0.3, -0.2)),
+        (BENCH.model().right, BENCH.model().symbols, (0.9, 0.7, 0.2, -0.1, 0.3, -0.2)),
         (C * y[k - 1] + D**2 * sp.Abs(u[k] - y[k - 2]) + sp.sin(C * u[k - 1]), (C, D), (0.5, 0.4)),
         (sp.Max(C * u[k] - D, sp.Min(C * u[k] + D, y[k - 1])), (C, D), (1.1, 0.3)),
         (sp.Piecewise((C * y[k - 1], u[k] > 0), (D * y[k - 2] * u[k], True)) + C / 3, (C, D), (0.8, -0.5)),
@@ -465,7 +461,7 @@ def test_a_direction_holds_the_states_that_it_moves_and_no_others():
 
 
 def test_simulate_takes_any_kind_of_one_signal():
-    model = NARX.from_terms(PAPER, THETA)
+    model = BENCH.published()
     source = slow(300)
     expected = model.simulate(source, 0.5)
     assert expected.shape == (300,) and expected.dtype == float and expected[:3].tolist() == [0.5] * 3
@@ -480,7 +476,7 @@ def test_simulate_takes_any_kind_of_one_signal():
     for engine in ("numpy", "casadi", "python"):
         np.testing.assert_allclose(simulate(model, source, 0.5, engine=engine), expected, atol=1e-10)
     hand = expected.copy()
-    x, t = source, THETA
+    x, t = source, BENCH.theta
     for i in range(3, 300):
         d1, d2 = x[i - 1] - x[i - 2], x[i - 2] - x[i - 3]
         hand[i] = (
@@ -505,7 +501,7 @@ def test_the_start_of_a_simulation():
     with pytest.raises(ModelError, match="needs 2 initial samples"):
         model.simulate([1.0, 1, 1], [])
     with pytest.raises(ModelError, match="no parameter values"):
-        NARX.from_terms(PAPER).simulate([1.0, 2])
+        BENCH.model().simulate([1.0, 2])
 
 
 def test_two_columns_are_not_one_signal():
@@ -544,7 +540,7 @@ def test_an_inverse_model_predicts_the_input_from_the_output_ahead():
 
 
 def test_the_pair_of_errors_tells_one_step_from_free_run():
-    record = made(PAPER, THETA, slow(1_000), noise=0.1)
+    record = made(BENCH.terms, BENCH.theta, slow(1_000), noise=0.1)
     lazy = NARX.from_terms(["y[k-1]", "y[k-2]"], (2.0, -1.0))
     pair = evaluate(lazy, record)
     assert pair.one_step_nrmse < 0.05 < 1 < pair.free_run_nrmse

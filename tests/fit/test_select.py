@@ -5,6 +5,7 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from paper import BENCH
 from truth import classical, random_problem, triangle
 
 from narx_sym import plants
@@ -18,11 +19,6 @@ from narx_sym.models.assumptions import COMPENSATION, CONTINUUM
 from narx_sym.models.model import NARX, pool
 from narx_sym.symbolic.grammar import parse
 from narx_sym.symbolic.signals import k, phi1, phi2, u, y
-
-SIX = (
-    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]",
-    "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
-)  # fmt: skip
 
 
 @settings(max_examples=12, deadline=None)
@@ -228,7 +224,7 @@ def test_ten_records_together_give_the_papers_regressors():
     records = [Record.from_arrays(inputs[:, s], outputs[:, s], Ts=1e-3) for s in range(10)]
     candidates = pool(1, 2, 3, delay=1, rules=(*CONTINUUM, *COMPENSATION))
     found = select(candidates, records, continuum=True, n_terms=5)
-    six = {parse(t) for t in SIX}
+    six = {parse(t) for t in BENCH.terms}
     assert set(found.model.terms) == six
     assert found.picks[0] == phi1[k - 1]
     assert found.model.theta[0] == 1.0 and found.path.rss[5] < 1e-2 * found.path.rss[0]

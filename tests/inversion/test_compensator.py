@@ -5,6 +5,7 @@ import pytest
 import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from paper import BENCH
 
 from narx_sym.engines.compile import compile
 from narx_sym.errors import Diverged, ModelError, NotInvertible
@@ -12,12 +13,6 @@ from narx_sym.inversion.compensator import compensator
 from narx_sym.inversion.grouping import offending_terms, polynomials, q
 from narx_sym.models.model import NARX, Model
 from narx_sym.symbolic.signals import expand_phi, k, lag, m, phi1, phi2, r, samples, shift, u, y
-
-PAPER = (
-    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]",
-    "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
-)  # fmt: skip
-THETA = (1.0, 0.77, 1.44e-2, -9.6e-3, 3.15e-4, -2.47e-4)
 
 
 def reference(n=200, size=2.0):
@@ -61,14 +56,9 @@ def test_a_law_for_each_delay(delay):
 
 
 def test_the_papers_law_symbol_by_symbol():
-    model = NARX.from_terms(PAPER, THETA)
+    model = BENCH.published()
     t, law = model.symbols, model.compensator()
-    step, sign = m[k - 1] - m[k - 2], sp.sign(m[k - 1] - m[k - 2])
-    expected = (
-        r[k + 1] - t[0] * r[k] + t[1] * m[k - 1] - t[2] * sign * step * m[k - 1] - t[3] * sign * step * r[k]
-        - t[4] * step * m[k - 1] ** 2 - t[5] * step * m[k - 1] * r[k]
-    ) / t[1]  # fmt: skip
-    assert sp.expand(law.law - expected) == 0
+    assert sp.expand(law.law - BENCH.law) == 0
     assert law.residual() == 0 and law.preview == 1
     assert follow(model, 20 * np.sin(0.01 * np.arange(600)), m0=0.0).max() < 1e-9
     assert not law.expand().rhs.free_symbols & set(t)
@@ -107,7 +97,7 @@ def test_random_invertible_models_round_trip(delay, gain, linear, chosen, weight
 
 def test_a_law_in_the_users_units():
     y0, u0 = -96.0, 1.8
-    for terms, theta in ((PAPER, THETA), (delayed(2), DELAYED)):
+    for terms, theta in ((BENCH.terms, BENCH.theta), (delayed(2), DELAYED)):
         plain, moved = NARX.from_terms(terms, theta), NARX.from_terms(terms, theta, operating_point={y: y0, u: u0})
         target = reference()
         np.testing.assert_allclose(
@@ -181,7 +171,7 @@ def operate(operator, base):
 @pytest.mark.parametrize(
     "terms",
     (
-        PAPER,
+        BENCH.terms,
         delayed(0),
         delayed(2),
         ["y[k-1]", "y[k-3]", "phi1[k-1]", "u[k-2]*u[k-3]"],
@@ -204,7 +194,7 @@ def test_the_grouping_is_the_equation(terms, point):
 
 
 def test_the_grouping_of_the_papers_model():
-    model = NARX.from_terms(PAPER)
+    model = BENCH.model()
     t, law = model.symbols, model.compensator()
     assert sp.expand(law.A - (1 - t[0] / q)) == 0
     assert sp.expand(law.B - t[1] * (1 / q - q**-2)) == 0
@@ -257,14 +247,14 @@ def test_a_law_that_cannot_run():
     with pytest.raises(Diverged, match="m diverges"):
         unstable.compensator().run(reference(900), 0.1)
     with pytest.raises(ModelError, match="no parameter values"):
-        NARX.from_terms(PAPER).compensator().run([1.0, 2.0])
+        BENCH.model().compensator().run([1.0, 2.0])
     for bad in ([1.0], [1.0, np.nan], []):
         with pytest.raises(ModelError, match="at least two samples"):
-            NARX.from_terms(PAPER, THETA).compensator().run(bad)
+            BENCH.published().compensator().run(bad)
 
 
 def test_a_law_prints_its_numbers():
-    law = NARX.from_terms(PAPER, THETA).compensator()
+    law = BENCH.published().compensator()
     assert r"\frac{1}{\theta_{2}}" in law.latex() and r"\frac{1}{0.77}" in law.latex(numbers=True)
     assert repr(law).startswith("Compensator(m[k] = ")
 

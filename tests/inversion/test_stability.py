@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import sympy as sp
-from printed import BENCH, INVERSE, INVERSE_TABLE_1, PRINTED, TABLE_1, VALVE
+from paper import BENCH, BENCH_INVERSE, VALVE
 
 import narx_sym as ns
 from narx_sym import plots
@@ -19,7 +19,7 @@ from narx_sym.symbolic.signals import k, m, r
 
 
 def valve(**options):
-    return ns.NARX.from_terms(VALVE, PRINTED, Ts=0.01, **options).compensator()
+    return VALVE.published(Ts=0.01, **options).compensator()
 
 
 def sine(n=3000, size=0.56, level=3.0):
@@ -49,7 +49,7 @@ def test_the_published_valve_law():
 
 
 def test_the_jacobian_keeps_its_time_indices():
-    law = ns.NARX.from_terms(BENCH).compensator()
+    law = BENCH.model().compensator()
     first, second = law.internal.jacobian
     t, step, sign = law.symbols, m[k - 1] - m[k - 2], sp.sign(m[k - 1] - m[k - 2])
     assert sp.expand(t[1] * second - (t[2] * sign * m[k - 1] + t[3] * sign * r[k] + t[4] * m[k - 1] ** 2
@@ -59,7 +59,7 @@ def test_the_jacobian_keeps_its_time_indices():
 
 
 def test_an_inverse_turns_with_its_reference():
-    law = ns.NARX.from_terms(INVERSE, INVERSE_TABLE_1, input="y", output="u", lead=2).compensator()
+    law = BENCH_INVERSE.published().compensator()
     internal = law.internal
     theta = law.symbols
     assert sp.expand(internal.polynomial - (z - theta[0] - theta[4] * heading * rbar)) == 0
@@ -77,7 +77,7 @@ def test_fixed_points():
     (point,) = linear.fixed_points.equilibria
     assert sp.expand(point - rbar * 0.4) == 0  # 0.5 r = 1.25 m
     assert linear.eigenvalue == -0.25 and linear.region == sp.false and not linear.turns
-    unfitted = ns.NARX.from_terms(BENCH).compensator()
+    unfitted = BENCH.model().compensator()
     conditions = unfitted.internal.fixed_points.conditions
     assert [sp.simplify(c.lhs - c.rhs - (1 - unfitted.symbols[0]) / unfitted.symbols[1]) for c in conditions] == [0]
 
@@ -105,11 +105,11 @@ def test_every_way_to_ask_for_a_direction(term):
 
 def test_unknown_symbols_are_named():
     with pytest.raises(ModelError, match="theta_"):
-        ns.NARX.from_terms(BENCH).compensator().internal.radius(1, 1)
+        BENCH.model().compensator().internal.radius(1, 1)
 
 
 def test_new_values_are_seen():
-    model = ns.NARX.from_terms(VALVE, PRINTED)
+    model = VALVE.published()
     law = model.compensator()
     assert law.internal.repelling(3, 3, 1)
     model.theta = [1, -1, 2, 0, 0]
@@ -136,7 +136,7 @@ def test_a_reference_that_enters_the_region_is_flagged():
 
 def test_growth_is_that_of_a_disturbance():
     """At a constant reference a small step of m is multiplied by the eigenvalue from sample to sample."""
-    law = ns.NARX.from_terms(VALVE, [1, -1.9, 2.0, 3.5, -3.5]).compensator()
+    law = VALVE.model([1, -1.9, 2.0, 3.5, -3.5]).compensator()
     goal, past = np.full(60, 3.0), np.array([2.8 - 1e-6, 2.8])
     volts = compile(law.recursion)({"r": goal}, law.model.theta, {"m": past})["m"]
     found = law.internal.along(volts, goal)
@@ -147,7 +147,7 @@ def test_growth_is_that_of_a_disturbance():
 
 
 def test_a_run_that_forgets_is_not_flagged():
-    law, goal = ns.NARX.from_terms(BENCH, TABLE_1).compensator(), sine(size=40.0, level=0.0)
+    law, goal = BENCH.published().compensator(), sine(size=40.0, level=0.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = law.internal.along(law.run(goal, 0.0), goal, 0.0)
@@ -170,14 +170,14 @@ def test_two_signals_of_one_length():
 # -- the operating range ---------------------------------------------------------------------------------------
 
 
-def with_ranges(theta, terms=VALVE, line=(0.0, 1.0), band=0.2, **options):
-    model = ns.NARX.from_terms(terms, theta, Ts=0.01, **options)
+def with_ranges(theta, printed=VALVE, line=(0.0, 1.0), band=0.2):
+    model = printed.model(theta, Ts=0.01)
     model.info |= {"ranges": {"u": [2.0, 4.0], "y": [2.0, 4.0]}, "line": list(line), "band": band}
     return model
 
 
 def test_the_operating_range_is_a_band_around_the_line():
-    law = with_ranges(PRINTED).compensator()
+    law = with_ranges(VALVE.theta).compensator()
     found = operating_range(law)
     assert found.shares["rising"] == 1.0 and found.shares["falling"] == 0.0
     assert found.largest == pytest.approx(law.internal.radius(*found.at, 1))
@@ -186,14 +186,14 @@ def test_the_operating_range_is_a_band_around_the_line():
     calm = operating_range(with_ranges([1, -1, 2, 0, 0]).compensator())
     assert calm.sentence == "" and calm.shares == {"moving": 0.0}
     assert operating_range(valve()) is None
-    inverse = with_ranges(INVERSE_TABLE_1, INVERSE, input="y", output="u", lead=2).compensator()
+    inverse = with_ranges(BENCH_INVERSE.theta, BENCH_INVERSE).compensator()
     assert operating_range(inverse).shares == {"rising": 0.0, "falling": 1.0}
 
 
 def test_the_band_of_a_fit(tmp_path):
     u = ns.plants.filtered_noise(N=3000, Ts=0.01, cutoff=0.5, seed=2)
     record = ns.Record.from_arrays(u, ns.plants.bouc_wen(u, Ts=0.01), Ts=0.01)
-    model = ns.NARX.from_terms(BENCH).fit(record, ["continuum"])
+    model = BENCH.model().fit(record, ["continuum"])
     offset, slope = model.info["line"]
     assert model.info["band"] == pytest.approx(np.abs(record.y - offset - slope * record.u).max())
     ns.save(model, tmp_path / "m.json")
@@ -205,7 +205,7 @@ def test_the_band_of_a_fit(tmp_path):
 
 
 def test_the_command_says_it_once(tmp_path, monkeypatch, capsys):
-    for theta, expected in ((PRINTED, 1), ([1, -1, 2, 0, 0], 0)):
+    for theta, expected in ((VALVE.theta, 1), ([1, -1, 2, 0, 0], 0)):
         path = tmp_path / "model.json"
         ns.save(with_ranges(theta), path)
         monkeypatch.setattr("sys.argv", ["narx-sym", "compensate", str(path)])

@@ -5,6 +5,7 @@ import pytest
 import sympy as sp
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from paper import BENCH
 
 from narx_sym.errors import FitError, ModelError
 from narx_sym.models.analysis import (
@@ -34,11 +35,7 @@ from narx_sym.models.model import NARX, Model
 from narx_sym.symbolic.recursion import State
 from narx_sym.symbolic.signals import k, phi1, phi2, signal, t, u, y
 
-PAPER = (
-    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]",
-    "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
-)  # fmt: skip
-TABLE_1 = (1.0, 0.77, 1.44e-2, -9.6e-3, 3.15e-4, -2.47e-4)
+TABLE_1 = tuple(BENCH.theta)
 
 
 def zero(expression):
@@ -58,7 +55,7 @@ def test_sigma_y_adds_the_linear_output_terms_only():
 
 
 def test_the_rest_map_holds_every_signal_constant():
-    model = NARX.from_terms([*PAPER, "u[k-1]", "y[k-2]*u[k-3]", "phi2[k-1]", "p[k-1]"], channels=["p"])
+    model = NARX.from_terms([*BENCH.terms, "u[k-1]", "y[k-2]*u[k-3]", "phi2[k-1]", "p[k-1]"], channels=["p"])
     t = model.symbols
     pbar = sp.Symbol(r"\bar{p}", real=True)
     assert zero(rest_map(model) - (t[0] * ybar + t[6] * ubar + t[7] * ybar * ubar + t[9] * pbar))
@@ -67,8 +64,8 @@ def test_the_rest_map_holds_every_signal_constant():
 @pytest.mark.parametrize(
     "terms, theta, expected",
     (
-        (PAPER, TABLE_1, True),
-        (PAPER, (0.999, *TABLE_1[1:]), False),
+        (BENCH.terms, TABLE_1, True),
+        (BENCH.terms, (0.999, *TABLE_1[1:]), False),
         (["y[k-1]", "u[k-1]"], (1, 0.1), False),  # Assumption 1 and Sigma_y = 1 hold, and it drifts
         (["y[k-1]", "u[k-1]", "u[k-2]"], (1, 0.1, -0.1), True),
         (["y[k-1]", "1"], (1, 0.1), False),
@@ -100,7 +97,7 @@ def test_continuum_conditions_are_equations_in_the_parameters():
     found = {sp.expand(c.lhs - c.rhs) for c in continuum_conditions(model)}
     assert found == {t[0] + t[3] - 1, t[1] + t[4], t[2], t[5], t[6]}
     assert sp.Eq(t[0] + t[3], 1, evaluate=False) in continuum_conditions(model)
-    S, c = constraint_matrix([sp.Eq(NARX.from_terms(PAPER).sigma_y, 1)], NARX.from_terms(PAPER).symbols)
+    S, c = constraint_matrix([sp.Eq(BENCH.model().sigma_y, 1)], BENCH.model().symbols)
     assert S == sp.Matrix([[1, 0, 0, 0, 0, 0]]) and c == sp.Matrix([1])
 
 
@@ -139,7 +136,7 @@ def test_an_operating_point_moves_the_steady_state():
 @pytest.mark.parametrize(
     "terms, theta, count, diverging, holds",
     (
-        (PAPER, TABLE_1, "continuum", False, True),
+        (BENCH.terms, TABLE_1, "continuum", False, True),
         (["y[k-1]", "u[k-1]"], (0.9, 1), 1, False, False),
         (["y[k-1]", "u[k-1]"], (1.1, 1), 1, True, False),
         (["y[k-1]", "u[k-1]"], (1, 0.1), 0, None, False),
@@ -161,7 +158,7 @@ def test_property_1(terms, theta, count, diverging, holds):
 
 def test_property_1_needs_numbers():
     with pytest.raises(ModelError, match="fit the model or give theta"):
-        property_1(NARX.from_terms(PAPER))
+        property_1(BENCH.model())
 
 
 # ---------------------------------------------------------------- Jury
@@ -219,7 +216,7 @@ def test_an_exact_integrator_is_taken_out():
 
 
 def test_quasi_static_sets_of_the_papers_model():
-    model = NARX.from_terms(PAPER)
+    model = BENCH.model()
     t = model.symbols
     found = quasi_static(model)
     for s, branch in ((1, found.loading), (-1, found.unloading)):
@@ -257,7 +254,7 @@ def direct(model, theta, value, step):
 @pytest.mark.parametrize(
     "terms, theta",
     (
-        (PAPER, TABLE_1),
+        (BENCH.terms, TABLE_1),
         (["y[k-1]", "y[k-2]", "phi1[k-1]", "phi1[k-1]*y[k-2]", "phi2[k-1]*u[k-2]"], (1.2, -0.3, 0.5, 0.2, 0.3)),
         (["u[k-1]", "phi2[k-1]*phi1[k-1]"], (2.0, 0.5)),
     ),
@@ -281,7 +278,7 @@ def test_evaluated_sets_equal_the_equation_itself(terms, theta):
 
 
 def test_both_regions_occur_and_the_conditions_agree_with_the_masks():
-    model = NARX.from_terms(PAPER, TABLE_1)
+    model = BENCH.published()
     sets = model.quasi_static()
     source = 40 * np.sin(np.arange(400) * 0.05)
     found = sets.evaluate(source)
@@ -294,12 +291,12 @@ def test_both_regions_occur_and_the_conditions_agree_with_the_masks():
 
 
 def test_a_given_step_replaces_the_difference():
-    model = NARX.from_terms(PAPER, TABLE_1)
+    model = BENCH.published()
     found = model.quasi_static().evaluate([1.0, 1.0], phi1=-0.5)
     assert not found.loading.any() and found.ytilde[0] == found.ytilde[1]
     assert found.ytilde[0] == pytest.approx(direct(model, TABLE_1, 1.0, -0.5)[0])
     with pytest.raises(ModelError, match="no parameter values"):
-        NARX.from_terms(PAPER).quasi_static().evaluate([1.0, 2.0])
+        BENCH.model().quasi_static().evaluate([1.0, 2.0])
 
 
 def test_sets_without_closed_form_or_with_several_solutions():
@@ -328,7 +325,7 @@ def test_second_order_sets_carry_the_jury_conditions():
         assert bool(condition.subs(t[0], a)) is inside
 
 
-@pytest.mark.parametrize("terms", (PAPER, ["y[k-1]", "y[k-2]", "u[k-1]", "phi1[k-2]*u[k-1]", "y[k-1]*phi1[k-1]"]))
+@pytest.mark.parametrize("terms", (BENCH.terms, ["y[k-1]", "y[k-2]", "u[k-1]", "phi1[k-2]*u[k-1]", "y[k-1]*phi1[k-1]"]))
 def test_around_an_operating_point_the_sets_are_those_of_the_shifted_problem(terms):
     y0, u0 = -96.0, 1.5
     plain, moved = NARX.from_terms(terms), NARX.from_terms(terms, operating_point={y: y0, u: u0})

@@ -9,6 +9,7 @@ import pytest
 import sympy as sp
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from paper import BENCH
 from places import ROOT
 
 from narx_sym.errors import ModelError, NotInvertible, ParseError
@@ -218,24 +219,18 @@ def test_model_texts_are_checked_too():
 
 # ---------------------------------------------------------------- LaTeX
 
-THETA = (1.0, 0.77, 1.44e-2, -9.6e-3, 3.15e-4, -2.47e-4)
-PAPER = (
-    "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]",
-    "phi2[k-2]*phi1[k-2]*y[k-1]", "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
-)  # fmt: skip
-
 
 def test_latex_is_the_papers_notation():
     assert latex(phi1[k - 1]) == r"\phi_{1,\,k-1}" and latex(breve_phi2[k]) == r"\breve{\phi}_{2,\,k}"
     assert latex(sp.Float(1.44e-5)) == r"1.44 \times 10^{-5}" and latex(y[k]) == "y_{k}"
-    model = NARX.from_terms(PAPER, THETA)
+    model = BENCH.published()
     shown = model.latex(numbers=True)
     assert r"0.77\,\phi_{1,\,k-1}" in shown and r"- 0.0096\,\phi_{2,\,k-2} \phi_{1,\,k-2} y_{k-1}" in shown
 
 
 def formulas():
     """LaTeX of everything that is printed: (what, text)."""
-    model = NARX.from_terms(PAPER, THETA)
+    model = BENCH.published()
     inverse = NARX.from_terms(
         ["u[k-1]", "breve_phi1[k-1]", "breve_phi2[k-2]*breve_phi1[k-2]*u[k-1]"],
         [1, 1.2, -0.01],
@@ -243,7 +238,7 @@ def formulas():
         output="u",
         lead=2,
     )
-    around = NARX.from_terms(PAPER, THETA, operating_point={y: -96.0, u: 1.8e-5})
+    around = BENCH.published(operating_point={y: -96.0, u: 1.8e-5})
     second = NARX.from_terms(
         ["y[k-1]", "y[k-2]", "phi1[k-1]", "long_name[k-1]"], [1.5, -0.5, 0.2, 1], channels=["long_name"]
     )
@@ -305,7 +300,7 @@ def test_latex_compiles(tmp_path):
 def test_mathml_is_xml():
     from xml.dom import minidom
 
-    model = NARX.from_terms(PAPER, THETA)
+    model = BENCH.published()
     for thing in (model, model.compensator(), phi1[k - 1] ** 2, sp.Float(1e-9) * u[k] / y[k - 1]):
         assert minidom.parseString(mathml(thing)).documentElement.tagName == "math"
 

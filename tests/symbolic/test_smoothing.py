@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import sympy as sp
-from printed import BENCH, INVERSE, INVERSE_TABLE_1, TABLE_1
+from paper import BENCH, BENCH_INVERSE
 
 import narx_sym as ns
 from narx_sym.errors import ModelError
@@ -16,11 +16,11 @@ GOAL = 40 * np.sin(2e-3 * np.pi * np.arange(4000))
 
 
 def bench():
-    return ns.NARX.from_terms(BENCH, TABLE_1)
+    return BENCH.published()
 
 
 def inverse():
-    return ns.NARX.from_terms(INVERSE, INVERSE_TABLE_1, input="y", output="u", lead=2)
+    return BENCH_INVERSE.published()
 
 
 def record(n=6000):
@@ -82,7 +82,7 @@ def test_the_smooth_law_tends_to_the_sharp_one(form):
 
 def test_the_default_is_a_part_of_the_records_step(tmp_path):
     data = record()
-    model = ns.NARX.from_terms(BENCH).fit(data, ["continuum"])
+    model = BENCH.model().fit(data, ["continuum"])
     for name, x in (("u", data.u), ("y", data.y)):
         assert model.info["steps"][name] == pytest.approx(np.median(np.abs(np.diff(x))), rel=1e-3)
     smooth = model.smooth()
