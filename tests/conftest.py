@@ -1,12 +1,26 @@
 """What several test modules share."""
 
+import os
 import sys
 
 import pytest
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # the cores are taken: threads of linear algebra would wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import narx_sym as ns
 from narx_sym.cli import main as cli
 from narx_sym.data.examples import PLAY, STAGE_UNITS, stage
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Keep tests that share a fixture of their module or of the session in one process: it is made once."""
+    for item in items:
+        found = [made[-1] for made in item._fixtureinfo.name2fixturedefs.values()]
+        shared = [(f.scope != "session", f.baseid, f.argname) for f in found if f.baseid and f.scope != "function"]
+        if shared:
+            item.add_marker(pytest.mark.xdist_group("-".join(min(shared)[1:])))
 
 
 @pytest.fixture

@@ -197,10 +197,15 @@ def test_no_memory_and_system_errors_are_one_line(run, monkeypatch):
         assert code == 2 and words in err and err.count("\n") == 1
 
 
-def command(*arguments, **options):
+def hears_ctrl_c():
+    """A job in the background starts deaf to Ctrl-C, and what it starts inherits that."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def command(*arguments):
     return subprocess.Popen(
         [sys.executable, "-m", "narx_sym", *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        cwd=PACKAGE.parent, **options,
+        cwd=PACKAGE.parent, preexec_fn=hears_ctrl_c,
     )  # fmt: skip
 
 
