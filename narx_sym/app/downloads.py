@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
+from ..codegen.registry import exports, files
 from ..errors import ModelError
 from ..files.store import to_text
 from ..inversion.analyses import document
@@ -17,7 +19,7 @@ def written(kind: str, model: Model, law: Law | None, report: Callable[[], str])
     Parameters
     ----------
     kind : str
-        "report.html", "model.json", "model.tex", "model.c", and with a law "law.tex", "law.c".
+        "report.html", "model.json", "model.tex", "model.c" and the other exports, and with a law "law.tex", "law.c"...
     law : Law, optional
     report : function that makes the page
 
@@ -30,12 +32,22 @@ def written(kind: str, model: Model, law: Law | None, report: Callable[[], str])
         "report.html": report,
         "model.json": lambda: to_text(model),
         "model.tex": lambda: document(model),
-        "model.c": lambda: model.to_c(),
     }
+    makers |= {f"model{ending}": partial(model.export, name) for ending, name in files().items()}
     if law is not None and not law.why_not:
         makers["law.tex"] = lambda: f"\\[\n{law.latex}\n\\]\n"
-        if law.code:
-            makers["law.c"] = lambda: law.code
+        makers |= {f"law{ending}": partial(str, source) for ending, source in law.sources.items()}
     if kind not in makers:
         raise ModelError(f"There is no {kind[:40]!r}; there are {', '.join(makers)}.")
     return makers[kind]()
+
+
+def titles(law: Law | None) -> dict[str, str]:
+    """Return what there is to take away, and what it is called."""
+    sources = {ending: exports()[name].title for ending, name in files().items()}
+    found = {"report.html": "Report (HTML)", "model.json": "Model (JSON)", "model.tex": "Derivation (LaTeX)"}
+    found |= {f"model{ending}": f"Model ({title})" for ending, title in sources.items()}
+    if law is not None and not law.why_not:
+        found["law.tex"] = "Law (LaTeX)"
+        found |= {f"law{ending}": f"Law ({sources[ending]})" for ending in law.sources}
+    return found

@@ -92,7 +92,7 @@ def application(bench: Workbench) -> Any:
         except NarxError as error:
             return PlainTextResponse(str(error), status_code=404)
         headers = {"content-disposition": f'attachment; filename="{name}"', "cache-control": "no-store"}
-        return Response(content, media_type=TYPES[Path(name).suffix], headers=headers)
+        return Response(content, media_type=TYPES.get(Path(name).suffix, "text/plain"), headers=headers)
 
     def bokeh(request: Request) -> Response:
         return Response("\n".join(Resources(mode="inline", components=["bokeh"]).js_raw), media_type="text/javascript")

@@ -20,6 +20,10 @@ def compensate(
     latex: Annotated[Path | None, typer.Option("--latex", help="Write the law as LaTeX.")] = None,
     c: Annotated[Path | None, typer.Option("--c", help="Write the law as C99 source.")] = None,
     st: Annotated[Path | None, typer.Option("--st", help="Write the law as Structured Text (IEC 61131-3).")] = None,
+    export: Annotated[
+        list[Path] | None,
+        typer.Option("--export", help="Write the law as source; the ending says for which target. May be repeated."),
+    ] = None,
     reference: Annotated[Path | None, typer.Option("--reference", help="CSV with the wanted output.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="CSV for the compensated input.")] = None,
     column: Annotated[
@@ -38,12 +42,15 @@ def compensate(
     rows: Rows = None,
 ) -> None:
     """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
+    from ..codegen.registry import exports, target_of
     from ..data.record import read_signal
     from ..files.atomic import write_text
     from ..files.store import load
     from ..tasks.compensate import ahead, caution
 
-    check_targets([latex, c, st, out], model_file, reference)
+    sources = [*(export or []), *filter(None, [c, st])]
+    check_targets([latex, *sources, out], model_file, reference)
+    targets = [*map(target_of, export or []), *(name for name, path in (("c", c), ("st", st)) if path)]
     if (reference is None) != (out is None):
         raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
     law = load(model_file).compensator()
@@ -59,12 +66,9 @@ def compensate(
     if latex:
         write_text(latex, f"\\[\n{law.latex(numbers=True)}\n\\]\n")
         console().print(f"LaTeX written to {latex}")
-    if c:
-        write_text(c, law.to_c(limits=limits, rate=rate))
-        console().print(f"C99 source written to {c}")
-    if st:
-        write_text(st, law.to_st(limits=limits, rate=rate))
-        console().print(f"Structured Text written to {st}")
+    for path, name in zip(sources, targets, strict=True):
+        write_text(path, law.export(name, limits=limits, rate=rate))
+        console().print(f"{exports()[name].title} written to {path}")
     if reference and out:
         goal = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column", prefer="r")
         _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, clip=clip)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import sympy as sp
@@ -12,8 +11,8 @@ import sympy as sp
 from ..engines.plan import Plan
 from ..engines.writer import Writer, indented
 from ..errors import ModelError
-from ..symbolic.recursion import Recursion
 from .layout import Layout, numbered, shortened, wrapped
+from .registry import Example, Request, export
 
 TOLERANCE = {False: 1e-12, True: 1e-4}  # of the self-test, relative; double and single
 ROUNDINGS = 30  # times what the last bits of the numbers do to a run
@@ -42,19 +41,6 @@ HELPERS = {
     "max": ("a, b", "a > b || a != a ? a : b"),
     "min": ("a, b", "a < b || a != a ? a : b"),
 }
-
-
-@dataclass(frozen=True)
-class Example:
-    """Samples for a self-test: what each step takes, what it must return, and the values at rest, all by signal.
-
-    `rounding` is how far the last bits of all numbers move the result, relative.
-    """
-
-    given: Mapping[Any, Any]
-    rest: Mapping[Any, float]
-    expected: Any
-    rounding: float = 0.0
 
 
 class _C(Writer):
@@ -123,51 +109,32 @@ class _C(Writer):
         return lines
 
 
-def source(
-    recursion: Recursion,
-    values: Mapping[Any, float],
-    name: str,
-    single: bool,
-    returned: Any,
-    initial: Mapping[Any, Any],
-    notes: Sequence[str] = (),
-    example: Example | None = None,
-) -> str:
-    """Return one self-contained C99 file; the arguments are those of `narx_sym.codegen.export.to_c`."""
+@export("c", "C99 source", ".c")
+def source(request: Request) -> str:
+    """Return one self-contained C99 file: `narx_sym.codegen.export.to_c`."""
+    name, recursion, example = request.name, request.recursion, request.example()
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
         raise ModelError(f"{name!r} cannot be a C identifier.")
     own = {name, *(f"{name}_{part}" for part in ("real", "state", "init", "step", *HELPERS))}
-    layout = Layout.of(recursion, values, returned, initial, _label, WORDS | own)
+    layout = Layout.of(recursion, request.values, request.returned, request.initial, _label, WORDS | own)
     labels, inputs, rested = layout.labels, list(recursion.inputs), layout.rested
     # Every state but the one that is returned can be read from the struct.
-    depth = {b: 1 for b in recursion.states if b != returned} | layout.depth
+    depth = {b: 1 for b in recursion.states if b != request.returned} | layout.depth
     clock = numbered("k", lambda free: free not in labels.values())
-    writer = _C({}, name, single)
+    writer = _C({}, name, request.single)
     start = _init(layout, depth, writer, clock)
     step = _step(layout, depth, writer, clock)
-    real, upper = writer.real, name.upper()
-    takes = ", ".join(layout.when(b) for b in inputs) or "nothing"
+    real = writer.real
     opening = f"void {name}_init({', '.join([f'{name}_state *{PAST}', *(f'{real} {labels[b]}' for b in rested)])})"
     stepping = f"{real} {name}_step({', '.join([f'{name}_state *{PAST}', *(f'{real} {labels[b]}' for b in inputs)])})"
     fields = [*(f"{real} {labels[b]}[{d}];" for b, d in depth.items()), *[f"unsigned long {clock};"] * layout.counts]
-    library = " -lm" if writer.mathematics else ""
-    test = f"Self-test: cc -std=c99 -D{upper}_SELF_TEST file.c{library} && ./a.out"
-    comment = layout.comment(
-        *notes,
-        f"{name}_init fills the past with values at rest; {name}_step takes {takes} and returns {labels[returned]}[k]; "
-        "further states are in the struct, newest first.",
-        f"No heap, no static data. C99{'; link with -lm' if library else ''}.",
-        test
-        if example
-        else "No self-test: short runs from rest leave the finite numbers, or hang on the last bits of theirs.",
-    )
     lines = [
         "/*",
-        *(f" * {line}".rstrip() for line in comment),
+        *(f" * {line}".rstrip() for line in _comment(layout, writer, request, example is not None)),
         " */",
         *["#include <math.h>"] * writer.mathematics,
         "",
-        f"typedef {'float' if single else 'double'} {real};",
+        f"typedef {'float' if request.single else 'double'} {real};",
         "",
         "typedef struct {",
         *indented(fields or ["char none;"]),
@@ -188,6 +155,22 @@ def source(
         "}",
     ]
     return "\n".join([*lines, *(_self_test(layout, writer, example) if example else [])]) + "\n"
+
+
+def _comment(layout: Layout, writer: _C, request: Request, tested: bool) -> list[str]:
+    """Return the comment on top: the equations, how the functions are used, and how the source tests itself."""
+    name, library = request.name, " -lm" if writer.mathematics else ""
+    takes = ", ".join(layout.when(b) for b in request.recursion.inputs) or "nothing"
+    test = f"Self-test: cc -std=c99 -D{name.upper()}_SELF_TEST file.c{library} && ./a.out"
+    return layout.comment(
+        *request.notes,
+        f"{name}_init fills the past with values at rest; {name}_step takes {takes} and returns "
+        f"{layout.labels[request.returned]}[k]; further states are in the struct, newest first.",
+        f"No heap, no static data. C99{'; link with -lm' if library else ''}.",
+        test
+        if tested
+        else "No self-test: short runs from rest leave the finite numbers, or hang on the last bits of theirs.",
+    )
 
 
 def _init(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> list[str]:

@@ -1,6 +1,6 @@
-"""One step of a recursion for other places: C99 source, Structured Text, a CasADi function.
+"""One step of a recursion for other places: C99 source, Structured Text, a CasADi function, and what else registers.
 
-The numbers are put in, and the states start from rest by themselves; `engines/` has one file per target.
+The numbers are put in, and the states start from rest by themselves; each target is one file beside this one.
 """
 
 from __future__ import annotations
@@ -15,11 +15,34 @@ from ..engines.compile import compile
 from ..errors import ModelError
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import lag, samples
-from . import c, st
+from .registry import Example, Request, target
 
 CHECKED, LONGEST_CHECK = 48, 200  # samples of a self-test; a long delay adds its own
 TELLING = 1e-3  # a self-test that rounding may move by more than this says nothing
 DRAWN = 4  # runs with other last bits
+
+
+def written(
+    to: str,
+    recursion: Recursion,
+    values: Mapping[Any, float],
+    name: str = "narx",
+    single: bool = False,
+    output: Any = None,
+    initial: Mapping[Any, Any] | None = None,
+    ranges: Mapping[str, Sequence[float]] | None = None,
+    Ts: float | None = None,
+) -> Any:
+    """Return a recursion for another place; `to` names a target of `narx_sym.codegen.registry`, see `to_c`."""
+    one = target(to)
+    numbers, returned = _numbers(recursion, values), _returned(recursion, output)
+    starts = _starts(recursion, numbers, initial or {})
+    return one.write(
+        Request(
+            recursion, numbers, name, single, returned, starts, _notes(Ts),
+            lambda: _example(recursion, numbers, returned, starts, ranges or {}, single),
+        )
+    )  # fmt: skip
 
 
 def transition(recursion: Recursion, values: Mapping[Any, float], name: str = "narx", output: Any = None) -> Any:
@@ -32,9 +55,7 @@ def transition(recursion: Recursion, values: Mapping[Any, float], name: str = "n
     ModelError
         For a missing value, an equation with the time index itself, or an output that the recursion does not compute.
     """
-    from ..engines.casadi import transition  # CasADi takes long to load
-
-    return transition(recursion, _numbers(recursion, values), name, _returned(recursion, output))
+    return written("casadi", recursion, values, name, output=output)
 
 
 def to_c(
@@ -72,10 +93,7 @@ def to_c(
         For a name that is no C identifier, a missing value, a function that C99 does not have, or an output that the
         recursion does not compute.
     """
-    numbers, returned = _numbers(recursion, values), _returned(recursion, output)
-    starts = _starts(recursion, numbers, initial or {})
-    example = _example(recursion, numbers, returned, starts, ranges or {}, single)
-    return c.source(recursion, numbers, name, single, returned, starts, _notes(Ts), example)
+    return str(written("c", recursion, values, name, single, output, initial, ranges, Ts))
 
 
 def to_st(
@@ -104,9 +122,7 @@ def to_st(
         For a name that is no identifier, a missing value, a function that the standard does not have, a Piecewise
         whose last case may fail, or an output that the recursion does not compute.
     """
-    numbers, returned = _numbers(recursion, values), _returned(recursion, output)
-    starts = _starts(recursion, numbers, initial or {})
-    return st.source(recursion, numbers, name, single, returned, starts, _notes(Ts))
+    return str(written("st", recursion, values, name, single, output, initial, Ts=Ts))
 
 
 def _returned(recursion: Recursion, output: Any) -> Any:
@@ -143,13 +159,9 @@ def _example(
     output: Any,
     initial: Mapping[Any, Any],
     ranges: Mapping[str, Sequence[float]],
-    single: bool,
-) -> Any:
-    """Run a recursion from rest, every input along its own wave; smaller waves where that diverges.
-
-    A wave along which the last bits decide (a sign of what should be zero, an unstable run) is no test of the code.
-    """
-    theta = np.array([float(v) for v in numbers.values()])
+) -> Example | None:
+    """Run a recursion from rest, every input along its own wave; smaller waves where that diverges."""
+    theta = [float(v) for v in numbers.values()]
     depth, still = recursion.depth, recursion.depth + recursion.lead + 1
     n = CHECKED + min(depth, LONGEST_CHECK)
     phases = np.maximum(np.arange(n + still + recursion.lead) - still, 0) / 3
@@ -181,5 +193,5 @@ def _example(
             # What a step takes: the newest sample of each input that the equations read.
             read = {s for _, right in recursion.updates for s in samples(right)}
             newest = {b: min(lag(s) for s in read if s.base == b) for b in recursion.inputs}
-            return c.Example({b: waves[b][depth - i :][:n] for b, i in newest.items()}, rest, expected, rounding)
+            return Example({b: waves[b][depth - i :][:n] for b, i in newest.items()}, rest, expected)
     return None

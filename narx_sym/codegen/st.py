@@ -11,8 +11,8 @@ import sympy as sp
 from ..engines.plan import Plan
 from ..engines.writer import RELATIONS, Writer, indented
 from ..errors import ModelError
-from ..symbolic.recursion import Recursion
 from .layout import Layout, numbered, shortened, wrapped
+from .registry import Request, export
 
 UNROLLED = 3  # a longer past is shifted in a loop
 LONGEST = 24  # letters of a name: with its ending it keeps to the 32 that every compiler reads
@@ -108,28 +108,23 @@ class _ST(Writer):
         return [f"IF {condition} THEN", *then, "ELSE", *otherwise, "END_IF;"]
 
 
-def source(
-    recursion: Recursion,
-    values: Mapping[Any, float],
-    name: str,
-    single: bool,
-    returned: Any,
-    initial: Mapping[Any, Any],
-    notes: Sequence[str] = (),
-) -> str:
-    """Return one function block; the arguments are those of `narx_sym.codegen.export.to_st`."""
+@export("st", "Structured Text", ".st")
+def source(request: Request) -> str:
+    """Return one function block: `narx_sym.codegen.export.to_st`."""
+    name, recursion, returned = request.name, request.recursion, request.returned
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name) or len(name) > 32 or name.lower() in WORDS:
         raise ModelError(f"{name!r} cannot be the name of a function block.")
-    layout = Layout.of(recursion, values, returned, initial, _label, {name.lower(), "restart", "started", "i", "k"})
+    words = {name.lower(), "restart", "started", "i", "k"}
+    layout = Layout.of(recursion, request.values, returned, request.initial, _label, words)
     labels, depth, counts = layout.labels, layout.depth, layout.counts
-    writer = _ST({}, single)
+    writer = _ST({}, request.single)
     real, inputs = writer.real, list(recursion.inputs)
     start, step = _start(layout, writer), _step(layout, writer)
     rested = [b for b in layout.rested if b not in inputs]
     past = [f"{labels[b]}_past : ARRAY [1..{d}] OF {real};" for b, d in depth.items()]
     takes = ", ".join(layout.when(b) for b in inputs) or "nothing"
     comment = layout.comment(
-        *notes,
+        *request.notes,
         f"Call it once per sample with {takes}; it gives {labels[returned]}[k].",
         "In its first call, and whenever restart is TRUE, it starts from rest: the inputs as they are, the rest at the "
         "values that end in _rest.",

@@ -10,17 +10,23 @@ from ..inversion.compensator import Compensator
 from ..models.model import Model
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import m
-from .export import to_c, to_st, transition
+from .export import transition, written
+
+
+def export_model(model: Model, to: str, name: str = "model", single: bool = False) -> Any:
+    """Return the free run for another place: `to` is "c", "st" or another target of `narx_sym.codegen.registry`."""
+    values, starts = model.values, model.starts
+    return written(to, model.recursion, values, name, single, model.output, starts, model.usual, model.Ts)
 
 
 def model_to_c(model: Model, name: str = "model", single: bool = False) -> str:
     """Return the free run as C99 source; see `narx_sym.codegen.export.to_c`."""
-    return to_c(model.recursion, model.values, name, single, model.output, model.starts, model.usual, model.Ts)
+    return str(export_model(model, "c", name, single))
 
 
 def model_to_st(model: Model, name: str = "model", single: bool = False) -> str:
     """Return the free run as an IEC 61131-3 function block; see `narx_sym.codegen.export.to_st`."""
-    return to_st(model.recursion, model.values, name, single, model.output, model.starts, model.Ts)
+    return str(export_model(model, "st", name, single))
 
 
 def model_to_casadi(model: Model, name: str = "model") -> Any:
@@ -32,14 +38,15 @@ def model_to_casadi(model: Model, name: str = "model") -> Any:
     return transition(model.recursion, model.values, name, model.output)
 
 
-def law_to_c(
+def export_law(
     law: Compensator,
+    to: str,
     name: str = "law",
     single: bool = False,
     limits: Sequence[float] | None = None,
     rate: float | None = None,
-) -> str:
-    """Return the law as C99 source, within limits where they are given; see `narx_sym.codegen.export.to_c`.
+) -> Any:
+    """Return the law for another place, within limits where they are given; `to` as in `export_model`.
 
     Raises
     ------
@@ -48,7 +55,18 @@ def law_to_c(
     """
     recursion, usual = _exported(law, limits, rate), law.model.usual
     usual = {**usual, **{own: usual[of] for own, of in (("m", "u"), ("r", "y")) if of in usual}}
-    return to_c(recursion, law.model.values, name, single, m, ranges=usual, Ts=law.model.Ts)
+    return written(to, recursion, law.model.values, name, single, m, ranges=usual, Ts=law.model.Ts)
+
+
+def law_to_c(
+    law: Compensator,
+    name: str = "law",
+    single: bool = False,
+    limits: Sequence[float] | None = None,
+    rate: float | None = None,
+) -> str:
+    """Return the law as C99 source; see `export_law` and `narx_sym.codegen.export.to_c`."""
+    return str(export_law(law, "c", name, single, limits, rate))
 
 
 def law_to_st(
@@ -58,8 +76,8 @@ def law_to_st(
     limits: Sequence[float] | None = None,
     rate: float | None = None,
 ) -> str:
-    """Return the law as an IEC 61131-3 function block; limits and errors as for `to_c`."""
-    return to_st(_exported(law, limits, rate), law.model.values, name, single, m, Ts=law.model.Ts)
+    """Return the law as an IEC 61131-3 function block; see `export_law`."""
+    return str(export_law(law, "st", name, single, limits, rate))
 
 
 def law_to_casadi(law: Compensator, name: str = "law") -> Any:

@@ -6,6 +6,7 @@ from ..symbolic.door import door
 class CompensatorDoors:
     """Each line is one function of the room that does it; it takes the law first."""
 
+    export = door("codegen.targets", "export_law")
     to_c = door("codegen.targets", "law_to_c")
     to_st = door("codegen.targets", "law_to_st")
     to_casadi = door("codegen.targets", "law_to_casadi")

@@ -12,6 +12,7 @@ class ModelDoors:
     check = door("models.analysis", "check")
     save = door("files.store", "save")
     compensator = door("inversion.compensator", "compensator")
+    export = door("codegen.targets", "export_model")
     to_c = door("codegen.targets", "model_to_c")
     to_st = door("codegen.targets", "model_to_st")
     to_casadi = door("codegen.targets", "model_to_casadi")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ..codegen.registry import exports, files
 from ..data.metrics import nsavi
 from ..errors import ModelError, NarxError, NotInvertible
 from ..fit.excursions import operating_range
@@ -26,7 +27,7 @@ class Law:
     lines, latex : the law with numbers
     symbols : its LaTeX with symbols
     notes : what a user should know before it runs
-    code : C99 source, "" where the law has none
+    sources : mapping from the endings of files (".c") to the law as source, where it has one
     why_not : str
         "" where there is a law.
     """
@@ -35,7 +36,7 @@ class Law:
     latex: str = ""
     symbols: str = ""
     notes: tuple[str, ...] = ()
-    code: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
     why_not: str = ""
 
 
@@ -75,12 +76,22 @@ def law_of(
         progress("counting the solutions of each stage")
         notes.append(f"Checked: {law.checked}.")
     notes += filter(None, [caution(law)])
-    try:
-        code = law.to_c(limits=limits, rate=rate)
-    except NarxError as error:
-        code = ""
-        notes.append(f"There is no C source: {error}")
-    return Law(tuple(law.lines(numbers=True)), law.latex(numbers=True), law.latex(), tuple(notes), code)
+    sources, lacking = _sources(law, limits, rate)
+    return Law(tuple(law.lines(numbers=True)), law.latex(numbers=True), law.latex(), (*notes, *lacking), sources)
+
+
+def _sources(
+    law: Compensator, limits: tuple[float, float] | None, rate: float | None
+) -> tuple[dict[str, str], list[str]]:
+    """Return the law for every target that is a file, by its ending, and why there is none for others."""
+    found: dict[str, str] = {}
+    lacking: dict[str, list[str]] = {}
+    for ending, name in files().items():
+        try:
+            found[ending] = law.export(name, limits=limits, rate=rate)
+        except NarxError as error:
+            lacking.setdefault(str(error), []).append(exports()[name].title)
+    return found, [f"There is no {' and no '.join(titles)}: {why}" for why, titles in lacking.items()]
 
 
 @dataclass(frozen=True, eq=False)

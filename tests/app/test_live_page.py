@@ -196,11 +196,18 @@ def test_the_whole_way(page, data, tmp_path):
 
     page.get_by_role("button", name="Open the compensator").click()
     page.get_by_text("ahead in the reference.").last.wait_for()
-    page.get_by_role("link", name="Law (C99)").wait_for()
+    page.get_by_role("link", name="Law (C99 source)").wait_for()
     assert serious(page) == [] and fits(page)
 
     files = {}
-    for title in ("Model (JSON)", "Model (C99)", "Law (C99)", "Law (LaTeX)", "Derivation (LaTeX)", "Report (HTML)"):
+    for title in (
+        "Model (JSON)",
+        "Model (C99 source)",
+        "Law (C99 source)",
+        "Law (LaTeX)",
+        "Derivation (LaTeX)",
+        "Report (HTML)",
+    ):
         with page.expect_download() as waiting:
             page.get_by_role("link", name=title, exact=True).click()
         files[title] = tmp_path / waiting.value.suggested_filename

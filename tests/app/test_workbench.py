@@ -270,11 +270,11 @@ def test_cancel_ends_the_work_and_leaves_everything(climbed):
 def test_the_law_and_its_limits(climbed):
     climbed.open_law("-3", "3", "0.5")
     climbed.wait()
-    assert not climbed.error and climbed.law.code and "m_{k}" in climbed.law.latex and climbed.law.lines
-    limited = climbed.law.code
+    assert not climbed.error and climbed.law.sources[".c"] and "m_{k}" in climbed.law.latex and climbed.law.lines
+    limited = climbed.law.sources[".c"]
     climbed.open_law()
     climbed.wait()
-    assert climbed.law.code != limited
+    assert climbed.law.sources[".c"] != limited
     for fields in (("1", ""), ("2", "1"), ("a", "b"), ("", "", "-1")):
         climbed.open_law(*fields)
         assert climbed.error and not climbed.busy

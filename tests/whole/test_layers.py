@@ -33,7 +33,6 @@ LONG_MODULES = {
     "report/plots.py",
 }
 LONG_FUNCTIONS = {
-    "codegen/c.py: source",
     "diagnosis/experiment.py: _shapes",
     "diagnosis/procedure.py: step",
     "files/store.py: from_dict",

@@ -8,14 +8,11 @@ from html import escape
 from nicegui import ui
 
 from ...models.effects import EFFECTS
+from ..downloads import titles
 from ..story import Shown
 from ..workbench import Workbench
 from .widgets import caption, data_cells, equation, head, heading, part, said, section, small
 
-DOWNLOADS = {
-    "report.html": "Report (HTML)", "model.json": "Model (JSON)", "model.tex": "Derivation (LaTeX)",
-    "model.c": "Model (C99)",
-}  # fmt: skip
 NEXT = {
     "nothing_detectable": "Next: take the model away. Smaller effects show with less noise, a longer record or a wider "
     "input.",
@@ -24,7 +21,6 @@ NEXT = {
     "helps_but_incomplete": "Next: add the best one below, and see what is missing then.",
     "outside_library": "Next: look where the model fails. A term of your own may be put in below.",
 }
-LAW_FILES = {"law.tex": "Law (LaTeX)", "law.c": "Law (C99)"}
 
 
 def found(bench: Workbench) -> None:
@@ -161,10 +157,7 @@ def take_away(bench: Workbench) -> None:
                     with ui.element("li"):
                         said(note)
     with section("10. Take it away"):
-        files = DOWNLOADS | (
-            {n: t for n, t in LAW_FILES.items() if n != "law.c" or law.code} if law and not law.why_not else {}
-        )
         with ui.element("ul").classes("files"):
-            for name, title in files.items():
+            for name, title in titles(law).items():
                 with ui.element("li"):
                     ui.html(f'<a href="/download/{name}" download>{escape(title)}</a>', sanitize=False)

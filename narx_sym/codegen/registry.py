@@ -1,0 +1,121 @@
+"""The targets of an export: each is one file of this folder with `@export`; the command line and the page list them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any
+
+from ..errors import ModelError
+from ..symbolic.recursion import Recursion
+
+
+@dataclass(frozen=True)
+class Example:
+    """Samples for a self-test: what each step takes, what it must return, and the values at rest, all by signal.
+
+    `rounding` is how far the last bits of all numbers move the result, relative.
+    """
+
+    given: Mapping[Any, Any]
+    rest: Mapping[Any, float]
+    expected: Any
+    rounding: float = 0.0
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be exported: one step of a recursion with numbers.
+
+    Attributes
+    ----------
+    recursion : Recursion
+    values : mapping from each parameter to its number
+    name : str
+        Of what is written: a function, a block, the prefix of both.
+    single : bool
+        Single precision instead of double.
+    returned : IndexedBase
+        The state that a step returns.
+    initial : mapping from states to expressions
+        What they are at rest, in samples of other sequences, with numbers; the rest of the others is an argument.
+    notes : sequence of str
+        For the comment on top.
+    example : function
+        Returns an Example for a self-test, None where short runs from rest tell nothing.
+    """
+
+    recursion: Recursion
+    values: Mapping[Any, Any]
+    name: str
+    single: bool
+    returned: Any
+    initial: Mapping[Any, Any]
+    notes: Sequence[str] = ()
+    example: Callable[[], Example | None] = lambda: None
+
+
+@dataclass(frozen=True)
+class Export:
+    """A target: a function from a Request to a source, what it is called, and how its files end ("" for an object)."""
+
+    write: Callable[[Request], Any]
+    title: str
+    suffix: str = ""
+
+
+_EXPORTS: dict[str, Export] = {}
+
+
+def export(name: str, title: str, suffix: str = "") -> Callable[[Callable[[Request], Any]], Callable[[Request], Any]]:
+    """Register a target, `@export("c", "C99 source", ".c")`; `model.export("c")` and files that end so lead there."""
+
+    def register(write: Callable[[Request], Any]) -> Callable[[Request], Any]:
+        _EXPORTS[name] = Export(write, title, suffix)
+        return write
+
+    return register
+
+
+@cache
+def _load() -> None:
+    """Import every file of this folder, each of which may register a target."""
+    package = __name__.rpartition(".")[0]
+    for found in iter_modules(import_module(package).__path__):
+        import_module(f"{package}.{found.name}")
+
+
+def exports() -> dict[str, Export]:
+    """Return all targets by name."""
+    _load()
+    return dict(sorted(_EXPORTS.items()))
+
+
+def files() -> dict[str, str]:
+    """Return the targets that are files: name by the ending of the file."""
+    return {one.suffix: name for name, one in exports().items() if one.suffix}
+
+
+def target(name: str) -> Export:
+    """Return a target by its name.
+
+    Raises
+    ------
+    ModelError
+        Where there is none of this name.
+    """
+    found = exports()
+    if name not in found:
+        raise ModelError(f"There is no export {name[:40]!r}; there are {', '.join(found)}.")
+    return found[name]
+
+
+def target_of(path: Any) -> str:
+    """Return the name of the target that a file asks for by its ending."""
+    known, ending = files(), path.suffix.lower()
+    if ending not in known:
+        raise ModelError(f"{path}: sources end in one of {', '.join(sorted(known))}.")
+    return known[ending]
