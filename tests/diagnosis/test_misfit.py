@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from narx_sym import plots
 from narx_sym.diagnosis.misfit import Misfit, missing_input, reversals, where_it_fails
+from narx_sym.diagnosis.misfit.variables import VARIABLES
 from narx_sym.errors import DataError, NarxError
 
 N, TS = 5000, 0.01
@@ -59,6 +60,11 @@ def constructed():
         "spectrum": np.sin(2 * np.pi * 13 * T),
         "channel:temperature": c**3,
     }
+
+
+def test_every_variable_has_an_error_that_only_it_explains():
+    found = {name.partition(":")[0] for name in constructed()} - {"spectrum"}  # what all of them leave
+    assert found | {"amplitude_frequency"} == set(VARIABLES)  # two axes: the test below
 
 
 def look(error, noise=0.0, u_noise=0.0, seed=0, **options):

@@ -25,7 +25,6 @@ CROWDED: set[str] = set()
 LONG_MODULES = {
     "data/tables.py",
     "diagnosis/experiment.py",
-    "diagnosis/misfit.py",
     "diagnosis/procedure.py",
     "fit/simulate.py",
     "models/analysis.py",
