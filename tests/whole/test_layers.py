@@ -24,7 +24,6 @@ TYPES_ONLY = {  # circles that only names for type checkers close: nothing is lo
 CROWDED: set[str] = set()
 LONG_MODULES = {
     "data/tables.py",
-    "diagnosis/experiment.py",
     "diagnosis/procedure.py",
     "fit/simulate.py",
     "models/analysis.py",
@@ -32,7 +31,6 @@ LONG_MODULES = {
     "report/plots.py",
 }
 LONG_FUNCTIONS = {
-    "diagnosis/experiment.py: _shapes",
     "diagnosis/procedure.py: step",
     "files/store.py: from_dict",
     "inversion/kinks.py: solve_kinked",

@@ -1,0 +1,229 @@
+"""The choice of the next experiment among many inputs.
+
+A discriminating design (Hunter & Reiner 1965), judged by the two models that come closest to each other (Buzzi-Ferraris
+& Forzatti 1984). What a refit of one model could absorb does not count as a difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import numpy as np
+from scipy.linalg import qr
+
+from ...data.record import Record
+from ...errors import ModelError, NarxError
+from ...files.parallel import one_blas_thread
+from ...fit.constraints import constraint_equations
+from ...fit.freerun import FreeRun
+from ...fit.simulate import Records, fitted, free_run, segments, simulate
+from ...models.model import Model
+from ...symbolic.signals import u as input_sequence
+from .proposal import Experiment, threshold
+from .signals import SHORTEST, Limits, family
+
+Array = np.ndarray
+SETTLE = 500  # samples of rest before a proposed signal starts
+ROUNDING = 1e-6  # a slope that differs from the others by a smaller share is one of them
+TOGETHER = 4  # signals per free run: equations are derived once for all of them, but slopes take memory
+FAR = 1.0  # a simulated output this many ranges outside the measured one is not believed
+
+
+def propose(
+    models: Mapping[str, Model],
+    records: Records,
+    floor: float,
+    seed: int = 0,
+    longest: int = 8000,
+    units: Mapping[str, str] | None = None,
+) -> Experiment | None:
+    """Choose the input that separates fitted models best.
+
+    Parameters
+    ----------
+    models : mapping from an effect id to a fitted Model
+        They explain the records equally well. Further channels are held at their means.
+    records : Record or list of Record
+        They set range, rate, sampling time and length.
+    floor : float
+        rms of the noise [unit of y].
+    seed : int
+        Of the random signals.
+    longest : int
+        Most samples.
+    units : mapping of "u" and "y" to texts, optional
+
+    Returns
+    -------
+    Experiment, or None where there is nothing to decide or no signal that all models survive
+
+    Raises
+    ------
+    ModelError
+        For a model that was not fitted, or an inverse one.
+    """
+    if len(models) < 2:
+        return None
+    if any(m.input != input_sequence for m in models.values()):
+        raise ModelError("An experiment needs models from u to y; in an inverse model nobody can command the input.")
+    for model in models.values():
+        fitted(model)
+    parts = segments(records)
+    bench = _Bench.of(parts)
+    limits = Limits.of(parts)
+    n = min(longest, sum(len(p) for p in parts))
+    if limits.half <= 0 or limits.rate <= 0 or n < 2 * SHORTEST:
+        return None
+    given = units or {}
+    tried = [
+        (name, u, outputs)
+        for name, u in family(limits, n, parts[0].Ts, seed, given.get("u", ""))
+        if (outputs := bench.simulated(models, u)) is not None
+    ]
+    if not tried:
+        return None
+    runs = {name: [bench.record(u, outputs[name]) for _, u, outputs in tried] for name in models}
+    now = {name: _as_measured(model, parts) for name, model in models.items()}
+    pairs = list(combinations(models, 2))
+    apart, present = _distances(models, runs, now)
+    usable = np.flatnonzero(np.isfinite(apart).all(axis=0))
+    if not usable.size:
+        return None
+    lowest = [threshold(floor, outputs.values()) for _, _, outputs in tried]
+    possible: Array = np.any((apart > lowest)[:, usable], axis=1)
+    chosen = possible if possible.any() else ~possible
+    worst = apart[chosen].min(axis=0)
+    best = int(usable[np.argmax(worst[usable])])
+    name, u, outputs = tried[best]
+    return Experiment(
+        list(models), name, parts[0].Ts * np.arange(n), u, float(worst[best]), float(present[chosen].min()),
+        float(floor), outputs, units=dict(given),
+        together=[p for p, c in zip(pairs, possible, strict=True) if not c],
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """How a proposed input is simulated: from rest, at the records' operating conditions.
+
+    Attributes
+    ----------
+    Ts, start : float
+        Sampling time and the time of the first sample [s].
+    line : (slope, offset)
+        Of the measured output over the input.
+    outputs : (low, high)
+        Which outputs are believed [unit of y].
+    channels : means of the further channels
+    """
+
+    Ts: float
+    start: float
+    line: tuple[float, float]
+    outputs: tuple[float, float]
+    channels: dict[str, float]
+
+    @classmethod
+    def of(cls, parts: Sequence[Record]) -> _Bench:
+        u, y = (np.concatenate([getattr(p, name) for p in parts]) for name in "uy")
+        about = u - u.mean()
+        slope = float(about @ y / max(about @ about, 1e-300))
+        means = {
+            name: float(np.mean(np.concatenate([p.channels[name] for p in parts])))
+            for name in parts[0].channels
+            if all(name in p.channels for p in parts)
+        }
+        room = FAR * float(np.ptp(y))
+        return cls(
+            parts[0].Ts, float(parts[0].t[0]), (slope, float(y.mean() - slope * u.mean())),
+            (float(y.min()) - room, float(y.max()) + room), means,
+        )  # fmt: skip
+
+    def simulated(self, models: Mapping[str, Model], u: Array) -> dict[str, Array] | None:
+        """Return each model's output, (N,) arrays [unit of y]; None where one diverges or goes far outside."""
+        settle = min(u.size // 4, SETTLE)
+        padded = np.concatenate([np.full(settle, u[0]), u])
+        given: dict[str, Array] = {name: np.full(padded.size, value) for name, value in self.channels.items()}
+        given["t"] = self.start + self.Ts * (np.arange(padded.size) - settle)
+        found = {}
+        for name, model in models.items():
+            try:
+                run = simulate(model, padded, self.line[1] + self.line[0] * u[0], given, warn=False)[settle:]
+            except NarxError:
+                return None
+            if not (np.isfinite(run).all() and self.outputs[0] <= run.min() and run.max() <= self.outputs[1]):
+                return None
+            found[name] = run
+        return found
+
+    def record(self, u: Array, y: Array) -> Record:
+        """Return a record as the experiment would give it."""
+        channels = {name: np.full(u.size, value) for name, value in self.channels.items()}
+        t: Array = self.start + self.Ts * np.arange(u.size)
+        return Record(u, y, t, self.Ts, channels)
+
+
+def _as_measured(model: Model, parts: Sequence[Record]) -> list[Record]:
+    """Return the present records with a model's output in the place of the measured one; none where it diverges."""
+    found = []
+    for part in parts:
+        try:
+            run = free_run(model, part)
+        except NarxError:
+            return []
+        if not np.isfinite(run).all():
+            return []
+        found.append(Record(part.u, run, part.t, part.Ts, part.channels))
+    return found
+
+
+def _distances(
+    models: Mapping[str, Model], runs: Mapping[str, list[Record]], now: Mapping[str, list[Record]]
+) -> tuple[Array, Array]:
+    """Return the rms distance of each pair on each proposed signal, and on the present records [unit of y].
+
+    One model plays the truth, the other is refitted to it: to first order what its slopes explain is absorbed.
+
+    Returns
+    -------
+    (pairs, signals) and (pairs,) arrays, pairs as `itertools.combinations` orders them; NaN where a run diverges
+    """
+    count = len(next(iter(runs.values())))
+    apart: dict[tuple[str, str], list[float]] = {}
+    present: dict[tuple[str, str], float] = {}
+    with np.errstate(all="ignore"), one_blas_thread():
+        for one, truth in permutations(models, 2):
+            blocks = [runs[truth][i : i + TOGETHER] for i in range(0, count, TOGETHER)]
+            problems = (_run(models[one], block) for block in blocks)  # one at a time: their slopes are large
+            apart[one, truth] = [_left(p, i, i + 1) for p in problems for i in range(len(p.data))]
+            present[one, truth] = float("nan")
+            if now[truth]:
+                problem = _run(models[one], now[truth])
+                present[one, truth] = _left(problem, 0, len(problem.data))
+    pairs = list(combinations(models, 2))
+    each = np.array([np.minimum(apart[a, b], apart[b, a]) for a, b in pairs])
+    return each, np.array([np.minimum(present[a, b], present[b, a]) for a, b in pairs])
+
+
+def _run(model: Model, records: list[Record]) -> FreeRun:
+    """Return the free run of a model along records, with its slopes."""
+    problem = FreeRun(model, records, constraint_equations(model, None))
+    problem.run(problem.start(model.theta))
+    return problem
+
+
+def _left(problem: FreeRun, first: int, last: int) -> float:
+    """Return the rms that a refit on some segments leaves [unit of y]; NaN where the run diverges."""
+    rows, shifts = slice(problem.edges[first], problem.edges[last]), len(problem.starts)
+    own = np.r_[: problem.free, problem.free + first * shifts : problem.free + last * shifts]
+    residual, slopes = problem.residuals[rows], problem.slopes[rows][:, own]
+    if not (np.isfinite(residual).all() and np.isfinite(slopes).all()):
+        return float("nan")
+    size = np.linalg.norm(slopes, axis=0)
+    Q, R, _ = qr(slopes[:, size > 0] / size[size > 0], mode="economic", pivoting=True)
+    Q = Q[:, np.abs(np.diag(R)) > ROUNDING]
+    left = residual - Q @ (Q.T @ residual)
+    left = left - Q @ (Q.T @ left)  # what rounding left of the first projection
+    return float(np.sqrt(np.mean(left**2)) * problem.spread)

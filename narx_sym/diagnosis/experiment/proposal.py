@@ -1,0 +1,124 @@
+"""A proposed experiment: the input, what each candidate says will be measured, and what it will show, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...files.atomic import PathLike, write_csv
+from ..bases import words
+
+Array = np.ndarray
+FILE = "next.csv"
+CLEARLY = 1.2  # a separation below this many times the present one is no clear gain
+VISIBLE = 3.0  # standard errors of the noise, over all samples of the signal
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """An input to run next.
+
+    Attributes
+    ----------
+    separates : list of str
+        Ids of the candidates.
+    name : str
+        The signal in words.
+    t, u : (N,) arrays
+        Time [s] and input [its unit], within the range and the rate of the present records.
+    separation : float
+        Smallest pairwise rms distance between the candidates' outputs, after a refit [unit of y].
+    present : float
+        The same on the present records; NaN where a candidate cannot be run from their first samples.
+    floor : float
+        rms of the noise [unit of y].
+    outputs : dict of (N,) arrays
+        What each candidate says will be measured [unit of y].
+    file : str
+        Where the input is written, if it is.
+    units : mapping of "u" and "y" to texts
+    together : list of pairs of ids
+        No signal of the family separates these; where other pairs can be separated, the distances are of those.
+    """
+
+    separates: list[str]
+    name: str
+    t: Array
+    u: Array
+    separation: float
+    present: float
+    floor: float
+    outputs: dict[str, Array]
+    file: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+    together: list[tuple[str, str]] = field(default_factory=list)
+
+    @property
+    def ratio(self) -> float:
+        """The separation in multiples of the noise; infinite without noise."""
+        return self.separation / self.floor if self.floor > 0 else float("inf")
+
+    @property
+    def visible(self) -> bool:
+        """Whether the difference can be seen at all: all samples together stand out of the noise and of rounding."""
+        return self.separation > threshold(self.floor, self.outputs.values())
+
+    @property
+    def clear(self) -> bool:
+        """Whether it separates the candidates visibly, and clearly better than the present records do."""
+        return self.visible and not self.separation < CLEARLY * self.present
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last sample [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def sentence(self) -> str:
+        """What to run, and what it will show, in plain words."""
+        *most, last = map(words, self.separates)
+        between = f"{', '.join(most)} and {last}"
+        which = "their outputs" if len(most) == 1 else "any two of their outputs"
+        least = "" if len(most) == 1 else "at least "
+        which += " that can be told apart" if self.together else ""
+        where = f" ({self.file})" if self.file else ""
+        noise = f", {self.ratio:.2g} times the noise" if np.isfinite(self.ratio) else ""
+        if not self.visible:
+            return (
+                f"No input within the present range and rate tells {between} apart: after a refit they say the same "
+                f"even on the best one found ({self.name})."
+            )
+        said = (
+            f"To decide between {between}: run this {self.duration:.3g} s input{where}: {self.name}. "
+            f"Even after a refit {which} then differ by {least}{self._y(self.separation)} rms{noise}."
+        )
+        if not self.clear:
+            said += (
+                f" This is hardly better than the present record ({self._y(self.present)}): deciding needs a wider "
+                "range or faster moves than that record has."
+            )
+        elif self.ratio < 1:
+            said += " Repeat it and average: one sample's noise is larger than the difference."
+        for a, b in self.together:
+            said += f" No input of this kind tells {words(a)} and {words(b)} apart."
+        return said
+
+    def save(self, path: PathLike = FILE) -> None:
+        """Write the columns t [s] and u [its unit] as CSV."""
+        write_csv(path, {"t": self.t, "u": self.u})
+
+    def _y(self, value: float) -> str:
+        return with_unit(value, self.units.get("y", ""), 2)
+
+
+def threshold(floor: float, outputs: Iterable[Array]) -> float:
+    """Return the rms distance between outputs, (N,) arrays, that N samples of noise, or rounding, could make."""
+    listed = list(outputs)
+    return max(VISIBLE * floor / np.sqrt(listed[0].size), 1e-9 * max(float(np.abs(y).max()) for y in listed))
+
+
+def with_unit(value: float, unit: str, digits: int = 3) -> str:
+    """Return a number with its unit, where one is known."""
+    return f"{value:.{digits}g} {unit}".rstrip()
