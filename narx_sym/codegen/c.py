@@ -12,10 +12,9 @@ from ..engines.plan import Plan
 from ..engines.writer import Writer, indented
 from ..errors import ModelError
 from .layout import Layout, numbered, shortened, wrapped
-from .registry import Example, Request, export
+from .registry import ROUNDINGS, Example, Request, export
 
 TOLERANCE = {False: 1e-12, True: 1e-4}  # of the self-test, relative; double and single
-ROUNDINGS = 30  # times what the last bits of the numbers do to a run
 UNROLLED = 3  # a longer past is shifted in a loop
 PAST = "past"  # the pointer to the state
 # Words of C (and of C++ and later C), of its library, of compilers, and of the source itself.
@@ -161,6 +160,7 @@ def _comment(layout: Layout, writer: _C, request: Request, tested: bool) -> list
     """Return the comment on top: the equations, how the functions are used, and how the source tests itself."""
     name, library = request.name, " -lm" if writer.mathematics else ""
     takes = ", ".join(layout.when(b) for b in request.recursion.inputs) or "nothing"
+    none = "No self-test: short runs from rest leave the finite numbers, or hang on the last bits of theirs."
     test = f"Self-test: cc -std=c99 -D{name.upper()}_SELF_TEST file.c{library} && ./a.out"
     return layout.comment(
         *request.notes,

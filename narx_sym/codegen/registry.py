@@ -12,6 +12,8 @@ from typing import Any
 from ..errors import ModelError
 from ..symbolic.recursion import Recursion
 
+ROUNDINGS = 30  # a self-test allows as many times what the last bits of the numbers do to a run
+
 
 @dataclass(frozen=True)
 class Example:

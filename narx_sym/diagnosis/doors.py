@@ -7,8 +7,8 @@ class DiagnosisDoors:
     """Each line is one function of the room that does it; it takes the diagnosis first."""
 
     report = door("report.page", "report")
-    plot_comparison = door("report.comparison", "plot_comparison")
-    plot_ladder = door("report.plots", "plot_ladder")
-    plot_candidates = door("report.plots", "plot_candidates")
+    plot_comparison = door("report.comparison", "plot_before_after")
+    plot_ladder = door("report.plots.diagnosis", "plot_ladder")
+    plot_candidates = door("report.plots.diagnosis", "plot_candidates")
     plot_where_it_fails = door("report.comparison", "plot_where_it_fails")
     _repr_html_ = door("report.notebook", "diagnosis_html")

@@ -22,8 +22,8 @@ class ModelDoors:
     to_control = door("fit.interop", "to_control")
     rest_state = door("fit.interop", "model_rest_state")
     add = door("diagnosis.add", "add")
-    plot_quasi_static = door("report.plots", "plot_quasi_static")
-    plot_comparison = door("report.plots", "plot_comparison")
+    plot_quasi_static = door("report.plots.sets", "plot_quasi_static")
+    plot_comparison = door("report.plots.run", "plot_comparison")
     _repr_html_ = door("report.notebook", "model_html")
 
 

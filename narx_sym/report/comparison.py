@@ -126,7 +126,7 @@ def draw_region(ax: Any, c: Comparison, region: Array, units: Units) -> None:
     )
 
 
-def plot_comparison(diagnosis: Diagnosis, axes: Any = None, units: Units | None = None) -> Any:
+def plot_before_after(diagnosis: Diagnosis, axes: Any = None, units: Units | None = None) -> Any:
     """Draw time response and loop before and after, on the same axes, and the errors with the noise floor.
 
     Parameters

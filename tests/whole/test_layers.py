@@ -28,7 +28,6 @@ LONG_MODULES = {
     "fit/simulate.py",
     "models/analysis.py",
     "models/model.py",
-    "report/plots.py",
 }
 LONG_FUNCTIONS = {
     "diagnosis/procedure.py: step",

@@ -1,0 +1,36 @@
+"""Pictures: time response and loop, quasi-static sets with their regions, where a model fails, what a diagnosis found.
+
+Every function takes matplotlib axes or makes them, labels them with units, and returns the figure.
+"""
+
+from .diagnosis import plot_candidates, plot_diagnosis, plot_ladder
+from .failures import draw_panel, reach, where_it_fails
+from .law import plot_internal
+from .run import plot_comparison, plot_compensation
+from .sets import orientation, plot_quasi_static
+from .style import BLACK, BLUE, GREEN, ORANGE, PINK, RED, SKY, YELLOW, label, new_axes, thin
+
+__all__ = [
+    "BLACK",
+    "BLUE",
+    "GREEN",
+    "ORANGE",
+    "PINK",
+    "RED",
+    "SKY",
+    "YELLOW",
+    "draw_panel",
+    "label",
+    "new_axes",
+    "orientation",
+    "plot_candidates",
+    "plot_comparison",
+    "plot_compensation",
+    "plot_diagnosis",
+    "plot_internal",
+    "plot_ladder",
+    "plot_quasi_static",
+    "reach",
+    "thin",
+    "where_it_fails",
+]

@@ -1,0 +1,77 @@
+"""A run over time and as a loop: a model beside a measurement, and a plant under a compensation law."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...data.record import Record
+from ...fit.simulate import arrays, free_run
+from ...models.model import Model
+from .style import BLACK, BLUE, GREEN, ORANGE, SKY, label, new_axes, thin
+
+
+def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[str, str] | None = None) -> Any:
+    """Draw measured and simulated output over time, the error, and both loops.
+
+    Parameters
+    ----------
+    axes : three matplotlib axes (time, error, loop), optional
+    units : mapping such as {"u": "V", "y": "um"}
+    """
+    units = units or {}
+    if axes is None:
+        figure, _ = new_axes(figsize=(11, 5))
+        figure.clear()
+        grid = figure.add_gridspec(2, 2, width_ratios=(3, 2), height_ratios=(3, 1))
+        top = figure.add_subplot(grid[0, 0])
+        axes = [top, figure.add_subplot(grid[1, 0], sharex=top), figure.add_subplot(grid[:, 1])]
+    parts = record.segments()
+    listed = [arrays(model, part) for part in parts]
+    source, output = str(model.input.label), str(model.output.label)
+    simulated = np.concatenate([free_run(model, part) for part in parts])
+    measured, driver = (np.concatenate([d[name] for d in listed]) for name in (output, source))
+    time = np.concatenate([part.t[: d[output].size] for part, d in zip(parts, listed, strict=True)])
+    keep = np.union1d(thin(measured), thin(measured - simulated))
+    name = label(output, units.get(output, ""))
+    axes[0].plot(time[keep], measured[keep], color=BLACK, lw=1.6, label="measured")
+    axes[0].plot(time[keep], simulated[keep], color=ORANGE, lw=1.2, ls="--", label="free run")
+    axes[0].set_ylabel(name)
+    share = float(np.sqrt(np.mean((measured - simulated) ** 2)) / (np.std(measured) or 1.0))
+    axes[0].set_title(f"{record.name}: free-run NRMSE {share:.3g}", loc="left", fontsize=10)
+    axes[1].plot(time[keep], (measured - simulated)[keep], color=BLUE, lw=0.8)
+    axes[1].axhline(0, color=BLACK, lw=0.5)
+    axes[1].set(xlabel="time [s]", ylabel=f"error of {name}")
+    axes[2].plot(driver[keep], measured[keep], color=BLACK, lw=1.2, label="measured")
+    axes[2].plot(driver[keep], simulated[keep], color=ORANGE, lw=1.0, ls="--", label="free run")
+    axes[2].set(xlabel=label(source, units.get(source, "")), ylabel=name)
+    axes[2].legend(loc="upper left")
+    return axes[0].figure
+
+
+def plot_compensation(t: Any, r: Any, m: Any, outputs: dict[str, Any], units: dict[str, str] | None = None) -> Any:
+    """Draw the compensated input, the responses, the tracking errors and the loops r against y.
+
+    Parameters
+    ----------
+    outputs : mapping from a name ("compensated", "without") to the (N,) plant output
+    """
+    units = units or {}
+    figure, axes = new_axes(2, 2, figsize=(11, 7))
+    colours = (ORANGE, SKY, GREEN)
+    r, m = np.asarray(r, dtype=float), np.asarray(m, dtype=float)
+    keep = thin(r)
+    axes[0, 0].plot(np.asarray(t)[keep], m[keep], color=BLUE, lw=1.2, label="compensated input m")
+    axes[0, 0].set(xlabel="time [s]", ylabel=label("m", units.get("u", "")))
+    axes[0, 1].plot(np.asarray(t)[keep], r[keep], color=BLACK, lw=1.6, label="reference r")
+    for (name, values), colour in zip(outputs.items(), colours, strict=False):
+        axes[0, 1].plot(np.asarray(t)[keep], values[keep], color=colour, lw=1.1, ls="--", label=name)
+        axes[1, 0].plot(np.asarray(t)[keep], (r - values)[keep], color=colour, lw=1.0, label=name)
+        axes[1, 1].plot(r[keep], values[keep], color=colour, lw=1.1, label=name)
+    axes[0, 1].set(xlabel="time [s]", ylabel=label("y", units.get("y", "")))
+    axes[1, 0].set(xlabel="time [s]", ylabel=label("r - y", units.get("y", "")))
+    axes[1, 1].set(xlabel=label("r", units.get("y", "")), ylabel=label("y", units.get("y", "")))
+    for ax in axes.flat:
+        ax.legend(loc="best", fontsize=8)
+    return figure
