@@ -167,9 +167,7 @@ def _comment(layout: Layout, writer: _C, request: Request, tested: bool) -> list
         f"{name}_init fills the past with values at rest; {name}_step takes {takes} and returns "
         f"{layout.labels[request.returned]}[k]; further states are in the struct, newest first.",
         f"No heap, no static data. C99{'; link with -lm' if library else ''}.",
-        test
-        if tested
-        else "No self-test: short runs from rest leave the finite numbers, or hang on the last bits of theirs.",
+        test if tested else none,
     )
 
 
