@@ -10,12 +10,10 @@ from typing import Any
 
 from ..diagnosis.procedure import Diagnosis, Step
 from ..models.model import Model
-from ..report import page as report
+from ..report.page import sections
+from ..report.panels.registry import LAST, TAKEN, WAY, panels
 from ..tasks.revise import Revision
 
-LAST = ("verdict", "where", "candidates", "experiment")  # what the last model still lacks
-WAY = ("compare", "ladder", "model")  # from the base to the last model
-TAKEN = ("derived",)  # of the model that is taken away
 SCRIPT = re.compile(r"<script[^>]*>(.*?)</script>", re.DOTALL)
 
 
@@ -86,9 +84,13 @@ class Shown(Revision):
 def shown(before: Sequence[Revision], made: Revision, units: Mapping[str, str]) -> Shown:
     """Show the whole way to a revision, and what it still lacks."""
     every = [*before, made]
-    parts = report.sections(Story.of(every), units, keys=WAY)
-    parts += report.sections(Story.of([made]), units, keys=LAST)
-    parts += report.sections(replace(Story.of(every), final=made.model), units, keys=TAKEN)
+    stories = {WAY: Story.of(every), LAST: Story.of([made]), TAKEN: replace(Story.of(every), final=made.model)}
+    live = {key: part.about for key, part in panels().items() if part.live is not None}
+    parts = [
+        part
+        for about, story in stories.items()
+        for part in sections(story, units, keys=[key for key, of in live.items() if of == about])
+    ]
     script = "\n".join(script for part in parts for script in SCRIPT.findall(part.html))
     html = {part.key: SCRIPT.sub("", part.html) for part in parts}
     return Shown(**{f.name: getattr(made, f.name) for f in fields(Revision)}, html=html, script=script)

@@ -38,7 +38,7 @@ class Addition:
             if where is not None and where not in places:
                 raise ModelError(f"{effect} does not act at {where!r}: choose among {', '.join(places)}.")
 
-    def fit(self, records: Records, seed: int = 0, report: Callable[[str], Any] = lambda what: None) -> Model:
+    def fit(self, records: Records, seed: int = 0, progress: Callable[[str], Any] = lambda what: None) -> Model:
         """Fit the extended model in free run on all samples.
 
         Raises
@@ -52,19 +52,19 @@ class Addition:
             fitted = settle(self.effect.model.copy(), split, limits=self.effect.fitted.limits, steps=FINAL)
         else:
             with one_blas_thread():
-                fitted = self._search(split, seed, report)
+                fitted = self._search(split, seed, progress)
         model = fitted.model
         describe(model, listed, "free_run", fitted.converged)
         return unfinished(model)
 
-    def _search(self, split: Split, seed: int, report: Callable[[str], Any]) -> Fitted:
+    def _search(self, split: Split, seed: int, progress: Callable[[str], Any]) -> Fitted:
         only = Catalogue({self.forms[0].id: self.forms})
         base = settle(self.model.copy(), split)
         scored = score(base, [self.channel] if self.channel else [], only, seed)
         kept = [i for i, d in enumerate(scored.directions) if self.where in (None, d.variant.where)]
         found = []
         for i in sorted(kept, key=lambda i: -scored.scores.share[i])[:REFITTED]:
-            report(f"fitting {scored.directions[i].variant}")
+            progress(f"fitting {scored.directions[i].variant}")
             made = scored.extended(i)
             if made is not None:
                 found.append(made)

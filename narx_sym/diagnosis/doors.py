@@ -6,7 +6,7 @@ from ..symbolic.door import door
 class DiagnosisDoors:
     """Each line is one function of the room that does it; it takes the diagnosis first."""
 
-    report = door("report.page", "report")
+    report = door("report.page", "write_report")
     plot_comparison = door("report.comparison", "plot_before_after")
     plot_ladder = door("report.plots.diagnosis", "plot_ladder")
     plot_candidates = door("report.plots.diagnosis", "plot_candidates")

@@ -108,26 +108,26 @@ def summary(model: Model) -> list[tuple[str, list[str]]]:
 
     Where something is not derived, its lines say why.
     """
-    subject, told = Subject(model), []
+    subject, listed = Subject(model), []
     for one in _in_order():
         if one.heading:
             found = _tried(one, subject)
-            told.append((one.heading, [found] if isinstance(found, str) else found.lines))
-    return [(heading, lines) for heading, lines in told if lines]
+            listed.append((one.heading, [found] if isinstance(found, str) else found.lines))
+    return [(heading, lines) for heading, lines in listed if lines]
 
 
 def derived(model: Model) -> list[Derived]:
     """Return what is derived from a model, in the order of the paper; what cannot be derived has its reason, once."""
     subject = Subject(model)
-    told: list[Derived] = []
+    listed: list[Derived] = []
     for one in _in_order():
         if one.title:
             found = _tried(one, subject)
             if not isinstance(found, str):
-                told += [Derived(one.title, found.equations)] if found.equations else []
-            elif found not in [other.reason for other in told]:
-                told.append(Derived(one.title, reason=found))
-    return told
+                listed += [Derived(one.title, found.equations)] if found.equations else []
+            elif found not in [other.reason for other in listed]:
+                listed.append(Derived(one.title, reason=found))
+    return listed
 
 
 def document(model: Model) -> str:

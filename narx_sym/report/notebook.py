@@ -9,9 +9,10 @@ from ..diagnosis.procedure import Diagnosis
 from ..inversion.compensator import Compensator
 from ..models.model import Model
 from ..symbolic.mathml import from_latex, marked
-from .pictures import candidates, ladder
-from .story import headline, number
+from ..tasks.compensate import ahead
+from .panels import candidates, ladder
 from .svg import stylesheet
+from .words import headline, number
 
 LEFT = "text-align: left"
 
@@ -36,7 +37,7 @@ def model_html(model: Model) -> str:
 def law_html(law: Compensator) -> str:
     """Return the equations of a law, with symbols and with numbers."""
     numbers = from_latex(law.latex(numbers=True), 4) if law.model.values else ""
-    return f"{from_latex(law.latex())}{numbers}<p>It looks {law.preview} sample(s) ahead in the reference r.</p>"
+    return f"{from_latex(law.latex())}{numbers}<p>{ahead(law)}</p>"
 
 
 def diagnosis_html(diagnosis: Diagnosis) -> str:
@@ -46,7 +47,7 @@ def diagnosis_html(diagnosis: Diagnosis) -> str:
          r["parameters"]]
         for r in diagnosis.table()
     ]  # fmt: skip
-    drawn = [ladder(diagnosis, {}), *([candidates(diagnosis)] if rows else [])]
+    drawn = [ladder.picture(diagnosis, {}), *([candidates.picture(diagnosis)] if rows else [])]
     pictures = "".join(f'<div style="max-width: 30rem; flex: 1 1 20rem">{p.svg}</div>' for p in drawn)
     listed = table(["effect", "where", "share", "95 % interval", "parameters"], rows) if rows else ""
     style = stylesheet(".narx-sym") + ".narx-sym svg { width: 100%; height: auto; fill: currentColor }"

@@ -66,7 +66,7 @@ def with_effect(before: Revision, effect: str, records: Sequence[Record], progre
     step = before.found.steps[0]
     candidate = next((c for c in step.candidates if c.effect == effect), None)
     if candidate is None:
-        model = Addition(before.base.model, effect, None, EFFECTS).fit(list(records), report=progress)
+        model = Addition(before.base.model, effect, None, EFFECTS).fit(list(records), progress=progress)
     elif step.chosen is not None and candidate is step.candidates[0]:
         model = step.chosen.model
     else:

@@ -168,7 +168,7 @@ def test_the_whole_way(page, data, tmp_path):
     assert page.locator("#found").count() == 0
     start.click()
     page.locator("#found").wait_for()
-    assert "dead_zone is probably missing" in page.locator(".told").first.inner_text()
+    assert "dead_zone is probably missing" in page.locator(".report").first.inner_text()
     assert page.evaluate("document.activeElement.id") == "found"
     assert serious(page) == [] and fits(page)
     before = ladder(page)
@@ -177,7 +177,7 @@ def test_the_whole_way(page, data, tmp_path):
     back.wait_for()
     after = ladder(page)
     assert len(after) == len(before) + 1 and after[1] < 0.2 * after[0]  # the last row is the noise floor
-    page.wait_for_function("document.querySelectorAll('.told .plot canvas, .told .plot > div').length > 0")
+    page.wait_for_function("document.querySelectorAll('.report .plot canvas, .report .plot > div').length > 0")
     drawn = page.locator("svg.drawn").evaluate_all("all => all.filter(s => s.getAttribute('aria-label')).length")
     assert drawn == page.locator("svg.drawn").count() > 5
     assert serious(page) == [] and fits(page)

@@ -5,6 +5,7 @@ import hashlib
 import io
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from urllib.parse import unquote
 
 import numpy as np
@@ -18,7 +19,9 @@ from narx_sym.data.examples import STAGE_UNITS
 from narx_sym.models.effects import Catalogue
 from narx_sym.report import comparison as traces
 from narx_sym.report import page as report
-from narx_sym.report import pictures, story
+from narx_sym.report import parameters, words
+from narx_sym.report.panels import derived
+from narx_sym.report.panels.registry import panels
 from narx_sym.report.plots import thin
 from narx_sym.symbolic.mathml import from_latex, marked, mathml
 from narx_sym.symbolic.signals import signal
@@ -65,17 +68,17 @@ def downloads(html):
 
 
 def test_the_parts_stand_in_order(page, parts):
-    places = [page.index(f'<section id="{key}"') for key, _ in pictures.PANELS]
-    assert places == sorted(places) and list(parts) == [key for key, _ in pictures.PANELS]
+    places = [page.index(f'<section id="{key}"') for key in panels()]
+    assert places == sorted(places) and list(parts) == list(panels())
 
 
 def test_the_verdict_has_sizes_in_the_users_units(stage_diagnosis, parts):
     d = stage_diagnosis
     error = d.ladder[0]["validation"] * d.steps[0].base.problem.spread
-    assert f"{story.number(error)} mm" in parts["verdict"]
+    assert f"{words.number(error)} mm" in parts["verdict"]
     assert d.verdict.replace("_", " ") in parts["verdict"] and "Next." in parts["verdict"]
     after = d.ladder[-1]["validation"] * d.steps[0].base.problem.spread
-    assert f"{story.number(after)} mm" in parts["verdict"] and after < 0.3 * error
+    assert f"{words.number(after)} mm" in parts["verdict"] and after < 0.3 * error
 
 
 def test_candidates_have_intervals_equations_and_sentences(stage_diagnosis, parts):
@@ -93,9 +96,9 @@ def test_the_new_term_is_marked_and_deleted_parameters_are_listed(stage_diagnosi
     assert 'class="new"' not in before and 'class="new"' in after
     rows = {
         r.name: r
-        for r in story.parameters(
+        for r in parameters.parameters(
             stage_diagnosis.steps[0].base.model, stage_diagnosis.model, STAGE_UNITS,
-            story.shape_units(stage_diagnosis, STAGE_UNITS),
+            parameters.shape_units(stage_diagnosis, STAGE_UNITS),
         )
     }  # fmt: skip
     assert rows["r_backlash"].status == "new" and rows["r_backlash"].unit == "rad"
@@ -220,7 +223,7 @@ def test_pictures_from_python(stage_diagnosis):
     _, ax = new_axes()
     paper.plot_quasi_static(ax=ax, units={"u": "V", "y": "um"})
     assert ax.get_xlabel() == "u [V]" and ax.get_ylabel() == "y [um]" and len(ax.lines) > 2
-    drawn = pictures.quasi_static(paper, {"u": "V"})
+    drawn = derived.quasi_static(paper, {"u": "V"})
     assert drawn is not None and "attracting" in drawn.svg
 
 
@@ -283,7 +286,7 @@ def test_digits_and_marks():
     ],
 )
 def test_numbers_are_short(value, shown):
-    assert story.number(value) == shown
+    assert words.number(value) == shown
 
 
 def test_units_of_coefficients():
@@ -292,14 +295,14 @@ def test_units_of_coefficients():
     for term, unit in ((y[k - 1], "1"), (u[k - 1], "um/V"), (phi1[k], "um/V"), (phi2[k] * phi1[k] * u[k], "um/V²"),
                        (phi1[k] * y[k - 1], "1/V"), (sp.S.One, "um"), (sp.sign(u[k]), "um"), (abs(u[k]) * u[k], "um/V²"),
                        (signal("w")[k] * u[k], "")):  # fmt: skip
-        assert story.unit_of(y[k], term, units) == unit, term
-    assert story.unit_of(y[k], u[k], {"u": "V"}) == "" and story.unit_of(y[k], y[k - 1], {}) == "1"
+        assert parameters.unit_of(y[k], term, units) == unit, term
+    assert parameters.unit_of(y[k], u[k], {"u": "V"}) == "" and parameters.unit_of(y[k], y[k - 1], {}) == "1"
 
 
 def test_moved_parameters_are_named():
-    rows = [story.Parameter("a", "", "", (1.0, 0.1), (2.0, 0.1)), story.Parameter("b", "", "", (1.0, 0.5), (1.2, 0.5)),
-            story.Parameter("c", "", "", (1.0, 0.1), None)]  # fmt: skip
-    said = story.moved(rows)
+    rows = [parameters.Parameter("a", "", "", (1.0, 0.1), (2.0, 0.1)), parameters.Parameter("b", "", "", (1.0, 0.5), (1.2, 0.5)),
+            parameters.Parameter("c", "", "", (1.0, 0.1), None)]  # fmt: skip
+    said = parameters.moved(rows)
     assert "a from 1.00 to 2.00" in said and "b from" not in said and said.endswith("redundant: c.")
 
 
@@ -311,8 +314,8 @@ def test_an_experiment_gets_its_units(stage_diagnosis):
         ("rest at -1.5 V for 3 s", None),
         ("sine of 3 Hz, 10 % of the amplitude and then all of it, full range", None),
     ):  # fmt: skip
-        step = story.replace(stage_diagnosis.steps[0], experiment=story.replace(e, name=name))
-        found = story.with_units(story.replace(stage_diagnosis, steps=[step]), {"u": "V"})
+        step = replace(stage_diagnosis.steps[0], experiment=replace(e, name=name))
+        found = words.with_units(replace(stage_diagnosis, steps=[step]), {"u": "V"})
         assert found.experiment.name == (told or name)
 
 

@@ -18,7 +18,7 @@
   }
   // Pictures that can be zoomed are drawn when their places are there.
   window.narxDraw = (draw, left = 50) => {
-    const there = document.querySelector(".told .plot");
+    const there = document.querySelector(".report .plot");
     if (there && window.Bokeh) draw();
     else if (left) setTimeout(() => window.narxDraw(draw, left - 1), 100);
   };

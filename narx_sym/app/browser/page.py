@@ -54,7 +54,7 @@ class Page:
     def __init__(self, bench: Workbench):
         self.bench = bench
         # The style sheet of the report, for its parts alone.
-        ui.add_css(f"{stylesheet()}\n.told {{ {style()} }}\n{(HERE / 'page.css').read_text(encoding='utf-8')}")
+        ui.add_css(f"{stylesheet()}\n.report {{ {style()} }}\n{(HERE / 'page.css').read_text(encoding='utf-8')}")
         ui.add_head_html('<script src="/bokeh.js"></script>')
         ui.add_body_html(f"<script>{(HERE / 'page.js').read_text(encoding='utf-8')}</script>")
         ui.colors(primary="#0b5a94", negative="#a4262c")

@@ -8,11 +8,13 @@ from html import escape
 from nicegui import ui
 
 from ...models.effects import EFFECTS
+from ...report.panels.registry import panels
 from ..downloads import titles
 from ..story import Shown
 from ..workbench import Workbench
 from .widgets import caption, data_cells, equation, head, heading, part, said, section, small
 
+FIRST = 3  # the number of the first section here
 NEXT = {
     "nothing_detectable": "Next: take the model away. Smaller effects show with less noise, a longer record or a wider "
     "input.",
@@ -24,32 +26,43 @@ NEXT = {
 
 
 def found(bench: Workbench) -> None:
-    """Show the verdict, the ladder, the candidates, before and after, where it fails, and the model."""
+    """Show every part of the report that is live, each with what may be done there."""
     current = bench.current
     if current is None:
         return
-    html = current.html
-    with section("3. What was found", "found"):
-        part(html["verdict"])
-        said(NEXT[current.found.verdict]).classes("next-step")
-        part(html["ladder"])
-        if len(bench.revisions) > 1:
-            back = ui.button(f"Step back from “{current.name}”", on_click=bench.back)
-            back.props("no-caps outline")
-    with section("4. What may be missing"):
-        candidates(bench, current)
-        part(html["candidates"])
-        part(html.get("experiment", ""))
-    with section("5. Measured and simulated"):
-        part(html["compare"])
-    with section("6. Where the model fails", "where"):
-        part(html["where"])
-    with section("7. The model"):
-        part(html["model"])
-        model(bench, current)
-    with section("8. What follows from the model"):
-        part(html["derived"])
+    for number, (name, title, keys) in enumerate(on_the_page(), FIRST):
+        with section(f"{number}. {title}", name):
+            for key in keys:
+                BEFORE.get(key, nothing)(bench, current)
+                part(current.html.get(key, ""))
+                AFTER.get(key, nothing)(bench, current)
     ui.run_javascript(f"narxDraw(() => {{ {current.script} }})")
+
+
+def on_the_page() -> list[tuple[str, str, list[str]]]:
+    """Return the sections with parts of the report: name, heading, and the keys of the parts."""
+    live = sorted((one.live, key, one.live_title) for key, one in panels().items() if one.live is not None)
+    sections: list[tuple[str, str, list[str]]] = []
+    for _, key, title in live:
+        if title or not sections:
+            sections.append((key if sections else "found", title or key, []))
+        sections[-1][2].append(key)
+    return sections
+
+
+def nothing(bench: Workbench, current: Shown) -> None:
+    """Nothing may be done here."""
+
+
+def what_next(bench: Workbench, current: Shown) -> None:
+    """Say what to do next."""
+    said(NEXT[current.found.verdict]).classes("next-step")
+
+
+def step_back(bench: Workbench, current: Shown) -> None:
+    """Offer the way back to the model before."""
+    if len(bench.revisions) > 1:
+        ui.button(f"Step back from “{current.name}”", on_click=bench.back).props("no-caps outline")
 
 
 def candidates(bench: Workbench, current: Shown) -> None:
@@ -138,7 +151,8 @@ def take_away(bench: Workbench) -> None:
     if bench.current is None:
         return
     law = bench.law
-    with section("9. Compensator"):
+    number = FIRST + len(on_the_page())
+    with section(f"{number}. Compensator"):
         said("The law that makes the output follow a reference. Limits go into its source.")
         with ui.element("div").classes("fields"):
             fields = [
@@ -156,8 +170,13 @@ def take_away(bench: Workbench) -> None:
                 for note in law.notes:
                     with ui.element("li"):
                         said(note)
-    with section("10. Take it away"):
+    with section(f"{number + 1}. Take it away"):
         with ui.element("ul").classes("files"):
             for name, title in titles(law).items():
                 with ui.element("li"):
                     ui.html(f'<a href="/download/{name}" download>{escape(title)}</a>', sanitize=False)
+
+
+# What may be done at a part of the report, before and after it.
+BEFORE = {"candidates": candidates}
+AFTER = {"verdict": what_next, "ladder": step_back, "model": model}

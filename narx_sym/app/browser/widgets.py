@@ -45,7 +45,7 @@ def part(html: str) -> None:
     """Show a part of the report; its templates escape whatever comes from data."""
     if html:
         # The inner class is what the report's style sheet asks of a page with scripts.
-        ui.html(f'<div class="js">{html}</div>', sanitize=False).classes("told")
+        ui.html(f'<div class="js">{html}</div>', sanitize=False).classes("report")
 
 
 def equation(latex: str, means: str) -> None:

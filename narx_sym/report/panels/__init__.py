@@ -1,0 +1,1 @@
+"""The parts of the report and of the live page, one file each; `registry` finds them."""

@@ -1,0 +1,49 @@
+"""What may be missing: the candidates with their equations, and what could not have been seen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...diagnosis.bases import words as words_of
+from ...diagnosis.procedure import Diagnosis
+from ...models.extend import Variant
+from .. import parameters, words
+from ..picture import Picture
+from ..plots import plot_candidates
+from .registry import Material, panel
+
+
+def picture(diagnosis: Diagnosis) -> Picture:
+    """Return the share of the removable error that each candidate removes."""
+    rows = diagnosis.table()
+    listed = "; ".join(
+        f"{words_of(r['effect'])} {100 * r['share']:.0f} % ({100 * r['low']:.0f} to {100 * r['high']:.0f} %)"
+        for r in rows
+    )
+    alt = f"Share of the removable error that each candidate removes, with 95 % intervals: {listed}."
+    keys = ("effect", "where", "share", "low", "high", "nrmse", "in_confusion_set", "parameters")
+    columns = {key: [r[key] for r in rows] for key in keys}
+    size = (4.6, max(2.8, 1.7 + 0.42 * len(rows)))
+    return Picture("candidates", "Candidates", alt, lambda ax: plot_candidates(diagnosis, ax=ax), columns, size)
+
+
+def pictures(material: Material) -> list[Picture]:
+    """Return the picture, where there is a candidate."""
+    return [picture(material.diagnosis)] if material.diagnosis.candidates else []
+
+
+@panel("What may be missing", order=50, draws=pictures, live=30)
+def candidates(material: Material) -> dict[str, Any]:
+    """Tell of each candidate, and of the steps after the first."""
+    d, units = material.diagnosis, material.units
+    rows = [
+        row | {"latex": c.latex.split(r",\quad "), "sentence": c.variant.effect.sentence, "form": _form(c.variant),
+               "parameters": parameters.candidate_parameters(c, units)}
+        for row, c in zip(d.table(), d.candidates, strict=True)
+    ]  # fmt: skip
+    small = words.detectable(d.steps[0], units)
+    return {"rows": rows, "step": d.steps[0], "small": small, "later": list(enumerate(d.steps[1:], 2))}
+
+
+def _form(variant: Variant) -> str:
+    return str(variant).removeprefix(variant.id).strip()[1:-1]

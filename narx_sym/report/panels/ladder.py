@@ -1,0 +1,48 @@
+"""The error after each added effect, down to the noise floor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...diagnosis.bases import words
+from ...diagnosis.procedure import Diagnosis
+from ..comparison import Units
+from ..picture import Picture
+from ..plots import plot_ladder
+from .registry import WAY, Material, panel
+
+
+def picture(diagnosis: Diagnosis, units: Units) -> Picture:
+    """Return the error after each added effect, down to the floor."""
+    rungs = diagnosis.ladder
+    floor = diagnosis.floor / diagnosis.steps[0].base.problem.spread
+    falls = ", then ".join(f"{r['validation']:.2g} {_after(n)}" for n, r in zip(diagnosis.rungs, rungs, strict=True))
+    alt = f"Free-run error on samples never used for fitting, over the output's standard deviation: {falls}; "
+    columns = {
+        "model": [*diagnosis.rungs, "noise floor"],
+        "training": [*(r["train"] for r in rungs), floor],
+        "held out": [*(r["validation"] for r in rungs), floor],
+    }
+
+    def draw(ax: Any) -> None:
+        plot_ladder(diagnosis, units=dict(units), ax=ax)
+
+    alt += f"the noise floor is {floor:.2g}."
+    return Picture("ladder", "Error ladder", alt, draw, columns, (max(4.0, 1.8 + 1.1 * len(rungs)), 3.5))
+
+
+def _after(rung: str) -> str:
+    return "for the base" if rung == "base" else f"with {words(rung)}"
+
+
+@panel(
+    "The error, step by step", order=30, draws=lambda material: [picture(material.diagnosis, material.units)],
+    about=WAY, live=20, live_title="",
+)  # fmt: skip
+def ladder(material: Material) -> dict[str, Any]:
+    """Tell the errors as a table."""
+    d = material.diagnosis
+    spread = d.steps[0].base.problem.spread
+    rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
+    rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread})
+    return {"rungs": [r | {"size": r["validation"] * spread} for r in rows], "kind": d.steps[0].floor_kind}

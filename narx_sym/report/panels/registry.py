@@ -1,0 +1,121 @@
+"""The registry of the parts: each is one file of this folder with `@panel`; report and live page ask for them here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any
+
+from ...diagnosis.procedure import Diagnosis
+from ...files.atomic import PathLike
+from ..comparison import Comparison, Units
+from ..picture import Picture
+
+# Which model a part is about, where a user adds one effect after the other.
+LAST, WAY, TAKEN = "what the last model still lacks", "from the base to the last model", "the model to take away"
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """What the parts are made of.
+
+    Attributes
+    ----------
+    diagnosis : Diagnosis
+        With units in its sentences.
+    units : mapping such as {"u": "V", "y": "um"}
+    files : paths of the data
+    settings : mapping of what else was chosen
+    scripts : bool
+        Whether pictures that can be zoomed are among them.
+    """
+
+    diagnosis: Diagnosis
+    units: Units
+    files: Sequence[PathLike] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    scripts: bool = True
+
+    @cached_property
+    def compared(self) -> Comparison:
+        """Measured and simulated output, before and after."""
+        return Comparison.of(self.diagnosis)
+
+    @cached_property
+    def _drawn(self) -> dict[str, list[Picture]]:
+        return {}
+
+    def pictures(self, key: str) -> list[Picture]:
+        """Return the pictures of a part."""
+        if key not in self._drawn:
+            self._drawn[key] = panels()[key].draws(self)
+        return self._drawn[key]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the report.
+
+    Attributes
+    ----------
+    tell : function from Material to what its template needs, None where it has nothing to tell
+        The template is `templates/panels/<key>.html`; a part without one shows its pictures. "title" among what it
+        returns is another heading.
+    title : str
+        Its heading.
+    order : float
+        Its place in the report.
+    draws : function from Material to pictures
+    about : LAST, WAY or TAKEN
+    live : float or None
+        Its place on the live page; None where it is not there.
+    live_title : str
+        Its heading there; "" where it stands under that of the part before it.
+    """
+
+    tell: Callable[[Material], dict[str, Any] | None]
+    title: str
+    order: float
+    draws: Callable[[Material], list[Picture]]
+    about: str
+    live: float | None
+    live_title: str
+
+
+_PANELS: dict[str, Part] = {}
+Tell = Callable[[Material], dict[str, Any] | None]
+
+
+def panel(
+    title: str,
+    order: float,
+    draws: Callable[[Material], list[Picture]] = lambda material: [],
+    about: str = LAST,
+    live: float | None = None,
+    live_title: str | None = None,
+) -> Callable[[Tell], Tell]:
+    """Register a part under the name of its function; see `Part`. On the live page it has the same heading."""
+
+    def register(tell: Tell) -> Tell:
+        heading = title if live_title is None else live_title
+        _PANELS[tell.__name__] = Part(tell, title, order, draws, about, live, heading)
+        return tell
+
+    return register
+
+
+@cache
+def _load() -> None:
+    """Import every file of this folder, each of which may register a part."""
+    package = __name__.rpartition(".")[0]
+    for found in iter_modules(import_module(package).__path__):
+        import_module(f"{package}.{found.name}")
+
+
+def panels() -> dict[str, Part]:
+    """Return all parts by key, in the order of the report."""
+    _load()
+    return dict(sorted(_PANELS.items(), key=lambda pair: pair[1].order))

@@ -1,0 +1,94 @@
+"""Where the model fails: its error and the missing input against the variables that explain most."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...diagnosis.bases import words
+from ...diagnosis.misfit import Panel
+from ..comparison import Units, draw_region
+from ..picture import Picture, drawing
+from ..plots import draw_panel, label, reach
+from .registry import Material, panel
+
+SHOWN, LEAST = 4, 0.02  # variables that are shown, and the share that each must explain
+
+
+@dataclass(frozen=True, eq=False)
+class Failure:
+    """One panel of where the model fails: what it explains of the error and of the missing input, and its pictures."""
+
+    name: str
+    share: float
+    share_missing: float
+    worst: str
+    pictures: list[Picture] = field(default_factory=list)
+
+
+def failures(material: Material, most: int = SHOWN) -> list[Failure]:
+    """Return the panels that explain most, each with the error, the missing input, and the worst region in time."""
+    misfit, c, units = material.diagnosis.misfit, material.compared, material.units
+    errors, missing = ({p.name: p for p in ps} for ps in (misfit.panels, misfit.panels_missing))
+    rows = [(max(r["share"], np.nan_to_num(r["share_missing"])), r) for r in misfit.table(units)]
+    found = []
+    ranked = sorted(rows, key=lambda p: -p[0])
+    shown = [row for i, (share, row) in enumerate(ranked[:most]) if share > LEAST or i == 0]
+    # Rounding is no forcing.
+    missing = missing if misfit.missing is not None and np.abs(misfit.missing).max() > 1e-6 * c.floor else {}
+    tops = [reach([p[r["panel"]] for r in shown if r["panel"] != "spectrum"]) for p in (errors, missing) if p]
+    for i, row in enumerate(shown):
+        name, made = row["panel"], []
+        both = [("error", "Free-run error", errors[name])]
+        both += [("missing", "Equivalent missing input", missing[name])] if name in missing else []
+        for (word, title, one), top in zip(both, tops, strict=False):
+            title = f"{title}: {one.label}"
+            made.append(_panel(f"where_{i + 1}_{word}", title, one, c.floor if word == "error" else None, top, units))
+        # The residual that the panel explains better says where to look.
+        of_missing = name in missing and (missing[name].share > errors[name].share or errors[name].worst is None)
+        worst = missing[name].where(units).replace("error", "missing input") if of_missing else row["worst"]
+        if name != "spectrum":
+            region = misfit.region(name, of_missing)
+            columns = {"t": c.t[c.keep], "error": c.errors["base"][c.keep], "in the worst region": region[c.keep]}
+            alt = f"Error of the base over time; marked: {worst}."
+            draw = drawing(draw_region, c, region, units)
+            made.append(Picture(f"where_{i + 1}_time", f"The worst region in time: {words(name)}", alt, draw, columns))
+        found.append(Failure(name, row["share"], row["share_missing"], worst, made))
+    return found
+
+
+def _panel(key: str, title: str, of: Panel, floor: float | None, top: float, units: Units) -> Picture:
+    what = {"spectrum": "rms in a bin"}.get(of.name, "mean")
+
+    def draw(ax: Any) -> None:
+        draw_panel(ax, of, floor, dict(units))
+        ax.set_title("", loc="left")
+        ax.set_ylabel(label(f"{what} {'error' if 'error' in key else 'missing input'}", units.get("y", "")))
+        ax.set_ylim(*((0, None) if of.name == "spectrum" else (-top, top)))
+        marks = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+        marks = {n: h for n, h in marks.items() if not n.endswith("\u2009")}
+        if of.low.ndim == 1:
+            ax.legend(
+                marks.values(), marks.keys(), loc="lower left", bbox_to_anchor=(-0.1, 1), ncols=2, fontsize=8,
+                frameon=False, borderaxespad=0.2,
+            )  # fmt: skip
+
+    low, high = np.atleast_2d(of.low.T), np.atleast_2d(of.high.T)
+    columns = {f"{side} {i + 1}" if len(low) > 1 else side: x for side, b in (("from", low), ("to", high))
+               for i, x in enumerate(b)}  # fmt: skip
+    columns |= {what: of.mean, "standard error": of.error, "samples": of.count}
+    alt = f"{title}. It explains {100 * of.share:.0f} % of the variance; {of.where(units)}."
+    return Picture(key, title, alt, draw, columns)
+
+
+def pictures(material: Material) -> list[Picture]:
+    """Return the pictures of all that is shown."""
+    return [p for f in failures(material) for p in f.pictures]
+
+
+@panel("Where the model fails", order=40, draws=pictures, live=60)
+def where(material: Material) -> dict[str, Any]:
+    """Tell what each variable explains, and where it is worst."""
+    return {"failures": failures(material)}

@@ -1,0 +1,145 @@
+"""The parameters of a model before and after, with their units, and which of them moved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ..diagnosis.candidates import Candidate
+from ..diagnosis.procedure import Diagnosis
+from ..models.model import Model
+from ..symbolic.signals import expand_phi, phi1, phi2, samples, u, v, x, y
+from .words import Row, Units, number
+
+MOVED = 3.0  # standard errors
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter before and after; None where a model does not have it."""
+
+    name: str
+    term: str
+    unit: str
+    before: tuple[float, float] | None
+    after: tuple[float, float] | None
+
+    @property
+    def status(self) -> str:
+        """One of "new", "deleted", "moved", or an empty text."""
+        if self.before is None or self.after is None:
+            return "new" if self.before is None else "deleted"
+        return "moved" if abs(self.after[0] - self.before[0]) > MOVED * self._sure() else ""
+
+    def _sure(self) -> float:
+        """Return the standard error of the difference; both fits see the same samples, so the larger one is taken."""
+        errors = [p[1] for p in (self.before, self.after) if p is not None and np.isfinite(p[1])]
+        return max(errors, default=0.0)
+
+
+def parameters(before: Model, after: Model, units: Units, shapes: Mapping[str, str]) -> list[Parameter]:
+    """Return all parameters of two models, those of the base first.
+
+    Parameters
+    ----------
+    shapes : mapping from a name to the unit of a shape parameter
+    """
+    rows = [{_meaning(model, r): r for r in model.table()} for model in (before, after)]
+    terms = {str(c): (left, e) for model in (after, before) for left, listed in model.system() for c, e in listed}
+    found = []
+    for key in [*rows[0], *(n for n in rows[1] if n not in rows[0])]:
+        values = [None if key not in r else (r[key]["theta"], r[key]["std"] or 0.0) for r in rows]
+        row = next(r[key] for r in reversed(rows) if key in r)
+        name = row["symbol"]
+        unit = shapes.get(name, "") if name not in terms else unit_of(*terms[name], units)
+        found.append(Parameter(name, row["term"], unit, *values))
+    return found
+
+
+def _meaning(model: Model, row: Row) -> str:
+    """Return what a parameter multiplies, by which it is known again; else its name."""
+    term = next((e for _, listed in model.system() for c, e in listed if str(c) == row["symbol"]), None)
+    if term is None or not row["symbol"].startswith("theta"):
+        return str(row["symbol"])
+    written = expand_phi(term)
+    return str(written.xreplace({s: {v: u, x: y}.get(s.base, s.base)[s.indices[0]] for s in samples(written)}))
+
+
+def unit_of(left: Any, term: Any, units: Units) -> str:
+    """Return the unit of a coefficient of a term in an equation for `left`; an empty text where it is not known."""
+    whole, part = _dimension(left), _dimension(term)
+    if whole is None or part is None:
+        return ""
+    powers = {name: whole[i] - part[i] for i, name in enumerate("yu")}
+    if any(p and not units.get(n) for n, p in powers.items()):
+        return ""
+    over = [_power(units[n], p) for n, p in powers.items() if p > 0]
+    under = [_power(units[n], -p) for n, p in powers.items() if p < 0]
+    return f"{' '.join(over) or '1'}{'/' if under else ''}{'/'.join(under)}"
+
+
+def _power(unit: str, power: int) -> str:
+    return unit if power == 1 else unit + "".join("⁰¹²³⁴⁵⁶⁷⁸⁹"[int(d)] for d in str(power))
+
+
+def _dimension(expr: Any) -> tuple[int, int] | None:
+    """Return the powers of the units of y and u; None where they are not known."""
+    if isinstance(expr, sp.Indexed):
+        return {y: (1, 0), x: (1, 0), u: (0, 1), v: (0, 1), phi1: (0, 1), phi2: (0, 0)}.get(expr.base)
+    if expr.is_number or expr.func in (sp.sign, sp.tanh, sp.exp, sp.sin, sp.cos):
+        return (0, 0)
+    if isinstance(expr, sp.Mul):
+        parts = [_dimension(a) for a in expr.args]
+        known = [p for p in parts if p is not None]
+        return (sum(p[0] for p in known), sum(p[1] for p in known)) if len(known) == len(parts) else None
+    if isinstance(expr, sp.Pow) and expr.exp.is_Integer:
+        part, n = _dimension(expr.base), int(expr.exp)
+        return None if part is None else (n * part[0], n * part[1])
+    if isinstance(expr, (sp.Add, sp.Max, sp.Min, sp.Abs)):
+        return next((d for a in expr.args if not a.is_number and (d := _dimension(a)) is not None), None)
+    return None
+
+
+def shape_units(diagnosis: Diagnosis, units: Units) -> dict[str, str]:
+    """Return the units of the shape parameters of all effects that were added."""
+    known = {(c.effect, c.variant.effect.form): c.variant.effect.unit for s in diagnosis.steps for c in s.candidates}
+    found = {}
+    for one in diagnosis.model.info.get("effects", []):
+        given = known.get((one["effect"], one["form"]), {})
+        for name in one["shape"]:
+            found[name] = shape_unit(given.get(name.split("_")[0], ""), one["driver"], units)
+    return found
+
+
+def shape_unit(said: str, driver: str, units: Units) -> str:
+    """Put the units of u and y into what the catalogue says about a shape parameter."""
+    said = said.replace("unit of the driver", f"unit of {driver}")
+    for signal in "uy":
+        said = said.replace(f"unit of {signal}", units.get(signal) or f"unit of {signal}")
+    return "" if said == "1" else said.replace(" / ", "/")
+
+
+def candidate_parameters(candidate: Candidate, units: Units) -> str:
+    """Return the parameters of a candidate with their units."""
+    effect, driver = candidate.variant.effect, candidate.variant.driver
+    return ", ".join(
+        f"{n} = {number(v, 4)} {shape_unit(effect.unit.get(n, ''), driver, units)}".rstrip()
+        for n, v in candidate.parameters.items()
+    )
+
+
+def moved(rows: Iterable[Parameter]) -> str:
+    """Say which base parameters moved."""
+    changed = [
+        f"{r.name} from {number(r.before[0])} to {number(r.after[0])}"
+        for r in rows
+        if r.status == "moved" and r.before and r.after
+    ]
+    gone = [r.name for r in rows if r.status == "deleted"]
+    said = f"Moved by more than {MOVED:.0f} standard errors: {', '.join(changed)}. " if changed else ""
+    said += "They had been compensating for what was missing. " if changed else ""
+    return said + (f"Deleted, because the effect made them redundant: {', '.join(gone)}." if gone else "")

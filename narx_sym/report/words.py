@@ -1,0 +1,118 @@
+"""The words of a diagnosis: verdict, what to do next, sizes, numbers with few digits."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..diagnosis.bases import BASE
+from ..diagnosis.experiment import Experiment
+from ..diagnosis.procedure import Diagnosis, Step
+
+Units = Mapping[str, str]
+Row = dict[str, Any]
+NEXT = {
+    "nothing_detectable": "Keep the model. Smaller effects show with less noise, a longer record or a wider input: "
+    "the sizes below say how small.",
+    "named": "Take the model with {best}, and compare it with a record that was not used here.",
+    "confused": "Run the experiment at the end of this page, and diagnose both records together.",
+    "helps_but_incomplete": "Take {best} as a first step, look at where the model fails, and diagnose again with more "
+    "effects (--max-effects).",
+    "outside_library": "Look at where the model fails, and at the equivalent missing input there. An effect of "
+    "your own is one equation (--effects).",
+}
+
+
+def spaced(name: str) -> str:
+    """Return the id of an effect as words."""
+    return name.replace("_", " ")
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with a few significant digits, without an exponent where it is of usual size."""
+    if value == 0 or not np.isfinite(value):
+        return "0" if value == 0 else "-"
+    if 1e-3 <= abs(value) < 1e5:
+        rounded = float(f"{value:.{digits - 1}e}")
+        return f"{value:.{max(0, digits - 1 - int(np.floor(np.log10(abs(rounded)))))}f}"
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def plus_minus(value: tuple[float, float]) -> str:
+    """Return the standard error of a value; a parameter that the data do not fix has none."""
+    return f" ± {number(value[1], 2)}" if np.isfinite(value[1]) else " (not fixed by the data)"
+
+
+def percent(share: float) -> str:
+    """Return a share in percent."""
+    return f"{number(100 * share, 2)} %" if abs(share) < 0.1 else f"{100 * share:.0f} %"
+
+
+# -- the verdict -----------------------------------------------------------------------------------------------
+
+
+def with_units(diagnosis: Diagnosis, units: Units) -> Diagnosis:
+    """Return the diagnosis with units in the sentence of its experiment."""
+    steps = [replace(s, experiment=s.experiment and _with_units(s.experiment, units)) for s in diagnosis.steps]
+    return replace(diagnosis, steps=steps)
+
+
+def _with_units(e: Experiment, units: Units) -> Experiment:
+    """Put the unit of u behind the numbers in the name of an experiment that was proposed without units."""
+    name, unit = e.name, units.get("u")
+    if unit:
+        bare = rf"((?:amplitude|steps of|rest at) -?\d[\d.e+-]*)(?![\d.e+-]| {re.escape(unit)})"
+        name = re.sub(bare, lambda found: f"{found[1]} {unit}", name).replace(" per s", f" {unit}/s")
+    return replace(e, name=name, units=dict(units))
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """Say in a few words what was found."""
+    first = diagnosis.steps[0]
+    names = [spaced(e) for e in first.confusion_set]
+    if first.verdict == "nothing_detectable":
+        return "Nothing is missing that these data can show."
+    if first.verdict == "outside_library":
+        return "Something is missing that the catalogue does not know."
+    if first.pair is not None:
+        return f"Two effects are probably missing: {' and '.join(map(spaced, first.pair.effects))}."
+    if first.verdict == "helps_but_incomplete":
+        return f"{spaced(first.candidates[0].effect).capitalize()} helps, but something else is missing too."
+    if BASE in names:
+        found = f"{' or '.join(n for n in names if n != BASE)} may be missing: one speed cannot tell."
+        return found[0].upper() + found[1:]
+    if first.verdict == "confused":
+        return f"{', '.join(names[:-1])} or {names[-1]} is missing; these data cannot tell which.".capitalize()
+    return f"{names[0].capitalize()} is probably missing."
+
+
+def what_next(diagnosis: Diagnosis) -> str:
+    """Say what to do next, after the last step."""
+    last = next((s for s in reversed(diagnosis.steps) if s.chosen is not None), diagnosis.steps[0])
+    best = " and ".join(spaced(rung.removeprefix("+ ")) for rung in diagnosis.rungs[1:])
+    chosen = diagnosis.steps[0] if diagnosis.steps[0].verdict == "confused" else last
+    return NEXT[chosen.verdict].format(best=best)
+
+
+def sizes(diagnosis: Diagnosis, units: Units) -> list[tuple[str, str, str]]:
+    """Return the figures that matter: what, in the unit of y, and relative to the output's standard deviation."""
+    first = diagnosis.steps[0]
+    spread, unit = first.base.problem.spread, units.get("y") or "(unit of y)"
+    rungs = diagnosis.ladder
+    found = [("Error of the base", rungs[0]["validation"])]
+    found += [(f"Error {' '.join(map(spaced, diagnosis.rungs[1:]))}", rungs[-1]["validation"])] if rungs[1:] else []
+    found.append(("Noise floor", diagnosis.floor / spread))
+    return [(what, f"{number(size * spread)} {unit}", percent(size)) for what, size in found]
+
+
+def detectable(step: Step, units: Units) -> list[Row]:
+    """Return the rows of what could not have been seen, smallest first."""
+    spread = step.base.problem.spread
+    seen = sorted((size, name) for name, size in step.smallest_detectable.items() if name not in step.absorbed)
+    return [{"effect": spaced(n), "size": f"{number(s, 2)} {units.get('y', '')}", "share": percent(s / spread)}
+            for s, n in seen]  # fmt: skip

@@ -1,0 +1,83 @@
+"""Every part of the report has a row here: what it tells of the stage with play, and how many pictures it draws."""
+
+import pytest
+
+from narx_sym.data.examples import STAGE_UNITS
+from narx_sym.report import page
+from narx_sym.report.panels import registry
+from narx_sym.report.panels.registry import LAST, TAKEN, WAY, Material, panels
+from narx_sym.report.picture import Picture
+
+# Key of the part: a text that only it tells, and the number of its pictures on the stage's diagnosis.
+CASES = {
+    "verdict": ("of the output's standard deviation", 0),
+    "compare": ("The free run gets the measured input and nothing else", 5),
+    "ladder": ("The noise floor is an estimate", 1),
+    "where": ("of the missing input", 12),
+    "candidates": ("of the removable error", 1),
+    "model": ("Parameters before and after", 0),
+    "derived": ("The law with numbers", None),  # sets of the base where those of the model are not derived
+    "experiment": ("next.csv", 2),
+    "provenance": ("SHA-256", 0),
+}
+
+
+@pytest.fixture(scope="module")
+def material(stage_diagnosis):
+    return Material(stage_diagnosis, STAGE_UNITS, scripts=False)
+
+
+def test_every_part_has_a_case():
+    assert set(CASES) == set(panels())
+
+
+@pytest.mark.parametrize("key", panels())
+def test_what_it_tells(key, material, stage_diagnosis):
+    text, count = CASES[key]
+    (made,) = page.sections(stage_diagnosis, STAGE_UNITS, scripts=False, keys=[key])
+    assert made.key == key and made.title == panels()[key].title and text in made.html
+    drawn = material.pictures(key)
+    assert count is None or len(drawn) == count
+    assert len({p.key for p in drawn}) == len(drawn) and all(p.alt for p in drawn)
+    assert panels()[key].about in (LAST, WAY, TAKEN)
+
+
+def test_keys_of_pictures_are_unique_on_the_page(material):
+    keys = [p.key for key in panels() for p in material.pictures(key)]
+    assert len(keys) == len(set(keys)) > 10
+
+
+def test_one_more_part_is_on_page_and_live_page(stage_diagnosis, monkeypatch):
+    """One function is all that a new part takes; without a template of its own it shows its pictures."""
+    from narx_sym.app.story import shown
+    from narx_sym.tasks.revise import Revision
+
+    panels()
+    monkeypatch.setattr(registry, "_PANELS", dict(registry._PANELS))
+
+    def draws(material):
+        error = material.diagnosis.misfit.residual
+        return [Picture("histogram", "Histogram", "How the error is spread.", lambda ax: ax.hist(error), {"e": error})]
+
+    @registry.panel("How the error is spread", order=45, draws=draws, live=65)
+    def spread(material):
+        return {}
+
+    keys = [s.key for s in page.sections(stage_diagnosis, STAGE_UNITS, scripts=False)]
+    assert keys.index("where") < keys.index("spread") < keys.index("candidates")
+    whole = page.page(stage_diagnosis, STAGE_UNITS)
+    assert '<a href="#spread">How the error is spread</a>' in whole and "How the error is spread." in whole
+    live = shown((), Revision("linear base", stage_diagnosis, stage_diagnosis.model), STAGE_UNITS)
+    assert "<svg" in live.html["spread"]
+
+
+def test_the_live_page_shows_every_live_part():
+    results = pytest.importorskip("narx_sym.app.browser.results")
+    sections = results.on_the_page()
+    keys = [key for _, _, listed in sections for key in listed]
+    assert sorted(keys) == sorted(key for key, one in panels().items() if one.live is not None)
+    assert [title for _, title, _ in sections] == [
+        "What was found", "What may be missing", "Measured and simulated", "Where the model fails", "The model",
+        "What follows from the model",
+    ]  # fmt: skip
+    assert set(results.BEFORE) | set(results.AFTER) <= set(keys)
