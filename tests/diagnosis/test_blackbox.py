@@ -31,7 +31,9 @@ def structure(y, catalogue=EFFECTS):
     return score(base, [], catalogue, 0).structure
 
 
-@pytest.mark.parametrize("noise", ["white", "ar80", "ar95", "band"])
+@pytest.mark.parametrize(
+    "noise", ["ar95", *(pytest.param(n, marks=pytest.mark.long) for n in ("white", "ar80", "band"))]
+)
 def test_noise_of_any_colour_has_no_structure(noise):
     y = lagged(u)
     assert structure(y + 0.02 * truths.colour(np.random.default_rng(3), noise, N)) < 0.1

@@ -66,8 +66,14 @@ EFFECTS = {
     ("hysteresis", "inside", "y", "Bouc-Wen force"): (-0.05, 0.05),
     ("hardening_spring", "inside", "y", ""): (-0.02, 0.02),
     ("coulomb_friction", "inside", "y", ""): (-0.02, 0.02),
+    ("stribeck_friction", "inside", "y", ""): (-0.02, 0.02),
+    ("quadratic_drag", "inside", "y", ""): (-0.02, 0.02),
+    ("inertia", "inside", "y", ""): (-0.05, 0.05),
+    ("quadratic_spring", "inside", "y", ""): (-0.02, 0.02),
 }
-SHAPES = {"tau": 0.05, "b": 0.7, "g": 0.9, "d": 1.1}
+DISTURBED = ("offset", "periodic_disturbance")  # from the first sample on: no run of these starts at rest
+ALONE = ("bilinear_gain",)  # tested alone below
+SHAPES = {"tau": 0.05, "b": 0.7, "g": 0.9, "d": 1.1, "f": 3.0}
 
 
 def with_effect(base, effect, coefficient):
@@ -125,6 +131,31 @@ def test_random_models_with_effects_follow_their_laws(base, effects, shares, siz
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # no identified ranges
         assert followed(model, law, reference(model, size)) < 1e-9
+
+
+def test_no_effect_of_the_catalogue_is_missing_here():
+    assert {name.partition(":")[0] for name, *_ in EFFECTS} | {*DISTURBED, *ALONE} == set(ns.EFFECTS)
+
+
+@pytest.mark.parametrize("name", DISTURBED)
+def test_a_disturbance_is_followed_once_the_start_is_forgotten(name):
+    model = with_effect(BASES["first order"], (name, "output", "t", ""), 0.2)
+    law, target = model.compensator(), reference(model)
+    assert law.residual() == 0 and law.closed_form
+    left = np.abs(model.simulate(law.run(target, 0.0), 0.0, u0=0.0) - target)
+    assert left[law.preview] > 0.01 and left[-20:].max() < 1e-9
+
+
+@pytest.mark.parametrize("c", (-0.1, 0.1))
+def test_a_gain_that_depends_on_the_position(c):
+    """The product with the base's own newest input: the law divides by the gain where the output is."""
+    base = BASES["first order"]
+    (found,) = (o for o in variants(base) if o.id == "bilinear_gain" and o.lag == base.delay)
+    added = extend(base, found)
+    added.model.theta = [*base.theta, c]
+    law, target = added.model.compensator(), reference(added.model)
+    assert law.residual() == 0 and law.closed_form
+    assert followed(added.model, law, target) < 1e-9
 
 
 @pytest.mark.parametrize("effect", sorted(EFFECTS), ids=lambda e: "-".join(filter(None, e)).replace(" ", "_"))

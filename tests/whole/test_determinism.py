@@ -51,6 +51,7 @@ def versions(python):
     return found.stdout.strip().partition(")") if found.returncode == 0 else ("", "", "")
 
 
+@pytest.mark.long
 def test_repeated_in_one_process(reference, tmp_path):
     same.write_all(tmp_path, 1)
     assert files(tmp_path) == reference
@@ -60,6 +61,7 @@ def test_in_a_fresh_process_with_other_hashes_and_two_workers(reference, tmp_pat
     assert fresh(sys.executable, tmp_path, 2, 1) == reference
 
 
+@pytest.mark.long
 def test_on_another_python(reference, tmp_path):
     own = versions(sys.executable)
     equal = [p for p in others() if (v := versions(p))[0] != own[0] and v[2] == own[2]]

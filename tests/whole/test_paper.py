@@ -3,6 +3,8 @@
 The rows are those of the derivations: E1, E2 (examples), P5, P6, P8 (bench test), V1 (pneumatic valve).
 """
 
+import ast
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -21,6 +23,7 @@ from paper import (
     theta_5,
     theta_6,
 )
+from places import ROOT
 
 import narx_sym as ns
 from narx_sym import assumptions
@@ -290,3 +293,37 @@ def test_property_1_of_the_published_models():
     for model in (BENCH.published(), BENCH_INVERSE.published()):
         verdict = ns.analysis.property_1(model)
         assert verdict.holds and verdict.equilibria == "continuum"
+
+
+# -- the derivations show the models as text -------------------------------------------------------------------
+
+
+def written(script):
+    """Yield every list of texts or of numbers that a script writes."""
+    for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.List | ast.Tuple):
+            try:
+                yield ast.literal_eval(node)
+            except ValueError:
+                pass  # it holds more than constants
+
+
+@pytest.mark.parametrize("script", sorted((ROOT / "derivations").rglob("*.py")), ids=lambda script: script.stem)
+def test_a_derivation_writes_no_other_model(script):
+    """Terms with phi2 and a product are those of one printed model, and six numbers from 1 are its values."""
+    for found in written(script):
+        texts = {x.replace("breve_", "") for x in found if isinstance(x, str)}
+        if any("phi2[" in x and "*" in x for x in texts):
+            assert [name for name, printed in MODELS.items() if texts <= set(printed.terms)], found
+        elif len(found) > 4 and found[0] == "1":
+            assert tuple(found) in [printed.values for printed in MODELS.values()], found
+        elif len(found) == 6 and found[0] == 1 and not texts:
+            assert list(found) in [printed.theta for printed in MODELS.values()], found
+
+
+def test_the_derivations_write_the_printed_models():
+    """What is compared above is there: each model, and each table."""
+    found = [x for script in (ROOT / "derivations").rglob("*.py") for x in written(script)]
+    for printed in MODELS.values():
+        assert list(printed.terms) in [list(x) for x in found]
+    assert BENCH.theta in found and BENCH_INVERSE.theta in found

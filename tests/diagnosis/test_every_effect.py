@@ -1,0 +1,95 @@
+"""No effect of the catalogue without a hidden instance that is recovered, and without a law.
+
+The tests run over the catalogue itself: an effect that joins it joins them, and fails where its instance is missing.
+"""
+
+import warnings
+
+import numpy as np
+import pytest
+import truths
+
+import narx_sym as ns
+from narx_sym.diagnosis.directions import Linearised
+from narx_sym.fit.freerun import FreeRun
+from narx_sym.models.effects import EFFECTS, Catalogue
+
+SEED, N, LEVEL = 500, 1500, 0.01
+SHARE = 0.8  # of what the effect adds to the squared error, removed along a tangent or by a fit
+START = 300  # samples until the start of a run is forgotten
+
+
+def lagged(v):
+    """A first-order lag; nothing of the package."""
+    y = np.zeros(N)
+    for i in range(1, N):
+        y[i] = 0.9 * y[i - 1] + 0.1 * v[i - 1]
+    return y
+
+
+def changed(u, name):
+    """Return the output of a lag that one effect has changed, for what the truths do not hold."""
+    return {
+        "offset": lambda: lagged(u) + 0.2,
+        "inertia": lambda: lagged(lagged(u)),
+        "input_delay": lambda: lagged(np.concatenate([np.zeros(3), u[:-3]])),
+        "rate_dependence": lambda: lagged(u + 3.0 * np.diff(u, prepend=0.0)),
+    }[name]()
+
+
+def hidden(name):
+    """Return a record with one hidden effect, the terms of a base that lacks it, and the output without noise."""
+    kind = next((k for k in truths.GROUPS["in"] if k.partition(":")[0] == name), None)
+    if kind is None:
+        u = 2 * truths.excite(np.random.default_rng(SEED), "random", N, 0.01, 1.5)
+        clean = changed(u, name)
+        y = clean + LEVEL * np.std(clean) * np.random.default_rng(1).standard_normal(N)
+        return ns.Record.from_arrays(u, y, Ts=0.01), ["y[k-1]", "u[k-1]"], clean
+    c = truths.case("in", kind, SEED, level=LEVEL, N=N)
+    d = c.info["delay"] + int(c.info["held"])
+    terms = ["y[k-1]", "y[k-2]", *(f"u[k-{d + i}]" for i in range(3)), "1"]
+    return ns.Record.from_arrays(c.u, c.y, c.Ts, channels=c.channels), terms, c.clean
+
+
+def based(name):
+    record, terms, clean = hidden(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return record, ns.NARX.from_terms(terms, Ts=record.Ts).fit(record, method="free_run"), clean
+
+
+def along(record, base, clean, name):
+    """Return the squared error of a base over the true noise: refitted alone, and with the best direction of an effect."""
+    problem = FreeRun(base, record, [])
+    around = Linearised(problem, problem.start(base.theta))
+    directions, matrix = around.directions(sorted(record.channels), Catalogue({name: EFFECTS[name]}))
+    tangents = [around.own, *(np.column_stack([around.own, matrix[:, d.columns]]) for d in directions)]
+    left = [around.residual - D @ np.linalg.lstsq(D, around.residual, rcond=None)[0] for D in tangents]
+    alone, *found = np.sum(np.square(left), axis=1) / np.sum((record.y - clean)[problem.depth :] ** 2)
+    return alone, min(found)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_hidden_instance_lies_along_the_effects_direction(name):
+    alone, found = along(*based(name), name)
+    assert alone > 2.0  # it is hidden there
+    assert alone - found > SHARE * (alone - 1.0)
+
+
+@pytest.mark.parametrize(("name", "other"), [("dead_zone", "drift"), ("creep", "cubic_gain"), ("backlash", "drift")])
+def test_it_does_not_lie_along_another(name, other):
+    alone, found = along(*based(name), other)
+    assert alone - found < 0.5 * (alone - 1.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_hidden_instance_is_recovered(name):
+    """The whole way: the effect is added by its name and fitted, and its part of the error is gone."""
+    record, base, clean = based(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = base.add(name + ":temperature" * name.startswith("channel")).fit(record)
+    runs = [ns.free_run(one, record) for one in (base, model)]
+    before, after, noise = (np.mean((record.y - x)[START:] ** 2) for x in (*runs, clean))
+    assert before - after > SHARE * (before - noise)
