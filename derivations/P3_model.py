@@ -11,7 +11,7 @@ from rich.table import Table
 
 import narx_sym as ns
 from narx_sym import plants, plots
-from narx_sym.engines.compile import Columns
+from narx_sym.engines.columns import Columns
 from narx_sym.models.analysis import constraint_matrix, continuum_conditions
 
 FIGURE = Path(__file__).parent / "figures" / "P3.png"

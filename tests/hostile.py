@@ -16,7 +16,8 @@ from typing import Any
 from narx_sym.errors import ModelError, NarxError, ParseError
 from narx_sym.files.store import load
 from narx_sym.models.effects import Catalogue, load_effects
-from narx_sym.symbolic.grammar import FUNCTIONS, parse
+from narx_sym.symbolic import functions
+from narx_sym.symbolic.grammar import parse
 
 # ---------------------------------------------------------------- text terms
 
@@ -67,7 +68,7 @@ def grown(pick: Random, depth: int = 4) -> str:
         return pick.choice(("*", "*", "/")).join(f"({e})" if pick.random() < 0.5 else e for e in inner)
     if kind < 0.9:
         return f"({inner[0]})**{pick.choice(NUMBERS[:5] if pick.random() < 0.8 else (*NUMBERS, *inner))}"
-    return f"{pick.choice((*FUNCTIONS, 'eval', 'open'))}({', '.join(inner[: 1 if pick.random() < 0.8 else 3])})"
+    return f"{pick.choice((*functions.NAMES, 'eval', 'open'))}({', '.join(inner[: 1 if pick.random() < 0.8 else 3])})"
 
 
 def mutated(pick: Random, text: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import sympy as sp
@@ -11,6 +11,7 @@ import sympy as sp
 from ..engines.plan import Plan
 from ..engines.writer import Writer, indented
 from ..errors import ModelError
+from ..symbolic.functions import TABLE, Elementary
 from .layout import Layout, numbered, shortened, wrapped
 from .registry import ROUNDINGS, Example, Request, export
 
@@ -30,22 +31,14 @@ WORDS = set(
     tgamma trunc stdin stdout stderr errno unix linux i386
     main printf none expected sample worst size got gap good count i""".split()
 ) | {PAST}
-FUNCTIONS = {
-    sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.tanh: "tanh", sp.sinh: "sinh", sp.cosh: "cosh", sp.exp: "exp",
-    sp.log: "log", sp.atan: "atan", sp.asin: "asin", sp.acos: "acos", sp.Abs: "fabs", sp.sqrt: "sqrt",
-}  # fmt: skip
-# Unlike fmax and fmin these keep a NaN, and they need no library.
-HELPERS = {
-    "sign": ("x", "x > {zero} ? {one} : (x < {zero} ? -{one} : x)"),
-    "max": ("a, b", "a > b || a != a ? a : b"),
-    "min": ("a, b", "a < b || a != a ? a : b"),
-}
+# What needs an argument twice is a function of its own in the source.
+HELPERS = {row.name.lower(): row for row in TABLE if row.c.count("{x}") > 1}
 
 
 class _C(Writer):
     """The words of C99."""
 
-    language, functions = "C source", FUNCTIONS
+    language, words = "C source", "c"
     joints, truth = ("&&", "||", "!"), ("0", "1")
 
     def __init__(self, names: Mapping[Any, str], name: str, single: bool):
@@ -65,21 +58,18 @@ class _C(Writer):
     def power(self, base: str, exponent: str) -> str:
         return self.call("pow", base, exponent)
 
-    def sign(self, x: Any) -> str:
-        return self.helper("sign", self(x))
-
-    def step(self, x: Any) -> str:
-        return f"({self(x)} > {self.number(0.0)} ? {self.number(1.0)} : {self.number(0.0)})"
-
-    def extreme(self, largest: bool, values: Sequence[str]) -> str:
-        shown, *others = values
-        for value in others:
-            shown = self.helper("max" if largest else "min", shown, value)
-        return shown
-
-    def helper(self, name: str, *arguments: str) -> str:
+    def applied(self, row: Elementary, *arguments: tuple[str, int]) -> str:
+        texts, name = [shown for shown, _ in arguments], row.name.lower()
+        if name not in HELPERS:
+            return self.worded(row, *texts)
         self.helpers.add(name)
-        return f"{self.prefix}_{name}({', '.join(arguments)})"
+        return f"{self.prefix}_{name}({', '.join(texts)})"
+
+    def worded(self, row: Elementary, *arguments: str) -> str:
+        """Write a function of texts in its own words."""
+        self.mathematics |= "{f}" in row.c
+        words = {"zero": self.number(0.0), "one": self.number(1.0), "f": "f" if self.single else ""}
+        return row.c.format(**words, **dict(zip("xy", arguments, strict=False)))
 
     def undefined(self, expr: Any) -> str:
         self.mathematics = True
@@ -101,9 +91,8 @@ class _C(Writer):
         """Return the helpers that were used."""
         lines = []
         for name in sorted(self.helpers):
-            arguments, body = HELPERS[name]
-            shown = ", ".join(f"{self.real} {a}" for a in arguments.split(", "))
-            body = body.format(zero=self.number(0.0), one=self.number(1.0))
+            arguments = "xy" if HELPERS[name].extreme else "x"
+            shown, body = ", ".join(f"{self.real} {a}" for a in arguments), self.worded(HELPERS[name], *arguments)
             lines += [f"static {self.real} {self.prefix}_{name}({shown})", "{", f"    return {body};", "}", ""]
         return lines
 

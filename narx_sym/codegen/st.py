@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import sympy as sp
@@ -35,16 +35,12 @@ WORDS = set(
     var_in_out var_input var_inst var_output var_stat var_temp wchar while with word write wstring xor xorn""".split()
 )
 ENDINGS = ("", "_past", "_rest")
-FUNCTIONS = {
-    sp.sin: "SIN", sp.cos: "COS", sp.tan: "TAN", sp.exp: "EXP", sp.log: "LN", sp.atan: "ATAN", sp.asin: "ASIN",
-    sp.acos: "ACOS", sp.Abs: "ABS", sp.sqrt: "SQRT", sp.tanh: "", sp.sinh: "", sp.cosh: "",
-}  # fmt: skip
 
 
 class _ST(Writer):
     """The words of Structured Text; `locals` collects the parts, which are declared in front."""
 
-    language, functions = "Structured Text", FUNCTIONS
+    language, words = "Structured Text", "st"
     relations: ClassVar[Mapping[Any, str]] = {**RELATIONS, sp.Equality: "=", sp.Unequality: "<>"}
     joints, truth = ("AND", "OR", "NOT "), ("FALSE", "TRUE")
 
@@ -58,34 +54,9 @@ class _ST(Writer):
         mantissa += "" if "." in mantissa else ".0"
         return f"{mantissa}E{exponent}" if exponent else mantissa
 
-    def function(self, e: Any) -> str:
-        one, two = self.number(1.0), self.number(2.0)
-        if isinstance(e, sp.tanh):  # the standard has none; beyond 20 it is 1 to the last digit, and EXP could overflow
-            top = self.number(20.0)
-            return f"({one} - {two}/(EXP({two}*LIMIT(-{top}, {self(e.args[0])}, {top})) + {one}))"
-        if isinstance(e, (sp.sinh, sp.cosh)):
-            x = self.named(e.args[0])
-            return f"((EXP({x}) {'-' if isinstance(e, sp.sinh) else '+'} EXP(-{x}))/{two})"
-        return super().function(e)
-
     def power(self, base: str, exponent: str) -> str:
         # A literal by itself would be of single precision for some compilers.
         return self.call("EXPT", base, f"{self.real}#{exponent}" if exponent[:1].isdigit() else exponent)
-
-    def sign(self, x: Any) -> str:
-        zero, one = self.number(0.0), self.number(1.0)
-        shown = self.named(x)
-        return f"SEL({shown} > {zero}, SEL({shown} < {zero}, {zero}, -{one}), {one})"
-
-    def step(self, x: Any) -> str:
-        zero, one = self.number(0.0), self.number(1.0)
-        return f"SEL({self(x)} > {zero}, {zero}, {one})"
-
-    def extreme(self, largest: bool, values: Sequence[str]) -> str:
-        shown, *others = values
-        for value in others:
-            shown = self.call("MAX" if largest else "MIN", shown, value)
-        return shown
 
     def undefined(self, expr: Any) -> str:
         raise ModelError(

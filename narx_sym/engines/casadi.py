@@ -12,23 +12,18 @@ import sympy as sp
 
 from ..errors import ModelError
 from ..inversion.solution import Root
+from ..symbolic.functions import Elementary, X, Y, arguments_of, row_of
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import k
 from .plan import Plan
 
 TABLE: dict[Any, Callable[..., Any]] = {
-    sp.sin: ca.sin, sp.cos: ca.cos, sp.tan: ca.tan, sp.tanh: ca.tanh, sp.exp: ca.exp, sp.log: ca.log,
-    sp.atan: ca.atan, sp.asin: ca.asin, sp.acos: ca.acos, sp.sinh: ca.sinh, sp.cosh: ca.cosh,
-    sp.Abs: ca.fabs, sp.sign: ca.sign,
     sp.StrictLessThan: lambda a, b: a < b, sp.LessThan: lambda a, b: a <= b,
     sp.StrictGreaterThan: lambda a, b: a > b, sp.GreaterThan: lambda a, b: a >= b,
     sp.Equality: lambda a, b: a == b, sp.Unequality: lambda a, b: a != b,
     sp.Not: ca.logic_not,
 }  # fmt: skip
 FOLDS: dict[Any, Callable[..., Any]] = {
-    # fmax and fmin would hide a NaN behind the other argument.
-    sp.Max: lambda a, b: ca.if_else(a <= b, b, ca.if_else(a > b, a, a + b)),
-    sp.Min: lambda a, b: ca.if_else(a >= b, b, ca.if_else(a < b, a, a + b)),
     sp.And: ca.logic_and, sp.Or: ca.logic_or,
     sp.Add: lambda a, b: a + b, sp.Mul: lambda a, b: a * b,
 }  # fmt: skip
@@ -48,8 +43,12 @@ def convert(expr: Any, known: dict[Any, Any]) -> Any:
         return ca.SX(float(expr))
     if expr in (sp.true, sp.false):
         return ca.SX(int(expr == sp.true))
-    arguments = [] if isinstance(expr, (sp.Piecewise, Root)) else [convert(a, known) for a in expr.args]
-    if type(expr) in FOLDS:
+    row = row_of(expr)
+    inside = () if isinstance(expr, (sp.Piecewise, Root)) else arguments_of(expr) if row else expr.args
+    arguments = [convert(a, known) for a in inside]
+    if row is not None:
+        total = _elementary(row, arguments)
+    elif type(expr) in FOLDS:
         total = arguments[0]
         for argument in arguments[1:]:
             total = FOLDS[type(expr)](total, argument)
@@ -58,17 +57,26 @@ def convert(expr: Any, known: dict[Any, Any]) -> Any:
     elif expr.is_Pow and expr.exp.is_Integer:
         total = _integer_power(arguments[0], int(expr.exp))
     elif expr.is_Pow:
-        total = ca.sqrt(arguments[0]) if expr.exp == sp.Rational(1, 2) else arguments[0] ** arguments[1]
-    elif isinstance(expr, sp.Heaviside):
-        total = arguments[0] > 0
+        total = arguments[0] ** arguments[1]
     elif isinstance(expr, sp.Piecewise):
         total = ca.SX(float("nan"))
         for value, condition in reversed(expr.args):
-            total = ca.if_else(convert(condition, known), convert(value, known), total)
+            chosen = convert(value, known)
+            total = chosen if condition == sp.true else ca.if_else(convert(condition, known), chosen, total)
     else:
         raise ModelError(f"CasADi conversion has no rule for {type(expr).__name__} in {expr}.")
     known[expr] = total
     return total
+
+
+def _elementary(row: Elementary, arguments: list[Any]) -> Any:
+    """Compute an elementary function; of several arguments two by two."""
+    if row.casadi:
+        return getattr(ca, row.casadi)(*arguments)
+    first, *others = arguments
+    for other in others:
+        first = convert(row.definition, {X: first, Y: other})
+    return first if others else convert(row.definition, {X: first})
 
 
 def _integer_power(base: Any, exponent: int) -> Any:

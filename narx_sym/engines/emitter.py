@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache as once
 from typing import Any
 
+import llvmlite
 import llvmlite.binding as llvm
 import sympy as sp
 from llvmlite import ir
 
 from ..errors import ModelError
+from ..files import cache
+from ..symbolic.functions import Elementary, X, arguments_of, row_of
 
 DOUBLE, INT, BOOL = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
-LIBM = {
-    sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.tanh: "tanh", sp.exp: "exp", sp.log: "log", sp.atan: "atan",
-    sp.sinh: "sinh", sp.cosh: "cosh", sp.asin: "asin", sp.acos: "acos",
-}  # fmt: skip
 COMPARISONS = {
     sp.StrictLessThan: "<", sp.LessThan: "<=", sp.StrictGreaterThan: ">", sp.GreaterThan: ">=",
     sp.Equality: "==", sp.Unequality: "!=",
@@ -49,25 +48,26 @@ class Emitter:
             below = [a.base ** (-a.exp) for a in e.args if a.is_Pow and a.exp.is_negative]
             top = self.fold(b.fmul, numerator) if numerator else ir.Constant(DOUBLE, 1.0)
             return b.fdiv(top, self.fold(b.fmul, below)) if below else top
+        row = row_of(e)
+        if row is not None:
+            return self.elementary(row, arguments_of(e))
         if e.is_Pow:
             return self.power(*e.args)
-        if isinstance(e, sp.Abs):
-            return self.intrinsic("llvm.fabs", e.args[0])
-        if isinstance(e, sp.sign):
-            x, zero = self(e.args[0]), ir.Constant(DOUBLE, 0.0)
-            down = b.select(b.fcmp_ordered("<", x, zero), ir.Constant(DOUBLE, -1.0), x)  # keeps 0 and NaN
-            return b.select(b.fcmp_ordered(">", x, zero), ir.Constant(DOUBLE, 1.0), down)
-        if isinstance(e, (sp.Max, sp.Min)):
-            return self.extreme(">" if isinstance(e, sp.Max) else "<", e.args)
         if isinstance(e, sp.Piecewise):
             return self.piecewise(e.args)
-        if isinstance(e, sp.Heaviside):
-            return b.uitofp(b.fcmp_ordered(">", self(e.args[0]), ir.Constant(DOUBLE, 0.0)), DOUBLE)
         if e.is_Boolean or e.is_Relational:  # a condition that several branches share
             return self.condition(e)
-        if type(e) in LIBM:
-            return self.call(LIBM[type(e)], e.args)
         raise ModelError(f"The native engine has no rule for {type(e).__name__} in {e}.")
+
+    def elementary(self, row: Elementary, arguments: Any) -> Any:
+        """Emit an elementary function."""
+        if row.native.startswith("select"):
+            return self.extreme(row.extreme, arguments)
+        if row.native.startswith("llvm."):
+            return self.intrinsic(row.native, *arguments)
+        if row.native:
+            return self.call(row.native, arguments)
+        return Emitter(self.b, {X: self(arguments[0])})(row.definition)
 
     def fold(self, operation: Callable[..., Any], arguments: Any) -> Any:
         """Chain a binary operation."""
@@ -79,8 +79,6 @@ class Emitter:
 
     def power(self, base: Any, exponent: Any) -> Any:
         """Emit a power; whole ones as products."""
-        if exponent == sp.Rational(1, 2):
-            return self.intrinsic("llvm.sqrt", base)
         if not exponent.is_Integer:
             return self.call("pow", (base, exponent))
         n, square, total = abs(int(exponent)), self(base), None
@@ -170,7 +168,7 @@ def loop(b: ir.IRBuilder, first: Any, last: Any, carried: Sequence[Any] = ()) ->
         successors[i] = result  # what the loop leaves behind
 
 
-@cache
+@once
 def fused() -> bool:
     """Whether this processor multiplies and adds in one step; elsewhere llvm.fma would be a slow call."""
     return bool(llvm.get_host_cpu_features().get("fma", False)) or llvm.get_process_triple().startswith(
@@ -178,8 +176,8 @@ def fused() -> bool:
     )
 
 
-@cache
-def _target() -> Any:
+def _machine() -> Any:
+    """Return a description of this processor; an engine takes it over."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     host = llvm.Target.from_default_triple()
@@ -188,14 +186,28 @@ def _target() -> Any:
     )
 
 
+_target = once(_machine)
+
+
 def machine_code(module: ir.Module) -> Any:
-    """Optimise and load a module; the returned engine must be kept alive while its functions are used."""
-    machine = _target()
-    parsed = llvm.parse_assembly(str(module))
-    parsed.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
-    passes = llvm.create_pass_builder(machine, options)
-    passes.getModulePassManager().run(parsed, passes)
-    engine = llvm.create_mcjit_compiler(parsed, _target.__wrapped__())
+    """Optimise and load a module; the returned engine must be kept alive while its functions are used.
+
+    The code is kept between processes: under the text of the module, with all that it depends on beside it.
+    """
+    text = str(module)
+    made_by = (llvmlite.__version__, *map(str, llvm.llvm_version_info), llvm.get_process_triple())
+    key = "\n".join((*made_by, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), text))
+    code = cache.kept(key)
+    if code is not None:
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
+        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    else:
+        parsed = llvm.parse_assembly(text)
+        parsed.verify()
+        options = llvm.create_pipeline_tuning_options(speed_level=3)
+        passes = llvm.create_pass_builder(_target(), options)
+        passes.getModulePassManager().run(parsed, passes)
+        engine = llvm.create_mcjit_compiler(parsed, _machine())
+        engine.set_object_cache(notify_func=lambda _, made: cache.keep(key, made))
     engine.finalize_object()
     return engine

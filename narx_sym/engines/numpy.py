@@ -6,39 +6,53 @@ solved in order. Every other recursion is run step by step through `lambdify`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any
 
 import numpy as np
 import sympy as sp
 from scipy.linalg.blas import dtbsv
+from sympy.printing.numpy import NumPyPrinter
 
 from ..errors import ModelError
+from ..symbolic.functions import arguments_of, row_of
 from .plan import Plan
 
 CHUNK = 8192
 MAX_BAND = 64  # the band matrix holds CHUNK numbers for each lag up to the largest
 
 
-class _Joined:
-    """`logical_and.reduce` over conditions of which some are one number: NumPy's own refuses ragged lists."""
+class _Printer(NumPyPrinter):
+    """SymPy's printer, with the elementary functions as they stand in the table."""
 
-    def __init__(self, joint: Any):
-        self.joint = joint
+    def __init__(self) -> None:
+        super().__init__({"fully_qualified_modules": False, "inline": True, "allow_unknown_functions": True})
 
-    def reduce(self, values: Iterable[Any]) -> Any:
-        """Join conditions of any shapes."""
-        return reduce(self.joint, values)
+    def _print(self, expr: Any, **settings: Any) -> str:
+        row = row_of(expr) if isinstance(expr, sp.Expr) else None
+        if row is None:
+            return str(super()._print(expr, **settings))
+        first, *others = (self._print(a) for a in arguments_of(expr))
+        joined = reduce(lambda x, y: row.numpy.format(x=x, y=y), others, first)
+        return joined if others else row.numpy.format(x=first)
+
+    def _print_And(self, expr: Any) -> str:  # SymPy's own refuses conditions of which some are one number
+        return reduce("logical_and({}, {})".format, map(self._print, expr.args))
+
+    def _print_Or(self, expr: Any) -> str:
+        return reduce("logical_or({}, {})".format, map(self._print, expr.args))
 
 
-MODULES = [
-    {
-        "Heaviside": lambda x, *_: np.where(x > 0, 1.0, 0.0),
-        "logical_and": _Joined(np.logical_and), "logical_or": _Joined(np.logical_or),
-    },
-    "numpy",
-]  # fmt: skip
+def lambdify(expressions: Sequence[Any], arguments: Sequence[Any]) -> Callable[..., Any]:
+    """Return a NumPy function of plain symbols; what is not finite is looked for where it matters."""
+    function = sp.lambdify(list(arguments), list(expressions), "numpy", _Printer(), cse=True, dummify=True)
+
+    def quiet(*values: Any) -> Any:
+        with np.errstate(all="ignore"):
+            return function(*values)
+
+    return quiet
 
 
 def affine_rows(plan: Plan) -> list[tuple[list[int], list[sp.Expr]]] | None:
@@ -76,7 +90,7 @@ def build(plan: Plan) -> Callable[..., int]:
 
 def _lambdify(plan: Plan, expressions: list[sp.Expr], keys: list[tuple[int, int]]) -> Callable[..., Any]:
     arguments = [plan.sample[key] for key in keys] + list(plan.parameters) + [plan.time]
-    return sp.lambdify(arguments, expressions, modules=MODULES, cse=True, dummify=True)
+    return lambdify(expressions, arguments)
 
 
 def _banded(plan: Plan, rows: list[tuple[list[int], list[sp.Expr]]]) -> Callable[..., int]:

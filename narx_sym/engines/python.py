@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from ..inversion.solution import Root
 from .plan import Plan
 from .writer import CALL, Writer, indented
-
-FUNCTIONS = {
-    sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.tanh: "tanh", sp.sinh: "sinh", sp.cosh: "cosh", sp.exp: "exp",
-    sp.log: "log", sp.atan: "atan", sp.asin: "asin", sp.acos: "acos", sp.Abs: "abs", sp.sqrt: "sqrt",
-}  # fmt: skip
 
 WIDENED = 100  # steps of a root finder, each twice as wide
 
@@ -24,7 +18,7 @@ WIDENED = 100  # steps of a root finder, each twice as wide
 class _Python(Writer):
     """The words of Python."""
 
-    language, functions = "The python engine", FUNCTIONS
+    language, words = "The python engine", "python"
     joints, truth = ("and", "or", "not "), ("False", "True")
 
     def number(self, value: float) -> str:
@@ -32,15 +26,6 @@ class _Python(Writer):
 
     def power(self, base: str, exponent: str) -> str:
         return self.call("pow", base, exponent)
-
-    def sign(self, x: Any) -> str:
-        return self.call("sign", self(x))
-
-    def step(self, x: Any) -> str:
-        return f"(1.0 if {self(x)} > 0.0 else 0.0)"
-
-    def extreme(self, largest: bool, values: Sequence[str]) -> str:
-        return self.call("max" if largest else "min", *values)
 
     def undefined(self, expr: Any) -> str:
         return "nan"
@@ -92,10 +77,6 @@ def source(plan: Plan) -> str:
     return "\n".join(lines)
 
 
-def _keeping_nan(choose: Callable[..., float]) -> Callable[..., float]:
-    return lambda *values: math.nan if any(x != x for x in values) else choose(values)
-
-
 def root(gap: Callable[[float], float], last: float, low: float, high: float) -> float:
     """Return the root nearest to the last value by widening steps and Brent's method; else where the gap is least.
 
@@ -137,9 +118,7 @@ def root(gap: Callable[[float], float], last: float, low: float, high: float) ->
 def build(plan: Plan) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) for a plan."""
     names: dict[str, Any] = {n: getattr(math, n) for n in dir(math) if not n.startswith("_")}
-    names["sign"] = lambda x: (x > 0) - (x < 0) if x == x else x  # a NaN is kept, not hidden
     names["root"] = root
-    names["max"], names["min"] = (_keeping_nan(choose) for choose in (max, min))
     exec(compile(source(plan), "<recursion>", "exec"), names)
     loop = names["run"]
 

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import sympy as sp
 
 from ..errors import ModelError
+from ..symbolic.functions import SQRT, Elementary, arguments_of, row_of
 from .plan import Plan
 
 SUM, PRODUCT, CALL, NAME = range(4)  # how tightly a text binds
@@ -32,7 +33,7 @@ class Writer:
     """
 
     language: ClassVar[str]
-    functions: ClassVar[Mapping[Any, str]]
+    words: ClassVar[str]  # the column of `narx_sym.symbolic.functions`
     relations: ClassVar[Mapping[Any, str]] = RELATIONS
     joints: ClassVar[tuple[str, str, str]]  # and, or, not
     truth: ClassVar[tuple[str, str]]  # false, true
@@ -55,18 +56,6 @@ class Writer:
 
     def power(self, base: str, exponent: str) -> str:
         """Write a power that is no product."""
-        raise NotImplementedError
-
-    def sign(self, x: Any) -> str:
-        """Write the sign of an expression; 0 at 0."""
-        raise NotImplementedError
-
-    def step(self, x: Any) -> str:
-        """Write 1 where an expression is positive, else 0."""
-        raise NotImplementedError
-
-    def extreme(self, largest: bool, values: Sequence[str]) -> str:
-        """Write the largest or the smallest of some texts."""
         raise NotImplementedError
 
     def undefined(self, expr: Any) -> str:
@@ -112,21 +101,29 @@ class Writer:
             return self.product(e)
         if e.is_Pow:
             return self.raised(e.base, e.exp)
-        if isinstance(e, sp.sign):
-            return self.sign(e.args[0]), CALL
-        if isinstance(e, sp.Heaviside):
-            return self.step(e.args[0]), CALL
-        if isinstance(e, (sp.Max, sp.Min)):
-            return self.extreme(isinstance(e, sp.Max), [self(a) for a in e.args]), CALL
         if isinstance(e, sp.Piecewise):
             return self.piecewise(e), NAME
-        if type(e) in self.functions:
-            return self.function(e), CALL
+        row = row_of(e)
+        if row is not None:
+            return self.elementary(row, arguments_of(e)), CALL
         raise ModelError(f"{self.language} has no rule for {type(e).__name__} in {e}.")
 
-    def function(self, e: Any) -> str:
-        """Write a function of one argument."""
-        return self.call(self.functions[type(e)], self(e.args[0]))
+    def elementary(self, row: Elementary, arguments: Sequence[Any]) -> str:
+        """Write an elementary function; of several arguments two by two."""
+        first, *others = (self.walk(a) for a in arguments)
+        if not others:
+            return self.applied(row, first)
+        for other in others:
+            first = self.applied(row, first, other), CALL
+        return first[0]
+
+    def applied(self, row: Elementary, *arguments: tuple[str, int]) -> str:
+        """Write a function of texts; one that is needed twice gets a name."""
+        pattern, given = getattr(row, self.words), {}
+        for letter, (shown, binding) in zip("xy", arguments, strict=False):
+            twice = pattern.count(f"{{{letter}}}") > 1 and binding != NAME
+            given[letter] = self.stored(shown) if twice else shown
+        return pattern.format(**given)
 
     def checked(self, value: float) -> float:
         """Refuse numbers that the language has no literal for."""
@@ -164,7 +161,7 @@ class Writer:
         if exponent.is_Integer and exponent <= MAX_PRODUCT:
             return "*".join([self.named(base)] * int(exponent)), PRODUCT
         if exponent == sp.Rational(1, 2):
-            return self.call(self.functions[sp.sqrt], self(base)), CALL
+            return self.elementary(SQRT, [base]), CALL
         return self.power(self(base), self(exponent)), CALL
 
     def named(self, expr: Any) -> str:
@@ -175,7 +172,10 @@ class Writer:
     def part(self, expr: Any, shown: str = "") -> str:
         """Write a part that gets its own name, and return that."""
         boolean = bool(expr.is_Relational or isinstance(expr, sp.logic.boolalg.BooleanFunction))
-        shown = shown or (self.condition(expr) if boolean else self(expr))
+        return self.stored(shown or (self.condition(expr) if boolean else self(expr)), boolean)
+
+    def stored(self, shown: str, boolean: bool = False) -> str:
+        """Give a text its own name, and return that."""
         name = self.fresh()
         self.lines += self.define(name, shown, boolean)
         return name

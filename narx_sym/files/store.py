@@ -15,7 +15,8 @@ from sympy import Eq, Indexed, Symbol, expand, true
 from ..errors import ModelError, NarxError
 from ..models.analysis import continuum_conditions, rest_map
 from ..models.model import NARX, Model
-from ..symbolic.grammar import FUNCTIONS, SIGNALS, expanded_terms, parse, read_json
+from ..symbolic.functions import NAMES
+from ..symbolic.grammar import SIGNALS, expanded_terms, parse, read_json
 from ..symbolic.printing import text
 from ..symbolic.recursion import State, written_out
 from ..symbolic.signals import k, lag, samples, signal, u, x, y
@@ -31,7 +32,7 @@ FIELDS = {
 STATE_FIELDS = {"state", "update", "initial", "group"}
 EFFECT_FIELDS = {"effect", "form", "where", "driver", "coefficients", "shape", "fixed"}
 # `x` and `v` are names of states: the core's output and the input that it sees.
-RESERVED = {*SIGNALS, *FUNCTIONS, "k", "t", "r", "m", "pi", "prediction"}
+RESERVED = {*SIGNALS, *NAMES, "k", "t", "r", "m", "pi", "prediction"}
 
 
 def to_dict(model: Model) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import sympy as sp
 
-from ..engines.compile import lambdify, largest_root
+from ..engines.columns import lambdify, largest_root
 from ..errors import ModelError
 from ..inversion.stability import InternalDynamics, direction, heading, mbar, rbar
 from ..models.analysis import z

@@ -12,7 +12,8 @@ from scipy.linalg import LinAlgError, qr, solve_triangular
 from scipy.linalg.lapack import dtbtrs
 from scipy.optimize import least_squares
 
-from ..engines.compile import Columns, compile
+from ..engines.columns import Columns
+from ..engines.compile import compile
 from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep
 from ..models.model import NARX, Model

@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dtpqrt
 
 from ..data.coverage import seen
 from ..data.record import Record, check_excitation
-from ..engines.compile import Columns
+from ..engines.columns import Columns
 from ..errors import FitError
 from ..files.parallel import one_blas_thread
 from ..models.model import NARX, Model

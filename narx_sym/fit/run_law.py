@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..engines.compile import Compiled, compile, lambdify
+from ..engines.columns import lambdify
+from ..engines.compile import Compiled, compile
 from ..errors import Diverged, ModelError, NarxError, Unreachable
 from ..inversion.compensator import Compensator
 from ..inversion.solution import Solution

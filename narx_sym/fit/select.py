@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engines.compile import Columns
+from ..engines.columns import Columns
 from ..errors import FitError
 from ..models.model import NARX, Model, Pool
 from ..symbolic.signals import k, samples

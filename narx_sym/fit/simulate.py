@@ -14,7 +14,8 @@ import sympy as sp
 from ..data.coverage import beyond, excess, leaves
 from ..data.metrics import mape, nrmse
 from ..data.record import Record
-from ..engines.compile import Columns, compile, lambdify
+from ..engines.columns import Columns, lambdify
+from ..engines.compile import compile
 from ..errors import Diverged, ModelError, NarxError
 from ..inversion.compensator import Compensator
 from ..models.model import Model

@@ -8,10 +8,11 @@ from typing import Any
 import sympy as sp
 
 from ..errors import NotInvertible
+from ..symbolic.functions import CLASSES, KINKED, X
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import samples
-from .kinks import KINKS, solve_kinked
+from .kinks import solve_kinked
 from .solution import Branch, Root, Solution, number
 
 EDGE = sp.Float(1e-12)  # how near the limit of a bounded function is approached
@@ -49,7 +50,7 @@ def solve_for(
     w = sp.Dummy("w", real=True)
     G = expr.xreplace({unknown: w})
     slope = derivative(G, w)
-    kinks = [n for n in G.atoms(*KINKS) if n.has(w)]
+    kinks = [n for n in G.atoms(*KINKED) if n.has(w)]
     made = {"unknown": unknown, "target": target, "expr": expr, "last": last}
     if not kinks and not slope.has(w) and (values or not samples(slope)):
         size = number(slope, values)
@@ -114,24 +115,12 @@ def _holds(condition: Any, values: Mapping[Any, Any]) -> bool | None:
     return None if value is None else bool(condition.func(sp.Float(value), 0))
 
 
-def _atanh(x: Any) -> Any:
-    return sp.log((1 + x) / (1 - x)) / 2
-
-
-# f: its inverse, and the open interval of its values.
-INVERSES = {
-    sp.tanh: (_atanh, (-1, 1)),
-    sp.atan: (sp.tan, (-sp.pi / 2, sp.pi / 2)),
-    sp.exp: (sp.log, (0, sp.oo)),
-    sp.log: (sp.exp, (-sp.oo, sp.oo)),
-}
-
-
 def _inverse_function(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: dict[str, Any]) -> Any:
     """Solve A + B*f(C*w + D) = target by the inverse of f, within its values."""
     beside, rest = G.as_independent(w, as_Add=True)
     factor, core = rest.as_independent(w, as_Add=False)
-    if type(core) not in INVERSES:
+    row = CLASSES.get(type(core))
+    if row is None or row.inverse is None:
         # What numbers switch off does not count: a complete saturation is r*tanh(u/r) + (1 - c)*u with c = 1.
         exact = sp.expand(G.xreplace(dict(values)))
         return None if exact == G else _inverse_function(exact, w, target, {}, made)
@@ -140,13 +129,13 @@ def _inverse_function(G: Any, w: Any, target: Any, values: Mapping[Any, Any], ma
     size = number(factor, values)
     if scale.has(w) or size is None or size == 0 or (values and number(scale, values) in (None, 0)):
         return None
-    inverse, (low, high) = INVERSES[type(core)]
+    low, high = row.values
     wanted = (target - beside) / factor
     if low != -sp.oo:
         wanted = sp.Max(low + EDGE, wanted)
     if high != sp.oo:
         wanted = sp.Min(high - EDGE, wanted)
-    solution = (inverse(wanted) - inner.xreplace({w: sp.S.Zero})) / scale
+    solution = (row.inverse.xreplace({X: wanted}) - inner.xreplace({w: sp.S.Zero})) / scale
     ends = [beside + factor * e for e in (low, high)]
     reach = tuple(ends if size > 0 else ends[::-1])
     kept = reach if not any(samples(e) for e in reach) else (-sp.oo, sp.oo)

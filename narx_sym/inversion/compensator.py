@@ -17,13 +17,14 @@ from ..errors import ModelError, NotInvertible
 from ..models.analysis import newest_input
 from ..models.model import Model
 from ..symbolic import printing
+from ..symbolic.identities import vanishes
 from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import k, lag, m, r, samples, shift, swap, u, y
 from ..symbolic.smoothing import smoothed, widths
 from .doors import CompensatorDoors
 from .grouping import offending, polynomials, q, why_not
-from .solution import Branch, vanishes
+from .solution import Branch
 from .stability import InternalDynamics, internal_dynamics
 from .stages import Staged, guarded, in_order, stages_of, wanted
 

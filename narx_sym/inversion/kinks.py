@@ -13,12 +13,12 @@ from typing import Any
 
 import sympy as sp
 
+from ..symbolic.functions import CLASSES, KINKED, X
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import signal
 from .solution import Branch, Solution, number
 
-KINKS = (sp.Abs, sp.sign, sp.Max, sp.Min, sp.Heaviside)
 MANY = 64  # shapes that nested kinks may take
 # A flat piece reaches one target only: rounding, or this part of its width, does not make the unknown jump over it.
 DEAD_BAND = sp.Float(1e-10)
@@ -31,15 +31,13 @@ class _Undecided(Exception):  # noqa: N818
 
 def _forms(expr: Any, w: Any) -> list[Any]:
     """Return every smooth expression that one with kinks may be."""
-    if not any(n.has(w) for n in expr.atoms(*KINKS)):
+    if not any(n.has(w) for n in expr.atoms(*KINKED)):
         return [expr]
-    if isinstance(expr, sp.Abs):
-        return [s * f for f in _forms(expr.args[0], w) for s in (1, -1)]
-    if isinstance(expr, sp.sign):
-        return [sp.S.One, sp.S.NegativeOne]
-    if isinstance(expr, sp.Heaviside):
-        return [sp.S.Zero, sp.S.One]
-    if isinstance(expr, (sp.Max, sp.Min)):
+    row = CLASSES.get(type(expr))
+    if row and row.sides:
+        below, above = row.sides
+        return [side.xreplace({X: f}) for f in _forms(expr.args[0], w) for side in (above, below)]
+    if row and row.extreme:
         return [f for a in expr.args for f in _forms(a, w)]
     combined: list[tuple[Any, ...]] = [()]
     for a in expr.args:
@@ -52,8 +50,8 @@ def _forms(expr: Any, w: Any) -> list[Any]:
 def _breaks(G: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
     """Return where a piecewise affine expression may have kinks."""
     found: list[Any] = []
-    for node in sorted((n for n in G.atoms(*KINKS) if n.has(w)), key=sp.default_sort_key):
-        if isinstance(node, (sp.Max, sp.Min)):
+    for node in sorted((n for n in G.atoms(*KINKED) if n.has(w)), key=sp.default_sort_key):
+        if CLASSES[type(node)].extreme:
             sides = [_forms(a, w) for a in node.args]
             switching = [f - g for i, one in enumerate(sides) for other in sides[i + 1 :] for f in one for g in other]
         else:
@@ -84,23 +82,21 @@ def _at(expr: Any, w: Any, point: Any, values: Mapping[Any, Any]) -> Any:
     """Return the affine expression that one with kinks is at a point between them."""
     if expr == w or not expr.has(w):
         return expr
-    if isinstance(expr, (sp.Abs, sp.sign, sp.Heaviside)):
+    row = CLASSES.get(type(expr))
+    if row and row.sides:
         inner = _at(expr.args[0], w, point, values)
         value = number(inner.xreplace({w: point}), values)
         if value is None:
             raise _Undecided
-        if isinstance(expr, sp.Abs):
-            return inner if value >= 0 else -inner
-        side = sp.S.One if value > 0 else sp.S.NegativeOne
-        return side if isinstance(expr, sp.sign) else (1 + side) / 2
+        return row.sides[value > 0].xreplace({X: inner})
     arguments = [_at(a, w, point, values) for a in expr.args]
-    if isinstance(expr, (sp.Max, sp.Min)):
+    if row and row.extreme:
         best = arguments[0]
         for other in arguments[1:]:
             value = number((other - best).xreplace({w: point}), values)
             if value is None:
                 raise _Undecided
-            if (value > 0) == isinstance(expr, sp.Max):
+            if (value > 0) == (row.extreme == ">"):
                 best = other
         return best
     return expr.func(*arguments)
@@ -242,7 +238,7 @@ def _pieces(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) ->
 
 def _smooth(expr: Any) -> Any:
     """Return an expression with constants in the place of its kinks."""
-    return expr.replace(lambda e: isinstance(e, KINKS), lambda e: sp.Dummy(real=True))
+    return expr.replace(lambda e: isinstance(e, KINKED), lambda e: sp.Dummy(real=True))
 
 
 def _direction(slope: Any, rest: Any, values: Mapping[Any, Any]) -> int:
@@ -325,14 +321,12 @@ def _far(expr: Any, w: Any, side: int, values: Mapping[Any, Any]) -> Any:
     if expr == w or not expr.has(w):
         return expr
     arguments = [_far(a, w, side, values) for a in expr.args]
-    if isinstance(expr, sp.Abs):
-        return arguments[0] if sign_of(arguments[0]) >= 0 else -arguments[0]
-    if isinstance(expr, (sp.sign, sp.Heaviside)):
-        up = sign_of(arguments[0]) > 0
-        return (sp.S.One if up else sp.S.NegativeOne) if isinstance(expr, sp.sign) else sp.Integer(int(up))
-    if isinstance(expr, (sp.Max, sp.Min)):
+    row = CLASSES.get(type(expr))
+    if row and row.sides:
+        return row.sides[sign_of(arguments[0]) > 0].xreplace({X: arguments[0]})
+    if row and row.extreme:
         best = arguments[0]
         for other in arguments[1:]:
-            best = other if (sign_of(other - best) > 0) == isinstance(expr, sp.Max) else best
+            best = other if (sign_of(other - best) > 0) == (row.extreme == ">") else best
         return best
     return expr.func(*arguments)

@@ -8,6 +8,7 @@ from typing import Any
 
 import sympy as sp
 
+from ..symbolic.identities import vanishes
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 
@@ -112,12 +113,6 @@ class Solution:
             ends = f"above {low}" if self.reach[1] == sp.oo else f"below {high}"
             said += f" {ends if sp.oo in map(abs, self.reach) else f'from {low} to {high}'}; nothing else is reached"
         return "; ".join([said, *self.notes])
-
-
-def vanishes(expr: Any) -> bool:
-    """Whether an expression is identically zero; numbers are taken as they are written."""
-    exact = sp.nsimplify(expr, rational=True)
-    return bool(sp.expand(sp.fraction(sp.together(exact))[0]) == 0 or sp.simplify(exact) == 0)
 
 
 def number(expr: Any, values: Mapping[Any, Any]) -> float | None:

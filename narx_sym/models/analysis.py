@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import sympy as sp
@@ -14,6 +15,7 @@ from sympy.solvers.solveset import NonlinearError
 
 from ..errors import FitError, ModelError
 from ..symbolic import printing
+from ..symbolic.identities import vanishes
 from ..symbolic.recursion import State
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import differences, k, lag, lags, samples, t, x
@@ -253,9 +255,10 @@ def jury(polynomial: Any) -> list[Any]:
     return conditions
 
 
+@lru_cache(maxsize=1024)
 def without_integrator(polynomial: Any) -> tuple[Any, bool]:
     """Divide out the root z = 1 where it is exact: a Sigma_y = 1 model and its law integrate by construction."""
-    if sp.simplify(polynomial.subs(z, 1)) == 0:
+    if vanishes(polynomial.subs(z, 1)):
         return sp.cancel(sp.quo(sp.Poly(polynomial, z), sp.Poly(z - 1, z)).as_expr()), True
     return polynomial, False
 

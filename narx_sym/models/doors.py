@@ -30,4 +30,4 @@ class ModelDoors:
 class QuasiStaticDoors:
     """Each line is one function of the room that does it; it takes the quasi-static sets first."""
 
-    evaluate = door("engines.compile", "evaluate_quasi_static")
+    evaluate = door("engines.columns", "evaluate_quasi_static")

@@ -14,6 +14,7 @@ import sympy as sp
 
 from ..errors import ModelError
 from ..symbolic import printing
+from ..symbolic.functions import TABLE
 from ..symbolic.grammar import parse
 from ..symbolic.identities import canonical, independent
 from ..symbolic.recursion import Recursion, State
@@ -23,7 +24,7 @@ from . import assumptions
 from .doors import ModelDoors
 
 MAX_POOL = 20_000
-FUNCTIONS = {"abs": sp.Abs, "sin": sp.sin, "cos": sp.cos, "tanh": sp.tanh, "exp": sp.exp, "sign": sp.sign}
+FUNCTIONS = {row.name: row.cls for row in TABLE if row.everywhere and not row.extreme}
 
 
 class Model(ModelDoors):

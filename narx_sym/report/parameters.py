@@ -12,6 +12,7 @@ import sympy as sp
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.procedure import Diagnosis
 from ..models.model import Model
+from ..symbolic.functions import row_of
 from ..symbolic.signals import expand_phi, phi1, phi2, samples, u, v, x, y
 from .words import Row, Units, number
 
@@ -90,7 +91,8 @@ def _dimension(expr: Any) -> tuple[int, int] | None:
     """Return the powers of the units of y and u; None where they are not known."""
     if isinstance(expr, sp.Indexed):
         return {y: (1, 0), x: (1, 0), u: (0, 1), v: (0, 1), phi1: (0, 1), phi2: (0, 0)}.get(expr.base)
-    if expr.is_number or expr.func in (sp.sign, sp.tanh, sp.exp, sp.sin, sp.cos):
+    row = row_of(expr)
+    if expr.is_number or (row and row.dimension in ("none", "sign")):
         return (0, 0)
     if isinstance(expr, sp.Mul):
         parts = [_dimension(a) for a in expr.args]
@@ -99,7 +101,7 @@ def _dimension(expr: Any) -> tuple[int, int] | None:
     if isinstance(expr, sp.Pow) and expr.exp.is_Integer:
         part, n = _dimension(expr.base), int(expr.exp)
         return None if part is None else (n * part[0], n * part[1])
-    if isinstance(expr, (sp.Add, sp.Max, sp.Min, sp.Abs)):
+    if expr.is_Add or (row and row.dimension == "kept"):
         return next((d for a in expr.args if not a.is_number and (d := _dimension(a)) is not None), None)
     return None
 

@@ -15,6 +15,7 @@ from typing import Any
 import sympy as sp
 
 from ..errors import ParseError
+from .functions import NAMES
 from .signals import breve_phi1, breve_phi2, k, phi1, phi2, signal, u, y
 
 GRAMMAR = r"""
@@ -36,10 +37,6 @@ GRAMMAR = r"""
     NUMBER: /([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?/
     %ignore /[ \t\n]+/
 """
-FUNCTIONS: dict[str, Any] = {
-    "sign": sp.sign, "abs": sp.Abs, "Abs": sp.Abs, "sin": sp.sin, "cos": sp.cos, "tan": sp.tan, "tanh": sp.tanh,
-    "atan": sp.atan, "exp": sp.exp, "log": sp.log, "sqrt": sp.sqrt, "Max": sp.Max, "Min": sp.Min,
-}  # fmt: skip
 SIGNALS = {str(b.label): b for b in (y, u, phi1, phi2, breve_phi1, breve_phi2)}
 MAX_LENGTH, MAX_DEPTH, MAX_POWER, MAX_DIGITS, MAX_LAG = 20_000, 40, 16, 310, 100_000
 MAX_COMPARED, LARGEST = 1_000, 1e300
@@ -59,8 +56,8 @@ def parse(text: str, signals: Iterable[str] = (), symbols: Iterable[str] = ()) -
     Parameters
     ----------
     text : str
-        Sums, products, quotients and integer powers of samples `x[k-i]`, numbers, parameters and the functions
-        sign, abs, sin, cos, tan, tanh, atan, exp, log, sqrt, Max, Min.
+        Sums, products, quotients and integer powers of samples `x[k-i]`, numbers, parameters and the
+        elementary functions of `narx_sym.symbolic.functions`.
     signals, symbols : names
         Further sequences (beside y, u, phi1, phi2, breve_phi1, breve_phi2) and parameters that may appear.
 
@@ -235,23 +232,24 @@ class _Builder:
 
     def call(self, name: str, *arguments: Any) -> Any:
         name = str(name)
-        if name not in FUNCTIONS:
-            raise self.fail(f"unknown function {_short(name)!r}; known are {', '.join(FUNCTIONS)}.")
+        row = NAMES.get(name)
+        if row is None:
+            raise self.fail(f"unknown function {_short(name)!r}; known are {', '.join(NAMES)}.")
         self.calls += 1
         if self.calls > MAX_CALLS:
             raise self.fail(f"there are more than {MAX_CALLS} functions.")
-        if name not in ("Max", "Min") and len(arguments) != 1:
+        if not row.extreme and len(arguments) != 1:
             raise self.fail(f"{name} takes one argument, not {len(arguments)}.")
-        if any(a.is_Number for a in arguments) and name in ("exp", "log", "tan"):
+        if any(a.is_Number for a in arguments) and not row.constant:
             raise self.fail(f"{name} of a constant is refused; write the number.")
-        if name in ("Max", "Min"):  # SymPy compares each pair, those of a nested Max too
+        if row.extreme:  # SymPy compares each pair, those of a nested Max too
             self.compared += sum(len(a.args) if isinstance(a, (sp.Max, sp.Min)) else 1 for a in arguments) ** 2
             if self.compared > MAX_COMPARED:
                 raise self.fail("there are too many arguments of Max and Min.")
         if any(a.is_number and len(a.atoms(sp.Function)) >= MAX_CONSTANTS for a in arguments):
             raise self.fail(f"{name} of nested constants is refused; write the number.")
         try:
-            return FUNCTIONS[name](*arguments)
+            return row.cls(*arguments)
         except ValueError as error:
             raise self.fail(f"{error}") from None
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import sympy as sp
@@ -17,6 +18,7 @@ from .signals import breve_phi1, breve_phi2, expand_phi, phi1, phi2, samples
 
 Monomial = tuple[tuple[int, int], ...]  # ((atom, power), ...)
 Polynomial = dict[Monomial, Fraction]
+CLEAR = 1e-6  # of the size of its terms: a sum above this is no zero that was rounded
 
 
 class _NormalForms:
@@ -132,6 +134,28 @@ def canonical(term: Any) -> Any:
             with_phi1 = first[s.indices[0]] in powers
             result = result / s ** (n - (n % 2 if with_phi1 else 2 - n % 2))
     return result
+
+
+def clearly_not_zero(expr: Any) -> bool:
+    """Whether numbers in the place of all symbols leave far more of an expression than rounding could.
+
+    One point where it does not vanish decides: no identity needs to be searched for. False says nothing.
+    """
+    known = {s: sp.Float(0.37 + (0.618034 * i) % 1.3) for i, s in enumerate(sorted(expr.free_symbols, key=str))}
+    values = [part.xreplace(known) for part in sp.Add.make_args(expr)]
+    if not all(v.is_number and v.is_extended_real and v.is_finite for v in values):
+        return False  # outside of where it is defined
+    numbers = [float(v) for v in values]
+    return abs(sum(numbers)) > CLEAR * sum(map(abs, numbers))
+
+
+@lru_cache(maxsize=1024)
+def vanishes(expr: Any) -> bool:
+    """Whether an expression is identically zero, as far as SymPy can tell; numbers are taken as they are written."""
+    if clearly_not_zero(expr):
+        return False
+    exact = sp.nsimplify(expr, rational=True)
+    return bool(sp.expand(sp.fraction(sp.together(exact))[0]) == 0 or sp.simplify(exact) == 0)
 
 
 def independent(terms: Sequence[Any], protect: Iterable[Any] = ()) -> tuple[list[Any], dict[Any, str]]:

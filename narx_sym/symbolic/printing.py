@@ -8,6 +8,7 @@ import sympy as sp
 from sympy.printing.latex import LatexPrinter
 from sympy.printing.str import StrPrinter
 
+from .functions import arguments_of, row_of
 from .signals import k, lag
 
 DIGITS = 6
@@ -157,8 +158,16 @@ class _Text(StrPrinter):
     def _print_Float(self, expr: Any) -> str:
         return repr(float(expr))
 
+    def _print_Function(self, expr: Any) -> str:
+        row = row_of(expr)
+        shown = ", ".join(map(self._print, arguments_of(expr) if row else expr.args))
+        return f"{row.name if row else expr.func.__name__}({shown})"
+
     def _print_Abs(self, expr: Any) -> str:
-        return f"abs({self._print(expr.args[0])})"
+        return self._print_Function(expr)
+
+    def _print_Heaviside(self, expr: Any) -> str:
+        return self._print_Function(expr)
 
     def _print_Dummy(self, expr: Any) -> str:
         return str(expr.name)

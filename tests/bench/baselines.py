@@ -47,7 +47,7 @@ from narx_sym import NARX, Model, Record, identify
 from narx_sym.diagnosis.bases import fit_base
 from narx_sym.diagnosis.directions import Linearised
 from narx_sym.diagnosis.refit import Fitted, Split
-from narx_sym.engines.compile import Columns
+from narx_sym.engines.columns import Columns
 from narx_sym.errors import NarxError
 from narx_sym.files.parallel import one_blas_thread
 from narx_sym.fit.constraints import constraint_equations

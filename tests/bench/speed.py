@@ -40,7 +40,8 @@ from paper_tables import TS, direct
 from scipy.linalg.blas import dsyrk
 
 from narx_sym import NARX, Model, Record, plants, pool
-from narx_sym.engines.compile import Columns, compile
+from narx_sym.engines.columns import Columns
+from narx_sym.engines.compile import compile
 from narx_sym.fit import ensemble
 from narx_sym.fit.least_squares import factor
 from narx_sym.fit.select import err_path, path_of

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from paper import BENCH
 
 import narx_sym.engines.compile as bridge
-from narx_sym.engines.compile import ENGINES, Columns, compile, to_casadi
+from narx_sym.engines.columns import Columns
+from narx_sym.engines.compile import ENGINES, compile, to_casadi
 from narx_sym.engines.numpy import affine_rows
 from narx_sym.engines.plan import Plan
 from narx_sym.errors import Diverged, ModelError

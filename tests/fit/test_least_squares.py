@@ -11,7 +11,8 @@ from paper import BENCH
 from truth import exact_constrained
 
 from narx_sym.data.record import Record
-from narx_sym.engines.compile import Columns, compile
+from narx_sym.engines.columns import Columns
+from narx_sym.engines.compile import compile
 from narx_sym.errors import DataError, Diverged, FitError, ModelError
 from narx_sym.fit.least_squares import Elimination, factor, one_step
 from narx_sym.fit.simulate import evaluate, free_run, predict, simulate

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from truth import NAMES, complex_step, digits, exact_constrained, exact_least_squares, smooth_models, strd
 
 from narx_sym.data.record import Record
-from narx_sym.engines.compile import Columns, compile
+from narx_sym.engines.columns import Columns
+from narx_sym.engines.compile import compile
 from narx_sym.errors import FitError
 from narx_sym.fit.constraints import Elimination
 from narx_sym.fit.least_squares import CORRECTED, factor, one_step, refined, solve_factor

@@ -10,7 +10,7 @@ from truth import classical, random_problem, triangle
 
 from narx_sym import plants
 from narx_sym.data.record import Record
-from narx_sym.engines.compile import Columns
+from narx_sym.engines.columns import Columns
 from narx_sym.errors import FitError
 from narx_sym.fit.least_squares import factor
 from narx_sym.fit.select import candidates_of, err_path, path_of, select

@@ -6,7 +6,7 @@ import sympy as sp
 from paper import BENCH
 from scipy.linalg import qr
 
-from narx_sym.engines.compile import Columns
+from narx_sym.engines.columns import Columns
 from narx_sym.errors import ModelError
 from narx_sym.models.assumptions import ASSUMPTION_1, COMPENSATION, CONTINUUM, RULES, Structure
 from narx_sym.models.model import NARX, pool

@@ -14,7 +14,8 @@ from places import ROOT
 
 from narx_sym.errors import ModelError, NotInvertible, ParseError
 from narx_sym.models.model import NARX, Model, pool
-from narx_sym.symbolic.grammar import FUNCTIONS, MAX_POWER, parse
+from narx_sym.symbolic import functions
+from narx_sym.symbolic.grammar import MAX_POWER, parse
 from narx_sym.symbolic.mathml import mathml
 from narx_sym.symbolic.printing import latex, latex_sum, text
 from narx_sym.symbolic.signals import breve_phi1, breve_phi2, k, phi1, phi2, signal, u, y
@@ -85,7 +86,7 @@ def grown(inner):
         st.lists(inner, min_size=2, max_size=3).map(lambda p: sp.Add(*p)),
         st.lists(inner, min_size=2, max_size=3).map(lambda p: sp.Mul(*p)),
         st.tuples(inner, st.sampled_from((-2, -1, 2, 3))).map(lambda t: t[0] ** t[1] if t[0] != 0 else t[0]),
-        st.tuples(st.sampled_from(one), inner).map(lambda t: FUNCTIONS[t[0]](t[1])),
+        st.tuples(st.sampled_from(one), inner).map(lambda t: functions.NAMES[t[0]].cls(t[1])),
         st.tuples(st.sampled_from((sp.Max, sp.Min)), inner, inner).map(lambda t: compared(*t)),
         inner.map(lambda e: sp.sqrt(e**2 + 1)),
     )
@@ -264,7 +265,7 @@ def formulas():
         yield f"{name} law in numbers", m.compensator().latex(numbers=True)
     yield "constraint", latex(sp.Eq(model.sigma_y, 1, evaluate=False))
     yield "terms", latex(list(pool(degree=2, functions=("abs", "sin", "tanh"), constant=True)))
-    yield "functions", latex([parse(f"{f}(u[k-1])") for f in FUNCTIONS if f not in ("Max", "Min")])
+    yield "functions", latex([parse(f"{f}(u[k-1])") for f, row in functions.NAMES.items() if not row.extreme])
     yield "Max", latex(parse("Max(u[k], Min(y[k-1], phi1[k]))**2 + sign(u[k])**3 + 1.5e-10*sqrt(u[k])"))
     yield "pieces", latex(sp.Piecewise((u[k], u[k] > 0), (0, True)))
 

@@ -10,7 +10,7 @@ import numpy as np
 import sympy as sp
 
 from ...data.record import Record
-from ...engines.compile import Columns
+from ...engines.columns import Columns
 from ...errors import DataError
 from ...fit.simulate import vector
 from ...models.model import Model

@@ -13,7 +13,8 @@ from typing import Any
 import sympy as sp
 
 from ...errors import ModelError, NarxError
-from ...symbolic.grammar import FUNCTIONS, LARGEST, SIGNALS, parse, read_json
+from ...symbolic.functions import NAMES
+from ...symbolic.grammar import LARGEST, SIGNALS, parse, read_json
 from ...symbolic.recursion import Recursion, State, written_out
 from ...symbolic.signals import k, lag, samples, signal
 from ._effect import EFFECTS, PLACES, SCANS, SEQUENCES, Catalogue, Effect, Form, Scan, effect
@@ -25,7 +26,7 @@ STATE_FIELDS = {"state", "update", "initial"}
 DRIVERS = ("u", "y", "uy", "t", "channel")
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
-RESERVED = {*SEQUENCES, *SIGNALS, *FUNCTIONS, "k", "pi", "prediction", "Ts"}
+RESERVED = {*SEQUENCES, *SIGNALS, *NAMES, "k", "pi", "prediction", "Ts"}
 
 
 class Written:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...engines.compile import evaluate_quasi_static
+from ...engines.columns import evaluate_quasi_static
 from ...fit.simulate import simulate
 from ...models.model import Model
 from .style import BLACK, BLUE, PINK, RED, label, new_axes

@@ -1,0 +1,185 @@
+"""Terms and sets to numbers: the regressors of a data set, quasi-static sets, roots of polynomials."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ..errors import ModelError
+from ..models.analysis import phi1_, u_, ytilde
+from ..symbolic.signals import expand_phi, lag, samples
+from .numpy import lambdify
+
+Array = np.ndarray
+
+
+class Columns:
+    """The regressors of a data set, block by block: a product tree over shared factors.
+
+    Parameters
+    ----------
+    terms : sequence of expressions in samples `x[k-i]`
+    """
+
+    def __init__(self, terms: Iterable[Any]):
+        self.terms = [sp.sympify(t) for t in terms]
+        self._factors: dict[Any, int] = {}
+        self._tree: list[tuple[int | None, int]] = []  # node = parent node times factor
+        nodes: dict[tuple[int, ...], int] = {}
+        self._nodes = []
+        for term in self.terms:
+            path: tuple[int, ...] = ()
+            parent = None
+            for factor in self._split(term):
+                path = (*path, factor)
+                if path not in nodes:
+                    nodes[path] = len(self._tree)
+                    self._tree.append((parent, factor))
+                parent = nodes[path]
+            self._nodes.append(parent)
+        written = [expand_phi(f) for f in self._factors]
+        self._samples = sorted({s for f in written for s in samples(f)}, key=str)
+        self.depth = max([0, *(lag(s) for s in self._samples)])
+        self.lead = max([0, *(-lag(s) for s in self._samples)])
+        plain = [sp.Symbol(f"s{i}", real=True) for i in range(len(self._samples))]
+        renamed = [f.xreplace(dict(zip(self._samples, plain, strict=True))) for f in written]
+        self._evaluate = lambdify(renamed, plain)
+
+    def _split(self, term: Any) -> list[int]:
+        found = []
+        for factor in sp.Mul.make_args(term):
+            base, exponent = factor.as_base_exp()
+            whole = exponent.is_Integer and 0 < exponent <= 8
+            for one in [base] * int(exponent) if whole else [factor]:
+                found.append(self._factors.setdefault(one, len(self._factors)))
+        return sorted(found)
+
+    def block(self, data: Mapping[str, Array], start: int, stop: int) -> Array:
+        """Return the (stop - start, n_terms) values, Fortran order, for start <= k < stop."""
+        n = stop - start
+        values = []
+        for s in self._samples:
+            i = lag(s)
+            values.append(data[str(s.base.label)][start - i : stop - i])
+        with np.errstate(all="ignore"):
+            factors = [np.broadcast_to(np.asarray(f, dtype=float), n) for f in self._evaluate(*values)]
+        products = np.empty((n, max(1, len(self._tree))), order="F")
+        for node, (parent, factor) in enumerate(self._tree):
+            if parent is None:
+                products[:, node] = factors[factor]
+            else:
+                np.multiply(products[:, parent], factors[factor], out=products[:, node])
+        if self._nodes == list(range(len(self._tree))):
+            return products
+        result = np.empty((n, len(self.terms)), order="F")
+        for column, last in enumerate(self._nodes):
+            result[:, column] = 1.0 if last is None else products[:, last]
+        return result
+
+    def __call__(self, data: Mapping[str, Array]) -> Array:
+        """Return all rows for which every sample exists: (N - depth - lead, n_terms)."""
+        n = (
+            min(len(data[str(s.base.label)]) for s in self._samples)
+            if self._samples
+            else len(next(iter(data.values())))
+        )
+        return self.block(data, self.depth, n - self.lead)
+
+
+class StaticSets:
+    """Quasi-static solutions along an input: numbers and masks.
+
+    Attributes
+    ----------
+    u, phi1 : (N,) arrays
+    ytilde : (N,) array
+        The solution of the branch that each sample is on; NaN where the input rests, and where Sigma_y = 1 leaves none
+        [unit of the output].
+    loading, attracting : (N,) bool arrays
+    spectral_radius : (N,) array
+        The largest |eigenvalue| of dF/dy; below 1 the set attracts.
+    """
+
+    def __init__(self, quasi_static: Any, u: Array, phi1: Array):
+        model = quasi_static.model
+        self.u, self.phi1 = u, phi1
+        self.loading = phi1 > 0
+        moving = phi1 != 0
+        branches = zip((quasi_static.loading, quasi_static.unloading), quasi_static.branches, strict=True)
+        solution, slopes = [], []
+        with np.errstate(all="ignore"):
+            for expression, derivatives in branches:
+                if isinstance(expression, sp.FiniteSet):
+                    raise ModelError("The quasi-static equation has several solutions; evaluate them one by one.")
+                numeric = [sp.sympify(e).xreplace(model.values) for e in (expression, *derivatives)]
+                if _vanishing(expression, model):  # 1 - Sigma_y = 0: every output, or none, is a solution
+                    numeric[0] = sp.nan
+                foreign = {s for e in numeric for s in e.free_symbols} - {u_, phi1_, ytilde}
+                if foreign:
+                    raise ModelError(f"The sets depend on further signals ({', '.join(map(str, foreign))}).")
+                values_at = lambdify([numeric[0]], [u_, phi1_])(u, phi1)[0]
+                solution.append(np.broadcast_to(np.asarray(values_at, dtype=float), u.shape))
+                found = lambdify(numeric[1:], [u_, phi1_, ytilde])(u, phi1, solution[-1]) if derivatives else []
+                slopes.append([np.broadcast_to(np.asarray(f, dtype=float), u.shape) for f in found])
+            self.ytilde = np.where(moving, np.where(self.loading, *solution), np.nan)
+            chosen = [np.where(self.loading, a, b) for a, b in zip(*slopes, strict=True)]
+        self.spectral_radius = _spectral_radius(chosen, u.size)
+        self.attracting = moving & (self.spectral_radius < 1)
+
+    @property
+    def repelling(self) -> Array:
+        """(N,) bool array."""
+        return (self.phi1 != 0) & ~self.attracting
+
+
+def _vanishing(expression: Any, model: Any) -> bool:
+    """Whether the denominator of a quasi-static solution is a number that is zero to rounding."""
+    below = sp.fraction(sp.together(expression))[1].xreplace(model.values)
+    parts = [abs(float(p)) for p in sp.Add.make_args(below)] if below.is_number else []
+    return bool(parts) and abs(float(below)) <= 1e-12 * max(1.0, *parts)
+
+
+def _spectral_radius(slopes: Sequence[Array], n: int) -> Array:
+    if len(slopes) < 2:
+        return np.abs(slopes[0]) if slopes else np.zeros(n)
+    order = len(slopes)
+    companion = np.zeros((n, order, order))
+    companion[:, 0, :] = np.stack(slopes, axis=1)
+    companion[:, np.arange(1, order), np.arange(order - 1)] = 1.0
+    return np.abs(np.linalg.eigvals(companion)).max(axis=1)
+
+
+def evaluate_quasi_static(quasi_static: Any, u: Any, phi1: Any = None) -> StaticSets:
+    """Evaluate the quasi-static sets of a fitted model along an input.
+
+    Parameters
+    ----------
+    u : (N,) array [unit of the model's input]
+    phi1 : (N,) array or number, optional
+        First difference of the input; that of `u` by default.
+    """
+    if not quasi_static.model.values:
+        raise ModelError("The model has no parameter values: fit it or give theta.")
+    source = np.atleast_1d(np.asarray(u, dtype=float))
+    step = (
+        np.diff(source, prepend=source[:1]) if phi1 is None else np.broadcast_to(np.asarray(phi1, float), source.shape)
+    )
+    return StaticSets(quasi_static, source, np.array(step))
+
+
+@lru_cache(maxsize=256)  # a law is run over many references
+def _coefficients(polynomial: Any, z: Any, names: tuple[Any, ...]) -> Any:
+    """Return the negative coefficients below the leading one, scaled by it, as a function of some symbols."""
+    lead, *rest = sp.Poly(polynomial, z).all_coeffs()
+    return lambdify([-c / lead for c in rest], names)
+
+
+def largest_root(polynomial: Any, z: Any, arguments: Mapping[Any, Array]) -> Array:
+    """Return the largest |root| in z of a polynomial whose coefficients depend on arrays, (N,)."""
+    n = max((np.size(v) for v in arguments.values()), default=1)
+    found = _coefficients(polynomial, z, tuple(arguments))(*arguments.values())
+    return _spectral_radius([np.broadcast_to(np.asarray(f, dtype=float), n) for f in found], n)
