@@ -31,8 +31,7 @@ models = {
     "strategy 1": ns.NARX.from_terms(TERMS),
     "strategy 2": ns.NARX.from_terms(INVERSE_TERMS, input="y", output="u", lead=2),
 }
-for model in models.values():
-    model.fit(record, ["continuum"])
+models = {name: model.fit(record, ["continuum"]) for name, model in models.items()}
 laws = {name: model.compensator() for name, model in models.items()}
 print(ns.latex(models["strategy 2"].smooth(0.01)))
 print(laws["strategy 2"].smooth(0.01).latex())
@@ -77,7 +76,7 @@ Console().print(table)
 # %%
 widths = np.geomspace(0.01, 10, 13)  # in median steps of the record
 study = {
-    name: np.array([run(law.smooth({s: w * step for s, step in models[name].info["steps"].items()})) for w in widths])
+    name: np.array([run(law.smooth({s: w * step for s, step in models[name].info.steps.items()})) for w in widths])
     for name, law in laws.items()
 }
 figure, axes = plots.new_axes(1, 4, figsize=(15, 4.2))

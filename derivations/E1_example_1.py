@@ -56,7 +56,7 @@ print(f"theta_4 = {fitted.theta[3]:.3g}, one-step MAPE {pair.one_step_mape:.2g} 
 # ## The picture, with numbers that attract
 
 # %%
-model.theta = [1.0, 0.02, 0.002, -0.01, 0.7]
+model = model.replace(theta=[1.0, 0.02, 0.002, -0.01, 0.7])
 sine = 40 * np.sin(2 * np.pi * np.arange(1000) * 1e-3)
 FIGURE.parent.mkdir(exist_ok=True)
 plots.plot_quasi_static(model, sine, y0=0.0, units={"u": "V", "y": "um"}).savefig(FIGURE, dpi=150)

@@ -45,7 +45,7 @@ print(ns.latex(law))
 # The law has an eigenvalue that is exactly 1: an offset of m does not decay.
 
 # %%
-model.theta = [1.0, 0.005, 0.0005, -0.01, 0.7]
+model = model.replace(theta=[1.0, 0.005, 0.0005, -0.01, 0.7])
 t = 1e-3 * np.arange(3261)
 reference = 15 * np.sin(2 * np.pi * np.maximum(t - 0.01, 0))
 law = model.compensator()

@@ -39,7 +39,7 @@ def study(volts, microns, step):
     validation = ns.Record.from_arrays(r, plain, Ts=Ts)
     found, growth = [], 0.0
     for one in (ns.NARX.from_terms(TERMS), ns.NARX.from_terms(INVERSE_TERMS, input="y", output="u", lead=2)):
-        one.fit(record, constraints=["continuum"])
+        one = one.fit(record, constraints=["continuum"])
         law = one.compensator()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what it says is in the last column of the table

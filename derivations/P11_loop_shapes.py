@@ -42,7 +42,7 @@ def identify(volts, microns, answer):
     validation = ns.Record.from_arrays(reference, answer, Ts=1e-3)
     found = []
     for one in (ns.NARX.from_terms(TERMS), ns.NARX.from_terms(INVERSE_TERMS, input="y", output="u", lead=2)):
-        one.fit(record, constraints=["continuum"])
+        one = one.fit(record, constraints=["continuum"])
         law = one.compensator()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what it says is in the table

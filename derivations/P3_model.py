@@ -37,7 +37,7 @@ print(ns.latex(model))
 # %%
 S, c = constraint_matrix(continuum_conditions(model), model.symbols)
 print(f"S = {ns.latex(S)}, c = {ns.latex(c)}")
-model.fit(record, constraints=["continuum"])
+model = model.fit(record, constraints=["continuum"])
 print(model.latex(numbers=True))
 
 # %% [markdown]

@@ -66,7 +66,7 @@ for value in (None, 0.5, 1.0, 2.0, 4.0, 8.0):
     one = direct().fit(record, [sp.Eq(free.sigma_y, 1), *extra], method="free_run")
     rate = one.compensator().internal.along(record.u, record.y).rate
     candidates[rate] = one
-    choice.add_row(f"{one.theta[2]:.3g}", f"{one.info['nrmse']['free_run']:.4f}", f"{rate:.3f}")
+    choice.add_row(f"{one.theta[2]:.3g}", f"{one.info.nrmse.free_run:.4f}", f"{rate:.3f}")
 Console().print(choice)
 model = candidates[min(candidates)]
 try:

@@ -35,8 +35,8 @@ from .models.effects import effect as effect
 from .models.effects import load_effects as load_effects
 from .models.model import NARX as NARX
 from .models.model import Model as Model
-from .models.model import Pool as Pool
-from .models.model import pool as pool
+from .models.pool import Pool as Pool
+from .models.pool import pool as pool
 from .report import plots as plots
 from .symbolic import signals as signals
 from .symbolic.printing import latex as latex

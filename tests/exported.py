@@ -104,8 +104,7 @@ def valued(model, *effects, value=0.05, **shapes):
         added = extend(model, variant)
         numbers = dict(zip(model.symbols, model.theta, strict=True)) | dict.fromkeys(added.coefficients, value)
         numbers |= {s: shapes[str(s).partition("_")[0]] for s in added.shape}
-        added.model.theta = [numbers[s] for s in added.model.symbols]
-        model = added.model
+        model = added.model.replace(theta=[numbers[s] for s in added.model.symbols])
     return model
 
 

@@ -43,7 +43,7 @@ def write_all(folder, jobs):
 
     with joblib.parallel_config("loky", n_jobs=jobs):
         model = ns.identify(loop, for_compensation=True, degree=2, max_terms=6)
-        model.fit(loop, ["continuum"], "free_run", starts=4, seed=3)
+        model = model.fit(loop, ["continuum"], "free_run", starts=4, seed=3)
         base = ns.identify(linear, base="linear", n_y=2, n_u=1, delay=1)
         spread = block_bootstrap(base, linear, draws=8, seed=5)
     law = model.compensator()

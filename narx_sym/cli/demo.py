@@ -65,7 +65,7 @@ def identify_both(out: Path, training: Record) -> tuple[Model, Model]:
         inverse = identify_inverse(training, lead=2)
     save(model, out / "model.json")
     save(inverse, out / "inverse.json")
-    rows = [[r["symbol"], r["term"], f"{r['theta']:.5g}", f"{r['std']:.1g}"] for r in model.table()]
+    rows = [[r["symbol"], r["term"], f"{r['theta']:.5g}", f"{r['standard_error']:.1g}"] for r in model.table()]
     title = "The model, selected by ERR from the paper's pool"
     table(title, ["parameter", "term", "value", "standard error"], rows)
     return model, inverse

@@ -58,11 +58,11 @@ def add(
     if made.without.note:
         note(made.without.note)
     save(made.model, out)
-    for one in made.model.info["effects"][-1:]:
-        driven = f", driven by {one['driver']}" if one["driver"] in ("u", "y") else ""
-        form = f" ({one['form']})" if one["form"] else ""
-        place = "inside" if one["where"] == "inside" else f"at the {one['where']}"
-        console().print(f"[bold]{one['effect']}[/bold]{form} {place}{driven}")
+    for one in made.model.effects[-1:]:
+        driven = f", driven by {one.driver}" if one.driver in ("u", "y") else ""
+        form = f" ({one.form})" if one.form else ""
+        place = "inside" if one.where == "inside" else f"at the {one.where}"
+        console().print(f"[bold]{one.effect}[/bold]{form} {place}{driven}")
     print_errors(made.errors)
     print_equations(made.model)
     console().print(f"Model written to {out}")

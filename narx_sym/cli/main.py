@@ -82,7 +82,7 @@ def fit(
         pairs = [(r.name, evaluate(model, r)) for r in measured]
     save(model, out)
     print_model(model)
-    console().print(f"Terms: {model.info['selection']['reason']}. Fit: {model.info['method']}.")
+    console().print(f"Terms: {model.info.selection.reason}. Fit: {model.info.method}.")
     print_errors(pairs)
     console().print(f"Model written to {out}")
 

@@ -70,9 +70,10 @@ def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:
 
 def print_model(model: Model) -> None:
     """Print terms, parameters and both errors."""
-    rows = [
-        [r["symbol"], r["term"], f"{r['theta']:.6g}", f"{r['std']:.2g}" if r["std"] else "fixed"] for r in model.table()
-    ]
+    rows = []
+    for row in model.table():
+        error = f"{row['standard_error']:.2g}" if row["standard_error"] else "fixed"
+        rows.append([row["symbol"], row["term"], f"{row['theta']:.6g}", error])
     table("Model", ["parameter", "term", "value", "standard error"], rows)
     _print_point(model)
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..models.info import Info
+
 Array = np.ndarray
 POWER, PIECE = 0.99, 2**17  # share of the power that counts; samples of one periodogram
 RESOLUTION = 3.0  # periods per length of a record, within which its window cannot tell frequencies
@@ -42,7 +44,7 @@ def frequency(parts: Sequence[Array], Ts: float) -> float:
     return float(np.searchsorted(below, POWER * below[-1]) / (n * Ts)) if below[-1] > 0 else 0.0
 
 
-def seen(signals: Mapping[str, Sequence[Array]], Ts: float) -> dict[str, dict[str, Any]]:
+def seen(signals: Mapping[str, Sequence[Array]], Ts: float) -> dict[str, Any]:
     """Return what a model keeps of its signals in `info`: ranges [unit], rates [unit/s] and frequencies [Hz] by name.
 
     Parameters
@@ -51,7 +53,7 @@ def seen(signals: Mapping[str, Sequence[Array]], Ts: float) -> dict[str, dict[st
     Ts : float [s]
     """
     return {
-        "ranges": {n: [float(min(map(np.min, p))), float(max(map(np.max, p)))] for n, p in signals.items()},
+        "ranges": {n: (float(min(map(np.min, p))), float(max(map(np.max, p)))) for n, p in signals.items()},
         "rates": {n: rate(parts, Ts) for n, parts in signals.items()},
         "frequencies": {n: frequency(parts, Ts) for n, parts in signals.items()},
     }
@@ -62,7 +64,7 @@ def excess(x: Array, low: float, high: float) -> float:
     return max(low - float(x.min()), float(x.max()) - high) / max(high - low, 1e-300)
 
 
-def beyond(info: Mapping[str, Any], name: str, what: str, parts: Sequence[Array], Ts: float | None) -> list[str]:
+def beyond(info: Info, name: str, what: str, parts: Sequence[Array], Ts: float | None) -> list[str]:
     """Say in which quantities a signal goes beyond what was seen in identification, and by how much.
 
     Parameters
@@ -76,13 +78,13 @@ def beyond(info: Mapping[str, Any], name: str, what: str, parts: Sequence[Array]
     found = [outside] if (outside := leaves(info, name, what, parts)) else []
     if not Ts:
         return found
-    most = info.get("rates", {}).get(name)
+    most = info.rates.get(name)
     if most is not None and (now := rate(parts, Ts)) > (1 + SLIGHT["rate"]) * most:
         found.append(
             f"the {what} changes by up to {now:.4g} [unit of {name}]/s, in identification by up to "
             f"{most:.4g}{_so(now, most)}"
         )
-    most = info.get("frequencies", {}).get(name)
+    most = info.frequencies.get(name)
     if most is not None:
         longest = max(x.size for x in parts)
         now = frequency(parts, Ts)
@@ -94,11 +96,11 @@ def beyond(info: Mapping[str, Any], name: str, what: str, parts: Sequence[Array]
     return found
 
 
-def leaves(info: Mapping[str, Any], name: str, what: str, parts: Sequence[Array]) -> str:
+def leaves(info: Info, name: str, what: str, parts: Sequence[Array]) -> str:
     """Say by how much a signal leaves the identified range, or nothing."""
-    if name not in info.get("ranges", {}):
+    if name not in info.ranges:
         return ""
-    low, high = info["ranges"][name]
+    low, high = info.ranges[name]
     most = max(excess(x, low, high) for x in parts)
     if most <= SLIGHT["range"]:
         return ""

@@ -49,17 +49,15 @@ class Addition:
         listed = prepare(records)
         split = Split.whole(listed)
         if isinstance(self.effect, Candidate):
-            fitted = settle(self.effect.model.copy(), split, limits=self.effect.fitted.limits, steps=FINAL)
+            fitted = settle(self.effect.model, split, limits=self.effect.fitted.limits, steps=FINAL)
         else:
             with one_blas_thread():
                 fitted = self._search(split, seed, progress)
-        model = fitted.model
-        describe(model, listed, "free_run", fitted.converged)
-        return unfinished(model)
+        return unfinished(describe(fitted.model, listed, "free_run", fitted.converged))
 
     def _search(self, split: Split, seed: int, progress: Callable[[str], Any]) -> Fitted:
         only = Catalogue({self.forms[0].id: self.forms})
-        base = settle(self.model.copy(), split)
+        base = settle(self.model, split)
         scored = score(base, [self.channel] if self.channel else [], only, seed)
         kept = [i for i, d in enumerate(scored.directions) if self.where in (None, d.variant.where)]
         found = []

@@ -9,6 +9,7 @@ import numpy as np
 import sympy as sp
 
 from ..errors import FitError
+from ..models.info import Info
 from ..models.model import NARX, Model
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import k, lags, u, y
@@ -33,11 +34,9 @@ def fit_base(model: Model, split: Split) -> Fitted:
     models = [*(roomy(model, more) for more in (1, 0) if is_linear(model)), model]
     reason = ""
     fits = []
-    for one in (m.copy() for m in models):
+    for one in models:
         try:
-            if one.theta is None:
-                one.fit(list(split.records))
-            made = settle(one, split)
+            made = settle(one.fit(list(split.records)) if one.theta is None else one, split)
         except FitError as error:
             reason = str(error)
             continue
@@ -59,7 +58,7 @@ def settled_again(base: Fitted, extended: Sequence[Fitted]) -> Fitted | None:
     values = dict(zip(best.model.symbols, best.model.theta, strict=True))
     start = np.array([values.get(s, t) for s, t in zip(base.model.symbols, base.model.theta, strict=True)])
     try:
-        again = settle(base.model.copy(), base.split, start, base.limits)
+        again = settle(base.model, base.split, start, base.limits)
     except FitError:
         return None
     if integrates(again, base.model):
@@ -69,7 +68,7 @@ def settled_again(base: Fitted, extended: Sequence[Fitted]) -> Fitted | None:
 
 def is_linear(model: Model) -> bool:
     """Whether a model is a base of linear terms whose orders were identified."""
-    return isinstance(model, NARX) and model.info.get("selection", {}).get("base") == "linear"
+    return isinstance(model, NARX) and model.info.selection.base == "linear"
 
 
 def roomy(model: Any, more: int) -> Model:
@@ -82,9 +81,9 @@ def roomy(model: Any, more: int) -> Model:
     first, last = max(0, model.delay - 1), model.n_u + 1
     terms = [*(y[k - i] for i in range(1, a + 1)), *(u[k - j] for j in range(first, last + 1)), sp.S.One]
     known = dict(zip(model.terms, model.theta, strict=True))
-    made = NARX(terms, [known.get(t, 0.0) for t in terms], operating_point=model.operating_point, Ts=model.Ts)
-    made.info = dict(model.info)
-    return made
+    return NARX(
+        terms, [known.get(t, 0.0) for t in terms], operating_point=model.operating_point, Ts=model.Ts, info=model.info
+    )
 
 
 def slowest(model: Model) -> float:
@@ -120,11 +119,10 @@ def simpler(base: Fitted) -> list[Fitted]:
         terms = [*(y[k - i] for i in range(1, orders + 1)), u[k - max(now, model.delay)], sp.S.One]
         if len(terms) >= len(model.symbols):
             continue
-        made = NARX(terms, operating_point=model.operating_point, Ts=model.Ts)
-        made.info = {n: v for n, v in model.info.items() if n == "selection"}
+        kept = Info(selection=model.info.selection)
+        made = NARX(terms, operating_point=model.operating_point, Ts=model.Ts, info=kept)
         try:
-            made.fit(list(base.split.records))
-            found.append(settle(made, base.split))
+            found.append(settle(made.fit(list(base.split.records)), base.split))
         except FitError:
             continue
     return found

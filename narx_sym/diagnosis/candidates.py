@@ -87,9 +87,8 @@ class Candidate:
     @property
     def parameters(self) -> dict[str, float]:
         """Coefficients c and shape parameters by their short names."""
-        added = self.model.info["effects"][-1]
-        values = dict(zip(map(str, self.model.symbols), self.model.theta, strict=True))
-        return {n.split("_")[0]: float(values[n]) for n in (*added["coefficients"], *added["shape"]) if n in values}
+        values = dict(zip(self.model.symbols, self.model.theta, strict=True))
+        return {n: float(values[s]) for n, s in self.model.effects[-1].symbols.items()}
 
     @property
     def latex(self) -> str:

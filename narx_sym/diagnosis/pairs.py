@@ -113,11 +113,10 @@ def single(pair: Pair, scored: Scored) -> Candidate | None:
     Its own fit had ended in a local minimum, then.
     """
     base, model = scored.fitted, pair.fitted.model
-    listed = model.info["effects"][-2:]
+    listed = model.effects[-2:]
     for place, other in zip(pair.places, reversed(listed), strict=True):
-        gone = [s for s in model.symbols if str(s) in other["coefficients"]]
         try:
-            made = settle(without(model, gone), base.split, limits=pair.fitted.limits)
+            made = settle(without(model, other.coefficients.values()), base.split, limits=pair.fitted.limits)
         except FitError:
             continue
         error = made.mean_square(base.split.held)

@@ -14,6 +14,7 @@ from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
 from ..fit.identify import prepare
 from ..fit.simulate import Records
+from ..models.added import AddedEffect
 from ..models.effects import EFFECTS, Catalogue
 from ..models.extend import newer, without
 from ..models.model import NARX, Model
@@ -81,7 +82,7 @@ class Step:
     @property
     def added(self) -> list[str]:
         """The effects that this step added."""
-        return [e["effect"] for e in newer(self.chosen.model, self.base.model)] if self.chosen is not None else []
+        return [e.effect for e in newer(self.chosen.model, self.base.model)] if self.chosen is not None else []
 
     def nrmse(self, fitted: Fitted) -> dict[str, float]:
         """Return the free-run errors of a model over the standard deviation of the output."""
@@ -306,30 +307,30 @@ def reconsider(
     now = made.chosen
     if now is None:
         return None
-    given = len(steps[0].base.model.info.get("effects", []))
-    for one in now.model.info["effects"][given : -len(made.added)]:
-        report(f"asking whether {one['effect']} is still the right effect")
-        others = [e["effect"] for e in now.model.info["effects"][given:] if e is not one]
+    given = len(steps[0].base.model.effects)
+    for one in now.model.effects[given : -len(made.added)]:
+        report(f"asking whether {one.effect} is still the right effect")
+        others = [e.effect for e in now.model.effects[given:] if e is not one]
         smaller = _without(now, one, steps[0].base, others, channels, catalogue, seed)
         if smaller is None:
             continue
         error = now.mean_square(now.split.held)
         if smaller.mean_square(now.split.held) < CLOSE**2 * error:
-            made.withdrawn.append(one["effect"])
+            made.withdrawn.append(one.effect)
             made.chosen = now = smaller
             continue
         trial = step(smaller, channels, catalogue, seed, report)
-        if trial.chosen is None or trial.candidates[0].effect == one["effect"]:
+        if trial.chosen is None or trial.candidates[0].effect == one.effect:
             continue
         if CLOSE**2 * trial.chosen.mean_square(now.split.held) < error:
-            trial.withdrawn.append(one["effect"])
+            trial.withdrawn.append(one.effect)
             return trial
     return None
 
 
 def _without(
     now: Fitted,
-    one: Mapping[str, Any],
+    one: AddedEffect,
     base: Fitted,
     others: Sequence[str],
     channels: Sequence[str],
@@ -338,9 +339,8 @@ def _without(
 ) -> Fitted | None:
     """Return the better of two fits without one effect: what is left of the model, and the base with the others."""
     found = []
-    gone = [s for s in now.model.symbols if str(s) in one["coefficients"]]
     try:
-        found.append(settle(without(now.model, gone), now.split, limits=now.limits))
+        found.append(settle(without(now.model, one.coefficients.values()), now.split, limits=now.limits))
     except FitError:
         pass
     rebuilt: Fitted | None = base
@@ -516,12 +516,12 @@ def diagnose(
     split = Split.of(listed)
     report("fitting the base in free run")
     base = fit_base(model, split)
-    given = len(base.model.info.get("effects", []))
+    given = len(base.model.effects)
     steps: list[Step] = []
     failed: Misfit | None = None
     with one_blas_thread():
         while True:
-            room = max_effects - len(base.model.info.get("effects", [])) + given
+            room = max_effects - len(base.model.effects) + given
             made = step(base, named, catalogue, seed, report, room)
             steps.append(made)
             failed = failed or _misfit(made.base, made.floor)
@@ -530,7 +530,7 @@ def diagnose(
             again = reconsider(steps, named, catalogue, seed, report) if len(steps) < 2 * max_effects else None
             steps += [again] if again else []
             base = steps[-1].chosen or base
-            if len(base.model.info["effects"]) - given >= max_effects:
+            if len(base.model.effects) - given >= max_effects:
                 break
     faults = sensor_faults(listed, min(s.floor for s in steps))
     said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())]

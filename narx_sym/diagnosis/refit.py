@@ -163,9 +163,8 @@ def settle(
     problem = FreeRun(model, list(split.records), equations, split.train)
     begin = problem.start(model.theta if start is None else start)
     unknowns, std, converged = remembered(_minimum, problem, begin, steps, limits)
-    model.theta = problem.theta(unknowns).tolist()
-    model.std = tuple(float(s) for s in std)
-    made = Fitted(model, split, problem, unknowns, converged, std, limits)
+    problem.model = model.replace(theta=problem.theta(unknowns).tolist(), standard_errors=std)
+    made = Fitted(problem.model, split, problem, unknowns, converged, std, limits)
     if not all(np.all(np.isfinite(e)) for e in made.errors):
         raise FitError("The fitted model is unstable.")
     return made
@@ -236,7 +235,7 @@ def prune(fitted: Fitted, before: Fitted) -> Fitted:
     for mask in masks:
         now = fitted.mean_square(mask)
         limits.append(max(SLACK * now, now + RETURNED * max(0.0, before.mean_square(mask) - now)))
-    keep = {n for e in newer(fitted.model, before.model) for n in (*e["coefficients"], *e["shape"])}
+    keep = {str(s) for e in newer(fitted.model, before.model) for s in e.symbols.values()}
     refused = set(keep)
     while len(refused) < len(keep) + REFUSALS:
         scored = [
@@ -249,10 +248,10 @@ def prune(fitted: Fitted, before: Fitted) -> Fitted:
         _, name, symbol = min(scored, key=lambda p: p[:2])
         refused.add(name)
         try:
-            smaller = settle(without(fitted.model, [symbol]), fitted.split, limits=fitted.limits)
+            less = without(fitted.model, [symbol])
+            smaller = settle(less.replace(info=fitted.model.info), fitted.split, limits=fitted.limits)
         except FitError:
             continue
-        smaller.model.info |= {n: v for n, v in fitted.model.info.items() if n != "effects"}
         if all(smaller.mean_square(mask) <= most for mask, most in zip(masks, limits, strict=True)):
             fitted = smaller
             refused.discard(name)

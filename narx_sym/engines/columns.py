@@ -10,7 +10,7 @@ import numpy as np
 import sympy as sp
 
 from ..errors import ModelError
-from ..models.analysis import phi1_, u_, ytilde
+from ..models.quasi_static import phi1_, u_, ytilde
 from ..symbolic.signals import expand_phi, lag, samples
 from .numpy import lambdify
 

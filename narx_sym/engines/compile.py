@@ -183,6 +183,10 @@ def to_casadi(recursion: Recursion) -> Any:
     return step(Plan.of(recursion))[0]
 
 
-def theta_array(model: Model) -> Array | None:
-    """Return the parameter values, (n_theta,) float array, or None before a fit."""
-    return None if model._theta is None else np.array(model._theta, dtype=float)
+def theta(model: Model) -> Array | None:
+    """Return the parameter values, (n_theta,) float array that cannot be written to, or None before a fit."""
+    if model.numbers is None:
+        return None
+    found = np.array(model.numbers, dtype=float)
+    found.setflags(write=False)
+    return found

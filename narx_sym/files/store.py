@@ -13,24 +13,25 @@ from typing import Any
 from sympy import Eq, Indexed, Symbol, expand, true
 
 from ..errors import ModelError, NarxError
-from ..models.analysis import continuum_conditions, rest_map
+from ..models.equilibria import continuum_conditions
 from ..models.model import NARX, Model
+from ..models.rest_map import rest_map
 from ..symbolic.functions import NAMES
 from ..symbolic.grammar import SIGNALS, expanded_terms, parse, read_json
 from ..symbolic.printing import text
 from ..symbolic.recursion import State, written_out
 from ..symbolic.signals import k, lag, samples, signal, u, x, y
 from .atomic import write_text
+from .info import effect_to_dict, info_to_dict, newer_schema, numbers, or_none, read_effects, read_info, texts
 
-SCHEMA, MAX_BYTES, MAX_STATES, MAX_NAME = 1, 2_000_000, 200, 100
-MAX_LISTED, MAX_TEXT = 1000, 60_000  # entries of a list; characters of all equations
+SCHEMA, MAX_BYTES, MAX_STATES, MAX_NAME = 2, 2_000_000, 200, 100
+MAX_TEXT = 60_000  # characters of all equations
 MAX_WRITTEN, MAX_TERMS = 20_000, 20_000  # nodes of the output's equation; terms of its rest map, multiplied out
 FIELDS = {
-    "schema", "kind", "terms", "F", "symbols", "theta", "std", "input", "output", "lead", "operating_point", "Ts",
-    "constraints", "channels", "states", "info",
+    "schema", "kind", "terms", "F", "symbols", "theta", "standard_errors", "input", "output", "lead", "operating_point",
+    "Ts", "constraints", "channels", "states", "info", "effects",
 }  # fmt: skip
 STATE_FIELDS = {"state", "update", "initial", "group"}
-EFFECT_FIELDS = {"effect", "form", "where", "driver", "coefficients", "shape", "fixed"}
 # `x` and `v` are names of states: the core's output and the input that it sees.
 RESERVED = {*SIGNALS, *NAMES, "k", "t", "r", "m", "pi", "prediction"}
 
@@ -52,13 +53,14 @@ def to_dict(model: Model) -> dict[str, Any]:
         **({"terms": [text(t) for t in model.terms]} if isinstance(model, NARX) else {"F": text(model.F)}),
         "symbols": [str(s) for s in model.symbols],
         "theta": None if model.theta is None else model.theta.tolist(),
-        "std": None if model.std is None else [s if math.isfinite(s) else None for s in model.std],
+        "standard_errors": None if model.standard_errors is None else [or_none(s) for s in model.standard_errors],
         "constraints": [
             c if isinstance(c, str) else text(expand(c.lhs - c.rhs)) for c in model.constraints if c != true
         ],
         "channels": list(model.channels),
         **({"states": [_state_to_dict(s) for s in model.states]} if model.states else {}),
-        "info": model.info,
+        "info": info_to_dict(model.info),
+        **({"effects": [effect_to_dict(e) for e in model.effects]} if model.effects else {}),
     }
 
 
@@ -105,19 +107,21 @@ def from_dict(data: Any) -> Model:
     """Build a model from plain data; everything is checked before it is used."""
     if not isinstance(data, dict) or "schema" not in data:
         raise ModelError("not a model file: the field 'schema' is missing.")
-    if type(data["schema"]) is not int or data["schema"] != SCHEMA:
-        raise ModelError(f"schema {str(data['schema'])[:40]!r} is not known; this version reads schema {SCHEMA}.")
+    if type(data["schema"]) is not int or data["schema"] not in (1, SCHEMA):
+        raise ModelError(f"schema {str(data['schema'])[:40]!r} is not known; this version reads schema 1 and {SCHEMA}.")
+    if data["schema"] == 1:
+        data = newer_schema(data)
     unknown = sorted(set(data) - FIELDS)
     if unknown:
         raise ModelError(f"unknown field {unknown[0][:40]!r}; a newer version may have written this file.")
-    channels = _texts(data, "channels")
-    symbols = _texts(data, "symbols")
+    channels = texts(data, "channels")
+    symbols = texts(data, "symbols")
     _check_names(channels, "channel", set())
     _check_names(symbols, "parameter", set())
     kind = data.get("kind")
-    terms = _texts(data, "terms") if kind == "narx" else []
+    terms = texts(data, "terms") if kind == "narx" else []
     parameters = [f"theta_{i}" for i in range(1, len(terms) + 1)] if kind == "narx" else symbols
-    constraints = _texts(data, "constraints")
+    constraints = texts(data, "constraints")
     length = sum(map(len, (*terms, *constraints, str(data.get("F", "")), *map(str, _listed_states(data)))))
     if length > MAX_TEXT:
         raise ModelError(f"the equations have {length} characters; at most {MAX_TEXT} are read.")
@@ -134,13 +138,13 @@ def from_dict(data: Any) -> Model:
         raise ModelError("'lead' must be a whole number from 0 to 1000.")
     if lead and data["input"] == "u":
         raise ModelError("'lead' belongs to an inverse model (input 'y').")
-    theta = None if data.get("theta") is None else _numbers(data["theta"], "theta")
+    theta = None if data.get("theta") is None else numbers(data["theta"], "theta")
     options: dict[str, Any] = {
         "input": bases[data["input"]],
         "output": bases[data["output"]],
-        "operating_point": {bases[n]: _numbers([v], "operating_point")[0] for n, v in point.items()},
+        "operating_point": {bases[n]: numbers([v], "operating_point")[0] for n, v in point.items()},
         "lead": lead,
-        "Ts": None if data.get("Ts") is None else _numbers([data["Ts"]], "Ts")[0],
+        "Ts": None if data.get("Ts") is None else numbers([data["Ts"]], "Ts")[0],
         "states": states,
     }
     model: Model
@@ -153,15 +157,18 @@ def from_dict(data: Any) -> Model:
             raise ModelError("'F' must be a text.")
         expr = parse(data["F"], signals=signals, symbols=symbols)
         free = expr.free_symbols.union(*(s.right.free_symbols for s in states))
-        names = {s.name: s for s in free if isinstance(s, Symbol) and s.name in symbols}
+        names = {s.name: s for s in free if isinstance(s, Symbol) and s.name in symbols and s != k}
         missing = [n for n in symbols if n not in names]
         if missing:
             raise ModelError(f"the parameter {missing[0][:40]!r} does not appear in 'F'{' or a state' * bool(states)}.")
         model = Model(expr, [names[n] for n in symbols], theta, **options)
     else:
         raise ModelError(f"'kind' must be 'narx' or 'equation', not {str(data.get('kind'))[:40]!r}.")
-    model.constraints = tuple(
-        c if c == "continuum" else _equation(c, [str(s) for s in model.symbols]) for c in constraints
+    model = model.replace(
+        constraints=[c if c == "continuum" else _equation(c, [str(s) for s in model.symbols]) for c in constraints],
+        standard_errors=_standard_errors(data.get("standard_errors"), len(model.symbols)),
+        info=read_info(data.get("info", {})),
+        effects=read_effects(data.get("effects", []), {str(s): s for s in model.symbols}),
     )
     if model.Ts is not None and model.Ts <= 0:
         raise ModelError("'Ts' must be a positive number of seconds.")
@@ -173,15 +180,17 @@ def from_dict(data: Any) -> Model:
     _check_states(model)
     _check_size(model)
     _check_constraints(model)
-    std = data.get("std")
-    if std is not None:
-        values = [float("nan") if s is None else s for s in std] if isinstance(std, list) else std
-        model.std = tuple(_numbers(values, "std", finite=False))
-        if len(model.std) != len(model.symbols) or any(s < 0 for s in model.std):
-            raise ModelError("'std' must have one number per parameter, none negative.")
-    info = data.get("info", {})
-    model.info = _checked_info(info, [str(s) for s in model.symbols])
     return model
+
+
+def _standard_errors(given: Any, count: int) -> list[float] | None:
+    if given is None:
+        return None
+    given = [math.nan if s is None else s for s in given] if isinstance(given, list) else given
+    found = numbers(given, "standard_errors", finite=False)
+    if len(found) != count or any(s < 0 for s in found):
+        raise ModelError("'standard_errors' must have one number per parameter, none negative.")
+    return found
 
 
 def _check_size(model: Model) -> None:
@@ -274,55 +283,3 @@ def _check_states(model: Model) -> None:
 
 def _equation(source: str, symbols: list[str]) -> Any:
     return Eq(parse(source, symbols=symbols), 0, evaluate=False)
-
-
-def _texts(data: dict[str, Any], name: str) -> list[str]:
-    value = data.get(name, [])
-    if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-        raise ModelError(f"{name!r} must be a list of texts.")
-    if len(value) > MAX_LISTED:
-        raise ModelError(f"{name!r} has more than {MAX_LISTED} entries.")
-    return value
-
-
-def _numbers(values: Any, name: str, finite: bool = True) -> list[float]:
-    good = isinstance(values, list) and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values)
-    if not good or not all(abs(v) < 1e308 for v in values if finite or v == v):
-        raise ModelError(f"{name!r} must hold finite numbers.")
-    return [float(v) for v in values]
-
-
-def _checked_info(info: Any, symbols: list[str]) -> dict[str, Any]:
-    if not isinstance(info, dict):
-        raise ModelError("'info' must be an object.")
-    if "line" in info and len(_numbers(info["line"], "info.line")) != 2:
-        raise ModelError("'info.line' must hold two numbers.")
-    if "band" in info and ("line" not in info or _numbers([info["band"]], "info.band")[0] < 0):
-        raise ModelError("'info.band' must be a positive number beside 'info.line'.")
-    ranges = info.get("ranges", {})
-    if not isinstance(ranges, dict) or not all(
-        len(pair := _numbers(v, "info.ranges")) == 2 and pair[0] < pair[1] for v in ranges.values()
-    ):
-        raise ModelError("'info.ranges' must give two increasing numbers for each signal.")
-    for name in ("rates", "frequencies"):
-        most = info.get(name, {})
-        if not isinstance(most, dict) or not all(v >= 0 for v in _numbers(list(most.values()), f"info.{name}")):
-            raise ModelError(f"'info.{name}' must give a number for each signal, none negative.")
-    steps = info.get("steps", {})
-    if not isinstance(steps, dict) or not all(v > 0 for v in _numbers(list(steps.values()), "info.steps")):
-        raise ModelError("'info.steps' must give a positive number for each signal.")
-    effects = info.get("effects", [])
-    if not isinstance(effects, list) or len(effects) > MAX_STATES:
-        raise ModelError(f"'info.effects' must be a list of at most {MAX_STATES} entries.")
-    for one in effects:
-        if not isinstance(one, dict) or not {"effect", "coefficients"} <= set(one) <= EFFECT_FIELDS:
-            raise ModelError(f"each of 'info.effects' is an object with the fields {', '.join(sorted(EFFECT_FIELDS))}.")
-        if not all(isinstance(one.get(n, ""), str) for n in ("effect", "form", "where", "driver")):
-            raise ModelError("'info.effects' must name effect, form, where and driver by texts.")
-        unknown = [s for s in (*_texts(one, "coefficients"), *_texts(one, "shape")) if s not in symbols]
-        if unknown:
-            raise ModelError(f"'info.effects' speaks of {unknown[0][:40]!r}, which is no parameter.")
-        if not isinstance(one.get("fixed", {}), dict):
-            raise ModelError("'info.effects': 'fixed' must be an object.")
-        _numbers(list(one.get("fixed", {}).values()), "info.effects.fixed")
-    return info

@@ -11,7 +11,8 @@ import sympy as sp
 from scipy.linalg import qr, solve_triangular
 
 from ..errors import FitError
-from ..models.analysis import constraint_matrix, continuum_conditions
+from ..models.analysis import constraint_matrix
+from ..models.equilibria import continuum_conditions
 from ..models.model import Model
 
 Array = np.ndarray

@@ -13,7 +13,7 @@ import sympy as sp
 from ..engines.columns import lambdify, largest_root
 from ..errors import ModelError
 from ..inversion.stability import InternalDynamics, direction, heading, mbar, rbar
-from ..models.analysis import z
+from ..models.equilibria import z
 from ..symbolic.signals import lag, samples, signal
 
 if TYPE_CHECKING:
@@ -228,16 +228,16 @@ def operating_range(law: Compensator) -> OperatingRange | None:
     if law.staged:
         return None
     info, internal = law.model.info, law.internal
-    ranges = info.get("ranges", {})
+    ranges = info.ranges
     if not {"u", "y"} <= set(ranges):
         return None
     inputs, outputs = (np.linspace(ranges[name][0], ranges[name][1], GRID) for name in ("u", "y"))
     m_grid, r_grid = (x.ravel() for x in np.meshgrid(inputs, outputs))
-    if "band" in info:
-        offset, slope = info["line"]
+    if info.band is not None and info.line is not None:
+        offset, slope = info.line
         direct = str(law.model.input.label) == "u"
         distance = r_grid - offset - slope * m_grid if direct else m_grid - offset - slope * r_grid
-        inside = np.abs(distance) <= info["band"]
+        inside = np.abs(distance) <= info.band
         m_grid, r_grid = m_grid[inside], r_grid[inside]
     directed = internal.numbers.has(direction, heading)
     ways = {"rising": 1.0, "falling": -1.0} if directed else {"moving": 1.0}

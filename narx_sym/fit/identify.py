@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -13,9 +14,10 @@ from ..data.record import Record, check_excitation
 from ..errors import Diverged, FitError, ModelError, NotInvertible
 from ..inversion.compensator import compensator
 from ..models import assumptions
-from ..models.model import NARX, Model, pool
+from ..models.model import NARX, Model
+from ..models.pool import pool
 from ..symbolic.signals import k, phi1, u, y
-from .least_squares import check_method, fit
+from .least_squares import check_method, fit, free_run_error
 from .select import PATH_STEPS, Selection, select
 from .simulate import Records, centre, evaluate, law_radius, segments, simulate
 
@@ -59,7 +61,7 @@ def prepare(records: Any) -> list[Record]:
 
 def judged(model: Model) -> Model:
     """Warn where a model explains little, where its law is unstable, or where its free run is not bounded."""
-    error = model.info["nrmse"]["free_run"]
+    error = free_run_error(model)
     if error >= 0.95:
         warnings.warn(
             f"The free run is no better than a constant (NRMSE {error:.3g}): do not use this model. Another base, "
@@ -68,7 +70,7 @@ def judged(model: Model) -> Model:
         )
     elif error >= 0.5:
         warnings.warn(f"The free run explains little of the output (NRMSE {error:.3g}).", stacklevel=3)
-    if model.info.get("selection", {}).get("stable_law") is False:
+    if model.info.selection.stable_law is False:
         warnings.warn("The compensation law of this model is unstable on these data: it may run away.", stacklevel=3)
     growth = periodic_growth(model)
     if growth > 1:
@@ -82,7 +84,7 @@ def judged(model: Model) -> Model:
 
 def periodic_growth(model: Model) -> float:
     """Return how far repeated loops over the identified input range move, in ranges of the output."""
-    (low, high), (bottom, top) = (model.info["ranges"][str(b.label)] for b in (model.input, model.output))
+    (low, high), (bottom, top) = (model.info.ranges[str(b.label)] for b in (model.input, model.output))
     if model.channels or top <= bottom:
         return 0.0
     sine = (low + high) / 2 + (high - low) / 2 * np.sin(2 * np.pi * np.arange(400 * CYCLES) / 400)
@@ -134,7 +136,7 @@ def identify(
 
     Returns
     -------
-    Model, fitted; `info["selection"]` says what was chosen and why
+    Model, fitted; `info.selection` says what was chosen and why
     """
     check_method(method)
     listed = prepare(records)
@@ -158,7 +160,7 @@ def identify(
         model = _finish(chosen, len(candidates))
         if for_compensation:
             compensator(model)  # NotInvertible here rather than later
-            model.info["selection"]["stable_law"] = stable_law(model, listed)
+            model = _selected(model, stable_law=stable_law(model, listed))
         return judged(model)
     if base == "linear":
         return _linear(listed, origin, n_y, n_u, delay, method, for_compensation)
@@ -214,14 +216,12 @@ def identify_inverse(
 
 def _finish(chosen: Selection, candidates: int) -> Model:
     """Keep in the model why it has these terms."""
-    model = chosen.model
-    model.info["selection"] = {
-        "candidates": candidates,
-        "chosen": chosen.chosen,
-        "reason": chosen.reason,
-        "err": [float(e) for e in chosen.path.err[: chosen.chosen]],
-    }
-    return model
+    err = tuple(float(e) for e in chosen.path.err[: chosen.chosen])
+    return _selected(chosen.model, candidates=candidates, chosen=chosen.chosen, reason=chosen.reason, err=err)
+
+
+def _selected(model: Model, **said: Any) -> Model:
+    return model.replace(info=replace(model.info, selection=replace(model.info.selection, **said)))
 
 
 def stable_law(model: Model, records: Records) -> bool:
@@ -244,42 +244,35 @@ def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
 def _choose(candidates: list[NARX], records: list[Record], what: str, method: str, for_compensation: bool) -> Model:
     """Fit each candidate on one part, judge it in free run on the other, refit the best on all."""
     train, held = _validation(records)
-    scored = []
+    scored, fits = [], list[Model](candidates)
     for i, model in enumerate(candidates):
         try:
-            fit(model, train, method=method, max_steps=PATH_STEPS, warn=False)
-            score = evaluate(model, held).free_run_nrmse
+            fits[i] = fit(model, train, method=method, max_steps=PATH_STEPS, warn=False)
+            score = evaluate(fits[i], held).free_run_nrmse
         except FitError:
             continue
         if np.isfinite(score):
             scored.append((score, len(model.terms), i))
     if not scored:
         raise FitError(f"No {what} model follows these data in free run.")
-    stable = [s for s in scored if stable_law(candidates[s[2]], train)] if for_compensation else scored
+    stable = [s for s in scored if stable_law(fits[s[2]], train)] if for_compensation else scored
     scored = stable or scored
     best = min(scored)[0]
     # The smallest model within 2 % of the best one; a well-conditioned one may be somewhat worse.
     close = [s for s in scored if s[0] <= 1.02 * best]
-    calm = [s for s in scored if s[0] <= CALM * best and not cancels(candidates[s[2]])]
-    if all(cancels(candidates[s[2]]) for s in close) and calm:
+    calm = [s for s in scored if s[0] <= CALM * best and not cancels(fits[s[2]])]
+    if all(cancels(fits[s[2]]) for s in close) and calm:
         close = [s for s in calm if s[0] <= 1.02 * min(calm)[0]]
-    _, _, i = min(close, key=lambda s: (cancels(candidates[s[2]]), s[1], s[2]))
-    winner = candidates[i]
-    final = NARX(winner.terms, operating_point=winner.operating_point)
-    fit(final, records, method=method)
-    final.info["selection"] = {
-        "base": what,
-        "candidates": len(candidates),
-        "reason": f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})",
-    }
-    if for_compensation:
-        final.info["selection"]["stable_law"] = stable_law(final, records)
-    return judged(final)
+    _, _, i = min(close, key=lambda s: (cancels(fits[s[2]]), s[1], s[2]))
+    reason = f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})"
+    final = fit(candidates[i], records, method=method)
+    final = _selected(final, base=what, candidates=len(candidates), reason=reason)
+    return judged(_selected(final, stable_law=stable_law(final, records)) if for_compensation else final)
 
 
-def cancels(model: NARX) -> bool:
+def cancels(model: Model) -> bool:
     """Whether large input coefficients cancel: a finite-difference trick that smooth inputs allow."""
-    inputs = [c for c, term in zip(model.theta, model.terms, strict=True) if term.has(u)]
+    inputs = [c for c, (_, term) in zip(model.theta, model.parts(), strict=True) if term.has(u)]
     return bool(len(inputs) > 1 and np.sum(np.abs(inputs)) > CANCELS * abs(np.sum(inputs)))
 
 

@@ -13,6 +13,7 @@ from ..codegen.layout import numbered, shortened
 from ..data.record import Record
 from ..errors import ModelError
 from ..inversion.compensator import Compensator
+from ..models.info import Info
 from ..models.model import NARX, Model
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
@@ -135,8 +136,7 @@ def from_sysidentpy(fitted: Any, Ts: float | None = None) -> NARX:
     if codes.ndim != 2 or len(codes) != len(theta):
         raise ModelError(f"The SysIdentPy model has {len(codes)} rows and {len(theta)} parameters.")
     terms = [sp.Mul(*((y, u)[c // 1000 - 1][k - c % 1000] for c in row.tolist() if c)) for row in codes]
-    model = NARX(terms, theta.tolist(), Ts=Ts)
-    model.info["method"] = f"SysIdentPy {type(fitted).__name__}"
+    model = NARX(terms, theta.tolist(), Ts=Ts, info=Info(method=f"SysIdentPy {type(fitted).__name__}"))
     _check_import(model, fitted)
     return model
 

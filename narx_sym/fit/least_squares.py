@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..data.record import Record, check_excitation
 from ..engines.columns import Columns
 from ..errors import FitError
 from ..files.parallel import one_blas_thread
+from ..models.info import Nrmse
 from ..models.model import NARX, Model
 from ..symbolic.signals import k
 from .constraints import Elimination, constraint_equations
@@ -175,7 +177,7 @@ def fit(
     seed: int = 0,
     warn: bool = True,
 ) -> Model:
-    """Estimate the parameters of a model in place.
+    """Estimate the parameters of a model: the fitted one is returned, the given one stays as it is.
 
     Parameters
     ----------
@@ -193,8 +195,8 @@ def fit(
 
     Returns
     -------
-    model : the same object, with `theta`, `std` (standard errors under white noise) and `info`
-        A fit that stops before it converged keeps the best parameters found; `info["converged"]` is False then.
+    Model : with `theta`, `standard_errors` (under white noise) and `info`
+        A fit that stops before it converged keeps the best parameters found; `info.converged` is False then.
 
     Raises
     ------
@@ -203,8 +205,8 @@ def fit(
     """
     check_method(method)
     if method == "auto":
-        _better_fit(model, records, constraints, max_steps, starts, seed)
-        return unfinished(model) if warn else model
+        better = _better_fit(model, records, constraints, max_steps, starts, seed)
+        return unfinished(better) if warn else better
     for record in segments(records):
         check_excitation(record)
     equations = constraint_equations(model, constraints)
@@ -212,50 +214,53 @@ def fit(
     if method == "one_step" or model.theta is None:
         if not isinstance(model, NARX):
             raise FitError("This model is not linear in its parameters: give start values and use method='free_run'.")
-        theta, std = one_step(model, records, equations)
+        theta, errors = one_step(model, records, equations)
     if method == "free_run":
         begin = theta if model.theta is None else model.theta
-        theta, std, converged = free_run_fit(model, records, equations, begin, max_steps, starts, seed)
+        theta, errors, converged = free_run_fit(model, records, equations, begin, max_steps, starts, seed)
     if not np.all(np.isfinite(theta)):
         raise FitError("The estimate is not finite; check the data ranges.")
-    model.theta = theta.tolist()
-    model.std = tuple(float(s) for s in std)
-    if constraints is not None:
-        model.constraints = tuple(equations)
-    describe(model, records, method, converged)
-    return unfinished(model) if warn else model
+    made = model.replace(
+        theta=theta.tolist(),
+        standard_errors=errors,
+        constraints=model.constraints if constraints is None else equations,
+    )
+    made = describe(made, records, method, converged)
+    return unfinished(made) if warn else made
 
 
 def unfinished(model: Model) -> Model:
     """Warn where a fit stopped before it converged."""
-    if not model.info["converged"]:
+    if not model.info.converged:
         warnings.warn(
-            "The fit stopped before it converged; the best parameters found are kept, marked by info['converged']. "
+            "The fit stopped before it converged; the best parameters found are kept, marked by model.info.converged. "
             "Allow more max_steps, or begin from other values.",
             stacklevel=3,
         )
     return model
 
 
+def free_run_error(model: Model) -> float:
+    """Return the free-run NRMSE on the records that a model was fitted on."""
+    return model.info.nrmse.free_run if model.info.nrmse else float("inf")
+
+
 def _better_fit(
     model: Model, records: Records, constraints: Sequence[Any] | None, max_steps: int, starts: int, seed: int
-) -> None:
-    """Fit one step ahead and in free run, and keep the better free run; a failed free-run fit changes nothing."""
-    if isinstance(model, NARX):
-        fit(model, records, constraints)
-    before = (model.theta, model.std, dict(model.info))
+) -> Model:
+    """Fit one step ahead and in free run, and return the better free run; a failed free-run fit counts for nothing."""
+    if not isinstance(model, NARX):
+        return fit(model, records, constraints, "free_run", max_steps, starts, seed, warn=False)
+    one = fit(model, records, constraints)
     try:
-        fit(model, records, constraints, "free_run", max_steps, starts, seed, warn=False)
+        free = fit(one, records, constraints, "free_run", max_steps, starts, seed, warn=False)
     except FitError:
-        if not isinstance(model, NARX):  # it has been fitted in no way
-            raise
-        return
-    if isinstance(model, NARX) and model.info["nrmse"]["free_run"] > before[2]["nrmse"]["free_run"]:
-        model.theta, model.std, model.info = before
+        return one
+    return one if free_run_error(free) > free_run_error(one) else free
 
 
-def describe(model: Model, records: Records, method: str, converged: bool) -> None:
-    """Keep in the model what it was fitted on: ranges, the line through the data and the band around it, errors."""
+def describe(model: Model, records: Records, method: str, converged: bool) -> Model:
+    """Return a model with what it was fitted on: ranges, the line through the data and the band around it, errors."""
     parts = segments(records)
     used = [arrays(model, p) for p in parts]
     signals = {str(b.label): [one[str(b.label)] for one in used] for b in (model.input, model.output)}
@@ -264,17 +269,19 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> No
     # Through the centre: a line fitted to all data has an offset where the input merely lingered on one side.
     offset = centre(output) - slope * centre(source)
     pair = evaluate(model, records)
-    model.Ts = parts[0].Ts
-    model.info |= {
-        "method": method,
-        "converged": converged,
-        "samples": int(sum(len(p) for p in parts)),
-        **seen(signals, model.Ts),
-        "line": [float(offset), float(slope)],
-        "band": float(np.max(np.abs(output - offset - slope * source))),
-        "steps": {name: _step(pieces) for name, pieces in signals.items()},
-        "nrmse": {"one_step": pair.one_step_nrmse, "free_run": pair.free_run_nrmse},
-    }
+    Ts = parts[0].Ts
+    info = replace(
+        model.info,
+        method=method,
+        converged=converged,
+        samples=sum(len(p) for p in parts),
+        nrmse=Nrmse(pair.one_step_nrmse, pair.free_run_nrmse),
+        line=(float(offset), float(slope)),
+        band=float(np.max(np.abs(output - offset - slope * source))),
+        steps={name: _step(pieces) for name, pieces in signals.items()},
+        **seen(signals, Ts),
+    )
+    return model.replace(Ts=Ts, info=info)
 
 
 def _step(pieces: Sequence[Array]) -> float:

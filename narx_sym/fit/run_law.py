@@ -250,7 +250,7 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
     note = (law.staged.note,) if law.staged and law.staged.note else ()
     proofs = (*(s.proof for s in stages), *note) or ("m[k] enters linearly: exactly one for every reference",)
     is_open = any(s.needs or s.notes or not s.closed_form for s in stages)
-    low, high = law.model.info.get("ranges", {}).get("y", (0.0, 0.0))
+    low, high = law.model.info.ranges.get("y", (0.0, 0.0))
     if not stages or not law.model.values or (reference is None and not (is_open and high > low)):
         return Check(proofs)
     if reference is None:

@@ -14,9 +14,10 @@ import numpy as np
 
 from ..engines.columns import Columns
 from ..errors import FitError
-from ..models.model import NARX, Model, Pool
+from ..models.model import NARX, Model
+from ..models.pool import Pool
 from ..symbolic.signals import k, samples
-from .least_squares import check_method, factor, fit
+from .least_squares import check_method, factor, fit, free_run_error
 from .simulate import Records, arrays, evaluate, segments, shifted
 
 Array = np.ndarray
@@ -242,8 +243,8 @@ def select(
         raise FitError(f"Unknown criterion {criterion!r}: use free_run, aic, bic or knee.")
     if result.model is frame:  # chosen by number, not yet fitted
         result.model = fitted(result.chosen, method)
-    if result.model.info["method"] == "free_run":
-        fit(result.model, records, method="free_run")
+    if result.model.info.method == "free_run":
+        result.model = fit(result.model, records, method="free_run")
     return result
 
 
@@ -263,7 +264,7 @@ def _by_free_run(
                 model = fitted(n, how)
             except FitError:
                 continue
-            own = model.info["nrmse"]["free_run"]  # the fit has judged itself on its own records
+            own = free_run_error(model)  # the fit has judged itself on its own records
             error = own if validation is None else evaluate(model, validation).free_run_nrmse
             if np.isfinite(error):
                 tried.append((n, error, accept is None or accept(model), model))

@@ -259,7 +259,7 @@ def fitted(model: Model) -> Array:
 
 def rest_output(model: Model, value: float) -> float:
     """Return the output to start from at rest with a given input: on the line through the fitted data."""
-    line = model.info.get("line")
+    line = model.info.line
     if line is not None:
         return float(line[0] + line[1] * value)
     if value != 0:
@@ -373,7 +373,7 @@ def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None) 
     Diverged
         Where the input runs more than ten of the identified ranges away.
     """
-    ranges = law.model.info.get("ranges", {})
+    ranges = law.model.info.ranges
     found = [f"{s}: this extrapolates" for s in beyond(law.model.info, "y", "reference", [r], law.model.Ts)]
     visit = _excursion(law, m, r, m0)
     unstable = visit.sentence(law.model.Ts) if visit is not None and visit.first is not None else ""
@@ -418,7 +418,7 @@ def law_radius(law: Compensator, records: Records) -> float:
 
 def rest_input(model: Model, value: float) -> float:
     """Return the input that holds an output at rest: on the line through the fitted data."""
-    line = model.info.get("line")
+    line = model.info.line
     if line is None:
         if value != 0:
             warnings.warn("No initial input m0 was given: the law starts from 0.", stacklevel=3)

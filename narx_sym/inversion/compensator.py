@@ -14,8 +14,8 @@ from typing import Any
 import sympy as sp
 
 from ..errors import ModelError, NotInvertible
-from ..models.analysis import newest_input
 from ..models.model import Model
+from ..models.rest_map import newest_input
 from ..symbolic import printing
 from ..symbolic.identities import vanishes
 from ..symbolic.recursion import Recursion
@@ -60,6 +60,11 @@ class Compensator(CompensatorDoors):
     def symbols(self) -> tuple[Any, ...]:
         """The parameter symbols of the model."""
         return self.model.symbols
+
+    @property
+    def theta(self) -> Any:
+        """The values of the model's parameters, (n_theta,) float array that cannot be written to, or None."""
+        return self.model.theta
 
     @property
     def updates(self) -> tuple[tuple[Any, Any], ...]:
@@ -163,8 +168,8 @@ class Compensator(CompensatorDoors):
         """
         if self.staged:
             raise ModelError("A law with branches or further states is not smoothed: smooth the model first.")
-        own = widths(eps, {m: "u", r: "y"}, self.model.info)
-        f = None if self.f is None else smoothed(self.f, widths(eps, {u: "u", y: "y"}, self.model.info), form)
+        own = widths(eps, {m: "u", r: "y"}, self.model.info.steps)
+        f = None if self.f is None else smoothed(self.f, widths(eps, {u: "u", y: "y"}, self.model.info.steps), form)
         return replace(self, model=self.model.smooth(eps, form), law=smoothed(self.law, own, form), f=f)
 
     def latex(self, numbers: bool = False) -> str:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import sympy as sp
 
-from ..models.analysis import effects_of, newest_input, remembered
 from ..models.model import Model
+from ..models.rest_map import effects_of, newest_input, remembered
 from ..symbolic import printing
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import expand_phi, k, lag, samples
@@ -76,11 +75,11 @@ def _samples_with_powers(piece: Any) -> list[Any]:
 
 def why_not(model: Model, reason: str) -> str:
     """Say which terms or effects keep the newest input from being isolated."""
-    arriving = min((i for i, _ in _arrivals(model, model.F)), default=0)
+    arriving = model.recursion.graph.delays(model.input)[model.output] or 0
     latest = printing.text(model.input[k - (arriving if model.hidden else newest_input(model))])
     found = [] if model.hidden else offending(model)
-    added = {str(s) for s in model.symbols} & {c for e in model.info.get("effects", []) for c in e["coefficients"]}
-    own = [one for one in found if added & {str(s) for s in one[1].free_symbols}]
+    added = {c for e in model.effects for c in e.coefficients.values()}
+    own = [one for one in found if added & one[1].free_symbols]
     if own:
         names = effects_of(model, sp.Add(*(written for _, written in own)))
         said = f"{names} uses it other than linearly, as in {printing.text(own[0][0])} (Assumption A1(i))"
@@ -100,18 +99,5 @@ def why_not(model: Model, reason: str) -> str:
 
 def _holding(model: Model) -> list[Any]:
     """Return the states that remember and that the newest input passes."""
-    arriving = list(_arrivals(model, model.F))
-    delay = min((i for i, _ in arriving), default=0)
-    passed = {base for i, through in arriving if i == delay for base in through}
+    passed = model.recursion.graph.fastest(model.input).reached(model.output)
     return [s for s in model.recurrent if s.left.base in passed]
-
-
-def _arrivals(model: Model, expr: Any, through: frozenset[Any] = frozenset()) -> Iterator[tuple[int, frozenset[Any]]]:
-    """Yield the lags at which the input reaches an expression, each with the states that it passes."""
-    states = {s.left.base: s.right for s in model.states}
-    for s in samples(expand_phi(expr)):
-        if s.base == model.input:
-            yield lag(s), through
-        elif s.base in states and s.base not in through:
-            for i, passed in _arrivals(model, states[s.base], through | {s.base}):
-                yield lag(s) + i, passed

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import sympy as sp
 
 from ..errors import ModelError
-from ..models.analysis import SteadyState, characteristic, jury, steady_state, ubar, without_integrator, ybar, z
+from ..models.equilibria import SteadyState, characteristic, jury, steady_state, without_integrator, z
 from ..models.model import Model
+from ..models.rest_map import ubar, ybar
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import k, lag, m, r, samples, shift
 from .doors import InternalDynamicsDoors

@@ -16,6 +16,7 @@ import sympy as sp
 
 from ..errors import NotInvertible
 from ..models.model import Model
+from ..symbolic.graph import Graph
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import k, lag, m, r, samples, shift, signal, swap, u, v, x, y
@@ -59,10 +60,11 @@ def stages_of(model: Model) -> Staged:
         Where a stage has no solution.
     """
     own, values = _equations(model), model.values
-    delays = _delays(own)
+    graph = _graph(own)
+    delays: dict[Any, Any] = graph.delays(m)
     if delays[y] is None:
         raise NotInvertible("The model has no input term: there is nothing to solve for (Assumption A1).")
-    chain = _chain(own, delays)
+    chain = _chain(graph.fastest(m))
     solved, updates = [], []
     for upper, lower in pairwise(chain):
         delay = delays[upper]
@@ -97,35 +99,18 @@ def _equations(model: Model) -> dict[Any, Any]:
     return found
 
 
-def _delays(own: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return after how many samples the input reaches each sequence, None where it does not."""
-    found: dict[Any, Any] = dict.fromkeys(own)
-    for _ in own:
-        for base, right in own.items():
-            reached = [lag(s) + (0 if s.base == m else found[s.base]) for s in _reached(right, found)]
-            found[base] = min(reached, default=None)
-    return found
+def _graph(own: Mapping[Any, Any]) -> Graph:
+    return Graph.of((base[k], right) for base, right in own.items())
 
 
-def _reached(right: Any, delays: Mapping[Any, Any]) -> list[Any]:
-    return [s for s in samples(right) if s.base == m or delays.get(s.base) is not None]
-
-
-def _newest(base: Any, own: Mapping[Any, Any], delays: Mapping[Any, Any]) -> set[Any]:
-    """Return the sequences through which the newest input reaches one."""
-    return {
-        s.base for s in _reached(own[base], delays) if lag(s) + (0 if s.base == m else delays[s.base]) == delays[base]
-    }
-
-
-def _chain(own: Mapping[Any, Any], delays: Mapping[Any, Any]) -> list[Any]:
+def _chain(newest: Graph) -> list[Any]:
     """Return the sequences that every newest path from the output to the input passes, in order."""
 
     def distances(without: Any = None) -> dict[Any, int]:
         found, edge, steps = {y: 0}, {y}, 0
         while edge:
             steps += 1
-            edge = {b for a in edge if a != m for b in _newest(a, own, delays)} - found.keys() - {without}
+            edge = {b for a in edge for b in newest.reads.get(a, ())} - found.keys() - {without}
             found |= dict.fromkeys(edge, steps)
         return found
 
@@ -205,7 +190,7 @@ def guarded(staged: Staged, clipped: Any) -> Updates:
             found.append((asked.get(left, left), right.xreplace({**past, **asked})))
     found.append((m[k], clipped(asked[m[k]])))
     roots = [*found, (y[k + staged.delay], shift(staged.own[y], staged.delay))]
-    delays = _delays(staged.own)
+    delays = _graph(staged.own).delays(m)
     leads = _leads(roots, staged.own, {b: i for b, i in staged.leads.items()}, delays) | {y: staged.delay}
     found += [(b[k + leads[b]], shift(e, leads[b])) for b, e in staged.own.items() if b in leads]
     return tuple(found)
@@ -214,7 +199,7 @@ def guarded(staged: Staged, clipped: Any) -> Updates:
 def _limits(model: Model, base: Any) -> tuple[float, float]:
     """Return where a root of a sequence is looked for."""
     outer = model.output if base == x else model.input
-    ranges = model.info.get("ranges", {})
+    ranges = model.info.ranges
     if str(outer.label) not in ranges:
         return -1e9, 1e9
     low, high = ranges[str(outer.label)]
@@ -226,7 +211,7 @@ def _rest(model: Model) -> Any:
     """Return a function that puts the middle of the identified ranges in the place of all samples."""
     middle = {}
     for base, outer, inner in ((model.input, m, v), (model.output, r, x)):
-        low, high = model.info.get("ranges", {}).get(str(base.label), (0.0, 0.0))
+        low, high = model.info.ranges.get(str(base.label), (0.0, 0.0))
         origin = float(model.operating_point.get(base, 0.0))
         middle[outer] = (low + high) / 2 if high > low else origin
         middle[inner] = middle[outer] - origin

@@ -6,9 +6,10 @@ from ..symbolic.door import door, view
 class ModelDoors:
     """Each line is one function of the room that does it; it takes the model first."""
 
-    array = view("engines.compile", "theta_array")
-    sigma_y = view("models.analysis", "sigma_y")
-    quasi_static = door("models.analysis", "quasi_static")
+    theta = view("engines.compile", "theta")
+    sigma_y = view("models.rest_map", "sigma_y")
+    quasi_static = door("models.quasi_static", "quasi_static")
+    smooth = door("models.rewrite", "smooth")
     check = door("models.analysis", "check")
     save = door("files.store", "save")
     compensator = door("inversion.compensator", "compensator")

@@ -10,6 +10,7 @@ from typing import Any
 import sympy as sp
 
 from ..errors import ModelError
+from ..symbolic.graph import Graph
 from ..symbolic.recursion import State
 from ..symbolic.signals import (
     breve_phi1,
@@ -29,8 +30,10 @@ from ..symbolic.signals import (
     x,
     y,
 )
-from .analysis import continuum_conditions
+from .added import AddedEffect
 from .effects import EFFECTS, Catalogue, Effect, Form
+from .equilibria import continuum_conditions
+from .info import Info
 from .model import Model
 
 MANY = 20  # coefficients of one effect
@@ -250,17 +253,15 @@ def extend(model: Model, variant: Variant) -> Extended:
         states[at:at] = form.states
     else:
         states, F = [*states, *form.states], F + total
-    made = Model(
-        F, (*model.symbols, *cs, *shapes), output=model.output, input=model.input,
-        operating_point=model.operating_point, Ts=model.Ts, constraints=written_constraints(model), states=states,
+    own = [f"c{i + 1 if many else ''}" for i in range(len(cs))]
+    added = AddedEffect(
+        variant.id, variant.effect.form, variant.where, variant.driver, suffix, dict(zip(own, cs, strict=True)),
+        dict(zip(variant.shape, shapes, strict=True)), dict(variant.fixed),
     )  # fmt: skip
-    made.info["effects"] = [
-        *model.info.get("effects", []),
-        {
-            "effect": variant.id, "form": variant.effect.form, "where": variant.where, "driver": variant.driver,
-            "coefficients": [str(c) for c in cs], "shape": [str(s) for s in shapes], "fixed": dict(variant.fixed),
-        },
-    ]  # fmt: skip
+    made = model.replace(
+        F=F, symbols=(*model.symbols, *cs, *shapes), states=states, constraints=written_constraints(model),
+        theta=None, info=Info(), effects=(*model.effects, added),
+    )  # fmt: skip
     return Extended(made, cs, shapes, form.z)
 
 
@@ -285,37 +286,25 @@ def without(model: Model, symbols: Iterable[Any]) -> Model:
     gone = dict.fromkeys(symbols, sp.S.Zero)
     states = [s.map(lambda e: e.xreplace(gone)) for s in model.states]
     F = model.F.xreplace(gone)
-    read, more = set(), {b.base for b in samples(F)}
-    while more:  # what the output reads, what that reads, ...
-        read |= more
-        more = {b.base for s in states if s.left.base in read for b in samples(s.right)} - read
-    states = [s for s in states if s.left.base in read]
+    needed = Graph.of([*((s.left, s.right) for s in states), (model.output[k], F)]).reached(model.output)
+    states = [s for s in states if s.left.base in needed]
     left = set().union(F.free_symbols, *(s.right.free_symbols for s in states))
     kept = tuple(s for s in model.symbols if s in left)
     constraints = [
         c if isinstance(c, str) else sp.Eq(c.lhs.xreplace(gone), c.rhs.xreplace(gone)) for c in model.constraints
     ]
-    made = Model(
-        F, kept, output=model.output, input=model.input, operating_point=model.operating_point, lead=model.lead,
-        Ts=model.Ts, constraints=[c for c in constraints if c != sp.true], states=states,
+    values = dict(zip(model.symbols, model.numbers or (), strict=bool(model.numbers)))
+    effects = [part for e in model.effects if (part := e.among(kept)).coefficients]
+    return model.replace(
+        F=F, symbols=kept, states=states, constraints=[c for c in constraints if c != sp.true],
+        theta=[values[s] for s in kept] if values else None, info=Info(), effects=effects,
     )  # fmt: skip
-    if model.theta is not None:
-        values = dict(zip(model.symbols, model.theta, strict=True))
-        made.theta = [values[s] for s in kept]
-    names = {str(s) for s in kept}
-    effects = [
-        {**e, **{what: [n for n in e[what] if n in names] for what in ("coefficients", "shape") if what in e}}
-        for e in model.info.get("effects", [])
-        if names & set(e["coefficients"])
-    ]
-    made.info = {**({"effects": effects} if effects else {})}
-    return made
 
 
-def newer(model: Model, before: Model) -> list[dict[str, Any]]:
+def newer(model: Model, before: Model) -> list[AddedEffect]:
     """Return the effects of a model that an earlier one has not, by their coefficients."""
-    known = {c for e in before.info.get("effects", []) for c in e["coefficients"]}
-    return [e for e in model.info.get("effects", []) if not known & set(e["coefficients"])]
+    known = {c for e in before.effects for c in e.coefficients.values()}
+    return [e for e in model.effects if not known & set(e.coefficients.values())]
 
 
 def find(effect_id: str, catalogue: Catalogue = EFFECTS) -> tuple[list[Effect], str | None]:

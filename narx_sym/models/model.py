@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import FrozenInstanceError
 from functools import cached_property
-from itertools import combinations_with_replacement
-from math import comb
 from typing import Any
 
 import sympy as sp
 
 from ..errors import ModelError
 from ..symbolic import printing
-from ..symbolic.functions import TABLE
 from ..symbolic.grammar import parse
-from ..symbolic.identities import canonical, independent
 from ..symbolic.recursion import Recursion, State
-from ..symbolic.signals import differences, expand_phi, k, lag, lags, samples, shift, signal, t, u, v, x, y
-from ..symbolic.smoothing import smoothed, widths
+from ..symbolic.signals import differences, expand_phi, k, lag, lags, pairs, samples, shift, signal, t, u, v, x, y
 from . import assumptions
+from .added import AddedEffect
 from .doors import ModelDoors
+from .info import Info
 
-MAX_POOL = 20_000
-FUNCTIONS = {row.name: row.cls for row in TABLE if row.everywhere and not row.extreme}
+EQUATIONS = ("F", "symbols", "output", "input", "operating_point", "lead", "states")
+BESIDE = ("theta", "standard_errors", "Ts", "constraints", "info", "effects")  # what changes no equation
 
 
 class Model(ModelDoors):
@@ -50,14 +47,34 @@ class Model(ModelDoors):
         Further update equations, evaluated before the output and in the model's shifted signals: what added effects
         remember, the input `v` that they act on, the output `x` that they add to.
 
-    What follows from F, the symbols and the operating point is derived once; only theta and what belongs to a fit
-    change afterwards.
+    standard_errors : sequence of numbers, optional
+        Of theta, under white noise.
+    info : Info
+        How the model was fitted and what its records showed.
+    effects : sequence of AddedEffect
+        What was added to it, in order.
+
+    A model does not change: `fit`, `add` and `replace` return another one.
 
     Raises
     ------
     ModelError
         Where F contains something that is neither a signal nor a parameter, or theta has the wrong length.
     """
+
+    F: Any
+    symbols: tuple[Any, ...]
+    numbers: tuple[float, ...] | None  # theta
+    standard_errors: tuple[float, ...] | None
+    output: sp.IndexedBase
+    input: sp.IndexedBase
+    operating_point: dict[Any, float]
+    lead: int
+    Ts: float | None
+    constraints: tuple[Any, ...]
+    states: tuple[State, ...]
+    info: Info
+    effects: tuple[AddedEffect, ...]
 
     def __init__(
         self,
@@ -72,39 +89,77 @@ class Model(ModelDoors):
         Ts: float | None = None,
         constraints: Sequence[Any] = (),
         states: Sequence[State] = (),
+        standard_errors: Sequence[float] | None = None,
+        info: Info | None = None,
+        effects: Sequence[AddedEffect] = (),
     ):
-        self.states = tuple(states)
-        self.F, self.symbols = sp.sympify(F), tuple(symbols)
-        self.output, self.input, self.lead, self.Ts = output, input, int(lead), Ts
-        self.operating_point = {b: float(v) for b, v in (operating_point or {}).items() if v}
-        self.constraints = tuple(constraints)
-        self.info: dict[str, Any] = {}
-        self.std: tuple[float, ...] | None = None
-        self.theta = theta
+        point = {b: float(v) for b, v in (operating_point or {}).items() if v}
+        vars(self).update(
+            F=sp.sympify(F), symbols=tuple(symbols), output=output, input=input, operating_point=point, lead=int(lead),
+            states=tuple(states),
+        )  # fmt: skip
+        self._carry(theta, standard_errors, Ts, constraints, info or Info(), effects)
         if self.recursion.lead:
             raise ModelError(
                 f"{output.label}[k] depends on samples after k; a model uses present and past inputs only."
             )
 
-    # -- values ------------------------------------------------------------------------------------------------
-
-    @property
-    def theta(self) -> Any:
-        """The parameter values, (n_theta,) float array, or None before a fit."""
-        return self.array
-
-    @theta.setter
-    def theta(self, theta: Sequence[float] | None) -> None:
-        if theta is not None and len(theta) != len(self.symbols):
-            raise ModelError(f"The model has {len(self.symbols)} parameters; {len(theta)} values were given.")
+    def _carry(
+        self,
+        theta: Sequence[float] | None,
+        standard_errors: Sequence[float] | None,
+        Ts: float | None,
+        constraints: Sequence[Any],
+        info: Info,
+        effects: Sequence[AddedEffect],
+    ) -> None:
+        """Take what stands beside the equations."""
+        for what, numbers in (("values", theta), ("standard errors", standard_errors)):
+            if numbers is not None and len(numbers) != len(self.symbols):
+                raise ModelError(f"The model has {len(self.symbols)} parameters; {len(numbers)} {what} were given.")
         if theta is not None and not all(abs(float(v)) < float("inf") for v in theta):
             raise ModelError("A parameter value is not a finite number.")
-        self._theta = None if theta is None else tuple(float(v) for v in theta)
+        vars(self).update(
+            numbers=None if theta is None else tuple(map(float, theta)),
+            standard_errors=None if standard_errors is None else tuple(map(float, standard_errors)),
+            Ts=Ts, constraints=tuple(constraints), info=info, effects=tuple(effects),
+        )  # fmt: skip
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise FrozenInstanceError(f"A model does not change: model.replace({name}=...) returns another one.")
+
+    def __delattr__(self, name: str) -> None:
+        raise FrozenInstanceError(f"A model does not change: {name!r} stays.")
+
+    def replace(self, **changes: Any) -> Model:
+        """Return the model with some of its fields changed, named like the arguments of `Model`.
+
+        A new theta has no standard errors unless they are given too. A `NARX` has `terms` beside them; `F` or
+        `symbols` make a `Model` of it.
+
+        Raises
+        ------
+        ModelError
+            For a field that a model does not have, and for what `Model` refuses.
+        """
+        if "theta" in changes:
+            changes = {"standard_errors": None} | changes
+        linear = isinstance(self, NARX)
+        unknown = changes.keys() - {*EQUATIONS, *BESIDE, *(["terms"] if linear else [])}
+        if unknown:
+            raise ModelError(f"A model has no field {min(unknown)!r} to replace.")
+        if changes.keys() <= set(BESIDE):  # what was derived from the equations stays
+            made = copy.copy(self)
+            made._carry(**{name: getattr(self, name) for name in BESIDE} | changes)
+            return made
+        own = ("terms",) if linear and not changes.keys() & {"F", "symbols"} else ("F", "symbols")
+        kind = NARX if "terms" in own else Model
+        return kind(**{name: getattr(self, name) for name in (*own, *EQUATIONS[2:], *BESIDE)} | changes)
 
     @property
     def values(self) -> dict[Any, Any]:
         """Symbol to value, or an empty mapping before a fit."""
-        return {} if self._theta is None else dict(zip(self.symbols, map(sp.Float, self._theta), strict=True))
+        return {} if self.numbers is None else dict(zip(self.symbols, map(sp.Float, self.numbers), strict=True))
 
     # -- equations ---------------------------------------------------------------------------------------------
 
@@ -148,17 +203,8 @@ class Model(ModelDoors):
     @cached_property
     def recurrent(self) -> tuple[State, ...]:
         """The states other than `x` that depend on their own past, through each other too."""
-        reads = {s.left.base: {e.base for e in samples(s.right)} - {x} for s in self.states}
-        found = []
-        for state in self.states:
-            base, more = state.left.base, reads[state.left.base]
-            seen: set[Any] = set()
-            while more - seen:
-                seen |= more
-                more = set().union(*(reads.get(b, set()) for b in more))
-            if base in seen and base != x:
-                found.append(state)
-        return tuple(found)
+        own = self.recursion.graph.without(x, self.output).recurrent
+        return tuple(s for s in self.states if s.left.base in own)
 
     @cached_property
     def hidden(self) -> tuple[State, ...]:
@@ -209,7 +255,7 @@ class Model(ModelDoors):
     def usual(self) -> dict[str, Any]:
         """Where the signals usually are, (low, high) by name: the identified ranges, or around the operating point."""
         around = {str(b.label): (value - 1.0, value + 1.0) for b, value in self.operating_point.items()}
-        return around | self.info.get("ranges", {})
+        return around | dict(self.info.ranges)
 
     @cached_property
     def predictor(self) -> Recursion:
@@ -244,48 +290,6 @@ class Model(ModelDoors):
     def channels(self) -> tuple[str, ...]:
         """Names of the further measured sequences that enter."""
         return tuple(str(b.label) for b in self.recursion.inputs if b not in (self.input, self.output, t))
-
-    def copy(self) -> Model:
-        """Return the same model, to be fitted apart."""
-        made = copy.copy(self)
-        made.info = dict(self.info)
-        return made
-
-    def smooth(self, eps: Any = None, form: Any = "tanh") -> Any:
-        """Put a smooth function in the place of sign(phi1), before or after identification.
-
-        Parameters
-        ----------
-        eps : number or mapping from "u" and "y" to numbers, optional
-            The width of the change from -1 to 1 [unit of u, of y]. By default 0.3 median steps of the
-            record that the model was fitted on.
-        form : "tanh", "root", "atan" or a function
-            See `narx_sym.symbolic.smoothing.smoothed`.
-
-        Returns
-        -------
-        A model of the same parameters and values; `.fit(record)` fits it anew.
-        """
-        eps = widths(eps, {b: str(b.label) for b in (self.output, self.input)}, self.info)
-
-        def change(expr: Any) -> Any:
-            return smoothed(expr, eps, form)
-
-        options: dict[str, Any] = {
-            "output": self.output, "input": self.input, "operating_point": self.operating_point, "lead": self.lead,
-            "Ts": self.Ts, "constraints": self.constraints,
-        }  # fmt: skip
-        if isinstance(self, NARX):
-            made: Model = NARX([change(term) for term in self.terms], self._theta, **options)
-        else:
-            states = [s.map(change) for s in self.states]
-            made = Model(change(self.F), self.symbols, self._theta, states=states, **options)
-        made.info |= {
-            n: v
-            for n, v in self.info.items()
-            if n in ("ranges", "rates", "frequencies", "line", "band", "steps", "effects")
-        }
-        return made
 
     # -- printing ----------------------------------------------------------------------------------------------
 
@@ -325,21 +329,13 @@ class Model(ModelDoors):
                 "symbol": str(s),
                 "term": printing.text(term_of[s]) if s in term_of else "",
                 "theta": v,
-                "std": e,
+                "standard_error": e,
             }
-            for s, v, e in zip(self.symbols, self._theta or blank, self.std or blank, strict=True)
+            for s, v, e in zip(self.symbols, self.numbers or blank, self.standard_errors or blank, strict=True)
         ]
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({'; '.join(self.lines(numbers=True))})"
-
-
-def pairs(expr: Any) -> list[tuple[Any, Any]]:
-    """Return (coefficient, term) pairs whose products add up to an expression."""
-    return [
-        part.as_independent(sp.Indexed, as_Add=False) if part.has(sp.Indexed) else (part, sp.S.One)
-        for part in sp.Add.make_args(expr)
-    ]
 
 
 class NARX(Model):
@@ -351,17 +347,20 @@ class NARX(Model):
         The regressors psi_i, in order; the rest as for `Model`.
     """
 
+    terms: tuple[Any, ...]
+
     def __init__(self, terms: Iterable[Any], theta: Sequence[float] | None = None, **options: Any):
         listed = list(terms)
         if any(isinstance(t, str) for t in listed):
             raise ModelError("Terms given as text are read by NARX.from_terms.")
-        self.terms = [sp.sympify(t) for t in listed]
-        if not self.terms:
+        terms = tuple(sp.sympify(t) for t in listed)
+        if not terms:
             raise ModelError("A NARX model needs at least one term.")
-        if len(set(self.terms)) < len(self.terms):
+        if len(set(terms)) < len(terms):
             raise ModelError("A term appears twice.")
-        symbols = sp.symbols(f"theta_1:{len(self.terms) + 1}", real=True)
-        F = sp.Add(*(s * t for s, t in zip(symbols, self.terms, strict=True)))
+        vars(self).update(terms=terms)
+        symbols = sp.symbols(f"theta_1:{len(terms) + 1}", real=True)
+        F = sp.Add(*(s * t for s, t in zip(symbols, terms, strict=True)))
         super().__init__(F, symbols, theta, **options)
 
     @classmethod
@@ -399,108 +398,3 @@ class NARX(Model):
     def parts(self) -> list[tuple[Any, Any]]:
         """(theta_i, psi_i) in the model's order."""
         return list(zip(self.symbols, self.terms, strict=True))
-
-
-@dataclass(frozen=True)
-class Pool:
-    """Candidate terms, and what was left out with the reason."""
-
-    terms: list[Any]
-    excluded: list[assumptions.Violation]
-    duplicates: dict[Any, str]
-    structure: assumptions.Structure
-    rules: tuple[str, ...] = field(default=())
-
-    def __len__(self) -> int:
-        return len(self.terms)
-
-    def __iter__(self) -> Any:
-        return iter(self.terms)
-
-    def __repr__(self) -> str:
-        banned = len({v.term for v in self.excluded})
-        return f"Pool({len(self.terms)} terms; {banned} excluded by rule, {len(self.duplicates)} duplicates)"
-
-
-def pool(
-    n_y: int = 1,
-    n_u: int = 2,
-    degree: int = 3,
-    delay: int = 1,
-    *,
-    rules: Sequence[str] = (),
-    lags: Mapping[str, Any] | None = None,
-    functions: Iterable[str] = (),
-    phi: bool = True,
-    constant: bool = False,
-    inverse: bool = False,
-) -> Pool:
-    """List the candidate terms: products up to `degree` of lagged outputs, inputs, phi1 and phi2.
-
-    Parameters
-    ----------
-    n_y, n_u : int
-        Largest lags of the output and of the input side.
-    degree : int
-        The paper's l.
-    delay : int
-        tau_d >= 0, the smallest lag of the input side.
-    rules : names of `assumptions.RULES`
-        Terms that violate one are excluded, with the reason kept.
-    lags : mapping, optional
-        Own lags for "y", "u", "phi1", "phi2" or a channel: an int (1 ... n), a range or a list.
-    functions : names among abs, sin, cos, tanh, exp, sign
-        Applied to each lagged sample (abs also to phi1) as further factors.
-    phi : bool
-        Whether phi1 and phi2 are candidates at all.
-    constant : bool
-        Whether the constant 1 is a candidate.
-    inverse : bool
-        Exchange y and u, as for the identified inverse.
-
-    Returns
-    -------
-    Pool
-        Free of terms that are identically equal to a combination of earlier ones.
-    """
-    output, source = (u, y) if inverse else (y, u)
-    first, second = differences(source)
-    if delay < 0 or n_u < delay or n_y < 0 or degree < 1:
-        raise ModelError(f"A pool needs n_y >= 0, degree >= 1 and n_u >= delay >= 0; got n_u = {n_u}, delay = {delay}.")
-    chosen: dict[str, Any] = {
-        str(output.label): range(1, n_y + 1),
-        "phi1": range(delay, n_u + 1) if phi else (),
-        "phi2": range(delay, n_u + 1) if phi else (),
-        str(source.label): range(delay, n_u + 1),
-    }
-    for name, wanted in (lags or {}).items():
-        chosen[name] = range(0 if name not in ("y",) else 1, wanted + 1) if isinstance(wanted, int) else wanted
-    named = {"phi1": first, "phi2": second}
-    factors = [(named.get(name) or signal(name))[k - i] for name, steps in chosen.items() for i in steps]
-    for name in functions:
-        if name not in FUNCTIONS:
-            raise ModelError(f"Unknown function {name!r}; there are {', '.join(FUNCTIONS)}.")
-        plain = [s for s in factors if isinstance(s, sp.Indexed) and s.base != second]
-        factors += [FUNCTIONS[name](s) for s in plain]
-    wanted = comb(len(factors) + degree, degree)
-    if wanted > MAX_POOL:
-        raise ModelError(
-            f"The pool would have {wanted} terms ({len(factors)} factors, degree {degree}); at most {MAX_POOL} are "
-            "built. Lower n_y, n_u or the degree, or name the lags."
-        )
-    structure = assumptions.Structure(output, source, delay)
-    terms: list[Any] = [sp.S.One] if constant else []
-    seen = set(terms)
-    for size in range(1, degree + 1):
-        for product in combinations_with_replacement(factors, size):
-            term = sp.Mul(*product)
-            if term not in seen:
-                seen.add(term)
-                terms.append(term)
-    # Shortened first: phi2^2 phi1 is phi1, and must not slip past a rule that excludes phi1.
-    shortened = {t: short for t in terms if (short := canonical(t)) != t and short in seen}
-    excluded = assumptions.violations([t for t in terms if t not in shortened], rules, structure)
-    banned = {v.term for v in excluded}
-    kept, duplicates = independent([t for t in terms if t not in banned and t not in shortened])
-    duplicates |= {t: f"= {printing.text(short)}" for t, short in shortened.items()}
-    return Pool(kept, excluded, duplicates, structure, tuple(rules))

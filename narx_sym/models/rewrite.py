@@ -1,4 +1,4 @@
-"""Terms of a model given anew as text: replaced, put in, or left out."""
+"""Terms of a model given anew: as text (replaced, put in, or left out), or with smooth signs."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.grammar import parse
 from ..symbolic.recursion import State
-from ..symbolic.signals import k, samples, u, v, x
-from .analysis import continuum_conditions
+from ..symbolic.signals import k, pairs, samples, u, v, x
+from ..symbolic.smoothing import smoothed, widths
+from .equilibria import continuum_conditions
 from .extend import without, written_constraints
-from .model import NARX, Model, pairs
+from .info import Info
+from .model import NARX, Model
 
 
 def written_terms(model: Model) -> dict[str, str]:
@@ -76,36 +78,30 @@ def _more(model: Model, name: str, term: Any) -> Model:
     symbol = sp.Symbol(name or f"theta_{next(numbers)}", real=True)
     core = sp.Add(*(c * t for c, t in pairs(model.core) if c != symbol), symbol * term)
     states = [State(s.left, core, s.initial, s.group) if s.left.base == x else s for s in model.states]
-    made = Model(
-        model.F if model.inner == x else core, model.symbols if name else (*model.symbols, symbol),
-        output=model.output, input=model.input, operating_point=model.operating_point, lead=model.lead, Ts=model.Ts,
-        constraints=model.constraints, states=states,
+    symbols = model.symbols if name else (*model.symbols, symbol)
+    values = dict(zip(model.symbols, model.numbers or (), strict=bool(model.numbers)))
+    return model.replace(
+        F=model.F if model.inner == x else core, symbols=symbols, states=states,
+        theta=[values.get(s, 0.0) for s in symbols] if values else None,
+        info=Info(),
     )  # fmt: skip
-    values = {} if model.theta is None else dict(zip(model.symbols, model.theta, strict=True))
-    made.theta = [values.get(s, 0.0) for s in made.symbols] if values else None
-    made.info = {n: e for n, e in model.info.items() if n == "effects"}
-    return made
 
 
-def _narx(model: Model, terms: Sequence[Any]) -> NARX:
-    return NARX(
-        terms, output=model.output, input=model.input, operating_point=model.operating_point, lead=model.lead,
-        Ts=model.Ts,
-    )  # fmt: skip
+def _narx(model: NARX, terms: Sequence[Any]) -> Model:
+    return model.replace(terms=terms, theta=None, constraints=(), info=Info())
 
 
 def _constrained(old: Model, made: Model, name: str) -> Model:
     """Give the new model the constraint of the continuum where the old one had it; keep others."""
     before = written_constraints(old)
     if before and set(before) == set(_conditions(old)):
-        made.constraints = tuple(_conditions(made))
-        if any(e.rhs == 0 and e.lhs in made.symbols for e in made.constraints):
+        conditions = _conditions(made)
+        if any(e.rhs == 0 and e.lhs in made.symbols for e in conditions):
             raise ModelError("The constraint of the continuum (Sigma_y = 1) forces the parameter of this term to zero.")
-    elif any(str(s) == name for e in before for s in e.free_symbols):
+        return made.replace(constraints=conditions)
+    if any(str(s) == name for e in before for s in e.free_symbols):
         raise ModelError(f"A constraint of this model speaks of {name}: its term stays as it is.")
-    else:
-        made.constraints = tuple(before)
-    return made
+    return made.replace(constraints=before)
 
 
 def _conditions(model: Model) -> list[Any]:
@@ -113,3 +109,28 @@ def _conditions(model: Model) -> list[Any]:
     plain = {x: model.output, v: u}
     core = model.core.xreplace({s: plain[s.base][s.indices[0]] for s in samples(model.core) if s.base in plain})
     return continuum_conditions(Model(core, model.symbols, output=model.output, input=model.input))
+
+
+def smooth(model: Model, eps: Any = None, form: Any = "tanh") -> Any:
+    """Put a smooth function in the place of sign(phi1), before or after identification.
+
+    Parameters
+    ----------
+    eps : number or mapping from "u" and "y" to numbers, optional
+        The width of the change from -1 to 1 [unit of u, of y]. By default 0.3 median steps of the
+        record that the model was fitted on.
+    form : "tanh", "root", "atan" or a function
+        See `narx_sym.symbolic.smoothing.smoothed`.
+
+    Returns
+    -------
+    A model of the same parameters and values; `.fit(record)` fits it anew.
+    """
+    eps = widths(eps, {b: str(b.label) for b in (model.output, model.input)}, model.info.steps)
+
+    def change(expr: Any) -> Any:
+        return smoothed(expr, eps, form)
+
+    states = [s.map(change) for s in model.states]
+    core = {"terms": [change(t) for t in model.terms]} if isinstance(model, NARX) else {"F": change(model.F)}
+    return model.replace(**core, states=states, info=model.info.of_records, standard_errors=None)

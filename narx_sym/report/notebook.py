@@ -26,7 +26,8 @@ def table(columns: list[str], rows: list[list[Any]]) -> str:
 
 def model_html(model: Model) -> str:
     """Return the equations of a model and its parameters."""
-    rows = [[r["symbol"], r["term"], *("" if r[n] is None else number(r[n], d) for n, d in (("theta", 6), ("std", 2)))]
+    digits = (("theta", 6), ("standard_error", 2))
+    rows = [[r["symbol"], r["term"], *("" if r[n] is None else number(r[n], d) for n, d in digits)]
             for r in model.table()]  # fmt: skip
     shown = table(["parameter", "multiplies", "value", "standard error"], rows)
     point = ", ".join(f"{b.label} = {number(v, 4)}" for b, v in model.operating_point.items())

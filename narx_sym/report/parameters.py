@@ -53,7 +53,7 @@ def parameters(before: Model, after: Model, units: Units, shapes: Mapping[str, s
     terms = {str(c): (left, e) for model in (after, before) for left, listed in model.system() for c, e in listed}
     found = []
     for key in [*rows[0], *(n for n in rows[1] if n not in rows[0])]:
-        values = [None if key not in r else (r[key]["theta"], r[key]["std"] or 0.0) for r in rows]
+        values = [None if key not in r else (r[key]["theta"], r[key]["standard_error"] or 0.0) for r in rows]
         row = next(r[key] for r in reversed(rows) if key in r)
         name = row["symbol"]
         unit = shapes.get(name, "") if name not in terms else unit_of(*terms[name], units)
@@ -110,10 +110,10 @@ def shape_units(diagnosis: Diagnosis, units: Units) -> dict[str, str]:
     """Return the units of the shape parameters of all effects that were added."""
     known = {(c.effect, c.variant.effect.form): c.variant.effect.unit for s in diagnosis.steps for c in s.candidates}
     found = {}
-    for one in diagnosis.model.info.get("effects", []):
-        given = known.get((one["effect"], one["form"]), {})
-        for name in one["shape"]:
-            found[name] = shape_unit(given.get(name.split("_")[0], ""), one["driver"], units)
+    for one in diagnosis.model.effects:
+        given = known.get((one.effect, one.form), {})
+        for name, symbol in one.shape.items():
+            found[str(symbol)] = shape_unit(given.get(name, ""), one.driver, units)
     return found
 
 

@@ -15,6 +15,7 @@ import sympy as sp
 
 from ..errors import ModelError
 from .doors import RecursionDoors
+from .graph import Graph
 from .signals import expand_phi, k, lag, samples
 
 
@@ -98,6 +99,11 @@ class Recursion(RecursionDoors):
         return tuple(sorted(found, key=str))
 
     @cached_property
+    def graph(self) -> Graph:
+        """Which state reads which sequence, at which lags."""
+        return Graph.of(self.updates)
+
+    @cached_property
     def depth(self) -> int:
         """The number of past samples that must be known before the first update (the largest lag)."""
         return max([0, *(lag(s) for _, right in self.updates for s in samples(right))])
@@ -138,22 +144,14 @@ class Recursion(RecursionDoors):
 
 def written_out(expr: Any, states: Sequence[State]) -> int:
     """Return how many nodes an expression has when states without memory are put in, each where it occurs."""
-    reads = {s.left.base: {e.base for e in samples(s.right)} for s in states}
+    recurrent = Graph.of((s.left, s.right) for s in states).recurrent
     sizes: dict[Any, int] = {}
-
-    def remembers(base: Any) -> bool:
-        seen: set[Any] = set()
-        more = reads[base]
-        while more - seen:
-            seen |= more
-            more = set().union(*(reads.get(b, set()) for b in more))
-        return base in seen
 
     def size(e: Any) -> int:
         return sizes.get(e.base, 1) if isinstance(e, sp.Indexed) else 1 + sum(map(size, e.args))
 
     for state in states:
-        sizes[state.left.base] = 1 if remembers(state.left.base) else size(state.right)
+        sizes[state.left.base] = 1 if state.left.base in recurrent else size(state.right)
     return size(expr)
 
 

@@ -53,6 +53,14 @@ def lags(expr: Any, base: sp.IndexedBase) -> list[int]:
     return sorted({lag(s) for s in samples(expr, base)})
 
 
+def pairs(expr: Any) -> list[tuple[Any, Any]]:
+    """Return (coefficient, term) pairs whose products add up to an expression."""
+    return [
+        part.as_independent(sp.Indexed, as_Add=False) if part.has(sp.Indexed) else (part, sp.S.One)
+        for part in sp.Add.make_args(expr)
+    ]
+
+
 def shift(expr: Any, steps: int) -> Any:
     """Apply q**steps: every `x[k]` becomes `x[k+steps]`."""
     return expr.xreplace({k: k + steps})

@@ -67,14 +67,14 @@ def _driver(step: Any, bases: Mapping[Any, Any]) -> Any:
     return None
 
 
-def widths(eps: Any, sequences: Mapping[Any, str], info: Mapping[str, Any]) -> dict[Any, float]:
+def widths(eps: Any, sequences: Mapping[Any, str], steps: Mapping[str, float]) -> dict[Any, float]:
     """Return eps for each sequence: as given, or from the steps of the record that a model was fitted on.
 
     Parameters
     ----------
     eps : None, a number, or a mapping from "u" and "y" to numbers
     sequences : mapping from each sequence to "u" or "y", the measured signal that it stands for
-    info : of the model, with the median steps of its record
+    steps : mapping from "u" and "y" to the median steps of that record
 
     Raises
     ------
@@ -82,7 +82,6 @@ def widths(eps: Any, sequences: Mapping[Any, str], info: Mapping[str, Any]) -> d
         For a width that is not positive, or where none is given and the record's steps are not known.
     """
     if eps is None:
-        steps = info.get("steps")
         if not steps:
             raise ModelError("Give eps: the model was not fitted to data, so the size of a step is not known.")
         found = {name: float(f"{DEFAULT * step:.2g}") for name, step in steps.items()}

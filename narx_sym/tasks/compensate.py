@@ -69,7 +69,7 @@ def law_of(
     except (NotInvertible, ModelError) as error:
         return Law(why_not=str(error))
     notes = [ahead(law)]
-    ranges = [f"{name} from {low:.4g} to {high:.4g}" for name, (low, high) in model.info.get("ranges", {}).items()]
+    ranges = [f"{name} from {low:.4g} to {high:.4g}" for name, (low, high) in model.info.ranges.items()]
     if ranges:
         notes.append(f"It was identified for {' and '.join(ranges)}: beyond that nothing was measured.")
     if law.staged:

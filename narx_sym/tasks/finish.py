@@ -29,12 +29,11 @@ class Finished:
 
 
 def fit_on_all(model: Model, records: Sequence[Record]) -> Finished:
-    """Fit a copy of a model in free run on all samples; where that fails, keep its parameters and describe them."""
+    """Fit a model in free run on all samples; where that fails, keep its parameters and describe them."""
     try:
-        return Finished(fit(model.copy(), list(records), method="free_run"))
+        return Finished(fit(model, list(records), method="free_run"))
     except FitError as error:
-        kept = model.copy()
-        describe(kept, list(records), "free_run", True)
+        kept = describe(model, list(records), "free_run", True)
         note = f"the fit on all samples failed ({error}); the one on the training blocks is kept"
         return Finished(kept, note)
 

@@ -81,13 +81,11 @@ def with_term(model: Model, name: str, what: str, records: Sequence[Record], pro
     if model.theta is not None and name:  # the old value may be a bad one for the new term
         starts.append([0.0 if str(s) == name else v for s, v in zip(model.symbols, model.theta, strict=True)])
     for start in starts[:-1]:
-        model.theta = start
         try:
-            return revised(what, model, records, progress)
+            return revised(what, model.replace(theta=start), records, progress)
         except FitError:
             continue
-    model.theta = starts[-1]
-    return revised(what, model, records, progress)
+    return revised(what, model.replace(theta=starts[-1]), records, progress)
 
 
 def revised(name: str, model: Model, records: Sequence[Record], progress: Progress, effect: str = "") -> Revision:

@@ -213,7 +213,7 @@ def test_the_whole_way(page, data, tmp_path):
         files[title] = tmp_path / waiting.value.suggested_filename
         waiting.value.save_as(files[title])
         assert files[title].stat().st_size > 100
-    assert load(files["Model (JSON)"]).info["effects"][0]["effect"] == "dead_zone"
+    assert load(files["Model (JSON)"]).effects[0].effect == "dead_zone"
     (tmp_path / "new.csv").write_bytes(live.csv(**dict(zip("uy", live.hidden(seed=7), strict=True))))
     code = "import sys; from narx_sym.cli.main import main; sys.argv[0] = 'narx-sym'; main()"
     arguments = ["compare", str(files["Model (JSON)"]), str(tmp_path / "new.csv"), "--no-plot"]

@@ -286,7 +286,7 @@ def test_downloads(climbed, tmp_path):
     name, content = climbed.download("model.json")
     (tmp_path / name).write_text(content)
     model = load(tmp_path / name)
-    assert name == "stage_model.json" and model.info["effects"][0]["effect"] == "dead_zone"
+    assert name == "stage_model.json" and model.effects[0].effect == "dead_zone"
     assert r"\begin{document}" in climbed.download("model.tex")[1] and "double" in climbed.download("model.c")[1]
     report = climbed.download("report.html")[1]
     assert "dead zone" in report and "stage" in report and str(climbed.folder) not in report

@@ -93,7 +93,7 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
     held = step.base.split.held
     floor2 = float(np.mean((case.y - case.clean)[held[0]] ** 2))
     before2 = step.base.mean_square(held)
-    kept = {one["effect"] for one in found.model.info.get("effects", [])}
+    kept = {one.effect for one in found.model.effects}
     last = found.last or step.base
     row: Row = {
         "name": case.name, "noise": case.noise, "excitation": case.excitation,

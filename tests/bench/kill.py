@@ -29,7 +29,7 @@ import sys
 import numpy as np
 import narx_sym as ns
 from matplotlib.figure import Figure
-from narx_sym.files import write_csv, write_figure
+from narx_sym.files.atomic import write_csv, write_figure
 models = [ns.NARX.from_terms(["y[k-1]", *(f"u[k-{i}]" for i in range(1, n))], list(np.linspace(0.1, 0.9, n))) for n in (3, 300)]
 columns = {"t": np.arange(3000) * 0.01, "u": np.sin(np.arange(3000))}
 figure = Figure(figsize=(2, 2))
@@ -77,7 +77,7 @@ def one(seed: int, n: int) -> list[object]:
     u = ns.plants.filtered_noise(N=n, Ts=0.01, cutoff=2.0, peak=3.0, seed=seed)
     y = ns.plants.bouc_wen(u, Ts=0.01) + 0.01 * np.random.default_rng(seed).standard_normal(n)
     model = ns.NARX.from_terms(["y[k-1]", "phi1[k-1]", "phi1[k-1]*u[k-1]"])
-    model.fit(ns.Record.from_arrays(u, y, Ts=0.01), ["continuum"])
+    model = model.fit(ns.Record.from_arrays(u, y, Ts=0.01), ["continuum"])
     return [model.theta, float(np.sum(model.theta)), (seed, None, "fitted")]
 
 

@@ -27,7 +27,7 @@ from paper import BENCH, BENCH_INVERSE
 
 from narx_sym import NARX, Record, assumptions, free_run, mape, nsavi, plants, pool, select
 from narx_sym.errors import Diverged, NotInvertible
-from narx_sym.models.model import Pool
+from narx_sym.models.pool import Pool
 
 N, TS = 50_000, 1e-3
 SINE = 40 * np.sin(2 * np.pi * TS * np.arange(N))  # the validation input [V] and the reference [um]

@@ -581,7 +581,7 @@ def memory_of_simulation() -> dict[str, float]:
     data = peak()
     start = perf_counter()
     direct_model = direct()
-    direct_model.theta = THETA
+    direct_model = direct_model.replace(theta=THETA)
     direct_model.simulate(source, y0=0.0)
     return {"imports": before, "data": data, "peak": peak(), "seconds": perf_counter() - start}
 

@@ -154,12 +154,12 @@ def valve_seed(seed: int) -> list[float]:
     for value in (None, *LEADS):
         model = VALVE.model()
         extra = [] if value is None else [sp.Eq(model.symbols[2], value)]
-        model.fit(record, [sp.Eq(model.symbols[0], 1), *extra], method="free_run")
+        model = model.fit(record, [sp.Eq(model.symbols[0], 1), *extra], method="free_run")
         found[value] = (model.compensator().internal.along(record.u, record.y).rate, model)
     rate, chosen = min((found[value] for value in LEADS), key=lambda pair: pair[0])
     c = float(chosen.theta[3])
     second = VALVE_INVERSE.model([1, 1, 0, 0, c, -c])
-    second.fit(record.smoothed(1.0), ["continuum"], method="free_run")
+    second = second.fit(record.smoothed(1.0), ["continuum"], method="free_run")
     row = []
     for model, held in ((chosen, validation), (second, validation.smoothed(1.0))):
         m, _ = run(model, reference, 3.0)

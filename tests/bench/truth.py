@@ -179,9 +179,9 @@ def coverage(method: str, name: str, draws: int, n: int = 200) -> tuple[list[flo
         sizes.append(nrmse(out, clean))
         model = NARX.from_terms(terms, truth)
         constraints = ["continuum"] if integrates else []
-        model.fit(Record.from_arrays(source, out, Ts=1.0), constraints, method=method)
-        free = np.array(model.std) > 1e-9
-        inside.append(np.abs(np.array(model.theta) - truth)[free] < STUDENT * np.array(model.std)[free])
+        model = model.fit(Record.from_arrays(source, out, Ts=1.0), constraints, method=method)
+        free = np.array(model.standard_errors) > 1e-9
+        inside.append(np.abs(np.array(model.theta) - truth)[free] < STUDENT * np.array(model.standard_errors)[free])
     return [float(c) for c in np.mean(inside, axis=0)], float(np.median(sizes))
 
 

@@ -132,7 +132,7 @@ def test_report_names_its_data(files, diagnosed):
 
 def test_saved_model_is_read_and_fits(files, diagnosed, run):
     model = ns.load(files / "m.json")
-    assert model.info["effects"][0]["effect"] == "dead_zone" and model.Ts == TS
+    assert model.effects[0].effect == "dead_zone" and model.Ts == TS
     assert ns.evaluate(model, ns.read(files / "dead.csv")).free_run_nrmse < 0.02
     code, text, err = run(
         "simulate", files / "m.json", files / "dead.csv", "--input", "u", "--out", files / "y.csv", "--y0", "0"
@@ -158,7 +158,7 @@ def test_nothing_hidden_nothing_found(files, run, tmp_path):
     assert text.startswith("nothing_detectable") and "nothing was added" in err
     data = json.loads((tmp_path / "n.json").read_text())
     assert data["candidates"] == [] and data["confusion_set"] == [] and data["smallest_detectable"]
-    assert "steps" not in data and ns.load(tmp_path / "m.json").info["nrmse"]["free_run"] < 0.02
+    assert "steps" not in data and ns.load(tmp_path / "m.json").info.nrmse.free_run < 0.02
 
 
 def test_add(files, run, tmp_path):

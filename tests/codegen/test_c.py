@@ -15,6 +15,7 @@ import narx_sym as ns
 from narx_sym.codegen.export import to_c
 from narx_sym.engines.compile import compile
 from narx_sym.errors import ModelError
+from narx_sym.models.info import Info
 from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.sensitivity import sensitivities
 from narx_sym.symbolic.signals import k, signal, u, y
@@ -191,7 +192,7 @@ def test_a_run_that_diverges_has_no_self_test():
 def test_the_self_test_moves_where_the_model_was_identified():
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5], operating_point={u: 50.0})
     assert 49 <= float(re.search(r"u\[\d+\] = \{\s*([\d.]+),", model.to_c()).group(1)) <= 51
-    model.info["ranges"] = {"u": [100.0, 300.0], "y": [0.0, 9.0]}
+    model = model.replace(info=Info(ranges={"u": (100.0, 300.0), "y": (0.0, 9.0)}))
     assert float(re.search(r"u\[\d+\] = \{\s*([\d.]+),", model.to_c()).group(1)) > 99
     assert float(re.search(r"r\[\d+\] = \{\s*([\d.]+),", model.compensator().to_c()).group(1)) < 10
 

@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from narx_sym.data.record import Record
 from narx_sym.errors import ModelError
 from narx_sym.fit.least_squares import fit
 from narx_sym.fit.simulate import extrapolates
+from narx_sym.models.info import Info
 
 TS = 0.01
 TERMS = ["y[k-1]", "phi1[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]"]
@@ -39,10 +41,15 @@ def linear():
 
 
 def said(call, *arguments, **options):
+    return told(call, *arguments, **options)[1]
+
+
+def told(call, *arguments, **options):
+    """What a call returns, and its warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        call(*arguments, **options)
-    return [str(w.message) for w in caught]
+        found = call(*arguments, **options)
+    return found, [str(w.message) for w in caught]
 
 
 # ---------------------------------------------------------------- measures
@@ -75,22 +82,22 @@ def test_a_long_record_is_read_in_pieces():
 
 
 def test_a_fit_keeps_what_it_has_seen(model):
-    assert model.info["ranges"]["u"] == pytest.approx([-1, 1], abs=1e-3)
-    assert model.info["rates"]["u"] == pytest.approx(2 * np.pi, rel=0.01)
-    assert model.info["frequencies"]["u"] == pytest.approx(1.0, abs=0.3)
-    assert set(model.info["rates"]) == set(model.info["frequencies"]) == {"u", "y"}
+    assert model.info.ranges["u"] == pytest.approx([-1, 1], abs=1e-3)
+    assert model.info.rates["u"] == pytest.approx(2 * np.pi, rel=0.01)
+    assert model.info.frequencies["u"] == pytest.approx(1.0, abs=0.3)
+    assert set(model.info.rates) == set(model.info.frequencies) == {"u", "y"}
 
 
 def test_the_line_through_the_data_and_the_band_around_it():
     source = sine(level=4.0)
     record = Record.from_arrays(source, 3 * source + 2 + 0.1 * np.sign(sine(hertz=7.0)), Ts=TS)
     model = ns.NARX.from_terms(["1", "u[k]"]).fit(record)
-    assert model.info["line"] == pytest.approx([2.0, 3.0], abs=0.02)
-    assert model.info["band"] == pytest.approx(0.1, abs=0.03)
+    assert model.info.line == pytest.approx([2.0, 3.0], abs=0.02)
+    assert model.info.band == pytest.approx(0.1, abs=0.03)
     # Through zero where zero lies well inside both ranges, though the input lingers on one side.
     lingering = np.where(np.arange(1_000) < 900, 1.0, -1.0) * np.abs(sine())
     swing = Record.from_arrays(lingering, 3 * lingering + 0.3 * lingering**2, Ts=TS)
-    assert ns.NARX.from_terms(["1", "u[k]"]).fit(swing).info["line"][0] == 0.0
+    assert ns.NARX.from_terms(["1", "u[k]"]).fit(swing).info.line[0] == 0.0
 
 
 def test_within_what_was_seen_nothing_is_said(model):
@@ -117,7 +124,7 @@ def test_beyond_it_each_quantity_is_said_with_its_unit(model, source, words):
 
 
 def test_by_how_much():
-    info = {"ranges": {"u": [0.0, 2.0]}, "rates": {"u": 2.0}, "frequencies": {"u": 1.0}}
+    info = Info(ranges={"u": (0.0, 2.0)}, rates={"u": 2.0}, frequencies={"u": 1.0})
     assert beyond(info, "u", "input", [np.array([0.0, 2.019])], None) == []  # one per cent is not worth a word
     assert "by 0.03 [unit of u], 1.5 % of" in beyond(info, "u", "input", [np.array([-0.03, 0.0])], None)[0]
     assert len(beyond(info, "u", "input", [np.array([0.0, 2.1])], 1.0)) == 1
@@ -126,10 +133,10 @@ def test_by_how_much():
         in beyond(info, "u", "input", [np.array([0.0, 1])], 0.25)[0]
     )
     quick = 1 + 0.9 * np.sin(2 * np.pi * 4.0 * 0.01 * np.arange(2_000))
-    found = beyond(info | {"rates": {"u": 1e9}}, "u", "input", [quick], 0.01)
+    found = beyond(replace(info, rates={"u": 1e9}), "u", "input", [quick], 0.01)
     assert len(found) == 1 and "below 4." in found[0] and "Hz (4." in found[0] and found[0].endswith(" times)")
-    assert beyond({}, "u", "input", [quick], 0.01) == []
-    assert "times" not in beyond({"rates": {"u": 0.0}}, "u", "input", [quick], 0.01)[0]
+    assert beyond(Info(), "u", "input", [quick], 0.01) == []
+    assert "times" not in beyond(Info(rates={"u": 0.0}), "u", "input", [quick], 0.01)[0]
 
 
 def test_the_step_at_the_start_counts(model):
@@ -145,7 +152,7 @@ def test_work_inside_says_nothing(model):
 
 def test_a_law_says_it_of_its_reference(linear):
     law = linear.compensator()
-    low, high = linear.info["ranges"]["y"]
+    low, high = linear.info.ranges["y"]
     middle, size = (low + high) / 2, (high - low) / 2
     assert not said(law.run, sine(0.5 * size, 0.8, level=middle))
     far = said(law.run, sine(1.1 * size, 0.8, level=middle))
@@ -162,7 +169,7 @@ def test_a_law_says_it_of_its_reference(linear):
 def test_it_is_in_the_model_file_and_files_without_it_load(model, tmp_path):
     path = tmp_path / "m.json"
     ns.save(model, path)
-    assert ns.load(path).info["rates"] == model.info["rates"]
+    assert ns.load(path).info.rates == model.info.rates
     assert said(ns.load(path).simulate, sine(2.0), 0.0) == said(model.simulate, sine(2.0), 0.0)
     data = json.loads(path.read_text())
     older = {**data, "info": {n: v for n, v in data["info"].items() if n not in ("rates", "frequencies")}}
@@ -176,7 +183,7 @@ def test_it_is_in_the_model_file_and_files_without_it_load(model, tmp_path):
 
 
 def test_a_smooth_model_has_seen_the_same(model):
-    assert model.smooth(0.1).info["rates"] == model.info["rates"]
+    assert model.smooth(0.1).info.rates == model.info.rates
 
 
 def test_the_commands_say_it_on_stderr(model, linear, tmp_path, run, monkeypatch):
@@ -192,7 +199,7 @@ def test_the_commands_say_it_on_stderr(model, linear, tmp_path, run, monkeypatch
     write("wide.csv", u=wide, y=ns.NARX.from_terms(TERMS, [1.0, 2.0, -0.3]).simulate(wide, 0.0))
     write("same.csv", u=sine(), y=sine(2.0))
     ns.save(linear, "linear.json")
-    low, high = linear.info["ranges"]["y"]
+    low, high = linear.info.ranges["y"]
     write("r.csv", r=(low + high) / 2 + 0.6 * (high - low) * sine(1.0, 0.8))
     code, out, err = run("simulate", "m.json", "wide.csv", "--input", "u", "--y0", "0", "--out", "s.csv")
     assert code == 0 and "leaves the identified inputs [-1, 1] by 1 [unit of u], 50 %" in err and "leaves" not in out
@@ -216,13 +223,14 @@ def test_a_fit_that_does_not_converge_says_so_and_keeps_the_best():
     worst = ns.evaluate(ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**3"], start), record).free_run_nrmse
     short = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**3"], start)
     with pytest.warns(UserWarning, match="stopped before it converged.*best parameters found are kept") as caught:
-        short.fit(record, method="free_run", max_steps=3)
+        short = short.fit(record, method="free_run", max_steps=3)
     assert caught[0].filename == __file__
-    assert short.info["converged"] is False and np.all(np.isfinite(short.theta))
-    assert short.info["nrmse"]["free_run"] < worst
+    assert short.info.converged is False and np.all(np.isfinite(short.theta))
+    assert short.info.nrmse.free_run < worst
     whole = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**3"], start)
-    assert not said(whole.fit, record, method="free_run") and whole.info["converged"] is True
-    assert whole.info["nrmse"]["free_run"] < short.info["nrmse"]["free_run"]
+    whole, silent = told(whole.fit, record, method="free_run")
+    assert not silent and whole.info.converged is True
+    assert whole.info.nrmse.free_run < short.info.nrmse.free_run
 
 
 def test_auto_warns_where_it_keeps_an_unfinished_free_run():
@@ -231,17 +239,19 @@ def test_auto_warns_where_it_keeps_an_unfinished_free_run():
     out = truth.simulate(source, 0.0)
     record = Record.from_arrays(source, out + 0.5 * np.random.default_rng(2).standard_normal(500), Ts=TS)
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"])
-    assert any("stopped before it converged" in w for w in said(model.fit, record, method="auto", max_steps=2))
-    assert model.info["method"] == "free_run" and model.info["converged"] is False
+    short, warned = told(model.fit, record, method="auto", max_steps=2)
+    assert any("stopped before it converged" in w for w in warned)
+    assert short.info.method == "free_run" and short.info.converged is False
     assert not said(fit, model, record, method="auto", max_steps=2, warn=False)
-    assert not said(model.fit, record, method="auto") and model.info["converged"] is True
+    whole, silent = told(model.fit, record, method="auto")
+    assert not silent and whole.info.converged is True
 
 
 def test_the_mark_is_in_the_model_file(tmp_path):
     record = model_of(sine())[1]
     model = ns.NARX.from_terms(TERMS, [1.0, 0.1, 0.4])
     with pytest.warns(UserWarning, match="stopped before"):
-        fit(model, record, ["continuum"], "free_run", max_steps=1)
-    ns.save(model, tmp_path / "m.json")
-    assert ns.load(tmp_path / "m.json").info["converged"] is False
+        short = fit(model, record, ["continuum"], "free_run", max_steps=1)
+    ns.save(short, tmp_path / "m.json")
+    assert ns.load(tmp_path / "m.json").info.converged is False
     assert not said(fit, model, record, ["continuum"], "free_run", max_steps=1, warn=False)

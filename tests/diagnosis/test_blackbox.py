@@ -58,9 +58,9 @@ def test_a_wander_is_told_from_noise_and_from_a_line():
 def test_a_base_out_of_a_local_minimum_is_fitted_again():
     record = ns.Record.from_arrays(u, lagged(u) + 0.01 * np.random.default_rng(7).standard_normal(N), Ts)
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.9, 0.1], Ts=Ts)
-    good, poor = (fit_base(model.copy(), Split.of([record])) for _ in range(2))
+    good, poor = (fit_base(model, Split.of([record])) for _ in range(2))
     assert settled_again(good, [good]) is None  # no better
-    poor.unknowns, poor.model.theta = poor.problem.start(np.array([0.5, 0.5])), [0.5, 0.5]
+    poor.unknowns, poor.model = poor.problem.start(np.array([0.5, 0.5])), poor.model.replace(theta=[0.5, 0.5])
     del poor.errors
     again = settled_again(poor, [good])
     assert again is not None

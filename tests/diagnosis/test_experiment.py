@@ -39,7 +39,7 @@ def static():
 def with_effect(base, name, where, start, form="", driver="u", channel=None):
     effect = next(f for f in EFFECTS[name] if f.form == form)
     model = extend(base, Variant(effect, where, driver, channel)).model
-    model.theta = [*base.theta, *start]
+    model = model.replace(theta=[*base.theta, *start])
     return model
 
 

@@ -18,6 +18,7 @@ from narx_sym.diagnosis.bases import one_speed as speed_is_one
 from narx_sym.diagnosis.procedure import VERDICTS
 from narx_sym.diagnosis.refit import Split
 from narx_sym.models.effects import EFFECTS
+from narx_sym.models.info import Info, Selection
 
 FIRST, N = 500, 3000
 HIDDEN = [
@@ -169,14 +170,14 @@ def test_ladder_goes_down(play):
 
 def test_add_by_id_and_by_candidate(play):
     record, base, d = play
-    free_run = base.info["nrmse"]["free_run"]
+    free_run = base.info.nrmse.free_run
     by_candidate = base.add(d.best).fit(record)
     by_id = base.add("backlash", where="input").fit(record)
     for model in (by_candidate, by_id):
-        assert model.info["effects"][-1]["effect"] == "backlash"
-        assert model.info["nrmse"]["free_run"] < 0.9 * free_run
-    assert "effects" not in base.info
-    ratio = by_id.info["nrmse"]["free_run"] / by_candidate.info["nrmse"]["free_run"]
+        assert model.effects[-1].effect == "backlash"
+        assert model.info.nrmse.free_run < 0.9 * free_run
+    assert base.effects == ()
+    ratio = by_id.info.nrmse.free_run / by_candidate.info.nrmse.free_run
     assert ratio == pytest.approx(1.0, abs=0.05)
 
 
@@ -194,7 +195,7 @@ def test_extended_model_survives_saving_and_compiling(play, tmp_path):
     assert np.sqrt(np.mean((record.y - first) ** 2)) < 0.1 * np.std(record.y)
     ns.save(d.model, tmp_path / "model.json")
     again = ns.load(tmp_path / "model.json")
-    assert again.info["effects"] == d.model.info["effects"]
+    assert again.effects == d.model.effects
     np.testing.assert_allclose(ns.free_run(again, record), first, rtol=1e-9, atol=1e-12)
     for engine in ("python", "numpy"):
         np.testing.assert_allclose(ns.free_run(d.model, record, engine=engine), first, rtol=1e-7, atol=1e-9)
@@ -221,7 +222,7 @@ def test_a_pair_is_found_together(pair):
     alone = min(c.mean_square for c in first.candidates)
     assert first.pair.mean_square < 0.75 * alone
     assert np.sqrt(first.chosen.mean_square(first.base.split.held)) < WORST * noise
-    assert {e["effect"] for e in d.model.info["effects"]} == {"saturation", "creep"}
+    assert {e.effect for e in d.model.effects} == {"saturation", "creep"}
 
 
 def test_a_pair_is_told_in_words_and_data(pair):
@@ -249,7 +250,7 @@ def one_speed():
 def test_at_one_speed_a_velocity_term_may_be_friction(one_speed):
     terms = ["y[k-1]", "u[k]", "u[k-1]", "1"]
     base = ns.NARX.from_terms(terms, Ts=0.01).fit(one_speed)
-    base.info["selection"] = {"base": "linear"}
+    base = base.replace(info=Info(selection=Selection("linear")))
     fitted = fit_base(base, Split.of([one_speed]))
     assert speed_is_one(fitted, "u")
     still = ns.Record.from_arrays(np.sin(0.05 * np.arange(N)), one_speed.y, Ts=0.01)

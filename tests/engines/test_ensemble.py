@@ -46,7 +46,7 @@ def test_sets_agree_with_single_runs(record, name, sets):
     bands = ensemble.bands(model, thetas, record)
     depth = model.recursion.depth
     for i in range(0, sets, 7):
-        model.theta = thetas[i]
+        model = model.replace(theta=thetas[i])
         single = ns.free_run(model, record)
         assert np.allclose(runs[i], single, rtol=1e-9, atol=1e-9 * np.abs(single).max())
         assert costs[i] == pytest.approx(np.mean((single - record.y)[depth:] ** 2), rel=1e-9)
@@ -72,7 +72,7 @@ def test_sets_of_a_model_with_states_agree_with_single_runs(record, wanted, wher
     runs, costs = ensemble.trajectories(model, thetas, late), ensemble.costs(model, thetas, late)
     depth = max(1, model.recursion.depth)
     for i in range(0, 35, 8):
-        model.theta = thetas[i]
+        model = model.replace(theta=thetas[i])
         single = ns.free_run(model, late)
         assert np.allclose(runs[i], single, rtol=1e-9, atol=1e-9 * np.abs(single).max())
         assert costs[i] == pytest.approx(np.mean((single - late.y)[depth:] ** 2), rel=1e-9)
@@ -82,12 +82,12 @@ def test_several_starts_fit_a_model_with_states():
     base = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.7, 0.5], Ts=0.01)
     model = extend(base, next(v for v in variants(base) if v.id == "backlash" and v.where == "input")).model
     true = [0.7, 0.5, 0.8, 0.3]
-    model.theta = true
+    model = model.replace(theta=true)
     source = np.sin(np.arange(600) / 21) + np.sin(np.arange(600) / 7.3)
     own = ns.Record.from_arrays(source, model.simulate(source, 0.0), Ts=0.01)
     assert np.argmin(ensemble.costs(model, [[0.6, 0.6, 0.6, 0.2], true, [0.7, 0.5, 0.1, 0.6]], own)) == 1
-    model.theta = [0.6, 0.6, 0.6, 0.2]
-    model.fit(own, method="free_run", starts=3, seed=0)
+    model = model.replace(theta=[0.6, 0.6, 0.6, 0.2])
+    model = model.fit(own, method="free_run", starts=3, seed=0)
     assert model.theta == pytest.approx(true, rel=1e-4)
 
 
@@ -134,10 +134,10 @@ def test_long_parameter_vectors_are_fitted(record):
     pool = ns.pool(n_y=1, n_u=2, degree=3, rules=ns.assumptions.CONTINUUM)
     model = ns.NARX(pool.terms[:24], constraints=("continuum",))
     assert len(model.symbols) > freerun.MANY
-    model.fit(record)
-    before = model.info["nrmse"]["free_run"]
-    model.fit(record, method="free_run", max_steps=5)
-    assert model.info["nrmse"]["free_run"] < before
+    model = model.fit(record)
+    before = model.info.nrmse.free_run
+    model = model.fit(record, method="free_run", max_steps=5)
+    assert model.info.nrmse.free_run < before
 
 
 def test_multi_start_leaves_a_bad_start(record):
@@ -152,7 +152,7 @@ def test_multi_start_leaves_a_bad_start(record):
     start = (0.5, 0.02, -0.02, 2.5)
     single = ns.Model(F, names, start).fit(record, method="free_run", max_steps=40)
     several = ns.Model(F, names, start).fit(record, method="free_run", max_steps=40, starts=4, seed=1)
-    assert several.info["nrmse"]["free_run"] <= single.info["nrmse"]["free_run"] * (1 + 1e-6)
+    assert several.info.nrmse.free_run <= single.info.nrmse.free_run * (1 + 1e-6)
     assert np.allclose(several.theta, [0.7, 0.008, 0.008, 1.6], rtol=0.02)
     again = ns.Model(F, names, start).fit(record, method="free_run", max_steps=40, starts=4, seed=1)
     assert np.array_equal(several.theta, again.theta)

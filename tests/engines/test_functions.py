@@ -15,7 +15,7 @@ from narx_sym.codegen.export import to_c, to_st
 from narx_sym.engines.columns import Columns
 from narx_sym.engines.compile import ENGINES, compile
 from narx_sym.inversion.branches import solve_for
-from narx_sym.models.model import pool
+from narx_sym.models.pool import pool
 from narx_sym.symbolic.functions import NAMES, TABLE, Elementary, X, Y, arguments_of, row_of
 from narx_sym.symbolic.grammar import parse
 from narx_sym.symbolic.printing import latex, text

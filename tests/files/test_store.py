@@ -8,8 +8,10 @@ import sympy as sp
 
 import narx_sym as ns
 from narx_sym.errors import ModelError, ParseError
+from narx_sym.models.added import AddedEffect
 from narx_sym.models.effects import EFFECTS
 from narx_sym.models.extend import extend, variants
+from narx_sym.models.info import Info, Nrmse, Selection
 from narx_sym.symbolic.grammar import parse
 from narx_sym.symbolic.signals import k, phi1, u, y
 
@@ -44,7 +46,7 @@ def test_round_trip(name, tmp_path):
 def test_constraints_come_back(tmp_path):
     model = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]"])
     t1, t2, _ = model.symbols
-    model.constraints = (sp.Eq(t1 + t2, 1),)
+    model = model.replace(constraints=(sp.Eq(t1 + t2, 1),))
     ns.save(model, tmp_path / "m.json")
     assert sp.simplify(ns.load(tmp_path / "m.json").constraints[0].lhs - (t1 + t2 - 1)) == 0
 
@@ -55,7 +57,7 @@ def test_fit_information_comes_back(tmp_path):
     record = ns.Record.from_arrays(source, 2 * source + 0.1 * source**2, Ts=0.01)
     model = ns.identify(record, base="static")
     ns.save(model, tmp_path / "m.json")
-    assert ns.load(tmp_path / "m.json").info == json.loads(json.dumps(model.info))
+    assert ns.load(tmp_path / "m.json").info == model.info and model.info.selection.base == "static"
 
 
 # ---------------------------------------------------------------- models with effects
@@ -74,8 +76,7 @@ def with_values(added):
     """Small coefficients, shape parameters of the size of the signals."""
     rest = [0.01] * len(added.coefficients) + [0.3] * len(added.shape)
     base = len(added.model.symbols) - len(rest)
-    added.model.theta = [*BASES[base].theta, *rest]
-    return added.model
+    return added.model.replace(theta=[*BASES[base].theta, *rest])
 
 
 BASES = {len(m.symbols): m for m in (LINEAR, CONTINUUM)}
@@ -96,7 +97,7 @@ def test_every_variant_comes_back(base, tmp_path):
         model = with_values(extend(base, variant))
         loaded = saved_and_loaded(model, tmp_path)
         assert loaded.recursion == model.recursion and loaded.states == model.states, str(variant)
-        assert loaded.symbols == model.symbols and loaded.info == model.info
+        assert loaded.symbols == model.symbols and loaded.effects == model.effects
         assert loaded.predictor == model.predictor
         assert [sp.expand(c.lhs - c.rhs) for c in loaded.constraints] == [
             sp.expand(c.lhs - c.rhs) for c in model.constraints
@@ -112,11 +113,11 @@ def test_several_effects_come_back_without_the_catalogue(tmp_path, monkeypatch):
     model = LINEAR
     for wanted in ("backlash", "hardening_spring", "creep", "backlash"):
         model = extend(model, next(v for v in variants(LINEAR) if v.effect.id == wanted)).model
-    model.theta = [*LINEAR.theta, 0.1, 0.2, -0.02, 0.03, 0.5, 0.1, 0.1]
+    model = model.replace(theta=[*LINEAR.theta, 0.1, 0.2, -0.02, 0.03, 0.5, 0.1, 0.1])
     ns.save(model, tmp_path / "m.json")
     monkeypatch.setattr("narx_sym.models.effects._effect.EFFECTS", {})
     loaded = ns.load(tmp_path / "m.json")
-    assert loaded.recursion == model.recursion and [e["effect"] for e in loaded.info["effects"]][-1] == "backlash"
+    assert loaded.recursion == model.recursion and [e.effect for e in loaded.effects][-1] == "backlash"
     assert np.array_equal(loaded.simulate(WAVE, 0.0), model.simulate(WAVE, 0.0))
 
 
@@ -173,9 +174,9 @@ BAD_STATES = {
     "time only in the initial value": ("measured signals", {"states": [PLAY | {"initial": "t[k]"}]}),
     "a parameter that nothing uses": ("does not appear", {"symbols": ["a", "r", "b"], "theta": [0.5, 0.1, 1.0]}),
     "an output without x": ("does not contain", {"states": [PLAY, {"state": "x", "update": "r*y[k-1]", "initial": "0"}]}),
-    "effects as text": ("info.effects", {"info": {"effects": "backlash"}}),
-    "an effect as text": ("info.effects", {"info": {"effects": ["backlash"]}}),
-    "an effect's unknown field": ("info.effects", {"info": {"effects": [{"effect": "a", "coefficients": [], "b": 1}]}}),
+    "effects as text": ("'effects'", {"info": {"effects": "backlash"}}),
+    "an effect as text": ("'effects'", {"info": {"effects": ["backlash"]}}),
+    "an effect's unknown field": ("'effects'", {"info": {"effects": [{"effect": "a", "coefficients": [], "b": 1}]}}),
     "an effect without a name": ("by texts", {"info": {"effects": [{"effect": 1, "coefficients": []}]}}),
     "coefficients that are none": ("no parameter", {"info": {"effects": [{"effect": "a", "coefficients": ["q"]}]}}),
 }  # fmt: skip
@@ -193,6 +194,67 @@ def test_the_base_of_these_is_good(tmp_path):
     (tmp_path / "m.json").write_text(json.dumps(GOOD))
     loaded = saved_and_loaded(ns.load(tmp_path / "m.json"), tmp_path)
     assert loaded.simulate([0.0, 1.0, 0.0], 0.0).tolist() == pytest.approx([0.0, 0.9, 0.45 + 0.1])
+
+
+OLD = {
+    "schema": 1, "kind": "equation", "input": "u", "output": "y", "symbols": ["a", "b", "c_backlash", "r_backlash", "c_channel_temp"],
+    "F": "a*y[k-1] + b*v[k-1] + c_channel_temp*temp[k]", "channels": ["temp"], "theta": [0.5, 1.0, 0.9, 0.2, 0.1],
+    "std": [0.1, 0.2, None, 0.0, 0.3], "Ts": 0.01,
+    "states": [
+        {"state": "p", "update": "Max(u[k] - r_backlash, Min(u[k] + r_backlash, p[k-1]))", "initial": "u[k]", "group": "backlash"},
+        {"state": "v", "update": "u[k] + c_backlash*(p[k] - u[k])", "initial": "u[k]", "group": ""},
+    ],
+    "info": {
+        "method": "free_run", "converged": True, "samples": 500, "nrmse": {"one_step": 0.1, "free_run": 0.2}, "note": "by hand",
+        "ranges": {"u": [-1, 1], "y": [-2, 2]}, "rates": {"u": 3}, "line": [0.0, 2.0], "band": 0.5, "steps": {"u": 0.1},
+        "selection": {"base": "linear", "candidates": 9, "reason": "smallest"},
+        "effects": [
+            {"effect": "backlash", "form": "", "where": "input", "driver": "u", "coefficients": ["c_backlash"],
+             "shape": ["r_backlash"], "fixed": {"n": 3}},
+            {"effect": "channel:temp", "coefficients": ["c_channel_temp"]},
+        ],
+    },
+}  # fmt: skip
+
+
+def test_files_of_the_first_schema_are_read(tmp_path):
+    (tmp_path / "old.json").write_text(json.dumps(OLD))
+    model = ns.load(tmp_path / "old.json")
+    _, _, c, r, temperature = model.symbols
+    assert model.effects == (
+        AddedEffect("backlash", "", "input", "u", "backlash", {"c": c}, {"r": r}, {"n": 3}),
+        AddedEffect("channel:temp", group="channel_temp", coefficients={"c": temperature}),
+    )
+    assert model.info == Info(
+        "free_run", True, 500, Nrmse(0.1, 0.2), {"u": (-1.0, 1.0), "y": (-2.0, 2.0)}, {"u": 3.0}, {}, {"u": 0.1},
+        (0.0, 2.0), 0.5, Selection("linear", 9, 0, "smallest"),
+    )  # fmt: skip
+    assert model.standard_errors[:2] == (0.1, 0.2) and np.isnan(model.standard_errors[2])
+    ns.save(model, tmp_path / "new.json")
+    written = json.loads((tmp_path / "new.json").read_text())
+    assert written["schema"] == 2 and "std" not in written and "effects" not in written["info"]
+    again = saved_and_loaded(model, tmp_path)
+    assert again.recursion == model.recursion and again.effects == model.effects and again.info == model.info
+
+
+@pytest.mark.parametrize(
+    "changed",
+    (
+        {"info": {"converged": 1}}, {"info": {"samples": 1.5}}, {"info": {"nrmse": {"one_step": 1.0}}}, {"info": {"method": 3}},
+        {"info": {"selection": {"base": 1}}}, {"info": {"selection": {"candidates": "9"}}}, {"info": {"more": 1}},
+        {"info": {"steps": {"u": 0}}}, {"info": {"nrmse": {"one_step": "a", "free_run": 1.0}}}, {"info": []},
+        {"effects": [{"effect": "a", "coefficients": ["a"]}]}, {"effects": [{"effect": "a", "coefficients": {"c": "q"}}]},
+        {"effects": [{"effect": "a", "coefficients": {}, "fixed": {"n": 1.5}}]}, {"std": [0.1, 0.1]},
+        {"standard_errors": [0.1]}, {"standard_errors": [-0.1, 0.1]},
+    ),
+)  # fmt: skip
+def test_what_stands_beside_the_equations_is_checked(changed, tmp_path):
+    good = {n: v for n, v in GOOD.items() if n != "info"} | {"schema": 2, "info": {"method": "one_step"}}
+    (tmp_path / "m.json").write_text(json.dumps(good))
+    assert ns.load(tmp_path / "m.json").info.method == "one_step"
+    (tmp_path / "m.json").write_text(json.dumps(good | changed))
+    with pytest.raises(ModelError, match=r"m\.json: .*(info|effects|standard_errors|std)"):
+        ns.load(tmp_path / "m.json")
 
 
 def test_what_could_not_be_read_back_is_not_written(tmp_path):

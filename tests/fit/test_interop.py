@@ -88,7 +88,7 @@ def test_a_step_needs_numbers_and_a_plain_name():
     model = ns.NARX.from_terms(["y[k-1]", "u[k]"])
     with pytest.raises(ModelError, match="No value was given for theta_1"):
         model.to_casadi()
-    model.theta = [0.5, 1.0]
+    model = model.replace(theta=[0.5, 1.0])
     with pytest.raises(ModelError, match="name of a CasADi function"):
         model.to_casadi("my model")
     with pytest.raises(ModelError, match="time index"):

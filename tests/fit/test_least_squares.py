@@ -17,6 +17,7 @@ from narx_sym.errors import DataError, Diverged, FitError, ModelError
 from narx_sym.fit.least_squares import Elimination, factor, one_step
 from narx_sym.fit.simulate import evaluate, free_run, predict, simulate
 from narx_sym.models.analysis import continuum
+from narx_sym.models.info import Info
 from narx_sym.models.model import NARX, Model
 from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.sensitivity import sensitivities
@@ -59,11 +60,12 @@ def test_least_squares_equals_lstsq(n):
     model, record = NARX.from_terms(MIXED), noise_record(n)
     Psi, target = regression(model, record)
     expected, (rss,), *_ = np.linalg.lstsq(Psi, target)
-    assert model.fit(record) is model
+    given, model = model, model.fit(record)
+    assert given.theta is None and given.info == Info()  # a fit returns another model
     np.testing.assert_allclose(model.theta, expected, rtol=1e-11)
     variance = rss / (len(target) - 5) * np.linalg.inv(Psi.T @ Psi)
-    np.testing.assert_allclose(model.std, np.sqrt(np.diag(variance)), rtol=1e-9)
-    assert model.info["samples"] == n and model.Ts == 0.1
+    np.testing.assert_allclose(model.standard_errors, np.sqrt(np.diag(variance)), rtol=1e-9)
+    assert model.info.samples == n and model.Ts == 0.1
 
 
 def test_several_records_are_one_stacked_regression():
@@ -114,7 +116,7 @@ def test_a_second_order_oscillator_is_recovered_from_its_own_motion():
     found = NARX.from_terms(["y[k-1]", "y[k-2]"]).fit(Record.from_arrays(slow(400), out, Ts=1))
     np.testing.assert_allclose(found.theta, theta, rtol=1e-10)
     assert np.abs(np.roots([1, -found.theta[0], -found.theta[1]])).max() == pytest.approx(0.98)
-    assert found.info["nrmse"]["free_run"] < 1e-9
+    assert found.info.nrmse.free_run < 1e-9
 
 
 # ---------------------------------------------------------------- constraints
@@ -139,12 +141,12 @@ def test_constrained_least_squares_equals_exact_arithmetic(name):
     equations = [
         sum(s * t for s, t in zip(row, model.symbols, strict=True)) - value for row, value in zip(S, c, strict=True)
     ]
-    model.fit(record, equations)
+    model = model.fit(record, equations)
     expected = exact_constrained(*regression(model, record), S, c)
     np.testing.assert_allclose(model.theta, expected, rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(np.array(S) @ model.theta, c, atol=1e-13)
     fixed = [i for i in range(5) if any(np.count_nonzero(row) == 1 and row[i] for row in S)]
-    assert all((model.std[i] < 1e-12) == (i in fixed) for i in range(5))
+    assert all((model.standard_errors[i] < 1e-12) == (i in fixed) for i in range(5))
     # The constraints stay with the model: fitted again without naming them, nothing changes.
     again = model.theta
     np.testing.assert_allclose(model.fit(record).theta, again, rtol=1e-12)
@@ -173,7 +175,7 @@ def test_sigma_y_is_exactly_one():
     rest = model.simulate(np.full(100, 7.0), 12.5)
     assert np.array_equal(rest, np.full(100, 12.5))
     two = NARX.from_terms(["y[k-1]", "y[k-2]", "phi1[k-1]"])
-    two.fit(record, [sp.Eq(two.sigma_y, 1)])
+    two = two.fit(record, [sp.Eq(two.sigma_y, 1)])
     assert abs(two.theta[0] + two.theta[1] - 1) <= 4.5e-16 and continuum(two)
     whole = NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]", "1"]).fit(record, ["continuum"])
     np.testing.assert_allclose(whole.theta, [1, whole.theta[1], -whole.theta[1], 0], rtol=0, atol=1e-14)
@@ -275,7 +277,7 @@ def test_a_failed_fit_leaves_the_model_as_it_was():
     model = NARX.from_terms(["phi1[k-1]", "u[k-1]", "u[k-2]"], (1, 2, 3))
     with pytest.raises(FitError):
         model.fit(noise_record(100), [model.symbols[0] - 1, model.symbols[0] - 2])
-    assert model.theta.tolist() == [1, 2, 3] and model.constraints == () and model.std is None
+    assert model.theta.tolist() == [1, 2, 3] and model.constraints == () and model.standard_errors is None
 
 
 # ---------------------------------------------------------------- free-run fit
@@ -284,9 +286,9 @@ def test_a_failed_fit_leaves_the_model_as_it_was():
 def test_a_free_run_fit_recovers_the_exact_parameters():
     record = made(BENCH.terms, BENCH.theta, slow(1_500))
     model = BENCH.model(np.array(BENCH.theta) * (1, 1.1, 0.8, 0.9, 1.2, 1.1))
-    model.fit(record, ["continuum"], method="free_run")
+    model = model.fit(record, ["continuum"], method="free_run")
     np.testing.assert_allclose(model.theta, BENCH.theta, rtol=1e-7)
-    assert model.theta[0] == 1 and model.info["converged"] and model.info["nrmse"]["free_run"] < 1e-8
+    assert model.theta[0] == 1 and model.info.converged and model.info.nrmse.free_run < 1e-8
 
 
 def test_a_free_run_fit_of_a_model_that_is_not_linear_in_its_parameters():
@@ -296,7 +298,7 @@ def test_a_free_run_fit_of_a_model_that_is_not_linear_in_its_parameters():
     record = Record.from_arrays(source, make([0.7, 1.6]).simulate(source, 0.0), Ts=1)
     np.testing.assert_allclose(make([1.0, 1.0]).fit(record, method="free_run").theta, [0.7, 1.6], rtol=1e-7)
     tied = make([1.0, 1.0])
-    tied.fit(record, [sp.Eq(a, sp.Rational(7, 10))], method="free_run")
+    tied = tied.fit(record, [sp.Eq(a, sp.Rational(7, 10))], method="free_run")
     assert tied.theta[0] == 0.7 and tied.theta[1] == pytest.approx(1.6, rel=1e-7)
 
 
@@ -310,7 +312,7 @@ def test_under_output_noise_the_free_run_fit_beats_one_step():
         assert free.theta[0] == 1.0
         assert evaluate(free, truth).free_run_nrmse < 0.5 * evaluate(one, truth).free_run_nrmse
         assert evaluate(free, record).free_run_nrmse <= evaluate(one, record).free_run_nrmse
-        off = np.abs(free.theta - BENCH.theta) / np.maximum(free.std, 1e-300)
+        off = np.abs(free.theta - BENCH.theta) / np.maximum(free.standard_errors, 1e-300)
         assert np.all(off[1:] < 5)  # white noise: the standard errors hold
 
 
@@ -318,7 +320,7 @@ def test_free_run_fits_merge_records_and_estimate_each_start():
     records = [made(BENCH.terms, BENCH.theta, slow(700, seed=s)) for s in (1, 2)]
     lifted = Record.from_arrays(records[1].u, records[1].y, Ts=0.01)
     model = BENCH.model(np.array(BENCH.theta) * 1.05)
-    model.fit([records[0], lifted], [sp.Eq(model.sigma_y, 1)], method="free_run")
+    model = model.fit([records[0], lifted], [sp.Eq(model.sigma_y, 1)], method="free_run")
     np.testing.assert_allclose(model.theta, BENCH.theta, rtol=1e-6)
 
 
@@ -331,9 +333,9 @@ def test_a_diverging_start_is_said():
 def test_auto_keeps_the_better_free_run():
     noisy = made(BENCH.terms, BENCH.theta, slow(1_500), noise=0.3)
     one, auto = BENCH.model().fit(noisy, ["continuum"]), BENCH.model()
-    auto.fit(noisy, ["continuum"], method="auto")
-    assert auto.info["method"] == "free_run" and one.info["method"] == "one_step"
-    assert auto.info["nrmse"]["free_run"] < one.info["nrmse"]["free_run"]
+    auto = auto.fit(noisy, ["continuum"], method="auto")
+    assert auto.info.method == "free_run" and one.info.method == "one_step"
+    assert auto.info.nrmse.free_run < one.info.nrmse.free_run
     assert auto.constraints == one.constraints and auto.theta[0] == 1
 
 
@@ -341,10 +343,14 @@ def test_auto_keeps_one_step_where_the_free_run_is_worse_or_diverges():
     random = np.random.default_rng(0)
     wild = Record.from_arrays(random.standard_normal(400), np.cumsum(random.standard_cauchy(400)), Ts=1)
     model = NARX.from_terms(["y[k-1]", "y[k-1]**3*u[k-1]", "y[k-1]**2"])
-    one = model.copy().fit(wild)
-    assert model.copy().fit(wild, method="free_run").info["nrmse"]["free_run"] > one.info["nrmse"]["free_run"]
-    auto = model.copy().fit(wild, method="auto")
-    assert auto.theta.tolist() == one.theta.tolist() and auto.std == one.std and auto.info == one.info
+    one = model.fit(wild)
+    assert model.fit(wild, method="free_run").info.nrmse.free_run > one.info.nrmse.free_run
+    auto = model.fit(wild, method="auto")
+    assert (
+        auto.theta.tolist() == one.theta.tolist()
+        and auto.standard_errors == one.standard_errors
+        and auto.info == one.info
+    )
     # An unstable plant, measured under feedback: its free run diverges.
     source, out = np.zeros(3_000), np.zeros(3_000)
     for i in range(1, 3_000):
@@ -352,13 +358,13 @@ def test_auto_keeps_one_step_where_the_free_run_is_worse_or_diverges():
         out[i] = 2 * out[i - 1] + source[i - 1]
     record = Record.from_arrays(source, out, Ts=1)
     model = NARX.from_terms(["y[k-1]", "u[k-1]"])
-    assert model.fit(record, method="auto") is model
+    model = model.fit(record, method="auto")
     np.testing.assert_allclose(model.theta, (2, 1), rtol=1e-9)
-    assert model.info["method"] == "one_step" and model.info["nrmse"]["free_run"] == np.inf
+    assert model.info.method == "one_step" and model.info.nrmse.free_run == np.inf
     # A model that is not linear in its parameters has no other fit.
     stuck = Model(A * y[k - 1] + B * u[k - 1], [A, B], [3.0, 1.0])
     with pytest.raises(FitError, match="diverge"):
-        stuck.fit(record, method="auto")
+        stuck = stuck.fit(record, method="auto")
     assert stuck.theta.tolist() == [3, 1]
 
 
@@ -493,7 +499,7 @@ def test_the_start_of_a_simulation():
     assert model.simulate([0.0], 3.0).tolist() == [3] and model.simulate([0.0, 0], [3.0, 4]).tolist() == [3, 4]
     with pytest.warns(UserWarning, match="starts from 0"):
         assert model.simulate([1.0, 1, 1])[0] == 0
-    model.info["line"] = [10.0, 2.0]
+    model = model.replace(info=Info(line=(10.0, 2.0)))
     assert model.simulate([1.0, 1, 1])[:2].tolist() == [12, 12]
     assert NARX.from_terms(["1", "u[k-1]"], (2, 1)).simulate([1.0, 2], 0.0).tolist() == [0, 3]
     for bad in ([], [1.0, np.nan], [np.inf, 1]):

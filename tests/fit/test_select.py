@@ -16,7 +16,8 @@ from narx_sym.fit.least_squares import factor
 from narx_sym.fit.select import candidates_of, err_path, path_of, select
 from narx_sym.fit.simulate import evaluate
 from narx_sym.models.assumptions import COMPENSATION, CONTINUUM
-from narx_sym.models.model import NARX, pool
+from narx_sym.models.model import NARX
+from narx_sym.models.pool import pool
 from narx_sym.symbolic.grammar import parse
 from narx_sym.symbolic.signals import k, phi1, phi2, u, y
 

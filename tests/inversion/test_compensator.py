@@ -11,6 +11,7 @@ from narx_sym.engines.compile import compile
 from narx_sym.errors import Diverged, ModelError, NotInvertible
 from narx_sym.inversion.compensator import compensator
 from narx_sym.inversion.grouping import offending_terms, polynomials, q
+from narx_sym.models.info import Info
 from narx_sym.models.model import NARX, Model
 from narx_sym.symbolic.signals import expand_phi, k, lag, m, phi1, phi2, r, samples, shift, u, y
 
@@ -237,7 +238,7 @@ def test_the_start_of_a_law():
     with pytest.warns(UserWarning, match="starts from 0"):
         found = law.run([1.0, 1, 1])
     assert found[0] == pytest.approx(0.5) and found[1] == pytest.approx(0.4)
-    model.info["line"] = [1.0, 2.0]  # y = 1 + 2 u: at r = 3 the input rests at 1
+    law = model.replace(info=Info(line=(1.0, 2.0))).compensator()  # y = 1 + 2 u: at r = 3 the input rests at 1
     assert law.run([3.0, 3.0])[0] == pytest.approx(1.5 - 0.2)
     assert law.run([3.0, 3.0], m0=0)[0] == pytest.approx(1.5)
 
@@ -275,7 +276,7 @@ def test_limits_must_leave_room():
 
 def test_the_start_is_on_the_line_or_where_it_is_asked():
     model = NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0])
-    model.info["line"] = [1.0, 2.0]
+    model = model.replace(info=Info(line=(1.0, 2.0)))
     law = model.compensator()
     assert law.start(5.0)["m"] == law.rest_input(5.0) == 2.0 and law.start(5.0)["r"] == law.start(5.0)["y"] == 5.0
     assert law.start(5.0, 0.0)["m"] == 0.0 and law.start(5.0, 7)["m"] == 7.0

@@ -16,6 +16,7 @@ from narx_sym.engines.compile import ENGINES, compile
 from narx_sym.errors import ModelError, NotInvertible, Unreachable
 from narx_sym.fit.simulate import rest_states
 from narx_sym.models.extend import extend, variants
+from narx_sym.models.info import Info
 from narx_sym.symbolic.signals import k, m, phi1, r, samples, signal, u, v, x, y
 
 gcc = shutil.which("gcc")
@@ -86,8 +87,7 @@ def with_effect(base, effect, coefficient):
     added = extend(base, found)
     values = dict(zip(base.symbols, base.theta, strict=True)) | dict.fromkeys(added.coefficients, coefficient)
     values |= {s: SHAPES.get(p, 0.25) for s, p in zip(added.shape, found.shape, strict=True)}
-    added.model.theta = [values[s] for s in added.model.symbols]
-    return added.model
+    return added.model.replace(theta=[values[s] for s in added.model.symbols])
 
 
 def reference(model, size=1.0, n=160):
@@ -274,7 +274,7 @@ def test_where_branches_overlap_it_is_said():
 
 def test_a_jump_has_regions_with_none_and_with_two():
     model = ns.NARX.from_terms(["y[k-1]", "phi2[k-1]*y[k-1]", "phi1[k-1]"], [1.0, 0.1, 0.5])
-    model.info["ranges"] = {"u": [-1, 1], "y": [-1, 1]}
+    model = model.replace(info=Info(ranges={"u": (-1, 1), "y": (-1, 1)}))
     law = model.compensator()
     assert law.residual() == 0
     assert "two solutions while" in law.checked and "no solution while" in law.checked
@@ -412,20 +412,18 @@ def test_what_still_has_no_law():
     fast = next(
         o for o in variants(BASES["first order"]) if o.id == "coulomb_friction" and o.where == "output" and not o.lag
     )
-    added = extend(BASES["first order"], fast)
-    added.model.theta = [0.8, 0.3, 0.1]
+    added = extend(BASES["first order"], fast).model.replace(theta=[0.8, 0.3, 0.1])
     with pytest.raises(
         NotInvertible, match=r"u\[k\] cannot be isolated: the effect coulomb_friction .* only through its sign"
     ):
-        added.model.compensator()
+        added.compensator()
     early = next(
         o
         for o in variants(BASES["first order"])
         if o.effect.form == "Bouc-Wen" and o.driver == "u" and o.where == "output"
     )
-    added = extend(BASES["first order"], early)
-    added.model.theta = [0.8, 0.3, 0.1, 0.7, 0.9]
-    assert "1 sample(s) before the core" in added.model.compensator().checked
+    added = extend(BASES["first order"], early).model.replace(theta=[0.8, 0.3, 0.1, 0.7, 0.9])
+    assert "1 sample(s) before the core" in added.compensator().checked
 
 
 # ---------------------------------------------------------------- hidden effects on the plant

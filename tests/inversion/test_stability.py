@@ -15,6 +15,7 @@ from narx_sym.errors import Diverged, ModelError, NarxError
 from narx_sym.fit.excursions import operating_range
 from narx_sym.inversion.stability import direction, heading, mbar, rbar
 from narx_sym.models.analysis import z
+from narx_sym.models.info import Info
 from narx_sym.symbolic.signals import k, m, r
 
 
@@ -112,7 +113,7 @@ def test_new_values_are_seen():
     model = VALVE.published()
     law = model.compensator()
     assert law.internal.repelling(3, 3, 1)
-    model.theta = [1, -1, 2, 0, 0]
+    law = model.replace(theta=[1, -1, 2, 0, 0]).compensator()
     assert not law.internal.repelling(3, 3, 1) and law.internal.eigenvalue == 0.5
 
 
@@ -171,9 +172,8 @@ def test_two_signals_of_one_length():
 
 
 def with_ranges(theta, printed=VALVE, line=(0.0, 1.0), band=0.2):
-    model = printed.model(theta, Ts=0.01)
-    model.info |= {"ranges": {"u": [2.0, 4.0], "y": [2.0, 4.0]}, "line": list(line), "band": band}
-    return model
+    info = Info(ranges={"u": (2.0, 4.0), "y": (2.0, 4.0)}, line=line, band=band)
+    return printed.model(theta, Ts=0.01, info=info)
 
 
 def test_the_operating_range_is_a_band_around_the_line():
@@ -194,10 +194,10 @@ def test_the_band_of_a_fit(tmp_path):
     u = ns.plants.filtered_noise(N=3000, Ts=0.01, cutoff=0.5, seed=2)
     record = ns.Record.from_arrays(u, ns.plants.bouc_wen(u, Ts=0.01), Ts=0.01)
     model = BENCH.model().fit(record, ["continuum"])
-    offset, slope = model.info["line"]
-    assert model.info["band"] == pytest.approx(np.abs(record.y - offset - slope * record.u).max())
+    offset, slope = model.info.line
+    assert model.info.band == pytest.approx(np.abs(record.y - offset - slope * record.u).max())
     ns.save(model, tmp_path / "m.json")
-    assert ns.load(tmp_path / "m.json").info["band"] == model.info["band"]
+    assert ns.load(tmp_path / "m.json").info.band == model.info.band
     text = (tmp_path / "m.json").read_text()
     (tmp_path / "bad.json").write_text(text.replace('"band": ', '"band": -'))
     with pytest.raises(ModelError, match="band"):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from paper import BENCH
 
 from narx_sym.errors import FitError, ModelError
+from narx_sym.models.added import AddedEffect
 from narx_sym.models.analysis import (
     characteristic,
     constraint_matrix,
@@ -335,7 +336,7 @@ def test_around_an_operating_point_the_sets_are_those_of_the_shifted_problem(ter
     inside = {y[k - i]: y[k - i] - y0 for i in range(1, 3)} | {u[k - i]: u[k - i] - u0 for i in range(1, 4)}
     assert [s.xreplace(inside) for s in jacobian(plain)] == jacobian(moved)
     theta = np.linspace(0.2, 0.6, len(terms))
-    plain.theta = moved.theta = theta
+    plain, moved = plain.replace(theta=theta), moved.replace(theta=theta)
     source = np.sin(np.arange(30.0))
     x, w = plain.quasi_static().evaluate(source), moved.quasi_static().evaluate(source + u0)
     np.testing.assert_allclose(w.ytilde[1:], x.ytilde[1:] + y0, rtol=1e-9)
@@ -360,9 +361,8 @@ def test_what_remembers_is_named():
     ):
         rest_map(remembering())
     named = remembering()
-    named.info["effects"] = [
-        {"effect": "offset", "coefficients": ["c_2"]}, {"effect": "creep", "coefficients": ["b_1"]},
-    ]  # fmt: skip
+    effects = AddedEffect("offset", group="2"), AddedEffect("creep", group="1", coefficients={"b": named.symbols[1]})
+    named = named.replace(effects=effects)
     with pytest.raises(ModelError, match=r"the effect creep remembers more .* \(h\[k\]\)"):
         quasi_static(named)
     with pytest.raises(ModelError, match="the state h"):  # it changes with time too, but that is not the first reason
@@ -375,9 +375,9 @@ def test_what_changes_with_time_is_named():
     drifting = Model(a_ * y[k - 1] + b_ * t[k] + u[k], (a_, b_), (0.5, 0.1))
     with pytest.raises(ModelError, match="the equation changes with time, so that nothing is at rest"):
         rest_map(drifting)
-    drifting.info["effects"] = [
-        {"effect": "offset", "coefficients": ["a_1"]}, {"effect": "drift", "coefficients": ["b_1"]},
-    ]  # fmt: skip
+    drifting = drifting.replace(
+        effects=[AddedEffect("offset", coefficients={"c": a_}), AddedEffect("drift", coefficients={"c": b_})]
+    )
     with pytest.raises(ModelError, match="the effect drift changes with time"):
         rest_map(drifting)
     assert jacobian(drifting) == [a_]  # a slope does not ask for rest

@@ -108,8 +108,8 @@ def test_ten_lines_make_an_effect(restored):
     assert soft_limit in EFFECTS.all() and find("soft_limit") == ([soft_limit], None)
     added = extend(LINEAR, next(v for v in variants(LINEAR) if v.effect is soft_limit))
     assert [str(s) for s in added.model.symbols[-2:]] == ["c_soft_limit", "r_soft_limit"]
-    added.model.theta = [*LINEAR.theta, 0.5, 1.0]
-    assert np.all(np.isfinite(added.model.simulate(np.sin(np.arange(50) / 5), 0.0)))
+    full = added.model.replace(theta=[*LINEAR.theta, 0.5, 1.0])
+    assert np.all(np.isfinite(full.simulate(np.sin(np.arange(50) / 5), 0.0)))
 
 
 def test_it_is_gone_afterwards():
@@ -224,8 +224,7 @@ def test_they_are_what_python_makes(own):
         wave = np.sin(np.arange(100) / 9)
         runs = []
         for model in models:
-            model.theta = theta
-            runs.append(model.simulate(wave, 0.0))
+            runs.append(model.replace(theta=theta).simulate(wave, 0.0))
         assert np.array_equal(*runs), name
 
 
@@ -234,11 +233,12 @@ def test_every_variant_from_a_file_runs_and_is_saved(own, tmp_path):
     assert len(found) == 2 + 1 + 2 + 8  # an own delay of the input where u drives the output
     for variant in found:
         added = extend(LINEAR, variant)
-        added.model.theta = [*LINEAR.theta, *[0.01] * len(added.coefficients), *[0.3] * len(added.shape)]
-        run = added.model.simulate(np.sin(np.arange(60) / 5), 0.0, {"temp": np.cos(np.arange(60) / 20)})
+        theta = [*LINEAR.theta, *[0.01] * len(added.coefficients), *[0.3] * len(added.shape)]
+        model = added.model.replace(theta=theta)
+        run = model.simulate(np.sin(np.arange(60) / 5), 0.0, {"temp": np.cos(np.arange(60) / 20)})
         assert np.all(np.isfinite(run))
-        ns.save(added.model, tmp_path / "m.json")
-        assert ns.load(tmp_path / "m.json").recursion == added.model.recursion
+        ns.save(model, tmp_path / "m.json")
+        assert ns.load(tmp_path / "m.json").recursion == model.recursion
 
 
 def test_json_says_the_same(own, tmp_path):

@@ -18,6 +18,7 @@ from narx_sym.fit.simulate import initial_values
 from narx_sym.inversion.analyses import document, summary
 from narx_sym.models.effects import EFFECTS, Catalogue, Form, Scan, effect
 from narx_sym.models.extend import equations, extend, find, variants, without
+from narx_sym.models.info import Info
 from narx_sym.symbolic.recursion import State
 from narx_sym.symbolic.signals import k, m, signal, t, u, v, x, y
 
@@ -60,8 +61,7 @@ def valued(added, base, c=0.0):
     shapes = [sizes.get(str(s).split("_")[0], 0.25) for s in added.shape]
     given = dict.fromkeys(added.coefficients, c) | dict(zip(added.shape, shapes, strict=True))
     given |= dict(zip(base.symbols, base.theta, strict=True))
-    added.model.theta = [given[s] for s in added.model.symbols]
-    return added.model
+    return added.model.replace(theta=[given[s] for s in added.model.symbols])
 
 
 def run(model, record):
@@ -92,7 +92,7 @@ def test_a_variant_is_a_model(name, variant):
     if not set(variant.effect.arguments) & {"t", "channel"} or base.n_y < 2:
         assert np.abs(model.predict(own) - free)[late].max() < 1e-9
     assert set(map(str, model.symbols)) == {str(s) for s in (*base.symbols, *added.coefficients, *added.shape)}
-    assert model.info["effects"][0]["effect"] == variant.id
+    assert model.effects[0].effect == variant.id
     assert constraint_equations(model, None) == constraint_equations(base, None)
     for shown in (model.latex(), model.latex(numbers=True), *(ns.latex(s.right) for s in model.states)):
         assert shown.count("{") == shown.count("}") and "**" not in shown
@@ -113,9 +113,9 @@ def test_the_direction_is_the_derivative_of_the_free_run(name, variant):
         runs = []
         for small in (1e-6, -1e-6):
             model = valued(added, base)
-            theta = model.theta
+            theta = model.theta.copy()
             theta[model.symbols.index(c)] = small
-            model.theta = theta
+            model = model.replace(theta=theta)
             runs.append(run(model, record))
         expected = (runs[0] - runs[1])[problem.depth :] / 2e-6
         assert np.linalg.norm(found[:, j] - expected) <= 1e-5 * np.linalg.norm(expected)
@@ -213,7 +213,7 @@ def test_several_effects_by_hand():
         "c_backlash", "r_backlash", "c_hardening_spring", "c_drift",
     ]  # fmt: skip
     c, r, spring, drift = 0.6, 0.2, -0.05, 0.3
-    model.theta = [*base.theta, c, r, spring, drift]
+    model = model.replace(theta=[*base.theta, c, r, spring, drift])
     a1, a2, b1, b2 = base.theta
     w, p, inner = np.zeros(N), np.zeros(N), np.zeros(N)
     for i in range(1, N):
@@ -224,7 +224,7 @@ def test_several_effects_by_hand():
                 a1 * inner[i - 1] + a2 * inner[i - 2] + b1 * w[i - 1] + b2 * w[i - 2] + spring * inner[i - 1] ** 3
             )
     assert np.abs(run(model, record) - inner - drift * record.t)[2:].max() < 1e-12
-    assert [e["effect"] for e in model.info["effects"]] == ["backlash", "hardening_spring", "drift"]
+    assert [e.effect for e in model.effects] == ["backlash", "hardening_spring", "drift"]
     assert model.inner == x and {s.left.base for s in model.states} == {signal("p"), v, x}
     assert model.n_y == 2 and model.n_u == 2 and model.delay == 1
 
@@ -248,7 +248,7 @@ def test_the_order_of_input_inside_and_output_does_not_matter(name, chosen):
             added = extend(model, first(model, wanted, where))
             values |= dict.fromkeys(added.coefficients, 0.002) | dict.fromkeys(added.shape, 0.3)
             model = added.model
-        model.theta = [values[s] for s in model.symbols]
+        model = model.replace(theta=[values[s] for s in model.symbols])
         runs.append(run(model, record))
     assert all(np.abs(r - runs[0]).max() < 1e-11 for r in runs) and np.all(np.isfinite(runs[0]))
 
@@ -264,9 +264,9 @@ def test_the_same_effect_twice_gets_numbers():
     assert [str(s.left) for s in three.model.states] == ["p[k]", "p_2[k]", "v[k]", "x[k]", "p_3[k]"]
     assert {s.group for s in three.model.memory} == {"backlash", "backlash2", "backlash3"}
     # Both act on the measured input, side by side.
-    two.model.theta = [*base.theta, 0.2, 0.3, 0.1, 0.3]
-    one.model.theta = [*base.theta, 0.3, 0.3]
-    assert np.abs(run(two.model, record) - run(one.model, record)).max() < 1e-12
+    both = two.model.replace(theta=[*base.theta, 0.2, 0.3, 0.1, 0.3])
+    alone = one.model.replace(theta=[*base.theta, 0.3, 0.3])
+    assert np.abs(run(both, record) - run(alone, record)).max() < 1e-12
 
 
 def test_without_takes_an_effect_off_again():
@@ -275,17 +275,16 @@ def test_without_takes_an_effect_off_again():
     two = extend(one.model, first(one.model, "backlash", "input"))
     three = extend(two.model, first(two.model, "quadratic_drag", "inside"))
     full = three.model
-    full.theta = [*base.theta, 0.1, 0.05, 0.3, 0.2, 0.01]
+    full = full.replace(theta=[*base.theta, 0.1, 0.05, 0.3, 0.2, 0.01])
     left = without(full, [*one.coefficients, *three.coefficients])
     assert [str(s) for s in left.symbols[4:]] == ["c_backlash", "r_backlash"]
-    assert [e["effect"] for e in left.info["effects"]] == ["backlash"]
+    assert [e.effect for e in left.effects] == ["backlash"]
     assert not any(str(s.left).startswith("w") for s in left.states)
-    only = extend(base, first(base, "backlash", "input"))
-    only.model.theta = [*base.theta, 0.3, 0.2]
-    assert left.theta.tolist() == only.model.theta.tolist()
-    assert np.abs(run(left, record) - run(only.model, record)).max() < 1e-12
+    only = extend(base, first(base, "backlash", "input")).model.replace(theta=[*base.theta, 0.3, 0.2])
+    assert left.theta.tolist() == only.theta.tolist()
+    assert np.abs(run(left, record) - run(only, record)).max() < 1e-12
     none = without(left, two.coefficients)
-    assert none.symbols == base.symbols and "effects" not in none.info
+    assert none.symbols == base.symbols and none.effects == ()
     assert np.abs(run(none, record) - run(base, record)).max() < 1e-12
     assert constraint_equations(none, None) == constraint_equations(base, None)
 
@@ -317,7 +316,8 @@ def test_raw_means_measured_from_zero():
     for variant, offset in ((around, 0.3), (raw, 0.0)):
         added = extend(base, variant)
         start = {"y": record.y[0], "v": 0.0}
-        seen = compile(valued(added, base, 1.0).recursion)({"u": record.u}, added.model.theta, start)["v"]
+        model = valued(added, base, 1.0)
+        seen = compile(model.recursion)({"u": record.u}, model.theta, start)["v"]
         assert np.allclose(seen[REST:], (record.u - 0.3 + np.abs(record.u - offset))[REST:], rtol=0, atol=1e-12)
 
 
@@ -358,11 +358,11 @@ def test_a_state_gets_another_name_than_a_channel_and_a_parameter():
     base = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "p[k-1]"], [0.5, 1.0, 0.3], channels=["p"], Ts=0.01)
     added = extend(base, first(base, "backlash", "input"))
     assert [str(s.left) for s in added.model.states] == ["p_2[k]", "v[k]"] and added.model.channels == ("p",)
-    added.model.theta = [0.5, 1.0, 0.3, 0.0, 0.2]
+    model = added.model.replace(theta=[0.5, 1.0, 0.3, 0.0, 0.2])
     record = RECORDS["linear"]
     temp = record.channels["temp"]
     expected = base.simulate(record.u, 0.0, {"p": temp})
-    assert np.abs(added.model.simulate(record.u, 0.0, {"p": temp}) - expected).max() < 1e-12
+    assert np.abs(model.simulate(record.u, 0.0, {"p": temp}) - expected).max() < 1e-12
     p = sp.Symbol("p", real=True)
     named = ns.Model(p * y[k - 1] + u[k - 1], [p], [0.5], Ts=0.01)
     assert str(extend(named, first(named, "backlash", "input")).model.states[0].left) == "p_2[k]"
@@ -397,7 +397,7 @@ def test_without_follows_what_is_read_to_the_end():
     variant = first(BASES["linear"], "periodic_disturbance")
     added = extend(BASES["linear"], variant)
     half = without(added.model, added.coefficients[:1])
-    assert half.info["effects"][0]["coefficients"] == [str(added.coefficients[1])]
+    assert list(half.effects[0].coefficients.values()) == [added.coefficients[1]]
 
 
 # ---------------------------------------------------------------- what goes wrong
@@ -407,7 +407,7 @@ def test_without_follows_what_is_read_to_the_end():
 def test_a_diverging_run_shows_the_output(where):
     base = ns.NARX.from_terms(["y[k-1]", "y[k-1]**3", "u[k-1]"], [1.1, 0.3, 1.0], Ts=0.01)
     model = extend(base, first(base, "backlash", where)).model
-    model.theta = [*base.theta, 0.3, 0.1]
+    model = model.replace(theta=[*base.theta, 0.3, 0.1])
     with pytest.raises(Diverged) as caught:
         model.simulate(np.ones(200), 0.0)
     said, at = str(caught.value), caught.value.at
@@ -437,7 +437,7 @@ def test_all_equations_are_shown():
     model = base
     for wanted, where in (("backlash", "input"), ("drift", None)):
         model = extend(model, first(model, wanted, where)).model
-    model.theta = [*base.theta, 0.6, 0.2, 0.3]
+    model = model.replace(theta=[*base.theta, 0.6, 0.2, 0.3])
     shown = model.latex(numbers=True)
     assert [shown.count(f"{left}_{{k}} &=") for left in "pvxy"] == [1, 1, 1, 1] and shown.count("aligned") == 2
     assert shown.index("p_{k} &=") < shown.index("v_{k} &=") < shown.index("x_{k} &=") < shown.index("y_{k} &=")
@@ -581,3 +581,40 @@ def test_time_rests_before_the_start():
     model = valued(extend(base, first(base, "drift")), base, 0.5)
     still = model.simulate(np.zeros(50), 0.0, u0=0.0)
     assert still == pytest.approx(0.5 * base.Ts * np.arange(50), abs=1e-12)
+
+
+# ---------------------------------------------------------------- a model does not change
+
+
+def test_a_model_does_not_change():
+    base = BASES["linear"]
+    for name in ("theta", "F", "Ts", "info", "anything"):
+        with pytest.raises(AttributeError, match=rf"does not change: model.replace\({name}=...\) returns another"):
+            setattr(base, name, None)
+    with pytest.raises(AttributeError, match="does not change"):
+        del base.F
+    for array in (base.theta, base.compensator().theta, base.replace(theta=base.theta).theta):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 5.0
+
+
+def test_replace_keeps_everything_else():
+    base = BASES["linear"].replace(standard_errors=[0.1] * 4, info=Info(line=(0.0, 1.0)))
+    assert type(base) is ns.NARX and base.F == BASES["linear"].F and BASES["linear"].standard_errors is None
+    other = base.replace(theta=[1, 2, 3, 4])
+    assert other.theta.tolist() == [1, 2, 3, 4] and other.info == base.info and other.recursion is base.recursion
+    assert other.standard_errors is None  # they were those of the other theta
+    shorter = base.replace(terms=base.terms[:2], theta=[0.5, 0.2])
+    assert type(shorter) is ns.NARX and shorter.symbols == base.symbols[:2] and shorter.Ts == base.Ts
+    moved = base.replace(operating_point={y: 3.0})
+    assert type(moved) is ns.NARX and moved.terms == base.terms and moved.right != base.right
+    equation = base.replace(F=base.F + 1)
+    assert type(equation) is ns.Model and equation.theta.tolist() == base.theta.tolist()
+    with pytest.raises(ModelError, match="no field 'thetas'"):
+        base.replace(thetas=[1.0])
+    with pytest.raises(ModelError, match="has 4 parameters; 2 values were given"):
+        base.replace(theta=[1.0, 2.0])
+    with pytest.raises(ModelError, match="has 4 parameters; 2 values were given"):
+        base.replace(F=base.F, theta=[1.0, 2.0])
+    with pytest.raises(ModelError, match="not a finite number"):
+        base.replace(theta=[1.0, 2.0, np.nan, 0.0])

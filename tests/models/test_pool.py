@@ -9,7 +9,8 @@ from scipy.linalg import qr
 from narx_sym.engines.columns import Columns
 from narx_sym.errors import ModelError
 from narx_sym.models.assumptions import ASSUMPTION_1, COMPENSATION, CONTINUUM, RULES, Structure
-from narx_sym.models.model import NARX, pool
+from narx_sym.models.model import NARX
+from narx_sym.models.pool import pool
 from narx_sym.symbolic.grammar import parse
 from narx_sym.symbolic.identities import independent
 from narx_sym.symbolic.signals import breve_phi1, breve_phi2, k, lag, lags, phi1, phi2, samples, signal, u, y

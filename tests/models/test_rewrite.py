@@ -21,12 +21,9 @@ def extended():
     """A linear model with a dead zone at its input and an offset-like effect at its output."""
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0])
     found = next(v for v in variants(model) if v.effect.id == "dead_zone")
-    made = extend(model, found).model
-    made.theta = [0.5, 1.0, 0.9, 0.2]
+    made = extend(model, found).model.replace(theta=[0.5, 1.0, 0.9, 0.2])
     drift = next(v for v in variants(made) if v.effect.id == "drift")
-    made = extend(made, drift).model
-    made.theta = [0.5, 1.0, 0.9, 0.2, 0.01]
-    return made
+    return extend(made, drift).model.replace(theta=[0.5, 1.0, 0.9, 0.2, 0.01])
 
 
 def test_a_term_is_replaced_put_in_and_taken_out(paper):
@@ -47,7 +44,7 @@ def test_the_constraint_follows_the_terms(paper):
 def test_a_constraint_of_another_kind_keeps_its_term():
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0])
     a, _ = model.symbols
-    model.constraints = (sp.Eq(a, 0.5),)
+    model = model.replace(constraints=(sp.Eq(a, 0.5),))
     with pytest.raises(ModelError, match="theta_1"):
         rewritten(model, "theta_1", "y[k-2]")
     assert rewritten(model, "theta_2", "u[k-2]").constraints == model.constraints
@@ -58,7 +55,7 @@ def test_effects_stay_when_a_term_of_the_core_changes(extended):
     made = rewritten(extended, "theta_2", "v[k-2]")
     assert written_terms(made)["theta_2"] == "v[k-2]"
     assert made.symbols == extended.symbols and list(made.theta) == list(extended.theta)
-    assert made.info["effects"] == extended.info["effects"] and len(made.states) == len(extended.states)
+    assert made.effects == extended.effects and len(made.states) == len(extended.states)
     more = rewritten(extended, "", "x[k-2]*v[k-1]")
     assert str(more.symbols[-1]) == "theta_3" and more.theta[-1] == 0.0
     less = rewritten(more, "theta_3", "")

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 import narx_sym as ns
 from narx_sym.data.examples import STAGE_UNITS
 from narx_sym.models.effects import Catalogue
+from narx_sym.models.info import Info
 from narx_sym.report import comparison as traces
 from narx_sym.report import page as report
 from narx_sym.report import parameters, words
@@ -219,7 +220,7 @@ def test_pictures_from_python(stage_diagnosis):
     assert d.plot_where_it_fails(STAGE_UNITS).axes
     paper = ns.NARX.from_terms(["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"],
                                theta=[1.0, 0.77, 1.44e-2, -1e-2])  # fmt: skip
-    paper.info["ranges"] = {"u": (-40.0, 40.0)}
+    paper = paper.replace(info=Info(ranges={"u": (-40.0, 40.0)}))
     _, ax = new_axes()
     paper.plot_quasi_static(ax=ax, units={"u": "V", "y": "um"})
     assert ax.get_xlabel() == "u [V]" and ax.get_ylabel() == "y [um]" and len(ax.lines) > 2

@@ -13,7 +13,8 @@ from paper import BENCH
 from places import ROOT
 
 from narx_sym.errors import ModelError, NotInvertible, ParseError
-from narx_sym.models.model import NARX, Model, pool
+from narx_sym.models.model import NARX, Model
+from narx_sym.models.pool import pool
 from narx_sym.symbolic import functions
 from narx_sym.symbolic.grammar import MAX_POWER, parse
 from narx_sym.symbolic.mathml import mathml

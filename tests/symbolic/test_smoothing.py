@@ -84,12 +84,12 @@ def test_the_default_is_a_part_of_the_records_step(tmp_path):
     data = record()
     model = BENCH.model().fit(data, ["continuum"])
     for name, x in (("u", data.u), ("y", data.y)):
-        assert model.info["steps"][name] == pytest.approx(np.median(np.abs(np.diff(x))), rel=1e-3)
+        assert model.info.steps[name] == pytest.approx(np.median(np.abs(np.diff(x))), rel=1e-3)
     smooth = model.smooth()
-    eps = float(f"{DEFAULT * model.info['steps']['u']:.2g}")
+    eps = float(f"{DEFAULT * model.info.steps['u']:.2g}")
     assert smooth.F.atoms(sp.tanh) == {sp.tanh(phi1[k - 2] / sp.Rational(str(eps)))}
-    assert np.array_equal(smooth.theta, model.theta) and smooth.info["ranges"] == model.info["ranges"]
-    assert "nrmse" not in smooth.info  # that was the other model's
+    assert np.array_equal(smooth.theta, model.theta) and smooth.info.ranges == model.info.ranges
+    assert smooth.info.nrmse is None  # that was the other model's
     refitted = model.smooth().fit(data)
     assert refitted.constraints and refitted.theta[0] == 1.0 and not np.array_equal(refitted.theta, model.theta)
     ns.save(refitted, tmp_path / "smooth.json")

@@ -26,8 +26,6 @@ LONG_MODULES = {
     "data/tables.py",
     "diagnosis/procedure.py",
     "fit/simulate.py",
-    "models/analysis.py",
-    "models/model.py",
 }
 LONG_FUNCTIONS = {
     "diagnosis/procedure.py: step",

@@ -262,7 +262,7 @@ def test_sigma_y_of_one_is_not_enough():
 def test_a_constant_term_is_not_a_continuum_either():
     drifting = ns.NARX([y[k - 1], sp.S.One], theta=[1.0, 0.1])
     assert not ns.analysis.continuum(drifting)
-    drifting.theta = [1.0, 0.0]
+    drifting = drifting.replace(theta=[1.0, 0.0])
     assert ns.analysis.continuum(drifting)
 
 

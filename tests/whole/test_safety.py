@@ -3,6 +3,7 @@
 import json
 import sys
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from narx_sym.cli import main as cli
 from narx_sym.errors import Diverged, FitError, ModelError, NotInvertible
 from narx_sym.fit import identify as identification
 from narx_sym.fit.identify import periodic_growth
+from narx_sym.models.info import Info
 
 TERMS = ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"]
 
@@ -22,8 +24,7 @@ def bench(N=3000, Ts=0.01, peak=70.0, seed=2, u0=0.0, y0=0.0):
 
 
 def with_ranges(model, u=(-1.0, 1.0), y=(-1.0, 1.0)):
-    model.info["ranges"] = {"u": list(u), "y": list(y)}
-    return model
+    return model.replace(info=Info(ranges={"u": u, "y": y}))
 
 
 def test_a_law_that_runs_away_is_refused():
@@ -53,7 +54,7 @@ def test_for_compensation_always_gives_a_law(base, delay):
     model = ns.identify(record, base=base, delay=delay, for_compensation=True)
     law = model.compensator()
     assert law.residual() == 0 and law.preview == delay
-    assert model.info["selection"]["stable_law"] in (True, False)
+    assert model.info.selection.stable_law in (True, False)
 
 
 def test_the_term_that_is_inverted_is_never_left_out():
@@ -81,20 +82,20 @@ def test_a_useless_fit_is_said():
 
 def test_an_unbounded_model_is_said():
     model = with_ranges(ns.NARX.from_terms(["y[k-1]", "phi1[k-1]*u[k-1]"], [1.0, 1.0]))
-    model.info["line"] = [0.0, 0.0]
+    model = model.replace(info=replace(model.info, line=(0.0, 0.0)))
     assert periodic_growth(model) < 1.0
     drifting = with_ranges(ns.NARX.from_terms(["y[k-1]", "phi2[k-1]*phi1[k-1]"], [1.0, 1.0]))
-    drifting.info["line"] = [0.0, 0.0]
+    drifting = drifting.replace(info=replace(drifting.info, line=(0.0, 0.0)))
     assert periodic_growth(drifting) > 5.0
 
 
 def test_a_hand_made_model_on_biased_data_starts_on_the_data():
     record = bench(u0=500.0, y0=-900.0)
     model = ns.NARX.from_terms(TERMS).fit(record, ["continuum"])
-    offset, slope = model.info["line"]
+    offset, slope = model.info.line
     assert offset + slope * record.u.mean() == pytest.approx(record.y.mean(), rel=1e-6)
     centred = ns.NARX.from_terms(TERMS).fit(bench(), ["continuum"])
-    assert centred.info["line"][0] == 0.0
+    assert centred.info.line[0] == 0.0
 
 
 def test_records_are_judged_around_their_own_means():

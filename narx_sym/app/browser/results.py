@@ -121,7 +121,7 @@ def model(bench: Workbench, current: Shown) -> None:
         head(titles)
         with ui.element("tbody"):
             for name, row in rows.items():
-                std = f"{row['std']:.2g}" if row["std"] else "fixed"
+                std = f"{row['standard_error']:.2g}" if row["standard_error"] else "fixed"
                 with ui.element("tr"):
                     data_cells(titles, [name, f"{row['theta']:.6g}", std])
                     editable(bench, titles, name, row["term"])

@@ -35,7 +35,7 @@ def plot_internal(
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    units, known = units or {}, law.model.info.get("ranges", {})
+    units, known = units or {}, law.model.info.ranges
     spans: dict[str, Any] = {}
     for name, run, key in (("m", m, "u"), ("r", r, "y")):
         ends = np.concatenate([np.ravel(known.get(key, [])), np.ravel([] if run is None else run)])

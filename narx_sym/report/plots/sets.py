@@ -35,7 +35,7 @@ def plot_quasi_static(
     units = units or {}
     source, output = str(model.input.label), str(model.output.label)
     if u is None:
-        low, high = model.info.get("ranges", {}).get(source, (-1.0, 1.0))
+        low, high = model.info.ranges.get(source, (-1.0, 1.0))
         u = (low + high) / 2 + (high - low) / 2 * np.sin(2 * np.pi * np.arange(1000) / 1000)
     u = np.asarray(u, dtype=float)
     if ax is None:

@@ -1,0 +1,73 @@
+"""What a model carries beside its equations: how it was fitted, why it has these terms, what its records showed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Nrmse:
+    """One-step and free-run error over the standard deviation of the output; infinite where a run diverges."""
+
+    one_step: float
+    free_run: float
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Why a model has the terms that it has.
+
+    Attributes
+    ----------
+    base : "linear" or "static" where one of these was identified, else ""
+    candidates : how many terms, or models, there were to choose from
+    chosen : how many picks were taken from a pool
+    err : error reduction ratio of each pick
+    stable_law : whether its law forgets its own errors on the data; None where nobody asked
+    """
+
+    base: str = ""
+    candidates: int = 0
+    chosen: int = 0
+    reason: str = ""
+    err: tuple[float, ...] = ()
+    stable_law: bool | None = None
+
+
+@dataclass(frozen=True)
+class Info:
+    """How a model was fitted and what its records showed; empty before a fit.
+
+    Attributes
+    ----------
+    method : "one_step", "free_run", or what fitted the model elsewhere
+    converged : None before a fit
+    samples : of all records
+    nrmse : on these records
+    ranges : lowest and highest value of each signal, by name [its unit]
+    rates, frequencies : largest change of each signal [unit/s], and where 99 % of its power ends [Hz]
+    steps : median size of the steps of each signal [its unit]
+    line : offset and slope of the output over the input
+    band : largest distance from that line [unit of the output]
+    """
+
+    method: str = ""
+    converged: bool | None = None
+    samples: int = 0
+    nrmse: Nrmse | None = None
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    rates: Mapping[str, float] = field(default_factory=dict)
+    frequencies: Mapping[str, float] = field(default_factory=dict)
+    steps: Mapping[str, float] = field(default_factory=dict)
+    line: tuple[float, float] | None = None
+    band: float | None = None
+    selection: Selection = field(default_factory=Selection)
+
+    @property
+    def of_records(self) -> Info:
+        """What stays true when the equation changes: what the records showed."""
+        return Info(
+            ranges=self.ranges, rates=self.rates, frequencies=self.frequencies, steps=self.steps, line=self.line,
+            band=self.band,
+        )  # fmt: skip

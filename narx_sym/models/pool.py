@@ -1,0 +1,126 @@
+"""Pools of candidate terms: products of lagged signals, without what a rule excludes and what is there already."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations_with_replacement
+from math import comb
+from typing import Any
+
+import sympy as sp
+
+from ..errors import ModelError
+from ..symbolic import printing
+from ..symbolic.functions import TABLE
+from ..symbolic.identities import canonical, independent
+from ..symbolic.signals import differences, k, signal, u, y
+from . import assumptions
+
+MAX_POOL = 20_000
+FUNCTIONS = {row.name: row.cls for row in TABLE if row.everywhere and not row.extreme}
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Candidate terms, and what was left out with the reason."""
+
+    terms: list[Any]
+    excluded: list[assumptions.Violation]
+    duplicates: dict[Any, str]
+    structure: assumptions.Structure
+    rules: tuple[str, ...] = field(default=())
+
+    def __len__(self) -> int:
+        return len(self.terms)
+
+    def __iter__(self) -> Any:
+        return iter(self.terms)
+
+    def __repr__(self) -> str:
+        banned = len({v.term for v in self.excluded})
+        return f"Pool({len(self.terms)} terms; {banned} excluded by rule, {len(self.duplicates)} duplicates)"
+
+
+def pool(
+    n_y: int = 1,
+    n_u: int = 2,
+    degree: int = 3,
+    delay: int = 1,
+    *,
+    rules: Sequence[str] = (),
+    lags: Mapping[str, Any] | None = None,
+    functions: Iterable[str] = (),
+    phi: bool = True,
+    constant: bool = False,
+    inverse: bool = False,
+) -> Pool:
+    """List the candidate terms: products up to `degree` of lagged outputs, inputs, phi1 and phi2.
+
+    Parameters
+    ----------
+    n_y, n_u : int
+        Largest lags of the output and of the input side.
+    degree : int
+        The paper's l.
+    delay : int
+        tau_d >= 0, the smallest lag of the input side.
+    rules : names of `assumptions.RULES`
+        Terms that violate one are excluded, with the reason kept.
+    lags : mapping, optional
+        Own lags for "y", "u", "phi1", "phi2" or a channel: an int (1 ... n), a range or a list.
+    functions : names among abs, sin, cos, tanh, exp, sign
+        Applied to each lagged sample (abs also to phi1) as further factors.
+    phi : bool
+        Whether phi1 and phi2 are candidates at all.
+    constant : bool
+        Whether the constant 1 is a candidate.
+    inverse : bool
+        Exchange y and u, as for the identified inverse.
+
+    Returns
+    -------
+    Pool
+        Free of terms that are identically equal to a combination of earlier ones.
+    """
+    output, source = (u, y) if inverse else (y, u)
+    first, second = differences(source)
+    if delay < 0 or n_u < delay or n_y < 0 or degree < 1:
+        raise ModelError(f"A pool needs n_y >= 0, degree >= 1 and n_u >= delay >= 0; got n_u = {n_u}, delay = {delay}.")
+    chosen: dict[str, Any] = {
+        str(output.label): range(1, n_y + 1),
+        "phi1": range(delay, n_u + 1) if phi else (),
+        "phi2": range(delay, n_u + 1) if phi else (),
+        str(source.label): range(delay, n_u + 1),
+    }
+    for name, wanted in (lags or {}).items():
+        chosen[name] = range(0 if name not in ("y",) else 1, wanted + 1) if isinstance(wanted, int) else wanted
+    named = {"phi1": first, "phi2": second}
+    factors = [(named.get(name) or signal(name))[k - i] for name, steps in chosen.items() for i in steps]
+    for name in functions:
+        if name not in FUNCTIONS:
+            raise ModelError(f"Unknown function {name!r}; there are {', '.join(FUNCTIONS)}.")
+        plain = [s for s in factors if isinstance(s, sp.Indexed) and s.base != second]
+        factors += [FUNCTIONS[name](s) for s in plain]
+    wanted = comb(len(factors) + degree, degree)
+    if wanted > MAX_POOL:
+        raise ModelError(
+            f"The pool would have {wanted} terms ({len(factors)} factors, degree {degree}); at most {MAX_POOL} are "
+            "built. Lower n_y, n_u or the degree, or name the lags."
+        )
+    structure = assumptions.Structure(output, source, delay)
+    terms: list[Any] = [sp.S.One] if constant else []
+    seen = set(terms)
+    for size in range(1, degree + 1):
+        for product in combinations_with_replacement(factors, size):
+            term = sp.Mul(*product)
+            if term not in seen:
+                seen.add(term)
+                terms.append(term)
+    # Shortened first: phi2^2 phi1 is phi1, and must not slip past a rule that excludes phi1.
+    shortened = {t: short for t in terms if (short := canonical(t)) != t and short in seen}
+    excluded = assumptions.violations([t for t in terms if t not in shortened], rules, structure)
+    banned = {v.term for v in excluded}
+    kept, duplicates = independent([t for t in terms if t not in banned and t not in shortened])
+    duplicates |= {t: f"= {printing.text(short)}" for t, short in shortened.items()}
+    return Pool(kept, excluded, duplicates, structure, tuple(rules))

@@ -1,0 +1,118 @@
+"""The quasi-static sets ytilde(u, phi1) under loading and unloading, and where they attract (paper, section 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from ..errors import ModelError
+from ..symbolic import printing
+from ..symbolic.signals import differences, lags, samples
+from .doors import QuasiStaticDoors
+from .equilibria import characteristic, jacobian, jury, solvable, without_integrator
+from .model import Model
+from .rest_map import closed, folded, rest_of
+
+ytilde = sp.Symbol(r"\tilde{y}", real=True)
+u_, phi1_ = sp.Symbol("u", real=True), sp.Symbol("phi_1", real=True)
+
+
+@dataclass(frozen=True)
+class QuasiStatic(QuasiStaticDoors):
+    """The sets ytilde(u, phi1) under loading and unloading, and where they attract.
+
+    Attributes
+    ----------
+    loading, unloading : expressions in u and phi_1, in the user's units
+    jacobian : expression dF/dy[k-1], or a list of them for n_y > 1
+    attracting : relational, or `And` of the Jury conditions for n_y > 1
+    """
+
+    model: Model
+    loading: Any
+    unloading: Any
+    jacobian: Any
+    attracting: Any
+
+    @property
+    def repelling(self) -> Any:
+        """Where the sets do not attract."""
+        return sp.Not(self.attracting)
+
+    def conditions(self, loading: bool) -> Any:
+        """Return the attracting condition of one branch in u and phi_1."""
+        return _static(self.attracting, self.model, 1 if loading else -1)
+
+    @property
+    def branches(self) -> tuple[Any, Any]:
+        """(dF/dy under loading, under unloading) in u, phi_1 and ytilde; lists for n_y > 1."""
+        slopes = self.jacobian if isinstance(self.jacobian, list) else [self.jacobian]
+        loading, unloading = ([_static(s, self.model, d) for s in slopes] for d in (1, -1))
+        return loading, unloading
+
+    def latex(self) -> str:
+        """LaTeX of the two cases and of the attracting condition."""
+        cases = (
+            rf"\tilde{{{self.model.output.label}}} = \begin{{cases}} "
+            rf"{printing.latex(self.loading)}, & \phi_{{2}} = 1 \\[6pt] "
+            rf"{printing.latex(self.unloading)}, & \phi_{{2}} = -1 \end{{cases}}"
+        )
+        return cases + r" \\ " + printing.latex(self.attracting)
+
+
+def _static(expr: Any, model: Model, direction: int) -> Any:
+    """Drop the time indices: y[k-i] is ytilde, u[k-j] is u, phi1[k-j] is phi_1, phi2[k-j] the direction."""
+    first, second = differences(model.input)
+    values = {
+        model.output: ytilde,
+        model.input: u_,
+        first: phi1_,
+        second: sp.Integer(direction),
+    }
+    return expr.xreplace({s: values.get(s.base, rest_of(s.base)) for s in samples(expr)})
+
+
+def quasi_static(model: Model) -> QuasiStatic:
+    """Solve ytilde = F(ytilde, u, phi1, phi2) for phi2 = 1 (loading) and phi2 = -1 (unloading), Eq. (090919b).
+
+    Raises
+    ------
+    ModelError
+        Where no closed form exists, and for a model that remembers more than its outputs and inputs or changes with
+        time.
+    """
+    closed(model, "The quasi-static solution is")
+    F = model.in_user_units(folded(model))
+    _no_lost_differences(model, F)
+    branches = []
+    offset = model.operating_point.get(model.output, 0)
+    for direction in (1, -1):
+        excess = _static(F, model, direction) + offset - ytilde
+        slope = sp.diff(excess, ytilde)
+        if slope != 0 and not slope.has(ytilde):
+            branches.append(sp.expand(excess.xreplace({ytilde: sp.S.Zero})) / sp.expand(-slope))
+            continue
+        solutions = sp.solve(excess, ytilde) if solvable(excess, ytilde) else []
+        if not solutions:
+            raise ModelError("The quasi-static equation has no closed-form solution for this model.")
+        branches.append(solutions[0] if len(solutions) == 1 else sp.FiniteSet(*solutions))
+    slopes = jacobian(model)
+    if not slopes:
+        return QuasiStatic(model, branches[0], branches[1], sp.S.Zero, sp.true)
+    # The second lines of the paper's conditions divide by theta_4 phi_2 and hold only where that is positive: |.| < 1.
+    conditions = jury(without_integrator(characteristic(slopes))[0])
+    attracting = sp.And(*conditions, evaluate=False) if len(conditions) > 1 else conditions[0]
+    return QuasiStatic(model, branches[0], branches[1], slopes[0] if len(slopes) == 1 else slopes, attracting)
+
+
+def _no_lost_differences(model: Model, F: Any) -> None:
+    """Refuse differences that vanish when the time indices are dropped, other than phi1 and phi2."""
+    for node in F.atoms(sp.Add):
+        read = [lags(node, base) for base in (model.output, model.input)]
+        if max(map(len, read)) > 1 and sp.expand(_static(node, model, 1)) == 0:
+            raise ModelError(
+                f"The quasi-static solution is not derived for this model: {printing.text(node)} is a difference in "
+                "time other than phi1."
+            )

@@ -1,0 +1,124 @@
+"""A model at rest: what keeps it from resting, its rest map G with ybar = G(ybar, ubar), and Sigma_y."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import sympy as sp
+
+from ..errors import ModelError
+from ..symbolic import printing
+from ..symbolic.recursion import State
+from ..symbolic.signals import differences, lag, lags, pairs, samples, t, x
+from .model import Model
+
+ybar, ubar = (sp.Symbol(n, real=True) for n in (r"\bar{y}", r"\bar{u}"))
+
+
+def at_rest(expr: Any, model: Model) -> Any:
+    """Hold every signal constant: y[k-i] is ybar, u[k-j] is ubar, a channel its own symbol."""
+    held = {model.output: ybar, model.input: ubar}
+    return expr.xreplace({s: held.get(s.base, rest_of(s.base)) for s in samples(expr)})
+
+
+def rest_of(base: Any) -> Any:
+    """Return the symbol of a sequence at rest."""
+    return sp.Symbol(rf"\bar{{{base.label}}}", real=True)
+
+
+def effects_of(model: Model, expr: Any = None, states: Sequence[State] = ()) -> str:
+    """Name the effects whose coefficients an expression contains or that brought some states, or the states."""
+    symbols = sp.sympify(expr or 0).free_symbols
+    groups = {s.group for s in states if s.group}
+    named = [e.effect for e in model.effects if e.group in groups or symbols & set(e.coefficients.values())]
+    if named:
+        return f"the {'effect' if len(named) == 1 else 'effects'} {' and '.join(dict.fromkeys(named))}"
+    return f"the {'state' if len(states) == 1 else 'states'} {', '.join(printing.text(s.left) for s in states)}"
+
+
+def remembered(model: Model) -> str:
+    """Say what keeps a model from being one equation in y and u; an empty text where it is one."""
+    if not model.hidden:
+        return ""
+    hidden = {s.left.base for s in model.hidden}
+    read = hidden | model.recursion.graph.reached(*hidden)
+    held = [s for s in model.recurrent if s.left.base in read]
+    if held:
+        shown = ", ".join(printing.text(s.left) for s in held)
+        return f"{effects_of(model, states=held)} remembers more than outputs and inputs ({shown})"
+    return f"{effects_of(model, model.beside, model.hidden)} acts on the inner output x[k], which is not measured"
+
+
+def closed(model: Model, what: str, timeless: bool = True) -> None:
+    """Refuse what is not derived for models that remember, or that change with time.
+
+    Raises
+    ------
+    ModelError
+    """
+    why = remembered(model)
+    if not why and timeless and samples(model.right, t):
+        why = f"{_moving(model)} changes with time, so that nothing is at rest"
+    if why:
+        raise ModelError(f"{what} not derived for this model: {why}.")
+
+
+def _moving(model: Model) -> str:
+    """Name the effects that depend on time."""
+    for one in model.effects:
+        if any(samples(sp.diff(model.right, c), t) for c in one.coefficients.values()):
+            return f"the effect {one.effect}"
+    return "the equation"
+
+
+def newest_input(model: Model) -> int:
+    """Return the smallest lag of the input: that of the core, or of an effect that acts faster."""
+    return min(lags(model.right, model.input), default=model.delay)
+
+
+def folded(model: Model) -> Any:
+    """Return the model's flat equation with differences of consecutive inputs written as phi1, their signs as phi2."""
+    first, second = differences(model.input)
+    expr = model.flat
+    found: dict[Any, Any] = {}
+    for node in expr.atoms(sp.Add):
+        read = samples(node, model.input)
+        if len(node.args) == len(read) == 2 and lag(read[1]) - lag(read[0]) == 1:
+            for sign in (1, -1):
+                if node == sign * (read[0] - read[1]):
+                    found[node] = sign * first[read[0].indices[0]]
+    expr = expr.xreplace(found)
+    return expr.xreplace({sp.sign(s): second[s.indices[0]] for s in samples(expr, first)})
+
+
+def rest_map(model: Model) -> Any:
+    """Return G with ybar = G(ybar, ubar): all signals held constant, in the user's units.
+
+    phi1 and phi2 vanish because u[k] - u[k-1] does; they are not declared.
+
+    Raises
+    ------
+    ModelError
+        For a model that remembers more than its outputs and inputs, or changes with time.
+    """
+    closed(model, "The steady state is")
+    return at_rest(model.right, model)
+
+
+def sigma_y(model: Model) -> Any:
+    """Return the sum of the parameters of the linear output regressors.
+
+    Where effects act on the output it is that of the inner output `x`.
+
+    Raises
+    ------
+    ModelError
+        Where the output also returns through what an effect remembers.
+    """
+    besides = (s.left.base for s in model.states if s.left.base != x)
+    returning = model.recursion.graph.reached(*besides) & {x, model.output}
+    if model.hidden and (returning or (model.inner == x and samples(model.beside, x))):
+        closed(model, "Sigma_y is", timeless=False)
+    terms = model.parts() if model.core == model.F else pairs(model.core)
+    return sp.Add(*(c for c, term in terms if isinstance(term, sp.Indexed) and term.base == model.inner))
