@@ -9,7 +9,7 @@ from ..errors import NotInvertible
 from ..inversion.compensator import Compensator
 from ..models.model import Model
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import m
+from ..symbolic.signals import m, y
 from .export import transition, written
 
 
@@ -54,7 +54,8 @@ def export_law(
         Where the law has no closed form.
     """
     recursion, usual = _exported(law, limits, rate), law.model.usual
-    usual = {**usual, **{own: usual[of] for own, of in (("m", "u"), ("r", "y")) if of in usual}}
+    driven = "u" if law.model.input == y else str(law.model.input.label)
+    usual = {**usual, **{own: usual[of] for own, of in (("m", driven), ("r", "y")) if of in usual}}
     return written(to, recursion, law.model.values, name, single, m, ranges=usual, Ts=law.model.Ts)
 
 

@@ -88,6 +88,11 @@ class Record:
         notes = grid.notes if t is None or Ts is None else (f"time stamps not used, Ts = {grid.Ts:.10g} s was given",)
         return cls(u, y, grid.t, grid.Ts, dict(zip(channels or {}, rest, strict=True)), name, notes, grid.breaks)
 
+    @property
+    def signals(self) -> dict[str, Vector]:
+        """Every measured sequence by name: u, y, t, and the channels."""
+        return {"u": self.u, "y": self.y, "t": self.t, **self.channels}
+
     def __len__(self) -> int:
         return int(self.u.size)
 

@@ -12,7 +12,7 @@ from ..errors import FitError
 from ..models.info import Info
 from ..models.model import NARX, Model
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import k, lags, u, y
+from ..symbolic.signals import k, lags, samples, u, y
 from .refit import Fitted, Split, settle
 
 Array = np.ndarray
@@ -79,11 +79,22 @@ def roomy(model: Any, more: int) -> Model:
     """
     a = model.n_y and min(model.n_y + more, 3)
     first, last = max(0, model.delay - 1), model.n_u + 1
-    terms = [*(y[k - i] for i in range(1, a + 1)), *(u[k - j] for j in range(first, last + 1)), sp.S.One]
+    terms = [
+        *(y[k - i] for i in range(1, a + 1)),
+        *(u[k - j] for j in range(first, last + 1)),
+        *_beside(model),
+        sp.S.One,
+    ]
     known = dict(zip(model.terms, model.theta, strict=True))
     return NARX(
         terms, [known.get(t, 0.0) for t in terms], operating_point=model.operating_point, Ts=model.Ts, info=model.info
     )
+
+
+def _beside(model: NARX) -> list[Any]:
+    """Return the terms of further measured signals."""
+    own = {model.input, model.output}
+    return [term for term in model.terms if any(s.base not in own for s in samples(term))]
 
 
 def slowest(model: Model) -> float:
@@ -116,7 +127,7 @@ def simpler(base: Fitted) -> list[Fitted]:
     now = min((i for i in lags(model.core, u)), default=0)
     found = []
     for orders in sorted({model.n_y, 0}):
-        terms = [*(y[k - i] for i in range(1, orders + 1)), u[k - max(now, model.delay)], sp.S.One]
+        terms = [*(y[k - i] for i in range(1, orders + 1)), u[k - max(now, model.delay)], *_beside(model), sp.S.One]
         if len(terms) >= len(model.symbols):
             continue
         kept = Info(selection=model.info.selection)

@@ -15,7 +15,7 @@ from ..errors import Diverged, FitError, ModelError, NotInvertible
 from ..inversion.compensator import compensator
 from ..models import assumptions
 from ..models.model import NARX, Model
-from ..models.pool import pool
+from ..models.pool import lagged, pool
 from ..symbolic.signals import k, phi1, u, y
 from .least_squares import check_method, fit, free_run_error
 from .select import PATH_STEPS, Selection, select
@@ -127,8 +127,11 @@ def identify(
         Keep Assumption A1, so that a law can be derived, and prefer models whose law is stable on the data.
     rate_independent : bool
         Keep the terms of first degree in phi1 only: the loop then does not depend on the speed of the input.
-    functions, lags, criterion, n_terms, max_terms
-        See `model.pool` and `selection.select`.
+    lags : mapping, optional
+        Own lags of "y", "u", "phi1", "phi2" in the narx base; in every base those of further channels, which take no
+        part unless they are named here: an int (0 ... n), a range or a list.
+    functions, criterion, n_terms, max_terms
+        See `pool.pool` and `select.select`.
     method : "auto", "one_step" or "free_run"
         `auto` fits one step ahead, then in free run, and keeps the better free run.
     point : mapping or "auto"
@@ -140,8 +143,14 @@ def identify(
     """
     check_method(method)
     listed = prepare(records)
-    if any(r.channels for r in listed) and base == "narx":
-        warnings.warn("The narx base uses the input and the output only; further channels take no part.", stacklevel=2)
+    own = {name: wanted for name, wanted in (lags or {}).items() if name not in ("u", "y", "phi1", "phi2")}
+    left_out = [name for r in listed for name in r.channels if name not in own]
+    if left_out:
+        warnings.warn(
+            f"The {base} base uses the input, the output and the channels in `lags` only; the channel {left_out[0]!r} "
+            f"takes no part (lags={{{left_out[0]!r}: 1}} gives it one).",
+            stacklevel=2,
+        )
     origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
     if base == "narx":
         delay = 1 if delay is None else delay
@@ -163,9 +172,9 @@ def identify(
             model = _selected(model, stable_law=stable_law(model, listed))
         return judged(model)
     if base == "linear":
-        return _linear(listed, origin, n_y, n_u, delay, method, for_compensation)
+        return _linear(listed, origin, n_y, n_u, delay, own, method, for_compensation)
     if base == "static":
-        return _static(listed, origin, degree, delay or 0, method, for_compensation)
+        return _static(listed, origin, degree, delay or 0, own, method, for_compensation)
     raise ModelError(f"Unknown base {base!r}; there are {', '.join(BASES)}.")
 
 
@@ -282,14 +291,16 @@ def _linear(
     n_y: int,
     n_u: int,
     delay: int | None,
+    own: Mapping[str, Any],
     method: str,
     for_compensation: bool,
 ) -> Model:
-    """ARX with a constant: orders from 0 and delay chosen by free-run validation."""
+    """ARX with a constant: orders from 0 and delay chosen by free-run validation; channels enter at their own lags."""
     delays = range(0, 4) if delay is None else (delay,)
+    beside = lagged(own)
     candidates = [
         NARX(
-            [*(y[k - i] for i in range(1, a + 1)), *(u[k - d - j] for j in range(b)), _one()],
+            [*(y[k - i] for i in range(1, a + 1)), *(u[k - d - j] for j in range(b)), *beside, _one()],
             operating_point=origin,
         )
         for a, b, d in product(range(0, max(2, n_y) + 1), range(1, max(2, n_u) + 1), delays)
@@ -298,12 +309,19 @@ def _linear(
 
 
 def _static(
-    records: list[Record], origin: Mapping[Any, float], degree: int, delay: int, method: str, for_compensation: bool
+    records: list[Record],
+    origin: Mapping[Any, float],
+    degree: int,
+    delay: int,
+    own: Mapping[str, Any],
+    method: str,
+    for_compensation: bool,
 ) -> Model:
-    """Polynomial of the input; of first degree where a law is wanted."""
+    """Polynomial of the input, beside channels at their own lags; of first degree where a law is wanted."""
     degree = 1 if for_compensation else degree
+    beside = lagged(own)
     candidates = [
-        NARX([_one(), *(u[k - delay] ** p for p in range(1, n + 1))], operating_point=origin)
+        NARX([_one(), *(u[k - delay] ** p for p in range(1, n + 1)), *beside], operating_point=origin)
         for n in range(1, max(1, degree) + 1)
     ]
     return _choose(candidates, records, "static", method, for_compensation)

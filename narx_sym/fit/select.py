@@ -16,7 +16,7 @@ from ..engines.columns import Columns
 from ..errors import FitError
 from ..models.model import NARX, Model
 from ..models.pool import Pool
-from ..symbolic.signals import k, samples
+from ..symbolic.signals import expand_phi, k, samples
 from .least_squares import check_method, factor, fit, free_run_error
 from .simulate import Records, arrays, evaluate, segments, shifted
 
@@ -163,7 +163,8 @@ def path_of(
 ) -> Path:
     """Read the records once and order the candidates, those in `first` before the others."""
     columns = Columns([*candidates, target])
-    R, rows = factor(columns, [shifted(frame, arrays(frame, p)) for p in segments(records)])
+    read = {str(s.base.label) for term in candidates for s in samples(expand_phi(term))}
+    R, rows = factor(columns, [shifted(frame, arrays(frame, p, sorted(read))) for p in segments(records)])
     return err_path(R, rows, max_terms, [list(candidates).index(t) for t in first])
 
 

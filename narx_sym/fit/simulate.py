@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -48,16 +48,26 @@ def centre(x: Array) -> float:
     return 0.0 if abs(high + low) <= 0.5 * (high - low) else float(x.mean())
 
 
-def arrays(model: Model, record: Record) -> dict[str, Array]:
-    """Return the sequences by name as the model means them: an inverse model's y is the measured y[k + lead]."""
-    missing = [c for c in model.channels if c not in record.channels]
+def arrays(model: Model, record: Record, more: Iterable[str] = ()) -> dict[str, Array]:
+    """Return the sequences by name as the model means them: an inverse model's y is the measured y[k + lead].
+
+    Parameters
+    ----------
+    more : names of sequences that are needed beside those of the model
+
+    Raises
+    ------
+    ModelError
+        For a sequence that the record does not have.
+    """
+    clock = ["t"] if t in model.recursion.inputs else []
+    names = dict.fromkeys(["u", "y", *model.inputs, *clock, *more])
+    signals = record.signals
+    missing = [name for name in names if name not in signals]
     if missing:
         raise ModelError(f"The model needs the channel {missing[0]!r}; name it with channels (--channels).")
     n, lead = len(record), model.lead if model.input == y else 0
-    data = {"u": record.u[: n - lead], "y": record.y[lead:]}
-    if t in model.recursion.inputs:
-        data["t"] = record.t[: n - lead]
-    return data | {name: record.channels[name][: n - lead] for name in model.channels}
+    return {name: signals[name][lead:] if name == "y" else signals[name][: n - lead] for name in names}
 
 
 def initial_values(model: Model, data: Mapping[str, Array], depth: int) -> dict[str, Array]:
@@ -424,6 +434,6 @@ def rest_input(model: Model, value: float) -> float:
             warnings.warn("No initial input m0 was given: the law starts from 0.", stacklevel=3)
         return 0.0
     offset, slope = line
-    if model.input == u:
+    if model.input != y:
         return float((value - offset) / slope) if slope else 0.0
     return float(offset + slope * value)

@@ -152,7 +152,7 @@ class Compensator(CompensatorDoors):
         if self.A is None:  # an identified inverse is its own law: nothing was inverted
             return sp.simplify(self.law - swap(self.model.right, {u: m, y: r}, {y: self.model.lead}))
         delay = newest_input(self.model)
-        followed = shift(swap(self.model.right, {u: m, y: r}), delay)
+        followed = shift(swap(self.model.right, {self.model.input: m, y: r}), delay)
         gap = sp.expand(followed.xreplace({m[k]: self.law}) - r[k + delay])
         return sp.S.Zero if gap == 0 or vanishes(gap) else gap
 
@@ -259,7 +259,9 @@ def compensator(model: Model) -> Compensator:
             return _beyond(model)
         raise NotInvertible(f"The coefficient of {printing.text(latest)} is zero: the input does not act (A1(i)).")
     rest = _drop(right, latest)
-    law = sp.Add(*(p / gain for p in (r[k + delay], *(-x for x in sp.Add.make_args(_renamed(rest, delay))))))
+    law = sp.Add(
+        *(p / gain for p in (r[k + delay], *(-x for x in sp.Add.make_args(_renamed(rest, delay, model.input)))))
+    )
     A, B, f = polynomials(model)
     return Compensator(model, law, A, B, f)
 
@@ -278,5 +280,5 @@ def _drop(right: Any, latest: Any) -> Any:
     return sp.Add(*(p.xreplace({latest: sp.S.Zero}) if p.has(latest) else p for p in sp.Add.make_args(right)))
 
 
-def _renamed(rest: Any, delay: int) -> Any:
-    return shift(swap(rest, {u: m, y: r}), delay)
+def _renamed(rest: Any, delay: int, source: Any) -> Any:
+    return shift(swap(rest, {source: m, y: r}), delay)

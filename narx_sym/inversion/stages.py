@@ -19,7 +19,7 @@ from ..models.model import Model
 from ..symbolic.graph import Graph
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import k, lag, m, r, samples, shift, signal, swap, u, v, x, y
+from ..symbolic.signals import k, lag, m, r, samples, shift, signal, swap, v, x, y
 from .branches import solve_for
 from .solution import Solution
 
@@ -95,7 +95,7 @@ def _equations(model: Model) -> dict[Any, Any]:
     found = {}
     for left, right in model.recursion.updates:
         exact = sp.expand(right.xreplace(model.values)) if model.values else right
-        found[left.base] = swap(right if set(samples(exact)) == set(samples(right)) else exact, {u: m})
+        found[left.base] = swap(right if set(samples(exact)) == set(samples(right)) else exact, {model.input: m})
     return found
 
 

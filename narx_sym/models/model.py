@@ -44,8 +44,8 @@ class Model(ModelDoors):
     Ts : float, optional
         Sampling time [s].
     states : sequence of State, optional
-        Further update equations, evaluated before the output and in the model's shifted signals: what added effects
-        remember, the input `v` that they act on, the output `x` that they add to.
+        Further equations before the output, in the shifted signals: what effects remember, the input `v` that they act
+        on, the output `x` that they add to.
 
     standard_errors : sequence of numbers, optional
         Of theta, under white noise.
@@ -129,7 +129,7 @@ class Model(ModelDoors):
         raise FrozenInstanceError(f"A model does not change: model.replace({name}=...) returns another one.")
 
     def __delattr__(self, name: str) -> None:
-        raise FrozenInstanceError(f"A model does not change: {name!r} stays.")
+        self.__setattr__(name, None)
 
     def replace(self, **changes: Any) -> Model:
         """Return the model with some of its fields changed, named like the arguments of `Model`.
@@ -160,8 +160,6 @@ class Model(ModelDoors):
     def values(self) -> dict[Any, Any]:
         """Symbol to value, or an empty mapping before a fit."""
         return {} if self.numbers is None else dict(zip(self.symbols, map(sp.Float, self.numbers), strict=True))
-
-    # -- equations ---------------------------------------------------------------------------------------------
 
     @property
     def equation(self) -> sp.Eq:
@@ -253,7 +251,7 @@ class Model(ModelDoors):
 
     @property
     def usual(self) -> dict[str, Any]:
-        """Where the signals usually are, (low, high) by name: the identified ranges, or around the operating point."""
+        """Where the signals usually are, (low, high) by name: as identified, or around the operating point."""
         around = {str(b.label): (value - 1.0, value + 1.0) for b, value in self.operating_point.items()}
         return around | dict(self.info.ranges)
 
@@ -291,7 +289,10 @@ class Model(ModelDoors):
         """Names of the further measured sequences that enter."""
         return tuple(str(b.label) for b in self.recursion.inputs if b not in (self.input, self.output, t))
 
-    # -- printing ----------------------------------------------------------------------------------------------
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of all that drives it: the input, and the channels beside it."""
+        return (str(self.input.label), *self.channels)
 
     def latex(self, numbers: bool = False) -> str:
         """LaTeX of the equations, states first and the output last, with symbols or with numbers."""
@@ -341,10 +342,7 @@ class Model(ModelDoors):
 class NARX(Model):
     """A model linear in its parameters: y[k] = sum_i theta_i psi_i, the paper's Eq. (3).
 
-    Parameters
-    ----------
-    terms : sequence of expressions
-        The regressors psi_i, in order; the rest as for `Model`.
+    `terms` are the regressors psi_i, in order; the rest as for `Model`.
     """
 
     terms: tuple[Any, ...]
@@ -375,7 +373,7 @@ class NARX(Model):
     ) -> NARX:
         """Build a model from texts such as "phi2[k-2]*phi1[k-2]*u[k-2]".
 
-        In an inverse model (`input="y", output="u"`) phi1 and phi2 are the paper's breve forms.
+        phi1 and phi2 are of the input; in an inverse model (`input="y", output="u"`) the paper's breve forms.
 
         Raises
         ------
@@ -384,16 +382,16 @@ class NARX(Model):
         """
         if isinstance(terms, str):
             raise ModelError("Give a list of terms, one text each.")
-        bases = {"u": u, "y": y}
-        if {input, output} != {"u", "y"}:
-            raise ModelError("A model goes from u to y, an inverse model from y to u.")
-        source = bases[input]
-        breve = dict(zip(differences(u), differences(source), strict=True))
-        written = [
-            t.xreplace({s: breve.get(s.base, s.base)[s.indices[0]] for s in samples(t)})
-            for t in (parse(text, signals=channels) for text in terms)
-        ]
-        return cls(written, theta, input=source, output=bases[output], **options)
+        if (input == "y") != (output == "u") or output not in ("u", "y") or input in ("t", "k"):
+            raise ModelError("A model goes from u, or another measured signal, to y; an inverse model from y to u.")
+        source = signal(input)
+        parsed = [parse(text, signals=[*channels, *([] if input in ("u", "y") else [input])]) for text in terms]
+        if input == "y":
+            breve = dict(zip(differences(u), differences(source), strict=True))
+            written = [t.xreplace({s: breve.get(s.base, s.base)[s.indices[0]] for s in samples(t)}) for t in parsed]
+        else:
+            written = parsed if input == "u" else [expand_phi(t, source) for t in parsed]
+        return cls(written, theta, input=source, output=signal(output), **options)
 
     def parts(self) -> list[tuple[Any, Any]]:
         """(theta_i, psi_i) in the model's order."""

@@ -21,6 +21,18 @@ MAX_POOL = 20_000
 FUNCTIONS = {row.name: row.cls for row in TABLE if row.everywhere and not row.extreme}
 
 
+def lagged(lags: Mapping[str, Any], named: Mapping[str, Any] | None = None) -> list[Any]:
+    """Return samples of sequences by name: `{"w": 2}` gives w[k], w[k-1], w[k-2]; y begins at y[k-1].
+
+    Parameters
+    ----------
+    lags : mapping from names to an int (the largest lag), a range or a list
+    named : sequences that have other names than their own
+    """
+    steps = {n: range(n == "y", w + 1) if isinstance(w, int) else w for n, w in lags.items()}
+    return [((named or {}).get(n) or signal(n))[k - i] for n, listed in steps.items() for i in listed]
+
+
 @dataclass(frozen=True)
 class Pool:
     """Candidate terms, and what was left out with the reason."""
@@ -68,7 +80,7 @@ def pool(
     rules : names of `assumptions.RULES`
         Terms that violate one are excluded, with the reason kept.
     lags : mapping, optional
-        Own lags for "y", "u", "phi1", "phi2" or a channel: an int (1 ... n), a range or a list.
+        Own lags for "y", "u", "phi1", "phi2" or a channel: an int (0 ... n, of y 1 ... n), a range or a list.
     functions : names among abs, sin, cos, tanh, exp, sign
         Applied to each lagged sample (abs also to phi1) as further factors.
     phi : bool
@@ -93,10 +105,7 @@ def pool(
         "phi2": range(delay, n_u + 1) if phi else (),
         str(source.label): range(delay, n_u + 1),
     }
-    for name, wanted in (lags or {}).items():
-        chosen[name] = range(0 if name not in ("y",) else 1, wanted + 1) if isinstance(wanted, int) else wanted
-    named = {"phi1": first, "phi2": second}
-    factors = [(named.get(name) or signal(name))[k - i] for name, steps in chosen.items() for i in steps]
+    factors = lagged(chosen | dict(lags or {}), {"phi1": first, "phi2": second})
     for name in functions:
         if name not in FUNCTIONS:
             raise ModelError(f"Unknown function {name!r}; there are {', '.join(FUNCTIONS)}.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ..data.record import Record
@@ -49,7 +50,7 @@ def identify_base(kind: str, records: Sequence[Record]) -> Model:
     """Identify a base of a kind; what is wrong with the data is said at once."""
     check_kind(kind)
     prepare(records)
-    return identify(records, base=kind)
+    return identify([replace(r, channels={}) for r in records], base=kind)  # a channel acts as an effect
 
 
 def other_pace(model: Model, Ts: float | None, what: str) -> str:
