@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from ..data.examples import PLAY, STAGE_UNITS, stage
+from ..data.readers import load as load_table
 from ..data.record import Record, read
 from ..data.tables import Table
-from ..data.tables import load as load_table
 from ..errors import DataError, ModelError, NarxError
 from ..files.atomic import write_csv
 from ..fit.identify import prepare

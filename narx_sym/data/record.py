@@ -13,7 +13,8 @@ import numpy as np
 
 from ..errors import DataError
 from ..symbolic.signals import plain_name
-from .tables import PathLike, check_size, load
+from .readers import load
+from .tables import PathLike, check_size
 from .timegrid import Vector, check_step, regular_time, uniform_time
 
 YEARS = 3e8  # [s], ten years: a record that seems longer has its time in another unit

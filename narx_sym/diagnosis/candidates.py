@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..data.metrics import correlation_length
 from ..files.journal import remembered
+from ..fit.bootstrap import block_length, moving_blocks
 from ..fit.constraints import constraint_equations
 from ..fit.freerun import FreeRun
 from ..models.effects import Catalogue
@@ -329,11 +329,8 @@ def large(base: Fitted, best: Fitted, seed: int) -> float | None:
 
 
 def _drawn(x: Array, seed: int) -> Array:
-    """Return block-bootstrap samples of a series, (DRAWS, N) (Kunsch 1989)."""
-    n = x.size
-    block = int(min(max(10, 3 * correlation_length(x)), max(2, n // 8)))
-    starts = np.random.default_rng(seed).integers(0, n - block + 1, size=(DRAWS, -(-n // block)))
-    return np.asarray(x[(starts[:, :, None] + np.arange(block)).reshape(DRAWS, -1)[:, :n]])
+    """Return block-bootstrap samples of a series, (DRAWS, N)."""
+    return moving_blocks(x, block_length(x, x.size // 8), DRAWS, np.random.default_rng(seed))
 
 
 def detectable(scored: Scored) -> dict[str, float]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from scipy.linalg.blas import dtbsv
+from scipy.linalg.lapack import dtbtrs
 from sympy.printing.numpy import NumPyPrinter
 
 from ..errors import ModelError
@@ -121,19 +121,42 @@ def _banded(plan: Plan, rows: list[tuple[list[int], list[sp.Expr]]]) -> Callable
 
 
 def _solve(x: np.ndarray, a: int, z: int, lags: list[int], right: np.ndarray, slopes: list[Any]) -> np.ndarray:
-    """Solve x[k] - sum_i c_i[k] x[k-i] = right[k] for a <= k < z."""
+    """Solve x[k] - sum_i c_i[k] x[k-i] = right[k] for a <= k < z; what is known of x moves to the right."""
     if not lags:
         return right
-    n, width = z - a, lags[-1]
-    band = np.zeros((width + 1, n), order="F")
-    band[0] = 1.0
-    for i, slope in zip(lags, slopes, strict=True):
-        c = np.broadcast_to(np.asarray(slope, dtype=float), n)
-        past = min(i, n)
+    columns = [np.broadcast_to(np.asarray(c, dtype=float), z - a) for c in slopes]
+    for i, c in zip(lags, columns, strict=True):
+        past = min(i, z - a)
         with np.errstate(all="ignore"):
             right[:past] += c[:past] * x[a - i : a - i + past]
-        band[i, : n - past] = -c[past:]
-    return dtbsv(width, band, right, lower=1, diag=1)
+    return banded(lags, columns, right[:, None])[:, 0]
+
+
+def banded(lags: Sequence[int], slopes: Sequence[np.ndarray], right: np.ndarray) -> np.ndarray:
+    """Solve x[k] - sum_i c_i[k] x[k-i] = right[k] for all k at once, where everything before the first k is zero.
+
+    It is how a recursion that is affine in its own past runs, and how a change of it goes on along a run.
+
+    Parameters
+    ----------
+    lags : numbers i, at least one
+    slopes : (n,) arrays c_i
+    right : (n, m) array
+        Several right-hand sides at once.
+
+    Returns
+    -------
+    (n, m) array
+    """
+    n = len(right)
+    band = np.zeros((max(lags) + 1, n), order="F")
+    band[0] = 1.0
+    for i, c in zip(lags, slopes, strict=True):
+        band[i, : max(0, n - i)] = -c[i:]
+    solved, info = dtbtrs(band, right, uplo="L", diag="U")
+    if info:
+        raise ModelError(f"LAPACK dtbtrs failed with code {info}.")
+    return np.asarray(solved)
 
 
 def _stepwise(plan: Plan) -> Callable[..., int]:

@@ -50,6 +50,18 @@ class Bootstrap:
         return bands(self.model, self.thetas, record)
 
 
+def block_length(x: Array, most: int) -> int:
+    """Return a length of blocks that keeps the correlation of a series: three correlation lengths, at most `most`."""
+    return int(min(max(10, 3 * correlation_length(x)), max(2, most)))
+
+
+def moving_blocks(x: Array, block: int, draws: int, rng: np.random.Generator) -> Array:
+    """Return series made of blocks of another one, (draws, N), the blocks drawn with replacement (Kunsch 1989)."""
+    n = x.size
+    starts = rng.integers(0, n - block + 1, size=(draws, -(-n // block)))
+    return np.asarray(x[(starts[:, :, None] + np.arange(block)).reshape(draws, -1)[:, :n]])
+
+
 def block_bootstrap(
     model: Model, records: Records, draws: int = 200, block: int | None = None, seed: int = 0, steps: int = 2
 ) -> Bootstrap:
@@ -71,15 +83,14 @@ def block_bootstrap(
     residual = problem.run(z)[0].copy()
     if not np.all(np.isfinite(residual)):
         raise FitError("The free run of the model diverges on these records.")
-    size = block or min(max(10, 3 * correlation_length(residual)), max(2, residual.size // 4))
+    size = block or block_length(residual, residual.size // 4)
     calls = [(problem, z, residual, size, seed, i, steps) for i in range(draws)]
     return Bootstrap(model, np.array(sweep(_draw, calls)), size)
 
 
 def _draw(problem: FreeRun, z: Array, residual: Array, block: int, seed: int, number: int, steps: int) -> Array:
     rng = np.random.default_rng([seed, number])
-    starts = rng.integers(0, residual.size - block + 1, size=-(-residual.size // block))
-    noise = np.concatenate([residual[s : s + block] for s in starts])[: residual.size]
+    noise = moving_blocks(residual, block, 1, rng)[0]
     noise = noise - noise.mean() + residual.mean()
     moved = z.copy()
     for _ in range(steps):

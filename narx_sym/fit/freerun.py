@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import LinAlgError, qr, solve_triangular
-from scipy.linalg.lapack import dtbtrs
 from scipy.optimize import least_squares
 
 from ..engines.columns import Columns
 from ..engines.compile import compile
+from ..engines.numpy import banded
 from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep
 from ..models.model import NARX, Model
@@ -203,18 +203,12 @@ class FreeRun:
             values = {**d, self.name: run}
             moved[depth:, :p] = psi.block(values, depth, n)
             moved[:depth, p:] = np.column_stack([s.shape(depth) for s in self.starts])
-            band = np.zeros((len(orders) + 1, n), order="F")
-            band[0] = 1.0
             known = dict(zip(model.symbols, theta, strict=True))
-            for lag, slope in zip(orders, gradients, strict=True):
-                column = np.zeros(n)
+            slopes = np.zeros((len(orders), n))
+            for column, slope in zip(slopes, gradients, strict=True):
                 if slope != 0:
                     column[depth:] = Columns([slope.xreplace(known)]).block(values, depth, n)[:, 0]
-                band[lag, : n - lag] = -column[lag:]
-            solved, info = dtbtrs(band, moved, uplo="L", diag="U")
-            if info:
-                raise FitError(f"LAPACK dtbtrs failed with code {info}.")
-            return run, solved
+            return run, banded(orders, list(slopes), moved)
 
         return move
 

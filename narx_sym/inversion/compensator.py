@@ -17,6 +17,7 @@ from ..errors import ModelError, NotInvertible
 from ..models.model import Model
 from ..models.rest_map import newest_input
 from ..symbolic import printing
+from ..symbolic.functions import follows, within
 from ..symbolic.identities import vanishes
 from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import derivative
@@ -100,8 +101,8 @@ class Compensator(CompensatorDoors):
 
         def clipped(asked: Any) -> Any:
             if rate is not None:
-                asked = sp.Max(m[k - 1] - sp.Float(rate), sp.Min(m[k - 1] + sp.Float(rate), asked))
-            return sp.Max(sp.sympify(low), sp.Min(sp.sympify(high), asked))
+                asked = follows(asked, m[k - 1], sp.Float(rate))
+            return within(asked, sp.sympify(low), sp.sympify(high))
 
         if self.model.input == y:
             asked = wanted(m)[k]

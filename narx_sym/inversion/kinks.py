@@ -13,7 +13,7 @@ from typing import Any
 
 import sympy as sp
 
-from ..symbolic.functions import CLASSES, KINKED, X
+from ..symbolic.functions import CLASSES, KINKED, X, within
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import signal
@@ -165,52 +165,78 @@ def solve_kinked(
     kept = [p for p in pieces if p.size is None or flip * p.size > FLAT * steepest]
     if not kept:
         return None
-    T, last = flip * target, made["last"]
-
-    def edge(piece: _Piece, at: Any) -> Any:
-        return sp.expand(flip * piece.expr.xreplace({w: at}))
-
-    def solved(condition: Any, piece: _Piece) -> Branch:
-        return Branch(condition, piece.solve(target, w, flip), piece.expr.xreplace({w: made["unknown"]}))
-
-    branches: list[Branch] = []
-    notes: list[str] = []
-    reach = [-sp.oo, sp.oo]
-    if kept[0].left is not None:  # nothing lies below
-        reach[0] = edge(kept[0], kept[0].left)
-        branches.append(Branch(T < reach[0], kept[0].left))
-    for lower, upper in pairwise(kept):
-        a, b = lower.right, upper.left
-        top, bottom = edge(lower, a), edge(upper, b)
-        jump = number(bottom - top, values)
-        flat = jump is not None and abs(jump) <= FLAT * steepest * max(number(b - a, values) or 0.0, 1.0)
-        between = a if a == b else sp.Max(a, sp.Min(b, last))
-        if a == b and (flat or sp.expand(bottom - top) == 0):
-            branches.append(solved(T < top, lower))
-        elif flat:
-            band = DEAD_BAND * (b - a)
-            branches += [solved(T - top < -band, lower), Branch(T - bottom <= band, between)]
-            notes.append(f"where it is flat {text(made['unknown'])} stays as near as it can to its last value")
-        else:
-            nearer = sp.true
-            if jump is None or jump < 0:  # both sides reach some targets
-                down, up = (piece.solve(target, w, flip) for piece in (lower, upper))
-                nearer = sp.Or(T < bottom, sp.Abs(down - last) <= sp.Abs(up - last))
-                notes.append(f"two solutions while {text(bottom)} <= {text(T)} <= {text(top)}: the nearer one is taken")
-            branches.append(solved(sp.And(T <= top, nearer), lower))
-            if jump is None or jump > 0:  # neither side does
-                branches.append(Branch(T < bottom, between))
-                notes.append(f"no solution while {text(top)} < {text(T)} < {text(bottom)}: it stays at the jump")
-    if kept[-1].right is None:
-        branches.append(solved(sp.true, kept[-1]))
-    else:
-        reach[1] = edge(kept[-1], kept[-1].right)
-        branches += [solved(T <= reach[1], kept[-1]), Branch(sp.true, kept[-1].right)]
+    chain = _Chain(w, target, values, made, flip, steepest)
+    branches, notes, reach = chain.solved(kept)
     needs = dict.fromkeys(sp.Gt(flip * s, 0) for p in kept if p.size is None for s in p.slopes(w))
     return Solution(
         how="branches", branches=tuple(branches), reach=tuple(flip * e for e in reach[::flip]), needs=tuple(needs),
         notes=tuple(dict.fromkeys(notes)), **made,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """Increasing pieces from left to right, or decreasing ones seen from below: `flip` is -1 then."""
+
+    w: Any
+    target: Any
+    values: Mapping[Any, Any]
+    made: Mapping[str, Any]
+    flip: int
+    steepest: float
+
+    @property
+    def T(self) -> Any:
+        """The target, from the side from which the map increases."""
+        return self.flip * self.target
+
+    def edge(self, piece: _Piece, at: Any) -> Any:
+        return sp.expand(self.flip * piece.expr.xreplace({self.w: at}))
+
+    def branch(self, condition: Any, piece: _Piece) -> Branch:
+        solution = piece.solve(self.target, self.w, self.flip)
+        return Branch(condition, solution, piece.expr.xreplace({self.w: self.made["unknown"]}))
+
+    def solved(self, kept: Sequence[_Piece]) -> tuple[list[Branch], list[str], list[Any]]:
+        """Return the branches in order, what is chosen where there is a choice, and what is reached."""
+        branches: list[Branch] = []
+        notes: list[str] = []
+        reach = [-sp.oo, sp.oo]
+        if kept[0].left is not None:  # nothing lies below
+            reach[0] = self.edge(kept[0], kept[0].left)
+            branches.append(Branch(self.T < reach[0], kept[0].left))
+        for lower, upper in pairwise(kept):
+            more, said = self.joint(lower, upper)
+            branches, notes = [*branches, *more], [*notes, *said]
+        if kept[-1].right is None:
+            branches.append(self.branch(sp.true, kept[-1]))
+        else:
+            reach[1] = self.edge(kept[-1], kept[-1].right)
+            branches += [self.branch(self.T <= reach[1], kept[-1]), Branch(sp.true, kept[-1].right)]
+        return branches, notes, reach
+
+    def joint(self, lower: _Piece, upper: _Piece) -> tuple[list[Branch], list[str]]:
+        """Return the branches up to the second of two neighbours: they meet, or a flat piece or a jump is between."""
+        T, last, a, b = self.T, self.made["last"], lower.right, upper.left
+        top, bottom = self.edge(lower, a), self.edge(upper, b)
+        jump = number(bottom - top, self.values)
+        flat = jump is not None and abs(jump) <= FLAT * self.steepest * max(number(b - a, self.values) or 0.0, 1.0)
+        between = a if a == b else within(last, a, b)
+        if a == b and (flat or sp.expand(bottom - top) == 0):
+            return [self.branch(T < top, lower)], []
+        if flat:
+            band = DEAD_BAND * (b - a)
+            said = f"where it is flat {text(self.made['unknown'])} stays as near as it can to its last value"
+            return [self.branch(T - top < -band, lower), Branch(T - bottom <= band, between)], [said]
+        nearer, after, notes = sp.true, [], []
+        if jump is None or jump < 0:  # both sides reach some targets
+            down, up = (piece.solve(self.target, self.w, self.flip) for piece in (lower, upper))
+            nearer = sp.Or(T < bottom, sp.Abs(down - last) <= sp.Abs(up - last))
+            notes.append(f"two solutions while {text(bottom)} <= {text(T)} <= {text(top)}: the nearer one is taken")
+        if jump is None or jump > 0:  # neither side does
+            after.append(Branch(T < bottom, between))
+            notes.append(f"no solution while {text(top)} < {text(T)} < {text(bottom)}: it stays at the jump")
+        return [self.branch(sp.And(T <= top, nearer), lower), *after], notes
 
 
 def _pieces(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) -> list[_Piece]:
@@ -296,7 +322,7 @@ def _nodes(
     branches = (
         Branch(T < bottom, outside[0]),
         Branch(T > top, outside[1]),
-        Branch(sp.Or(above <= below, upper <= lower), sp.Max(above, sp.Min(below, made["last"]))),
+        Branch(sp.Or(above <= below, upper <= lower), within(made["last"], above, below)),
         Branch(sp.true, below + (above - below) * (T - lower) / (upper - lower)),
     )
     try:

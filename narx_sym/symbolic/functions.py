@@ -147,6 +147,16 @@ CLASSES: dict[Any, Elementary] = {row.cls: row for row in TABLE}
 KINKED: tuple[Any, ...] = tuple(row.cls for row in TABLE if row.sides or row.extreme)
 
 
+def within(x: Any, low: Any, high: Any) -> Any:
+    """Return x held between two limits."""
+    return sp.Max(low, sp.Min(high, x))
+
+
+def follows(asked: Any, last: Any, rate: Any) -> Any:
+    """Return what is asked for, no further than `rate` from the last value: a limit of the rate."""
+    return within(asked, last - rate, last + rate)
+
+
 def row_of(node: Any) -> Elementary | None:
     """Return the row of a node; None for anything that is no elementary function."""
     return SQRT if node.is_Pow and node.exp == sp.S.Half else CLASSES.get(type(node))

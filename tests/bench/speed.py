@@ -13,6 +13,7 @@ import sys
 
 if "--all-threads" not in sys.argv:  # before NumPy loads its BLAS
     os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
+os.environ["NARX_SYM_CACHE"] = "off"  # what is compiled is compiled anew, unless a row says otherwise
 
 import argparse
 import ctypes
@@ -302,6 +303,37 @@ def build(report: Report, quick: bool) -> None:
         ms = 1e3 * float(np.median(times[kind]))
         report.add(f"build of a new model, {text}", shown(ms, "ms"), "", "", "<= 60 ms", ms <= 60)
     report.notes.append(f"Build: slowest of 30 {1e3 * max(map(max, times.values())):.0f} ms.")
+    _kept_code(report, quick)
+
+
+FRESH = """
+from time import perf_counter
+from paper_tables import direct
+from narx_sym.engines.compile import compile
+from narx_sym.symbolic.sensitivity import sensitivities
+start = perf_counter()
+for recursion in (direct().recursion, sensitivities(direct().recursion, initial=True)[0]):
+    compile(recursion)
+print(perf_counter() - start)
+"""
+
+
+def _kept_code(report: Report, quick: bool) -> None:
+    """Compile a model and its derivatives in new processes, with and without code from an earlier one."""
+    with tempfile.TemporaryDirectory() as folder:
+
+        def seconds(where: str) -> float:
+            path = os.pathsep.join((str(ROOT), str(ROOT / "tests" / "bench")))
+            environment = {**os.environ, "PYTHONPATH": path, "NARX_SYM_CACHE": where}
+            command = [sys.executable, "-c", FRESH]
+            return float(subprocess.run(command, check=True, capture_output=True, env=environment).stdout)
+
+        seconds(folder)
+        pairs = np.array([(seconds(folder), seconds("off")) for _ in range(3 if quick else 9)])
+    report.add(
+        "build of a model and its derivatives in a new process, code kept", shown(1e3 * np.median(pairs[:, 0]), "ms"),
+        f"not kept: {shown(1e3 * np.median(pairs[:, 1]), 'ms')}", f"{np.median(pairs[:, 0] / pairs[:, 1]):.2f}",
+    )  # fmt: skip
 
 
 # -- 3. gradient -----------------------------------------------------------------------------------------------

@@ -23,14 +23,12 @@ TYPES_ONLY = {  # circles that only names for type checkers close: nothing is lo
 }
 CROWDED: set[str] = set()
 LONG_MODULES = {
-    "data/tables.py",
     "diagnosis/procedure.py",
     "fit/simulate.py",
 }
 LONG_FUNCTIONS = {
     "diagnosis/procedure.py: step",
     "files/store.py: from_dict",
-    "inversion/kinks.py: solve_kinked",
 }
 
 

@@ -8,13 +8,20 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import sympy as sp
 from scipy.signal import butter, sosfilt
 
 from ...data.record import Record
+from ...engines.compile import compile
+from ...symbolic.functions import follows
+from ...symbolic.recursion import Recursion
+from ...symbolic.signals import k, m, r
 from .proposal import with_unit
 
 Array = np.ndarray
 SHORTEST = 12  # samples per period
+RATE = sp.Symbol("rate", positive=True)
+LIMITER = Recursion(((m[k], follows(r[k], m[k - 1], RATE)),), (RATE,))
 SMALLEST = 0.1  # share of half the range; a signal that the rate limit makes smaller is left out
 
 
@@ -58,10 +65,8 @@ class Limits:
     def confine(self, x: Array) -> Array:
         """Turn x, (N,) in halves of the range, into an input within the limits that starts and ends at the centre."""
         rate = self.rate / self.half
-        last, limited = 0.0, []
-        for value in np.clip(x, -1.0, 1.0).tolist():
-            last = min(max(value, last - rate), last + rate)
-            limited.append(last)
+        asked = np.concatenate([[0.0], np.clip(x, -1.0, 1.0)])  # it starts from rest at the centre
+        limited = compile(LIMITER)({r: asked}, [rate], {m: 0.0})["m"][1:]
         index = np.arange(x.size)
         cone = rate * np.minimum(index, index[::-1])
         return np.clip(self.centre + self.half * np.clip(limited, -cone, cone), self.low, self.high)

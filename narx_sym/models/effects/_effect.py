@@ -11,6 +11,7 @@ from typing import Any
 import sympy as sp
 
 from ...errors import ModelError
+from ...symbolic.functions import within
 from ...symbolic.printing import text
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
@@ -259,7 +260,7 @@ def effect(
 
 def clip(x: Any, r: Any) -> Any:
     """Limit x to [-r, r]."""
-    return sp.Max(-r, sp.Min(r, x))
+    return within(x, -r, r)
 
 
 def step(x: Any) -> Any:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...data.metrics import rmse
 from ...data.record import Record
 from ...fit.simulate import arrays, free_run
 from ...models.model import Model
@@ -38,7 +39,7 @@ def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[
     axes[0].plot(time[keep], measured[keep], color=BLACK, lw=1.6, label="measured")
     axes[0].plot(time[keep], simulated[keep], color=ORANGE, lw=1.2, ls="--", label="free run")
     axes[0].set_ylabel(name)
-    share = float(np.sqrt(np.mean((measured - simulated) ** 2)) / (np.std(measured) or 1.0))
+    share = rmse(measured, simulated) / float(np.std(measured) or 1.0)
     axes[0].set_title(f"{record.name}: free-run NRMSE {share:.3g}", loc="left", fontsize=10)
     axes[1].plot(time[keep], (measured - simulated)[keep], color=BLUE, lw=0.8)
     axes[1].axhline(0, color=BLACK, lw=0.5)

@@ -1,0 +1,257 @@
+"""Files to raw columns: CSV in its dialects, .npz, .mat, .parquet; never pickled objects."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import re
+import zipfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DataError
+from .tables import PathLike, Table
+
+LONGEST_HEADER = 1_000_000  # characters
+MATLAB_NUMBERS = {"double", "single", "logical", *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64))}
+LARGEST_ARCHIVE = 8_000_000_000  # bytes of all arrays of a .npz or .mat file, unpacked
+
+
+def load(path: PathLike) -> Table:
+    """All columns of a file, by its suffix."""
+    name, suffix = os.fspath(path), Path(path).suffix.lower()
+    readers = {
+        ".npz": _load_npz,
+        ".mat": _load_mat,
+        ".parquet": _load_parquet,
+        **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), _load_text),
+    }
+    if Path(path).is_dir():
+        raise DataError(f"{name}: is a folder; give a data file")
+    if not Path(path).exists():
+        raise DataError(f"{name}: no such file; check the name and the folder")
+    if suffix not in readers:
+        raise DataError(f"{name}: unknown kind of file '{suffix}'; use one of {' '.join(sorted(readers))}")
+    try:
+        if Path(path).stat().st_size == 0:
+            raise DataError(f"{name}: the file is empty; write a header such as t,u,y and the data below it")
+        return readers[suffix](name)
+    except OSError as error:
+        raise DataError(
+            f"{name}: cannot be read ({error.strerror or error}); check the file and its permissions"
+        ) from None
+
+
+def _load_text(name: str) -> Table:
+    """Text with a header line; separator, decimal sign and encoding are found out."""
+    import pandas as pd
+
+    raw, notes = _decode(Path(name).read_bytes(), name)
+    raw = re.sub(rb"(?m)^[ \t\f\v]+$", b"", raw)  # lines of blanks are empty
+    first, top, start = _header(name, raw, notes)
+    ends = np.flatnonzero(np.frombuffer(raw, dtype=np.uint8)[start:] == ord("\n")) + start
+    edges = np.concatenate(([start], ends + 1))
+    full = np.flatnonzero(np.diff(np.append(edges, len(raw) + 1)) > 1)  # the lines that are not empty
+    sep = _separator([top, raw[edges[full[0]] :].split(b"\n", 1)[0].decode()] if full.size else [top])
+    names = top.split() if sep == " " else next(csv.reader([top], delimiter=sep))
+    header = [h.strip() for h in names]
+    if all(re.fullmatch(r"[+-]?\d*[.,]?\d+([eE][+-]?\d+)?", h) for h in header):
+        raise DataError(
+            f"{name}: line {first} has numbers where the column names should be; add a header such as t,u,y"
+        )
+    body = raw[start:]
+    del raw  # a record of ten million samples is large
+    decimal = "," if sep != "," and re.search(rb"(?:^|[;\t ])[ \"]*[+-]?\d*,\d", body, re.M) else "."
+    numbers = first + 1 + full
+    width = _width(name, body, edges - start, full, numbers, sep, len(header))
+    frame = pd.DataFrame()
+    if full.size:
+        try:
+            frame = pd.read_csv(
+                io.BytesIO(body),
+                sep=r"\s+" if sep == " " else sep,
+                decimal=decimal,
+                header=None,
+                names=range(width),
+                index_col=False,
+                skipinitialspace=True,
+                low_memory=False,
+            )
+        except (pd.errors.ParserError, ValueError) as error:
+            raise DataError(f"{name}: cannot be read as a table ({error}); check the quotes") from None
+        if len(frame) != full.size:
+            raise DataError(f"{name}: {full.size} lines of data give {len(frame)} rows; check the quotes")
+    columns = {}
+    for i, h in reversed(list(enumerate(header))):
+        column = frame[i] if full.size else pd.Series([], dtype=float)
+        numeric = pd.api.types.is_numeric_dtype(column.dtype)
+        columns[h] = column.to_numpy(dtype=None if numeric else object)
+    repeated = frozenset(h for h, count in Counter(header).items() if count > 1)
+    return Table(name, {h: columns[h] for h in header}, numbers, first, notes, repeated, decimal)
+
+
+def _decode(raw: bytes, name: str) -> tuple[bytes, list[str]]:
+    """UTF-8 with plain line ends, and a note where the file was something else."""
+    notes = []
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raw, notes = raw.decode("utf-16", errors="replace").encode(), ["the file is UTF-16 text, not UTF-8"]
+    if re.search(rb"[\x00-\x08\x0e-\x1f]", raw):
+        raise DataError(f"{name}: holds binary data, not text; export it as CSV")
+    if not raw.isascii():
+        try:
+            raw = raw.removeprefix(b"\xef\xbb\xbf")
+            raw.decode("utf-8")
+        except UnicodeDecodeError:
+            if len(re.sub(rb"[\x80-\xff]+", b"", raw)) < 0.7 * len(raw):
+                raise DataError(f"{name}: holds binary data, not text; export it as CSV") from None
+            raw = raw.decode("latin-1").encode()
+            notes.append("the file is not UTF-8; read as Latin-1, so check names with special letters")
+    return raw.replace(b"\r\n", b"\n").replace(b"\r", b"\n"), notes
+
+
+def _header(name: str, raw: bytes, notes: list[str]) -> tuple[int, str, int]:
+    """Return number and text of the line with the names, and where the data start; comments above it are noted."""
+    number, start, comment, comments = 0, 0, "", 0
+    while start < len(raw):
+        end = raw.find(b"\n", start)
+        end = len(raw) if end < 0 else end
+        line, number = raw[start : min(end, start + LONGEST_HEADER + 1)].decode("utf-8", "replace"), number + 1
+        if len(line) > LONGEST_HEADER:
+            raise DataError(
+                f"{name}: line {number} has more than {LONGEST_HEADER} characters; this is no header of names"
+            )
+        if line.strip() and line.lstrip()[0] not in "#%":
+            break
+        if line.strip():
+            comment, comments = line, comments + 1
+        start = end + 1
+    else:
+        raise DataError(f"{name}: the file is empty; write a header such as t,u,y and the data below it")
+    if comments and re.fullmatch(r"[-+0-9.eE,; \t]+", line):  # names behind the mark, as numpy.savetxt writes them
+        return number - 1, comment.lstrip(" #%"), start
+    if comments:
+        notes.append(f"{comments} line(s) of comments above the header are skipped")
+    return number, line, end + 1
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """Semicolon, tab, comma or blanks; a comma counts last because it may be the decimal sign."""
+    header = re.sub(r'"[^"]*"', "", lines[0])
+    for sep in (";", "\t", ","):
+        if sep in header:
+            return sep
+    # Blanks separate only where the data has them too: a single column may be named "my signal".
+    return " " if len(header.split()) > 1 and len(lines) > 1 and len(lines[1].split()) > 1 else ","
+
+
+def _width(
+    name: str, body: bytes, edges: NDArray[Any], full: NDArray[Any], numbers: NDArray[Any], sep: str, width: int
+) -> int:
+    """Widest line in fields; refuse a line with more values than the header has names."""
+    if not full.size:
+        return width
+    read = np.frombuffer(body, dtype=np.uint8)
+    if sep == " ":
+        blank = (read == ord(" ")) | (read == ord("\t")) | (read == ord("\n"))
+        marks = ~blank & np.concatenate(([True], blank[:-1]))
+    else:
+        marks = read == ord(sep)
+    counts = np.diff(np.searchsorted(np.flatnonzero(marks), np.append(edges, read.size)))[full] + (sep != " ")
+    for i in np.flatnonzero(counts > width):
+        line = body[edges[full[i]] :].split(b"\n", 1)[0].decode()
+        if '"' in line:
+            continue  # a quoted field may hold the separator
+        fields = len(line.split()) if sep == " " else line.rstrip(sep + " ").count(sep) + 1
+        if fields > width:
+            raise DataError(
+                f"{name}: line {numbers[i]} has {fields} values but the header has {width} names; "
+                "correct the line (a decimal comma needs semicolons between the columns)"
+            )
+    return width if sep == " " else max(width, int(counts.max()))
+
+
+def _load_npz(name: str) -> Table:
+    """Vectors of a NumPy archive; pickled objects are refused."""
+    try:
+        _check_archive(name)
+        with np.load(name, allow_pickle=False) as archive:
+            return _from_variables(name, {n: archive[n] for n in archive.files})
+    except DataError:
+        raise
+    except Exception as error:  # a damaged archive raises many kinds
+        raise DataError(f"{name}: cannot be read as .npz ({error}); save plain arrays with numpy.savez") from None
+
+
+def _check_archive(name: str) -> None:
+    """Refuse what is no archive, and one that would fill the memory when it is unpacked."""
+    with zipfile.ZipFile(name) as archive:
+        size = sum(one.file_size for one in archive.infolist())
+    if size > LARGEST_ARCHIVE:
+        raise DataError(
+            f"{name}: holds {size / 1e9:.3g} GB when unpacked, at most {LARGEST_ARCHIVE / 1e9:g} GB are read"
+        )
+
+
+def _load_mat(name: str) -> Table:
+    """Vectors of a MATLAB file up to version 7."""
+    from scipy.io import loadmat, whosmat
+
+    try:
+        found = whosmat(name)
+        plain = [n for n, _, kind in found if kind in MATLAB_NUMBERS]
+        size = 8 * sum(math.prod(shape) for n, shape, _ in found if n in plain)
+        if size > LARGEST_ARCHIVE:
+            raise DataError(f"{name}: holds {size / 1e9:.3g} GB, at most {LARGEST_ARCHIVE / 1e9:g} GB are read")
+        variables = loadmat(name, variable_names=plain)
+        variables |= {
+            n: np.empty(shape, dtype=[]) for n, shape, _ in found if n not in plain and math.prod(shape) < 1e6
+        }
+    except DataError:
+        raise
+    except NotImplementedError:
+        raise DataError(f"{name}: is a MATLAB v7.3 file, which cannot be read; save it with save(..., '-v7')") from None
+    except Exception as error:  # a damaged file raises many kinds
+        raise DataError(f"{name}: cannot be read as .mat ({error}); save it with save(..., '-v7')") from None
+    return _from_variables(name, {n: a for n, a in variables.items() if not n.startswith("__")})
+
+
+def _from_variables(name: str, variables: Mapping[str, Any]) -> Table:
+    """Take the vectors among named arrays; others are left out with a note."""
+    arrays = {n: np.asarray(a) for n, a in variables.items()}
+    vectors = {
+        n: a.ravel() for n, a in arrays.items() if a.size > 1 and a.size == max(a.shape) and a.dtype.kind in "fiub"
+    }
+    others = [f"{n} {a.shape}" for n, a in arrays.items() if n not in vectors]
+    notes = ["not a vector of real numbers, left out: " + ", ".join(others)] if others else []
+    if not vectors:
+        raise DataError(f"{name}: holds no vector of real numbers; " + "; ".join(notes or ["it is empty"]))
+    return Table(name, vectors, notes=notes)
+
+
+def _load_parquet(name: str) -> Table:
+    """Columns of a Parquet file, where its reader is installed."""
+    import pandas as pd
+
+    try:
+        frame = pd.read_parquet(name)
+    except ImportError:
+        raise DataError(
+            f"{name}: reading .parquet needs pyarrow; install it (pip install pyarrow) or use CSV"
+        ) from None
+    except Exception as error:  # each reader has its own errors
+        raise DataError(f"{name}: cannot be read as .parquet ({error})") from None
+    numeric = {c: pd.api.types.is_numeric_dtype(frame[c].dtype) for c in frame.columns}
+    return Table(
+        name,
+        {
+            str(c): frame[c].to_numpy(dtype=float, na_value=np.nan) if numeric[c] else frame[c].to_numpy(dtype=object)
+            for c in frame.columns
+        },
+    )
