@@ -2,11 +2,14 @@
 
 import os
 import sys
+from functools import cache
 
 import pytest
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # the cores are taken: threads of linear algebra would wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from places import ROOT
 
 import narx_sym as ns
 from narx_sym.cli import main as cli
@@ -15,14 +18,23 @@ from narx_sym.data.examples import PLAY, STAGE_UNITS, stage
 STAGE_EFFECTS = ("backlash", "hysteresis", "dead_zone", "coulomb_friction", "creep", "inertia", "drift")
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """Keep tests that share a fixture of their module or of the session in one process: it is made once."""
-    for item in items:
-        found = [made[-1] for made in item._fixtureinfo.name2fixturedefs.values()]
-        shared = [(f.scope != "session", f.baseid, f.argname) for f in found if f.baseid and f.scope != "function"]
-        if shared:
-            item.add_marker(pytest.mark.xdist_group("-".join(min(shared)[1:])))
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Keep the tests of a file that shares a fixture in one process, where it is made once; spread all others singly."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Sharing(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            file = nodeid.partition("::")[0]
+            return file if _shares(file) else nodeid
+
+    return Sharing(config, log)
+
+
+@cache
+def _shares(file):
+    text = (ROOT / file).read_text(encoding="utf-8")
+    return 'scope="module"' in text or "stage_" in text
 
 
 @pytest.fixture
