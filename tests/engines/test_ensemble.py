@@ -192,6 +192,7 @@ def validation_error(seed):
     return float(ns.evaluate(model, record).free_run_nrmse)
 
 
+@pytest.mark.long
 def test_a_sweep_on_a_cluster_equals_the_serial_one():
     distributed = pytest.importorskip("distributed")
     calls = [(seed,) for seed in range(4)]
