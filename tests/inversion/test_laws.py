@@ -151,11 +151,10 @@ def test_a_gain_that_depends_on_the_position(c):
     """The product with the base's own newest input: the law divides by the gain where the output is."""
     base = BASES["first order"]
     (found,) = (o for o in variants(base) if o.id == "bilinear_gain" and o.lag == base.delay)
-    added = extend(base, found)
-    added.model.theta = [*base.theta, c]
-    law, target = added.model.compensator(), reference(added.model)
+    model = extend(base, found).model.replace(theta=[*base.theta, c])
+    law = model.compensator()
     assert law.residual() == 0 and law.closed_form
-    assert followed(added.model, law, target) < 1e-9
+    assert followed(model, law, reference(model)) < 1e-9
 
 
 @pytest.mark.parametrize("effect", sorted(EFFECTS), ids=lambda e: "-".join(filter(None, e)).replace(" ", "_"))
