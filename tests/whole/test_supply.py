@@ -1,4 +1,4 @@
-"""What the package stands on: every dependency has a tested floor, no cap, and a licence that the README states."""
+"""What the package stands on: every dependency has a tested floor, no cap, and a licence that the book states."""
 
 import re
 import tomllib
@@ -10,8 +10,8 @@ from places import ROOT
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 DIRECT = [re.match(r"[\w.-]+", text)[0] for text in PROJECT["dependencies"]]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-TABLE = dict(re.findall(r"^\| `([\w-]+)` \| [^|]+ \| ([^|]+) \|", README.partition("### Supply chain")[2], re.M))
+PAGE = (ROOT / "derivations" / "results" / "supply.md").read_text(encoding="utf-8")
+TABLE = dict(re.findall(r"^\| `([\w-]+)` \| [^|]+ \| ([^|]+) \|", PAGE, re.M))
 WORDS = {  # of a licence's texts in the metadata of a distribution
     "BSD-2-Clause": "BSD", "BSD-3-Clause": "BSD|NumPy Developers|Enthought", "MIT": "MIT", "LGPL-3.0-or-later": "LGPL|Lesser",
     "PSF-based": "matplotlib|Python Software Foundation",
@@ -29,7 +29,7 @@ def said(name):
     return " ".join(f for f in fields if "Programming Language" not in f)
 
 
-def test_the_readme_lists_every_dependency_and_no_other():
+def test_the_book_lists_every_dependency_and_no_other():
     assert sorted(TABLE) == sorted(DIRECT)
     assert set(map(str.strip, TABLE.values())) <= set(WORDS)
 
@@ -43,8 +43,8 @@ def test_the_licence_is_the_one_of_the_distribution(name):
     assert re.search(WORDS[TABLE[name].strip()], found), found
 
 
-def test_the_floors_in_the_readme_are_those_of_the_project():
-    found = dict(re.findall(r"^\| `([\w-]+)` \| ([0-9.]+) \|", README.partition("### Supply chain")[2], re.M))
+def test_the_floors_in_the_book_are_those_of_the_project():
+    found = dict(re.findall(r"^\| `([\w-]+)` \| ([0-9.]+) \|", PAGE, re.M))
     allowed = floors()
     assert found == {name: allowed[name] for name in DIRECT}
 

@@ -4,8 +4,6 @@
 # Example 2 delays those terms (Eq. 190919c). Wanted: $A(q)$, $B(q)$, $f$ and the law $m_k$ (Eqs. 200919b-g).
 
 # %%
-from pathlib import Path
-
 import numpy as np
 import sympy as sp
 
@@ -13,7 +11,6 @@ import narx_sym as ns
 from narx_sym import plots
 from narx_sym.inversion.compensator import q
 
-FIGURE = Path(__file__).parent / "figures" / "E2.png"
 k, m, r, u, y = ns.k, ns.m, ns.r, ns.u, ns.y
 
 example_1 = ns.NARX.from_terms(["y[k-1]", "phi2[k-1]", "phi1[k-1]*u[k-1]", "phi2[k-1]*phi1[k-1]*y[k-1]", "phi1[k-1]"])
@@ -65,8 +62,7 @@ loop.plot(reference[last], volts[last], color=plots.BLUE, label="m against r: th
 loop.plot(reference[last], output[last], color=plots.ORANGE, ls="--", label="y against r: a line")
 loop.set(title="one period, from turning point to turning point", xlabel="r [um]", ylabel="m [V], y [um]")
 loop.legend(loc="upper left", fontsize=8)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 a, b, c, d, e = model.symbols

@@ -3,8 +3,6 @@
 # Parameters of Table 1, input 70 sin(2πt) V (the caption prints 70 sin(2πk)), 1 ms.
 
 # %%
-from pathlib import Path
-
 import numpy as np
 import sympy as sp
 
@@ -12,7 +10,6 @@ import narx_sym as ns
 from narx_sym import plots
 from narx_sym.models.analysis import phi1_, u_
 
-FIGURE = Path(__file__).parent / "figures" / "P5.png"
 model = ns.NARX.from_terms(
     [
         "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]",
@@ -61,8 +58,7 @@ plots.plot_quasi_static(model, volts, y0=0.0, ax=axes[0], units={"u": "V", "y": 
 plots.plot_quasi_static(inverse, microns, y0=0.0, ax=axes[1], units={"u": "V", "y": "um"})
 axes[0].set_title("model: " + axes[0].get_title())
 axes[1].set_title("inverse model: " + axes[1].get_title())
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 a, b, c, d, e, f = model.symbols

@@ -3,8 +3,6 @@
 # Section 6 prints both models with numbers, 10 ms. Wanted: both laws, symbol by symbol.
 
 # %%
-from pathlib import Path
-
 import numpy as np
 import sympy as sp
 
@@ -12,8 +10,6 @@ import narx_sym as ns
 from narx_sym import plots
 from narx_sym.inversion.stability import direction, mbar, rbar
 
-FIGURE = Path(__file__).parent / "figures" / "V1.png"
-REGIONS = FIGURE.with_stem("V1_regions")
 k, m, r = ns.k, ns.m, ns.r
 NUMBERS = [sp.Rational(x) for x in ("1", "-19.76", "19.32", "9.44", "-12.61")]
 INVERSE_NUMBERS = [sp.Rational(x) for x in ("1", "86.67", "-85.02", "-0.98", "1.72", "-1.13")]
@@ -57,7 +53,8 @@ factors = {}
 for name, s in (("rising", 1), ("falling", -1)):
     new = exact.xreplace({m[k - 1]: level, m[k - 2]: level - s * dm, r[k]: goal, r[k + 1]: goal})
     factors[name] = sp.simplify((new - level) / (s * dm))
-    print(f"{name}: {ns.latex(factors[name])} = {float(factors[name].subs({level: 3, goal: 3})):.3f} at m = r = 3")
+    number = float(factors[name].subs({level: 3, goal: 3}))
+    print(f"while m is {name} the factor at m = r = 3 is {number:.3f}:", ns.latex(factors[name]))
 
 # %% [markdown]
 # ## Both laws at work
@@ -94,9 +91,10 @@ right.set(xlabel="m [V], at r = 3 V", ylabel="factor on the last increment of m"
 left.legend(loc="upper left", fontsize=9)
 middle.legend(loc="upper left", fontsize=9)
 right.legend(loc="upper center", fontsize=9)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
-plots.plot_internal(law, volts[:-3], reference[:-3], units={"u": "V", "y": "V"}).savefig(REGIONS, dpi=150)
+figure
+
+# %%
+plots.plot_internal(law, volts[:-3], reference[:-3], units={"u": "V", "y": "V"})
 
 # %%
 sign = sp.sign

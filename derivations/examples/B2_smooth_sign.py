@@ -5,8 +5,6 @@
 # counted in reversals of m beyond those of r and in the roughness $\sum|\Delta^2 m|$.
 
 # %%
-from pathlib import Path
-
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -15,7 +13,6 @@ import narx_sym as ns
 from narx_sym import plants, plots
 from narx_sym.symbolic.smoothing import DEFAULT
 
-FIGURE = Path(__file__).parent / "figures" / "B2.png"
 TERMS = [
     "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]",
     "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
@@ -92,8 +89,7 @@ axes[0].set_yscale("log")
 axes[0].set_yticks([0.2, 0.5, 1, 2, 5], ["0.2", "0.5", "1", "2", "5"])
 axes[0].minorticks_off()
 axes[0].legend(loc="upper left", fontsize=8)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 for name, law in laws.items():

@@ -7,7 +7,6 @@
 
 # %%
 import warnings
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -17,7 +16,6 @@ import narx_sym as ns
 from narx_sym import plants, plots
 from narx_sym.files.parallel import sweep
 
-FIGURE = Path(__file__).parent / "figures" / "P11.png"
 TERMS = [
     "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]",
     "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
@@ -41,8 +39,8 @@ def identify(volts, microns, answer):
     record = ns.Record.from_arrays(volts, microns, Ts=1e-3)
     validation = ns.Record.from_arrays(reference, answer, Ts=1e-3)
     found = []
-    for one in (ns.NARX.from_terms(TERMS), ns.NARX.from_terms(INVERSE_TERMS, input="y", output="u", lead=2)):
-        one = one.fit(record, constraints=["continuum"])
+    for unfitted in (ns.NARX.from_terms(TERMS), ns.NARX.from_terms(INVERSE_TERMS, input="y", output="u", lead=2)):
+        one = unfitted.fit(record, constraints=["continuum"])
         law = one.compensator()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what it says is in the table
@@ -101,8 +99,7 @@ errors.set_ylim(0.1, 30)
 errors.minorticks_off()
 errors.legend(loc="center right", fontsize=8, bbox_to_anchor=(1.0, 0.58))
 shapes.legend(loc="upper left", fontsize=9)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 assert beta.size == 49 and np.allclose(np.diff(beta), 0.002)

@@ -8,7 +8,6 @@
 
 # %%
 import warnings
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -18,7 +17,6 @@ import narx_sym as ns
 from narx_sym import plants, plots
 from narx_sym.files.parallel import sweep
 
-FIGURE = Path(__file__).parent / "figures" / "P10.png"
 TERMS = [
     "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]",
     "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
@@ -38,8 +36,8 @@ def study(volts, microns, step):
     plain = plants.bouc_wen(r, Ts, substeps=step)
     validation = ns.Record.from_arrays(r, plain, Ts=Ts)
     found, growth = [], 0.0
-    for one in (ns.NARX.from_terms(TERMS), ns.NARX.from_terms(INVERSE_TERMS, input="y", output="u", lead=2)):
-        one = one.fit(record, constraints=["continuum"])
+    for unfitted in (ns.NARX.from_terms(TERMS), ns.NARX.from_terms(INVERSE_TERMS, input="y", output="u", lead=2)):
+        one = unfitted.fit(record, constraints=["continuum"])
         law = one.compensator()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what it says is in the last column of the table
@@ -74,8 +72,7 @@ for ax, first, title in zip(axes, (0, 2), ("(a) strategy 1", "(b) strategy 2"), 
     ax.plot(STEPS, 0.2 * np.array(STEPS), color=plots.BLACK, ls=":", lw=1, label="one sample late")
     ax.set(xlabel="sampling time [ms]", ylabel="MAPE [%]", title=title, ylim=(0, 9.4))
     ax.legend(loc="upper left", fontsize=9, title="mean; dots: each noise seed", title_fontsize=8)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 assert np.all(errors[:, :, [1, 3]] < errors[:, :, 4:5])  # compensated below uncompensated at each sampling time

@@ -5,8 +5,6 @@
 # validation and reference 0.56 sin(0.2πt) + 3 V. Wanted is the behaviour, not the digits.
 
 # %%
-from pathlib import Path
-
 import numpy as np
 import sympy as sp
 from rich.console import Console
@@ -16,8 +14,6 @@ import narx_sym as ns
 from narx_sym import plants, plots
 from narx_sym.errors import Diverged
 
-FIGURE = Path(__file__).parent / "figures" / "V2.png"
-REGIONS = FIGURE.with_stem("V2_regions")
 TERMS = ["y[k-1]", "phi1[k-2]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"]
 INVERSE_TERMS = [
     "u[k-1]", "phi1[k-1]", "phi1[k-2]", "phi1[k-1]*y[k-2]",
@@ -146,12 +142,13 @@ outputs.set(xlabel="time [s]", ylabel="y [V]", title="response of the valve", yl
 straight.set(xlabel="r [V]", ylabel="y [V]", title="response of the valve", ylim=(2.3, 4.4))
 for ax in axes.flat:
     ax.legend(loc="upper left", fontsize=8)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
+
+# %%
 plots.plot_internal(
     laws["strategy 1"], volts["strategy 1"][shown], reference[shown], units={"u": "V", "y": "V"},
     ranges={"m": (2.1, 3.9), "r": (2.4, 3.6)},
-).savefig(REGIONS, dpi=150)  # fmt: skip
+)  # fmt: skip
 
 # %%
 assert runs_away and max(candidates) > 1 and candidates[max(candidates)].theta[2] < 0  # the best fit's law

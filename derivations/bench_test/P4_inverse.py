@@ -5,8 +5,6 @@
 # printed equation.
 
 # %%
-from pathlib import Path
-
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -14,7 +12,6 @@ from rich.table import Table
 import narx_sym as ns
 from narx_sym import plants, plots
 
-FIGURE = Path(__file__).parent / "figures" / "P4.png"
 TERMS = [
     "u[k-1]", "phi1[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]", "phi2[k-1]*phi1[k-1]*y[k-1]",
     "phi2[k-1]*y[k-1]*u[k-1]", "phi2[k-1]*y[k-1]**2",
@@ -69,8 +66,7 @@ ax.set(
     ylabel="estimate / value of Table 1", title=r"inverse model $\breve{\mathcal{M}}$ ($\theta_1 = 1$ by constraint)"
 )
 ax.legend(loc="upper left", fontsize=9)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 assert model.theta[0] == 1.0

@@ -3,15 +3,12 @@
 # Strategy 1 inverts M by algebra; strategy 2 reads the law off the identified inverse.
 
 # %%
-from pathlib import Path
-
 import numpy as np
 import sympy as sp
 
 import narx_sym as ns
 from narx_sym import plots
 
-FIGURE = Path(__file__).parent / "figures" / "P8.png"
 k, m, r = ns.k, ns.m, ns.r
 model = ns.NARX.from_terms(
     [
@@ -67,8 +64,7 @@ left.set(xlabel="time [s]", ylabel="m [V]", ylim=(-55, 72))
 right.set(xlabel="r [um]", ylabel="m [V]", title="last period: the inverse loop")
 for ax in (left, right):
     ax.legend(loc="upper left", fontsize=9)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 a, b, c, d, e, f = model.symbols

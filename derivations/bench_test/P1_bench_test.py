@@ -6,14 +6,11 @@
 # low-pass filter of 1 Hz, 50 s long. The paper does not print its amplitude: 75 V at the peak is assumed.
 
 # %%
-from pathlib import Path
-
 import numpy as np
 
 import narx_sym as ns
 from narx_sym import plants, plots
 
-FIGURE = Path(__file__).parent / "figures" / "P1.png"
 Ts, N = 1e-3, 50_000
 t = Ts * np.arange(N)
 u = plants.filtered_noise(N, Ts, cutoff=1.0, peak=75.0, seed=0, order=5)
@@ -58,8 +55,7 @@ right.plot(u, y, color=plots.SKY, lw=0.6, label="identification")
 right.plot(sine[2000:3001], loop[2000:3001], color=plots.RED, lw=2, label="40 sin(2πt) V, third period")
 right.set(xlabel="u [V]", ylabel="y [um]", title="hysteresis")
 right.legend(loc="upper left", fontsize=8)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 assert u.shape == y.shape == (N,) and np.isclose(np.abs(u).max(), 75.0)

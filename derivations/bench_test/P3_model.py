@@ -3,8 +3,6 @@
 # Constrained least squares with $\Sigma_y = \theta_1 = 1$ on the data of P1.
 
 # %%
-from pathlib import Path
-
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -14,7 +12,6 @@ from narx_sym import plants, plots
 from narx_sym.engines.columns import Columns
 from narx_sym.models.analysis import constraint_matrix, continuum_conditions
 
-FIGURE = Path(__file__).parent / "figures" / "P3.png"
 TERMS = [
     "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]",
     "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
@@ -80,8 +77,7 @@ ax.set(
     ylabel="estimate / value of Table 1", ylim=(0.9, 1.4), title=r"model $\mathcal{M}$ ($\theta_1 = 1$ by constraint)"
 )
 ax.legend(loc="upper left", fontsize=9)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 assert model.theta[0] == 1.0 and S[0, 0] == 1 and sum(S) == 1

@@ -4,8 +4,6 @@
 # and Assumption A1. The target is $y_k - y_{k-1}$: on $y_k$ itself, $y_{k-1}$ takes all but 1e-5 of the energy.
 
 # %%
-from pathlib import Path
-
 import numpy as np
 
 import narx_sym as ns
@@ -13,7 +11,6 @@ from narx_sym import assumptions, plants, plots
 from narx_sym.fit import select as selection
 from narx_sym.symbolic.grammar import parse
 
-FIGURE = Path(__file__).parent / "figures" / "P2.png"
 k, u, y = ns.k, ns.u, ns.y
 
 
@@ -106,8 +103,7 @@ for ax, result, name in zip(axes, (found, inverse), ("direct model", "inverse mo
     ax.set(title=name, xlabel="term added")
     ax.legend(loc="upper right", fontsize=9)
 axes[0].set_ylabel("AIC / 1000")
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 assert len(pool) == 19

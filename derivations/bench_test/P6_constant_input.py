@@ -4,8 +4,6 @@
 # The model must stay on its point of the loop.
 
 # %%
-from pathlib import Path
-
 import numpy as np
 import sympy as sp
 
@@ -13,7 +11,6 @@ import narx_sym as ns
 from narx_sym import plants, plots
 from narx_sym.models.analysis import continuum_conditions, rest_map, ybar
 
-FIGURE = Path(__file__).parent / "figures" / "P6.png"
 TERMS = [
     "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]",
     "phi1[k-2]*u[k-2]**2", "phi1[k-2]*u[k-2]*y[k-1]",
@@ -70,8 +67,7 @@ axes[1].set(xlabel="time [s]", ylabel="y [um]", ylim=(-40, 62))
 axes[2].set(xlabel="u [V]", ylabel="y [um]")
 for ax in axes:
     ax.legend(loc="upper left", fontsize=8)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 assert sp.simplify(rest_map(model).xreplace({model.symbols[0]: sp.S.One}) - ybar) == 0

@@ -4,8 +4,6 @@
 # the model.
 
 # %%
-from pathlib import Path
-
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -14,7 +12,6 @@ import narx_sym as ns
 from narx_sym import plants, plots
 from narx_sym.fit import select as selection
 
-FIGURE = Path(__file__).parent / "figures" / "P9.png"
 PAPER = {"strategy 1": (0.322, 1.13), "strategy 2": (0.425, 1.14), "black box": (1.819, 1.15), "none": (6.536, 1.00)}
 TERMS = [
     "y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]",
@@ -119,8 +116,7 @@ errors.set(xlabel="time [s]", ylabel="r - y [um]", ylim=(-9, 20))
 loops.set(xlabel="r [um]", ylabel="y [um]")
 for ax in axes.flat:
     ax.legend(loc="upper left", fontsize=8)
-FIGURE.parent.mkdir(exist_ok=True)
-figure.savefig(FIGURE, dpi=150)
+figure
 
 # %%
 assert abs(none - 6.43) < 0.01

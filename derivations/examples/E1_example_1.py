@@ -4,8 +4,6 @@
 # $\phi_2 = \pm 1$ (Eq. 190919a) and the attracting condition (Eq. 190919b).
 
 # %%
-from pathlib import Path
-
 import numpy as np
 import sympy as sp
 
@@ -13,7 +11,6 @@ import narx_sym as ns
 from narx_sym import plants, plots
 from narx_sym.models.analysis import constraint_matrix, continuum_conditions, phi1_, u_
 
-FIGURE = Path(__file__).parent / "figures" / "E1.png"
 k = ns.k
 
 terms = ["y[k-1]", "phi2[k-1]", "phi1[k-1]*u[k-1]", "phi2[k-1]*phi1[k-1]*y[k-1]", "phi1[k-1]"]
@@ -56,10 +53,9 @@ print(f"theta_4 = {fitted.theta[3]:.3g}, one-step MAPE {pair.one_step_mape:.2g} 
 # ## The picture, with numbers that attract
 
 # %%
-model = model.replace(theta=[1.0, 0.02, 0.002, -0.01, 0.7])
+model = ns.NARX.from_terms(terms, [1.0, 0.02, 0.002, -0.01, 0.7])
 sine = 40 * np.sin(2 * np.pi * np.arange(1000) * 1e-3)
-FIGURE.parent.mkdir(exist_ok=True)
-plots.plot_quasi_static(model, sine, y0=0.0, units={"u": "V", "y": "um"}).savefig(FIGURE, dpi=150)
+plots.plot_quasi_static(model, sine, y0=0.0, units={"u": "V", "y": "um"})
 
 # %%
 theta = model.symbols

@@ -1,0 +1,119 @@
+# %% [markdown]
+# # A law on a PLC, and elsewhere
+# Models (with all that was added to them) and laws leave as source or as objects of other libraries:
+#
+# | call | it gives |
+# |---|---|
+# | `law.to_c()`, `model.to_c(single=True)` | one C99 file: state in a struct, `law_init`, `law_step`, no heap, a self-test behind `-DLAW_SELF_TEST` |
+# | `law.to_st()`, `model.to_st()` | an IEC 61131-3 `FUNCTION_BLOCK` in LREAL or REAL that starts from rest in its first scan |
+# | `model.to_casadi()`, `law.to_casadi()` | one step as a CasADi `Function` (state, inputs) -> (next, output) |
+# | `model.to_control()` | a `control.NonlinearIOSystem` with dt = Ts (`pip install "narx-sym[interop]"`) |
+# | `fit.interop.from_sysidentpy(frols)` | the other way: a fitted polynomial model of SysIdentPy, each theta at its term |
+#
+# ## A model whose law has cases
+# The physical actuator has its newest input inside |phi1|, and one dead zone was added. No code of yours is needed: the
+# model is inverted in stages, y <- x <- v <- u, each one equation in one unknown, and what effects remember is computed
+# along.
+
+# %%
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import sympy as sp
+
+import narx_sym as ns
+from narx_sym import k, phi1, plants, u, y
+
+a, b, c, d = sp.symbols("a b c d", real=True)
+h = d * u[k - 1] - y[k - 1]
+actuator = ns.Model(
+    y[k - 1] + a * phi1[k] + b * abs(phi1[k]) * h + c * phi1[k] * abs(h),
+    (a, b, c, d),
+    [0.7, 0.008, 0.008, 1.6],
+    Ts=1e-3,
+)
+volts = plants.filtered_noise(N=10_000, peak=75.0, seed=1)
+slack = np.sign(volts) * np.maximum(np.abs(volts) - 4.0, 0.0)  # the amplifier answers beyond 4 V only
+record = ns.Record.from_arrays(volts, plants.bouc_wen(slack), Ts=1e-3)
+model = actuator.add("dead_zone").fit(record)
+law = model.compensator()
+print(ns.latex(law))
+print(f"closed form: {law.closed_form}; looks {law.preview} samples ahead; checked: {law.checked}")
+
+# %% [markdown]
+# Kinks (dead zone, play, saturation, Bouc-Wen) are solved branch by branch, quadratics and tanh in closed form, the rest
+# by a root finder: `closed_form` is False then and there is no exported source. Where a full play or dead zone leaves a
+# choice the input stays as near as it can to its last value.
+#
+# ## Limits of the machine
+# `limits` is the actuator's range, `rate` its largest change per sample. A reference that cannot be reached is an error
+# that names the first sample, unless `clip=True` or limits ask to come as near as possible; then the share is said.
+
+# %%
+reference = 30 * np.sin(2 * np.pi * 1e-3 * np.arange(3000))
+run = law.follow(reference, limits=(-60, 60), rate=5)
+print(
+    f"held at a limit: {np.mean(run.held):.1%} of the samples, farthest from the reference {np.abs(run.error).max():.2g} um"
+)
+
+# %% [markdown]
+# On the command line: `narx-sym compensate model.json --reference wanted.csv --out input.csv --limits -60 60 --rate 5`.
+#
+# ## Structured Text
+
+# %%
+block = law.to_st(limits=(-60, 60), rate=5)
+print(block[block.index("FUNCTION_BLOCK") :][:900], "...")
+
+# %% [markdown]
+# ## C
+# With a compiler at hand the file tests itself; the figures it compares with were computed here.
+
+# %%
+source = law.to_c(limits=(-60, 60), rate=5)
+print(source[source.index("#include") :][:900], "...")
+passed = None
+if compiler := shutil.which("gcc") or shutil.which("cc"):
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "law.c").write_text(source)
+        subprocess.run(
+            [compiler, "-std=c99", "-O2", "-DLAW_SELF_TEST", "law.c", "-o", "law", "-lm"], cwd=folder, check=True
+        )
+        passed = subprocess.run([Path(folder, "law")]).returncode == 0
+print("self-test passed:", passed)
+
+# %% [markdown]
+# ## CasADi
+# `recursion.past` and `recursion.given` are the orders of the state and of the inputs.
+
+# %%
+step = model.to_casadi()
+print(model.recursion.past, model.recursion.given)
+state, output = step(model.rest_state(u=0.0, y=0.0), [1.0])
+print(output)
+
+# %% [markdown]
+# ## The law's own dynamics
+# A law remembers. Where its Jacobian, apart from the eigenvalue that is exactly 1 (every law of a Sigma_y = 1 model
+# integrates), is beyond 1, a disturbance of m grows from sample to sample. `compensate` says so for the identified
+# range; `law.run` warns when a reference leads there for so long that a disturbance doubles, with share, first time,
+# growth, and whether it shrinks again: a short visit is not a divergence. [](../examples/V1_valve.py) has the example.
+# A sign that makes m chatter can be smoothed before or after the fit: [](../examples/B2_smooth_sign.py).
+
+# %%
+polynomial = ns.identify(record, base="narx", for_compensation=True)
+inside = polynomial.compensator().internal  # Jacobian, fixed points, where it attracts
+print("repelling where", ns.latex(inside.region))
+soft = polynomial.compensator().smooth()  # sign(x) -> tanh(x/eps)
+print(*soft.lines(), sep="\n")
+
+# %%
+assert law.closed_form and "FUNCTION_BLOCK" in block and "law_step" in source
+assert passed in (True, None)
+assert run.m.min() >= -60 and run.m.max() <= 60 and np.abs(np.diff(run.m)).max() <= 5 + 1e-9
+tracked = plants.bouc_wen(np.sign(run.m) * np.maximum(np.abs(run.m) - 4.0, 0.0))[1000:]
+assert ns.mape(reference[1000:], tracked) < 1
+assert "tanh" in " ".join(soft.lines())
