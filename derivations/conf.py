@@ -45,9 +45,8 @@ default_role = "code"  # the docstrings write `name`
 def plain(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     """Take |x| and y* in a docstring as they are written: no substitution, no emphasis."""
     del app, what, name, thing, options
-    for i, line in enumerate(lines):
-        pieces = re.split("(``?[^`]+``?)", line)
-        lines[i] = "".join(p if p.startswith("`") else re.sub(r"[|*]", r"\\\g<0>", p) for p in pieces)
+    pieces = re.split("(``?[^`]+``?)", "\n".join(lines))
+    lines[:] = "".join(p if p.startswith("`") else re.sub(r"[|*]", r"\\\g<0>", p) for p in pieces).split("\n")
 
 
 def mathml(self: Any, node: Any) -> None:

@@ -33,6 +33,8 @@ def sweep(
 ) -> list[Any]:
     """Return [function(*call) for call in calls], in order.
 
+    Inside `with narx_sym.resuming(file):` each result is kept there, and results that are there are not computed again.
+
     Parameters
     ----------
     calls : iterable of argument tuples
@@ -40,8 +42,6 @@ def sweep(
         A description: with it, a progress bar is shown on stderr.
     jobs : int, optional
         As `n_jobs` of joblib: -1 for all cores. By default what `joblib.parallel_config` says, else one.
-
-    Inside `with narx_sym.resuming(file):` each result is kept there, and results that are there are not computed again.
     """
     from joblib import Parallel, delayed
 
