@@ -39,6 +39,7 @@ autodoc_default_options = {"members": True, "show-inheritance": True}
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 napoleon_google_docstring = False
+suppress_warnings = ["ref.python"]  # words of a type, such as "units", are no names that must be found
 default_role = "code"  # the docstrings write `name`
 
 
