@@ -21,7 +21,7 @@ from ..models.model import Model
 from ..models.rewrite import rewritten, written_terms
 from ..report.page import page
 from ..symbolic.signals import plain_name
-from ..tasks.base import check_kind, read_base
+from ..tasks.base import check_kind, read_base, what_to_know
 from ..tasks.compensate import Law
 from .choice import Choice, guessed, in_the_page, number, shortened
 from .downloads import written
@@ -137,7 +137,7 @@ class Workbench:
         record = self._read()
         prepare(record)
         self.preview = signals_svg(record, self.choice.units)
-        self.record, self.notes = record, record.notes
+        self.record, self.notes = record, tuple(what_to_know(record))
 
     def _read(self) -> Record:
         c = self.choice

@@ -45,12 +45,12 @@ def records(
 ) -> list[Record]:
     """Read the data files, and say what was changed in them and what to know about them."""
     from ..data.record import read
-    from ..data.sensor import sensor_faults
+    from ..tasks.base import what_to_know
 
     listed = []
     for file in files:
         record = read(file, u=u, y=y, t=t, Ts=Ts, rows=rows, channels=channels, missing=missing)
-        for text in (*record.notes, *record.remarks(), *(f.sentence for f in sensor_faults([record], 0.0))):
+        for text in what_to_know(record):
             note(f"{file.name}: {text}")
         listed.append(record)
     return listed

@@ -1,4 +1,4 @@
-"""The model to begin with: one from a file, or one that is identified."""
+"""What a diagnosis begins with: what to know about the data, and a base from a file or identified."""
 
 from __future__ import annotations
 
@@ -7,11 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..data.record import Record
+from ..data.sensor import sensor_faults
 from ..errors import ModelError, NarxError
 from ..files.store import load
 from ..fit.identify import BASES, identify, prepare
 from ..models.model import Model
 from ..symbolic.signals import u
+
+
+def what_to_know(record: Record) -> list[str]:
+    """Say what was changed in a record, and what to know about it before anything is concluded from it."""
+    return [*record.notes, *record.remarks(), *(fault.sentence for fault in sensor_faults([record], 0.0))]
 
 
 def read_base(path: str | Path, shown: str = "") -> Model:

@@ -13,7 +13,7 @@ from ..diagnosis.refit import Fitted, prune
 from ..errors import FitError
 from ..models.effects import EFFECTS
 from ..models.model import Model
-from .base import identify_base
+from .base import identify_base, other_pace
 from .finish import fit_on_all
 
 Progress = Callable[[str], Any]
@@ -56,7 +56,8 @@ class Revision:
 def begin(base: str | Model, records: Sequence[Record], progress: Progress) -> Revision:
     """Identify a base, unless it is a model already, and diagnose it."""
     if isinstance(base, Model):
-        return revised("model file", base, records, progress)
+        pace = other_pace(base, records[0].Ts, "The data have")
+        return revised("model file", base, records, progress, notes=[f"{pace}."] if pace else [])
     progress(f"identifying a {base} base from {sum(map(len, records))} samples")
     return revised(f"{base} base", identify_base(base, records), records, progress)
 
@@ -88,10 +89,17 @@ def with_term(model: Model, name: str, what: str, records: Sequence[Record], pro
     return revised(what, model.replace(theta=starts[-1]), records, progress)
 
 
-def revised(name: str, model: Model, records: Sequence[Record], progress: Progress, effect: str = "") -> Revision:
+def revised(
+    name: str,
+    model: Model,
+    records: Sequence[Record],
+    progress: Progress,
+    effect: str = "",
+    notes: Sequence[str] = (),
+) -> Revision:
     """Diagnose a model, and fit it on all samples."""
     found = diagnose(model, list(records), report=progress)
     progress("fitting on all samples")
     final = fit_on_all(found.steps[0].base.model, records)
-    notes = (f"{final.note[0].upper()}{final.note[1:]}.",) if final.note else ()
-    return Revision(name, found, final.model, effect, notes)
+    kept = [f"{final.note[0].upper()}{final.note[1:]}."] if final.note else []
+    return Revision(name, found, final.model, effect, (*notes, *kept))

@@ -1,0 +1,119 @@
+"""One function for each thing that people ask for: what command line, page and report share."""
+
+import numpy as np
+import pytest
+
+import narx_sym as ns
+from narx_sym.diagnosis.add import Addition
+from narx_sym.errors import FitError, ModelError
+from narx_sym.tasks import base, finish, revise
+from narx_sym.tasks.add import add
+from narx_sym.tasks.compare import compare, tracking, where_it_fails
+from narx_sym.tasks.compensate import ahead, follow, law_of
+
+N, TS = 600, 0.01
+RNG = np.random.default_rng(4)
+U = np.repeat(RNG.uniform(-2, 2, N // 12), 12) + 0.05 * RNG.standard_normal(N)
+
+
+def simulated(gain=0.0):
+    """A first-order lag with a cubic gain at its input."""
+    y = np.zeros(N)
+    for k in range(1, N):
+        y[k] = 0.8 * y[k - 1] + 0.4 * (U[k - 1] + gain * U[k - 1] ** 3)
+    return ns.Record.from_arrays(U, y, Ts=TS, name="lag")
+
+
+LINEAR = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=TS)
+INVERSE = ns.NARX.from_terms(["u[k-1]", "y[k]"], [0.5, 1.0], input="y", output="u", Ts=TS)
+
+
+def test_a_base_from_a_file_is_fitted_and_goes_from_u_to_y(tmp_path):
+    LINEAR.save(tmp_path / "good.json")
+    assert base.read_base(tmp_path / "good.json").theta.tolist() == [0.8, 0.4]
+    INVERSE.save(tmp_path / "inverse.json")
+    with pytest.raises(ModelError, match=r"mine: this is an inverse model"):
+        base.read_base(tmp_path / "inverse.json", "mine")
+    (tmp_path / "bad.json").write_text("{}")
+    with pytest.raises(ModelError, match=r"^mine") as error:
+        base.read_base(tmp_path / "bad.json", "mine")
+    assert str(tmp_path) not in str(error.value)
+    with pytest.raises(ModelError, match="linear"):
+        base.check_kind("cubic")
+
+
+def test_another_sampling_time_is_said():
+    assert base.other_pace(LINEAR, TS, "the data have") == base.other_pace(LINEAR, None, "the data have") == ""
+    assert base.other_pace(LINEAR, 0.02, "the data have").startswith("the data have Ts = 0.02 s")
+
+
+def test_what_to_know_about_a_record():
+    y = np.round(simulated().y, 0)
+    two = ns.Record.from_arrays(np.sign(U), y, Ts=TS)
+    assert any("two values" in said for said in base.what_to_know(two))
+
+
+def test_a_fit_on_all_that_fails_keeps_the_parameters(monkeypatch):
+    record = simulated()
+    good = finish.fit_on_all(LINEAR, [record])
+    assert not good.note and good.model is not LINEAR and good.model.info["nrmse"]["free_run"] < 1e-6
+
+    def fails(*_, **__):
+        raise FitError("no way")
+
+    monkeypatch.setattr(finish, "fit", fails)
+    kept = finish.fit_on_all(LINEAR, [record])
+    assert "no way" in kept.note and kept.model.theta.tolist() == [0.8, 0.4]
+    assert "free_run" in kept.model.info["nrmse"] and "nrmse" not in LINEAR.info
+
+
+def test_compare_says_the_errors_and_where_it_fails():
+    found = compare(LINEAR, [simulated(0.1)])
+    ((name, errors),) = found.errors
+    assert name == "lag" and errors.free_run_nrmse > 0.05 and found.misfit is not None
+    assert found.misfit.table()[0]["panel"] in ("u", "y") and not found.notes
+    none, why_not = where_it_fails(INVERSE, [simulated()])
+    assert none is None and "inverse" in why_not
+
+
+def test_tracking_is_against_the_reference():
+    y = simulated().y
+    log = ns.Record.from_arrays(U, y, Ts=TS, channels={"r": y + 0.1}, name="log")
+    found = tracking(log, "r")
+    assert found.mape == pytest.approx(ns.mape(y + 0.1, y)) and found.nsavi == pytest.approx(ns.nsavi(U, y + 0.1))
+
+
+def test_add_compares_before_and_after():
+    made = add(Addition(LINEAR, "cubic_gain", "input"), [simulated(0.1)])
+    names, errors = zip(*made.errors, strict=True)
+    assert names == ("before", "before, fitted to these data", "with cubic_gain")
+    before, refitted, after = (e.free_run_nrmse for e in errors)
+    assert after < 0.2 * refitted and refitted <= before
+
+
+def test_a_law_as_text_and_a_run_of_it():
+    law = law_of(LINEAR)
+    assert not law.why_not and "m[k] = " in law.lines[0] and {".c", ".st"} <= set(law.sources)
+    assert law.notes[0] == ahead(LINEAR.compensator()) == "It looks 1 sample ahead in the reference."
+    assert "no input" in law_of(ns.NARX.from_terms(["y[k-1]"], [0.5])).why_not
+    r = np.sin(np.arange(200) / 20)
+    run = follow(LINEAR.compensator(), r)
+    assert run.start == pytest.approx(LINEAR.compensator().rest_input(r[0])) and run.effort == ns.nsavi(run.m, r)
+    assert follow(LINEAR.compensator(), np.ones(50)).effort is None
+    driven = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "w[k-1]"], [0.8, 0.4, 0.1], channels=["w"])
+    with pytest.raises(ModelError, match="channel 'w'"):
+        follow(driven.compensator(), r)
+
+
+def test_a_revision_knows_what_was_done(monkeypatch):
+    """The diagnosis itself has tests of its own: here a step with one candidate stands for it."""
+    asked = []
+    monkeypatch.setattr(revise, "revised", lambda *given, **more: asked.append((given, more)) or "made")
+    assert revise.begin(LINEAR, [simulated()], print) == "made"
+    assert asked[-1][0][0] == "model file" and asked[-1][1]["notes"] == []
+    other = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=2 * TS)
+    revise.begin(other, [simulated()], print)
+    assert "the model was identified at 0.02 s" in asked[-1][1]["notes"][0]
+    said = []
+    revise.begin("static", [simulated(0.1)], said.append)
+    assert asked[-1][0][0] == "static base" and said == ["identifying a static base from 600 samples"]
