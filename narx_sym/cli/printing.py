@@ -132,6 +132,8 @@ def _percent(share: float) -> str:
 
 def print_diagnosis(found: Diagnosis, units: dict[str, str]) -> None:
     """Print what was found."""
+    from ..report.words import removed
+
     step = found.steps[0]
     console().print(f"[bold]{found.verdict}[/bold]")
     console().print(found.sentence(units), markup=False)
@@ -139,7 +141,7 @@ def print_diagnosis(found: Diagnosis, units: dict[str, str]) -> None:
     rows = [
         [
             f"{row['effect']}{' ' + MARK if row['in_confusion_set'] else ''}", row["where"],
-            f"{100 * row['share']:.0f} %", f"{100 * row['low']:.0f} to {100 * row['high']:.0f} %", before,
+            *removed(row), before,
             row["nrmse"], row["parameters"],
         ]
         for row in found.table()

@@ -12,7 +12,7 @@ from ..symbolic.mathml import from_latex, marked
 from ..tasks.compensate import ahead
 from .panels import candidates, ladder
 from .svg import stylesheet
-from .words import headline, number
+from .words import headline, number, removed
 
 LEFT = "text-align: left"
 
@@ -44,8 +44,7 @@ def law_html(law: Compensator) -> str:
 def diagnosis_html(diagnosis: Diagnosis) -> str:
     """Return the verdict, the error ladder and the candidates."""
     rows = [
-        [r["effect"], r["where"], f"{100 * r['share']:.0f} %", f"{100 * r['low']:.0f} to {100 * r['high']:.0f} %",
-         r["parameters"]]
+        [r["effect"], r["where"], *removed(r), r["parameters"]]
         for r in diagnosis.table()
     ]  # fmt: skip
     drawn = [ladder.picture(diagnosis, {}), *([candidates.picture(diagnosis)] if rows else [])]

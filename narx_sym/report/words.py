@@ -53,6 +53,11 @@ def percent(share: float) -> str:
     return f"{number(100 * share, 2)} %" if abs(share) < 0.1 else f"{100 * share:.0f} %"
 
 
+def removed(row: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the share of the removable error that a candidate removes, and its 95 % interval."""
+    return f"{100 * row['share']:.0f} %", f"{100 * row['low']:.0f} to {100 * row['high']:.0f} %"
+
+
 # -- the verdict -----------------------------------------------------------------------------------------------
 
 

@@ -9,6 +9,7 @@ from nicegui import ui
 
 from ...models.effects import EFFECTS
 from ...report.panels.registry import panels
+from ...report.words import removed, spaced
 from ..downloads import titles
 from ..story import Shown
 from ..workbench import Workbench
@@ -80,8 +81,7 @@ def candidates(bench: Workbench, current: Shown) -> None:
                 for row in rows:
                     star = " *" if row["in_confusion_set"] else ""
                     cells = [
-                        row["effect"].replace("_", " ") + star, row["where"], f"{100 * row['share']:.0f} %",
-                        f"{100 * row['low']:.0f} to {100 * row['high']:.0f} %", f"{row['nrmse']:.3g}",
+                        spaced(row["effect"]) + star, row["where"], *removed(row), f"{row['nrmse']:.3g}",
                         row["parameters"],
                     ]  # fmt: skip
                     with ui.element("tr"):

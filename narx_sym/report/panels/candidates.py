@@ -16,10 +16,7 @@ from .registry import Material, panel
 def picture(diagnosis: Diagnosis) -> Picture:
     """Return the share of the removable error that each candidate removes."""
     rows = diagnosis.table()
-    listed = "; ".join(
-        f"{words_of(r['effect'])} {100 * r['share']:.0f} % ({100 * r['low']:.0f} to {100 * r['high']:.0f} %)"
-        for r in rows
-    )
+    listed = "; ".join("{} {} ({})".format(words_of(r["effect"]), *words.removed(r)) for r in rows)
     alt = f"Share of the removable error that each candidate removes, with 95 % intervals: {listed}."
     keys = ("effect", "where", "share", "low", "high", "nrmse", "in_confusion_set", "parameters")
     columns = {key: [r[key] for r in rows] for key in keys}
@@ -37,10 +34,16 @@ def candidates(material: Material) -> dict[str, Any]:
     """Tell of each candidate, and of the steps after the first."""
     d, units = material.diagnosis, material.units
     rows = [
-        row | {"latex": c.latex.split(r",\quad "), "sentence": c.variant.effect.sentence, "form": _form(c.variant),
-               "parameters": parameters.candidate_parameters(c, units)}
+        row
+        | {
+            "removed": words.removed(row),
+            "latex": c.latex.split(r",\quad "),
+            "sentence": c.variant.effect.sentence,
+            "form": _form(c.variant),
+            "parameters": parameters.candidate_parameters(c, units),
+        }
         for row, c in zip(d.table(), d.candidates, strict=True)
-    ]  # fmt: skip
+    ]
     small = words.detectable(d.steps[0], units)
     return {"rows": rows, "step": d.steps[0], "small": small, "later": list(enumerate(d.steps[1:], 2))}
 
