@@ -28,6 +28,7 @@ from ..symbolic.signals import k, samples, signal
 
 Array = np.ndarray
 PUSH = "injected sequence"  # no column may be called so: a name of two words is no symbol of a model
+CYCLES = 8  # of a periodic disturbance at least: fewer are a wander
 PADDING, LINE = 4, 6.0  # zero padding of spectra; a line is this many times (and the log of their number) above noise
 
 
@@ -121,6 +122,8 @@ class Linearised:
         if where not in self._pushed:
             self._pushed[where] = self._response(where)
         recursion, name = self._pushed[where]
+        if name is None:
+            return np.zeros((self.problem.edges[-1], z[0].shape[1]))
         compiled = compile(recursion)
         theta = [self.values[p] for p in recursion.parameters]
         zero = dict.fromkeys((str(s.label) for s in recursion.states), 0.0)
@@ -135,8 +138,11 @@ class Linearised:
             parts.append(found[self.problem.depth :])
         return np.concatenate(parts)
 
-    def _response(self, where: str) -> tuple[Recursion, str]:
-        """Derive how the output moves when a given sequence is injected; the run itself is an input of it."""
+    def _response(self, where: str) -> tuple[Recursion, str | None]:
+        """Derive how the output moves when a given sequence is injected; the run itself is an input of it.
+
+        The name is None where nothing moves: at the input of a core that has lost it.
+        """
         added = extend(self.model, Variant(injection, where, "channel", PUSH))
         (c,) = added.coefficients
         full, (direction,) = sensitivities(added.model.recursion, [c])
@@ -151,7 +157,8 @@ class Linearised:
                 (left, right.xreplace({s: definition.xreplace({k: s.indices[0]}) for s in samples(right, base)}))
                 for left, right in updates
             ]
-        return Recursion(tuple(updates), self.model.symbols), str(direction[self.model.output].label)
+        moved = direction.get(self.model.output)
+        return Recursion(tuple(updates), self.model.symbols), None if moved is None else str(moved.label)
 
     def scale(self, scan: Scan, variant: Variant) -> tuple[list[float], float]:
         """Return the grid of one shape parameter, and from how many places it was picked."""
@@ -179,13 +186,25 @@ class Linearised:
         return [v * unit**scan.power for v in scan.values], 1.0
 
     def _peaks(self, count: int) -> tuple[list[float], float]:
-        """Return the strongest frequencies of the residual [Hz], from its first segment."""
+        """Return the strongest frequencies of the residual [Hz], from its first segment.
+
+        At least `CYCLES` periods must be seen. At multiples of a periodic input's frequency a disturbance cannot be
+        told from what the input causes.
+        """
         frequencies, power = self._spectrum
         at, _ = find_peaks(power, distance=2 * PADDING)
+        at = at[(at >= CYCLES * PADDING) & ~self._of_input(at)]
         best = at[np.argsort(-power[at], kind="stable")[:count]]
-        if not best.size:
-            best = np.array([max(1, int(np.argmax(power)))])
         return [float(frequencies[i]) for i in best], power.size / PADDING
+
+    def _of_input(self, at: Array) -> Array:
+        """Whether bins of the spectrum are multiples of the frequency that holds most of the input's power."""
+        u = self.runs[0][str(self.model.input.label)][self.problem.depth :]
+        power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size), PADDING * u.size)) ** 2
+        peak = int(np.argmax(power))
+        if peak < PADDING or power[max(0, peak - 3 * PADDING) : peak + 3 * PADDING].sum() < power.sum() / 2:
+            return np.zeros(at.size, dtype=bool)
+        return np.asarray(np.abs(at - peak * np.maximum(1, np.round(at / peak))) < 2 * PADDING)
 
     @cached_property
     def _spectrum(self) -> tuple[Array, Array]:
@@ -198,10 +217,11 @@ class Linearised:
 
     def tone(self) -> Array:
         """Return cosine and sine of the residual's strongest frequency, (rows, 2), or (rows, 0) if it is no line."""
-        (frequency, *_), _ = self._peaks(1)
         times = np.concatenate([run["t"][self.problem.depth :] for run in self.runs])
-        angle = 2 * np.pi * frequency * times
-        return np.column_stack([np.cos(angle), np.sin(angle)])[:, : 2 * self.is_line(frequency)]
+        lines = [f for f in self._peaks(1)[0] if self.is_line(f)]
+        return np.column_stack(
+            [times[:, None][:, :0], *(w(2 * np.pi * f * times) for f in lines for w in (np.cos, np.sin))]
+        )
 
     def is_line(self, frequency: float) -> bool:
         """Whether the residual has a sharp spectral line there: far above its neighbourhood on both sides."""

@@ -262,7 +262,9 @@ def _removable(model: Model, symbol: Any) -> bool:
     """Whether a parameter multiplies a term of the core, and the model has an input without it."""
     if not any(c == symbol for c, _ in _core_parts(model)):
         return False
-    return not any(symbol in c.free_symbols for c in model.constraints if not isinstance(c, str))
+    if any(symbol in c.free_symbols for c in model.constraints if not isinstance(c, str)):
+        return False
+    return model.input in without(model, [symbol]).recursion.inputs
 
 
 def _core_parts(model: Model) -> list[tuple[Any, Any]]:

@@ -148,7 +148,7 @@ def _named(mapping: Mapping[Any, Any]) -> dict[str, Any]:
     return {base if isinstance(base, str) else str(getattr(base, "label", base)): x for base, x in mapping.items()}
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=512)
 def _compiled(recursion: Recursion, engine: str) -> Compiled:
     return Compiled(recursion, engine)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..engines.numpy import banded
 from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep
 from ..models.model import NARX, Model
+from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import derivative, sensitivities
 from ..symbolic.signals import k, lags
 from .constraints import Elimination
@@ -51,6 +52,12 @@ def starts(model: Model) -> list[Start]:
         groups.setdefault(state.group, []).append(state.left.base)
     outputs = [i - 1 for i in lags(model.core, model.inner)]
     return [*(Start((model.inner,), i) for i in outputs), *(Start(tuple(g)) for g in groups.values())]
+
+
+@lru_cache(maxsize=512)
+def _derived(recursion: Recursion, groups: tuple[tuple[Any, ...], ...]) -> tuple[Recursion, list[dict[Any, Any]]]:
+    """Return a recursion with its derivatives, derived once."""
+    return sensitivities(recursion, initial=groups)
 
 
 def _label(base: Any) -> str:
@@ -158,7 +165,7 @@ class FreeRun:
 
     def _forward(self) -> Any:
         """Sensitivities in the same compiled pass as the run."""
-        recursion, directions = sensitivities(self.model.recursion, initial=[s.states for s in self.starts])
+        recursion, directions = _derived(self.model.recursion, tuple(s.states for s in self.starts))
         compiled = compile(recursion)
         moved = [_label(d[self.model.output]) if self.model.output in d else None for d in directions]
         shown = [self.name, *(m for m in moved if m)]

@@ -1,0 +1,72 @@
+"""Directions where little moves: a core that has lost its input, and a disturbance at the input's own frequencies."""
+
+import numpy as np
+import pytest
+
+import narx_sym as ns
+from narx_sym.diagnosis.directions import CYCLES, Linearised
+from narx_sym.diagnosis.refit import Split, prune, settle
+from narx_sym.fit.freerun import FreeRun
+from narx_sym.models.effects import EFFECTS, Catalogue
+from narx_sym.models.extend import Variant, extend
+
+N, Ts = 800, 0.01
+t = Ts * np.arange(N)
+noise = 0.05 * np.random.default_rng(0).standard_normal(N)
+FRICTION = Variant(next(e for e in EFFECTS["coulomb_friction"] if not e.form), "output", "u")
+
+
+def line_of(fitted):
+    return Linearised(FreeRun(fitted.model, list(fitted.split.records), []), fitted.unknowns)
+
+
+@pytest.fixture(scope="module")
+def rubbing():
+    """Return a static base with friction, where nothing but friction is in the data: its line is superfluous."""
+    u = 2 * np.sin(2.5 * t)
+    record = ns.Record.from_arrays(u, 1 + 3 * np.sign(np.diff(u, prepend=-1e-3)) + noise, Ts)
+    base = settle(ns.NARX.from_terms(["u[k]", "1"], Ts=Ts).fit(record), Split.of([record]))
+    model = extend(base.model, FRICTION).model
+    return base, settle(model, base.split, np.array([*base.model.theta, 3.0]))
+
+
+def test_a_core_that_lost_its_input_is_not_moved_from_there(rubbing):
+    base, fitted = rubbing
+    smaller = prune(fitted, base)
+    assert len(smaller.model.symbols) == 2  # the constant and the friction
+    few = Catalogue({n: EFFECTS[n] for n in ("drift", "quadratic_gain")})
+    directions, matrix = line_of(smaller).directions([], few)
+    assert {d.variant.id for d in directions} == {"drift"} and matrix.shape[1] == 1
+
+
+def test_the_last_term_with_the_input_stays(rubbing):
+    base, _ = rubbing
+    slow = extend(base.model, Variant(EFFECTS["drift"][0], "output", "t"))
+    record = ns.Record.from_arrays(base.split.records[0].u, 1 + t + noise, Ts)
+    fitted = settle(slow.model, Split.of([record]), np.array([0.0, 1.0, 1.0]))
+    before = settle(base.model, fitted.split)
+    assert ns.u in prune(fitted, before).model.recursion.inputs
+
+
+def disturbed(frequency, n=4000):
+    """Return the frequencies [Hz] at which a periodic disturbance is tried; the input is a triangle of 1 Hz."""
+    time = Ts * np.arange(n)
+    u = 2 * np.abs(2 * (time % 1.0) - 1) - 1
+    y = u + 0.3 * np.sin(2 * np.pi * frequency * time) + 0.02 * np.random.default_rng(1).standard_normal(n)
+    fitted = settle(
+        ns.NARX.from_terms(["u[k]", "1"], Ts=Ts).fit(ns.Record.from_arrays(u, y, Ts)),
+        Split.of([ns.Record.from_arrays(u, y, Ts)]),
+    )
+    only = Catalogue({n: EFFECTS[n] for n in ("periodic_disturbance", "drift")})
+    directions, _ = line_of(fitted).directions([], only)
+    return [d.shape[0] for d in directions if d.variant.id == "periodic_disturbance"]
+
+
+def test_a_disturbance_is_none_at_the_frequencies_of_the_input():
+    assert min(abs(f - 3.37) for f in disturbed(3.37)) < 0.01
+    assert all(abs(f - round(f)) > 0.01 for f in disturbed(3.0))
+
+
+def test_a_few_cycles_are_no_disturbance():
+    duration = 4000 * Ts
+    assert all(f * duration >= CYCLES for f in disturbed(3.5 / duration))
