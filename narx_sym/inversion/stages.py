@@ -19,7 +19,7 @@ from ..models.model import Model
 from ..symbolic.graph import Graph
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import k, lag, m, r, samples, shift, signal, swap, v, x, y
+from ..symbolic.signals import held, k, lag, m, r, samples, shift, signal, swap, v, x, y
 from .branches import solve_for
 from .solution import Solution
 
@@ -215,4 +215,4 @@ def _rest(model: Model) -> Any:
         origin = float(model.operating_point.get(base, 0.0))
         middle[outer] = (low + high) / 2 if high > low else origin
         middle[inner] = middle[outer] - origin
-    return lambda expr: expr.xreplace({s: sp.Float(middle.get(s.base, 0.0)) for s in samples(expr)})
+    return lambda expr: held(expr, lambda base: sp.Float(middle.get(base, 0.0)))

@@ -13,7 +13,7 @@ from typing import Any
 import sympy as sp
 
 from ..symbolic.printing import text
-from ..symbolic.signals import differences, expand_phi, lags, samples
+from ..symbolic.signals import differences, expand_phi, held, lags, samples
 from ..symbolic.signals import k as _k
 
 
@@ -40,10 +40,7 @@ class Structure:
         """Return the term at rest: y[k] = ybar, u[k] = ubar for all k."""
         ybar, ubar = sp.symbols("ybar ubar", real=True)
         rest = {self.output: ybar, self.input: ubar}
-        written = expand_phi(term)
-        return written.xreplace(
-            {s: rest.get(s.base, sp.Symbol(str(s.base.label), real=True)) for s in samples(written)}
-        )
+        return held(expand_phi(term), lambda base: rest.get(base, sp.Symbol(str(base.label), real=True)))
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import sympy as sp
 
 from ..errors import ModelError
 from ..symbolic import printing
-from ..symbolic.signals import differences, lags, samples
+from ..symbolic.signals import differences, held, lags
 from .doors import QuasiStaticDoors
 from .equilibria import characteristic, jacobian, jury, solvable, without_integrator
 from .model import Model
@@ -71,7 +71,7 @@ def _static(expr: Any, model: Model, direction: int) -> Any:
         first: phi1_,
         second: sp.Integer(direction),
     }
-    return expr.xreplace({s: values.get(s.base, rest_of(s.base)) for s in samples(expr)})
+    return held(expr, lambda base: values.get(base, rest_of(base)))
 
 
 def quasi_static(model: Model) -> QuasiStatic:

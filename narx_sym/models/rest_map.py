@@ -10,7 +10,7 @@ import sympy as sp
 from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.recursion import State
-from ..symbolic.signals import differences, lag, lags, pairs, samples, t, x
+from ..symbolic.signals import differences, held, lag, lags, pairs, samples, t, x
 from .model import Model
 
 ybar, ubar = (sp.Symbol(n, real=True) for n in (r"\bar{y}", r"\bar{u}"))
@@ -18,8 +18,8 @@ ybar, ubar = (sp.Symbol(n, real=True) for n in (r"\bar{y}", r"\bar{u}"))
 
 def at_rest(expr: Any, model: Model) -> Any:
     """Hold every signal constant: y[k-i] is ybar, u[k-j] is ubar, a channel its own symbol."""
-    held = {model.output: ybar, model.input: ubar}
-    return expr.xreplace({s: held.get(s.base, rest_of(s.base)) for s in samples(expr)})
+    known = {model.output: ybar, model.input: ubar}
+    return held(expr, lambda base: known.get(base, rest_of(base)))
 
 
 def rest_of(base: Any) -> Any:

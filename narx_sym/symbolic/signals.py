@@ -7,6 +7,7 @@ of the input and its sign, `breve_phi1` and `breve_phi2` those of the output (th
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -64,6 +65,11 @@ def pairs(expr: Any) -> list[tuple[Any, Any]]:
 def shift(expr: Any, steps: int) -> Any:
     """Apply q**steps: every `x[k]` becomes `x[k+steps]`."""
     return expr.xreplace({k: k + steps})
+
+
+def held(expr: Any, values: Callable[[sp.IndexedBase], Any]) -> Any:
+    """Hold sequences still: every sample of one becomes what `values` gives for it, at whatever time."""
+    return expr.xreplace({s: values(s.base) for s in samples(expr)})
 
 
 def expand_phi(expr: Any, driver: sp.IndexedBase = u, breve_driver: sp.IndexedBase = y) -> Any:
