@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 
 from ..inversion.solution import Root
+from ..symbolic.functions import Elementary
+from . import roots
 from .plan import Plan
 from .writer import CALL, Writer, indented
 
 WIDENED = 100  # steps of a root finder, each twice as wide
+SPANS, PLAIN = "of_", 3  # the prefix of functions that take bounds too; arguments of a root that is the only one
 
 
 class _Python(Writer):
@@ -20,12 +23,24 @@ class _Python(Writer):
 
     language, words = "The python engine", "python"
     joints, truth = ("and", "or", "not "), ("False", "True")
+    spans = False  # whether an equation is written for numbers and for bounds alike
 
     def number(self, value: float) -> str:
         return repr(value)
 
     def power(self, base: str, exponent: str) -> str:
         return self.call("pow", base, exponent)
+
+    def applied(self, row: Elementary, *arguments: tuple[str, int]) -> str:
+        if self.spans:
+            return self.call(f"{SPANS}{row.name}", *(shown for shown, _ in arguments))
+        return super().applied(row, *arguments)
+
+    def raised(self, base: Any, exponent: Any) -> tuple[str, int]:
+        # Bounds of w*w would not know that both factors are the same.
+        if self.spans and exponent.is_Integer and exponent > 1:
+            return self.call(f"{SPANS}pow", self(base), self(exponent)), CALL
+        return super().raised(base, exponent)
 
     def undefined(self, expr: Any) -> str:
         return "nan"
@@ -43,10 +58,13 @@ class _Python(Writer):
         if not isinstance(e, Root):
             return super().walk(e)
         gap, unknown, *given = e.args
-        name = self.fresh()
+        name, many = self.fresh(), len(given) > PLAIN
         self.names[unknown] = f"{name}_w"
+        shown = [self(g) for g in given]
+        self.spans = many
         self.lines += [f"def {name}({name}_w):", *self.block(lambda: self.lines.append(f"return {self(gap)}"))]
-        return self.call("root", name, *map(self, given)), CALL
+        self.spans = False
+        return self.call("nearest" if many else "root", name, *shown), CALL
 
 
 def source(plan: Plan) -> str:
@@ -118,7 +136,8 @@ def root(gap: Callable[[float], float], last: float, low: float, high: float) ->
 def build(plan: Plan) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) for a plan."""
     names: dict[str, Any] = {n: getattr(math, n) for n in dir(math) if not n.startswith("_")}
-    names["root"] = root
+    names["root"], names["nearest"] = root, roots.nearest
+    names |= {f"{SPANS}{name}": function for name, function in roots.NAMES.items()}
     exec(compile(source(plan), "<recursion>", "exec"), names)
     loop = names["run"]
 

@@ -53,7 +53,9 @@ def rest_state(recursion: Recursion, initial: Mapping[Any, Any], rest: Mapping[s
 
 def model_rest_state(model: Model, **rest: float) -> Array:
     """Return the state of `to_casadi` and `to_control` at rest: `model.rest_state(u=1.0, y=2.0)`."""
-    return rest_state(model.recursion, model.starts, rest)
+    begin = {b: e.xreplace(model.values) for b, e in model.starts.items()}
+    clock = {"t": 0.0} if any(samples(e, t) for e in begin.values()) else {}
+    return rest_state(model.recursion, begin, clock | rest)
 
 
 def law_rest_state(law: Compensator, **rest: float) -> Array:

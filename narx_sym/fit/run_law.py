@@ -126,8 +126,8 @@ def follow(
     start = rest_input(law.model, float(target[0])) if m0 is None else float(m0)
     if not np.isfinite(start):
         raise ModelError("The input before the start, m0, is not finite.")
-    # What acts on the output by itself moves it before the law's first command arrives.
-    beside = bool(law.staged or law.model.states) or limits is not None or rate is not None
+    # The model runs beside the law: what acts on the output before the first command arrives is then made up for.
+    beside = law.model.input != y or limits is not None or rate is not None
     compiled = compile(law.limited(limits, rate) if beside else law.recursion)
     given = _padded(law, compiled, target, channels or {})
     first = {name: float(c[0]) for name, c in given.items()}
@@ -204,6 +204,8 @@ class Check:
     ----------
     proofs : texts
         What algebra says about each stage.
+    proved : bool
+        Whether algebra leaves nothing open: exactly one solution, wherever the machine is.
     points : int
         Where solutions were counted, along a run; 0 where that was not needed or not possible.
     none, several : float
@@ -212,6 +214,7 @@ class Check:
     """
 
     proofs: tuple[str, ...]
+    proved: bool = False
     points: int = 0
     none: float = 0.0
     several: float = 0.0
@@ -220,12 +223,12 @@ class Check:
     @property
     def good(self) -> bool:
         """Whether nothing speaks against exactly one solution."""
-        return not self.none and not self.several
+        return not self.none and not self.several and (self.proved or self.points > 0)
 
     def __str__(self) -> str:
         said = "; ".join(self.proofs)
         if not self.points:
-            return said
+            return said if self.proved else f"{said}. Not counted: give a reference to check(reference)"
         counted = f"{said}. Counted at {self.points} points of a run: "
         if self.good:
             return counted + "exactly one solution at each"
@@ -249,10 +252,10 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
     stages = law.staged.stages if law.staged else ()
     note = (law.staged.note,) if law.staged and law.staged.note else ()
     proofs = (*(s.proof for s in stages), *note) or ("m[k] enters linearly: exactly one for every reference",)
-    is_open = any(s.needs or s.notes or not s.closed_form for s in stages)
+    is_open = any(s.needs or not s.proved for s in stages)
     low, high = law.model.info.ranges.get("y", (0.0, 0.0))
     if not stages or not law.model.values or (reference is None and not (is_open and high > low)):
-        return Check(proofs)
+        return Check(proofs, not is_open)
     if reference is None:
         wave = np.sin(2 * np.pi * np.arange(TRIAL) / (TRIAL / 2))
         reference = (low + high) / 2 + 0.45 * (high - low) * wave
@@ -261,7 +264,7 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
     try:
         found = follow(law, target, m0, channels)
     except NarxError as error:
-        return Check((*proofs, f"it does not run: {error}"))
+        return Check((*proofs, f"it does not run: {error}"), not is_open)
     ahead, n = law.preview, target.size
     chosen = np.unique(np.linspace(2, n - ahead - 1, min(POINTS, n - ahead - 2)).astype(int))
     several = np.zeros(chosen.size, dtype=bool)
@@ -274,7 +277,7 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
         for name, mask in (("none", none), ("several", several))
         if mask.any()
     }
-    return Check(proofs, int(chosen.size), float(none.mean()), float(several.mean()), first)
+    return Check(proofs, not is_open, int(chosen.size), float(none.mean()), float(several.mean()), first)
 
 
 def _count(law: Compensator, stage: Solution, found: Following, target: Array, at: Array) -> Array:

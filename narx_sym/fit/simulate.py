@@ -22,12 +22,11 @@ from ..models.model import Model
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import expand_phi, k, lag, samples, signal, t, u, x, y
+from ..symbolic.signals import expand_phi, k, lag, samples, t, x, y
 from .excursions import Excursion, excursion, radius
 
 Array = np.ndarray
 Records = Record | Sequence[Record]
-SETTLED = 400  # steps in which what effects remember comes to rest
 HUGE = 1e12  # a free run this many ranges away counts as diverged
 
 
@@ -70,7 +69,7 @@ def arrays(model: Model, record: Record, more: Iterable[str] = ()) -> dict[str, 
     return {name: signals[name][lead:] if name == "y" else signals[name][: n - lead] for name in names}
 
 
-def initial_values(model: Model, data: Mapping[str, Array], depth: int) -> dict[str, Array]:
+def initial_values(model: Model, data: Mapping[str, Array], depth: int, engine: str = "native") -> dict[str, Array]:
     """Return the values before the first computed sample, (depth,) arrays: of the output, and of what effects remember.
 
     Parameters
@@ -84,7 +83,9 @@ def initial_values(model: Model, data: Mapping[str, Array], depth: int) -> dict[
     """
     found = {str(model.output.label): np.asarray(data[str(model.output.label)][:depth])}
     for state in model.states:
-        expression = model.in_user_units(state.initial).xreplace(model.values)
+        # Without values nothing is known about an effect: it is taken as absent.
+        begin = model.starts[state.left.base] if model.values else model.in_user_units(state.initial)
+        expression = begin.xreplace(model.values)
         read = samples(expression)
         if expression.free_symbols - {b for s in read for b in s.free_symbols}:
             raise ModelError(f"The initial value of {state.left} must contain signals and numbers only.")
@@ -97,7 +98,35 @@ def initial_values(model: Model, data: Mapping[str, Array], depth: int) -> dict[
         if not np.all(np.isfinite(found[name])):
             shown = ", ".join(f"{text(s)} = {v:g}" for s, v in zip(read, given[0], strict=True))
             raise ModelError(f"The initial value of {state.left}, {text(expression)}, is not finite at {shown}.")
-    return found
+    return found | _driven(model, data, found, depth, engine)
+
+
+def _driven(
+    model: Model, data: Mapping[str, Array], begin: Mapping[str, Array], depth: int, engine: str
+) -> dict[str, Array]:
+    """Run what the inputs alone drive up to the first computed sample, from rest at the first sample of all.
+
+    The engine itself does it: what should stay where it is then differs from the run by no rounding, whose sign would
+    count where a model uses the direction of an inner input.
+    """
+    reads = {s.left.base: {e.base for e in samples(expand_phi(s.right))} for s in model.states}
+    held = {model.output, x}
+    while more := {b for b, read in reads.items() if read & held} - held:
+        held |= more
+    free = [(left, right) for left, right in model.recursion.updates if left.base in reads and left.base not in held]
+    if not free or not model.values:
+        return {}
+    recursion = Recursion(tuple(free), model.symbols)
+    wanted = [str(b.label) for b in recursion.inputs]
+    if any(data[n].size < depth for n in wanted):
+        return {}
+    ahead = recursion.depth
+    padded = {n: np.concatenate([np.full(ahead, data[n][0]), data[n][:depth]]) for n in wanted}
+    first = {str(b.label): begin[str(b.label)][0] for b in recursion.states}
+    run = compile(recursion, engine)(
+        padded, fitted(model), first, start=ahead, length=ahead + depth, on_divergence="nan"
+    )
+    return {n: c[ahead:] for n, c in run.items() if np.all(np.isfinite(c[ahead:]))}
 
 
 def shifted(model: Model, data: Mapping[str, Array]) -> dict[str, Array]:
@@ -156,7 +185,7 @@ def simulate(
         if not np.all(np.isfinite(y0)):
             raise ModelError("The initial output y0 is not finite.")
         known = {n: float(values[0]) for n, values in held.items()}
-        rest = rest_states(model, float(u0), float(y0.ravel()[-1]), known)
+        rest = rest_states(model, float(u0), float(y0.ravel()[-1]), known, engine)
         return _run(model, np.concatenate([np.full(depth, float(u0)), source]), y0, before, engine, rest)[depth:]
     y0 = rest_output(model, source[0]) if y0 is None else np.asarray(y0, dtype=float)
     if not np.all(np.isfinite(y0)):
@@ -186,7 +215,7 @@ def _run(
         initial |= rest
     elif model.states:
         before = {**given, str(model.output.label): np.resize(np.asarray(y0, dtype=float), max(1, depth))}
-        initial = initial_values(model, before, max(1, depth)) | initial
+        initial = initial_values(model, before, max(1, depth), engine) | initial
     runs = {str(base.label): np.empty(source.size) for base in compiled.recursion.states}
     try:
         return compiled(given, theta, initial, out=runs, output=model.output)[str(model.output.label)]
@@ -195,7 +224,7 @@ def _run(
 
 
 def rest_states(
-    model: Model, start: float, output: float, known: Mapping[str, float] | None = None
+    model: Model, start: float, output: float, known: Mapping[str, float] | None = None, engine: str = "native"
 ) -> dict[str, float]:
     """Return the values of a model's states at rest with a given input and output.
 
@@ -207,24 +236,11 @@ def rest_states(
     known : mapping of names to numbers
         Further channels, and `t`.
     """
+    data = {str(model.input.label): start, str(model.output.label): output, "t": 0.0, **(known or {})}
     if not model.states:
         return {}
-    u0, y0 = (float(model.operating_point.get(b, 0.0)) for b in (model.input, model.output))
-    past = {s.left.base: s.left.base[k - 1] for s in model.states}
-    held = {u: sp.Float(start - u0), y: past.get(x, sp.Float(output - y0))}
-    held |= {signal(name): sp.Float(value) for name, value in (known or {}).items() if name not in ("r", "m")}
-    updates = []
-    for state in model.states:
-        right = state.initial if state in model.recurrent or state.remembers else state.right
-        right = expand_phi(sp.Float(output - y0) - model.beside if state.left.base == x else right)
-        updates.append(
-            (state.left, right.xreplace({s: {**held, **past}.get(s.base, sp.S.Zero) for s in samples(right)}))
-        )
-    begin = {str(b.label): {"x": output - y0, "v": start - u0}.get(str(b.label), 0.0) for b in past}
-    run = compile(Recursion(tuple(updates), model.symbols), "python")(
-        {}, fitted(model), begin, length=SETTLED, start=1, on_divergence="nan"
-    )
-    return {name: float(c[-1]) if np.isfinite(c[-1]) else begin[name] for name, c in run.items()}
+    held = initial_values(model, {n: np.full(1, float(value)) for n, value in data.items()}, 1, engine)
+    return {name: float(c[0]) for name, c in held.items() if name != str(model.output.label)}
 
 
 def _what_grew(model: Model, runs: Mapping[str, Any], at: int) -> str:

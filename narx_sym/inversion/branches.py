@@ -12,9 +12,13 @@ from ..symbolic.functions import CLASSES, KINKED, X
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import samples
-from .kinks import solve_kinked
+from .kinks import places, solve_kinked
+from .monotone import steepness
+from .nodes import solve_nodes
 from .solution import Branch, Root, Solution, number
 
+FAR = 1e9  # where a root finder ends
+SEARCHED = (*KINKED, sp.tanh, sp.atan, sp.exp, sp.log, sp.sin, sp.cos)  # functions whose bounds are known
 EDGE = sp.Float(1e-12)  # how near the limit of a bounded function is approached
 
 
@@ -24,7 +28,7 @@ def solve_for(
     target: Any,
     last: Any,
     values: Mapping[Any, Any] | None = None,
-    limits: tuple[float, float] = (-1e9, 1e9),
+    limits: tuple[float, float] = (-FAR, FAR),
     rest: Any = lambda e: e,
 ) -> Solution:
     """Solve `expr` = `target` for one unknown sample.
@@ -64,13 +68,26 @@ def solve_for(
     if kinks:
         if slope == 0:
             raise NotInvertible(f"{text(unknown)} acts only through its sign: most targets cannot be reached.")
-        found = solve_kinked(G, w, target, values, rest, made)
+        found = solve_kinked(G, w, target, values, rest, made) or solve_nodes(G, w, target, values, made)
     else:
         found = _quadratic(G, w, target, values, made) or _inverse_function(G, w, target, values, made)
-    if found is None:
-        gap = Root(G - target, w, last, sp.Float(limits[0]), sp.Float(limits[1]))
-        found = Solution(how="root finder", branches=(Branch(sp.true, gap),), **made)
-    return found
+    return found or _searched(G, w, target, values, limits, made)
+
+
+def _searched(
+    G: Any, w: Any, target: Any, values: Mapping[Any, Any], limits: tuple[float, float], made: dict[str, Any]
+) -> Solution:
+    """Leave the equation to a root finder; to one that divides the line where it may have several roots."""
+    gap, steep = G - target, steepness(G, w, values)
+    if steep is not None:  # one root, wherever it is
+        root = Root(gap, w, made["last"], sp.Float(-FAR), sp.Float(FAR))
+        return Solution(how="root finder", branches=(Branch(sp.true, root),), steep=steep, **made)
+    more: tuple[Any, ...] = ()
+    if all(isinstance(n, SEARCHED) for n in gap.atoms(sp.Function, sp.Piecewise, sp.Max, sp.Min) if n.has(w)):
+        size = sp.Add(*map(sp.Abs, sp.Add.make_args(sp.expand(gap)))).xreplace({w: made["last"]})
+        more = (size, *places(G, w, values))
+    root = Root(gap, w, made["last"], *map(sp.Float, limits), *more)
+    return Solution(how="root finder", branches=(Branch(sp.true, root),), **made)
 
 
 # -- smooth equations ------------------------------------------------------------------------------------------
@@ -101,7 +118,7 @@ def _quadratic(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: dic
     branches = tuple(x for x in listed if x.condition != sp.false)
     vertex = G.xreplace({w: -b / (2 * a)})
     reach = (-sp.oo, sp.oo)
-    if size is not None and not samples(vertex):
+    if size is not None:
         reach = (vertex, sp.oo) if size > 0 else (-sp.oo, vertex)
     note = f"of two roots the one on the side of {text(last)}"
     return Solution(how="quadratic", branches=branches, reach=reach, notes=(note,), **made)
@@ -138,5 +155,4 @@ def _inverse_function(G: Any, w: Any, target: Any, values: Mapping[Any, Any], ma
     solution = (row.inverse.xreplace({X: wanted}) - inner.xreplace({w: sp.S.Zero})) / scale
     ends = [beside + factor * e for e in (low, high)]
     reach = tuple(ends if size > 0 else ends[::-1])
-    kept = reach if not any(samples(e) for e in reach) else (-sp.oo, sp.oo)
-    return Solution(how="inverse function", branches=(Branch(sp.true, solution),), reach=kept, **made)
+    return Solution(how="inverse function", branches=(Branch(sp.true, solution),), reach=reach, **made)

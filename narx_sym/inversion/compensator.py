@@ -107,7 +107,11 @@ class Compensator(CompensatorDoors):
         if self.model.input == y:
             asked = wanted(m)[k]
             return in_order([(asked, self.law), (m[k], clipped(asked))], self.symbols)
-        return in_order(self.beside(clipped), self.symbols)
+        return self._free if limits is None and rate is None else in_order(self.beside(clipped), self.symbols)
+
+    @cached_property
+    def _free(self) -> Recursion:
+        return in_order(self.beside(), self.symbols)
 
     def beside(self, clipped: Any = lambda asked: asked) -> Any:
         """Return the law with the model beside it, in true time; see `narx_sym.inversion.stages.guarded`."""

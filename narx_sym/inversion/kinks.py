@@ -16,16 +16,19 @@ import sympy as sp
 from ..symbolic.functions import CLASSES, KINKED, X, within
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import signal
 from .solution import Branch, Solution, number
 
 MANY = 64  # shapes that nested kinks may take
 # A flat piece reaches one target only: rounding, or this part of its width, does not make the unknown jump over it.
 DEAD_BAND = sp.Float(1e-10)
+LEVEL = 1e-12  # a slope this much below zero is one of rounding
 FLAT = 1e-9  # a slope this much smaller than the steepest one counts as flat
 
 
-class _Undecided(Exception):  # noqa: N818
+FALLING = "pieces on which the map runs the other way reach some targets again: they are not used"
+
+
+class Undecided(Exception):  # noqa: N818
     """The order of two kinks, or the side of one, depends on samples."""
 
 
@@ -43,27 +46,56 @@ def _forms(expr: Any, w: Any) -> list[Any]:
     for a in expr.args:
         combined = [(*c, f) for c in combined for f in _forms(a, w)]
         if len(combined) > MANY:
-            raise _Undecided
+            raise Undecided
     return [expr.func(*c) for c in combined]
 
 
-def _breaks(G: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
+def nodes_of(G: Any, w: Any) -> list[Any]:
+    """Return what has kinks in w, in a fixed order."""
+    return sorted((n for n in G.atoms(*KINKED) if n.has(w)), key=sp.default_sort_key)
+
+
+def switching_of(node: Any, w: Any, values: Mapping[Any, Any]) -> list[tuple[Any, float]]:
+    """Return where a node may have a kink, and the sign of the slope of what it looks at."""
+    if CLASSES[type(node)].extreme:
+        sides = [_forms(a, w) for a in node.args]
+        forms = [f - g for i, one in enumerate(sides) for other in sides[i + 1 :] for f in one for g in other]
+    else:
+        forms = _forms(node.args[0], w)
+    found = []
+    for f in forms:
+        slope = sp.expand(derivative(f, w))
+        size = None if slope.has(w) else number(slope, values)
+        if slope != 0 and size is None:
+            raise Undecided
+        if size:
+            found.append((sp.expand(-sp.expand(f).xreplace({w: sp.S.Zero}) / slope), 1.0 if size > 0 else -1.0))
+    return found
+
+
+def same(one: Any, other: Any, values: Mapping[Any, Any]) -> bool:
+    """Whether two places are one."""
+    return bool(sp.expand(one - other) == 0 or number(one - other, values) == 0)
+
+
+def breaks_of(G: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
     """Return where a piecewise affine expression may have kinks."""
     found: list[Any] = []
-    for node in sorted((n for n in G.atoms(*KINKED) if n.has(w)), key=sp.default_sort_key):
-        if CLASSES[type(node)].extreme:
-            sides = [_forms(a, w) for a in node.args]
-            switching = [f - g for i, one in enumerate(sides) for other in sides[i + 1 :] for f in one for g in other]
-        else:
-            switching = _forms(node.args[0], w)
-        for f in switching:
-            slope = sp.expand(derivative(f, w))
-            if slope.has(w) or (slope != 0 and number(slope, values) is None):
-                raise _Undecided
-            if slope != 0 and number(slope, values):
-                at = sp.expand(-sp.expand(f).xreplace({w: sp.S.Zero}) / slope)
-                if not any(sp.expand(at - b) == 0 or number(at - b, values) == 0 for b in found):
-                    found.append(at)
+    for node in nodes_of(G, w):
+        for at, _ in switching_of(node, w, values):
+            if not any(same(at, b, values) for b in found):
+                found.append(at)
+    return found
+
+
+def places(G: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
+    """Return the kinks of any expression whose place is known: those that look at something affine in w."""
+    found: list[Any] = []
+    for node in nodes_of(G, w):
+        try:
+            found += [at for at, _ in switching_of(node, w, values) if not any(same(at, b, values) for b in found)]
+        except Undecided:
+            continue
     return found
 
 
@@ -73,7 +105,7 @@ def _ordered(breaks: Sequence[Any], values: Mapping[Any, Any]) -> list[Any]:
     for b in breaks:
         place = number(b - breaks[0], values)
         if place is None:
-            raise _Undecided
+            raise Undecided
         places.append(place)
     return [b for _, b in sorted(zip(places, breaks, strict=True), key=lambda p: p[0])]
 
@@ -87,7 +119,7 @@ def _at(expr: Any, w: Any, point: Any, values: Mapping[Any, Any]) -> Any:
         inner = _at(expr.args[0], w, point, values)
         value = number(inner.xreplace({w: point}), values)
         if value is None:
-            raise _Undecided
+            raise Undecided
         return row.sides[value > 0].xreplace({X: inner})
     arguments = [_at(a, w, point, values) for a in expr.args]
     if row and row.extreme:
@@ -95,7 +127,7 @@ def _at(expr: Any, w: Any, point: Any, values: Mapping[Any, Any]) -> Any:
         for other in arguments[1:]:
             value = number((other - best).xreplace({w: point}), values)
             if value is None:
-                raise _Undecided
+                raise Undecided
             if (value > 0) == (row.extreme == ">"):
                 best = other
         return best
@@ -103,7 +135,7 @@ def _at(expr: Any, w: Any, point: Any, values: Mapping[Any, Any]) -> Any:
 
 
 @dataclass(frozen=True)
-class _Piece:
+class Piece:
     """A piece between two kinks (None at the ends): affine, with its slope and the number of it (None where unknown).
 
     A quadratic piece has the curve too, half its second derivative, and the slopes at its kinks.
@@ -147,16 +179,16 @@ def solve_kinked(
     `made` holds what every solution says: the unknown, the target, the expression and the last value.
     """
     slope = derivative(G, w)
-    if _smooth(derivative(slope, w)).has(w):
+    if smooth_part(derivative(slope, w)).has(w):
         return None
     try:
-        breaks = _breaks(G, w, values)
-    except _Undecided:
+        breaks = breaks_of(G, w, values)
+    except Undecided:
         return None
     try:
         pieces = _pieces(G, w, _ordered(breaks, values), values)
-    except _Undecided:
-        return None if _smooth(slope).has(w) else _nodes(G, w, target, breaks, values, made)
+    except Undecided:
+        return None  # see `nodes`
     # A decreasing map is an increasing one seen from below.
     known = [p.size for p in pieces if p.size is not None]
     steepest = max((abs(s) for s in known), default=0.0)
@@ -167,7 +199,16 @@ def solve_kinked(
         return None
     chain = _Chain(w, target, values, made, flip, steepest)
     branches, notes, reach = chain.solved(kept)
+    branches = [*chain.resting(G, kept), *branches]
     needs = dict.fromkeys(sp.Gt(flip * s, 0) for p in kept if p.size is None for s in p.slopes(w))
+    for end, bend in ((kept[0], -flip), (kept[-1], flip)):  # a curve without an end must not turn back
+        bent = number(bend * end.curve, values) if None in (end.left, end.right) else 0.0
+        if bent is None:
+            needs[sp.Ge(bend * end.curve, 0)] = None
+        elif bent < 0:
+            notes.append("the outermost piece turns back far away: further solutions there are not used")
+    if any(p.size is not None and flip * p.size < -FLAT * steepest for p in pieces):
+        notes.append(FALLING)
     return Solution(
         how="branches", branches=tuple(branches), reach=tuple(flip * e for e in reach[::flip]), needs=tuple(needs),
         notes=tuple(dict.fromkeys(notes)), **made,
@@ -190,14 +231,14 @@ class _Chain:
         """The target, from the side from which the map increases."""
         return self.flip * self.target
 
-    def edge(self, piece: _Piece, at: Any) -> Any:
+    def edge(self, piece: Piece, at: Any) -> Any:
         return sp.expand(self.flip * piece.expr.xreplace({self.w: at}))
 
-    def branch(self, condition: Any, piece: _Piece) -> Branch:
+    def branch(self, condition: Any, piece: Piece) -> Branch:
         solution = piece.solve(self.target, self.w, self.flip)
         return Branch(condition, solution, piece.expr.xreplace({self.w: self.made["unknown"]}))
 
-    def solved(self, kept: Sequence[_Piece]) -> tuple[list[Branch], list[str], list[Any]]:
+    def solved(self, kept: Sequence[Piece]) -> tuple[list[Branch], list[str], list[Any]]:
         """Return the branches in order, what is chosen where there is a choice, and what is reached."""
         branches: list[Branch] = []
         notes: list[str] = []
@@ -215,7 +256,18 @@ class _Chain:
             branches += [self.branch(self.T <= reach[1], kept[-1]), Branch(sp.true, kept[-1].right)]
         return branches, notes, reach
 
-    def joint(self, lower: _Piece, upper: _Piece) -> tuple[list[Branch], list[str]]:
+    def resting(self, G: Any, kept: Sequence[Piece]) -> list[Branch]:
+        """Return what holds at the jumps of a sign: it is zero there itself, so that what rests goes on resting."""
+        found = []
+        for lower, upper in pairwise(kept):
+            size = sp.expand(self.edge(upper, lower.right) - self.edge(lower, lower.right))
+            known = number(size, self.values)
+            if lower.right == upper.left and size != 0 and (known is None or abs(known) > FLAT * self.steepest):
+                at_it = self.flip * G.xreplace({self.w: lower.right})
+                found.append(Branch(sp.Abs(self.T - at_it) <= DEAD_BAND * sp.Abs(size), lower.right))
+        return found
+
+    def joint(self, lower: Piece, upper: Piece) -> tuple[list[Branch], list[str]]:
         """Return the branches up to the second of two neighbours: they meet, or a flat piece or a jump is between."""
         T, last, a, b = self.T, self.made["last"], lower.right, upper.left
         top, bottom = self.edge(lower, a), self.edge(upper, b)
@@ -239,10 +291,10 @@ class _Chain:
         return [self.branch(sp.And(T <= top, nearer), lower), *after], notes
 
 
-def _pieces(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) -> list[_Piece]:
+def _pieces(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) -> list[Piece]:
     """Return the pieces from left to right; neighbours that are the same become one."""
     ends = [None, *breaks, None]
-    pieces: list[_Piece] = []
+    pieces: list[Piece] = []
     for left, right in pairwise(ends):
         if left is None and right is None:
             point: Any = sp.S.Zero
@@ -255,14 +307,14 @@ def _pieces(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) ->
         slope = sp.expand(slope) if slope.has(w) else slope
         curve = derivative(slope, w) / 2
         if curve.has(w) or (curve != 0 and len(ends) == 2):
-            raise _Undecided
+            raise Undecided
         if pieces and sp.expand(expr - pieces[-1].expr) == 0:
             left = pieces.pop().left
-        pieces.append(_Piece(expr, slope, None if curve != 0 else number(slope, values), left, right, curve))
+        pieces.append(Piece(expr, slope, None if curve != 0 else number(slope, values), left, right, curve))
     return pieces
 
 
-def _smooth(expr: Any) -> Any:
+def smooth_part(expr: Any) -> Any:
     """Return an expression with constants in the place of its kinks."""
     return expr.replace(lambda e: isinstance(e, KINKED), lambda e: sp.Dummy(real=True))
 
@@ -271,88 +323,3 @@ def _direction(slope: Any, rest: Any, values: Mapping[Any, Any]) -> int:
     """Return the sign of a slope at rest."""
     value = number(rest(slope), values)
     return 0 if not value else 1 if value > 0 else -1
-
-
-def _nodes(
-    G: Any, w: Any, target: Any, breaks: Sequence[Any], values: Mapping[Any, Any], made: dict[str, Any]
-) -> Solution | None:
-    """Solve where the order of the kinks depends on samples: the map is a line between neighbouring kinks.
-
-    The nearest kinks whose levels lie below and above the target are found first. (A sum of plays is inverted so;
-    Krejci & Kuhnen 2001 sort the thresholds instead.)
-    """
-    try:
-        ends = [_far(G, w, side, values) for side in (-1, 1)]
-    except _Undecided:
-        return None
-    slopes = [sp.expand(derivative(e, w)) for e in ends]
-    sizes = [s for s in (number(e, values) for e in slopes) if s is not None]
-    if len(sizes) < 2 or not any(sizes):
-        return None
-    flip = 1 if max(sizes, key=abs) > 0 else -1
-    T, index, name = flip * target, made["unknown"].indices[0], made["unknown"].base.label
-    steps: list[tuple[str, Any]] = []
-
-    def step(what: str, expr: Any) -> Any:
-        steps.append((f"{name}_{what}", expr))
-        return signal(f"{name}_{what}")[index]
-
-    def best(what: str, start: Any, better: Any) -> Any:
-        """Go through the kinks and keep the better one: Max of many arguments is slow in SymPy."""
-        kept = start
-        for i, (p, g) in enumerate(zip(places, levels, strict=True), 1):
-            if p != kept:
-                kept = step(f"{what}{i}", sp.Piecewise((p, better(p, g, kept)), (kept, True)))
-        return kept
-
-    places = [step(f"kink{i}", b) for i, b in enumerate(breaks, 1)]
-    levels = [step(f"level{i}", flip * G.xreplace({w: p})) for i, p in enumerate(places, 1)]
-    first = best("first", places[0], lambda p, g, kept: p < kept)
-    end = best("last", places[0], lambda p, g, kept: p > kept)
-    below = best("below", first, lambda p, g, kept: sp.And(g <= T, p > kept))
-    above = best("above", end, lambda p, g, kept: sp.And(g >= T, p < kept))
-    bottom, top, lower, upper = (
-        step(what, flip * G.xreplace({w: p}))
-        for what, p in (("bottom", first), ("top", end), ("lower", below), ("upper", above))
-    )
-    outside = [
-        edge if flip * size <= 0 else _Piece(e, s, size, None, None).solve(target, w)
-        for e, s, size, edge in zip(ends, slopes, sizes, (first, end), strict=True)
-    ]
-    branches = (
-        Branch(T < bottom, outside[0]),
-        Branch(T > top, outside[1]),
-        Branch(sp.Or(above <= below, upper <= lower), within(made["last"], above, below)),
-        Branch(sp.true, below + (above - below) * (T - lower) / (upper - lower)),
-    )
-    try:
-        slopes = [number(flip * s, values) for s in _forms(derivative(G, w), w)]
-        rising = all(s is not None and s > 0 for s in slopes)
-    except _Undecided:
-        rising = False
-    notes = () if rising else ("if the levels rise from kink to kink",)
-    return Solution(how="nodes", branches=branches, steps=tuple(steps), notes=notes, **made)
-
-
-def _far(expr: Any, w: Any, side: int, values: Mapping[Any, Any]) -> Any:
-    """Return the affine expression that one with kinks is far to the left (-1) or to the right (1)."""
-
-    def sign_of(e: Any) -> float:
-        slope = number(derivative(e, w), values)
-        value = side * slope if slope else number(e, values)
-        if slope is None or value is None:
-            raise _Undecided
-        return value
-
-    if expr == w or not expr.has(w):
-        return expr
-    arguments = [_far(a, w, side, values) for a in expr.args]
-    row = CLASSES.get(type(expr))
-    if row and row.sides:
-        return row.sides[sign_of(arguments[0]) > 0].xreplace({X: arguments[0]})
-    if row and row.extreme:
-        best = arguments[0]
-        for other in arguments[1:]:
-            best = other if (sign_of(other - best) > 0) == (row.extreme == ">") else best
-        return best
-    return expr.func(*arguments)

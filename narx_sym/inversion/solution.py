@@ -12,14 +12,16 @@ from ..symbolic.identities import vanishes
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 
+ROUNDED = 1e-13  # a coefficient below it is none, where all others are gone
+UNIQUE = ("linear", "branches", "nodes", "inverse function")  # ways that leave no choice, unless their notes say so
+
 
 class Root(sp.Function):
     """The w nearest to `last` with `gap` = 0, between two limits: Root(gap, w, last, low, high).
 
+    Where there may be several roots, the size of what is added up in the gap follows, and where the gap has kinks.
     A node for the equations that have no closed form; only the Python engine computes it.
     """
-
-    nargs = 5
 
     @property
     def free_symbols(self) -> set[Any]:
@@ -61,6 +63,8 @@ class Solution:
     reach : (lowest, highest) target that is reached, -oo and oo where there is no limit
     notes : texts
         What is chosen where there is a choice.
+    steep : float, optional
+        The slope of `expr` is proved to be at least that, or at most minus that, for every value of the unknown.
     """
 
     unknown: Any
@@ -73,6 +77,7 @@ class Solution:
     needs: tuple[Any, ...] = ()
     reach: tuple[Any, Any] = (-sp.oo, sp.oo)
     notes: tuple[str, ...] = ()
+    steep: float | None = None
 
     @property
     def value(self) -> Any:
@@ -89,7 +94,7 @@ class Solution:
                 while limits := [f for f in gap.atoms(sp.Max, sp.Min) if f.has(self.target)]:
                     reached = {f: next(e for e in f.args if e.has(self.target)) for f in limits}
                     gap = gap.xreplace(reached)  # the discriminant where there is a solution
-                if not vanishes(gap):
+                if not _rounded(gap) and not vanishes(gap):
                     return gap
         return sp.S.Zero
 
@@ -99,20 +104,41 @@ class Solution:
         return self.how != "root finder"
 
     @property
+    def proved(self) -> bool:
+        """Whether there is exactly one solution for every target that `reach` and `needs` allow: by algebra."""
+        return self.steep is not None or (self.how in UNIQUE and not self.notes)
+
+    @property
     def proof(self) -> str:
-        """Say, in words, why there is one solution, or what it takes."""
+        """Say, in words, why there is one solution, what it takes, or that it is not known."""
         x, of = text(self.unknown), text(self.target)
-        if not self.closed_form:
-            said = f"{x} has no closed form: the root nearest to its last value is found by bracketing"
-        elif self.needs:
-            said = f"exactly one {x} for every {of} where {' and '.join(map(text, self.needs))}"
+        if self.steep is not None:
+            why = f"proved: the slope is at least {self.steep:.3g} everywhere, up or down"
+            said = f"{x} has no closed form: exactly one for every {of} ({why}), found by bracketing"
+        elif not self.closed_form:
+            said = f"{x} has no closed form: the root nearest to its last value is taken; not proved that there is one"
+        elif self.how == "quadratic":
+            said = f"two {x} for every {of}"
+        elif self.proved:
+            where = f" where {' and '.join(map(text, self.needs))}" if self.needs else ""
+            said = f"exactly one {x} for every {of}{where} (proved)"
         else:
-            said = f"{'one' if self.notes else 'exactly one'} {x} for every {of}"
+            said = f"one {x} for every {of} is taken (not proved that it is the only one)"
         low, high = map(text, self.reach)
         if self.reach != (-sp.oo, sp.oo):
             ends = f"above {low}" if self.reach[1] == sp.oo else f"below {high}"
-            said += f" {ends if sp.oo in map(abs, self.reach) else f'from {low} to {high}'}; nothing else is reached"
+            only = (
+                "nothing else is reached" if self.proved or self.how == "quadratic" else "by the pieces that are used"
+            )
+            said += f" {ends if sp.oo in map(abs, self.reach) else f'from {low} to {high}'}; {only}"
         return "; ".join([said, *self.notes])
+
+
+def _rounded(expr: Any) -> bool:
+    """Whether nothing but rounding is left: numbers that stand in the place of symbols have been divided."""
+    return all(
+        c.is_Float and abs(c) < ROUNDED for c in (p.as_coeff_Mul()[0] for p in sp.Add.make_args(sp.expand(expr)))
+    )
 
 
 def number(expr: Any, values: Mapping[Any, Any]) -> float | None:

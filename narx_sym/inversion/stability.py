@@ -90,9 +90,8 @@ class InternalDynamics(InternalDynamicsDoors):
         law, ahead = self.law, self.law.preview
         own = Model(shift(law.law, -ahead) if ahead else law.law, law.symbols, law.model.theta, output=m, input=r)
         found, names = steady_state(own), {ybar: mbar, ubar: rbar}
-        points = (
-            found.equilibria if isinstance(found.equilibria, str) else [p.xreplace(names) for p in found.equilibria]
-        )
+        listed = found.equilibria
+        points = [p.xreplace(names) for p in listed] if isinstance(listed, list) else listed
         return SteadyState(found.equation.xreplace(names), [c.xreplace(names) for c in found.conditions], points)
 
 

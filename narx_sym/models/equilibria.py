@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,9 +14,9 @@ from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.identities import vanishes
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import k
+from ..symbolic.signals import k, samples
 from .model import Model
-from .rest_map import at_rest, closed, folded, rest_map, ubar, ybar
+from .rest_map import closed, folded, rest_map, ubar, ybar
 
 z = sp.Symbol("z")
 
@@ -30,7 +31,7 @@ class SteadyState:
     conditions : list of Eq
         Necessary and sufficient for a continuum: every ybar is an equilibrium for every constant input (Lemma 1; the
         paper asks for Sigma_y = 1, which is enough only where no input or constant term remains at rest).
-    equilibria : "continuum" or list of expressions in ubar
+    equilibria : "continuum", or a list of expressions in ubar; None where there is no closed form
     """
 
     equation: sp.Eq
@@ -79,7 +80,9 @@ def steady_state(model: Model) -> SteadyState:
     excess = sp.expand((right - ybar).xreplace(model.values))
     if excess == 0:
         return SteadyState(equation, continuum_conditions(model), "continuum")
-    solutions = sp.solve(excess, ybar) if solvable(excess, ybar) else []
+    solutions = sp.solve(excess, ybar) if solvable(excess, ybar) else None
+    if not excess.has(ybar):
+        solutions = []  # a constant that never vanishes
     return SteadyState(equation, continuum_conditions(model), solutions)
 
 
@@ -140,38 +143,180 @@ def without_integrator(polynomial: Any) -> tuple[Any, bool]:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Property 1: under a constant input a model of hysteresis has two or more real non-diverging equilibria."""
+    """Property 1: under a constant input a model of hysteresis has two or more real non-diverging equilibria.
+
+    Attributes
+    ----------
+    equilibria : "continuum", or a list of numbers at the input `at`; None where it is not known whether there is one
+    diverging : bool or None
+        Whether all of them repel.
+    holds : bool
+    reason : text
+    at : number
+        The constant input that decides: one at which there are two, where there is such a one [unit of the input].
+    """
 
     equilibria: Any
     diverging: bool | None
     holds: bool
     reason: str
+    at: float = 0.0
+
+
+INPUTS = 9  # constant inputs over the identified range
+
+
+def constant_inputs(model: Model) -> list[float]:
+    """Return where a model is judged at rest: at its operating point, then over the identified range of the input."""
+    low, high = model.info.ranges.get(str(model.input.label), (0.0, 0.0))
+    centre = model.operating_point.get(model.input, 0.0 if low <= 0 <= high or low == high else (low + high) / 2)
+    return [centre, *((low + (high - low) * i / (INPUTS - 1)) for i in range(INPUTS) if high > low)]
 
 
 def property_1(model: Model) -> Verdict:
-    """Count the equilibria of a fitted model under a constant input and say whether they diverge.
+    """Count the equilibria of a fitted model under constant inputs and say whether they diverge.
 
-    At a continuum the eigenvalue that is exactly 1 is taken out before the others are judged.
+    At a continuum the eigenvalue that is exactly 1 is taken out before the others are judged. Further channels are
+    held at zero.
     """
-    if not model.values:
+    if model.symbols and not model.values:
         raise ModelError("Property 1 is a verdict on numbers: fit the model or give theta first.")
-    state = steady_state(model)
-    slopes = [at_rest(derivative(model.right, model.output[k - i]), model) for i in range(1, model.n_y + 1)]
+    held = {model.output: ybar, model.input: ubar}
+    slopes = [
+        derivative(model.right, model.output[k - i]).xreplace(
+            {s: held.get(s.base, sp.S.Zero) for s in samples(model.right)}
+        )
+        for i in range(1, model.n_y + 1)
+    ]
     polynomial = characteristic([s.xreplace(model.values) for s in slopes])
-    if state.equilibria == "continuum":
-        reduced, _ = sp.div(sp.Poly(polynomial, z), sp.Poly(z - 1, z))
+    excess = sp.expand((rest_map(model) - ybar).xreplace(model.values))
+    excess = excess.xreplace({s: sp.S.Zero for s in excess.free_symbols - {ybar, ubar}})
+    if continuum(model) or excess == 0:
+        reduced, _ = sp.div(sp.Poly(polynomial.xreplace({ybar: sp.S.Zero, ubar: sp.S.Zero}), z), sp.Poly(z - 1, z))
         roots = [abs(complex(r)) for r in reduced.nroots()] if reduced.degree() > 0 else []
         diverging = any(r >= 1 for r in roots)
         return Verdict("continuum", diverging, not diverging, "every output is an equilibrium at rest (Lemma 1)")
-    points = [p for p in state.equilibria if p.xreplace({ubar: sp.S.Zero}).is_real is not False]
-    if not points:
-        return Verdict([], None, False, "no equilibrium: the output drifts under a constant input")
+    low, high = model.info.ranges.get(str(model.output.label), (-1.0, 1.0))
+    verdicts = [_at_rest(excess, polynomial, at, max(abs(low), abs(high))) for at in constant_inputs(model)]
+    if not excess.has(ubar):
+        return verdicts[0]
+    best = next((v for v in verdicts if v.holds), verdicts[0])
+    where = f" (at {model.input.label} = {best.at:.4g})" if best.at or len(verdicts) > 1 else ""
+    return Verdict(best.equilibria, best.diverging, best.holds, best.reason + where, best.at)
+
+
+def _at_rest(excess: Any, polynomial: Any, at: float, scale: float) -> Verdict:
+    """Judge the equilibria under one constant input."""
+    given = {ubar: sp.Float(at)}
+    found = resting_points(excess.xreplace(given), ybar, scale)
+    if not found.points:
+        drifts = ": the output drifts under a constant input" if found.complete else ": unknown"
+        return Verdict([] if found.complete else None, None, False, f"{found}{drifts}", at)
     flags = []
-    for point in points:
-        at = polynomial.xreplace({ybar: point, ubar: sp.S.Zero})
-        at = at.subs(ubar, 0)
-        flags.append(any(abs(complex(root)) >= 1 for root in sp.Poly(at, z).nroots()))
-    steady = [p for p, bad in zip(points, flags, strict=True) if not bad]
-    count = "one equilibrium" if len(points) == 1 else f"{len(points)} equilibria"
-    reason = f"{count} for a constant input, {len(steady)} non-diverging; two are needed"
-    return Verdict(points, all(flags), len(steady) >= 2, reason)
+    for point in found.points:
+        numbers = polynomial.xreplace({ybar: sp.Float(point), **given}).doit()
+        flags.append(any(abs(complex(root)) >= 1 for root in sp.Poly(numbers, z).nroots()))
+    steady = len(flags) - sum(flags)
+    reason = f"{found} for a constant input, {steady} non-diverging; two are needed"
+    return Verdict(list(found.points), all(flags), steady >= 2, reason, at)
+
+
+WIDTH = sp.Rational(1, 10**15)  # of the interval that isolates a root
+TOUCH = 1e-11  # relative to the largest term: a minimum as low as that touches zero
+SAME = 1e-6  # relative: roots nearer to each other are one that rounding has split
+GRID, RANGES = 2001, 1e6  # where a bracket is looked for, and how many ranges away
+
+
+@dataclass(frozen=True)
+class Equilibria:
+    """The outputs that stay where they are under one constant input.
+
+    Attributes
+    ----------
+    points : tuple of numbers, rising
+    complete : bool
+        Whether these are all: isolated by algebra. Else there may be more, and none found means not known.
+    """
+
+    points: tuple[float, ...]
+    complete: bool
+
+    def __str__(self) -> str:
+        n = len(self.points)
+        if not self.complete:
+            return f"at least {counted(n)}" if n else "whether there is an equilibrium is not known"
+        return counted(n) if n else "no equilibrium"
+
+
+def counted(n: int) -> str:
+    """Return "one equilibrium", "2 equilibria"."""
+    return "one equilibrium" if n == 1 else f"{n} equilibria"
+
+
+def resting_points(excess: Any, unknown: Any, scale: float = 1.0) -> Equilibria:
+    """Find the real roots of an expression in one unknown with numbers.
+
+    Polynomials by Sturm's theorem over the rationals that the decimals stand for, so that none is missed and none is
+    invented; all else by changes of sign, from within a small part of `scale` to a million times it.
+
+    Raises
+    ------
+    ModelError
+        Where the expression contains more than the unknown.
+    """
+    if foreign := excess.free_symbols - {unknown}:
+        raise ModelError(f"The equilibria depend on further signals ({', '.join(map(str, foreign))}).")
+    exact = sp.expand(excess)
+    if exact.is_polynomial(unknown):
+        return Equilibria(_isolated(sp.Poly(sp.nsimplify(exact, rational=True), unknown, domain="QQ")), True)
+    return Equilibria(_bracketed(sp.lambdify([unknown], excess, modules="math"), scale), False)
+
+
+def _isolated(polynomial: Any) -> tuple[float, ...]:
+    if polynomial.degree() < 1:
+        return ()
+    found = [float((a + b) / 2) for (a, b), _ in polynomial.intervals(eps=WIDTH)]
+    # A double root that rounding has lifted from the axis is a turning point at it.
+    for turning in polynomial.diff().sqf_part().intervals(eps=WIDTH) if polynomial.degree() > 1 else ():
+        at = float(sum(turning[0] if isinstance(turning[0], tuple) else turning) / 2)
+        terms = [float(c) * at**n for (n,), c in polynomial.terms()]
+        if abs(sum(terms)) <= TOUCH * max(map(abs, terms), default=0.0):
+            found.append(at)
+    kept: list[float] = []
+    for x in sorted(found):
+        if not kept or x - kept[-1] > SAME * (1e-3 + abs(x)):
+            kept.append(x)
+    return tuple(kept)
+
+
+def _bracketed(gap: Any, scale: float) -> tuple[float, ...]:
+    def value(x: float) -> float:
+        try:
+            return float(gap(x))
+        except (OverflowError, ValueError, ZeroDivisionError, TypeError):
+            return math.nan
+
+    top = math.asinh(RANGES)
+    grid = [scale * math.sinh(top * (2 * i / (GRID - 1) - 1)) for i in range(GRID)]
+    points = [(x, value(x)) for x in grid]
+    found: list[float] = []
+    for (_, far), before, here in zip([(0.0, 0.0), *points], points, points[1:], strict=False):
+        if before[1] == 0 and far * here[1] != 0:  # a zero alone; many in a row are a function that fades away
+            found.append(before[0])
+        elif before[1] * here[1] < 0 and (root := _bisected(value, before, here)) is not None:
+            found.append(root)
+    return tuple(x for i, x in enumerate(found) if not i or x - found[i - 1] > SAME * (1e-3 * scale + abs(x)))
+
+
+def _bisected(value: Any, low: tuple[float, float], high: tuple[float, float]) -> float | None:
+    """Return the root between two points of different sign; None where it is a jump."""
+    edges = abs(low[1]) + abs(high[1])
+    for _ in range(200):
+        middle = (low[0] + high[0]) / 2
+        if middle in (low[0], high[0]):
+            break
+        here = (middle, value(middle))
+        if here[1] == 0:
+            return middle
+        low, high = (here, high) if (here[1] > 0) == (low[1] > 0) else (low, here)
+    return low[0] if abs(low[1]) + abs(high[1]) < 1e-6 * edges else None

@@ -16,7 +16,7 @@ from ..symbolic.grammar import parse
 from ..symbolic.recursion import Recursion, State
 from ..symbolic.signals import differences, expand_phi, k, lag, lags, pairs, samples, shift, signal, t, u, v, x, y
 from . import assumptions
-from .added import AddedEffect
+from .added import AddedEffect, starts
 from .doors import ModelDoors
 from .info import Info
 
@@ -244,10 +244,10 @@ class Model(ModelDoors):
     def _updates(self, change: Any = lambda right: right) -> list[tuple[Any, Any]]:
         return [(s.left, self.in_user_units(expand_phi(change(s.right)))) for s in self.states]
 
-    @property
+    @cached_property
     def starts(self) -> dict[Any, Any]:
         """What each further state starts from, in samples of the inputs and outputs in the user's units."""
-        return {s.left.base: self.in_user_units(s.initial) for s in self.states}
+        return {base: self.in_user_units(e) for base, e in starts(self).items()}
 
     @property
     def usual(self) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import sympy as sp
 from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.recursion import State
-from ..symbolic.signals import differences, held, lag, lags, pairs, samples, t, x
+from ..symbolic.signals import differences, held, lag, lags, samples, t, x
 from .model import Model
 
 ybar, ubar = (sp.Symbol(n, real=True) for n in (r"\bar{y}", r"\bar{u}"))
@@ -120,5 +120,6 @@ def sigma_y(model: Model) -> Any:
     returning = model.recursion.graph.reached(*besides) & {x, model.output}
     if model.hidden and (returning or (model.inner == x and samples(model.beside, x))):
         closed(model, "Sigma_y is", timeless=False)
-    terms = model.parts() if model.core == model.F else pairs(model.core)
+    # Only a sum that is multiplied out shows its linear terms: 2*y[k-1], a*(y[k-1] + y[k-2]).
+    terms = [part.as_independent(sp.Indexed, as_Add=False) for part in sp.Add.make_args(sp.expand(model.core))]
     return sp.Add(*(c for c, term in terms if isinstance(term, sp.Indexed) and term.base == model.inner))

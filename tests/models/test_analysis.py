@@ -32,6 +32,7 @@ from narx_sym.models.analysis import (
     ytilde,
     z,
 )
+from narx_sym.models.info import Info
 from narx_sym.models.model import NARX, Model
 from narx_sym.symbolic.recursion import State
 from narx_sym.symbolic.signals import k, phi1, phi2, signal, t, u, y
@@ -447,3 +448,72 @@ def test_without_a_term_in_the_output_the_continuum_has_no_sets():
     assert np.isnan(found.ytilde).all()
     kept = NARX.from_terms(["y[k-1]", "y[k-2]", "phi1[k-1]"], [0.7, 0.2, 0.8]).quasi_static().evaluate([1.0, 2.0])
     assert np.isfinite(kept.ytilde[1])
+
+
+# ---------------------------------------------------------------- equilibria
+
+
+@pytest.mark.parametrize(
+    "terms, theta, count, holds",
+    (
+        (["1", "y[k-1]", "y[k-1]**3"], (0.05, 1.5, -0.5), 3, True),  # bistable, without a closed form in radicals
+        (["tanh(y[k-1])"], (1.5,), 3, True),
+        (["y[k-1]", "abs(y[k-1] - 1)", "1"], (1.2, -0.4, 0.1), 2, False),
+        (["y[k-1]", "y[k-1]**3", "y[k-1]**5"], (1.9, -1.2, 0.2), 5, True),
+        (["y[k-1]", "y[k-1]**4", "1"], (1.0, 0.1, 0.2), 0, False),  # a quartic without a real root
+        (["y[k-1]", "y[k-1]**2", "1"], (-1.0, 1.0, 1.0), 1, False),  # (y - 1)^2 = 0: once
+        (["y[k-1]", "y[k-1]**2", "1"], (0.4, 0.1, 0.9), 1, False),  # the same in decimals
+    ),
+)
+def test_real_equilibria_are_counted_once(terms, theta, count, holds):
+    verdict = property_1(NARX.from_terms(terms, theta))
+    assert len(verdict.equilibria) == count and verdict.holds is holds, verdict.reason
+
+
+def test_what_is_not_solved_is_not_none():
+    """Without a change of sign nothing is known about a function; a polynomial is decided."""
+    verdict = property_1(NARX.from_terms(["y[k-1]", "exp(y[k-1])"], (1.0, 0.1)))
+    assert verdict.equilibria is None and not verdict.holds and "not known" in verdict.reason
+    assert steady_state(NARX.from_terms(["tanh(y[k-1])", "u[k-1]"], (1.5, 0.1))).equilibria is None
+
+
+def test_two_equilibria_at_the_operating_point():
+    """Bistable where it is used, at u = 5, and not at u = 0; also found within the identified range."""
+    bistable = Model(y[k - 1] - (y[k - 1] ** 3 - y[k - 1]) / 4 - (u[k - 1] - 5) / 2, ())
+    assert not property_1(bistable).holds
+    bistable = bistable.replace(info=Info(ranges={"u": (3.0, 7.0), "y": (-2.0, 2.0)}))
+    verdict = property_1(bistable)
+    assert verdict.holds and verdict.at == 5.0 and "at u = 5" in verdict.reason
+    moved = Model(y[k - 1] - (y[k - 1] ** 3 - y[k - 1]) / 4 - u[k - 1] / 2, (), operating_point={u: 5.0})
+    assert property_1(moved).holds
+
+
+def test_equilibria_against_brute_force():
+    """Random models up to the fifth degree: as many as the sign changes of the rest map say, and where they say."""
+    rng = np.random.default_rng(5)
+    grid = np.sinh(np.linspace(-9, 9, 60_001))
+    tried = 0
+    while tried < 150:
+        theta = np.round(rng.normal(0, 1, 6), 3) * (rng.random(6) < 0.7)
+        gap = np.polyval(theta[::-1], grid) - grid
+        side = np.signbit(gap)
+        at = grid[1:][side[1:] != side[:-1]]
+        if not theta[0]:
+            continue  # zero is a root, perhaps a double one
+        close = np.roots(np.polysub(theta[::-1], [1, 0]))
+        if np.any((np.abs(close.imag) < 1e-2) & (np.abs(close.imag) > 0)) or np.any(np.abs(close) > 4000):
+            continue  # nearly double, or off the grid
+        if at.size > 1 and np.diff(at).min() < 1e-2:
+            continue
+        terms = ["1", *(f"y[k-1]**{n}" if n > 1 else "y[k-1]" for n in range(1, 6))]
+        chosen = [(s, float(v)) for s, v in zip(terms, theta, strict=True) if v]
+        found = property_1(NARX.from_terms(*map(list, zip(*chosen, strict=True)))).equilibria
+        assert len(found) == at.size and np.allclose(found, at, rtol=1e-3, atol=1e-3), (theta, found, at)
+        tried += 1
+
+
+def test_sigma_y_of_every_way_to_write_it():
+    a, b = sp.symbols("a b", real=True)
+    for core in (a * (y[k - 1] + y[k - 2]), (y[k - 1] + y[k - 2]) * a + b * u[k - 1] * y[k - 1], a * y[k - 1] * 2):
+        assert zero(sigma_y(Model(core + b * u[k - 1], (a, b))) - 2 * a)
+    assert zero(sigma_y(Model(2 * y[k - 1] - y[k - 2] + b * u[k - 1], (b,))) - 1)

@@ -1,0 +1,206 @@
+"""Independent attack on what laws and proofs say, with fresh seeds on demand.
+
+    python tests/bench/attack.py [--models 500] [--seed 0] [--jobs 2]
+
+Random models with one or two effects of the catalogue, in every place, are driven by a random input that also rests;
+the law must then make the model's own output from the same state. Where it misses, every input is tried: "lost" means
+that some input would have given the wanted output, "dead end" that an earlier choice between two inputs, both right,
+left none. A proof ("exactly one") is refuted where a search over inputs finds none or two. Nothing is tuned.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any
+
+import numpy as np
+
+import narx_sym as ns
+from narx_sym.errors import NarxError, NotInvertible
+from narx_sym.models.extend import Variant, extend, variants
+from narx_sym.symbolic.signals import u, y
+
+Array = np.ndarray
+N, TS = 100, 0.01
+GOOD = 1e-9  # of the largest output
+SHAPES = {"tau": 0.05, "b": 0.7, "g": 0.9, "d": 1.1, "f": 3.0, "s": 0.1}
+CHANNEL = "temp"
+
+
+def bases() -> dict[str, ns.NARX]:
+    """Models without effects."""
+    made = {
+        "static": (["u[k]"], [1.5], {u: 0.4, y: 2.0}),
+        "first order": (["y[k-1]", "u[k-1]"], [0.6, 0.4], {}),
+        "second order": (["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], [1.2, -0.4, 0.15, 0.1], {}),
+        "delayed": (["y[k-1]", "u[k-2]"], [0.7, 0.4], {u: -1.0, y: 3.0}),
+        "continuum": (
+            ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"],
+            [1.0, 0.7, 0.1, -0.2], {u: 0.3, y: -2.0},
+        ),
+        "delayed continuum": (["y[k-1]", "phi1[k-3]", "phi2[k-3]*phi1[k-4]*y[k-1]"], [1.0, 0.7, 0.1], {}),
+    }  # fmt: skip
+    return {n: ns.NARX.from_terms(terms, theta, operating_point=at, Ts=TS) for n, (terms, theta, at) in made.items()}
+
+
+def with_effect(base: ns.Model, variant: Variant, rng: np.random.Generator) -> ns.Model:
+    """Add an effect with random coefficients: a whole one up to 95 %, others of either sign."""
+    added = extend(base, variant)
+    inside = variant.where == "inside"
+    high = 0.95 if variant.effect.full else 0.05 if inside else 0.3
+    values = dict(zip(base.symbols, base.theta, strict=True))
+    for c in added.coefficients:
+        size = rng.uniform(0.05 * high, high)
+        values[c] = size if variant.effect.sign or variant.effect.full else size * rng.choice([-1.0, 1.0])
+    if len(added.coefficients) > 2:  # shares of one whole
+        values |= {c: abs(values[c]) / len(added.coefficients) for c in added.coefficients}
+    for s, name in zip(added.shape, variant.shape, strict=True):
+        values[s] = SHAPES.get(name, 0.25) * rng.uniform(0.5, 2.0)
+    return added.model.replace(theta=[values[s] for s in added.model.symbols])
+
+
+def drawn(rng: np.random.Generator, effects: int) -> tuple[str, ns.Model]:
+    """Return a random model with some effects, and its name."""
+    name = str(rng.choice(list(bases())))
+    model: ns.Model = bases()[name]
+    for _ in range(effects):
+        listed = list(variants(model, [CHANNEL]))
+        # Every effect alike, however many ways it has.
+        wanted = rng.choice(sorted({(v.id, v.where, v.effect.form) for v in listed}))
+        fitting = [v for v in listed if (v.id, v.where, v.effect.form) == tuple(wanted)]
+        variant = fitting[rng.integers(len(fitting))]
+        name += f" + {variant}"
+        model = with_effect(model, variant, rng)
+    return name, model
+
+
+def moved(rng: np.random.Generator, n: int = N) -> Array:
+    """Return a random input between -1 and 1 that starts at 0, with steps, ramps and rests."""
+    found = [np.zeros(6)]
+    while sum(map(len, found)) < n:
+        length, last = int(rng.integers(3, 15)), found[-1][-1]
+        kind = rng.integers(3)
+        found.append(
+            np.full(length, last) if kind == 0
+            else np.linspace(last, rng.uniform(-1, 1), length + 1)[1:] if kind == 1
+            else rng.uniform(-1, 1, length)
+        )  # fmt: skip
+    return np.concatenate(found)[:n]
+
+
+class Run:
+    """A model, an input and its own output, at rest before the start; in the law's time."""
+
+    def __init__(self, model: ns.Model, rng: np.random.Generator):
+        self.model, self.law = model, model.compensator()
+        u0, y0 = (model.operating_point.get(b, 0.0) for b in (u, y))
+        ahead = self.law.preview
+        self.u = np.concatenate([np.full(ahead, u0), u0 + moved(rng)])
+        self.channels: dict[str, Array] = {}
+        wave = np.sin(np.maximum(np.arange(self.u.size) - 8.0 - ahead, 0.0) / 25)
+        if CHANNEL in model.channels:
+            self.channels[CHANNEL] = wave
+        if "t" in map(str, (b.label for b in model.recursion.inputs)):
+            self.channels["t"] = TS * np.maximum(np.arange(self.u.size) - ahead, 0)
+        self.u0, self.y0, self.ahead = u0, y0, ahead
+        for _ in range(20):  # to where it rests; else the output drifts
+            still = {n: np.full(600, c[0]) for n, c in self.channels.items()}
+            settled = self._simulated(np.full(ahead + 600, u0), still)
+            if np.ptp(settled[-50:]) < 1e-12 and np.isfinite(settled).all():
+                self.y0 = float(settled[-1])
+        self.y = self.output(self.u)
+        self.size = GOOD * max(1.0, float(np.abs(self.y).max()))
+
+    def output(self, driven: Array) -> Array:
+        """What the model gives; it is at rest until the first command can arrive."""
+        later = {n: c[self.ahead :] for n, c in self.channels.items()}
+        return np.concatenate([np.full(self.ahead, self.y0), self._simulated(driven, later)])
+
+    def _simulated(self, driven: Array, channels: dict[str, Array]) -> Array:
+        return self.model.simulate(driven[self.ahead :], self.y0, channels, u0=self.u0)
+
+    def lost(self, driven: Array, at: int) -> bool:
+        """Return whether another command would have given the output that was missed first."""
+        when = at - self.ahead
+        tried = np.concatenate([[driven[when - 1], self.u[when]], np.linspace(-10, 10, 801)])
+
+        def gap(w: float) -> float:
+            commands = np.concatenate([driven[:when], [w], np.full(self.ahead, w)])
+            try:
+                short = {n: c[: commands.size] for n, c in self.channels.items()}
+                before = np.full(self.ahead, self.y0)
+                found = self.model.simulate(
+                    commands[self.ahead :], self.y0, {n: c[self.ahead :] for n, c in short.items()}, u0=self.u0
+                )
+                return float(np.concatenate([before, found])[at] - self.y[at])
+            except NarxError:
+                return float("nan")
+
+        gaps = [gap(w) for w in tried]
+        if min(map(abs, gaps)) < self.size:
+            return True
+        for a, b, first, last in zip(tried[2:], tried[3:], gaps[2:], gaps[3:], strict=False):
+            if first * last < 0:
+                for _ in range(60):
+                    middle = (a + b) / 2
+                    here = gap(middle)
+                    a, b = (middle, b) if (here > 0) == (first > 0) else (a, middle)
+                if abs(gap(a)) < self.size or abs(gap(b)) < self.size:
+                    return True
+        return False
+
+    def follow(self) -> Any:
+        """Let the law make the model's own output."""
+        return self.law.follow(self.y, self.u0, self.channels)
+
+
+def outcome(seed: int) -> tuple[str, str, int]:
+    """Run one random model: what became of it, its name, and the samples that its law misses."""
+    rng = np.random.default_rng(seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            name, model = drawn(rng, 1 + seed % 2)
+            run = Run(model, rng)
+        except NotInvertible:
+            return "no law", name, 0
+        except NarxError as error:
+            return "unstable" if "diverge" in str(error) else "error", name, 0
+        if not np.all(np.abs(run.y) < 1e6):
+            return "unstable", name, 0
+        try:
+            found = run.follow()
+        except NarxError:
+            return "runs away", name, N
+        missed = np.abs(run.output(found.m) - run.y) > run.size
+        if not missed.any():
+            return "follows", name, 0
+        if run.law.staged and run.law.staged.note:
+            return "runs away, as it says", name, int(missed.sum())
+        return ("lost" if run.lost(found.m, int(np.argmax(missed))) else "dead end"), name, int(missed.sum())
+
+
+def main() -> int:
+    """Attack, and print what was found."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--models", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=2)
+    options = parser.parse_args()
+    seeds = range(options.seed, options.seed + options.models)
+    tally: Counter[str] = Counter()
+    pool = ProcessPoolExecutor(options.jobs) if options.jobs > 1 else None
+    for seed, (what, name, missed) in zip(seeds, (pool.map if pool else map)(outcome, seeds), strict=True):
+        tally[what] += 1
+        if what not in ("follows", "no law", "unstable"):
+            print(f"{what:10} {missed:4} seed {seed}: {name}", flush=True)
+    print("| " + " | ".join(tally) + " |")
+    print("| " + " | ".join(map(str, tally.values())) + " |")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

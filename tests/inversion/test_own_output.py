@@ -1,0 +1,140 @@
+"""A law makes the output that its own model has made, from the same state; what it says about itself holds."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from bench.attack import Run, bases, moved, with_effect
+
+import narx_sym as ns
+from narx_sym.engines.roots import nearest
+from narx_sym.models.extend import variants
+from narx_sym.symbolic.signals import k, phi1, u, y
+
+FIRST = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.6, 0.4], Ts=0.01)
+
+
+def made_of(base, *effects, seed=0, sizes=None):
+    """Put effects (id, place, form, lag) into a base, with random numbers."""
+    model, rng = base, np.random.default_rng(seed)
+    for name, where, form, lag in effects:
+        listed = [v for v in variants(model, ["temp"]) if (v.id, v.where) == (name, where) and form in v.effect.form]
+        model = with_effect(model, next(v for v in listed if v.lag == lag), rng)
+    if sizes:
+        model = model.replace(theta=[sizes.get(str(s), v) for s, v in zip(model.symbols, model.theta, strict=True)])
+    return model
+
+
+COMBINED = {
+    "backlash, friction": (("backlash", "input", "", 0), ("coulomb_friction", "output", "", 1)),
+    "plays, friction": (("hysteresis", "input", "play", 0), ("coulomb_friction", "output", "", 1)),
+    "dead zone, friction": (("dead_zone", "input", "", 0), ("coulomb_friction", "output", "", 1)),
+    "Stribeck": (("stribeck_friction", "output", "", 1),),
+    "backlash, Stribeck": (("backlash", "input", "", 0), ("stribeck_friction", "output", "", 1)),
+    "smooth friction, plays": (("coulomb_friction", "output", "smooth", 1), ("hysteresis", "input", "play", 0)),
+    "bent, friction": (("quadratic_gain", "input", "", 0), ("coulomb_friction", "output", "", 1)),
+}
+
+
+@pytest.mark.parametrize("name", COMBINED)
+def test_a_law_makes_its_models_own_output(name):
+    """The jumps of a sign, and pairs of roots, are found whatever stands beside them."""
+    run = Run(made_of(FIRST, *COMBINED[name], seed=1), np.random.default_rng(1))
+    driven = run.follow().m
+    missed = np.abs(run.output(driven) - run.y) > run.size
+    # Of two inputs that are both right, the one that was not taken may have been the only one to go on from.
+    assert not missed.any() or (not run.law.check().proved and not run.lost(driven, int(np.argmax(missed))))
+
+
+def test_a_delay_leaves_no_offset():
+    """The first outputs are made before the law acts: it goes on from what they are, not from what they should be."""
+    for terms, theta in (
+        (["y[k-1]", "phi1[k-2]"], [1.0, 0.5]),
+        (["y[k-1]", "phi1[k-3]", "phi1[k-4]*y[k-1]"], [1.0, 0.7, 0.1]),
+    ):
+        law = ns.NARX.from_terms(terms, theta).compensator()
+        target = np.sin(np.arange(80) / 9)
+        driven = law.run(target, 0.0)
+        out = law.model.simulate(driven, 0.0, u0=0.0)
+        assert np.abs(out - target)[law.preview :].max() < 1e-9
+        assert law.follow(target, 0.0).y[law.preview :] == pytest.approx(out[law.preview :], abs=1e-9)
+
+
+def test_follow_simulates_a_plain_law():
+    """A channel that is not at rest at the start moves the output before the first command."""
+    law = ns.NARX.from_terms(["y[k-1]", "phi1[k-3]", "w[k-1]"], [1.0, 0.5, 0.1], channels=["w"]).compensator()
+    target = np.zeros(40)
+    found = law.follow(target, 0.0, {"w": np.ones(40)})
+    assert found.y[law.preview + 1 :] == pytest.approx(target[law.preview + 1 :], abs=1e-9)
+
+
+def test_nothing_is_proved_that_does_not_hold():
+    bounded = ns.NARX([y[k - 1], sp.tanh(u[k - 1])], [0.9, 0.1]).compensator()
+    assert "theta_1*r[k]" in bounded.checked and "nothing else is reached" in bounded.checked
+    changing = ns.NARX([y[k - 1], u[k - 1], sp.Abs(phi1[k - 1]) * u[k - 1]], [0.5, 1.0, -0.3]).compensator()
+    assert "exactly one" not in changing.checked and not changing.check().proved
+    over = made_of(ns.NARX.from_terms(["u[k]"], [1.5]), ("saturation", "input", "hard", 0))
+    over = over.replace(theta=[1.5, 1.5, 0.25])
+    assert "nothing else is reached" not in over.compensator().checked
+    cubic = made_of(FIRST, ("cubic_gain", "input", "", 0), sizes={"c_cubic_gain": 0.2}).compensator()
+    assert "proved: the slope is at least" in cubic.checked and cubic.check().proved
+    falling = made_of(FIRST, ("cubic_gain", "input", "", 0), sizes={"c_cubic_gain": -0.2}).compensator()
+    assert "not proved" in falling.checked and not falling.check().proved and not falling.check().good
+
+
+def test_what_is_proved_holds_by_brute_force():
+    """Wherever algebra says "exactly one", a search over inputs finds one crossing."""
+    rng, grid = np.random.default_rng(3), np.sinh(np.linspace(-12, 12, 8001))
+    judged = 0
+    for name in ("first order", "second order", "delayed", "continuum"):
+        for variant in variants(bases()[name], ["temp"]):
+            law = _law(with_effect(bases()[name], variant, rng))
+            for stage in law.staged.stages if law is not None and law.staged else ():
+                if not stage.proved or stage.needs:
+                    continue
+                gap = (stage.expr - stage.target).xreplace(law.model.values)
+                plain = {s: sp.Symbol(f"s{i}", real=True) for i, s in enumerate(sorted(gap.atoms(sp.Indexed), key=str))}
+                function = sp.lambdify(list(plain.values()), gap.xreplace(plain), modules="numpy")
+                for _ in range(8):
+                    at = {s: grid if s == stage.unknown else rng.uniform(-1, 1) for s in plain}
+                    values = {s: x for s, x in at.items() if s != stage.unknown}
+                    low, high = (float(sp.sympify(e).xreplace(law.model.values).xreplace(values)) for e in stage.reach)
+                    if not low < at[stage.target] < high:
+                        continue
+                    found = np.broadcast_to(function(*at.values()), grid.shape)
+                    assert (np.signbit(found[1:]) != np.signbit(found[:-1])).sum() == 1, (str(variant), stage.proof)
+                    judged += 1
+    assert judged > 200
+
+
+def _law(model):
+    try:
+        return model.compensator()
+    except ns.errors.NotInvertible:
+        return None
+
+
+def test_no_pair_of_roots_is_jumped_over():
+    """A search by widening steps saw the same sign on both sides of two roots."""
+    import narx_sym.engines.roots as bounds
+
+    def gap(w):
+        return 0.4 * w + bounds.exp(-1 * ((w - 2.0) * 20.0) * ((w - 2.0) * 20.0)) - 1.2
+
+    roots = [nearest(gap, last, -1e9, 1e9, 1.0) for last in (0.0, 1.95, 2.05, 9.0)]
+    assert all(abs(gap(x)) < 1e-12 for x in roots) and len({round(x, 6) for x in roots}) == 3
+    assert nearest(lambda w: w * w + 1.0, 0.3, -1e9, 1e9, 1.0) == pytest.approx(0.0, abs=1e-4)  # the least gap
+
+
+def test_at_rest_the_input_rests():
+    """Rounding of the model beside a law does not make the input jump across what does nothing."""
+    for effect in (("dead_zone", "input", "", 0), ("backlash", "input", "", 0), ("hysteresis", "input", "play", 0)):
+        model = made_of(FIRST, effect, seed=4)
+        shares = [s for s in model.symbols if str(s).startswith("c")]
+        model = model.replace(
+            theta=[1.0 / len(shares) if s in shares else v for s, v in zip(model.symbols, model.theta, strict=True)]
+        )
+        wave = np.concatenate([moved(np.random.default_rng(2), 60), np.full(60, 0.7)])
+        law, target = model.compensator(), model.simulate(wave, 0.0, u0=0.0)
+        for options in ({}, {"limits": (-50.0, 50.0)}):
+            found = law.follow(target, 0.0, **options)
+            assert found.error < 1e-9 and np.abs(np.diff(found.m[-40:])).max() < 1e-6, effect
