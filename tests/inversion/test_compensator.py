@@ -24,12 +24,12 @@ def reference(n=200, size=2.0):
 def follow(model, r_values, m0=0.3):
     """Run the law, feed the model with it, and return |y - r| for the samples that the law commands.
 
-    Before k = 0 the input is m0 and the output r[0]; the first tau_d outputs, which no law can reach, are r's.
+    Before k = 0 the input is m0 and the output r[0]; it stays there for the first tau_d samples, which no law reaches.
     """
     delay, before = model.delay, 12
     commanded = model.compensator().run(r_values, m0)
     source = np.concatenate([np.full(before, m0), commanded])
-    start = np.concatenate([np.full(before, r_values[0]), r_values[:delay]])
+    start = np.full(before + delay, r_values[0])
     out = compile(model.recursion)({"u": source}, model.theta, {"y": start}, start=before + delay)["y"]
     return np.abs(out[before:] - r_values)[delay:]
 
