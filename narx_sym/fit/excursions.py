@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import sympy as sp
 
+from ..data.coverage import beyond, excess, leaves
 from ..engines.columns import lambdify, largest_root
-from ..errors import ModelError
+from ..errors import Diverged, ModelError
+from ..inversion.compensator import Compensator
 from ..inversion.stability import InternalDynamics, direction, heading, mbar, rbar
 from ..models.equilibria import z
 from ..symbolic.signals import lag, samples, signal
-
-if TYPE_CHECKING:
-    from ..inversion.compensator import Compensator
+from .simulate import Records, segments
 
 Array = np.ndarray
 DOUBLES = 2.0  # a disturbance that grows less than this before it shrinks again is not worth a warning
@@ -249,3 +249,57 @@ def operating_range(law: Compensator) -> OperatingRange | None:
     top = int(np.argmax(worst))
     shares = {way: float(np.mean(x > 1)) for way, x in found.items()}
     return OperatingRange(shares, float(worst[top]), (float(m_grid[top]), float(r_grid[top])))
+
+
+# -- what is known about a run of a law ------------------------------------------------------------------------
+
+
+def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None) -> list[str]:
+    """Say where a run of a law leaves what was identified, and whether it amplifies its own errors.
+
+    Raises
+    ------
+    Diverged
+        Where the input runs more than ten of the identified ranges away.
+    """
+    ranges = law.model.info.ranges
+    found = [f"{s}: this extrapolates" for s in beyond(law.model.info, "y", "reference", [r], law.model.Ts)]
+    visit = _excursion(law, m, r, m0)
+    unstable = visit.sentence(law.model.Ts) if visit is not None and visit.first is not None else ""
+    if "u" in ranges and (out := leaves(law.model.info, "u", "compensated input", [m])):
+        if excess(m, *ranges["u"]) > 10:
+            raise Diverged(f"The law runs away: {out}; {unstable or 'check m0 and the reference'}.")
+        found.append(out)
+    return [*found, unstable] if visit is not None and visit.noteworthy else found
+
+
+def run_away(law: Compensator, r: Array, path: Array, m0: float | None = None) -> list[str]:
+    """Say what may have made a law diverge: a reference outside what was identified, its own dynamics on the way."""
+    outside = leaves(law.model.info, "y", "reference", [r])
+    visit = _excursion(law, path, r[: path.size], m0) if path.size > 1 else None
+    repels = visit is not None and visit.first is not None
+    return [
+        *([f"Here {outside}."] if outside else []),
+        *([f"Before that, {visit.sentence(law.model.Ts)}."] if visit is not None and repels else []),
+    ]
+
+
+def _excursion(law: Compensator, m: Array, r: Array, m0: float | None = None) -> Excursion | None:
+    """Follow the law's internal eigenvalue; None where it depends on further channels."""
+    try:
+        return excursion(law.internal, m, r, m0)
+    except ModelError:
+        return None
+
+
+def law_radius(law: Compensator, records: Records) -> float:
+    """Return the largest internal eigenvalue of a law that 99 % of the measured points stay below.
+
+    Below 1 the law forgets its own errors; above, it amplifies them from sample to sample.
+    """
+    parts = segments(records)
+    m_values, r_values = (np.concatenate([getattr(p, n) for p in parts]) for n in ("u", "y"))
+    try:
+        return float(np.quantile(radius(law.internal, m_values, r_values), 0.99))
+    except ModelError:
+        return 0.0  # it depends on further channels

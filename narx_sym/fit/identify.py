@@ -17,9 +17,10 @@ from ..models import assumptions
 from ..models.model import NARX, Model
 from ..models.pool import lagged, pool
 from ..symbolic.signals import k, phi1, u, y
+from .excursions import law_radius
 from .least_squares import check_method, fit, free_run_error
 from .select import PATH_STEPS, Selection, select
-from .simulate import Records, centre, evaluate, law_radius, segments, simulate
+from .simulate import Records, centre, evaluate, segments, simulate
 
 BASES = ("narx", "linear", "static")
 HELD_OUT = 0.3

@@ -16,7 +16,8 @@ from ..errors import Diverged, ModelError, NarxError, Unreachable
 from ..inversion.compensator import Compensator
 from ..inversion.solution import Solution
 from ..symbolic.signals import lag, r, samples, t, y
-from .simulate import fitted, law_warnings, rest_input, rest_states, run_away, vector
+from .excursions import law_warnings, run_away
+from .simulate import fitted, rest_input, rest_states, vector
 
 Array = np.ndarray
 MISSED = 1e-6  # of the reference's range: more than this off is missed

@@ -24,7 +24,6 @@ TYPES_ONLY = {  # circles that only names for type checkers close: nothing is lo
 CROWDED: set[str] = set()
 LONG_MODULES = {
     "diagnosis/procedure.py",
-    "fit/simulate.py",
 }
 LONG_FUNCTIONS = {
     "diagnosis/procedure.py: step",
