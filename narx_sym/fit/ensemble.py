@@ -45,15 +45,22 @@ def _run(model: Model, thetas: Array, record: Record, keep: bool) -> Iterator[tu
     n, depth = measured.size, max(1, plan.recursion.depth)
     if n <= depth:
         raise ModelError(f"The record {record.name!r} is shorter than the largest lag ({depth} samples).")
-    initial = initial_values(model, data, depth)
-    begins = np.array([initial[str(states[s].label)][depth - i] for s, i in keys])
+
+    def begin_of(theta: Array) -> list[float]:
+        """Return what one set remembers before the first computed sample: what its effects start from is its own."""
+        initial = initial_values(model.replace(theta=theta), data, depth)
+        return [initial[str(states[s].label)][depth - i] for s, i in keys]
+
+    sets_of = thetas if model.states else thetas[:1]
+    begins = np.array([begin_of(theta) for theta in sets_of]).T
     kept = np.empty((n if keep else 1, sets))
     for first in range(0, len(thetas), sets):
         part = slice(first, min(first + sets, len(thetas)))
         used = part.stop - part.start
         # The last group is filled up with copies of its last set.
-        theta = np.ascontiguousarray(thetas[np.minimum(np.arange(first, first + sets), len(thetas) - 1)].T)
-        past = np.tile(begins[:, None], (1, sets))
+        chosen = np.minimum(np.arange(first, first + sets), len(thetas) - 1)
+        theta = np.ascontiguousarray(thetas[chosen].T)
+        past = np.ascontiguousarray(begins[:, np.minimum(chosen, begins.shape[1] - 1)])
         cost = np.zeros(sets)
         if keep:
             kept[:depth] = measured[:depth, None]

@@ -106,9 +106,10 @@ def run_law(
     target = vector(reference, "reference", least=2)
     start = rest_input(law.model, float(target[0])) if m0 is None else m0
     found = follow(law, target, start, channels, limits, rate)
+    known = law_warnings(law, target, found.m, start)  # a law that runs away misses too: the cause is said first
     if found.missed.any() and limits is None and rate is None and not clip:
         raise _unreachable(law, found, target)
-    for warning in [*found.report, *law_warnings(law, target, found.m, start)]:
+    for warning in [*found.report, *known]:
         warnings.warn(warning, stacklevel=2)
     return found.m
 

@@ -239,7 +239,7 @@ def test_sensitivities_behind_the_output(tmp_path):
 def test_hidden_states_start_by_themselves():
     """Whoever calls init gives what he can measure; what effects remember follows."""
     source = SUBJECTS["effects"].c("x1")
-    assert set(arguments(source, "x1_init")) <= {"y", "u", "temp", "load"}
+    assert set(arguments(source, "x1_init")) <= {"y", "u", "t", "temp", "load"}
     assert arguments(source, "x1_step") == ["load", "t", "temp", "u"]
 
 

@@ -166,7 +166,7 @@ def test_bootstrap_agrees_with_theory_under_white_noise():
     record = ns.Record.from_arrays(u, y, Ts=1.0)
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"]).fit(record, method="free_run")
     found = block_bootstrap(model, record, draws=150, seed=3)
-    assert np.allclose(found.std, model.std, rtol=0.3)
+    assert np.allclose(found.std, model.standard_errors, rtol=0.3)
     low, high = found.interval()
     assert np.all(low < truth.theta) and np.all(truth.theta < high)
     bands = found.bands(record)

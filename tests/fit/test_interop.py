@@ -275,5 +275,5 @@ def test_an_import_can_be_taken_further():
             return np.concatenate([y[:1], 0.5 * late + 0.2 * late * source + 0.1])
 
     model = from_sysidentpy(Fitted())
-    assert model.terms == [y[k - 1], u[k - 1] * y[k - 1], sp.S.One]
+    assert model.terms == (y[k - 1], u[k - 1] * y[k - 1], sp.S.One)
     assert "y[k]" in model.to_c() and valued(model, "cubic_gain").to_st()

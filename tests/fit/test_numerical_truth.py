@@ -169,7 +169,7 @@ def test_intervals_of_a_free_run_fit_cover_the_truth():
         clean = NARX.from_terms(terms, truth).simulate(source, 0.0)
         record = Record.from_arrays(source, clean + 0.2 * random.standard_normal(80), Ts=1.0)
         model = NARX.from_terms(terms, truth).fit(record, method="free_run")
-        inside.append(np.abs(model.theta - truth) < 1.99 * np.array(model.std))
+        inside.append(np.abs(model.theta - truth) < 1.99 * np.array(model.standard_errors))
     coverage = np.mean(inside, axis=0)  # of 150 draws: three and a half deviations are 0.062
     assert np.all((coverage > 0.888) & (coverage < 1)), coverage
 
