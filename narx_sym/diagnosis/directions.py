@@ -198,11 +198,14 @@ class Linearised:
         return [float(frequencies[i]) for i in best], power.size / PADDING
 
     def _of_input(self, at: Array) -> Array:
-        """Whether bins of the spectrum are multiples of the frequency that holds most of the input's power."""
+        """Whether bins of the spectrum are multiples of the frequency that holds most of the input's power.
+
+        A line that is not seen four times cannot be told from the slow end of a random input.
+        """
         u = self.runs[0][str(self.model.input.label)][self.problem.depth :]
         power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size), PADDING * u.size)) ** 2
         peak = int(np.argmax(power))
-        if peak < PADDING or power[max(0, peak - 3 * PADDING) : peak + 3 * PADDING].sum() < power.sum() / 2:
+        if peak < 4 * PADDING or power[max(0, peak - 3 * PADDING) : peak + 3 * PADDING].sum() < power.sum() / 2:
             return np.zeros(at.size, dtype=bool)
         return np.asarray(np.abs(at - peak * np.maximum(1, np.round(at / peak))) < 2 * PADDING)
 

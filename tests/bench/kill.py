@@ -47,7 +47,7 @@ sys.path.insert(0, {root!r} + "/tests/bench")
 import json
 import narx_sym as ns
 from kill import one, whole
-from narx_sym.parallel import sweep
+from narx_sym.files.parallel import sweep
 print("ready", flush=True)
 with ns.resuming("journal"):
     found = sweep(one, [(seed, 400) for seed in range({count})])

@@ -27,7 +27,7 @@ sign = 1
 sentence = "My own slack: small inputs are lost."
 """
 INVERSE = {"input": "y", "output": "u", "lead": 1, "terms": ["u[k-1]", "y[k-1]"], "theta": [0.5, 1.0], "info": {}}
-INVERSE |= {"symbols": ["theta_1", "theta_2"], "std": None, "constraints": [], "operating_point": {}}
+INVERSE |= {"symbols": ["theta_1", "theta_2"], "standard_errors": None, "constraints": [], "operating_point": {}}
 
 
 def one_message(code, err):
