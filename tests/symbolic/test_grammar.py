@@ -216,7 +216,7 @@ def test_model_texts_are_checked_too():
     with pytest.raises(ModelError, match="twice"):
         NARX.from_terms(["y[k-1]", "u[k-1]", "y[k - 1]"])
     model = NARX.from_terms(["u[k-1]", "breve_phi1[k-1]*phi1[k-1]"], input="y", output="u")
-    assert model.terms == [u[k - 1], breve_phi1[k - 1] ** 2]
+    assert model.terms == (u[k - 1], breve_phi1[k - 1] ** 2)
 
 
 # ---------------------------------------------------------------- LaTeX
