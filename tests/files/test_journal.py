@@ -188,6 +188,7 @@ def test_killed_while_it_sweeps():
     assert kill.resumes(kill.SWEEP.format(root=str(kill.ROOT), count=40), 2, random.Random(2), "sweep") == []
 
 
+@pytest.mark.long
 def test_diagnose_resumes(run, tmp_path, monkeypatch):
     """Stopped in the middle, started again: the same JSON but for the seconds, and fits are not repeated."""
     base, record = kill.two_effects()

@@ -91,6 +91,7 @@ def saved_and_loaded(model, folder):
 
 
 @pytest.mark.parametrize("base", (LINEAR, CONTINUUM), ids=("linear", "continuum"))
+@pytest.mark.long
 def test_every_variant_comes_back(base, tmp_path):
     seen = set()
     for variant in variants(base, ["temp"]):

@@ -39,6 +39,7 @@ def valued(base, variant, size=0.2):
 
 
 @pytest.mark.parametrize("base", (LINEAR, CONTINUUM), ids=("linear", "continuum"))
+@pytest.mark.long
 def test_a_free_run_makes_its_own_data_again(base):
     """Every effect in every place, from rest: the start is that of the model, not that of its base."""
     still, n = 20, 120

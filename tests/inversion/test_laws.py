@@ -119,6 +119,7 @@ def followed(model, law, target, **options):
     shares=st.lists(st.floats(0, 1), min_size=2, max_size=2),
     size=st.floats(0.1, 1.0),
 )
+@pytest.mark.long
 def test_random_models_with_effects_follow_their_laws(base, effects, shares, size):
     model = BASES[base]
     for effect, share in zip(effects, shares, strict=False):

@@ -81,6 +81,7 @@ def test_nothing_is_proved_that_does_not_hold():
     assert "not proved" in falling.checked and not falling.check().proved and not falling.check().good
 
 
+@pytest.mark.long
 def test_what_is_proved_holds_by_brute_force():
     """Wherever algebra says "exactly one", a search over inputs finds one crossing."""
     rng, grid = np.random.default_rng(3), np.sinh(np.linspace(-12, 12, 8001))

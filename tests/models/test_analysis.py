@@ -488,6 +488,7 @@ def test_two_equilibria_at_the_operating_point():
     assert property_1(moved).holds
 
 
+@pytest.mark.long
 def test_equilibria_against_brute_force():
     """Random models up to the fifth degree: as many as the sign changes of the rest map say, and where they say."""
     rng = np.random.default_rng(5)

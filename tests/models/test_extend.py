@@ -459,6 +459,7 @@ REMEMBERING = ("backlash", "creep", "rate_dependence", "hysteresis")
 
 
 @pytest.mark.parametrize("name", ("linear", "continuum"))
+@pytest.mark.long
 def test_everything_derived_can_be_read(name):
     base, tried = BASES[name], set()
     for variant in variants(base, ["temp"]):
