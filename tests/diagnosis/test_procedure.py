@@ -84,7 +84,9 @@ def results():
 def assert_found(row, group):
     assert row["verdict"] in VERDICTS and row["verdict"] != "nothing_detectable"
     assert set(row["top"][:3]) & set(row["accept"]), row
-    assert row["before"] ** 2 - row["after"] ** 2 > SHARE * (row["before"] ** 2 - 1), row
+    # Visible is what a refit of the base leaves: at least half the noise's square.
+    visible = row["before"] ** 2 - 1 >= 0.5
+    assert not visible or row["before"] ** 2 - row["after"] ** 2 > SHARE * (row["before"] ** 2 - 1), row
     assert group == "off" or row["after"] < WORST, row
 
 
