@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib import import_module
-from pkgutil import iter_modules
 from typing import Any
 
 from ..errors import ModelError
 from ..symbolic.recursion import Recursion
+from ..symbolic.registered import load_registered
 
 ROUNDINGS = 30  # a self-test allows as many times what the last bits of the numbers do to a run
 
@@ -82,17 +80,9 @@ def export(name: str, title: str, suffix: str = "") -> Callable[[Callable[[Reque
     return register
 
 
-@cache
-def _load() -> None:
-    """Import every file of this folder, each of which may register a target."""
-    package = __name__.rpartition(".")[0]
-    for found in iter_modules(import_module(package).__path__):
-        import_module(f"{package}.{found.name}")
-
-
 def exports() -> dict[str, Export]:
     """Return all targets by name."""
-    _load()
+    load_registered(__name__)
     return dict(sorted(_EXPORTS.items()))
 
 

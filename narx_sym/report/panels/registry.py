@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
-from importlib import import_module
-from pkgutil import iter_modules
+from functools import cached_property
 from typing import Any
 
 from ...diagnosis.procedure import Diagnosis
 from ...files.atomic import PathLike
+from ...symbolic.registered import load_registered
 from ..comparison import Comparison, Units
 from ..picture import Picture
 
@@ -107,15 +106,7 @@ def panel(
     return register
 
 
-@cache
-def _load() -> None:
-    """Import every file of this folder, each of which may register a part."""
-    package = __name__.rpartition(".")[0]
-    for found in iter_modules(import_module(package).__path__):
-        import_module(f"{package}.{found.name}")
-
-
 def panels() -> dict[str, Part]:
     """Return all parts by key, in the order of the report."""
-    _load()
+    load_registered(__name__)
     return dict(sorted(_PANELS.items(), key=lambda pair: pair[1].order))
