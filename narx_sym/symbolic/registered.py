@@ -1,4 +1,4 @@
-"""Registries: what registers itself stands in the files of one folder, which are imported when it is first asked for."""
+"""Registries: what registers itself stands in the files of one folder, imported when it is first asked for."""
 
 from functools import cache
 from importlib import import_module
