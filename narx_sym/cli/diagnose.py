@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import DataError
 from .options import (
     Channels,
     DataFiles,
@@ -40,6 +41,9 @@ if TYPE_CHECKING:
 def diagnose(
     data: DataFiles,
     base: Annotated[str, typer.Option(help="narx, linear, static, or a model file.")] = "linear",
+    delay: Annotated[
+        int | None, typer.Option(min=0, max=10_000, help="Dead time in samples; found by default.")
+    ] = None,
     max_effects: Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")] = 0,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write everything as JSON.")] = None,
@@ -78,14 +82,24 @@ def diagnose(
     check_format(plot)
     catalogue = with_own(effects or [])
     model = _read(file) if file else None
+    if model is not None and delay is not None:
+        raise DataError(
+            f"{file}: the model has its own delay ({model.delay}); --delay is for a base that is identified."
+        )
     measured = records(data, u, y, t, ts, with_columns(channels, model.channels if model else ()), rows, missing)
     with resuming(resume) if resume else nullcontext() as journal:
-        start = _begin(model or base, measured)
+        start = _begin(model or base, measured, delay)
         with working("Diagnosing") as progress:
             found = run(start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, report=progress)
     if journal is not None and journal.found:
         note(f"{journal.found} results were in {resume} already")
-    settings = {"base": base, "max_effects": max_effects, "channels": channels or "none", "rows": rows or "all"}
+    settings = {
+        "base": base,
+        "delay": "found" if delay is None else delay,
+        "max_effects": max_effects,
+        "channels": channels or "none",
+        "rows": rows or "all",
+    }
     targets.write(found, measured, unit_names(units), data, settings)
 
 
@@ -95,13 +109,13 @@ def _read(file: Path) -> Model:
     return read_base(file)
 
 
-def _begin(base: Model | str, measured: list[Record]) -> Model:
+def _begin(base: Model | str, measured: list[Record], delay: int | None) -> Model:
     """Return the model to begin with: the one given, or one that is identified."""
     from ..tasks.base import check_kind, identify_base, other_pace
 
     if isinstance(base, str):
         with working(f"Identifying a base ({check_kind(base)}) from {sum(len(r) for r in measured)} samples"):
-            return identify_base(base, measured)
+            return identify_base(base, measured, delay)
     if pace := other_pace(base, measured[0].Ts, "the data have"):
         note(pace)
     return base

@@ -105,6 +105,9 @@ def print_equations(model: Model) -> None:
 
 
 def _print_point(model: Model) -> None:
+    from ..models.info import acts
+
+    console().print(acts(model.delay, model.Ts), markup=False)
     if model.operating_point:
         around = ", ".join(f"{b.label} - ({v:g})" for b, v in model.operating_point.items())
         console().print(f"Terms are in the signals measured from the operating point: {around}.", markup=False)
@@ -132,11 +135,13 @@ def _percent(share: float) -> str:
 
 def print_diagnosis(found: Diagnosis, units: dict[str, str]) -> None:
     """Print what was found."""
+    from ..models.info import acts
     from ..report.words import removed
 
     step = found.steps[0]
     console().print(f"[bold]{found.verdict}[/bold]")
     console().print(found.sentence(units), markup=False)
+    console().print(acts(step.base.model.delay, step.base.model.Ts), markup=False)
     before = step.nrmse(step.base)["validation"]
     rows = [
         [

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 
+from ..data.evidence.dead_time import PLAIN, dead_time
 from ..data.record import Record, check_excitation
 from ..errors import Diverged, FitError, ModelError, NotInvertible
 from ..inversion.compensator import compensator
@@ -123,7 +124,8 @@ def identify(
         `narx`: the paper's pool with phi1, phi2 and Sigma_y = 1. `linear`: ARX, its orders and delay chosen in free
         run. `static`: a polynomial of the input at the same instant. Each carries an operating point.
     n_y, n_u, degree, delay : int
-        Of the pool; the delay is 1 by default, or chosen (`linear`).
+        Of the pool. A dead time that needs more than the shortest lags is found first (`dead_time`); else the delay is
+        1 (`narx`), 0 (`static`) or chosen with the orders (`linear`).
     for_compensation : bool
         Keep Assumption A1, so that a law can be derived, and prefer models whose law is stable on the data.
     rate_independent : bool
@@ -153,8 +155,11 @@ def identify(
             stacklevel=2,
         )
     origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
+    if base not in BASES:
+        raise ModelError(f"Unknown base {base!r}; there are {', '.join(BASES)}.")
+    delays = _delays(base, listed) if delay is None else (delay,)
     if base == "narx":
-        delay = 1 if delay is None else delay
+        (delay,) = delays
         n_u = max(n_u, delay + 1)  # Assumption A1(ii): some input terms must be older than the delay
         rules: tuple[str, ...] = assumptions.CONTINUUM
         rules += assumptions.COMPENSATION if for_compensation else ()
@@ -173,10 +178,16 @@ def identify(
             model = _selected(model, stable_law=stable_law(model, listed))
         return judged(model)
     if base == "linear":
-        return _linear(listed, origin, n_y, n_u, delay, own, method, for_compensation)
-    if base == "static":
-        return _static(listed, origin, degree, delay or 0, own, method, for_compensation)
-    raise ModelError(f"Unknown base {base!r}; there are {', '.join(BASES)}.")
+        return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)
+    return _static(listed, origin, degree, delays[0], own, method, for_compensation)
+
+
+def _delays(base: str, records: list[Record]) -> Sequence[int]:
+    """Return the delays to try: those around a long dead time where there is one."""
+    found = dead_time(records)
+    if base == "linear":
+        return range(found.samples - 1, found.samples + 2) if found.long else range(PLAIN)
+    return (found.samples if found.long else int(base == "narx"),)
 
 
 def identify_inverse(
@@ -291,13 +302,12 @@ def _linear(
     origin: Mapping[Any, float],
     n_y: int,
     n_u: int,
-    delay: int | None,
+    delays: Sequence[int],
     own: Mapping[str, Any],
     method: str,
     for_compensation: bool,
 ) -> Model:
     """ARX with a constant: orders from 0 and delay chosen by free-run validation; channels enter at their own lags."""
-    delays = range(0, 4) if delay is None else (delay,)
     beside = lagged(own)
     candidates = [
         NARX(

@@ -71,3 +71,11 @@ class Info:
             ranges=self.ranges, rates=self.rates, frequencies=self.frequencies, steps=self.steps, line=self.line,
             band=self.band,
         )  # fmt: skip
+
+
+def acts(delay: int, Ts: float | None) -> str:
+    """Say after how many samples, and seconds, an input acts."""
+    if delay == 0:
+        return "The input acts at once."
+    seconds = f" ({delay * Ts:.4g} s)" if Ts else ""
+    return f"The input acts after {delay} sample{'s' * (delay > 1)}{seconds}."

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..diagnosis.procedure import Diagnosis
 from ..inversion.compensator import Compensator
+from ..models.info import acts
 from ..models.model import Model
 from ..symbolic.mathml import from_latex, marked
 from ..tasks.compensate import ahead
@@ -32,7 +33,7 @@ def model_html(model: Model) -> str:
     shown = table(["parameter", "multiplies", "value", "standard error"], rows)
     point = ", ".join(f"{b.label} = {number(v, 4)}" for b, v in model.operating_point.items())
     around = f"<p>Around the operating point {escape(point)}.</p>" if point else ""
-    return marked(model) + around + shown
+    return f"{marked(model)}<p>{acts(model.delay, model.Ts)}</p>{around}{shown}"
 
 
 def law_html(law: Compensator) -> str:

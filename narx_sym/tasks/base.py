@@ -52,11 +52,11 @@ def check_kind(kind: str) -> str:
     return kind
 
 
-def identify_base(kind: str, records: Sequence[Record]) -> Model:
-    """Identify a base of a kind; what is wrong with the data is said at once."""
+def identify_base(kind: str, records: Sequence[Record], delay: int | None = None) -> Model:
+    """Identify a base of a kind; what is wrong with the data is said at once. A dead time is found if none is given."""
     check_kind(kind)
     prepare(records)
-    return identify([replace(r, channels={}) for r in records], base=kind)  # a channel acts as an effect
+    return identify([replace(r, channels={}) for r in records], base=kind, delay=delay)  # a channel acts as an effect
 
 
 def other_pace(model: Model, Ts: float | None, what: str) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 
 from ...errors import ModelError
 from ...files.store import to_text
+from ...models.info import acts
 from ...models.model import Model
 from ...symbolic.mathml import marked
 from ...symbolic.signals import v, x
@@ -31,7 +32,8 @@ def model(material: Material) -> dict[str, Any]:
     return {
         "before": [Markup(marked(before, values=v)) for v in (False, True)],
         "after": [Markup(marked(after, new, numbers)) for numbers in (False, True)] if after is not before else [],
-        "rows": rows, "moved": moved(rows), "point": after.operating_point, "latex": after.latex(),
+        "rows": rows, "moved": moved(rows), "point": after.operating_point, "acts": acts(after.delay, after.Ts),
+        "latex": after.latex(),
         "python": python(after), "file": file,
         **({"title": "The model"} if len(d.ladder) == 1 else {}),
     }  # fmt: skip
