@@ -7,7 +7,7 @@ import sys
 import warnings
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -32,7 +32,7 @@ from .options import (
     where_beside,
     with_columns,
 )
-from .printing import console, note, print_errors, print_fails, print_model, table, working
+from .printing import console, note, print_errors, print_fails, print_fair, print_model, table, working
 
 app = typer.Typer(
     help="Hysteretic actuators as symbolic NARX models: identify, derive, compensate, compare, diagnose.",
@@ -126,6 +126,13 @@ def compare(
     reference: Annotated[
         str | None, typer.Option("--reference", help="Column of the reference in a log of a compensated run.")
     ] = None,
+    align: Annotated[
+        bool, typer.Option("--align", help="Estimate a constant offset of the sensor on the first part too.")
+    ] = False,
+    align_on: Annotated[
+        float | None, typer.Option("--align-on", help="The first part, in s (1 s by default); start and offset.")
+    ] = None,
+    json: Annotated[Path | None, typer.Option("--json", help="Write the errors.")] = None,
     units: Units = "",
     u: Input = "u",
     y: Output = "y",
@@ -144,16 +151,19 @@ def compare(
 
     target = None if no_plot else plot
     where = where_beside(target)
-    check_targets([target, where], model_file, *data)
+    check_targets([target, where, json], model_file, *data)
     model = load(model_file)
     named = with_columns(channels, [*filter(None, [reference]), *model.channels])
     measured = records(data, u, y, t, ts, named, rows, missing)
     with working("Simulating"):
-        found = task.compare(model, measured)
+        found = task.compare(model, measured, align_on)
+    names = unit_names(units)
     for said in found.notes:
         note(said)
     print_errors(found.errors)
-    names = unit_names(units)
+    print_fair(found.fair, align, names)
+    if json:
+        task.write_errors(found, json)
     if found.misfit is not None:
         print_fails(found.misfit, names)
     if reference:
@@ -161,16 +171,21 @@ def compare(
         rows_of = [[one.name, one.mape, one.nsavi] for one in tracked]
         table("Tracking of the reference", ["record", "MAPE [% of range]", "NSAVI"], rows_of)
     if target:
-        from ..report.plots import plot_comparison, where_it_fails
+        _pictures(model, measured, target, found.misfit, where, names)
 
-        for i, record in enumerate(measured):
-            path = target if i == 0 else target.with_stem(f"{target.stem}_{i + 1}")
-            longest = max(record.segments(), key=len)
-            save_figure(plot_comparison(model, longest, units=names), path)
-            console().print(f"Picture of {record.name}{' (longest segment)' if record.breaks else ''}: {path}")
-        if found.misfit is not None and where is not None:
-            save_figure(where_it_fails(found.misfit, units=names), where)
-            console().print(f"Picture of where it fails: {where}")
+
+def _pictures(model: Any, measured: list[Any], target: Path, misfit: Any, where: Path | None, units: Any) -> None:
+    """Draw each record beside its free run, and where the model fails."""
+    from ..report.plots import plot_comparison, where_it_fails
+
+    for i, record in enumerate(measured):
+        path = target if i == 0 else target.with_stem(f"{target.stem}_{i + 1}")
+        longest = max(record.segments(), key=len)
+        save_figure(plot_comparison(model, longest, units=units), path)
+        console().print(f"Picture of {record.name}{' (longest segment)' if record.breaks else ''}: {path}")
+    if misfit is not None and where is not None:
+        save_figure(where_it_fails(misfit, units=units), where)
+        console().print(f"Picture of where it fails: {where}")
 
 
 for command in (diagnose.diagnose, effects.add, effects.effects, law.compensate, law.simulate):

@@ -87,6 +87,24 @@ def print_errors(rows: list[tuple[str, Any]]) -> None:
     )
 
 
+def print_fair(rows: list[tuple[str, Any]], align: bool, units: dict[str, str]) -> None:
+    """Print the free run as it is, with its start and with an offset of the sensor estimated; or suggest the offset."""
+    if not rows:
+        return
+    unit = units.get("y", "")
+    shown = [[name, sum(a.first), a.raw, a.started] for name, a in rows]
+    columns = ["record", "samples of the estimate", "as it is", "start estimated"]
+    if align:
+        shown = [
+            [*row, a.aligned, ", ".join(f"{o:.3g}" for o in a.offsets)] for row, (_, a) in zip(shown, rows, strict=True)
+        ]
+        columns += ["offset estimated", f"offset{f' [{unit}]' if unit else ''}"]
+    table("Free-run NRMSE after the first part, which is used for the estimates", columns, shown)
+    for name, a in rows:
+        if not align and a.offset_explains:
+            note(f"{name}: {a.sentence(unit)}; --align estimates it")
+
+
 def print_equations(model: Model) -> None:
     """Print all equations of a model with numbers: what its effects remember, then the output."""
     from ..symbolic.printing import text

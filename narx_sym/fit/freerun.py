@@ -55,9 +55,11 @@ def starts(model: Model) -> list[Start]:
 
 
 @lru_cache(maxsize=512)
-def _derived(recursion: Recursion, groups: tuple[tuple[Any, ...], ...]) -> tuple[Recursion, list[dict[Any, Any]]]:
-    """Return a recursion with its derivatives, derived once."""
-    return sensitivities(recursion, initial=groups)
+def _derived(
+    recursion: Recursion, groups: tuple[tuple[Any, ...], ...], fixed: tuple[Any, ...] = ()
+) -> tuple[Recursion, list[dict[Any, Any]]]:
+    """Return a recursion with its derivatives, but for parameters that are fixed; derived once."""
+    return sensitivities(recursion, [p for p in recursion.parameters if p not in fixed], groups)
 
 
 def _label(base: Any) -> str:
@@ -137,9 +139,10 @@ class FreeRun:
         for i, d in enumerate(self.data):
             own = self.own(i)
             simulated, moved = self._move(i, theta, z[own])
-            rows, kept, p = slice(self.edges[i], self.edges[i + 1]), self.rows[i], len(theta)
+            rows, kept, p = slice(self.edges[i], self.edges[i + 1]), self.rows[i], moved.shape[1] - len(self.starts)
             self.residuals[rows] = (simulated[kept] - d[self.name][kept]) / self.spread
-            self.slopes[rows, : self.free] = moved[kept, :p] @ (self.elimination.Z / self.spread)
+            if self.free:
+                self.slopes[rows, : self.free] = moved[kept, :p] @ (self.elimination.Z / self.spread)
             self.slopes[rows, own] = moved[kept, p:] / self.spread
 
     def own(self, i: int) -> slice:
@@ -165,14 +168,16 @@ class FreeRun:
 
     def _forward(self) -> Any:
         """Sensitivities in the same compiled pass as the run."""
-        recursion, directions = _derived(self.model.recursion, tuple(s.states for s in self.starts))
+        fixed = () if self.free else self.model.symbols  # where only starts are unknown, only these are differentiated
+        recursion, directions = _derived(self.model.recursion, tuple(s.states for s in self.starts), fixed)
+        parameters = len(self.model.symbols) - len(fixed)
         compiled = compile(recursion)
         moved = [_label(d[self.model.output]) if self.model.output in d else None for d in directions]
         shown = [self.name, *(m for m in moved if m)]
         names = [*shown, *(n for n in map(_label, recursion.states) if n not in shown)]
         at = [i for i, m in enumerate(moved) if m]
         zero: dict[str, Any] = dict.fromkeys((_label(s) for d in directions for s in d.values()), 0.0)
-        for start, d in zip(self.starts, directions[len(self.model.symbols) :], strict=True):
+        for start, d in zip(self.starts, directions[parameters:], strict=True):
             zero |= {_label(d[state]): start.shape(self.depth) for state in start.states}
         # The recursion writes straight into the columns of these: no allocation while the fit runs.
         buffers = [np.empty((len(d[self.name]), len(names)), order="F") for d in self.data]

@@ -20,6 +20,7 @@ class ModelDoors:
     fit = door("fit.least_squares", "fit")
     simulate = door("fit.simulate", "simulate")
     predict = door("fit.simulate", "predict")
+    aligned = door("fit.alignment", "aligned")
     to_control = door("fit.interop", "to_control")
     rest_state = door("fit.interop", "model_rest_state")
     add = door("diagnosis.add", "add")

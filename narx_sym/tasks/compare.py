@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from ..data.metrics import mape, nsavi
 from ..data.record import Record
 from ..diagnosis.misfit import Misfit, misfit_of
 from ..diagnosis.refit import period_noise
-from ..errors import NarxError
+from ..errors import FitError, NarxError
+from ..files.atomic import write_text
+from ..fit.alignment import Aligned, aligned, described
 from ..fit.simulate import Errors, arrays, evaluate, extrapolates, free_run
 from ..models.model import Model
 from ..symbolic.signals import u
+from .result_file import finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +28,8 @@ class Compared:
     Attributes
     ----------
     errors : list of (name of the record, Errors)
+    fair : list of (name of the record, Aligned)
+        The free run with start and sensor offset estimated on the first part; without records that are too short.
     misfit : Misfit or None
         Where the model fails along the longest segment; None where that cannot be said.
     notes : list of str
@@ -30,20 +37,33 @@ class Compared:
     """
 
     errors: list[tuple[str, Errors]]
+    fair: list[tuple[str, Aligned]]
     misfit: Misfit | None
     notes: list[str]
 
 
-def compare(model: Model, records: Sequence[Record]) -> Compared:
-    """Compare a model, as it is, with measurements."""
+def compare(model: Model, records: Sequence[Record], first: float | None = None) -> Compared:
+    """Compare a model, as it is, with measurements.
+
+    Parameters
+    ----------
+    first : float, optional
+        The part of each segment that start and offset are estimated on [s].
+    """
     errors = [(r.name, evaluate(model, r)) for r in records]
     notes = [
         f"{record.name}: {said}"
         for record in records
         for said in extrapolates(model, [arrays(model, s)[str(model.input.label)] for s in record.segments()])
     ]
+    fair = []
+    for record in records:
+        try:
+            fair.append((record.name, aligned(model, record, first)))
+        except FitError as error:
+            notes.append(f"start and offset are not estimated: {error}")
     misfit, why_not = where_it_fails(model, records)
-    return Compared(errors, misfit, [*notes, *filter(None, [why_not])])
+    return Compared(errors, fair, misfit, [*notes, *filter(None, [why_not])])
 
 
 def where_it_fails(model: Model, records: Sequence[Record]) -> tuple[Misfit | None, str]:
@@ -58,6 +78,13 @@ def where_it_fails(model: Model, records: Sequence[Record]) -> tuple[Misfit | No
         return misfit_of(model, record, error, floor), ""
     except NarxError as error:
         return None, f"where it fails cannot be said: {error}"
+
+
+def write_errors(found: Compared, path: Path) -> None:
+    """Write the errors as JSON; null stands for those of a run that diverges."""
+    rows = [{"record": name, **asdict(e)} for name, e in found.errors]
+    plain = finite({"schema": 1, "errors": rows, "free_run_after_the_first_part": described(found.fair)})
+    write_text(path, json.dumps(plain, indent=1, sort_keys=True, allow_nan=False) + "\n")
 
 
 @dataclass(frozen=True)
