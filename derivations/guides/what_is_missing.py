@@ -63,11 +63,12 @@ print(f"free-run error of the record's range: {before.free_run_mape:.3g} % befor
 # %% [markdown]
 # ## How it decides
 # Every effect is a direction: the derivative of the free run with respect to its coefficient, derived by SymPy for each
-# place where it may act (at the input, inside, at the output) and compiled. What a refit of the base could absorb is
-# projected out. The gate tests all effects and shapes at once against simulated maxima, after whitening with a noise
-# model. The best effects are then fitted in free run, judged on held-out blocks, and a sealed end of the record is
-# opened once. Where none is enough, the pairs that explain most together are fitted too. What the new effect makes
-# redundant is deleted. How often all this is right, and where it is not: [](../results/named.md).
+# place where it may act (at the input, inside, on the motion, at the output, at the sensor) and compiled. What a refit
+# of the base could absorb is projected out. The gate tests all effects and shapes at once against simulated maxima,
+# after whitening with a noise model. The best effects are then fitted in free run, judged on held-out blocks, and a
+# sealed end of the record is opened once. Where none is enough, the pairs that explain most together are fitted too.
+# What the new effect makes redundant is deleted. How often all this is right, and where it is not:
+# [](../results/named.md).
 #
 # ## Show it
 # One HTML file tells the story: what was found and what to do next, measured and simulated, the error step by step,

@@ -31,7 +31,9 @@ def add(
     effect: Annotated[str, typer.Argument(metavar="EFFECT", help="Id, as `narx-sym effects` lists it.")],
     data: DataFiles,
     out: Annotated[Path, typer.Option("--out", help="Where to write the model with the effect.")],
-    where: Annotated[str | None, typer.Option(help="input, inside or output (default: what fits best).")] = None,
+    where: Annotated[
+        str | None, typer.Option(help="input, inside, motion, output or sensor (default: what fits best).")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")] = 0,
     effects: EffectFiles = None,
     u: Input = "u",
@@ -45,6 +47,7 @@ def add(
     """Add an effect to a model, fit both together in free run, and compare the errors before and after."""
     from ..diagnosis.add import Addition
     from ..files.store import save
+    from ..models.effects import PLACES
     from ..tasks import add as task
     from ..tasks.base import read_base
 
@@ -61,8 +64,7 @@ def add(
     for one in made.model.effects[-1:]:
         driven = f", driven by {one.driver}" if one.driver in ("u", "y") else ""
         form = f" ({one.form})" if one.form else ""
-        place = "inside" if one.where == "inside" else f"at the {one.where}"
-        console().print(f"[bold]{one.effect}[/bold]{form} {place}{driven}")
+        console().print(f"[bold]{one.effect}[/bold]{form} {PLACES[one.where]}{driven}")
     print_errors(made.errors)
     print_equations(made.model)
     console().print(f"Model written to {out}")

@@ -34,6 +34,10 @@ SIMILAR = 2.0  # squared errors within this factor: the simpler explanation come
 BELOW = 4.0  # a shape parameter may leave its grid downwards by this factor
 LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
 WORSE = 1.1  # what makes the held-out error grow by more is no candidate
+TARGETS = {
+    "input": "v_{k} - u_{k}", "inside": r"\Delta F", "motion": r"y_{k} - \mathrm{free}_{k}", "output": "y_{k} - x_{k}",
+    "sensor": r"y_{k} - \mathrm{sensed}_{k}",
+}  # fmt: skip
 DRAWS = 200
 LEAST = 0.2  # of the removable error: what is less in a bootstrap sample is no denominator
 
@@ -97,7 +101,7 @@ class Candidate:
         names = self.parameters
         coefficients = [n for n in names if n.startswith("c")]
         shown = [(sp.Float(f"{names[c]:.4g}"), z) for c, z in zip(coefficients, form.z, strict=False)]
-        target = {"input": r"v_{k} - u_{k}", "inside": r"\Delta F", "output": r"y_{k} - x_{k}"}[self.where]
+        target = TARGETS[self.where]
         lines = [printing.latex_sum(sp.Symbol(target), shown)]
         lines += [f"{printing.latex(s.left)} = {printing.latex(s.right)}" for s in form.states]
         return r",\quad ".join(lines)

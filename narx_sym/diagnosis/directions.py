@@ -21,10 +21,10 @@ from ..errors import ModelError
 from ..fit.freerun import FreeRun
 from ..fit.simulate import segments
 from ..models.effects import EFFECTS, Catalogue, Scan, effect
-from ..models.extend import Variant, equations, extend, variants
+from ..models.extend import Variant, equations, extend, origin, variants
 from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import sensitivities
-from ..symbolic.signals import k, samples, signal
+from ..symbolic.signals import k, samples, sensed, signal
 
 Array = np.ndarray
 PUSH = "injected sequence"  # no column may be called so: a name of two words is no symbol of a model
@@ -85,7 +85,8 @@ class Linearised:
         # Effects are written in the model's signals, measured from its operating point.
         self.seen = [{n: x - point.get(n, 0.0) for n, x in run.items()} for run in self.runs]
         for seen in self.seen:  # before effects act on the output, it is what the core computes
-            seen.setdefault("x", seen[str(self.model.inner.label)])
+            for name in ("x", "free", "sensed"):
+                seen.setdefault(name, seen[str((self.model.output if name == "sensed" else self.model.inner).label)])
         self.values = dict(zip(self.model.symbols, map(float, theta), strict=True))
 
     def contributions(self, states: Any, z: Sequence[Any], values: Mapping[Any, float]) -> list[Array]:
@@ -116,7 +117,7 @@ class Linearised:
 
     def moved(self, where: str, z: Sequence[Array]) -> Array:
         """Return the directions of the free run, (rows, coefficients), that contributions at a place cause."""
-        if where == "output":
+        if where == "sensor" or (where == "output" and not any(s.left.base == sensed for s in self.model.states)):
             parts = [z[i][self.problem.depth :] for i in range(len(z))]
             return np.concatenate(parts)
         if where not in self._pushed:
@@ -163,7 +164,7 @@ class Linearised:
     def scale(self, scan: Scan, variant: Variant) -> tuple[list[float], float]:
         """Return the grid of one shape parameter, and from how many places it was picked."""
         driver = str(self.model.inner.label) if variant.driver == "y" else str(self.model.input.label)
-        offset = self.model.operating_point.get(self.model.input, 0.0) if variant.raw else 0.0
+        offset = origin(self.model, variant.driver) if variant.raw else 0.0
         x = np.concatenate([seen[driver] for seen in self.seen]) + offset
         Ts, n = self.model.Ts or 1.0, max(len(r) for r in (s[driver] for s in self.seen))
         if scan.of == "ratio":

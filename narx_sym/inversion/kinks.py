@@ -193,7 +193,8 @@ def solve_kinked(
     known = [p.size for p in pieces if p.size is not None]
     steepest = max((abs(s) for s in known), default=0.0)
     rising = sum(_direction(p.slopes(w)[0], rest, values) for p in pieces if p.size is None)
-    flip = -1 if (max(known, key=abs) if steepest else rising) < 0 else 1
+    # Of a side that rises and one that falls alike, as of an absolute value, the rising one is used.
+    flip = -1 if (max(known, key=lambda s: (abs(s), s)) if steepest else rising) < 0 else 1
     kept = [p for p in pieces if p.size is None or flip * p.size > FLAT * steepest]
     if not kept:
         return None

@@ -9,7 +9,7 @@ from typing import Any
 import sympy as sp
 
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import expand_phi, k, lag, samples, shift, u, v, x
+from ..symbolic.signals import expand_phi, k, lag, samples, sensed, shift, v, x
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class AddedEffect:
     ----------
     effect : id that users see, with its channel, such as "channel:temp"
     form : which of several forms, such as "Bouc-Wen"
-    where : "input", "inside" or "output"
+    where : one of `effects.PLACES`
     driver : "u", "y", "uy", "t" or "channel"
     group : of the states that it remembers
     coefficients, shape : mappings from the effect's own names, such as "c" and "r", to the model's symbols
@@ -66,23 +66,47 @@ def starts(model: Any) -> dict[Any, Any]:
             found[state.left.base] = known(state.right)
             continue
         # Its initial value speaks of what drives it: that may be what the effects have made of the input or the output.
-        driven = {model.output: x, u: v} if samples(state.right, x) else {u: v}
+        driven = {model.output: x, model.input: v} if samples(state.right, x) else {model.input: v}
         driven = {a: b for a, b in driven.items() if samples(state.right, b)}
         meant = {s: driven[s.base][s.indices[0]] for s in samples(state.initial) if s.base in driven}
         found[state.left.base] = known(state.initial.xreplace(meant))
     if x not in first:
         return found
-    inner = _inner(known(model.beside), model.output[k])
+    shown, added = model.output[k], model.beside
+    if sensed in first:  # behind what the sensor shows is what effects add to x
+        shown = _inner(model.F - sensed[k], sensed, shown)
+        added = next(s.right for s in model.states if s.left.base == sensed) - x[k]
+    inner = _inner(known(added), x, shown)
     found = {b: e.xreplace({s: shift(inner, -lag(s)) for s in samples(e, x)}) for b, e in found.items()}
     return found | {x: inner}
 
 
-def _inner(beside: Any, output: Any) -> Any:
+def _inner(beside: Any, base: Any, output: Any) -> Any:
     """Solve y = x + beside(x) for x at one sample; its own past is as it is."""
     at = sp.Dummy("x", real=True)
-    held = beside.xreplace(dict.fromkeys(samples(beside, x), at))
+    held = beside.xreplace(dict.fromkeys(samples(beside, base), at))
     slope = derivative(held, at)
-    if slope.has(at):  # no effect of the catalogue is bent there
+    if slope.has(at):  # only sensors are bent, and show what they see there, or its size
         return output - held.xreplace({at: output})
     rest = output - held.xreplace({at: sp.S.Zero})
     return rest if slope == 0 else rest / (1 + slope)
+
+
+def measured(model: Any, right: Any) -> Any:
+    """Put y - (what the output adds) in the place of past `x`; what a sensor hides is as the core says."""
+    seen = derivative(model.F, sensed[k]) if any(s.left.base == sensed for s in model.states) else sp.S.One
+    # The slope of a sensor is +1 or -1 where it tells all, 0 where it tells nothing.
+    taken = model.output[k] - model.beside if seen == 1 else x[k] + seen * (model.output[k] - model.F)
+    return right.xreplace({s: shift(taken, -lag(s)) for s in samples(right, x) if lag(s)})
+
+
+def flat(model: Any) -> Any:
+    """Return F with `x` and states without memory eliminated, where algebra can do it."""
+    states = {s.left.base: s for s in model.states}
+    F = model.F
+    if x in states and not any(samples(s.right, x) for b, s in states.items() if b != x):
+        F = measured(model, states[x].right) + model.beside
+    for base, state in reversed(states.items()):
+        if state not in model.recurrent and not (base == x and state.remembers):
+            F = F.xreplace({s: shift(state.right, -lag(s)) for s in samples(F, base)})
+    return F

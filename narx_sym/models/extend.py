@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,6 +16,7 @@ from ..symbolic.signals import (
     breve_phi1,
     breve_phi2,
     expand_phi,
+    free,
     k,
     m,
     phi1,
@@ -23,6 +24,7 @@ from ..symbolic.signals import (
     plain_name,
     r,
     samples,
+    sensed,
     signal,
     t,
     u,
@@ -31,14 +33,15 @@ from ..symbolic.signals import (
     y,
 )
 from .added import AddedEffect
-from .effects import EFFECTS, Catalogue, Effect, Form
+from .effects import EFFECTS, PLACES, Catalogue, Effect, Form
 from .equilibria import continuum_conditions
 from .info import Info
 from .model import Model
 
 MANY = 20  # coefficients of one effect
 # Names that no channel and no state of an effect may have.
-RESERVED = {str(b.label) for b in (u, y, t, x, v, r, m, phi1, phi2, breve_phi1, breve_phi2)} | {"k", "prediction"}
+SIGNALS = (u, y, t, x, v, free, sensed, r, m, phi1, phi2, breve_phi1, breve_phi2)
+RESERVED = {str(b.label) for b in SIGNALS} | {"k", "prediction"}
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class Variant:
     Attributes
     ----------
     effect : Effect
-    where : "input", "inside" or "output"
+    where : one of `effects.PLACES`
     driver : "u", "y", "uy", "t" or "channel"
     channel : str, optional
     lag : int
@@ -77,7 +80,7 @@ class Variant:
         return tuple(p for p in self.effect.shape if p not in dict(self.fixed))
 
     def __str__(self) -> str:
-        parts = [self.effect.form, f"at the {self.where}" if self.where != "inside" else "inside"]
+        parts = [self.effect.form, PLACES[self.where]]
         parts += [f"driven by {self.driver}"] if self.driver in ("u", "y") else []
         parts += [f"{n} = {i}" for n, i in self.fixed]
         parts += [f"{self.lag} samples later"] if self.lag else []
@@ -88,7 +91,6 @@ class Variant:
 def variants(model: Model, channels: Iterable[str] = (), catalogue: Catalogue = EFFECTS) -> Iterator[Variant]:
     """Yield every way in which the catalogue's effects may act on a model."""
     named = tuple(channels)
-    offset = model.operating_point.get(model.input, 0.0) != 0
     for one in catalogue.all():
         stepped = [[(p, i) for i in map(int, s.values)] for p, s in one.scan.items() if s.of == "steps"]
         choices: list[tuple[tuple[str, int], ...]] = [()]
@@ -96,28 +98,39 @@ def variants(model: Model, channels: Iterable[str] = (), catalogue: Catalogue = 
             choices = [(*c, o) for c in choices for o in options]
         for where, drivers in one.places.items():
             for driver in drivers:
-                if where == "inside" and driver != "y" and not model.n_y:
-                    continue  # without memory inside and output are one
+                if not model.n_y and (where == "motion" or (where == "inside" and driver != "y")):
+                    continue  # without memory inside and output are one, and what holds the motion is a play
+                # A sensor has one zero; what acts on the machine may be centred where it works.
+                about = (True,) if where == "sensor" else (False, True)
+                centred = one.centred and origin(model, driver) != 0
                 moved = "u" in driver and where != "input" and model.delay
                 for lag in {0, model.delay} if moved else {0}:
-                    for raw in (False, True) if one.centred and offset else (False,):
+                    for raw in about if centred else (False,):
                         for fixed in choices:
                             for name in named if driver == "channel" else (None,):
                                 yield Variant(one, where, driver, name, lag, raw, fixed)
 
 
+def origin(model: Model, driver: str) -> float:
+    """Return where the operating point of what drives an effect is."""
+    return model.operating_point.get(model.output if driver == "y" else model.input, 0.0)
+
+
 def sequences(model: Model, variant: Variant) -> dict[str, Any]:
     """Return what each placeholder of an effect's equations means in a model: a function of the time index."""
-    offset = model.operating_point.get(model.input, 0.0) if variant.raw else 0.0
+    offset = origin(model, variant.driver) if variant.raw else 0.0
     later = 1 if variant.where == "inside" else 0
     # What stands inside the core sees the input as the core does.
-    acting = v if variant.where == "inside" and any(s.left.base == v for s in model.states) else u
+    named = {s.left.base for s in model.states}
+    acting = v if variant.where == "inside" and v in named else model.input
 
     def source(i: Any) -> Any:
         return acting[i - variant.lag] + offset
 
     def inner(i: Any) -> Any:
-        return (x if variant.where == "output" else model.inner)[i - later]
+        if variant.where == "motion":  # the step that the core would make
+            return free[i] - model.inner[i - 1]
+        return {"output": x, "sensor": sensed}.get(variant.where, model.inner)[i - later] + offset
 
     meant = {"u": source, "y": lambda i: model.inner[i], "t": lambda i: t[i]}
     meant["x"] = inner if variant.driver == "y" else source
@@ -134,8 +147,8 @@ def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[
     ModelError
         For an inverse model, and for a channel whose name means something else.
     """
-    if model.input != u or model.output != y:
-        raise ModelError("Effects are added to a model from u to y; this is an inverse model.")
+    if model.output != y:
+        raise ModelError("Effects are added to a model whose output is y; this is an inverse model.")
     _check_channels(model, variant)
     values: dict[str, Any] = {p: sp.Symbol(f"{p}_{suffix}" if suffix else p, real=True) for p in variant.shape}
     form = variant.effect.equations(Ts=model.Ts or 1.0, **values, **dict(variant.fixed))
@@ -186,8 +199,8 @@ def _check_channels(model: Model, variant: Variant) -> None:
 
 
 def _measured(model: Model, initial: Any) -> Any:
-    """Before the start the inner output is taken as measured, and the input as it is."""
-    meant = {x: model.output, v: u}
+    """Before the start the inner outputs are taken as measured, and the input as it is."""
+    meant = dict.fromkeys((x, free, sensed), model.output) | {v: model.input}
     return initial.xreplace({s: meant[b][s.indices[0]] for b in meant for s in samples(initial, b)})
 
 
@@ -204,8 +217,9 @@ class Extended:
 def extend(model: Model, variant: Variant) -> Extended:
     """Put an effect into a model.
 
-    Input effects act on u: the core sees v[k] = u[k] + c z[k]. Output effects add to the core's output x:
-    y[k] = x[k] + c z[k]. Inside, c z[k] joins the core's terms.
+    Input effects act on u: the core sees v[k] = u[k] + c z[k]. Inside, c z[k] joins the core's terms. On the motion it
+    is driven by the step that the core would make, free[k] - y[k-1]: y[k] = free[k] + c z[k]. Output effects add to
+    the core's output x: y[k] = x[k] + c z[k]. The sensor shows y[k] = sensed[k] + c z[k] of all that.
 
     Raises
     ------
@@ -228,31 +242,7 @@ def extend(model: Model, variant: Variant) -> Extended:
         raise ModelError(f"The effect {variant.effect.id} has a shape parameter called like a coefficient: rename it.")
     total = sp.Add(*(c * z for c, z in zip(cs, form.z, strict=True)))
 
-    states, F = list(model.states), model.F
-    if variant.where == "input":
-        at = next((i for i, s in enumerate(states) if s.left.base == v), None)
-        if at is None:
-            states = [s.map(_acted_on) if s.left.base == x else s for s in states]
-            F = F if model.inner == x else _acted_on(F)
-            states = [*form.states, State(v[k], u[k] + total, u[k]), *states]
-        else:
-            seen = states[at]
-            states[at : at + 1] = [*form.states, State(v[k], seen.right + total, u[k])]
-    elif variant.where == "output":
-        if model.inner != x:
-            states = [State(s.left, _renamed(s.right, model.output), s.initial, s.group) for s in states]
-            states.append(State(x[k], _renamed(F, model.output), model.output[k]))
-            F = x[k]
-        # What u drives stands before x, what x drives after it.
-        at = len(states) if variant.driver == "y" else next(i for i, s in enumerate(states) if s.left.base == x)
-        states[at:at] = form.states
-        F = F + total
-    elif model.inner == x:
-        at = next(i for i, s in enumerate(states) if s.left.base == x)
-        states[at] = State(x[k], states[at].right + total, states[at].initial)
-        states[at:at] = form.states
-    else:
-        states, F = [*states, *form.states], F + total
+    states, F = _placed(model, variant, form.states, total)
     own = [f"c{i + 1 if many else ''}" for i in range(len(cs))]
     added = AddedEffect(
         variant.id, variant.effect.form, variant.where, variant.driver, suffix, dict(zip(own, cs, strict=True)),
@@ -270,15 +260,55 @@ def written_constraints(model: Model) -> list[Any]:
     return [e for c in model.constraints for e in (continuum_conditions(model) if c == "continuum" else [c])]
 
 
-def _acted_on(F: Any) -> Any:
-    """Let the core see v in the place of u."""
-    written = expand_phi(F)
-    return written.xreplace({s: v[s.indices[0]] for s in samples(written, u)})
+def _placed(model: Model, variant: Variant, own: Sequence[State], total: Any) -> tuple[list[State], Any]:
+    """Return the states and F of a model with what an effect adds, after the states that the effect brought."""
+    chain = _split(model, variant.where)
+    named = {s.left.base for s in chain}
+    inner = x if x in named else model.output
+    target = {
+        "input": v,
+        "inside": free if free in named else inner,
+        "motion": inner,
+        "output": sensed if sensed in named else model.output,
+        "sensor": model.output,
+    }[variant.where]
+    # What u drives stands before x, what x drives after it.
+    before = x if variant.where == "output" and variant.driver != "y" else target
+    at, to = (next(i for i, s in enumerate(chain) if s.left.base == b) for b in (before, target))
+    chain[to] = State(chain[to].left, chain[to].right + total, chain[to].initial)
+    chain[at:at] = own
+    return chain[:-1], chain[-1].right
 
 
-def _renamed(F: Any, output: Any) -> Any:
-    written = expand_phi(F)
-    return written.xreplace({s: x[s.indices[0]] for s in samples(written, output)})
+def _split(model: Model, where: str) -> list[State]:
+    """Return a model's equations, the output's last, in which the sequence that a place acts on has a name."""
+    output, core = model.output, model.driven
+    chain = [*model.states, State(output[k], model.F)]
+    named = {s.left.base for s in chain}
+
+    def renamed(expr: Any, old: Any, new: Any) -> Any:
+        written = expand_phi(expr, model.input)
+        return written.xreplace({s: new[s.indices[0]] for s in samples(written, old)})
+
+    def between(target: Any, name: Any) -> None:
+        """Give what an equation has on its right a name of its own."""
+        at = next(i for i, s in enumerate(chain) if s.left.base == target)
+        chain[at : at + 1] = [
+            State(name[k], chain[at].right, output[k]), State(target[k], name[k], chain[at].initial),
+        ]  # fmt: skip
+
+    if where == "input" and v not in named:
+        source = model.input
+        chain = [s.map(lambda e: renamed(e, source, v)) if s.left.base == core else s for s in chain]
+        chain.insert(0, State(v[k], source[k], source[k]))
+    if where == "motion" and free not in named:
+        between(model.inner, free)
+    if where in ("output", "sensor") and x not in named:
+        states = [State(s.left, renamed(s.right, output, x), s.initial, s.group) for s in chain[:-1]]
+        chain = [*states, State(x[k], renamed(chain[-1].right, output, x), output[k]), State(output[k], x[k])]
+    if where == "sensor" and sensed not in named:
+        between(output, sensed)
+    return chain
 
 
 def without(model: Model, symbols: Iterable[Any]) -> Model:

@@ -14,9 +14,9 @@ from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.grammar import parse
 from ..symbolic.recursion import Recursion, State
-from ..symbolic.signals import differences, expand_phi, k, lag, lags, pairs, samples, shift, signal, t, u, v, x, y
+from ..symbolic.signals import differences, expand_phi, free, k, lags, pairs, samples, signal, t, u, v, x, y
 from . import assumptions
-from .added import AddedEffect, starts
+from .added import AddedEffect, flat, measured, starts
 from .doors import ModelDoors
 from .info import Info
 
@@ -174,19 +174,17 @@ class Model(ModelDoors):
     @cached_property
     def flat(self) -> Any:
         """F in the model's shifted signals; `x` and states without memory are eliminated, where algebra can do it."""
-        states = {s.left.base: s for s in self.states}
-        F = self.F
-        if x in states and not any(samples(s.right, x) for b, s in states.items() if b != x):
-            F = self._measured(states[x].right) + self.beside
-        for base, state in reversed(states.items()):
-            if state not in self.recurrent and not (base == x and state.remembers):
-                F = F.xreplace({s: shift(state.right, -lag(s)) for s in samples(F, base)})
-        return F
+        return flat(self)
 
     @property
     def core(self) -> Any:
-        """The right-hand side that the base's terms stand in: of `x` where effects act on the output, else F."""
-        return next((s.right for s in self.states if s.left.base == x), self.F)
+        """The right-hand side that the base's terms stand in; see `driven`."""
+        return next((s.right for s in self.states if s.left.base == self.driven), self.F)
+
+    @property
+    def driven(self) -> sp.IndexedBase:
+        """The sequence that the base's terms add up to: `free` where effects act on the motion, else `inner`."""
+        return free if any(s.left.base == free for s in self.states) else self.inner
 
     @property
     def inner(self) -> sp.IndexedBase:
@@ -214,12 +212,6 @@ class Model(ModelDoors):
     def beside(self) -> Any:
         """What the output adds to `x`."""
         return self.F - x[k]
-
-    def _measured(self, right: Any) -> Any:
-        """Put y - (what the output adds) in the place of past `x`."""
-        return right.xreplace(
-            {s: self.output[k - lag(s)] - shift(self.beside, -lag(s)) for s in samples(right, x) if lag(s)}
-        )
 
     def in_user_units(self, expr: Any) -> Any:
         """Put y - y0 and u - u0 in the place of the model's shifted signals."""
@@ -259,13 +251,14 @@ class Model(ModelDoors):
     def predictor(self) -> Recursion:
         """The one-step-ahead prediction: the model fed with measured outputs."""
         ahead = signal("prediction")[k]
-        updates = self._updates(self._measured) if self.inner == x else self._updates()
+        updates = self._updates(lambda right: measured(self, right)) if self.inner == x else self._updates()
         return Recursion((*updates, (ahead, self._output)), self.symbols)
 
     @cached_property
     def n_y(self) -> int:
-        """The largest lag of the output."""
-        return max([0, *lags(self.core, self.inner)])
+        """The largest lag of the output, in the core and in what acts on its motion."""
+        moving = next((s.right for s in self.states if s.left.base == self.inner), self.F)
+        return max([0, *lags(self.core, self.inner), *lags(moving, self.inner)])
 
     @cached_property
     def n_u(self) -> int:

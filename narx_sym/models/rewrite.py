@@ -11,7 +11,7 @@ from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.grammar import parse
 from ..symbolic.recursion import State
-from ..symbolic.signals import k, pairs, samples, u, v, x
+from ..symbolic.signals import free, k, pairs, samples, sensed, v, x
 from ..symbolic.smoothing import smoothed, widths
 from .equilibria import continuum_conditions
 from .extend import without, written_constraints
@@ -77,11 +77,11 @@ def _more(model: Model, name: str, term: Any) -> Model:
     numbers = (i for i in range(1, len(model.symbols) + 2) if sp.Symbol(f"theta_{i}", real=True) not in model.symbols)
     symbol = sp.Symbol(name or f"theta_{next(numbers)}", real=True)
     core = sp.Add(*(c * t for c, t in pairs(model.core) if c != symbol), symbol * term)
-    states = [State(s.left, core, s.initial, s.group) if s.left.base == x else s for s in model.states]
+    states = [State(s.left, core, s.initial, s.group) if s.left.base == model.driven else s for s in model.states]
     symbols = model.symbols if name else (*model.symbols, symbol)
     values = dict(zip(model.symbols, model.numbers or (), strict=bool(model.numbers)))
     return model.replace(
-        F=model.F if model.inner == x else core, symbols=symbols, states=states,
+        F=core if model.driven == model.output else model.F, symbols=symbols, states=states,
         theta=[values.get(s, 0.0) for s in symbols] if values else None,
         info=Info(),
     )  # fmt: skip
@@ -106,7 +106,7 @@ def _constrained(old: Model, made: Model, name: str) -> Model:
 
 def _conditions(model: Model) -> list[Any]:
     """Conditions of the continuum on the core, as if no effect had been added."""
-    plain = {x: model.output, v: u}
+    plain = dict.fromkeys((x, free, sensed), model.output) | {v: model.input}
     core = model.core.xreplace({s: plain[s.base][s.indices[0]] for s in samples(model.core) if s.base in plain})
     return continuum_conditions(Model(core, model.symbols, output=model.output, input=model.input))
 

@@ -13,7 +13,7 @@ from ..diagnosis.candidates import Candidate
 from ..diagnosis.procedure import Diagnosis
 from ..models.model import Model
 from ..symbolic.functions import row_of
-from ..symbolic.signals import expand_phi, phi1, phi2, samples, u, v, x, y
+from ..symbolic.signals import expand_phi, free, phi1, phi2, samples, sensed, u, v, x, y
 from .words import Row, Units, number
 
 MOVED = 3.0  # standard errors
@@ -67,7 +67,8 @@ def _meaning(model: Model, row: Row) -> str:
     if term is None or not row["symbol"].startswith("theta"):
         return str(row["symbol"])
     written = expand_phi(term)
-    return str(written.xreplace({s: {v: u, x: y}.get(s.base, s.base)[s.indices[0]] for s in samples(written)}))
+    plain = dict.fromkeys((x, free, sensed), y) | {v: u}
+    return str(written.xreplace({s: plain.get(s.base, s.base)[s.indices[0]] for s in samples(written)}))
 
 
 def unit_of(left: Any, term: Any, units: Units) -> str:
@@ -90,7 +91,8 @@ def _power(unit: str, power: int) -> str:
 def _dimension(expr: Any) -> tuple[int, int] | None:
     """Return the powers of the units of y and u; None where they are not known."""
     if isinstance(expr, sp.Indexed):
-        return {y: (1, 0), x: (1, 0), u: (0, 1), v: (0, 1), phi1: (0, 1), phi2: (0, 0)}.get(expr.base)
+        inputs = {u: (0, 1), v: (0, 1), phi1: (0, 1), phi2: (0, 0)}
+        return (1, 0) if expr.base in (y, x, free, sensed) else inputs.get(expr.base)
     row = row_of(expr)
     if expr.is_number or (row and row.dimension in ("none", "sign")):
         return (0, 0)

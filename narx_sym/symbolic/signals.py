@@ -25,6 +25,8 @@ def signal(name: str) -> sp.IndexedBase:
 y, u, r, m = (signal(name) for name in "yurm")
 # Time [s]; the input and the output that the core of a model sees where effects act on them.
 t, v, x = (signal(name) for name in "tvx")
+# Where the core would go if nothing held it; what the sensor sees.
+free, sensed = signal("free"), signal("sensed")
 phi1, phi2 = signal("phi1"), signal("phi2")
 breve_phi1, breve_phi2 = signal("breve_phi1"), signal("breve_phi2")
 

@@ -16,6 +16,7 @@ from narx_sym.models.effects import EFFECTS, Catalogue
 
 SEED, N, LEVEL = 500, 1500, 0.01
 SHARE = 0.8  # of what the effect adds to the squared error, removed along a tangent or by a fit
+ABOVE = {"absolute_sensor": 1.5}  # input of a record that is below zero now and then: else a base sees nothing of it
 START = 300  # samples until the start of a run is forgotten
 
 
@@ -30,6 +31,8 @@ def lagged(v):
 def changed(u, name):
     """Return the output of a lag that one effect has changed, for what the truths do not hold."""
     return {
+        "absolute_sensor": lambda: np.abs(lagged(u)),
+        "output_limit": lambda: np.minimum(lagged(u), 0.7),
         "offset": lambda: lagged(u) + 0.2,
         "inertia": lambda: lagged(lagged(u)),
         "input_delay": lambda: lagged(np.concatenate([np.zeros(3), u[:-3]])),
@@ -41,7 +44,7 @@ def hidden(name):
     """Return a record with one hidden effect, the terms of a base that lacks it, and the output without noise."""
     kind = next((k for k in truths.GROUPS["in"] if k.partition(":")[0] == name), None)
     if kind is None:
-        u = 2 * truths.excite(np.random.default_rng(SEED), "random", N, 0.01, 1.5)
+        u = ABOVE.get(name, 0.0) + 2 * truths.excite(np.random.default_rng(SEED), "random", N, 0.01, 1.5)
         clean = changed(u, name)
         y = clean + LEVEL * np.std(clean) * np.random.default_rng(1).standard_normal(N)
         return ns.Record.from_arrays(u, y, Ts=0.01), ["y[k-1]", "u[k-1]"], clean

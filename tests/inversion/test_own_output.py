@@ -31,6 +31,11 @@ COMBINED = {
     "Stribeck": (("stribeck_friction", "output", "", 1),),
     "backlash, Stribeck": (("backlash", "input", "", 0), ("stribeck_friction", "output", "", 1)),
     "smooth friction, plays": (("coulomb_friction", "output", "smooth", 1), ("hysteresis", "input", "play", 0)),
+    "friction that holds": (("backlash", "input", "", 0), ("coulomb_friction", "motion", "holding", 0)),
+    "friction that holds, a limit": (
+        ("coulomb_friction", "motion", "holding", 0),
+        ("output_limit", "sensor", "upper", 0),
+    ),
     "bent, friction": (("quadratic_gain", "input", "", 0), ("coulomb_friction", "output", "", 1)),
 }
 

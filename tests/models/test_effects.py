@@ -9,7 +9,7 @@ import sympy as sp
 
 import narx_sym as ns
 from narx_sym.errors import ModelError
-from narx_sym.models.effects import DETECTED, EFFECTS, Catalogue, Scan, effect, load_effects, text_effect
+from narx_sym.models.effects import DETECTED, EFFECTS, PLACES, Catalogue, Scan, effect, load_effects, text_effect
 from narx_sym.models.effects._effect import SEQUENCES
 from narx_sym.models.extend import extend, find, variants
 from narx_sym.symbolic.grammar import parse
@@ -20,7 +20,7 @@ IDS = (
     "hysteresis", "backlash", "coulomb_friction", "stribeck_friction", "quadratic_drag", "inertia", "dead_zone",
     "saturation", "asymmetric_gain", "quadratic_gain", "cubic_gain", "input_delay", "rate_dependence",
     "hardening_spring", "quadratic_spring", "bilinear_gain", "creep", "offset", "drift", "periodic_disturbance",
-    "channel", "channel_gain", "ageing", "sensor_saturation", "quantisation",
+    "channel", "channel_gain", "ageing", "absolute_sensor", "output_limit", "sensor_saturation", "quantisation",
 )  # fmt: skip
 ALL = EFFECTS.all()
 LINEAR = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], [1.2, -0.4, 0.15, 0.1], Ts=0.01)
@@ -54,7 +54,7 @@ def test_described(one):
     assert set(one.scan) == set(one.shape)
     refined = {p for p in one.shape if one.scan[p].of != "steps"}
     assert refined <= set(one.unit) <= set(one.shape)
-    assert set(one.places) <= {"input", "inside", "output"} and all(one.places.values())
+    assert set(one.places) <= set(PLACES) and all(one.places.values())
     assert one.sign in (0, 1)
     assert EFFECTS[one.id].count(one) == 1
 

@@ -88,7 +88,8 @@ def test_a_variant_is_a_model(name, variant):
     assert np.all(np.isfinite(free)) and np.abs(free - expected).max() > 1e-6
     # What the model makes itself it predicts without error, once the start is over.
     own = ns.Record.from_arrays(record.u, free, Ts=0.01, channels=record.channels)
-    late = slice(max(model.recursion.depth, model.predictor.depth) + 2, None)
+    # Where a sensor bends what it sees, that is found step by step.
+    late = slice(max(model.recursion.depth, model.predictor.depth) + (10 if variant.where == "sensor" else 2), None)
     if not set(variant.effect.arguments) & {"t", "channel"} or base.n_y < 2:
         assert np.abs(model.predict(own) - free)[late].max() < 1e-9
     assert set(map(str, model.symbols)) == {str(s) for s in (*base.symbols, *added.coefficients, *added.shape)}
@@ -378,6 +379,46 @@ def test_a_shape_parameter_may_not_be_called_like_a_coefficient():
         function = eval(f"lambda x, {name}: {name} * x[k]")
         with pytest.raises(ModelError, match="like a coefficient"):
             effect("input", scan={name: Scan("amplitude", (1.0,))}, id="own", register=False)(function)
+
+
+def test_what_holds_and_what_is_shown_by_hand():
+    """Friction that holds the step, and a sensor that shows the size of all the rest; in either order."""
+    base, record = BASES["linear"], RECORDS["linear"]
+    chosen = {
+        "coulomb_friction": ("motion", [1.0, 0.03]),
+        "offset": ("output", [-0.3]),
+        "absolute_sensor": ("sensor", [1.0]),
+    }
+    a1, a2, b1, b2 = base.theta
+    inner = np.zeros(N)
+    inner[:2] = 0.3  # the sensor shows 0: the offset is not the core's
+    for i in range(2, N):
+        step = a1 * inner[i - 1] + a2 * inner[i - 2] + b1 * record.u[i - 1] + b2 * record.u[i - 2] - inner[i - 1]
+        inner[i] = inner[i - 1] + np.sign(step) * max(abs(step) - 0.03, 0.0)
+    rests = np.mean(np.diff(inner) == 0.0)
+    assert 0.2 < rests < 0.9
+    for order in permutations(chosen):
+        model, values = base, dict(zip(base.symbols, base.theta, strict=True))
+        for name in order:
+            where, numbers = chosen[name]
+            added = extend(model, first(model, name, where))
+            values |= dict(zip([*added.coefficients, *added.shape], numbers, strict=True))
+            model = added.model
+        model = model.replace(theta=[values[s] for s in model.symbols])
+        assert np.abs(run(model, record) - np.abs(inner - 0.3))[2:].max() < 1e-12
+        assert model.driven == signal("free") and model.inner == x and model.n_y == 2 and model.delay == 1
+
+
+def test_the_input_may_have_any_name():
+    base = ns.NARX.from_terms(
+        ["y[k-1]", "y[k-2]", "force[k-1]", "force[k-2]"], BASES["linear"].theta, input="force", Ts=0.01
+    )
+    record = RECORDS["linear"]
+    for wanted, where in (("backlash", "input"), ("coulomb_friction", "motion"), ("hysteresis", "output")):
+        named, plain = (valued(extend(b, first(b, wanted, where)), b, 0.3) for b in (base, BASES["linear"]))
+        assert np.array_equal(named.simulate(record.u, 0.0), plain.simulate(record.u, 0.0))
+        target = plain.simulate(np.sin(np.arange(60) / 9), 0.0, u0=0.0)
+        assert np.array_equal(*(model.compensator().run(target, 0.0) for model in (named, plain)))
 
 
 def test_inverse_models_have_no_effects():

@@ -3,8 +3,8 @@
 `effect` adds one of your own from Python, `load_effects` from a file.
 """
 
-from . import disturbance, dynamics, friction, memory, static
-from ._effect import EFFECTS, Catalogue, Effect, Form, Scan, clip, effect, step
+from . import disturbance, dynamics, friction, memory, sensor, static
+from ._effect import EFFECTS, PLACES, Catalogue, Effect, Form, Scan, clip, effect, step
 from ._text import load_effects, text_effect
 
 # No directions of the free run: they need a look at the samples themselves. There is no detector for them yet.
@@ -13,6 +13,7 @@ DETECTED = ("sensor_saturation", "quantisation")
 __all__ = [
     "DETECTED",
     "EFFECTS",
+    "PLACES",
     "Catalogue",
     "Effect",
     "Form",
@@ -24,6 +25,7 @@ __all__ = [
     "friction",
     "load_effects",
     "memory",
+    "sensor",
     "static",
     "step",
     "text_effect",

@@ -16,7 +16,11 @@ from ...symbolic.printing import text
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
 
-PLACES = ("input", "inside", "output")
+# Where an effect may act, in words: from the input to what is measured.
+PLACES = {
+    "input": "at the input", "inside": "inside", "motion": "on the motion", "output": "at the output",
+    "sensor": "at the sensor",
+}  # fmt: skip
 SEQUENCES = ("x", "u", "y", "t", "channel")  # names of arguments that are sequences; all others are shape parameters
 
 COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
@@ -136,7 +140,7 @@ class Effect:
         """Where it acts, what drives it, and what its shape parameters are, in words."""
         words = {"u": "u", "y": "y", "uy": "u and y", "t": "time", "channel": "the channel"}
         places = [
-            f"{'inside' if place == 'inside' else f'at the {place}'}, driven by {' or '.join(words[d] for d in by)}"
+            f"{PLACES[place]}, driven by {'the step' if place == 'motion' else ' or '.join(words[d] for d in by)}"
             for place, by in self.places.items()
         ]
         units = [f"{p} in {self.unit[p]}" for p in self.shape if self.unit.get(p)]

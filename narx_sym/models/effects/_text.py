@@ -174,7 +174,7 @@ def load_effects(path: Any, catalogue: Catalogue = EFFECTS) -> list[Effect]:
 
         [[effect]]
         id = "my_stick_slip"
-        where = "output"            # input, inside, output; a list; or { output = ["u", "y"], inside = "y" }
+        where = "output"            # a place (see PLACES), a list, or { output = ["u", "y"], inside = "y" }
         driver = "u"                # u, y, uy, t or channel
         z = "tanh((x[k] - x[k-1])/s)"
         scan = { s = { of = "speed", values = [0.1, 0.5, 1.5] } }

@@ -7,7 +7,7 @@ from typing import Any
 import sympy as sp
 
 from ...symbolic.signals import k
-from ._effect import SLOW_SPEED, SPEED, Scan, effect, step
+from ._effect import SLOW_SPEED, SPEED, Scan, clip, effect, step
 
 MOVING = {"inside": "y", "output": "u"}
 
@@ -42,6 +42,22 @@ def smooth_coulomb_friction(x: Any, s: Any) -> Any:
 def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:
     """Dry friction: a constant force against the motion, whatever the speed."""
     return sp.tanh((x[k] - x[k - n]) / s)
+
+
+@effect(
+    {"motion": "y"},
+    scan={"r": Scan("speed", (0.1, 0.3, 0.6, 1.0), beyond=2.0)},
+    sign=1,
+    full=True,
+    unit={"r": "unit of the driver per sample"},
+    id="coulomb_friction",
+    form="holding",
+    source="Coulomb 1785; implicit Euler step (Moreau 1988), soft(d, r) = d - clip(d, r)",
+)
+def holding_friction(x: Any, r: Any) -> Any:
+    """Dry friction: a constant force against the motion, whatever the speed."""
+    # y[k] = y[k-1] + soft(d, r) of the step d that the core would make: it rests until more than r pushes.
+    return -clip(x[k], r)
 
 
 @effect(MOVING, scan={"s": SPEED}, unit={"s": "unit of the driver per sample"}, source="Stribeck 1902, Tustin 1947")
