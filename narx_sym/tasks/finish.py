@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from ..data.record import Record
+from ..diagnosis.add import FINAL
 from ..diagnosis.procedure import Diagnosis
+from ..diagnosis.refit import Split, settle
 from ..errors import FitError
-from ..fit.least_squares import describe, fit
+from ..fit.least_squares import describe, unfinished
 from ..fit.simulate import Errors, evaluate
 from ..models.model import Model
+
+WORSE = 1.2  # than what was shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,22 +35,50 @@ class Finished:
     note: str = ""
 
 
-def fit_on_all(model: Model, records: Sequence[Record]) -> Finished:
-    """Fit a model in free run on all samples; where that fails, keep its parameters and describe them."""
+def fit_on_all(
+    model: Model, records: Sequence[Record], limits: Mapping[Any, Any] | None = None, shown: float = np.inf
+) -> Finished:
+    """Fit a model in free run on all samples; where that fails, or is not what was shown, keep its parameters.
+
+    Parameters
+    ----------
+    limits : of some parameters, as in the fit before
+    shown : float
+        The free-run NRMSE that was told; the new one may be larger by `WORSE`.
+    """
+    listed = list(records)
+    kept = "the one on the training blocks is kept"
     try:
-        return Finished(fit(model, list(records), method="free_run"))
+        made = settle(model, Split.whole(listed), limits=limits, steps=FINAL)
     except FitError as error:
-        kept = describe(model, list(records), "free_run", True)
-        note = f"the fit on all samples failed ({error}); the one on the training blocks is kept"
-        return Finished(kept, note)
+        return Finished(describe(model, listed, "free_run", True), f"the fit on all samples failed ({error}); {kept}")
+    after = float(np.sqrt(made.mean_square(made.split.train))) / made.problem.spread
+    if not after <= WORSE * shown:
+        note = f"the fit on all samples ends at a free-run NRMSE of {after:.3g} instead of {shown:.3g}; {kept}"
+        return Finished(describe(model, listed, "free_run", True), note)
+    return Finished(unfinished(describe(made.model, listed, "free_run", made.converged)))
 
 
 def finish(found: Diagnosis, records: Sequence[Record]) -> tuple[Finished, list[tuple[str, Errors]]]:
-    """Return the last model of a diagnosis, fitted on all samples, with the errors on the way there by name."""
-    names, listed = found.rungs, list(records)
-    what = " ".join(names)
-    errors = [("base", evaluate(found.steps[0].base.model, listed))] if len(names) > 1 else []
-    errors.append((f"{what}, fitted on the training blocks", evaluate(found.model, listed)))
-    made = fit_on_all(found.model, listed)
-    errors.append((f"{what}, fitted on all samples", evaluate(made.model, listed)))
-    return made, errors
+    """Return the model of a diagnosis to take away, fitted on all samples, with the errors on the way there by name.
+
+    What is saved is what was shown: its free run is as good as the ladder says, and over whole records, from the
+    measured start, better than that of the base. Else the model before it is taken, and the note says why.
+    """
+    names, listed, notes = found.rungs, list(records), []
+    rungs = [found.steps[0].base, *(s.chosen for s in found.steps if s.chosen is not None)]
+    base = evaluate(rungs[0].model, listed)
+    errors = [("base", base)] if len(rungs) > 1 else []
+    while True:
+        fitted, what = rungs.pop(), " ".join(names[: len(rungs) + 1])
+        errors.append((f"{what}, fitted on the training blocks", evaluate(fitted.model, listed)))
+        made = fit_on_all(fitted.model, listed, fitted.limits, max(found.steps[0].nrmse(fitted).values()))
+        notes += [made.note] if made.note else []
+        whole = evaluate(made.model, listed)
+        errors.append((f"{what}, fitted on all samples", whole))
+        if not rungs or whole.free_run_nrmse < base.free_run_nrmse:
+            return Finished(made.model, "; ".join(notes)), errors
+        notes.append(
+            f"with {what} the free run over whole records is no better than that of the base (NRMSE "
+            f"{whole.free_run_nrmse:.3g}, {base.free_run_nrmse:.3g}): the model before it is taken"
+        )

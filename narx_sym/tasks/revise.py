@@ -100,6 +100,7 @@ def revised(
     """Diagnose a model, and fit it on all samples."""
     found = diagnose(model, list(records), report=progress)
     progress("fitting on all samples")
-    final = fit_on_all(found.steps[0].base.model, records)
+    base = found.steps[0].base
+    final = fit_on_all(base.model, records, base.limits, max(found.steps[0].nrmse(base).values()))
     kept = [f"{final.note[0].upper()}{final.note[1:]}."] if final.note else []
     return Revision(name, found, final.model, effect, (*notes, *kept))

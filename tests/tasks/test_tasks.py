@@ -1,11 +1,15 @@
 """One function for each thing that people ask for: what command line, page and report share."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import narx_sym as ns
 from narx_sym.diagnosis.add import Addition
+from narx_sym.diagnosis.refit import Fitted, Split, settle
 from narx_sym.errors import FitError, ModelError
+from narx_sym.fit.freerun import FreeRun
 from narx_sym.fit.least_squares import free_run_error
 from narx_sym.tasks import base, finish, revise
 from narx_sym.tasks.add import add
@@ -62,10 +66,54 @@ def test_a_fit_on_all_that_fails_keeps_the_parameters(monkeypatch):
     def fails(*_, **__):
         raise FitError("no way")
 
-    monkeypatch.setattr(finish, "fit", fails)
+    monkeypatch.setattr(finish, "settle", fails)
     kept = finish.fit_on_all(LINEAR, [record])
     assert "no way" in kept.note and kept.model.theta.tolist() == [0.8, 0.4]
     assert free_run_error(kept.model) < 1e-6
+
+
+def rung(model, record):
+    """A model as a diagnosis has fitted it on its training blocks, without moving its parameters."""
+    split = Split.of([record])
+    problem = FreeRun(model, list(split.records), (), split.train)
+    return Fitted(model, split, problem, problem.start(model.theta), True, np.zeros(len(model.theta)), {})
+
+
+class Found:
+    """A diagnosis that added a cubic gain to a lag, as `finish` sees it."""
+
+    def __init__(self, record, second):
+        base = settle(LINEAR, Split.of([record]))
+        self.rungs = ["base", "+ cubic"]
+        self.steps = [SimpleNamespace(base=base, chosen=rung(second, record), nrmse=self.nrmse)]
+
+    def nrmse(self, fitted):
+        """Say a small error, whatever the model does."""
+        return {"train": 0.01, "validation": 0.01}
+
+
+CUBIC = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**3"], [0.8, 0.4, 0.04], Ts=TS)
+
+
+def test_what_is_saved_is_what_was_shown(monkeypatch):
+    record = simulated(0.1)
+    made, errors = finish.finish(Found(record, CUBIC), [record])
+    assert not made.note and len(made.model.terms) == 3
+    assert dict(errors)["base + cubic, fitted on all samples"].free_run_nrmse < 1e-6
+    # The fit on all samples ends where it should not: what the training blocks gave is kept.
+    worse = rung(CUBIC.replace(theta=[0.8, 0.4, 0.07]), record)
+    monkeypatch.setattr(finish, "settle", lambda *_, **__: worse)
+    made, _ = finish.finish(Found(record, CUBIC), [record])
+    assert "instead of 0.01" in made.note and made.model.theta.tolist() == CUBIC.theta.tolist()
+
+
+def test_a_model_worse_than_its_base_is_not_saved(monkeypatch):
+    record = simulated(0.1)
+    wrong = CUBIC.replace(theta=[0.8, 0.4, 0.4])
+    monkeypatch.setattr(finish, "settle", lambda model, *_, **__: rung(model, record))
+    made, errors = finish.finish(Found(record, wrong), [record])
+    assert "no better than that of the base" in made.note and len(made.model.terms) == 2
+    assert [name for name, _ in errors][-1] == "base, fitted on all samples"
 
 
 def test_compare_says_the_errors_and_where_it_fails():
