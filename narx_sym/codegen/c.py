@@ -171,7 +171,9 @@ def _init(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> l
             shown = writer(expr)
         lines += _each(f"{PAST}->{labels[base]}[{{}}] = {shown};", 0, d)
     start, writer.lines = writer.lines + lines, []
-    return start + [f"{PAST}->{clock} = {layout.recursion.depth}UL;"] * layout.counts
+    read = set(re.findall(r"(?<![>\w])\w+", "\n".join(start)))  # not the fields of the struct
+    unused = [f"(void){labels[b]};" for b in layout.rested if labels[b] not in read]
+    return unused + start + [f"{PAST}->{clock} = {layout.recursion.depth}UL;"] * layout.counts
 
 
 def _step(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> list[str]:

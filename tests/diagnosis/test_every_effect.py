@@ -28,9 +28,28 @@ def lagged(v):
     return y
 
 
+def moved(u, step):
+    """An output that starts at zero and goes by `step(y, before, i)` from sample to sample."""
+    y = np.zeros(N)
+    for i in range(2, N):
+        y[i] = step(y[i - 1], y[i - 1] - y[i - 2], i)
+    return y
+
+
+def soft(d, f):
+    """What is left of a push d that f holds."""
+    return np.sign(d) * max(abs(d) - f, 0.0)
+
+
 def changed(u, name):
     """Return the output of a lag that one effect has changed, for what the truths do not hold."""
     return {
+        "stiction": lambda: moved(u, lambda y, v, i: y + soft(0.1 * (u[i - 1] - y), 0.004 if v else 0.01)),
+        "end_stop": lambda: moved(u, lambda y, v, i: y + 0.1 * (u[i - 1] - y) - 0.2 * max(y - 0.6, 0.0)),
+        "sqrt_outflow": lambda: moved(u, lambda y, v, i: y + 0.1 * (u[i - 1] / 4 + 1.0 - max(y + 1.0, 0.0) ** 0.5)),
+        "channel_friction": lambda: moved(
+            u, lambda y, v, i: y + soft(0.8 * v + 0.02 * (u[i - 1] - y), 0.002 * (1.0 + load()[i]))
+        ),
         "absolute_sensor": lambda: np.abs(lagged(u)),
         "output_limit": lambda: np.minimum(lagged(u), 0.7),
         "offset": lambda: lagged(u) + 0.2,
@@ -40,6 +59,11 @@ def changed(u, name):
     }[name]()
 
 
+def load():
+    """A slow channel beside the input."""
+    return np.sin(np.arange(N) / 170)
+
+
 def hidden(name):
     """Return a record with one hidden effect, the terms of a base that lacks it, and the output without noise."""
     kind = next((k for k in truths.GROUPS["in"] if k.partition(":")[0] == name), None)
@@ -47,7 +71,9 @@ def hidden(name):
         u = ABOVE.get(name, 0.0) + 2 * truths.excite(np.random.default_rng(SEED), "random", N, 0.01, 1.5)
         clean = changed(u, name)
         y = clean + LEVEL * np.std(clean) * np.random.default_rng(1).standard_normal(N)
-        return ns.Record.from_arrays(u, y, Ts=0.01), ["y[k-1]", "u[k-1]"], clean
+        inertia = ["y[k-2]"] if name == "channel_friction" else []
+        channels = {"temperature": load()} if name.startswith("channel") else {}
+        return ns.Record.from_arrays(u, y, Ts=0.01, channels=channels), ["y[k-1]", "u[k-1]", *inertia], clean
     c = truths.case("in", kind, SEED, level=LEVEL, N=N)
     d = c.info["delay"] + int(c.info["held"])
     terms = ["y[k-1]", "y[k-2]", *(f"u[k-{d + i}]" for i in range(3)), "1"]

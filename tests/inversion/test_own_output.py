@@ -36,6 +36,9 @@ COMBINED = {
         ("coulomb_friction", "motion", "holding", 0),
         ("output_limit", "sensor", "upper", 0),
     ),
+    "stick and slip": (("stiction", "motion", "", 0),),
+    "a sticking valve": (("stiction", "input", "valve", 0),),
+    "two slopes, a rigid stop": (("dead_zone", "input", "two slopes", 0), ("end_stop", "motion", "rigid upper", 0)),
     "bent, friction": (("quadratic_gain", "input", "", 0), ("coulomb_friction", "output", "", 1)),
 }
 

@@ -20,7 +20,8 @@ IDS = (
     "hysteresis", "backlash", "coulomb_friction", "stribeck_friction", "quadratic_drag", "inertia", "dead_zone",
     "saturation", "asymmetric_gain", "quadratic_gain", "cubic_gain", "input_delay", "rate_dependence",
     "hardening_spring", "quadratic_spring", "bilinear_gain", "creep", "offset", "drift", "periodic_disturbance",
-    "channel", "channel_gain", "ageing", "absolute_sensor", "output_limit", "sensor_saturation", "quantisation",
+    "channel", "channel_gain", "ageing", "absolute_sensor", "output_limit", "stiction", "end_stop",
+    "sqrt_outflow", "channel_friction", "sensor_saturation", "quantisation",
 )  # fmt: skip
 ALL = EFFECTS.all()
 LINEAR = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], [1.2, -0.4, 0.15, 0.1], Ts=0.01)

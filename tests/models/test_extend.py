@@ -409,6 +409,29 @@ def test_what_holds_and_what_is_shown_by_hand():
         assert model.driven == signal("free") and model.inner == x and model.n_y == 2 and model.delay == 1
 
 
+@pytest.mark.parametrize(
+    "richer, plain",
+    (
+        (("dead_zone", "two slopes", "input", {"g": 1.0}), ("dead_zone", "", "input", {})),
+        (("stiction", "", "motion", {"e": 1e-9}), ("coulomb_friction", "holding", "motion", {})),
+        (("stiction", "of a valve", "input", {"e": 1e-9}), ("backlash", "", "input", {})),
+        (("end_stop", "rigid upper", "motion", {"r": 9.0}), ("end_stop", "upper", "inside", {"r": 9.0})),
+        (("output_limit", "upper", "sensor", {"r": 9.0}), ("output_limit", "both sides", "sensor", {"r": 9.0})),
+        (("coulomb_friction", "Dahl", "inside", {"r": 1e-9}), ("coulomb_friction", "", "inside", {})),
+    ),
+)
+def test_a_form_contains_another(richer, plain):
+    base, runs = BASES["linear"], []
+    for name, form, where, numbers in (richer, plain):
+        variant = next(v for v in variants(base) if (v.id, v.effect.form, v.where) == (name, form, where))
+        added = extend(base, variant)
+        c = 0.01 if where == "inside" and name == "coulomb_friction" else 1.0
+        shapes = [numbers.get(p, 0.05) for p in variant.shape]
+        model = added.model.replace(theta=[*base.theta, c, *shapes])
+        runs.append(run(model, RECORDS["linear"]))
+    assert np.abs(runs[0] - runs[1]).max() < 1e-6 and np.ptp(runs[0]) > 0.1
+
+
 def test_the_input_may_have_any_name():
     base = ns.NARX.from_terms(
         ["y[k-1]", "y[k-2]", "force[k-1]", "force[k-2]"], BASES["linear"].theta, input="force", Ts=0.01

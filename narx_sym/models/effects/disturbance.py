@@ -22,6 +22,12 @@ def drift(t: Any) -> Any:
     return t[k]
 
 
+@effect("output", driver="t", id="drift", form="bent", source="Ljung 1999")
+def bent_drift(t: Any) -> list[Any]:
+    """Drift: the output wanders off steadily with time."""
+    return [t[k], t[k] ** 2]
+
+
 @effect("output", driver="t", scan={"f": PEAKS}, unit={"f": "Hz"}, source="Hannan 1973")
 def periodic_disturbance(t: Any, f: Any) -> list[Any]:
     """A periodic disturbance of one frequency, such as mains hum or an unbalance."""

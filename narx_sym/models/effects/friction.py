@@ -6,8 +6,9 @@ from typing import Any
 
 import sympy as sp
 
-from ...symbolic.signals import k
-from ._effect import SLOW_SPEED, SPEED, Scan, clip, effect, step
+from ...symbolic.recursion import State
+from ...symbolic.signals import k, signal
+from ._effect import SLOW_SPEED, SPEED, Form, Scan, clip, effect, step
 
 MOVING = {"inside": "y", "output": "u"}
 
@@ -45,6 +46,22 @@ def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:
 
 
 @effect(
+    MOVING,
+    scan={"r": Scan("amplitude", (0.01, 0.03, 0.1), beyond=1.0)},
+    unit={"r": "unit of the driver"},
+    id="coulomb_friction",
+    form="Dahl",
+    source="Dahl 1968 (presliding), exact for a path that is straight between samples",
+)
+def dahl_friction(x: Any, r: Any) -> Form:
+    """Dry friction: a constant force against the motion, whatever the speed."""
+    p, d = signal("p"), step(x)
+    side = sp.sign(d)
+    # Over a long way r this is Bouc-Wen hysteresis: the grid ends where friction is no longer the word for it.
+    return Form((p[k],), (State(p[k], side + (p[k - 1] - side) * sp.exp(-sp.Abs(d) / r), 0),))
+
+
+@effect(
     {"motion": "y"},
     scan={"r": Scan("speed", (0.1, 0.3, 0.6, 1.0), beyond=2.0)},
     sign=1,
@@ -58,6 +75,72 @@ def holding_friction(x: Any, r: Any) -> Any:
     """Dry friction: a constant force against the motion, whatever the speed."""
     # y[k] = y[k-1] + soft(d, r) of the step d that the core would make: it rests until more than r pushes.
     return -clip(x[k], r)
+
+
+def held(d: Any, before: Any, r: Any, e: Any) -> tuple[Any, State]:
+    """Return what is left of a push d, soft(d, f) = Max(d - f, 0) + Min(d + f, 0), and the state f that holds it.
+
+    On the move f is r, at rest r + e; the last step tells which. It falls over e / 2, so that the part breaks loose by
+    a jump: faster than what pushes it.
+    """
+    f = signal("f")
+    holds = State(f[k], r + e * sp.exp(-((2 * before / e) ** 2)))
+    return sp.Max(d - f[k], 0) + sp.Min(d + f[k], 0), holds
+
+
+@effect(
+    {"motion": "y"},
+    scan={"r": Scan("speed", (0.1, 0.3, 0.8), beyond=2.0), "e": Scan("speed", (0.1, 0.4), beyond=2.0)},
+    sign=1,
+    full=True,
+    unit={"r": "unit of the driver per sample", "e": "unit of the driver per sample"},
+    source="Stribeck 1902; implicit Euler step (Moreau 1988)",
+)
+def stiction(x: Any, y: Any, r: Any, e: Any) -> Form:
+    """Friction that holds: to break loose takes more than to go on, so that it moves by sticking and slipping."""
+    left, holds = held(x[k], y[k - 1] - y[k - 2], r, e)
+    return Form((left - x[k],), (holds,))
+
+
+@effect(
+    {"input": "u", "output": "y"},
+    scan={"r": Scan("amplitude", (0.05, 0.2, 0.4), beyond=2.0), "e": Scan("amplitude", (0.05, 0.2), beyond=2.0)},
+    sign=1,
+    full=True,
+    unit={"r": "unit of the driver", "e": "unit of the driver"},
+    id="stiction",
+    form="of a valve",
+    source="Choudhury, Thornhill & Shah 2005; He et al. 2007",
+)
+def valve_stiction(x: Any, r: Any, e: Any) -> Form:
+    """Friction that holds: to break loose takes more than to go on, so that it moves by sticking and slipping."""
+    p = signal("p")  # a play whose slack is wider while it rests
+    left, holds = held(x[k] - p[k - 1], p[k - 1] - p[k - 2], r, e)
+    return Form((p[k] - x[k],), (holds, State(p[k], p[k - 1] + left, x[k])))
+
+
+@effect(
+    {"inside": "channel"},
+    source="Coulomb 1785: friction is proportional to the load",
+)
+def channel_friction(channel: Any, y: Any) -> list[Any]:
+    """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
+    side = sp.sign(y[k - 1] - y[k - 2])
+    return [side, channel[k] * side]
+
+
+@effect(
+    {"output": "channel"},
+    scan={"s": SLOW_SPEED},
+    unit={"s": "unit of u per sample"},
+    id="channel_friction",
+    form="smooth",
+    source="Coulomb 1785, smoothed by tanh",
+)
+def smooth_channel_friction(channel: Any, x: Any, s: Any) -> list[Any]:
+    """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
+    side = sp.tanh(step(x) / s)
+    return [side, channel[k] * side]
 
 
 @effect(MOVING, scan={"s": SPEED}, unit={"s": "unit of the driver per sample"}, source="Stribeck 1902, Tustin 1947")

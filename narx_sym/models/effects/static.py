@@ -10,12 +10,30 @@ from ...symbolic.signals import k
 from ._effect import AMPLITUDE, Scan, clip, effect
 
 LIMIT = {"r": "unit of the driver"}
+REACHED = Scan("amplitude", (0.15, 0.3, 0.5, 0.7, 0.9), beyond=1.1)  # a stop beyond what was reached is not seen
 
 
 @effect("input", scan={"r": AMPLITUDE}, sign=1, full=True, unit=LIMIT, source="Tao & Kokotovic 1996", centred=True)
 def dead_zone(x: Any, r: Any) -> Any:
     """Dead zone: small inputs do nothing."""
     return -clip(x[k], r)
+
+
+@effect(
+    "input",
+    scan={"r": Scan("amplitude", (0.08, 0.2, 0.45, 0.7)), "g": Scan("amplitude", (0.5, 2.0), power=0, beyond=2.0)},
+    sign=1,
+    full=True,
+    unit=LIMIT | {"g": "1"},
+    source="Tao & Kokotovic 1996",
+    id="dead_zone",
+    form="two slopes",
+    centred=True,
+)
+def two_slopes(x: Any, r: Any, g: Any) -> Any:
+    """Dead zone: small inputs do nothing."""
+    # The gain is 1 beyond r and g below -r; between them 1 - c.
+    return sp.Max(x[k] - r, 0) + g * sp.Min(x[k] + r, 0) - x[k]
 
 
 @effect(
@@ -77,6 +95,62 @@ def hardening_spring(x: Any) -> Any:
 def quadratic_spring(x: Any) -> Any:
     """A spring that is stiffer in one direction than in the other."""
     return x[k] ** 2
+
+
+def stop(form: str, **given: Any) -> Any:
+    """Declare one form of an end stop."""
+    places, sentence = (
+        given.pop("places", {"inside": "y"}),
+        ("An end stop, or a spring on one side: beyond a position something pushes back (in a tank: what overflows)."),
+    )
+    return effect(
+        places, scan={"r": REACHED}, sign=1, unit=LIMIT, id="end_stop", form=form, sentence=sentence,
+        source="Shaw & Holmes 1983", **given,
+    )  # fmt: skip
+
+
+@stop("upper")
+def upper_stop(x: Any, r: Any) -> Any:
+    """A force c Max(y[k-1] - r, 0) pushes back."""
+    return -sp.Max(x[k] - r, 0)
+
+
+@stop("lower")
+def lower_stop(x: Any, r: Any) -> Any:
+    """A force c Max(-r - y[k-1], 0) pushes back."""
+    return sp.Max(-x[k] - r, 0)
+
+
+@stop("both sides")
+def both_stops(x: Any, r: Any) -> Any:
+    """A gap of half-width r between two springs."""
+    return clip(x[k], r) - x[k]
+
+
+@stop("rigid upper", places={"motion": "y"}, full=True)
+def rigid_upper_stop(x: Any, y: Any, r: Any) -> Any:
+    """y[k] = Min(free[k], r): x is the step from y[k-1] to free[k]."""
+    return -sp.Max(y[k - 1] + x[k] - r, 0)
+
+
+@stop("rigid lower", places={"motion": "y"}, full=True)
+def rigid_lower_stop(x: Any, y: Any, r: Any) -> Any:
+    """y[k] = Max(free[k], -r)."""
+    return sp.Max(-r - y[k - 1] - x[k], 0)
+
+
+@effect(
+    "inside",
+    driver="y",
+    scan={"a": Scan("amplitude", (1.1, 1.5, 2.5), beyond=1.5)},
+    sign=1,
+    unit={"a": "unit of the driver"},
+    source="Torricelli 1643; laminar below a hundredth of a",
+)
+def sqrt_outflow(x: Any, a: Any) -> Any:
+    """An outflow with the square root of the level, as from a tank: the lower the level, the slower it falls."""
+    level = sp.Max(x[k] + a, 0)  # above the outlet, which lies a below the operating point: there it is balanced
+    return sp.sqrt(a / sp.Float(1.01)) - level / sp.sqrt(level + a / 100)
 
 
 @effect({"inside": "uy"}, source="Mohler 1973")
