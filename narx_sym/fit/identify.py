@@ -18,12 +18,13 @@ from ..models import assumptions
 from ..models.model import NARX, Model
 from ..models.pool import lagged, pool
 from ..symbolic.signals import k, phi1, u, y
+from .bases.play import PLAYS, identify_play
 from .excursions import law_radius
 from .least_squares import check_method, fit, free_run_error
 from .select import PATH_STEPS, Selection, select
 from .simulate import Records, centre, evaluate, segments, simulate
 
-BASES = ("narx", "linear", "static")
+BASES = ("narx", "linear", "static", "play")
 HELD_OUT = 0.3
 CYCLES = 10
 CANCELS, CALM = 5.0, 2.0
@@ -114,15 +115,17 @@ def identify(
     max_terms: int = 10,
     method: str = "auto",
     point: Mapping[Any, float] | str = "auto",
+    plays: int = PLAYS,
 ) -> Model:
     """Identify a model.
 
     Parameters
     ----------
     records : Record or list of Record
-    base : "narx", "linear" or "static"
+    base : "narx", "linear", "static" or "play"
         `narx`: the paper's pool with phi1, phi2 and Sigma_y = 1. `linear`: ARX, its orders and delay chosen in free
-        run. `static`: a polynomial of the input at the same instant. Each carries an operating point.
+        run. `static`: a polynomial of the input at the same instant. `play`: plays of several radii in parallel, a
+        curve and a lag (Prandtl-Ishlinskii). Each carries an operating point.
     n_y, n_u, degree, delay : int
         Of the pool. A dead time that needs more than the shortest lags is found first (`dead_time`); else the delay is
         1 (`narx`), 0 (`static`) or chosen with the orders (`linear`).
@@ -139,6 +142,8 @@ def identify(
         `auto` fits one step ahead, then in free run, and keeps the better free run.
     point : mapping or "auto"
         The operating point; {} measures the signals from zero.
+    plays : int
+        How many of them the play base has.
 
     Returns
     -------
@@ -179,13 +184,17 @@ def identify(
         return judged(model)
     if base == "linear":
         return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)
+    if base == "play":
+        if own:
+            raise ModelError(f"The play base has one input; the channel {next(iter(own))!r} cannot take part.")
+        return judged(identify_play(listed, origin, delays, plays))
     return _static(listed, origin, degree, delays[0], own, method, for_compensation)
 
 
 def _delays(base: str, records: list[Record]) -> Sequence[int]:
     """Return the delays to try: those around a long dead time where there is one."""
     found = dead_time(records)
-    if base == "linear":
+    if base in ("linear", "play"):
         return range(found.samples - 1, found.samples + 2) if found.long else range(PLAIN)
     return (found.samples if found.long else int(base == "narx"),)
 

@@ -1,0 +1,1 @@
+"""Bases that remember where the input turned, and the choice among all bases."""

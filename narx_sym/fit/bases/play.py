@@ -1,0 +1,176 @@
+"""The play base: y = lag(curve(sum of p_i play(u; r_i))), a Prandtl-Ishlinskii model as a recursion of Max and Min.
+
+The radii are spread over the input's range, the weights are not negative, the curve is a broken line (Kuhnen 2003), and
+where the plays start is unknown. A play remembers where the input turned; a NARX model knows only where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from scipy.optimize import nnls
+from scipy.signal import lfilter
+
+from ...data.record import Record
+from ...engines.compile import compile
+from ...errors import FitError, ModelError
+from ...models.effects.memory import play
+from ...models.info import Selection
+from ...models.model import Model
+from ...symbolic.recursion import Recursion, State
+from ...symbolic.signals import k, signal, u, v, y
+from ..freerun import FreeRun
+from ..least_squares import describe
+from ..simulate import segments
+
+Array = np.ndarray
+PLAYS, KNOTS = 10, 4
+LAGS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
+SAME = 1.02  # a delay explains as much as another one
+LEAST, SLOWEST = 0.01, 0.999  # poles
+EVEN = 0.03  # the ridge that keeps the first weights even, of the input's own column
+NOTHING = 1e-4  # of all weights: a play below it is left out
+STEPS = 60
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What is chosen before the fit: radii [unit of u], knots of the curve [unit of y], and the delay."""
+
+    radii: tuple[float, ...]
+    knots: tuple[float, ...]
+    delay: int
+
+    def model(self, origin: Mapping[Any, float], theta: Sequence[float] | None = None) -> Model:
+        """Return the model; its parameters are a, p_0 ... p_n, c_0 ... c_m."""
+        a = sp.Symbol("a", real=True)
+        p = sp.symbols(f"p_0:{len(self.radii) + 1}", real=True)
+        c = sp.symbols(f"c_0:{len(self.knots) + 1}", real=True)
+        states = plays_of(self.radii)
+        total = sp.Add(p[0] * u[k], *(w * s.left for w, s in zip(p[1:], states, strict=True)))
+        now = v[k - self.delay]
+        curve = sp.Add(
+            now, c[0], *(w * sp.Max(now - b, 0) for w, b in zip(c[1:], map(number, self.knots), strict=True))
+        )
+        F = a * y[k - 1] + (1 - a) * curve
+        return Model(F, (a, *p, *c), theta, states=[*states, State(v[k], total, u[k])], operating_point=origin)
+
+
+def number(value: float) -> Any:
+    """Return a number that reads well and is kept exactly in a file."""
+    return sp.Float(f"{value:.6g}")
+
+
+def plays_of(radii: Sequence[float]) -> list[State]:
+    """Return the play operators of the input; each starts by itself."""
+    made = []
+    for i, r in enumerate(map(number, radii), 1):
+        state = play(u, signal(f"z{i}"), r)
+        made.append(State(state.left, state.right, state.initial, f"z{i}"))
+    return made
+
+
+def identify_play(
+    records: Sequence[Record], origin: Mapping[Any, float], delays: Sequence[int] = range(4), plays: int = PLAYS
+) -> Model:
+    """Identify a play model in free run.
+
+    Parameters
+    ----------
+    origin : the operating point
+    delays : which are tried [samples]
+    plays : int
+        How many radii are spread over half the input's range; those without weight are left out.
+
+    Raises
+    ------
+    ModelError
+        For fewer than one play.
+    FitError
+        Where the output falls with the input.
+    """
+    if int(plays) != plays or not 1 <= plays <= 50:
+        raise ModelError(f"The play base has from 1 to 50 plays, not {plays}.")
+    parts = segments(records)
+    half = float(np.ptp(np.concatenate([p.u for p in parts]))) / 2
+    radii = [float(f"{half * i / (plays + 1):.6g}") for i in range(1, plays + 1)]
+    guesses = [_guess(parts, origin, radii, a, d) for d in delays for a in LAGS]
+    close = [g for g in guesses if g.error <= SAME * min(g.error for g in guesses)]
+    guess = min(close, key=lambda g: (g.shape.delay, g.error))
+    model = _fitted(guess, parts, origin)
+    reason = f"{plays} plays over the range of the input; the smallest delay within 2 % of the best of {len(delays)}"
+    chosen = Selection("play", len(delays) * len(LAGS), len(model.symbols), reason)
+    return model.replace(info=replace(model.info, selection=chosen))
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Where a fit starts: a shape, the values of its parameters, and the rms error of y without a fit."""
+
+    shape: Shape
+    theta: tuple[float, ...]
+    error: float
+
+
+def _guess(parts: Sequence[Record], origin: Mapping[Any, float], radii: Sequence[float], a: float, delay: int) -> Guess:
+    """Guess the weights for a given lag and a straight curve, by non-negative least squares.
+
+    One loop does not tell neighbouring radii apart: of all weights that explain it the even ones are taken (a ridge).
+    """
+    known = [_known_from(p.u) for p in parts]
+    along = _plays_along(parts, origin, radii)
+    columns = np.vstack([_lagged(P, a, delay)[i:] for P, i in zip(along, known, strict=True)])
+    target = np.concatenate([p.y[i:] for p, i in zip(parts, known, strict=True)]) - origin.get(y, 0.0)
+    one, n = np.ones((target.size, 1)), columns.shape[1]
+    ridge = EVEN * np.linalg.norm(columns[:, 0]) * np.eye(n, n + 2)[1:]
+    found = nnls(np.vstack([np.hstack([columns, one, -one]), ridge]), np.concatenate([target, np.zeros(n - 1)]))[0]
+    weights, constant = found[:n], float(found[n] - found[n + 1])
+    if weights.sum() <= 0:
+        raise FitError("The output falls where the input rises: a play model rises. Change the sign of the input.")
+    low, high = float(target.min()) - constant, float(target.max()) - constant
+    knots = tuple(float(f"{low + (high - low) * i / (KNOTS + 1):.4g}") for i in range(1, KNOTS + 1))
+    weights = np.maximum(weights, NOTHING * weights.sum())
+    error = float(np.sqrt(np.mean((columns @ weights + constant - target) ** 2)))
+    theta = (max(a, LEAST), *map(float, weights), constant, *[0.0] * KNOTS)
+    return Guess(Shape(tuple(radii), knots, delay), theta, error)
+
+
+def _known_from(source: Array) -> int:
+    """Return from where on the plays are known: both ends of the input were visited, or a fifth of it is over."""
+    ends = np.sort([int(np.argmin(source)), int(np.argmax(source))])
+    return int(min(ends[1], source.size // 5))
+
+
+def _plays_along(parts: Sequence[Record], origin: Mapping[Any, float], radii: Sequence[float]) -> list[Array]:
+    """Return the input and its plays along each segment, (N, 1 + plays) arrays [unit of u]."""
+    recursion = Recursion(tuple((s.left, s.right) for s in plays_of(radii)))
+    run, listed = compile(recursion), []
+    for part in parts:
+        driver = part.u - origin.get(u, 0.0)
+        memory = run({"u": driver}, [], {str(b.label): driver[0] for b in recursion.states}, start=1)
+        listed.append(np.column_stack([driver, *memory.values()]))
+    return listed
+
+
+def _lagged(P: Array, a: float, delay: int) -> Array:
+    """Return the columns delayed behind a lag, from rest."""
+    late = np.vstack([np.repeat(P[:1], delay, axis=0), P[: len(P) - delay]])
+    return np.asarray(lfilter([1 - a], [1, -a], late, axis=0, zi=a * late[:1])[0])
+
+
+def _fitted(guess: Guess, parts: Sequence[Record], origin: Mapping[Any, float]) -> Model:
+    """Fit all parameters and the unknown starts of output and plays together, in free run."""
+    model = guess.shape.model(origin, guess.theta)
+    problem = FreeRun(model, list(parts), ())
+    n = len(guess.shape.radii) + 1
+    a, weights, bends = model.symbols[0], model.symbols[1 : n + 1], model.symbols[n + 2 :]
+    limits = {a: (0.0, SLOWEST), **dict.fromkeys(weights, (0.0, np.inf))}
+    limits |= {weights[0]: (NOTHING * sum(guess.theta[1 : n + 1]), np.inf)}  # the law divides by it
+    limits |= dict.fromkeys(bends, (-1 / (KNOTS + 1), np.inf))  # so the curve rises everywhere
+    found = problem.minimise(problem.start(np.array(guess.theta)), STEPS, 1e-7, limits)
+    made = model.replace(theta=problem.theta(found.x).tolist(), standard_errors=problem.errors(found))
+    return describe(made, list(parts), "free_run", bool(found.status > 0))

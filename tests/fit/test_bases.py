@@ -1,0 +1,76 @@
+"""Bases that remember where the input turned."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from places import SHARED, needs_shared
+
+import narx_sym as ns
+from narx_sym.errors import FitError, ModelError
+from narx_sym.fit.bases.play import Shape, identify_play
+from narx_sym.symbolic.signals import k, u
+
+N, TS = 900, 0.01
+RNG = np.random.default_rng(2)
+U = np.interp(np.arange(N), np.arange(0, N + 30, 30), RNG.uniform(-2, 2, N // 30 + 1))
+
+
+def plays_by_hand(source, radii, weights, a=0.6, bend=-0.2, at=0.5, start=0.0):
+    """A stage of plays behind a bent curve and a lag, in plain loops."""
+    held, out, before = [source[0]] * len(radii), np.empty(len(source)), start
+    for i, x in enumerate(source):
+        held = [max(x - r, min(x + r, z)) for r, z in zip(radii, held, strict=True)]
+        v = weights[0] * x + sum(w * z for w, z in zip(weights[1:], held, strict=True))
+        before = a * before + (1 - a) * (v + bend * max(v - at, 0.0)) if i else start
+        out[i] = before
+    return out
+
+
+@pytest.fixture(scope="module")
+def found():
+    made = plays_by_hand(U, [0.5, 1.1], [1.0, 0.8, 0.4])
+    record = ns.Record.from_arrays(U, made + 0.002 * RNG.standard_normal(N), Ts=TS)
+    return record, ns.identify(record, base="play", plays=4)
+
+
+def test_the_recursion_is_the_stage_by_hand():
+    theta = [0.6, 1.0, 0.8, 0.4, 0.0, -0.2]
+    model = Shape((0.5, 1.1), (0.5,), 0).model({}, theta)
+    run = model.simulate(U, 0.3)
+    assert run == pytest.approx(plays_by_hand(U, [0.5, 1.1], [1.0, 0.8, 0.4], start=0.3), abs=1e-13)
+    assert model.sigma_y == sp.Symbol("a", real=True) and [str(s.left) for s in model.memory] == ["z1[k]", "z2[k]"]
+
+
+def test_a_play_base_follows_a_stage_of_plays(found):
+    record, model = found
+    line = np.polyval(np.polyfit(record.u, record.y, 1), record.u)
+    assert model.info.nrmse.free_run < 0.02 < 0.1 * np.std(record.y - line) / np.std(record.y)
+    assert all(value >= 0 for s, value in model.values.items() if str(s).startswith("p_"))
+    assert "smallest delay" in model.info.selection.reason and model.delay == 0
+
+
+def test_it_is_saved_printed_and_derived(found, tmp_path):
+    _, model = found
+    model.save(tmp_path / "m.json")
+    again = ns.load(tmp_path / "m.json")
+    assert again.F == model.F and again.states == model.states and again.theta.tolist() == model.theta.tolist()
+    assert r"\max" in model.latex() and "z4[k] = Max(" in "\n".join(model.lines())
+    assert model.recursion.graph.delays(u)[ns.y] == 0 and model.states[0].left == ns.symbolic.signals.signal("z1")[k]
+
+
+def test_refusals(found):
+    record, _ = found
+    with pytest.raises(FitError, match="falls where the input rises"):
+        ns.identify(ns.Record.from_arrays(U, -record.y, Ts=TS), base="play")
+    with pytest.raises(ModelError, match="from 1 to 50 plays"):
+        identify_play([record], {}, plays=0)
+
+
+@pytest.mark.long
+@needs_shared
+def test_plays_beat_lags_on_the_real_piezo():
+    """Judged as every other model: fitted on one sine, the offset of the other record from its first second."""
+    train = ns.read(SHARED / "piezo_dbo" / "train_1Hz_full_range.csv", rows=slice(20, None))
+    test = ns.read(SHARED / "piezo_dbo" / "test_varying_amplitude.csv", rows=slice(20, 5000))
+    errors = {base: ns.identify(train, base=base).aligned(test).aligned for base in ("play", "linear")}
+    assert errors["play"] <= 0.028 and errors["play"] <= 0.6 * errors["linear"]
