@@ -20,9 +20,9 @@ from .errors import Unreachable as Unreachable
 from .files.journal import resuming as resuming
 from .files.store import load as load
 from .files.store import save as save
+from .fit.bases.select import select as select
 from .fit.identify import identify as identify
 from .fit.identify import identify_inverse as identify_inverse
-from .fit.select import select as select
 from .fit.simulate import evaluate as evaluate
 from .fit.simulate import free_run as free_run
 from .inversion.compensator import Compensator as Compensator

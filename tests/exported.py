@@ -11,6 +11,7 @@ from paper import BENCH
 import narx_sym as ns
 from narx_sym.codegen.export import to_c, to_st
 from narx_sym.engines.compile import compile
+from narx_sym.fit.bases.play import Shape
 from narx_sym.models.extend import extend, variants
 from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.signals import k, phi1, phi2, signal, t, u, y
@@ -128,6 +129,7 @@ def subjects():
     bouc_wen = ns.Model(
         y[k - 1] + a * phi1[k] + b * abs(phi1[k]) * h + c * phi1[k] * abs(h), (a, b, c, d), [0.7, 0.008, 0.009, 1.6]
     )
+    plays = Shape((0.3, 0.7), (0.2,), 1).model({u: 0.5}, [0.6, 1.0, 0.8, 0.4, 0.1, -0.2])
     p, q, v, w = (signal(name) for name in "pqvw")
     # A law by branches: which root is taken hangs on a sign, and one branch divides by what is zero in the other.
     branches = Recursion(
@@ -172,6 +174,8 @@ def subjects():
             Recursion(((p[k], sp.Max(u[k] - a, sp.Min(u[k] + a, p[k - 1]))), (y[k], p[k] + sp.tanh(u[k - 3]) / 3)), (a,)),
             {a: 0.3},
         ),
+        "plays": of(plays),
+        "law of plays": of(plays.compensator(), rest={"z1": -0.2, "z2": -0.2}),  # the plays rest at m - 0.5
         "branches": Subject(branches, {a: 0.98, b: 0.1, c: 0.05}),
         "functions": Subject(Recursion(((y[k], functions / 9),)), {}),
         "long delay": Subject(Recursion(((y[k], y[k - 1] / 2 + y[k - 40] / 4 + u[k - 3] - u[k - 100]),)), {}),

@@ -19,9 +19,9 @@ from ..models.model import NARX, Model
 from ..models.pool import lagged, pool
 from ..symbolic.signals import k, phi1, u, y
 from .bases.play import PLAYS, identify_play
+from .bases.select import PATH_STEPS, Selection, select
 from .excursions import law_radius
 from .least_squares import check_method, fit, free_run_error
-from .select import PATH_STEPS, Selection, select
 from .simulate import Records, centre, evaluate, segments, simulate
 
 BASES = ("narx", "linear", "static", "play")

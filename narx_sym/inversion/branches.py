@@ -15,6 +15,7 @@ from ..symbolic.signals import samples
 from .kinks import places, solve_kinked
 from .monotone import steepness
 from .nodes import solve_nodes
+from .plays import solve_plays
 from .solution import Branch, Root, Solution, number
 
 FAR = 1e9  # where a root finder ends
@@ -30,6 +31,7 @@ def solve_for(
     values: Mapping[Any, Any] | None = None,
     limits: tuple[float, float] = (-FAR, FAR),
     rest: Any = lambda e: e,
+    together: Mapping[Any, Any] | None = None,
 ) -> Solution:
     """Solve `expr` = `target` for one unknown sample.
 
@@ -44,6 +46,8 @@ def solve_for(
         Where a root finder looks.
     rest : function of an expression
         Puts a point of operation in the place of all samples: the direction of slopes that depend on them.
+    together : mapping from states to what they start from, optional
+        Plays that start together never lie further apart than their radii do.
 
     Raises
     ------
@@ -68,7 +72,8 @@ def solve_for(
     if kinks:
         if slope == 0:
             raise NotInvertible(f"{text(unknown)} acts only through its sign: most targets cannot be reached.")
-        found = solve_kinked(G, w, target, values, rest, made) or solve_nodes(G, w, target, values, made)
+        found = solve_plays(G, w, target, values, made, together or {})
+        found = found or solve_kinked(G, w, target, values, rest, made) or solve_nodes(G, w, target, values, made)
     else:
         found = _quadratic(G, w, target, values, made) or _inverse_function(G, w, target, values, made)
     return found or _searched(G, w, target, values, limits, made)

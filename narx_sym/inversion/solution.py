@@ -56,7 +56,7 @@ class Solution:
     ----------
     unknown, target, expr, last : expressions
         `expr` is what must equal `target`; it contains the unknown, whose value before is `last`.
-    how : "linear", "branches", "nodes", "quadratic", "inverse function" or "root finder"
+    how : "linear", "branches", "plays", "nodes", "quadratic", "inverse function" or "root finder"
     branches : tuple of Branch, in order
     steps : pairs (name of a further sequence, expression), needed before the branches
     needs : relationals under which there is exactly one solution; those that numbers alone decide are not in it
@@ -112,7 +112,9 @@ class Solution:
     def proof(self) -> str:
         """Say, in words, why there is one solution, what it takes, or that it is not known."""
         x, of = text(self.unknown), text(self.target)
-        if self.steep is not None:
+        if self.steep is not None and self.closed_form:
+            said = f"exactly one {x} for every {of} (proved: the slope is at least {self.steep:.3g} everywhere)"
+        elif self.steep is not None:
             why = f"proved: the slope is at least {self.steep:.3g} everywhere, up or down"
             said = f"{x} has no closed form: exactly one for every {of} ({why}), found by bracketing"
         elif not self.closed_form:

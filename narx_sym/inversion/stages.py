@@ -65,6 +65,7 @@ def stages_of(model: Model) -> Staged:
     if delays[y] is None:
         raise NotInvertible("The model has no input term: there is nothing to solve for (Assumption A1).")
     chain = _chain(graph.fastest(m))
+    together = {s.left.base: s.initial for s in model.states}
     solved, updates = [], []
     for upper, lower in pairwise(chain):
         delay = delays[upper]
@@ -72,8 +73,9 @@ def stages_of(model: Model) -> Staged:
         expr = _inlined(own, delays, shift(own[upper], delay), unknown)
         target = r[k + delay] if upper == y else upper[k + delay]
         found = solve_for(
-            swap(expr, {y: r}), unknown, target, shift(unknown, -1), values, _limits(model, lower), _rest(model)
-        )
+            swap(expr, {y: r}), unknown, target, shift(unknown, -1), values, _limits(model, lower), _rest(model),
+            together,
+        )  # fmt: skip
         solved.append(found)
         updates += [(signal(name)[unknown.indices[0]], e) for name, e in found.steps]
         updates.append((unknown, found.value))

@@ -44,8 +44,8 @@ from narx_sym import NARX, Model, Record, plants, pool
 from narx_sym.engines.columns import Columns
 from narx_sym.engines.compile import compile
 from narx_sym.fit import ensemble
+from narx_sym.fit.bases.select import err_path, path_of
 from narx_sym.fit.least_squares import factor
-from narx_sym.fit.select import err_path, path_of
 from narx_sym.symbolic.sensitivity import sensitivities
 from narx_sym.symbolic.signals import k, u, y
 

@@ -36,8 +36,8 @@ from narx_sym.data.metrics import nrmse  # noqa: E402
 from narx_sym.data.record import Record  # noqa: E402
 from narx_sym.engines.columns import Columns  # noqa: E402
 from narx_sym.engines.compile import compile  # noqa: E402
+from narx_sym.fit.bases.select import err_path  # noqa: E402
 from narx_sym.fit.least_squares import one_step  # noqa: E402
-from narx_sym.fit.select import err_path  # noqa: E402
 from narx_sym.models.model import NARX  # noqa: E402
 from narx_sym.symbolic.recursion import Recursion  # noqa: E402
 from narx_sym.symbolic.sensitivity import sensitivities  # noqa: E402

@@ -67,7 +67,7 @@ def code(source):
 
 def resting(subject, source, name):
     labels = {re.sub(r"_sig\d*$", "", a): a for a in arguments(source, f"{name}_init")}
-    assert all(a in ("r", "m", "u", "y", "p", "t", "temp", "load", "v", "w", "q") for a in labels), labels
+    assert all(a in ("r", "m", "u", "y", "p", "t", "temp", "load", "v", "w", "q", "z1", "z2") for a in labels), labels
     return [subject.at_rest(a) if a != "t" else 0.0 for a in labels]
 
 

@@ -30,6 +30,7 @@ LAWS = [name for name, subject in SUBJECTS.items() if isinstance(subject.thing, 
 def at_rest(subject):
     """The state at rest; of a law also, whatever its preview has in sight."""
     own = {str(subject.output.label), *(str(s.base.label) for s in subject.recursion.given)}
+    own |= {str(s.base.label) for s in subject.recursion.past} & set(subject.rest or ())
     return subject.thing.rest_state(**{name: subject.at_rest(name) for name in own if name != "t"})
 
 

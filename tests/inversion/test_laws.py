@@ -177,7 +177,7 @@ def test_plays_in_superposition():
     effect = ("hysteresis", "input", "u", "play superposition")
     model = with_effect(BASES["first order"], effect, 0.1)
     law = model.compensator()
-    assert law.closed_form and law.staged.stages[-1].how == "nodes"
+    assert law.closed_form and law.staged.stages[-1].how == "plays"
     assert followed(model, law, reference(model)) < 1e-9
 
 

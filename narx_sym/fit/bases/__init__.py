@@ -1,1 +1,1 @@
-"""Bases that remember where the input turned, and the choice among all bases."""
+"""Bases: the selection of terms, and models that remember where the input turned."""

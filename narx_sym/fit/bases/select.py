@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from ..engines.columns import Columns
-from ..errors import FitError
-from ..models.model import NARX, Model
-from ..models.pool import Pool
-from ..symbolic.signals import expand_phi, k, samples
-from .least_squares import check_method, factor, fit, free_run_error
-from .simulate import Records, arrays, evaluate, segments, shifted
+from ...engines.columns import Columns
+from ...errors import FitError
+from ...models.model import NARX, Model
+from ...models.pool import Pool
+from ...symbolic.signals import expand_phi, k, samples
+from ..least_squares import check_method, factor, fit, free_run_error
+from ..simulate import Records, arrays, evaluate, segments, shifted
 
 Array = np.ndarray
 INDEPENDENT, TIE = 1e-10, 1e-7
