@@ -11,6 +11,7 @@
 # | `confused` | several effects explain it equally well; an input that would tell them apart is proposed (`next.csv`). `base` in the set means the base's own velocity term: at one speed it and a friction law are one signal |
 # | `helps_but_incomplete` | the best effect helps, and something else is missing too. Where two effects hide each other they are added together (`together` in the JSON): raise `--max-effects` |
 # | `outside_library` | no effect of the catalogue explains it; look at where the model fails |
+# | `closed_loop` | the input answers the output, as that of a controller does: nothing is named, because what the controller does would be taken for the plant. Record with the controller in manual |
 #
 # The same on the command line:
 #

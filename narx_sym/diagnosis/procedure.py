@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.evidence.feedback import SETPOINTS, Feedback, closed_loop
 from ..data.sensor import Fault, sensor_faults
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
@@ -47,7 +48,7 @@ EXPLAINED, NEARLY_ALL, HELPS = 0.85, 0.995, 0.3  # shares of the removable error
 INCOMPLETE = 0.1  # share of the error that is left: more structure than this, and something else is missing too
 NEAR = 0.2  # of a noise floor from repeated periods
 FEWEST = 100  # samples: with less the noise cannot be told from an effect
-VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library")
+VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library", "closed_loop")
 
 
 @dataclass
@@ -63,6 +64,8 @@ class Step:
         Effects added before that this step made superfluous, or replaced.
     pair : Pair
         Two effects that only together explain the error, where there are.
+    loop : Feedback
+        Where the input answers the output: then nothing is named.
     """
 
     base: Fitted
@@ -78,6 +81,7 @@ class Step:
     chosen: Fitted | None = None
     withdrawn: list[str] = field(default_factory=list)
     pair: Pair | None = None
+    loop: Feedback | None = None
 
     @property
     def added(self) -> list[str]:
@@ -103,6 +107,8 @@ class Step:
             seen = sorted(self.smallest_detectable.items(), key=lambda p: p[1])
             shown = ", ".join(f"{name} above {size:.2g}{unit}" for name, size in seen[:3])
             return f"Nothing is missing that these data can show. {sizes}; seen would have been {shown} rms."
+        if self.loop is not None:
+            return f"{self.loop.sentence}. {sizes}."
         sizes += f"; the noise floor is about {self.floor:.3g}{unit}"
         if self.verdict == "outside_library":
             return (
@@ -512,15 +518,19 @@ def diagnose(
     count = sum(len(r) for r in listed)
     if count < FEWEST:
         raise FitError(f"{count} samples are too few to judge what is missing: at least {FEWEST} are needed.")
-    named = measured if channels == "all" else list(channels)
+    named = [n for n in (measured if channels == "all" else channels) if n not in SETPOINTS]
     split = Split.of(listed)
     report("fitting the base in free run")
     base = fit_base(model, split)
     given = len(base.model.effects)
     steps: list[Step] = []
     failed: Misfit | None = None
+    loop = closed_loop(listed)
+    if loop is not None:
+        error = float(np.sqrt(base.mean_square(split.held)))
+        steps.append(Step(base, "closed_loop", [], [], error, "not estimated", 1.0, {}, [], loop=loop))
     with one_blas_thread():
-        while True:
+        while loop is None:
             room = max_effects - len(base.model.effects) + given
             made = step(base, named, catalogue, seed, report, room)
             steps.append(made)
@@ -534,7 +544,7 @@ def diagnose(
                 break
     faults = sensor_faults(listed, min(s.floor for s in steps))
     said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())]
-    return Diagnosis(steps, failed, time.perf_counter() - begin, seed, faults, said)
+    return Diagnosis(steps, failed or _misfit(base, None), time.perf_counter() - begin, seed, faults, said)
 
 
 def _misfit(fitted: Fitted, floor: float | None) -> Misfit:

@@ -22,6 +22,8 @@ NEXT = {
     "confused": "Run the experiment at the end of this page, and diagnose both records together.",
     "helps_but_incomplete": "Take {best} as a first step, look at where the model fails, and diagnose again with more "
     "effects (--max-effects).",
+    "closed_loop": "Record again with the controller in manual, and steps or a slow triangle as its output; an added "
+    "test signal at the controller's output helps too.",
     "outside_library": "Look at where the model fails, and at the equivalent missing input there. An effect of "
     "your own is one equation (--effects).",
 }
@@ -84,6 +86,8 @@ def headline(diagnosis: Diagnosis) -> str:
         return "Nothing is missing that these data can show."
     if first.verdict == "outside_library":
         return "Something is missing that the catalogue does not know."
+    if first.verdict == "closed_loop":
+        return "This record was taken in closed loop: nothing is named."
     if first.pair is not None:
         return f"Two effects are probably missing: {' and '.join(map(spaced, first.pair.effects))}."
     if first.verdict == "helps_but_incomplete":

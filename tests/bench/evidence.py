@@ -1,6 +1,6 @@
 """What a record says before any model, against simulated plants: dead times, feedback, noise.
 
-    python tests/bench/evidence.py dead_time [--seed 0] [--plants 25]
+    python tests/bench/evidence.py dead_time|feedback [--seed 0] [--plants 25]
 
 Plants of first and second order and resonant ones, with time constants of 1 to 30 samples; noise of 1 % on the output.
 Nothing here comes from the package but what is asked.
@@ -18,6 +18,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from narx_sym.data.evidence.dead_time import dead_time
+from narx_sym.data.evidence.feedback import feedback
 from narx_sym.data.record import Record
 
 Array = np.ndarray
@@ -80,7 +81,61 @@ def dead_times(seed: int, plants: int) -> None:
     print(f"{(time.process_time() - begin) / asked['all']:.2f} s each")
 
 
-PARTS: dict[str, Callable[[int, int], Any]] = {"dead_time": dead_times}
+def loop(rng: np.random.Generator, n: int = N) -> tuple[str, Record]:
+    """Return a healthy linear process under PI or PID control: setpoint steps, load disturbances, or both."""
+    tau, gain, dead = np.exp(rng.uniform(np.log(3), np.log(40))), rng.uniform(0.5, 3), int(rng.integers(1, 5))
+    slow, fast = np.exp(-1 / tau), np.exp(-1 / rng.uniform(1, 10)) if rng.random() < 0.4 else 0.0
+    proportional = rng.uniform(0.2, 0.8) * tau / (dead + 2) / gain / 1.5
+    reset, rate, late = tau * rng.uniform(0.8, 2), rng.choice([0, 0, 1]) * dead * 0.3, int(rng.random() < 0.3)
+    kind, noise = str(rng.choice(["steps", "load", "both"])), rng.choice([0.003, 0.01, 0.03])
+    wanted = np.zeros(n) if kind == "load" else np.repeat(rng.uniform(-1, 1, n // 200 + 1), 200)[:n]
+    load = lfilter([0.05], [1, -0.97], rng.standard_normal(n)) * rng.uniform(0.5, 2)
+    if kind != "load":
+        load = np.repeat(rng.uniform(-0.3, 0.3, n // 150 + 1), 150)[:n] if kind == "both" else np.zeros(n)
+    u, y, seen = np.zeros(n), np.zeros(n), np.zeros(n)
+    first = second = total = before = 0.0
+    for k in range(n):
+        if k > 0:
+            first = slow * first + (1 - slow) * gain * ((u[k - dead] if k >= dead else 0.0) + load[k])
+            second = fast * second + (1 - fast) * first
+        y[k] = second + noise * rng.standard_normal()
+        seen[k] = y[k - late] if k >= late else 0.0
+        error = wanted[k] - seen[k]
+        total += error / reset
+        u[k] = proportional * (error + total + rate * (error - before))
+        before = error
+    return f"{kind}, noise {noise}", Record.from_arrays(u, y, Ts=TS, channels={"setpoint": wanted})
+
+
+def loops(seed: int, plants: int) -> None:
+    """Count the healthy loops that are recognised, without and with the setpoint, and open loops that are not."""
+    rng = np.random.default_rng(seed)
+    seen: Counter[str] = Counter()
+    for i in range(plants):
+        kind, record = loop(rng)
+        bare = feedback(Record(record.u, record.y, record.t, record.Ts))
+        seen["closed loops"] += 1
+        seen["closed loops found"] += bare.found
+        seen["closed loops found with the setpoint"] += feedback(record).found
+        if not bare.found:
+            print(f"not found: {kind}, {bare}", flush=True)
+        source = INPUTS[i % 4]
+        kind, record = delayed(driven(source, rng), int(rng.integers(0, 4)), rng, rng.choice([0.0, 0.003, 0.03]))
+        if i % 3 == 2:
+            held = np.zeros(len(record))
+            for k in range(1, held.size):
+                held[k] = min(max(held[k - 1], record.y[k] - 0.2), record.y[k] + 0.2)
+            record = Record(record.u, held, record.t, record.Ts)
+        found = feedback(record)
+        seen["open loops"] += 1
+        seen["open loops taken for closed"] += found.found
+        if found.found:
+            print(f"false: {source}, {kind}, {found}", flush=True)
+    for name, count in seen.items():
+        print(f"| {name} | {count} |")
+
+
+PARTS: dict[str, Callable[[int, int], Any]] = {"dead_time": dead_times, "feedback": loops}
 
 
 def main() -> int:

@@ -6,6 +6,8 @@ import pytest
 
 import narx_sym as ns
 from narx_sym.data.evidence.dead_time import dead_time
+from narx_sym.data.evidence.feedback import feedback
+from narx_sym.diagnosis.procedure import diagnose
 from narx_sym.fit.identify import identify
 
 
@@ -16,6 +18,27 @@ def test_a_dead_time_is_found_exactly(d, source):
     found = dead_time([record])
     assert found.samples == d and d in found.among
     assert found.long == (d >= 4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_loop_is_recognised(seed):
+    kind, record = evidence.loop(np.random.default_rng(seed), 800)
+    bare = ns.Record.from_arrays(record.u, record.y, Ts=record.Ts)
+    assert feedback(record).found and feedback(bare).found, kind
+
+
+@pytest.mark.parametrize("source", evidence.INPUTS)
+def test_an_open_loop_is_none(source):
+    for d, noise in ((0, 0.0), (0, 0.03), (2, 0.003)):
+        rng = np.random.default_rng(d)
+        assert not feedback(evidence.delayed(evidence.driven(source, rng, 800), d, rng, noise)[1]).found
+
+
+def test_nothing_is_named_in_closed_loop():
+    _, record = evidence.loop(np.random.default_rng(0), 800)
+    found = diagnose(identify(record, base="linear", n_y=1, n_u=1, delay=1, lags={"setpoint": []}), record)
+    assert found.verdict == "closed_loop" and not found.candidates and "closed loop" in found.sentence()
+    assert "closed_loop" in str(found.to_dict()) and found.model is found.steps[0].base.model
 
 
 def test_every_base_takes_a_long_dead_time():

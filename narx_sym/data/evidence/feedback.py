@@ -1,0 +1,115 @@
+"""Feedback: whether the input answers the output, as that of a controller does.
+
+Under feedback the input contains the disturbance, and a fit of the plant is biased towards the negative inverse of the
+controller (Soederstroem & Stoica 1989, chapter 10): a healthy valve looks like one with friction. What tells it is the
+part of the input that its own past does not predict (and the setpoint, where it is recorded). In the open loop the
+output can only follow it; a controller makes it from the output (Granger 1969, with the same sample included).
+
+A plant that passes its input on at once also links both at the same sample. There the fast and the slow relation agree
+in sign and lie in order: the level of y belongs to a level of u. Integral action breaks that: no level of y but one
+goes with a constant u, and the fast reaction opposes the slow gain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lstsq
+
+from ..record import Record
+
+Array = np.ndarray
+SETPOINTS = ("setpoint", "sp", "SP", "reference")  # names of a channel that is the setpoint of a loop
+OWN, TURNS = 8, 8  # lags of the input; rounds of the robust fit
+FRESH = 0.03  # of the input's movement: less than that is new, and there is nothing to explain
+LEFT = 0.65  # share of what is new in the input that the output leaves unexplained, under feedback at most
+ORDER = 0.5  # slow over fast relation of a plant without dead time at least
+FEWEST = 100  # samples
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """Whether the input answers the output.
+
+    Attributes
+    ----------
+    found : bool
+    fresh : float
+        Share of the input's movement that its own past (and the setpoint) does not predict.
+    left : float
+        Share of that which stays when the output is known too.
+    """
+
+    found: bool
+    fresh: float
+    left: float
+
+    @property
+    def sentence(self) -> str:
+        """What to know, and what to record instead."""
+        return (
+            "This record was taken in closed loop: the output explains "
+            f"{100 * (1 - self.left):.0f} % of what is new in the input. Disturbances reach the input through the "
+            "controller, so that what seems to be missing may be the controller's. Record again with the controller "
+            "in manual and steps or a slow triangle as its output, or give the setpoint (--channels setpoint)"
+        )
+
+
+def setpoint(record: Record) -> Array | None:
+    """Return the setpoint where a channel has its name."""
+    return next((record.channels[name] for name in SETPOINTS if name in record.channels), None)
+
+
+def feedback(record: Record) -> Feedback:
+    """Ask the longest segment of a record whether its input answers its output."""
+    part = max(record.segments(), key=len)
+    u, y, r = part.u, part.y, setpoint(part)
+    du, dy = np.diff(u, prepend=u[0]), np.diff(y, prepend=y[0])
+    rows = np.arange(OWN + 1, u.size)
+    target = du[rows]
+    moved = _size(target)
+    if rows.size < FEWEST or moved == 0 or not np.any(dy[rows]):
+        return Feedback(False, 0.0, 1.0)
+    own = [u[rows - 1], *(du[rows - i] for i in range(1, OWN))]
+    if r is not None:
+        dr = np.diff(r, prepend=r[0])
+        own += [x for x in (r[rows - 1], dr[rows], dr[rows - 1]) if np.ptp(x) > 0]
+    told = [y[rows - 1], dy[rows], dy[rows - 1], dy[rows - 2]]
+    alone, _ = _robust(own, target)
+    both, slopes = _robust([*own, *told], target)
+    fresh = _size(alone) / moved
+    left = _size(both) / (_size(alone) or 1.0)
+    slow_u, slow_y, fast = -slopes[0], slopes[len(own)], slopes[len(own) + 1 :]
+    first = fast[np.argmax(np.abs(fast))]
+    line = float(np.polyfit(u - u.mean(), y, 1)[0])
+    # slow_u u = slow_y y at rest; of a plant that is its gain, and at least about what `first` says.
+    ordered = slow_u * first >= ORDER * slow_y if slow_y > 0 else slow_u * first <= ORDER * slow_y
+    found = fresh > FRESH and left < LEFT and (r is not None or not ordered or first * line < 0)
+    return Feedback(bool(found), float(fresh), float(min(left, 1.0)))
+
+
+def closed_loop(records: Sequence[Record]) -> Feedback | None:
+    """Return the clearest feedback in some records, or None."""
+    found = [one for one in map(feedback, records) if one.found]
+    return min(found, key=lambda one: one.left, default=None)
+
+
+def _size(x: Array) -> float:
+    """Return the usual size of a signal; rare large values, such as steps of a setpoint, do not count."""
+    return float(np.median(np.abs(x - np.median(x))))
+
+
+def _robust(columns: Sequence[Array], target: Array) -> tuple[Array, Array]:
+    """Return the residuals and slopes of a fit that rare large values do not bend: weights fall with the residual."""
+    X = np.column_stack([*columns, np.ones(target.size)])
+    scale = np.linalg.norm(X - np.append(X[:, :-1].mean(axis=0), 0.0), axis=0)
+    scale[scale == 0] = 1.0
+    X, weights = X / scale, np.ones(target.size)
+    for _ in range(TURNS):
+        theta = lstsq(X * weights[:, None], target * weights, cond=1e-10)[0]
+        e = target - X @ theta
+        usual = 2 * 1.4826 * _size(e)
+        weights = 1 / np.sqrt(np.maximum(1.0, np.abs(e) / (usual or 1.0)))
+    return e, theta / scale
