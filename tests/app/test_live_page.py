@@ -83,6 +83,7 @@ def test_no_path_of_a_client_is_followed(server):
         assert status == 404 and "root:" not in text
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("signal", (signal.SIGINT, signal.SIGTERM))
 def test_ctrl_c_ends_it_with_a_message_and_leaves_nothing(tmp_path, data, signal):
     u, y = data
@@ -151,6 +152,7 @@ def fits(page):
     return beyond <= 0
 
 
+@pytest.mark.long
 @in_browser
 def test_the_whole_way(page, data, tmp_path):
     """Upload, diagnose, cancel, add, the error falls, edit, step back, law, download, load from the command line."""

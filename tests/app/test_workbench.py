@@ -213,6 +213,7 @@ def test_a_file_that_is_no_model_is_one_message(bench, content):
     assert bench.error.startswith("m.json") and bench.base == "linear"
 
 
+@pytest.mark.long
 def test_the_error_falls_and_a_step_back_brings_it_back(climbed):
     base, added = (r["validation"] for r in climbed.ladder)
     assert climbed.ladder[1]["name"] == "+ dead_zone" and added < 0.2 * base and added < 1.2 * climbed.floor
@@ -223,6 +224,7 @@ def test_the_error_falls_and_a_step_back_brings_it_back(climbed):
     climbed.revisions = revisions
 
 
+@pytest.mark.long
 def test_every_part_of_the_report_is_there(climbed):
     shown = climbed.current
     assert {"verdict", "ladder", "candidates", "compare", "where", "model", "derived"} <= set(shown.html)
@@ -230,6 +232,7 @@ def test_every_part_of_the_report_is_there(climbed):
     assert "Bokeh" in shown.script and "[mm]" in shown.html["ladder"]
 
 
+@pytest.mark.long
 def test_bad_text_changes_nothing_and_starts_nothing(climbed):
     revisions = list(climbed.revisions)
     for text in ("u[k-1]**2+", "__import__('os').system('true')", "open('/etc/passwd')"):
@@ -237,6 +240,7 @@ def test_bad_text_changes_nothing_and_starts_nothing(climbed):
         assert climbed.error and "\n" not in climbed.error and not climbed.busy and climbed.revisions == revisions
 
 
+@pytest.mark.long
 def test_a_term_given_as_text_is_fitted(climbed):
     revisions = list(climbed.revisions)
     name = next(n for n, term in climbed.terms.items() if term == "y[k-2]")
@@ -251,6 +255,7 @@ def test_a_term_given_as_text_is_fitted(climbed):
     assert climbed.revisions == revisions
 
 
+@pytest.mark.long
 def test_cancel_ends_the_work_and_leaves_everything(climbed):
     revisions, law = list(climbed.revisions), climbed.law
     climbed.add("hysteresis")
@@ -267,6 +272,7 @@ def test_cancel_ends_the_work_and_leaves_everything(climbed):
     assert climbed.revisions == revisions and climbed.law is law
 
 
+@pytest.mark.long
 def test_the_law_and_its_limits(climbed):
     climbed.open_law("-3", "3", "0.5")
     climbed.wait()
@@ -280,6 +286,7 @@ def test_the_law_and_its_limits(climbed):
         assert climbed.error and not climbed.busy
 
 
+@pytest.mark.long
 def test_downloads(climbed, tmp_path):
     from narx_sym.files.store import load
 

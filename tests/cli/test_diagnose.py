@@ -181,6 +181,7 @@ def test_add(files, run, tmp_path):
     assert one_message(code, err) and "no column 'load'" in err
 
 
+@pytest.mark.long
 def test_own_effect_from_a_file(files, run, tmp_path):
     out = tmp_path / "d.json"
     code, text, err = run(

@@ -204,6 +204,7 @@ def test_diverging_simulation_is_said(run, tmp_path, bench):
     assert code == 2 and "diverges" in err and not (tmp_path / "y.csv").exists()
 
 
+@pytest.mark.long
 @needs_shared
 def test_real_piezo(run, tmp_path):
     train = SHARED / "piezo_dbo" / "train_1Hz_full_range.csv"

@@ -116,6 +116,7 @@ SLOW_MODELS = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 def test_what_would_take_for_ever_is_read_or_refused_soon():
     # In a process of its own: one that hangs fails this test instead of stopping all of them.
     program = (
