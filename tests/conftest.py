@@ -20,21 +20,22 @@ STAGE_EFFECTS = ("backlash", "hysteresis", "dead_zone", "coulomb_friction", "cre
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Keep the tests of a file that shares a fixture in one process, where it is made once; spread all others singly."""
+    """Keep tests that share a fixture in one process, where it is made once; spread all others singly."""
     from xdist.scheduler import LoadScopeScheduling
 
     class Sharing(LoadScopeScheduling):
         def _split_scope(self, nodeid):
             file = nodeid.partition("::")[0]
-            return file if _shares(file) else nodeid
+            return _shared(file) or nodeid
 
     return Sharing(config, log)
 
 
 @cache
-def _shares(file):
+def _shared(file):
+    """Return what the tests of a file share: the stage's diagnosis, a fixture of the file, or nothing."""
     text = (ROOT / file).read_text(encoding="utf-8")
-    return 'scope="module"' in text or "stage_" in text
+    return "stage" if "(stage_" in text or ", stage_" in text else file if 'scope="module"' in text else ""
 
 
 @pytest.fixture

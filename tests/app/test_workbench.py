@@ -408,14 +408,3 @@ def test_a_file_that_is_not_there_ends_the_command(run, monkeypatch, tmp_path):
     monkeypatch.setitem(__import__("sys").modules, "narx_sym.app.server", type("none", (), {"serve": None}))
     code, _, err = run("app", tmp_path / "nobody.csv")
     assert code == 2 and "no such file" in err and "Traceback" not in err
-
-
-def test_the_experiment_is_told_without_scripts_in_its_markup(stage_diagnosis):
-    """A diagnosis that leaves two effects proposes an experiment, which can be zoomed too."""
-    from narx_sym.app.story import shown
-    from narx_sym.tasks.revise import Revision
-
-    assert stage_diagnosis.verdict == "confused"
-    made = shown((), Revision("linear base", stage_diagnosis, stage_diagnosis.model), {"u": "rad", "y": "mm"})
-    assert "next.csv" in made.html["experiment"] and made.script.count("Bokeh") > 1
-    assert "<script" not in "".join(made.html.values())

@@ -37,6 +37,7 @@ def test_steps():
     assert "steps of 0.02" in fault.sentence
 
 
+@pytest.mark.long
 def test_a_diagnosis_says_it():
     record = ns.Record.from_arrays(u, 0.05 * np.round(y / 0.05), Ts)
     found = ns.diagnose(ns.identify(record, base="linear", n_y=1, n_u=1), record)

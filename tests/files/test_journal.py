@@ -180,10 +180,12 @@ def test_bootstrap_and_many_starts_go_on(tmp_path):
     assert kept.found == 4
 
 
+@pytest.mark.long
 def test_killed_while_it_saves():
     assert kill.saves(3, random.Random(1)) == []
 
 
+@pytest.mark.long
 def test_killed_while_it_sweeps():
     assert kill.resumes(kill.SWEEP.format(root=str(kill.ROOT), count=40), 2, random.Random(2), "sweep") == []
 

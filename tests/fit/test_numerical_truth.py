@@ -146,6 +146,7 @@ def test_sensitivities_equal_complex_steps_for_random_models(made):
 # ---------------------------------------------------------------- engines
 
 
+@pytest.mark.long
 @settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
 @given(recursions(small=True))
 def test_engines_agree_on_many_small_recursions(made):

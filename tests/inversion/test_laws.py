@@ -173,6 +173,7 @@ def test_every_effect_has_a_law(effect):
     assert tried == 2
 
 
+@pytest.mark.long
 def test_plays_in_superposition():
     effect = ("hysteresis", "input", "u", "play superposition")
     model = with_effect(BASES["first order"], effect, 0.1)

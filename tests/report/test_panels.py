@@ -80,3 +80,14 @@ def test_the_live_page_shows_every_live_part():
     usual = ["What was found", "What may be missing", "Measured and simulated", "Where the model fails", "The model"]
     assert [title for title in titles if title in usual] == usual and len(set(titles)) == len(titles)
     assert set(results.BEFORE) | set(results.AFTER) <= set(keys)
+
+
+def test_the_experiment_is_told_without_scripts_in_its_markup(stage_diagnosis):
+    """A diagnosis that leaves two effects proposes an experiment, which can be zoomed too."""
+    from narx_sym.app.story import shown
+    from narx_sym.tasks.revise import Revision
+
+    assert stage_diagnosis.verdict == "confused"
+    made = shown((), Revision("linear base", stage_diagnosis, stage_diagnosis.model), {"u": "rad", "y": "mm"})
+    assert "next.csv" in made.html["experiment"] and made.script.count("Bokeh") > 1
+    assert "<script" not in "".join(made.html.values())

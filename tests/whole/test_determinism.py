@@ -57,6 +57,7 @@ def test_repeated_in_one_process(reference, tmp_path):
     assert files(tmp_path) == reference
 
 
+@pytest.mark.long
 def test_in_a_fresh_process_with_other_hashes_and_two_workers(reference, tmp_path):
     assert fresh(sys.executable, tmp_path, 2, 1) == reference
 
@@ -70,7 +71,7 @@ def test_on_another_python(reference, tmp_path):
     assert fresh(equal[0], tmp_path, 1, 2) == reference
 
 
-def test_another_seed_gives_other_files(reference, tmp_path):
+def test_another_seed_gives_other_files():
     """The comparison can fail: what is random depends on the seed."""
     import narx_sym as ns
 
