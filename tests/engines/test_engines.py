@@ -23,7 +23,7 @@ from narx_sym.symbolic.signals import k, phi1, phi2, u, y
 # ---------------------------------------------------------------- agreement on random recursions
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
 @given(recursions())
 def test_engines_agree_on_random_recursions(made):
     recursion, n, seed = made

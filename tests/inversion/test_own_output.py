@@ -43,7 +43,7 @@ COMBINED = {
 }
 
 
-@pytest.mark.parametrize("name", COMBINED)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long if "Stribeck" in n else ()) for n in COMBINED])
 def test_a_law_makes_its_models_own_output(name):
     """The jumps of a sign, and pairs of roots, are found whatever stands beside them."""
     run = Run(made_of(FIRST, *COMBINED[name], seed=1), np.random.default_rng(1))

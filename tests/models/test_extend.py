@@ -33,8 +33,8 @@ BASES = {
 }  # fmt: skip
 N, REST = 300, 20
 EVERY = [(name, v) for name, base in BASES.items() for v in variants(base, ["temp"])]
-# One variant of each effect, form, place and driver per base; those that act later, or in another reference, are long.
-FIRST = {(n, v.id, v.effect.form, v.where, v.driver): i for i, (n, v) in reversed([*enumerate(EVERY)])}.values()
+# One variant of each effect, form, place and driver; those that act later, or in another reference or base, are long.
+FIRST = {(v.id, v.effect.form, v.where, v.driver): i for i, (n, v) in reversed([*enumerate(EVERY)])}.values()
 MARKED = [pytest.param(*pair, marks=[] if i in FIRST else pytest.mark.long) for i, pair in enumerate(EVERY)]
 IDS = [f"{name}-{v}".replace(" ", "_") for name, v in EVERY]
 
@@ -125,7 +125,7 @@ def test_the_direction_is_the_derivative_of_the_free_run(name, variant):
         assert np.any(expected)
 
 
-@pytest.mark.parametrize("name", ("linear", "continuum"))
+@pytest.mark.parametrize("name", ("linear", pytest.param("continuum", marks=pytest.mark.long)))
 def test_an_output_effect_is_taken_off_before_the_core_predicts(name):
     """By hand: the core sees the past measured outputs without the effect's part."""
     base, record = BASES[name], RECORDS[name]
@@ -173,7 +173,7 @@ def built(folder, sources, body):
 
 @pytest.mark.skipif(gcc is None, reason="no C compiler here")
 @pytest.mark.parametrize("inner", (False, True))
-@pytest.mark.parametrize("name", ("linear", "continuum"))
+@pytest.mark.parametrize("name", ("linear", pytest.param("continuum", marks=pytest.mark.long)))
 def test_c_source_of_every_effect_passes_its_own_test(name, inner, tmp_path):
     # Without forces that hold it, rounding decides the sign of a difference at rest.
     models = [m for m in c_models(BASES[name], inner) if name == "linear" or not m.recursion.updates[-1][1].has(SLIPS)]
