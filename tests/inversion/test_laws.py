@@ -71,6 +71,15 @@ EFFECTS = {
     ("quadratic_drag", "inside", "y", ""): (-0.02, 0.02),
     ("inertia", "inside", "y", ""): (-0.05, 0.05),
     ("quadratic_spring", "inside", "y", ""): (-0.02, 0.02),
+    ("end_stop", "inside", "y", "upper"): (0.0, 0.3),
+    ("sqrt_outflow", "inside", "y", ""): (-0.05, 0.05),
+    ("channel_friction:temp", "inside", "channel", ""): (-0.02, 0.02),
+    ("stiction", "input", "u", "of a valve"): (0.05, 0.9),
+    ("coulomb_friction", "motion", "y", "holding"): (0.05, 0.5),
+    ("stiction", "motion", "y", ""): (0.05, 0.5),
+    ("end_stop", "motion", "y", "rigid upper"): (0.05, 0.5),
+    ("output_limit", "sensor", "y", "both sides"): (0.05, 0.5),
+    ("absolute_sensor", "sensor", "y", ""): (0.01, 0.05),
 }
 DISTURBED = ("offset", "periodic_disturbance")  # from the first sample on: no run of these starts at rest
 ALONE = ("bilinear_gain",)  # tested alone below
