@@ -38,6 +38,12 @@ def derived(model: Model, limits: tuple[float, float] | None, rate: float | None
     return law_of(model, limits, rate, progress)
 
 
+def relabelled(every: Sequence[Revision], records: Sequence[Record], units: Units, progress: Progress) -> list[Shown]:
+    """Show all revisions again, with other units."""
+    progress("drawing")
+    return [shown(every[:i], made, units) for i, made in enumerate(every)]
+
+
 def _drawn(before: Sequence[Revision], made: Revision, units: Units, progress: Progress) -> Shown:
     progress("drawing")
     return shown(before, made, units)

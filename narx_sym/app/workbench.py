@@ -25,7 +25,7 @@ from ..tasks.base import check_kind, read_base, what_to_know
 from ..tasks.compensate import Law
 from .choice import Choice, guessed, in_the_page, number, shortened
 from .downloads import written
-from .jobs import added, derived, diagnosed, edited
+from .jobs import added, derived, diagnosed, edited, relabelled
 from .preview import signals_svg
 from .story import Shown, Story
 from .worker import Worker
@@ -125,11 +125,27 @@ class Workbench:
             self._take_record()
 
     def choose(self, **changed: Any) -> None:
-        """Change the choice of columns and rows, and read the record."""
+        """Change the choice of columns and rows, and read the record; units are labels, which change nothing else."""
         for name, value in changed.items():
             setattr(self.choice, name, value)
         with self._said():
-            self._take_record()
+            if set(changed) == {"units"} and self.record is not None:
+                self._label()
+            else:
+                self._take_record()
+
+    def _label(self) -> None:
+        """Show everything with other units."""
+        self.preview = signals_svg(self._measured, self.choice.units)
+        if self.revisions and not self.worker.busy:
+            bare, law = tuple(r.bare() for r in self.revisions), self.law
+            self._begin(
+                lambda made: self._relabelled(made, law), relabelled, bare, (self._measured,), self.choice.units
+            )
+
+    def _relabelled(self, revisions: list[Shown], law: Law | None) -> None:
+        self._put(revisions)
+        self.law = law
 
     def _take_record(self) -> None:
         self.cancel()

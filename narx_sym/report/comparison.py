@@ -17,7 +17,8 @@ from .plots import BLACK, BLUE, ORANGE, RED, SKY, YELLOW, label, new_axes, thin,
 
 Array = np.ndarray
 Units = Mapping[str, str]
-POINTS = 2000  # of all lines together; extremes are kept
+POINTS = 2000  # of all lines of a still picture together; extremes are kept
+EVERY = 60_000  # samples: up to here a picture that can be zoomed has all of them, five of four bytes each
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,15 +67,34 @@ class Comparison:
 
     @cached_property
     def keep(self) -> Array:
-        """Indices of the samples that are drawn: the extremes of all signals are among them."""
+        """Indices of the samples of still pictures: the extremes of all signals are among them."""
+        return self._extremes(POINTS)
+
+    @cached_property
+    def zoomed(self) -> Array:
+        """Indices of the samples of pictures that can be zoomed: all of them, unless the record is very long."""
+        return np.arange(self.y.size) if self.y.size <= EVERY else self._extremes(EVERY)
+
+    def _extremes(self, points: int) -> Array:
         signals = [self.y, self.u, *self.errors.values()]
-        return np.unique(np.concatenate([thin(x, POINTS // len(signals)) for x in signals]))
+        return np.unique(np.concatenate([thin(x, points // len(signals)) for x in signals]))
 
     @cached_property
     def drawn(self) -> dict[str, Array]:
         """The drawn samples by name: t, u, measured, and each run."""
         listed = {"t": self.t, "u": self.u, "measured": self.y, **self.runs}
         return {name: x[self.keep] for name, x in listed.items()}
+
+    @cached_property
+    def worst(self) -> slice:
+        """Half a cycle of the output to either side of where the base fails most."""
+        level = self.y > np.median(self.y)
+        turns = np.diff(np.flatnonzero(level[1:] != level[:-1]))
+        n = self.y.size
+        half = int(np.clip(np.median(turns) if turns.size else n, min(20, n), max(20, n // 3)))
+        power = np.convolve(self.errors["base"] ** 2, np.ones(half), mode="same")
+        centre = int(np.clip(np.argmax(power), half, max(half, n - half)))
+        return slice(max(0, centre - half), min(n, centre + half))
 
     @cached_property
     def span(self) -> tuple[float, float]:
@@ -92,6 +112,20 @@ def draw_time(ax: Any, c: Comparison, run: str, units: Units) -> None:
     ax.set(xlabel="time [s]", ylabel=label("y", units.get("y", "")), ylim=c.span)
     ax.margins(x=0)
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, fontsize=9, frameon=False, borderaxespad=0.2)
+
+
+def draw_worst(ax: Any, c: Comparison, units: Units) -> None:
+    """Draw where the base fails most: measured, before and after; what is gained is shaded."""
+    part = c.worst
+    t, y = c.t[part], c.y[part]
+    runs = [(name, run[part]) for name, run in c.runs.items()]
+    ax.plot(t, y, color=BLACK, lw=2.2, label="measured")
+    ax.fill_between(t, runs[0][1], runs[-1][1] if len(runs) > 1 else y, color=YELLOW, alpha=0.45, lw=0)
+    for (name, run), style in zip(runs, ("--", "-"), strict=False):
+        ax.plot(t, run, color=_colour(c, name), lw=1.6, ls=style, label="before" if name == "base" else "after")
+    ax.set(xlabel="time [s]", ylabel=label("y", units.get("y", "")))
+    ax.margins(x=0)
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, fontsize=9, frameon=False, borderaxespad=0.2)
 
 
 def draw_loop(ax: Any, c: Comparison, run: str, units: Units) -> None:

@@ -6,6 +6,7 @@ light or dark page are set by the page's style sheet (Bokeh's `--bk-...` variabl
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -42,15 +43,13 @@ def comparison(c: Comparison, units: Units) -> tuple[str, dict[str, str]]:
 
     names = [f"run{i}" for i in range(len(c.runs))]
     runs = dict(zip(names, c.runs, strict=True))
-    data = {"t": c.drawn["t"], "u": c.drawn["u"], "measured": c.drawn["measured"]}
-    data |= {n: c.drawn[run] for n, run in runs.items()}
-    data |= {f"error{i}": e[c.keep] for i, e in enumerate(c.errors.values())}
-    source = ColumnDataSource({n: np.asarray(x, dtype=np.float32) for n, x in data.items()})
+    data = {"t": c.t, "u": c.u, "measured": c.y} | {n: c.runs[run] for n, run in runs.items()}
+    data |= {f"error{i}": e for i, e in enumerate(c.errors.values())}
+    source = ColumnDataSource({n: np.asarray(x[c.zoomed], dtype=np.float32) for n, x in data.items()})
     y_name, u_name = label("y", units.get("y", "")), label("u", units.get("u", ""))
     said = {n: f"free run of {words(run)}" for n, run in runs.items()}
     looks = dict(zip(names, (BEFORE, AFTER), strict=False))
-    values = [("time", "@t{0.000} s"), (u_name, "@u{0.000}"), ("measured", "@measured{0.000}")]
-    values += [(said[n], f"@{n}{{0.000}}") for n in names]
+    values = [("time", "@t s"), (u_name, "@u"), ("measured", "@measured"), *((said[n], f"@{n}") for n in names)]
 
     time = _figure("time [s]", y_name, HEIGHT, Range1d(c.t[0], c.t[-1], bounds="auto"), Range1d(*c.span))
     line = time.line("t", "measured", source=source, color=MEASURED, width=2)
@@ -60,8 +59,8 @@ def comparison(c: Comparison, units: Units) -> tuple[str, dict[str, str]]:
     errors = _figure("time [s]", label("error", units.get("y", "")), LOW, time.x_range, DataRange1d())
     errors.add_layout(BoxAnnotation(bottom=-c.floor, top=c.floor, fill_color=YELLOW, fill_alpha=0.35, line_alpha=0))
     drawn = [errors.line("t", f"error{i}", source=source, color=looks[n], width=1.2) for i, n in enumerate(names)]
-    _hover(errors, [("time", "@t{0.000} s"), *((f"error of {words(r)}", f"@error{i}{{0.0000}}")
-                                               for i, r in enumerate(c.runs))], drawn[:1])  # fmt: skip
+    read = [("time", "@t s"), *((f"error of {words(r)}", f"@error{i}") for i, r in enumerate(c.runs))]
+    _hover(errors, read, drawn[:1])
     loops: list[Any] = []
     across = Range1d(*_room(c.u))
     for n in names:
@@ -85,14 +84,13 @@ def experiment(e: Experiment, units: Units) -> tuple[str, dict[str, str]]:
         "time [s]", label("u", units.get("u", "")), LOW, Range1d(e.t[0], e.t[-1], bounds="auto"), DataRange1d()
     )
     keep = thin(e.u, POINTS)
-    _hover(first, [("time", "$snap_x{0.000} s"), ("u", "$snap_y{0.000}")],
-           [first.line(e.t[keep], e.u[keep], color=AFTER, width=1.5)])  # fmt: skip
+    _hover(first, [("time", "@x s"), ("u", "@y")], [first.line(e.t[keep], e.u[keep], color=AFTER, width=1.5)])
     second = _figure("time [s]", label("y - mean of all", units.get("y", "")), LOW, first.x_range, DataRange1d())
     mean = np.mean(list(e.outputs.values()), axis=0)
     for (name, y), colour, dash in zip(e.outputs.items(), LOOKS, DASHES, strict=False):
         keep = thin(y - mean, POINTS)
         line = second.line(e.t[keep], (y - mean)[keep], color=colour, line_dash=dash, width=1.5)
-        _hover(second, [(words(name), "$snap_y{0.0000}"), ("time", "$snap_x{0.000} s")], [line], mode="mouse")
+        _hover(second, [(words(name), "@y"), ("time", "@x s")], [line], mode="mouse")
     script, elements = components({"input": first, "outputs": second}, wrap_script=True)
     return str(script), dict(elements)
 
@@ -116,9 +114,14 @@ def _figure(x: str, y: str, height: int, x_range: Any, y_range: Any) -> Any:
 
 
 def _hover(made: Any, values: list[tuple[str, str]], lines: list[Any], mode: str = "vline") -> None:
+    """Show values to five digits, whatever their size."""
     from bokeh.models import HoverTool
 
-    made.add_tools(HoverTool(tooltips=values, renderers=lines, mode=mode, point_policy="snap_to_data"))
+    read = [(name, re.sub(r"(@\w+)", r"\1{%.5g}", value)) for name, value in values]
+    formats = {column: "printf" for _, value in values for column in re.findall(r"@\w+", value)}
+    made.add_tools(
+        HoverTool(tooltips=read, formatters=formats, renderers=lines, mode=mode, point_policy="snap_to_data")
+    )
 
 
 def _room(x: np.ndarray) -> tuple[float, float]:

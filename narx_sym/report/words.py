@@ -21,12 +21,23 @@ NEXT = {
     "named": "Take the model with {best}, and compare it with a record that was not used here.",
     "confused": "Run the experiment at the end of this page, and diagnose both records together.",
     "helps_but_incomplete": "Take {best} as a first step, look at where the model fails, and diagnose again with more "
-    "effects (--max-effects).",
+    "effects.",
     "closed_loop": "Record again with the controller in manual, and steps or a slow triangle as its output; an added "
     "test signal at the controller's output helps too.",
     "outside_library": "Look at where the model fails, and at the equivalent missing input there. An effect of "
-    "your own is one equation (--effects).",
+    "your own is one equation.",
 }
+
+
+BADGES = {
+    "nothing_detectable": "nothing found",
+    "named": "one explanation fits",
+    "confused": "several explanations fit",
+    "helps_but_incomplete": "helps, but is not all",
+    "outside_library": "not in the catalogue",
+    "closed_loop": "taken in closed loop",
+}
+AT_FLOOR = 1.1  # times the noise floor: an error up to here is called at the floor
 
 
 def spaced(name: str) -> str:
@@ -103,9 +114,12 @@ def headline(diagnosis: Diagnosis) -> str:
 def what_next(diagnosis: Diagnosis) -> str:
     """Say what to do next, after the last step."""
     last = next((s for s in reversed(diagnosis.steps) if s.chosen is not None), diagnosis.steps[0])
-    best = " and ".join(spaced(rung.removeprefix("+ ")) for rung in diagnosis.rungs[1:])
     chosen = diagnosis.steps[0] if diagnosis.steps[0].verdict == "confused" else last
-    return NEXT[chosen.verdict].format(best=best)
+    return NEXT[chosen.verdict].format(best=_added(diagnosis))
+
+
+def _added(diagnosis: Diagnosis) -> str:
+    return " and ".join(spaced(rung.removeprefix("+ ")) for rung in diagnosis.rungs[1:])
 
 
 def sizes(diagnosis: Diagnosis, units: Units) -> list[tuple[str, str, str]]:
@@ -114,9 +128,27 @@ def sizes(diagnosis: Diagnosis, units: Units) -> list[tuple[str, str, str]]:
     spread, unit = first.base.problem.spread, units.get("y") or "(unit of y)"
     rungs = diagnosis.ladder
     found = [("Error of the base", rungs[0]["validation"])]
-    found += [(f"Error {' '.join(map(spaced, diagnosis.rungs[1:]))}", rungs[-1]["validation"])] if rungs[1:] else []
-    found.append(("Noise floor", diagnosis.floor / spread))
+    found += [(f"Error with {_added(diagnosis)}", rungs[-1]["validation"])] if rungs[1:] else []
+    found.append(("Noise floor", floor(diagnosis)))
     return [(what, f"{number(size * spread)} {unit}", percent(size)) for what, size in found]
+
+
+def floor(diagnosis: Diagnosis) -> float:
+    """Return the noise floor over the output's standard deviation."""
+    return diagnosis.floor / diagnosis.steps[0].base.problem.spread
+
+
+def fall(diagnosis: Diagnosis, units: Units) -> str:
+    """Say how far the error falls with what was added; an empty text where nothing was."""
+    rungs = diagnosis.ladder
+    if len(rungs) < 2:
+        return ""
+    spread, unit = diagnosis.steps[0].base.problem.spread, units.get("y") or "(unit of y)"
+    before, after = (rungs[i]["validation"] * spread for i in (0, -1))
+    ratio = before / max(after, 1e-300)
+    change = f"{number(ratio, 2)} times smaller" if ratio > 1 else f"{number(1 / ratio, 2)} times larger"
+    floor = f", at the noise floor of {number(diagnosis.floor)} {unit}" if after <= AT_FLOOR * diagnosis.floor else ""
+    return f"The error falls from {number(before)} to {number(after)} {unit}: {change}{floor}."
 
 
 def detectable(step: Step, units: Units) -> list[Row]:

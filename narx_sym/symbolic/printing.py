@@ -21,6 +21,11 @@ def _number(value: Any, digits: int = DIGITS) -> tuple[str, str]:
     return mantissa, str(int(exponent)) if exponent else ""
 
 
+def _upright(name: str) -> str:
+    """Return a name of several letters upright: else it would be a product of them."""
+    return name if len(name) == 1 else rf"\mathrm{{{name}}}"
+
+
 class _Latex(LatexPrinter):
     def _print_Indexed(self, expr: Any) -> str:
         name, index = str(expr.base.label), self._print(expr.indices[0]).replace(" ", "")
@@ -28,6 +33,8 @@ class _Latex(LatexPrinter):
         head, digits = name.removeprefix("breve_"), ""
         if head in ("phi1", "phi2"):
             head, digits = r"\phi", head[-1]
+        elif len(parts := head.split("_")) == 2 and all(parts):  # m_play: a signal m of its own
+            head, digits = _upright(parts[0]), rf"\mathrm{{{parts[1]}}}"
         elif len(head) > 1:
             head = rf"\mathrm{{{head.replace('_', chr(92) + '_')}}}"
         if breve:

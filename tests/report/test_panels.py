@@ -10,7 +10,7 @@ from narx_sym.report.picture import Picture
 
 # Key of the part: a text that only it tells, and the number of its pictures on the stage's diagnosis.
 CASES = {
-    "verdict": ("of the output's standard deviation", 0),
+    "verdict": ("times smaller", 1),
     "compare": ("The free run gets the measured input and nothing else", 5),
     "ladder": ("The noise floor is an estimate", 1),
     "where": ("of the missing input", 12),

@@ -2,18 +2,50 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .. import words
+from ..comparison import Comparison, Units, draw_worst
+from ..parameters import candidate_parameters
+from ..picture import Picture, drawing
 from .registry import Material, panel
 
+if TYPE_CHECKING:
+    from ...diagnosis.candidates import Candidate
+    from ...diagnosis.procedure import Diagnosis
 
-@panel("What was found", order=10, live=10)
+
+def picture(c: Comparison, units: Units) -> Picture:
+    """Return where the base fails most, zoomed, before and after."""
+    part = c.worst
+    times = f"{words.number(c.t[part][0])} to {words.number(c.t[part][-1])} s"
+    rms = {name: float((e[part] ** 2).mean() ** 0.5) for name, e in c.errors.items()}
+    falls = ", then ".join(f"{words.number(e)} {units.get('y', '')}".rstrip() for e in rms.values())
+    alt = f"Measured and simulated output from {times}, where the base fails most: rms error {falls}."
+    columns = {"t": c.t[part], "u": c.u[part], "measured": c.y[part], **{n: r[part] for n, r in c.runs.items()}}
+    return Picture("worst", "Where the base fails most", alt, drawing(draw_worst, c, units), columns, (5.6, 3.4))
+
+
+@panel("What was found", order=10, live=10, draws=lambda material: [picture(material.compared, material.units)])
 def verdict(material: Material) -> dict[str, Any]:
     """Tell the verdict."""
     d, units = material.diagnosis, material.units
     rows = [r for r in d.misfit.table(units) if max(r["share"], r["share_missing"] or 0) > 0.05]
     return {
-        "sentence": d.sentence(units), "sizes": words.sizes(d, units), "next": words.what_next(d),
+        "badge": words.BADGES[d.verdict], "fall": words.fall(d, units), "bars": bars(d, units),
+        "added": [f"{words.spaced(c.effect)}: {candidate_parameters(c, units)}" for c in taken(d)],
+        "sentence": d.sentence(units), "next": words.what_next(d),
         "worst": rows[0] if rows else None, "steps": [s.sentence(units) for s in d.steps[1:]],
     }  # fmt: skip
+
+
+def bars(d: Diagnosis, units: Units) -> list[tuple[str, str, str, float]]:
+    """Return the errors that matter, each with its length as a percentage of the longest."""
+    rows = words.sizes(d, units)
+    lengths = [d.ladder[0]["validation"], *([d.ladder[-1]["validation"]] if len(rows) > 2 else []), words.floor(d)]
+    return [(*row, 100 * size / max(lengths)) for row, size in zip(rows, lengths, strict=True)]
+
+
+def taken(d: Diagnosis) -> list[Candidate]:
+    """Return the candidates that were added, one of each step."""
+    return [s.candidates[0] for s in d.steps if s.chosen is not None and s.pair is None and s.candidates]
