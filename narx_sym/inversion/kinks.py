@@ -16,7 +16,7 @@ import sympy as sp
 from ..symbolic.functions import CLASSES, KINKED, X, within
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
-from .solution import Branch, Solution, number
+from .solution import Branch, Solution, number, tidy
 
 MANY = 64  # shapes that nested kinks may take
 # A flat piece reaches one target only: rounding, or this part of its width, does not make the unknown jump over it.
@@ -75,7 +75,7 @@ def switching_of(node: Any, w: Any, values: Mapping[Any, Any]) -> list[tuple[Any
 
 def same(one: Any, other: Any, values: Mapping[Any, Any]) -> bool:
     """Whether two places are one."""
-    return bool(sp.expand(one - other) == 0 or number(one - other, values) == 0)
+    return bool(tidy(one - other) == 0 or number(one - other, values) == 0)
 
 
 def breaks_of(G: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
@@ -233,7 +233,7 @@ class _Chain:
         return self.flip * self.target
 
     def edge(self, piece: Piece, at: Any) -> Any:
-        return sp.expand(self.flip * piece.expr.xreplace({self.w: at}))
+        return tidy(self.flip * piece.expr.xreplace({self.w: at}))
 
     def branch(self, condition: Any, piece: Piece) -> Branch:
         solution = piece.solve(self.target, self.w, self.flip)
@@ -284,7 +284,7 @@ class _Chain:
         nearer, after, notes = sp.true, [], []
         if jump is None or jump < 0:  # both sides reach some targets
             down, up = (piece.solve(self.target, self.w, self.flip) for piece in (lower, upper))
-            nearer = sp.Or(T < bottom, sp.Abs(down - last) <= sp.Abs(up - last))
+            nearer = sp.Or(T < bottom, (down - last) ** 2 <= (up - last) ** 2)
             notes.append(f"two solutions while {text(bottom)} <= {text(T)} <= {text(top)}: the nearer one is taken")
         if jump is None or jump > 0:  # neither side does
             after.append(Branch(T < bottom, between))

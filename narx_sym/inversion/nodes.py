@@ -86,7 +86,7 @@ def solve_nodes(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: di
     above = best("above", end, lambda p, low, high, kept: sp.And(low >= T, p < kept))
     bottom, top = level("bottom", -1, first), level("top", 1, end)
     lower, upper = level("lower", 1, below), level("upper", -1, above)
-    outside = [Piece(e, s, size, None, None).solve(target, w) for e, s, size in zip(ends, slopes, sizes, strict=True)]
+    outside = _outside(ends, slopes, sizes, (first, end), target, w)
     branches = (
         Branch(T < bottom, outside[0]),
         Branch(T > top, outside[1]),
@@ -99,6 +99,15 @@ def solve_nodes(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: di
     if growth < FLAT:
         notes.append(f"where it is flat {held} stays as near as it can to its last value")
     return Solution(how="nodes", branches=branches, steps=tuple(steps), notes=tuple(notes), **made)
+
+
+def _outside(
+    ends: Sequence[Any], slopes: Sequence[Any], sizes: Sequence[float], kinks: Sequence[Any], target: Any, w: Any
+) -> list[Any]:
+    """Return the solutions beyond the outermost kinks; where the end is flat nothing is reached there."""
+    flat = FLAT * max(map(abs, sizes))
+    listed = zip(ends, slopes, sizes, kinks, strict=True)
+    return [Piece(e, s, size, None, None).solve(target, w) if abs(size) > flat else at for e, s, size, at in listed]
 
 
 def _rising(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) -> tuple[float, list[float]] | None:

@@ -143,9 +143,18 @@ def _rounded(expr: Any) -> bool:
     )
 
 
+def tidy(expr: Any) -> Any:
+    """Return an expression expanded; over a common denominator where sums stand below."""
+    expr = sp.expand(expr)
+    below = (p for p in expr.atoms(sp.Pow) if p.base.is_Add and p.exp.is_negative)
+    return sp.cancel(expr) if any(below) else expr
+
+
 def number(expr: Any, values: Mapping[Any, Any]) -> float | None:
     """Return the value of an expression in which all samples cancel, or None."""
     held = sp.sympify(expr).xreplace(dict(values))
     if held.free_symbols:
         held = sp.expand(held)
+    if held.free_symbols and (short := tidy(expr)) != expr:  # rounding must not keep samples that cancel
+        held = sp.expand(short.xreplace(dict(values)))
     return float(held) if held.is_number and held.is_extended_real else None

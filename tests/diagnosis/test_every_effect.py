@@ -28,7 +28,7 @@ def lagged(v):
     return y
 
 
-def moved(u, step):
+def moved(step):
     """An output that starts at zero and goes by `step(y, before, i)` from sample to sample."""
     y = np.zeros(N)
     for i in range(2, N):
@@ -44,11 +44,11 @@ def soft(d, f):
 def changed(u, name):
     """Return the output of a lag that one effect has changed, for what the truths do not hold."""
     return {
-        "stiction": lambda: moved(u, lambda y, v, i: y + soft(0.1 * (u[i - 1] - y), 0.004 if v else 0.01)),
-        "end_stop": lambda: moved(u, lambda y, v, i: y + 0.1 * (u[i - 1] - y) - 0.2 * max(y - 0.6, 0.0)),
-        "sqrt_outflow": lambda: moved(u, lambda y, v, i: y + 0.1 * (u[i - 1] / 4 + 1.0 - max(y + 1.0, 0.0) ** 0.5)),
+        "stiction": lambda: moved(lambda y, v, i: y + soft(0.1 * (u[i - 1] - y), 0.004 if v else 0.01)),
+        "end_stop": lambda: moved(lambda y, v, i: y + 0.1 * (u[i - 1] - y) - 0.2 * max(y - 0.6, 0.0)),
+        "sqrt_outflow": lambda: moved(lambda y, v, i: y + 0.1 * (u[i - 1] / 4 + 1.0 - max(y + 1.0, 0.0) ** 0.5)),
         "channel_friction": lambda: moved(
-            u, lambda y, v, i: y + soft(0.8 * v + 0.02 * (u[i - 1] - y), 0.002 * (1.0 + load()[i]))
+            lambda y, v, i: y + soft(0.8 * v + 0.02 * (u[i - 1] - y), 0.002 * (1.0 + load()[i]))
         ),
         "absolute_sensor": lambda: np.abs(lagged(u)),
         "output_limit": lambda: np.minimum(lagged(u), 0.7),
@@ -109,6 +109,22 @@ def test_a_hidden_instance_lies_along_the_effects_direction(name):
 def test_it_does_not_lie_along_another(name, other):
     alone, found = along(*based(name), other)
     assert alone - found < 0.5 * (alone - 1.0)
+
+
+def test_an_effect_between_two_filters_is_found_there():
+    """A first lag that overflows, and a second one: none of the other forms of an end stop explains it."""
+    u = 2 * truths.excite(np.random.default_rng(SEED), "random", N, 0.01, 1.5)
+    first = moved(lambda y, v, i: min(y + (u[i] - y) / 21, 0.6))
+    clean = lagged(first)
+    y = clean + LEVEL * np.std(clean) * np.random.default_rng(1).standard_normal(N)
+    record = ns.Record.from_arrays(u, y, Ts=0.01)
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], Ts=0.01).fit(record, method="free_run")
+    model = base.add("end_stop").fit(record)
+    assert model.effects[0].form == "of a first lag, upper"
+    _, _, c, r, tau = model.theta
+    assert (
+        c == pytest.approx(1.0, abs=0.05) and r == pytest.approx(0.6, rel=0.05) and tau == pytest.approx(0.2, rel=0.1)
+    )
 
 
 @pytest.mark.long

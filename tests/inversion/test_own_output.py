@@ -39,6 +39,8 @@ COMBINED = {
     "stick and slip": (("stiction", "motion", "", 0),),
     "a sticking valve": (("stiction", "input", "valve", 0),),
     "two slopes, a rigid stop": (("dead_zone", "input", "two slopes", 0), ("end_stop", "motion", "rigid upper", 0)),
+    "a tank that overflows into another": (("end_stop", "input", "of a first lag, upper", 0),),
+    "a dead zone between two lags": (("dead_zone", "input", "behind a lag", 0),),
     "bent, friction": (("quadratic_gain", "input", "", 0), ("coulomb_friction", "output", "", 1)),
 }
 

@@ -3,7 +3,7 @@
 `effect` adds one of your own from Python, `load_effects` from a file.
 """
 
-from . import disturbance, dynamics, friction, memory, sensor, static
+from . import between, disturbance, dynamics, friction, memory, sensor, static
 from ._effect import EFFECTS, PLACES, Catalogue, Effect, Form, Scan, clip, effect, step
 from ._text import load_effects, text_effect
 
@@ -18,6 +18,7 @@ __all__ = [
     "Effect",
     "Form",
     "Scan",
+    "between",
     "clip",
     "disturbance",
     "dynamics",
