@@ -50,7 +50,7 @@ app = typer.Typer(
 def fit(
     data: DataFiles,
     out: Annotated[Path, typer.Option("--out", help="Where to write the model.")],
-    base: Annotated[str, typer.Option(help="narx, linear, static or play.")] = "narx",
+    base: Annotated[str, typer.Option(help="narx, linear, static, play, bouc-wen or auto.")] = "narx",
     n_y: Annotated[int, typer.Option("--n-y", min=0, max=20, help="Largest lag of the output.")] = 1,
     n_u: Annotated[int, typer.Option("--n-u", min=0, max=200, help="Largest lag of the input.")] = 2,
     degree: Annotated[int, typer.Option(min=1, max=6, help="Degree of the products.")] = 3,

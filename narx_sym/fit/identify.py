@@ -18,13 +18,15 @@ from ..models import assumptions
 from ..models.model import NARX, Model
 from ..models.pool import lagged, pool
 from ..symbolic.signals import k, phi1, u, y
+from .bases.bouc_wen import identify_bouc_wen
+from .bases.choice import choose_base
 from .bases.play import PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
 from .excursions import law_radius
 from .least_squares import check_method, fit, free_run_error
 from .simulate import Records, centre, evaluate, segments, simulate
 
-BASES = ("narx", "linear", "static", "play")
+BASES = ("narx", "linear", "static", "play", "bouc-wen", "auto")
 HELD_OUT = 0.3
 CYCLES = 10
 CANCELS, CALM = 5.0, 2.0
@@ -122,10 +124,12 @@ def identify(
     Parameters
     ----------
     records : Record or list of Record
-    base : "narx", "linear", "static" or "play"
+    base : "narx", "linear", "static", "play", "bouc-wen" or "auto"
         `narx`: the paper's pool with phi1, phi2 and Sigma_y = 1. `linear`: ARX, its orders and delay chosen in free
         run. `static`: a polynomial of the input at the same instant. `play`: plays of several radii in parallel, a
-        curve and a lag (Prandtl-Ishlinskii). Each carries an operating point.
+        curve and a lag (Prandtl-Ishlinskii). `bouc-wen`: the paper's actuator, bare or behind a lag. `auto`: the best
+        of them in free run on held-out samples, at a price per parameter; `info.selection.reason` says why. Each
+        carries an operating point.
     n_y, n_u, degree, delay : int
         Of the pool. A dead time that needs more than the shortest lags is found first (`dead_time`); else the delay is
         1 (`narx`), 0 (`static`) or chosen with the orders (`linear`).
@@ -162,6 +166,12 @@ def identify(
     origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
     if base not in BASES:
         raise ModelError(f"Unknown base {base!r}; there are {', '.join(BASES)}.")
+    if base == "auto":
+        options: dict[str, Any] = {
+            "n_y": n_y, "n_u": n_u, "degree": degree, "delay": delay, "for_compensation": for_compensation,
+            "rate_independent": rate_independent, "method": method, "point": point, "plays": plays,
+        }  # fmt: skip
+        return choose_base(listed, lambda name, some: identify(some, base=name, **options))
     delays = _delays(base, listed) if delay is None else (delay,)
     if base == "narx":
         (delay,) = delays
@@ -184,17 +194,20 @@ def identify(
         return judged(model)
     if base == "linear":
         return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)
-    if base == "play":
+    if base in ("play", "bouc-wen"):
         if own:
-            raise ModelError(f"The play base has one input; the channel {next(iter(own))!r} cannot take part.")
-        return judged(identify_play(listed, origin, delays, plays))
+            raise ModelError(f"The {base} base has one input; the channel {next(iter(own))!r} cannot take part.")
+        remembers = base == "play"
+        return judged(
+            identify_play(listed, origin, delays, plays) if remembers else identify_bouc_wen(listed, origin, delays)
+        )
     return _static(listed, origin, degree, delays[0], own, method, for_compensation)
 
 
 def _delays(base: str, records: list[Record]) -> Sequence[int]:
     """Return the delays to try: those around a long dead time where there is one."""
     found = dead_time(records)
-    if base in ("linear", "play"):
+    if base in ("linear", "play", "bouc-wen"):
         return range(found.samples - 1, found.samples + 2) if found.long else range(PLAIN)
     return (found.samples if found.long else int(base == "narx"),)
 

@@ -7,6 +7,7 @@ from places import SHARED, needs_shared
 
 import narx_sym as ns
 from narx_sym.errors import FitError, ModelError
+from narx_sym.fit.bases.choice import choose_base
 from narx_sym.fit.bases.play import Shape, identify_play
 from narx_sym.symbolic.signals import k, u
 
@@ -74,3 +75,56 @@ def test_plays_beat_lags_on_the_real_piezo():
     test = ns.read(SHARED / "piezo_dbo" / "test_varying_amplitude.csv", rows=slice(20, 5000))
     errors = {base: ns.identify(train, base=base).aligned(test).aligned for base in ("play", "linear")}
     assert errors["play"] <= 0.028 and errors["play"] <= 0.6 * errors["linear"]
+
+
+def test_a_bouc_wen_base_is_the_papers_actuator_again():
+    volts = 40 * U
+    record = ns.Record.from_arrays(volts, ns.plants.bouc_wen(volts, Ts=TS), Ts=TS)
+    model = ns.identify(record, base="bouc-wen")
+    c1, c2, c3, d, h0 = model.theta
+    assert (c1, c2, c3, d) == pytest.approx((0.7, 0.008, 0.008, 1.6), rel=0.05) and abs(h0) < 1.0
+    assert "bare" in model.info.selection.reason and model.info.nrmse.free_run < 0.01
+    law = model.compensator()
+    m = law.run(30 * np.sin(np.arange(300) / 30), 0.0)
+    assert law.closed_form and model.simulate(m, 0.0, u0=0.0)[1:] == pytest.approx(
+        30 * np.sin(np.arange(300) / 30)[1:], abs=1e-9
+    )
+
+
+def test_a_lag_behind_the_actuator_is_found():
+    volts = 40 * U
+    bare, late = ns.plants.bouc_wen(volts, Ts=TS), np.zeros(N)
+    for i in range(1, N):
+        late[i] = 0.7 * late[i - 1] + 0.3 * bare[i]
+    record = ns.Record.from_arrays(volts, late, Ts=TS)
+    model = ns.identify(record, base="bouc-wen", delay=0)
+    assert model.values[sp.Symbol("a", real=True)] == pytest.approx(0.7, abs=0.02)
+    assert model.aligned(record, 2.0).started < 0.02  # what stands before the lag was not measured
+
+
+def test_auto_takes_the_best_free_run_on_blocks_that_no_fit_saw_at_a_price():
+    record = ns.Record.from_arrays(U, 0.5 * U + 0.02 * RNG.standard_normal(N), Ts=TS)
+    seen = []
+
+    def identified(base, records):
+        seen.append((base, [len(r) for r in records]))
+        if base == "narx":
+            raise FitError("does not follow")
+        gains = {"static": 0.5, "linear": 0.5, "play": 0.3, "bouc-wen": 0.2}
+        more = {"linear": 4}.get(base, 0)  # as good, with more parameters
+        terms, theta = ["u[k]", *(f"u[k-{i}]" for i in range(1, 1 + more))], [gains[base], *[0.0] * more]
+        return ns.NARX.from_terms(terms, theta, Ts=TS)
+
+    model = choose_base([record], identified)
+    assert model.info.selection.base == "static" and len(model.symbols) == 1
+    assert model.info.selection.reason.startswith("static 0.0") and "beside linear 0.0" in model.info.selection.reason
+    assert seen[0] == ("static", [150, 300, 150]) and seen[-1] == ("static", [N])
+    with pytest.raises(FitError, match="does not follow"):
+        choose_base([record], lambda base, records: identified("narx", records))
+
+
+@pytest.mark.long
+def test_auto_picks_bouc_wen_on_the_papers_bench():
+    volts = ns.plants.filtered_noise(N=5000, Ts=0.01, cutoff=0.5, peak=75.0, seed=5)
+    record = ns.Record.from_arrays(volts, ns.plants.bouc_wen(volts, Ts=0.01), Ts=0.01)
+    assert ns.identify(record, base="auto").info.selection.base == "bouc-wen"

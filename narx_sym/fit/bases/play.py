@@ -19,6 +19,7 @@ from ...data.record import Record
 from ...engines.compile import compile
 from ...errors import FitError, ModelError
 from ...models.effects.memory import play
+from ...models.extend import without
 from ...models.info import Selection
 from ...models.model import Model
 from ...symbolic.recursion import Recursion, State
@@ -102,7 +103,8 @@ def identify_play(
     close = [g for g in guesses if g.error <= SAME * min(g.error for g in guesses)]
     guess = min(close, key=lambda g: (g.shape.delay, g.error))
     model = _fitted(guess, parts, origin)
-    reason = f"{plays} plays over the range of the input; the smallest delay within 2 % of the best of {len(delays)}"
+    weighty = len(model.memory)
+    reason = f"{weighty} of {plays} plays have weight; the smallest delay within 2 % of the best of {len(delays)}"
     chosen = Selection("play", len(delays) * len(LAGS), len(model.symbols), reason)
     return model.replace(info=replace(model.info, selection=chosen))
 
@@ -172,5 +174,10 @@ def _fitted(guess: Guess, parts: Sequence[Record], origin: Mapping[Any, float]) 
     limits |= {weights[0]: (NOTHING * sum(guess.theta[1 : n + 1]), np.inf)}  # the law divides by it
     limits |= dict.fromkeys(bends, (-1 / (KNOTS + 1), np.inf))  # so the curve rises everywhere
     found = problem.minimise(problem.start(np.array(guess.theta)), STEPS, 1e-7, limits)
-    made = model.replace(theta=problem.theta(found.x).tolist(), standard_errors=problem.errors(found))
+    theta, errors = problem.theta(found.x), dict(zip(model.symbols, problem.errors(found), strict=True))
+    least = NOTHING * sum(theta[1 : n + 1])
+    gone = [s for s, value in zip(weights[1:], theta[2 : n + 1], strict=True) if value < least]
+    made = model.replace(theta=theta.tolist())
+    made = without(made, gone) if len(gone) < n - 1 else made
+    made = made.replace(standard_errors=[errors[s] for s in made.symbols])
     return describe(made, list(parts), "free_run", bool(found.status > 0))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data.metrics import rmse
 from ...data.record import Record
-from ...fit.simulate import arrays, free_run
+from ...fit.simulate import arrays, free_run, simulate
 from ...models.model import Model
 from .style import BLACK, BLUE, GREEN, ORANGE, SKY, label, new_axes, thin
 
@@ -49,6 +49,51 @@ def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[
     axes[2].set(xlabel=label(source, units.get(source, "")), ylabel=name)
     axes[2].legend(loc="upper left")
     return axes[0].figure
+
+
+def reversal_curves(model: Model, count: int = 8, leg: int = 400) -> list[tuple[Any, Any]]:
+    """Return first-order reversal curves of a model over the input's range it was fitted on, slowly swept.
+
+    From the top the input falls to each of `count` levels and rises again: each curve is that rise.
+
+    Returns
+    -------
+    list of (u, y), (leg,) arrays [units of u and y], from the highest level to the lowest
+    """
+    low, high = model.info.ranges.get(str(model.input.label), (-1.0, 1.0))
+    levels = [high - (high - low) * i / count for i in range(1, count + 1)]
+    path = [np.linspace(low, high, leg)]
+    for level in levels:
+        path += [np.linspace(high, level, leg), np.linspace(level, high, leg)]
+    source = np.concatenate(path)
+    run = simulate(model, source, warn=False)
+    edges = [(2 + 2 * i) * leg for i in range(count)]
+    return [(source[a : a + leg], run[a : a + leg]) for a in edges]
+
+
+def plot_reversal_curves(
+    model: Model, record: Record | None = None, ax: Any = None, count: int = 8, units: dict[str, str] | None = None
+) -> Any:
+    """Draw first-order reversal curves of a model: how it goes on after each turn; over the loops of a record.
+
+    Parameters
+    ----------
+    record : Record, optional
+        Its rising branches are drawn behind the curves.
+    units : mapping such as {"u": "V", "y": "um"}
+    """
+    units = units or {}
+    if ax is None:
+        _, ax = new_axes(figsize=(6.5, 5.0))
+    if record is not None:
+        rising = np.diff(record.u, prepend=record.u[0]) >= 0
+        ax.plot(record.u, np.where(rising, record.y, np.nan), color=SKY, lw=0.6, label="measured, rising")
+    for i, (source, run) in enumerate(reversal_curves(model, count)):
+        ax.plot(source, run, color=ORANGE, lw=1.2, label="model, after each turn" if i == 0 else None)
+        ax.plot(source[:1], run[:1], color=BLACK, marker=".", ms=4, ls="none")
+    ax.set(xlabel=label("u", units.get("u", "")), ylabel=label("y", units.get("y", "")))
+    ax.legend(loc="upper left", fontsize=9, frameon=False)
+    return ax.figure
 
 
 def plot_compensation(t: Any, r: Any, m: Any, outputs: dict[str, Any], units: dict[str, str] | None = None) -> Any:
