@@ -56,7 +56,7 @@ def fit(
     degree: Annotated[int, typer.Option(min=1, max=6, help="Degree of the products.")] = 3,
     delay: Annotated[int | None, typer.Option(min=0, max=200, help="Pure delay in samples.")] = None,
     for_compensation: Annotated[bool, typer.Option("--for-compensation", help="Keep the model invertible.")] = False,
-    method: Annotated[str, typer.Option(help="auto, one_step or free_run.")] = "auto",
+    method: Annotated[str, typer.Option(help="auto, one_step, free_run or els.")] = "auto",
     u: Input = "u",
     y: Output = "y",
     t: Time = "t",

@@ -142,7 +142,7 @@ def identify(
         part unless they are named here: an int (0 ... n), a range or a list.
     functions, criterion, n_terms, max_terms
         See `pool.pool` and `select.select`.
-    method : "auto", "one_step" or "free_run"
+    method : "auto", "one_step", "free_run" or "els"
         `auto` fits one step ahead, then in free run, and keeps the better free run.
     point : mapping or "auto"
         The operating point; {} measures the signals from zero.
@@ -155,14 +155,7 @@ def identify(
     """
     check_method(method)
     listed = prepare(records)
-    own = {name: wanted for name, wanted in (lags or {}).items() if name not in ("u", "y", "phi1", "phi2")}
-    left_out = [name for r in listed for name in r.channels if name not in own]
-    if left_out:
-        warnings.warn(
-            f"The {base} base uses the input, the output and the channels in `lags` only; the channel {left_out[0]!r} "
-            f"takes no part (lags={{{left_out[0]!r}: 1}} gives it one).",
-            stacklevel=2,
-        )
+    own = _own_channels(base, listed, lags)
     origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
     if base not in BASES:
         raise ModelError(f"Unknown base {base!r}; there are {', '.join(BASES)}.")
@@ -195,13 +188,32 @@ def identify(
     if base == "linear":
         return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)
     if base in ("play", "bouc-wen"):
-        if own:
-            raise ModelError(f"The {base} base has one input; the channel {next(iter(own))!r} cannot take part.")
-        remembers = base == "play"
-        return judged(
-            identify_play(listed, origin, delays, plays) if remembers else identify_bouc_wen(listed, origin, delays)
-        )
+        return _remembering(base, listed, origin, delays, plays, own)
     return _static(listed, origin, degree, delays[0], own, method, for_compensation)
+
+
+def _own_channels(base: str, records: list[Record], lags: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the lags of the channels that take part; warn about one that does not."""
+    own = {name: wanted for name, wanted in (lags or {}).items() if name not in ("u", "y", "phi1", "phi2")}
+    left_out = [name for r in records for name in r.channels if name not in own]
+    if left_out:
+        warnings.warn(
+            f"The {base} base uses the input, the output and the channels in `lags` only; the channel {left_out[0]!r} "
+            f"takes no part (lags={{{left_out[0]!r}: 1}} gives it one).",
+            stacklevel=3,
+        )
+    return own
+
+
+def _remembering(
+    base: str, records: list[Record], origin: Mapping[Any, float], delays: Sequence[int], plays: int, own: Any
+) -> Model:
+    """Identify a base that remembers where the input turned."""
+    if own:
+        raise ModelError(f"The {base} base has one input; the channel {next(iter(own))!r} cannot take part.")
+    if base == "play":
+        return judged(identify_play(records, origin, delays, plays))
+    return judged(identify_bouc_wen(records, origin, delays))
 
 
 def _delays(base: str, records: list[Record]) -> Sequence[int]:

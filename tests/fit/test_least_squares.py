@@ -552,3 +552,19 @@ def test_the_pair_of_errors_tells_one_step_from_free_run():
     pair = evaluate(lazy, record)
     assert pair.one_step_nrmse < 0.05 < 1 < pair.free_run_nrmse
     assert expand_phi(phi2[k]).has(sp.sign)
+
+
+def test_extended_least_squares_removes_the_bias_of_noise_at_the_output():
+    """Noise after a lag is a moving average in its equation: y[k] - 0.8 y[k-1] holds e[k] - 0.8 e[k-1]."""
+    rng = np.random.default_rng(12)
+    source = rng.standard_normal(6000)
+    clean = np.zeros(6000)
+    for i in range(1, 6000):
+        clean[i] = 0.8 * clean[i - 1] + 0.3 * source[i - 1]
+    record = Record.from_arrays(source, clean + 0.3 * rng.standard_normal(6000), Ts=1.0)
+    model = NARX.from_terms(["y[k-1]", "u[k-1]"])
+    plain, better = (model.fit(record, method=method) for method in ("one_step", "els"))
+    assert abs(plain.theta[0] - 0.8) > 0.1 and better.theta == pytest.approx([0.8, 0.3], abs=0.02)
+    assert better.info.method == "els" and better.info.converged and better.terms == model.terms
+    held = model.fit(record, [sp.Eq(model.symbols[1], 0.3)], method="els")
+    assert held.theta[1] == 0.3 and held.theta[0] == pytest.approx(0.8, abs=0.02)

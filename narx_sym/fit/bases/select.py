@@ -197,7 +197,7 @@ def select(
         of what the first picks lowered it by on average. On noise-free data AIC and BIC never turn up.
     n_terms : int, optional
         Take this many picks instead.
-    method : "one_step", "free_run" or "auto"
+    method : "one_step", "free_run", "els" or "auto"
         How each model is fitted; `auto` compares both.
     frame : Model, optional
         Carries operating point and lead.
