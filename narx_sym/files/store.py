@@ -20,7 +20,7 @@ from ..symbolic.functions import NAMES
 from ..symbolic.grammar import SIGNALS, expanded_terms, parse, read_json
 from ..symbolic.printing import text
 from ..symbolic.recursion import State, written_out
-from ..symbolic.signals import k, lag, samples, signal, u, x, y
+from ..symbolic.signals import k, lag, samples, sensed, signal, u, x, y
 from .atomic import write_text
 from .info import effect_to_dict, info_to_dict, newer_schema, numbers, or_none, read_effects, read_info, texts
 
@@ -32,7 +32,7 @@ FIELDS = {
     "Ts", "constraints", "channels", "states", "info", "effects",
 }  # fmt: skip
 STATE_FIELDS = {"state", "update", "initial", "group"}
-# `x` and `v` are names of states: the core's output and the input that it sees.
+# `x`, `v`, `free` and `sensed` are names of states: see `narx_sym.symbolic.signals`.
 RESERVED = {*SIGNALS, *NAMES, "k", "t", "r", "m", "pi", "prediction"}
 
 
@@ -273,11 +273,12 @@ def _check_names(names: list[str], what: str, taken: set[str]) -> None:
 def _check_states(model: Model) -> None:
     """Refuse states that cannot start, and an `x` that the output is not made of."""
     known = {model.input, model.output, *(b for b in model.recursion.inputs)}
+    shown = [s.right for s in model.states if s.left.base == sensed]
     for state in model.states:
         for s in samples(state.initial):
             if s.base not in known or lag(s) < 0:
                 raise ModelError(f"the initial value of {state.left} may contain measured signals up to now, not {s}.")
-    if model.inner == x and not samples(model.F, x):
+    if model.inner == x and not any(samples(e, x) for e in (model.F, *shown)):
         raise ModelError("there is a state 'x', what effects at the output add to, but the output does not contain it.")
 
 

@@ -381,7 +381,7 @@ def test_a_shape_parameter_may_not_be_called_like_a_coefficient():
             effect("input", scan={name: Scan("amplitude", (1.0,))}, id="own", register=False)(function)
 
 
-def test_what_holds_and_what_is_shown_by_hand():
+def test_what_holds_and_what_is_shown_by_hand(tmp_path):
     """Friction that holds the step, and a sensor that shows the size of all the rest; in either order."""
     base, record = BASES["linear"], RECORDS["linear"]
     chosen = {
@@ -407,6 +407,8 @@ def test_what_holds_and_what_is_shown_by_hand():
         model = model.replace(theta=[values[s] for s in model.symbols])
         assert np.abs(run(model, record) - np.abs(inner - 0.3))[2:].max() < 1e-12
         assert model.driven == signal("free") and model.inner == x and model.n_y == 2 and model.delay == 1
+        ns.save(model, tmp_path / "m.json")
+        assert ns.load(tmp_path / "m.json").recursion == model.recursion
 
 
 @pytest.mark.parametrize(
@@ -519,9 +521,6 @@ def test_all_equations_are_shown():
     assert shifted.latex().count("around the operating point") == 1
 
 
-REMEMBERING = ("backlash", "creep", "rate_dependence", "hysteresis")
-
-
 @pytest.mark.parametrize("name", ("linear", "continuum"))
 @pytest.mark.long
 def test_everything_derived_can_be_read(name):
@@ -537,10 +536,12 @@ def test_everything_derived_can_be_read(name):
         written = document(model)
         assert written.count("{") == written.count("}")
         if model.recurrent:
-            assert variant.id in REMEMBERING
+            assert equations(base, variant).states
             for heading in ("Steady state", "Property 1", "Quasi-static solutions", "Assumptions"):
                 assert "not derived for this model" in told[heading] and variant.id in told[heading]
             assert "m[k] = " in told["Compensation law"]
+        elif variant.where == "sensor":
+            assert "acts on the inner output x[k], which is not measured" in told["Steady state"]
         elif variant.driver == "t" and variant.id != "offset":
             assert "changes with time" in told["Steady state"] and variant.id in told["Quasi-static solutions"]
         else:
