@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Any
 
-from ..diagnosis.procedure import Diagnosis, Step
+from ..diagnosis.procedure import Diagnosis
+from ..diagnosis.steps import Step
 from ..models.model import Model
 from ..report.page import sections
 from ..report.panels.registry import LAST, TAKEN, WAY, panels
@@ -43,7 +44,7 @@ class Story(Diagnosis):
         first = revisions[0].found
         way = tuple((r.name if i else "base", r.errors) for i, r in enumerate(revisions))
         seconds = sum(r.found.seconds for r in revisions)
-        return cls(steps, first.misfit, seconds, first.seed, first.faults, first.data_notes, way)
+        return cls(steps, first.misfit, seconds, first.seed, first.faults, first.data_notes, way=way)
 
     @property
     def ladder(self) -> list[dict[str, Any]]:

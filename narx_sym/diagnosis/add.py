@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
 from ..fit.identify import prepare
@@ -13,8 +15,11 @@ from ..fit.simulate import Records
 from ..models.effects import EFFECTS, Catalogue
 from ..models.extend import find
 from ..models.model import Model
-from .candidates import REFITTED, Candidate, score
 from .refit import Fitted, Split, settle
+from .table.candidates import Candidate
+from .table.hypotheses import written
+from .table.screening import score, shortlist
+from .table.search import Search
 
 FINAL = 200  # steps of the last fit: a kink is passed slowly
 
@@ -59,14 +64,19 @@ class Addition:
         only = Catalogue({self.forms[0].id: self.forms})
         base = settle(self.model, split)
         scored = score(base, [self.channel] if self.channel else [], only, seed)
-        kept = [i for i, d in enumerate(scored.directions) if self.where in (None, d.variant.where)]
+        search = Search(base.model, split.records, family="given")
         found = []
-        for i in sorted(kept, key=lambda i: -scored.scores.share[i])[:REFITTED]:
-            progress(f"fitting {scored.directions[i].variant}")
-            made = scored.extended(i)
-            if made is not None:
-                found.append(made)
+        for variant, shapes in shortlist(scored, "given").items():
+            if self.where not in (None, variant.where):
+                continue
+            progress(f"fitting {variant}")
+            search.limits[variant] = scored.line.ranges(variant)
+            bases = search.rows[:1] or search.bases([0])
+            looks = search.look(bases, variant, shapes)
+            found += search.one_more(bases, looks)[:1] if looks else []
         if not found:
             raise FitError(f"No stable fit with {self.effect} was found, or a refit of the model absorbs it.")
-        independent = base.independent()
-        return min(found, key=lambda f: f.criterion(independent))
+        best = min(map(search.finish, found), key=lambda row: row.price)
+        model = written(best.hypothesis, base.model)
+        theta = np.array(best.frame.theta(best.values, best.hypothesis.core))
+        return settle(model, split, theta, best.frame.limits(model))

@@ -29,6 +29,7 @@ from ..symbolic.signals import k, samples, sensed, signal
 Array = np.ndarray
 PUSH = "injected sequence"  # no column may be called so: a name of two words is no symbol of a model
 CYCLES = 8  # of a periodic disturbance at least: fewer are a wander
+BELOW, RATIOS = 4.0, 3.0  # how far a shape parameter may leave its grid downwards, and how large a ratio may be
 PADDING, LINE = 4, 6.0  # zero padding of spectra; a line is this many times (and the log of their number) above noise
 
 
@@ -185,6 +186,20 @@ class Linearised:
         else:
             raise ModelError(f"Unknown scan rule {scan.of!r}.")
         return [v * unit**scan.power for v in scan.values], 1.0
+
+    def grid(self, variant: Variant) -> list[tuple[float, ...]]:
+        """Return the shapes from which an effect is tried."""
+        return list(product(*(self.scale(variant.effect.scan[p], variant)[0] for p in variant.shape)))
+
+    def ranges(self, variant: Variant) -> dict[str, tuple[float, float]]:
+        """Return how far each shape parameter may leave its grid."""
+        found = {}
+        for name in variant.shape:
+            scan = variant.effect.scan[name]
+            grid, _ = self.scale(scan, variant)
+            if grid:
+                found[name] = (-RATIOS, RATIOS) if scan.of == "ratio" else (min(grid) / BELOW, max(grid) * scan.beyond)
+        return found
 
     def _peaks(self, count: int) -> tuple[list[float], float]:
         """Return the strongest frequencies of the residual [Hz], from its first segment.

@@ -18,11 +18,10 @@ from scipy.signal import oaconvolve
 from scipy.stats import chi2
 
 Array = np.ndarray
-DRAWS, SURROGATES, LEVEL = 999, 199, 0.05
+DRAWS, LEVEL = 999, 0.05
 LONGEST = 120  # lags of the noise model at most
 TRIALS = 6
 MOST, CLEAR = 12, 18.0  # columns that the noise is freed of at most, and the gain (in variances) of each at least
-WANDER = 5.0  # mean power of the slowest lines over that of the next, by which an error wanders
 TINY = 1e-7  # share of a column's energy below which nothing but rounding is left
 
 
@@ -311,45 +310,6 @@ def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float]
         if of.size:
             lowest = np.minimum(lowest, chi2.logsf(energy[:, of].max(axis=1), f))
     return lowest
-
-
-def by_surrogates(scores: Scores, before: Array, after: Array, freedom: int, seed: int) -> float:
-    """Return the p-value of an improvement against surrogates of what it leaves (Theiler et al. 1992).
-
-    The noise model may miss a slow wander. Signals with the spectrum of the remaining residual and random phases show
-    how much of that the directions pick up by chance.
-
-    Parameters
-    ----------
-    before, after : (rows,) arrays
-        Residuals on the rows that count, without and with the effect.
-    freedom : int
-        Parameters that the effect brought.
-    """
-    white = [whiten(x[:, None], scores.filter, np.array([0, x.size]))[:, 0] for x in (before, after)]
-    gain = max(0.0, float(white[0] @ white[0] - white[1] @ white[1])) / scores.variance
-    found = chi2.logsf(gain, freedom)
-    rng = np.random.default_rng([seed, 1])
-    size = np.abs(np.fft.rfft(white[1]))
-    phases = np.exp(2j * np.pi * rng.uniform(size=(SURROGATES, size.size)))
-    drawn = np.fft.irfft(size * phases, after.size, axis=1)
-    energy = (drawn @ scores.basis) ** 2
-    lowest = np.zeros(SURROGATES)
-    for group in np.unique(scores.owner):
-        own = scores.owner == group
-        gains = energy[:, own].sum(axis=1) / scores.variance
-        lowest = np.minimum(lowest, chi2.logsf(gains, int(own.sum())))
-    return float((1 + np.sum(lowest <= found)) / (SURROGATES + 1))
-
-
-def wanders(error: Array) -> bool:
-    """Whether most of an error is slower than a tenth of the record: the sort of noise that no model of it captures.
-
-    A wander looks like a drift, like creep or like a slow hum.
-    """
-    power = np.abs(np.fft.rfft((error - error.mean()) * np.hanning(error.size))) ** 2
-    slow, faster = power[1:6], power[10:41]
-    return bool(faster.size > 20 and slow.mean() * np.log(2) > WANDER * np.median(faster))
 
 
 def _detectable(D: Array, level: Array, variance: float, log_p: float, freedom: int) -> float:

@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from scipy.linalg import lstsq
 
-from ..data.metrics import correlation_length
 from ..data.record import Record
 from ..errors import FitError
 from ..files.journal import remembered
 from ..fit.constraints import constraint_equations
 from ..fit.freerun import FreeRun
 from ..fit.simulate import segments
-from ..models.extend import Variant, extend, newer, without
+from ..models.extend import newer, without
 from ..models.model import Model
 
 Array = np.ndarray
@@ -26,7 +24,6 @@ BLOCKS, SEALED, EVERY = 24, 3, 4
 STEPS, TOLERANCE = 40, 1e-7
 SLACK, RETURNED = 1.01, 0.001
 REFUSALS = 4  # after so many terms that must stay, no others are tried
-FULL = 1.1  # a full effect with the uncertainty of its coefficient
 
 
 @dataclass(frozen=True)
@@ -133,16 +130,6 @@ class Fitted:
             value = float(np.mean(self.error(masks) ** 2))
         return value if np.isfinite(value) else float("inf")
 
-    def independent(self) -> float:
-        """Return how many independent training errors there are: neighbours of a slow error do not count twice."""
-        e = self.error(self.split.train)
-        return float(e.size / (correlation_length(e) if np.any(e) else 1))
-
-    def criterion(self, independent: float) -> float:
-        """Return BIC's compromise between the training error and the number of parameters."""
-        error = np.log(max(self.mean_square(self.split.train), 1e-300))
-        return float(independent * error + self.problem.free * np.log(max(independent, 2.0)))
-
 
 def settle(
     model: Model,
@@ -176,48 +163,6 @@ def _minimum(problem: FreeRun, begin: Array, steps: int, limits: Mapping[Any, An
         raise FitError("The free run of the start values diverges.")
     found = problem.minimise(begin, steps, TOLERANCE, limits)
     return found.x, problem.errors(found), bool(found.status > 0)
-
-
-def add(
-    base: Fitted,
-    added: Sequence[tuple[Variant, Sequence[float], Mapping[str, tuple[float, float]]]],
-    directions: Sequence[Array],
-    residual: Array,
-    own: Array,
-) -> Fitted | None:
-    """Fit a model with more effects, from one point of their grids; None where no stable fit is found.
-
-    Parameters
-    ----------
-    added : variant, start and limits of its shape parameters, of each effect
-    directions, residual, own : arrays of the training rows
-        From which the first coefficients follow.
-    """
-    model, limits = base.model, dict(base.limits)
-    for variant, _, ranges in added:
-        extended = extend(model, variant)
-        model = extended.model
-        limits |= {s: ranges[p] for s, p in zip(extended.shape, variant.shape, strict=True)}
-        if variant.effect.sign and len(extended.coefficients) == 1:
-            most = FULL if variant.effect.full else np.inf
-            limits[extended.coefficients[0]] = (0.0, most) if variant.effect.sign > 0 else (-most, 0.0)
-    columns = np.column_stack([own, *directions])
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0] = 1.0
-    solution = lstsq(columns / scale, residual, cond=1e-9)[0] / scale
-    moved = solution[: base.problem.free]
-    ends = own.shape[1] + np.cumsum([0, *(d.shape[1] for d in directions)])
-    theta = base.problem.theta(base.unknowns)
-    nudged = theta + base.problem.elimination.Z @ moved
-    for begin, part in ((nudged, 1.0), (theta, 1.0), (theta, 0.2)):
-        start = [begin]
-        for (_, shape, _), first, stop in zip(added, ends[:-1], ends[1:], strict=True):
-            start += [part * solution[first:stop], np.asarray(shape)]
-        try:
-            return settle(model, base.split, np.concatenate(start), limits)
-        except FitError:
-            continue
-    return None
 
 
 def prune(fitted: Fitted, before: Fitted) -> Fitted:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import astuple, dataclass
+from functools import cache as once
 from functools import lru_cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import sympy as sp
 
 from ..errors import Diverged, ModelError
+from ..files import cache
 from ..inversion.solution import Root
 from ..models.model import Model
 from ..symbolic.recursion import Recursion
@@ -19,23 +26,77 @@ ENGINES = ("native", "numpy", "casadi", "python")
 Array = np.ndarray
 
 
+@dataclass(frozen=True)
+class Layout:
+    """What a run must know of a recursion, in plain data.
+
+    Attributes
+    ----------
+    states, inputs : tuple of str
+    remembered : tuple of int
+        Which states are used at a lag.
+    parameters, depth, lead : int
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    remembered: tuple[int, ...]
+    parameters: int
+    depth: int
+    lead: int
+
+    @classmethod
+    def of(cls, plan: Plan) -> Layout:
+        """Read the layout off a plan: names once, SymPy's printer would take longer than a short run."""
+        made = plan.recursion
+        states, inputs = (tuple(str(base.label) for base in bases) for bases in (made.states, made.inputs))
+        remembered = tuple(sorted({s for s, i in plan.sample if i >= 1}))
+        return cls(states, inputs, remembered, len(made.parameters), made.depth, made.lead)
+
+
 class Compiled:
     """A recursion as a function over arrays; made by `compile`.
 
     Attributes
     ----------
-    recursion : Recursion
+    layout : Layout
     engine : str
+    recursion : Recursion
+        Its equations; missing where machine code was kept from an earlier process.
     """
 
-    def __init__(self, recursion: Recursion, engine: str):
-        self.recursion, self.engine = recursion, engine
-        self.plan = Plan.of(recursion)
-        self._run = import_module(f".{engine}", __package__).build(self.plan)
-        # Names once: SymPy's printer would take longer than a short run.
-        self._inputs = [str(base.label) for base in recursion.inputs]
-        self._states = [str(base.label) for base in recursion.states]
-        self._remembered = {s for s, i in self.plan.sample if i >= 1}
+    def __init__(self, layout: Layout, run: Callable[..., int], engine: str, recursion: Recursion | None = None):
+        self.layout, self.run, self.engine = layout, run, engine
+        if recursion is not None:
+            self.recursion = recursion
+
+    @classmethod
+    def made(cls, recursion: Recursion, engine: str) -> Compiled:
+        """Compile a recursion."""
+        plan = Plan.of(recursion)
+        return cls(Layout.of(plan), import_module(f".{engine}", __package__).build(plan), engine, recursion)
+
+    @classmethod
+    def kept(cls, recipe: str, make: Callable[[], tuple[Compiled, Any]]) -> tuple[Compiled, Any]:
+        """Return what `make` returns: machine code, and plain data beside it; from an earlier process if it was kept.
+
+        `recipe` tells all that it is made from.
+        """
+        from .emitter import loaded, processor
+        from .native import bound
+
+        key = "\n".join((processor(), _rules(), sp.__version__, recipe))
+        content = cache.kept(key)
+        if content is not None:
+            header, _, code = content.partition(b"\n")
+            told, beside = json.loads(header)
+            states, inputs, remembered, *sizes = told
+            layout = Layout(tuple(states), tuple(inputs), tuple(remembered), *sizes)
+            return cls(layout, bound(loaded(code), code, len(layout.states) + len(layout.inputs)), "native"), beside
+        made, beside = make()
+        header = json.dumps([astuple(made.layout), beside]).encode()
+        cache.keep(key, header + b"\n" + made.run.code)  # type: ignore[attr-defined]
+        return made, beside
 
     def __call__(
         self,
@@ -79,10 +140,10 @@ class Compiled:
         ModelError
             For missing or unequal inputs.
         """
-        recursion = self.recursion
+        layout = self.layout
         given = _named(inputs)
         columns = []
-        for name in self._inputs:
+        for name in layout.inputs:
             if name not in given:
                 raise ModelError(f"The input sequence {name} is missing.")
             column = np.ascontiguousarray(given[name], dtype=float)
@@ -97,30 +158,30 @@ class Compiled:
         if len(sizes) != 1:
             raise ModelError(f"The input sequences have different lengths: {sorted(map(str, sizes))}.")
         n = int(sizes.pop())
-        first = max(recursion.depth, start or 0)
-        if recursion.lead:
-            columns = [np.concatenate([c, np.repeat(c[-1:], recursion.lead)]) for c in columns]
+        first = max(layout.depth, start or 0)
+        if layout.lead:
+            columns = [np.concatenate([c, np.repeat(c[-1:], layout.lead)]) for c in columns]
         states = self._start(n, min(first, n), initial or {}, out or {})
         theta = np.ascontiguousarray(theta, dtype=float)
-        if theta.shape != (len(recursion.parameters),):
-            raise ModelError(f"{len(recursion.parameters)} parameter values are needed, {theta.size} were given.")
+        if theta.shape != (layout.parameters,):
+            raise ModelError(f"{layout.parameters} parameter values are needed, {theta.size} were given.")
         if n > first:
-            reached = self._run([*states, *columns], theta, first, n)
+            reached = self.run([*states, *columns], theta, first, n)
             if reached < n:
                 if on_divergence == "raise":
                     raise self._diverged(states, reached, output)
                 for state in states:
                     state[reached:] = np.nan
-        return dict(zip(self._states, states, strict=True))
+        return dict(zip(layout.states, states, strict=True))
 
     def _start(self, n: int, first: int, initial: Mapping[Any, Any], out: Mapping[str, Array]) -> list[Array]:
         given = _named(initial)
         states = []
-        for position, name in enumerate(self._states):
+        for position, name in enumerate(self.layout.states):
             state = out[name] if out else np.empty(n)
             if state.shape != (n,) or state.dtype != float or not state.flags.c_contiguous:
                 raise ModelError(f"The result array of {name} must be a contiguous float array of shape ({n},).")
-            value = given.get(name, None if position in self._remembered else np.nan)
+            value = given.get(name, None if position in self.layout.remembered else np.nan)
             if value is None:
                 raise ModelError(f"The recursion needs {first} initial samples of {name}.")
             value = np.asarray(value, dtype=float).ravel()
@@ -133,10 +194,10 @@ class Compiled:
     def _diverged(self, states: list[Array], at: int, output: Any) -> Diverged:
         """Say where a run leaves the finite numbers: of the output, or else of the state that does so first."""
         bad = (i for i, x in enumerate(states) if not np.isfinite(x[at]))
-        shown = next(bad, -1) if output is None else self._states.index(str(getattr(output, "label", output)))
+        shown = next(bad, -1) if output is None else self.layout.states.index(str(getattr(output, "label", output)))
         before = ", ".join(f"{v:.3g}" for v in states[shown][max(0, at - 3) : at])
         return Diverged(
-            f"The simulation of {self._states[shown]} diverges: sample {at} is not finite (before it: {before}). "
+            f"The simulation of {self.layout.states[shown]} diverges: sample {at} is not finite (before it: {before}). "
             "Likely causes: an unstable model, an input far outside the identified range, or wrong initial values.",
             at,
             states[shown],
@@ -150,7 +211,24 @@ def _named(mapping: Mapping[Any, Any]) -> dict[str, Any]:
 
 @lru_cache(maxsize=512)
 def _compiled(recursion: Recursion, engine: str) -> Compiled:
-    return Compiled(recursion, engine)
+    if engine != "native":
+        return Compiled.made(recursion, engine)
+    compiled, _ = Compiled.kept(written(recursion), lambda: (Compiled.made(recursion, "native"), None))
+    compiled.recursion = recursion
+    return compiled
+
+
+def written(recursion: Recursion) -> str:
+    """Return all that a recursion is, as text."""
+    return f"{sp.srepr(recursion.updates)} {recursion.parameters}"
+
+
+@once
+def _rules() -> str:
+    """Return a digest of the code that derives and emits: what other code has made is made again."""
+    here = Path(__file__).parent
+    files = [*here.glob("*.py"), *(here.parent / "symbolic").glob("*.py")]
+    return hashlib.sha256(b"".join(f.read_bytes() for f in sorted(files))).hexdigest()
 
 
 def compile(recursion: Recursion, engine: str = "native") -> Compiled:
@@ -168,12 +246,18 @@ def compile(recursion: Recursion, engine: str = "native") -> Compiled:
         raise ModelError(f"Unknown engine {engine!r}; there are {', '.join(ENGINES)}.")
     if engine == "native" and any(right.has(Root) for _, right in recursion.updates):
         engine = "python"  # only there is a root finder
-    if engine == "native":
-        try:
-            import llvmlite  # noqa: F401
-        except ImportError:
-            engine = "python"
+    if engine == "native" and not has_llvm():
+        engine = "python"
     return _compiled(recursion, engine)
+
+
+def has_llvm() -> bool:
+    """Whether machine code can be made here."""
+    try:
+        import llvmlite  # noqa: F401
+    except ImportError:
+        return False
+    return True
 
 
 def to_casadi(recursion: Recursion) -> Any:

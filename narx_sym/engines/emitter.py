@@ -189,25 +189,41 @@ def _machine() -> Any:
 _target = once(_machine)
 
 
-def machine_code(module: ir.Module) -> Any:
-    """Optimise and load a module; the returned engine must be kept alive while its functions are used.
-
-    The code is kept between processes: under the text of the module, with all that it depends on beside it.
-    """
-    text = str(module)
+def processor() -> str:
+    """Return what machine code depends on beside what it is made from, as text."""
+    llvm.initialize_native_target()
     made_by = (llvmlite.__version__, *map(str, llvm.llvm_version_info), llvm.get_process_triple())
-    key = "\n".join((*made_by, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), text))
+    return "\n".join((*made_by, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()))
+
+
+def machine_code(module: ir.Module) -> tuple[Any, bytes]:
+    """Optimise and load a module; return its engine, to be kept alive while its functions are used, and its code."""
+    parsed = llvm.parse_assembly(str(module))
+    parsed.verify()
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    passes = llvm.create_pass_builder(_target(), options)
+    passes.getModulePassManager().run(parsed, passes)
+    engine = llvm.create_mcjit_compiler(parsed, _machine())
+    made: list[bytes] = []
+    engine.set_object_cache(notify_func=lambda _, code: made.append(code))
+    engine.finalize_object()
+    return engine, made[0]
+
+
+def kept_machine_code(module: ir.Module) -> Any:
+    """Return the engine of a module whose code is kept between processes, under the text of the module."""
+    key = f"{processor()}\n{module}"
     code = cache.kept(key)
     if code is not None:
-        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
-        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-    else:
-        parsed = llvm.parse_assembly(text)
-        parsed.verify()
-        options = llvm.create_pipeline_tuning_options(speed_level=3)
-        passes = llvm.create_pass_builder(_target(), options)
-        passes.getModulePassManager().run(parsed, passes)
-        engine = llvm.create_mcjit_compiler(parsed, _machine())
-        engine.set_object_cache(notify_func=lambda _, made: cache.keep(key, made))
+        return loaded(code)
+    engine, code = machine_code(module)
+    cache.keep(key, code)
+    return engine
+
+
+def loaded(code: bytes) -> Any:
+    """Load machine code that was made before; return its engine."""
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return engine

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from .emitter import DOUBLE, INT, Emitter, loop, machine_code, multiply_add
+from .emitter import DOUBLE, INT, Emitter, kept_machine_code, loop, multiply_add
 from .plan import Plan
 
 SETS = 32  # side by side: a constant, so that LLVM knows that the rows do not overlap
@@ -105,7 +105,7 @@ def emit(plan: Plan, keep: bool, output: int) -> ir.Module:
 
 def build(plan: Plan, keep: bool, output: int) -> Callable[..., None]:
     """Return run(inputs, target, past, theta, cost, kept, start, stop)."""
-    engine = machine_code(emit(plan, keep, output))
+    engine = kept_machine_code(emit(plan, keep, output))
     pointers = len(plan.signals) - len(plan.updates) + 5
     signature = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * pointers, *[ctypes.c_int64] * 2)
     function = signature(engine.get_function_address("run"))

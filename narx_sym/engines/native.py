@@ -183,14 +183,17 @@ def _emit_steps(plan: Plan) -> ir.Module:
 
 
 def build(plan: Plan) -> Callable[..., int]:
-    """Return run(arrays, theta, start, stop) for a plan."""
-    engine = machine_code(emit(plan))
-    count = len(plan.signals)
+    """Return run(arrays, theta, start, stop) for a plan; its attribute `code` is the machine code."""
+    return bound(*machine_code(emit(plan)), len(plan.signals))
+
+
+def bound(engine: Any, code: bytes, count: int) -> Callable[..., int]:
+    """Return run(arrays, theta, start, stop) of loaded machine code over so many arrays."""
     signature = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * (count + 1), ctypes.c_int64, ctypes.c_int64)
     function = signature(engine.get_function_address("run"))
 
     def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
         return int(function(*[a.ctypes.data for a in arrays], theta.ctypes.data, start, stop))
 
-    run.engine = engine  # type: ignore[attr-defined]  # keeps the machine code alive
+    run.engine, run.code = engine, code  # type: ignore[attr-defined]  # keeps the machine code alive
     return run

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,11 @@ from scipy.optimize import least_squares
 from ..engines.columns import Columns
 from ..engines.compile import compile
 from ..engines.numpy import banded
+from ..engines.slopes import with_slopes
 from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep
 from ..models.model import NARX, Model
-from ..symbolic.recursion import Recursion
-from ..symbolic.sensitivity import derivative, sensitivities
+from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import k, lags
 from .constraints import Elimination
 from .ensemble import costs
@@ -54,14 +54,6 @@ def starts(model: Model) -> list[Start]:
     return [*(Start((model.inner,), i) for i in outputs), *(Start(tuple(g)) for g in groups.values())]
 
 
-@lru_cache(maxsize=512)
-def _derived(
-    recursion: Recursion, groups: tuple[tuple[Any, ...], ...], fixed: tuple[Any, ...] = ()
-) -> tuple[Recursion, list[dict[Any, Any]]]:
-    """Return a recursion with its derivatives, but for parameters that are fixed; derived once."""
-    return sensitivities(recursion, [p for p in recursion.parameters if p not in fixed], groups)
-
-
 def _label(base: Any) -> str:
     return str(base.label)
 
@@ -89,6 +81,7 @@ class FreeRun:
         self.initial = [initial_values(model, d, self.depth) for d in self.data]
         self.free = self.elimination.Z.shape[1]
         self.starts = starts(model)
+        self._moved = [([_label(state) for state in s.states], s.shape(self.depth)) for s in self.starts]
         self.shifts = len(self.data) * len(self.starts)
         self.rows = [
             slice(self.depth, None) if use is None else np.flatnonzero(use[i][self.depth :]) + self.depth
@@ -134,6 +127,12 @@ class FreeRun:
         self._last = z.copy()
         return self.residuals, self.slopes
 
+    @cached_property
+    def _open(self) -> bool:
+        """Whether no constraint holds: the unknowns are the parameters."""
+        Z = self.elimination.Z
+        return Z.shape[0] == Z.shape[1] and bool(np.array_equal(Z, np.eye(len(Z))))
+
     def _run(self, z: Array) -> None:
         theta = self.theta(z)
         for i, d in enumerate(self.data):
@@ -141,7 +140,9 @@ class FreeRun:
             simulated, moved = self._move(i, theta, z[own])
             rows, kept, p = slice(self.edges[i], self.edges[i + 1]), self.rows[i], moved.shape[1] - len(self.starts)
             self.residuals[rows] = (simulated[kept] - d[self.name][kept]) / self.spread
-            if self.free:
+            if self._open and p:
+                np.divide(moved[kept, :p], self.spread, out=self.slopes[rows, :p])
+            elif self.free:
                 self.slopes[rows, : self.free] = moved[kept, :p] @ (self.elimination.Z / self.spread)
             self.slopes[rows, own] = moved[kept, p:] / self.spread
 
@@ -152,9 +153,9 @@ class FreeRun:
     def shifted(self, i: int, shifts: Array) -> dict[str, Array]:
         """Return the initial values of segment i with each group of starts shifted."""
         values = dict(self.initial[i])
-        for start, shift in zip(self.starts, shifts, strict=True):
-            for name in map(_label, start.states):
-                values[name] = values[name] + shift * start.shape(self.depth)
+        for (names, shape), shift in zip(self._moved, shifts, strict=True):
+            for name in names:
+                values[name] = values[name] + shift * shape
         return values
 
     def simulate(self, z: Array, i: int) -> Array:
@@ -169,16 +170,15 @@ class FreeRun:
     def _forward(self) -> Any:
         """Sensitivities in the same compiled pass as the run."""
         fixed = () if self.free else self.model.symbols  # where only starts are unknown, only these are differentiated
-        recursion, directions = _derived(self.model.recursion, tuple(s.states for s in self.starts), fixed)
+        compiled, directions = with_slopes(self.model.recursion, tuple(s.states for s in self.starts), tuple(fixed))
         parameters = len(self.model.symbols) - len(fixed)
-        compiled = compile(recursion)
-        moved = [_label(d[self.model.output]) if self.model.output in d else None for d in directions]
+        moved = [d.get(self.name) for d in directions]
         shown = [self.name, *(m for m in moved if m)]
-        names = [*shown, *(n for n in map(_label, recursion.states) if n not in shown)]
+        names = [*shown, *(n for n in compiled.layout.states if n not in shown)]
         at = [i for i, m in enumerate(moved) if m]
-        zero: dict[str, Any] = dict.fromkeys((_label(s) for d in directions for s in d.values()), 0.0)
+        zero: dict[str, Any] = dict.fromkeys((s for d in directions for s in d.values()), 0.0)
         for start, d in zip(self.starts, directions[parameters:], strict=True):
-            zero |= {_label(d[state]): start.shape(self.depth) for state in start.states}
+            zero |= {d[_label(state)]: start.shape(self.depth) for state in start.states}
         # The recursion writes straight into the columns of these: no allocation while the fit runs.
         buffers = [np.empty((len(d[self.name]), len(names)), order="F") for d in self.data]
         outs = [{n: w[:, c] for c, n in enumerate(names)} for w in buffers]

@@ -120,9 +120,9 @@ def sequences(model: Model, variant: Variant) -> dict[str, Any]:
     """Return what each placeholder of an effect's equations means in a model: a function of the time index."""
     offset = origin(model, variant.driver) if variant.raw else 0.0
     later = 1 if variant.where == "inside" else 0
-    # What stands inside the core sees the input as the core does.
+    # Behind an effect at the input everything sees what passes it: friction behind a slack is friction of what moves.
     named = {s.left.base for s in model.states}
-    acting = v if variant.where == "inside" and v in named else model.input
+    acting = v if variant.where != "input" and v in named else model.input
 
     def source(i: Any) -> Any:
         return acting[i - variant.lag] + offset
@@ -282,7 +282,7 @@ def _placed(model: Model, variant: Variant, own: Sequence[State], total: Any) ->
 
 def _split(model: Model, where: str) -> list[State]:
     """Return a model's equations, the output's last, in which the sequence that a place acts on has a name."""
-    output, core = model.output, model.driven
+    output = model.output
     chain = [*model.states, State(output[k], model.F)]
     named = {s.left.base for s in chain}
 
@@ -299,7 +299,7 @@ def _split(model: Model, where: str) -> list[State]:
 
     if where == "input" and v not in named:
         source = model.input
-        chain = [s.map(lambda e: renamed(e, source, v)) if s.left.base == core else s for s in chain]
+        chain = [s.map(lambda e: renamed(e, source, v)) for s in chain]
         chain.insert(0, State(v[k], source[k], source[k]))
     if where == "motion" and free not in named:
         between(model.inner, free)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..diagnosis.candidates import Candidate
 from ..diagnosis.procedure import Diagnosis
+from ..diagnosis.table.candidates import Candidate
 from ..models.model import Model
 from ..symbolic.functions import row_of
 from ..symbolic.signals import expand_phi, free, phi1, phi2, samples, sensed, u, v, x, y

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..diagnosis.bases import BASE
 from ..diagnosis.experiment import Experiment
-from ..diagnosis.procedure import Diagnosis, Step
+from ..diagnosis.procedure import Diagnosis
+from ..diagnosis.steps import Step
 
 Units = Mapping[str, str]
 Row = dict[str, Any]

@@ -44,9 +44,8 @@ import sympy as sp
 import truths
 
 from narx_sym import NARX, Model, Record, identify
-from narx_sym.diagnosis.bases import fit_base
 from narx_sym.diagnosis.directions import Linearised
-from narx_sym.diagnosis.refit import Fitted, Split
+from narx_sym.diagnosis.refit import Fitted, Split, settle
 from narx_sym.engines.columns import Columns
 from narx_sym.errors import NarxError
 from narx_sym.files.parallel import one_blas_thread
@@ -84,8 +83,8 @@ class Pool:
 
 
 def pool_of(model: Model | Fitted, record: Record, catalogue: Catalogue = EFFECTS) -> Pool:
-    """Build the pool at a base: a linear model as `diagnose` gets it, or one that `fit_base` has fitted already."""
-    fitted = model if isinstance(model, Fitted) else fit_base(model, Split.of([record]))
+    """Build the pool at a base: a linear model as `diagnose` gets it, or one that was fitted there already."""
+    fitted = model if isinstance(model, Fitted) else settle(model.copy(), Split.of([record]))
     base = fitted.model
     if not isinstance(base, NARX):
         raise TypeError("The base must be a NARX model.")
@@ -292,7 +291,7 @@ def main() -> None:
         try:
             with warnings.catch_warnings(), one_blas_thread():
                 warnings.simplefilter("ignore")
-                base = fit_base(identify(record, base="linear"), Split.of([record]))
+                base = settle(identify(record, base="linear"), Split.of([record]))
                 begin = perf_counter()
                 pool = pool_of(base, record, catalogue)
                 built.append(perf_counter() - begin)

@@ -44,9 +44,9 @@ import numpy as np
 import truths
 
 import narx_sym as ns
-from narx_sym.diagnosis.bases import simpler
-from narx_sym.diagnosis.candidates import ranked, refit, score
-from narx_sym.diagnosis.procedure import Step
+from narx_sym.diagnosis.steps import Step
+from narx_sym.diagnosis.table.rounds import Table as Hypotheses
+from narx_sym.diagnosis.table.verdict import cheapest
 from narx_sym.models.effects import EFFECTS, Catalogue
 
 HERE = Path(__file__).resolve().parent
@@ -65,17 +65,16 @@ def lacking(ids: Iterable[str]) -> Catalogue:
     return EFFECTS.without(*(name.partition(":")[0] for name in ids))
 
 
-def oracle(step: Step, right: frozenset[str], seed: int = 0) -> float | None:
+def oracle(step: Step, model: ns.Model, record: ns.Record, right: frozenset[str], seed: int = 0) -> float | None:
     """Return the held-out rms error where the true effect is told, but not its parameters [unit of y]."""
-    listed = [c.mean_square for c in step.candidates if c.effect in right]
-    if not listed:
+    fits = [c.fitted for c in step.candidates if c.effect in right]
+    if not fits:
         only = Catalogue({n: EFFECTS[n] for n in sorted({name.partition(":")[0] for name in right})})
         channels = sorted({name.partition(":")[2] for name in right} - {""})
-        found = []
-        for base in (step.base, *simpler(step.base)):
-            found += refit(score(base, channels, only, seed), lambda what: None, instead_of=step.base)
-        listed = [c.mean_square for c in ranked(found, step.base.independent())[:1]]
-    return float(np.sqrt(min(listed))) if listed else None
+        table = Hypotheses(model, [record], channels, only, seed, lambda what: None)
+        table.singles(table.base)
+        fits = [table.own(row) for row in cheapest(table.rows) if row.count][:1]
+    return float(np.sqrt(min(f.mean_square(step.base.split.held) for f in fits))) if fits else None
 
 
 def judge(task: str, spec: Row, compare: bool) -> Row:
@@ -116,7 +115,7 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
         "seconds": [round(s, 3) for s in seconds],
     }  # fmt: skip
     if task in ("in", "off") and row["visible"]:
-        row["oracle"] = oracle(step, right)
+        row["oracle"] = oracle(step, model, record, right)
         if compare:
             import baselines
 

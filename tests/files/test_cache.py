@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from narx_sym.engines import emitter
-from narx_sym.engines.compile import Compiled
+from narx_sym.engines.compile import _compiled
 from narx_sym.files import cache
 from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.signals import k, u, y
@@ -146,7 +146,7 @@ def test_without_a_home_there_is_none(monkeypatch):
 
 
 def run():
-    compiled = Compiled(Recursion(((y[k], 0.9 * y[k - 1] + u[k] ** 2),)), "native")
+    compiled = _compiled.__wrapped__(Recursion(((y[k], 0.9 * y[k - 1] + u[k] ** 2),)), "native")
     return compiled({"u": np.linspace(-1, 1, 300)}, (), {"y": 0.5})["y"]
 
 

@@ -22,11 +22,8 @@ TYPES_ONLY = {  # circles that only names for type checkers close: nothing is lo
     ("inversion.compensator", "inversion.stability"),
 }
 CROWDED: set[str] = set()
-LONG_MODULES = {
-    "diagnosis/procedure.py",
-}
+LONG_MODULES: set[str] = set()
 LONG_FUNCTIONS = {
-    "diagnosis/procedure.py: step",
     "files/store.py: from_dict",
 }
 

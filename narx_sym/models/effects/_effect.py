@@ -6,6 +6,7 @@ import inspect
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import sympy as sp
@@ -113,6 +114,9 @@ class Effect:
 
         Shape parameters are real symbols of their own names unless `values` says otherwise.
         """
+        return _equations(self, Ts, tuple(values.items()))
+
+    def _written(self, Ts: Any, values: dict[str, Any]) -> Form:
         given: dict[str, Any] = {name: signal(name) for name in SEQUENCES}
         # The sampling time enters as a number of few digits: equations stay readable.
         given["Ts"] = Ts if isinstance(Ts, sp.Basic) else sp.Float(f"{Ts:.9g}")
@@ -149,10 +153,18 @@ class Effect:
     def __repr__(self) -> str:
         return f"Effect({self.id}{', ' + self.form if self.form else ''})"
 
+    def __hash__(self) -> int:
+        return hash((self.id, self.form))
+
     def __reduce_ex__(self, protocol: Any) -> Any:
         # An effect of the catalogue has taken the name of its function, which is therefore not found by it.
         known = any(form is self for form in EFFECTS.get(self.id, ()))
         return (_of_catalogue, (self.id, self.form)) if known else super().__reduce_ex__(protocol)
+
+
+@lru_cache(maxsize=2048)
+def _equations(effect: Effect, Ts: Any, values: tuple[tuple[str, Any], ...]) -> Form:
+    return effect._written(Ts, dict(values))
 
 
 def _of_catalogue(name: str, form: str) -> Effect:

@@ -11,8 +11,8 @@ from ..picture import Picture, drawing
 from .registry import Material, panel
 
 if TYPE_CHECKING:
-    from ...diagnosis.candidates import Candidate
     from ...diagnosis.procedure import Diagnosis
+    from ...diagnosis.table.candidates import Candidate
 
 
 def picture(c: Comparison, units: Units) -> Picture:

@@ -1,0 +1,249 @@
+"""One step of the procedure: a base, what may be missing from it, and a verdict read off the table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..data.evidence.feedback import Feedback
+from ..models.extend import newer
+from ..models.model import NARX
+from ..symbolic import printing
+from . import gate
+from .bases import BASE
+from .experiment import Experiment, propose
+from .refit import Fitted, prune
+from .table.candidates import Candidate, Pair
+from .table.rounds import Table
+from .table.screening import absorbed, detectable
+from .table.search import Row
+from .table.verdict import HELPS, LARGE, LEFT, alike, cheapest, verdict, winner
+
+SHOWN = 6  # candidates at most, and the confusion set
+
+
+@dataclass
+class Step:
+    """One round of the procedure: a base, what may be missing from it, and a verdict.
+
+    Attributes
+    ----------
+    base : Fitted
+    floor : float
+        rms of what no model could remove [unit of y].
+    withdrawn : list of str
+        Effects added before that this step made superfluous, or replaced.
+    pair : Pair
+        Two effects that only together explain the error, where there are.
+    loop : Feedback
+        Where the input answers the output: then nothing is named.
+    """
+
+    base: Fitted
+    verdict: str
+    candidates: list[Candidate]
+    confusion_set: list[str]
+    floor: float
+    floor_kind: str
+    p_value: float
+    smallest_detectable: dict[str, float]
+    absorbed: list[str]
+    experiment: Experiment | None = None
+    chosen: Fitted | None = None
+    withdrawn: list[str] = field(default_factory=list)
+    pair: Pair | None = None
+    loop: Feedback | None = None
+
+    @property
+    def added(self) -> list[str]:
+        """The effects that this step added."""
+        return [e.effect for e in newer(self.chosen.model, self.base.model)] if self.chosen is not None else []
+
+    def nrmse(self, fitted: Fitted) -> dict[str, float]:
+        """Return the free-run errors of a model over the standard deviation of the output."""
+        spread, split = fitted.problem.spread, self.base.split
+        return {
+            "train": float(np.sqrt(fitted.mean_square(split.train)) / spread),
+            "validation": float(np.sqrt(fitted.mean_square(split.held)) / spread),
+        }
+
+    def sentence(self, units: Mapping[str, str]) -> str:
+        """Return the verdict in plain words."""
+        unit = f" {units['y']}" if units.get("y") else ""
+        error = np.sqrt(self.base.mean_square(self.base.split.held))
+        spread = self.base.problem.spread
+        percent = float(f"{100 * error / spread:.2g}")
+        sizes = f"The error is {error:.3g}{unit} rms ({percent:g} % of the output's standard deviation)"
+        if self.verdict == "nothing_detectable":
+            seen = sorted(self.smallest_detectable.items(), key=lambda p: p[1])
+            shown = ", ".join(f"{name} above {size:.2g}{unit}" for name, size in seen[:3])
+            return f"Nothing is missing that these data can show. {sizes}; seen would have been {shown} rms."
+        if self.loop is not None:
+            return f"{self.loop.sentence}. {sizes}."
+        sizes += f"; the noise floor is about {self.floor:.3g}{unit}"
+        if self.verdict == "outside_library":
+            return (
+                f"Something is missing that the catalogue does not know. {sizes}. Look at where the model fails, and "
+                "at the equivalent missing input."
+            )
+        if self.pair is not None:
+            return (
+                f"Two effects are probably missing: {' and '.join(self.pair.effects)}. {sizes}. Together they remove "
+                f"{100 * self.pair.share:.0f} % of the removable error on data never used for fitting."
+            )
+        best = self.candidates[0]
+        share = f"{100 * best.share:.0f} % of the removable error on data never used for fitting"
+        what = f"{best.variant.effect.sentence.rstrip('.')} ({best.effect})"
+        if self.verdict == "helps_but_incomplete":
+            return f"{what} explains {share}, but not all that is missing. {sizes}."
+        if self.verdict == "confused":
+            others = ", ".join(e for e in self.confusion_set if e not in (best.effect, BASE))
+            text = f"One of several effects is missing: {best.effect}, or as well {others}. {sizes}. "
+            if BASE in self.confusion_set:
+                names = f"{best.effect}, or as well {others}," if others else best.effect
+                text = f"{names} may be missing: at one speed it and the base's velocity term are one signal. {sizes}. "
+            text += f"{best.effect} removes {share}."
+            return f"{text} {self.experiment.sentence}" if self.experiment else text
+        return f"{best.effect} is probably missing. {what}. {sizes}. Adding it removes {share}."
+
+    def to_dict(self, experiment_file: str | None) -> dict[str, Any]:
+        """Return the step as plain data."""
+        base = self.base.model
+        terms = [printing.text(t) for t in base.terms] if isinstance(base, NARX) else [printing.text(base.F)]
+        return {
+            "verdict": self.verdict,
+            "sentence": self.sentence({}),
+            "confusion_set": self.confusion_set,
+            "p_value": self.p_value,
+            "base": {
+                "latex": base.latex(), "terms": terms, "theta": [float(v) for v in base.theta],
+                "nrmse": {
+                    **self.nrmse(self.base), "noise_floor": float(self.floor / self.base.problem.spread),
+                    "noise_floor_from": self.floor_kind,
+                },
+            },
+            "candidates": [
+                {
+                    "effect": c.effect, "where": c.where, "form": str(c.variant), "parameters": c.parameters,
+                    "latex": c.latex, "share_of_removable_error": c.share, "interval": list(c.interval),
+                    "p_value": c.p_value, "sentence": c.sentence, "nrmse": c.nrmse,
+                }
+                for c in self.candidates
+            ],
+            "smallest_detectable": self.smallest_detectable,
+            "absorbed_by_a_refit": self.absorbed,
+            "where_it_fails": [],
+            "withdrawn": self.withdrawn,
+            "together": self.pair and {"effects": list(self.pair.effects), "share": self.pair.share},
+            "experiment": self.experiment and {
+                "separates": list(self.experiment.separates), "file": experiment_file,
+                "sentence": self.experiment.sentence,
+            },
+        }  # fmt: skip
+
+
+def looped(base: Fitted, loop: Feedback) -> Step:
+    """Return what is said where the input answers the output."""
+    error = float(np.sqrt(base.mean_square(base.split.held)))
+    return Step(base, "closed_loop", [], [], error, "not estimated", 1.0, {}, [], loop=loop)
+
+
+def step(table: Table, known: Row, room: int = 1) -> tuple[Step, Row]:
+    """Run one round: what may be missing beside the effects of a row, and a verdict; also the row that it ends at.
+
+    `room` is how many effects may be added.
+    """
+    known, best = _filled(table, known)
+    base, scored = table.own(known), table.screened(known)
+    repeats = base.split.noise
+    floor = float(np.mean(np.concatenate(repeats) ** 2)) if repeats else base.mean_square(base.split.held)
+    made = Step(
+        base, "", [], [], float(np.sqrt(floor * (1 if repeats else 1 - scored.structure))),
+        "repeated periods" if repeats else "estimate", scored.scores.p_value, detectable(scored), absorbed(scored),
+    )  # fmt: skip
+    seen = scored.scores.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
+    if best is None or not seen:
+        made.verdict = verdict(False, seen, scored.structure, 0.0, 0.0, 0)
+        return made, known
+    left = table.screened(best).missing
+    lowest = best.held * (1 - left)
+    found = alike(table.beside(known), best)
+    share = (known.held - best.held) / (known.held - lowest)
+    made.verdict = verdict(True, seen, scored.structure, share, left, len({new_effect(r, known) for r in found}))
+    made.candidates = _candidates(table, known, best, found, lowest)
+    pair = len(best.beyond(known)) > 1
+    shown = {c.effect for c in made.candidates} | {BASE}
+    names = [new_effect(r, known) for r in found if new_effect(r, known) in shown]
+    made.confusion_set = [c.effect for c in made.candidates[:1]] if pair else list(dict.fromkeys(names))
+    chosen = table.own(best)
+    if not repeats:
+        made.floor = float(np.sqrt(min(chosen.mean_square(base.split.held) * (1 - left), floor)))
+    if made.verdict == "outside_library":
+        return made, known
+    if pair:
+        made.verdict = "helps_but_incomplete"
+        ids = tuple(v.id for v in best.beyond(known))
+        made.pair = Pair(ids, chosen, best.held * chosen.problem.spread**2, share)  # type: ignore[arg-type]
+    if made.verdict == "confused":
+        table.report("looking for an experiment that separates them")
+        models = {c.effect: c.model for c in made.candidates if c.effect in made.confusion_set}
+        made.experiment = propose(models, list(base.split.records), made.floor, table.seed)
+    table.report("deleting what became redundant")
+    made.chosen = prune(chosen if made.pair is None or room > 1 else made.candidates[0].fitted, base)
+    return made, best
+
+
+def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
+    """Fill the table beside a row; return the base, and the hypothesis that wins over it."""
+    scored = table.screened(known)
+    seen = scored.scores.p_value <= gate.LEVEL or float(scored.scores.share.max()) >= LARGE
+    if seen or scored.structure > HELPS:
+        table.singles(known)
+    single = [r for r in table.beside(known) if len(r.beyond(known)) <= 1]
+    at, alone = _won(single, known)
+    # What the best single effect leaves, of what there was: too much, and two effects may hide each other.
+    left = table.screened(alone).missing * alone.held / at.held if alone is not None else 1.0
+    if scored.structure > HELPS and left > LEFT / 2:
+        table.pairs(known)
+    table.held(lambda: _won(table.beside(known), known)[1])
+    return _won(table.beside(known), known)
+
+
+def _won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
+    """Return the base and the winner with an effect; where the base's own memory wins, the base moves there."""
+    best = winner(rows, known)
+    while best is not None and not best.beyond(known):
+        rivals = [r for r in alike(rows, best) if r.beyond(known)]
+        if rivals:  # what memory explains, an effect explains as well
+            return known, rivals[0]
+        known = best
+        best = winner(rows, known)
+    return known, best
+
+
+def new_effect(row: Row, known: Row) -> str:
+    """Return the id of what a row adds."""
+    return next((v.id for v in row.beyond(known)), BASE)
+
+
+def _candidates(table: Table, known: Row, best: Row, found: Sequence[Row], lowest: float) -> list[Candidate]:
+    """Return the hypotheses with one effect more, the best of each: the confusion set first."""
+    listed = [r for r in cheapest(table.beside(known)) if len(r.beyond(known)) == 1]
+    members = {new_effect(r, known) for r in found} | {v.id for v in best.beyond(known)}
+    listed.sort(key=lambda r: new_effect(r, known) not in members)
+    listed.sort(key=lambda r: r is not best)
+    scored = table.screened(known)
+    made: list[Candidate] = []
+    for row in listed:
+        variant = row.beyond(known)[0]
+        if len(made) == max(SHOWN, len(members)):
+            break
+        if (not row.held < known.held and variant.id not in members) or not table.holds(row):
+            continue
+        tests = [i for i, d in enumerate(scored.directions) if d.variant.id == variant.id]
+        p = min((scored.scores.corrected(i) for i in tests), default=1.0)
+        made.append(Candidate.of(table, row, known, p, lowest))
+    return made

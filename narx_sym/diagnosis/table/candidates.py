@@ -1,0 +1,144 @@
+"""A hypothesis of the table as users see it: an effect that may be missing, its share of the error, its model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import sympy as sp
+
+from ...models.extend import Variant, equations
+from ...models.model import Model
+from ...symbolic import printing
+from ..refit import Fitted
+from .search import Row
+
+if TYPE_CHECKING:
+    from .rounds import Table
+
+TARGETS = {
+    "input": "v_{k} - u_{k}", "inside": r"\Delta F", "motion": r"y_{k} - \mathrm{free}_{k}", "output": "y_{k} - x_{k}",
+    "sensor": r"y_{k} - \mathrm{sensed}_{k}",
+}  # fmt: skip
+DRAWS = 200  # of the blocks, for an interval
+
+
+@dataclass(repr=False)
+class Candidate:
+    """One effect that may be missing.
+
+    Attributes
+    ----------
+    effect : str
+        Its id.
+    variant : Variant
+    row : Row
+        Its place in the table.
+    share : float
+        Of the removable error on held-out blocks.
+    interval : (low, high)
+        95 % interval of the share, by bootstrap over the blocks.
+    p_value : float
+        Corrected for everything that was tried.
+    mean_square, before : float
+        Held-out free-run error with the effect, and that of the base [unit of y squared].
+    nrmse : dict
+        Errors where it was fitted and on held-out blocks, over the standard deviation of the output.
+    """
+
+    effect: str
+    variant: Variant
+    row: Row
+    p_value: float
+    mean_square: float
+    before: float
+    share: float
+    interval: tuple[float, float]
+    nrmse: dict[str, float]
+    fit: Callable[[], Fitted] = field(compare=False)
+
+    @classmethod
+    def of(cls, table: Table, row: Row, known: Row, p_value: float, lowest: float) -> Candidate:
+        """Make a candidate of a row; `lowest` is the mean square of the noise, over the variance of y."""
+        variant, spread = row.beyond(known)[0], row.frame.problem.spread
+        removable = max(known.held - lowest, 1e-300)
+        drawn = np.random.default_rng(table.seed).integers(0, len(row.blocks), size=(DRAWS, len(row.blocks)))
+        shares = (known.blocks - row.blocks)[drawn].mean(axis=1) / removable
+        interval = (float(np.quantile(shares, 0.025)), float(np.quantile(shares, 0.975)))
+        errors = {"train": float(np.sqrt(row.fitted)), "validation": float(np.sqrt(row.held))}
+        return cls(
+            variant.id, variant, row, p_value, row.held * spread**2, known.held * spread**2,
+            (known.held - row.held) / removable, interval, errors, lambda: table.own(row),
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        return f"Candidate({self.variant}, {100 * self.share:.0f} % of the removable error)"
+
+    @cached_property
+    def fitted(self) -> Fitted:
+        """The model that has it, fitted at the record's own rate when it is first needed."""
+        return self.fit()
+
+    @property
+    def model(self) -> Model:
+        """The fitted model with the effect."""
+        return self.fitted.model
+
+    @property
+    def where(self) -> str:
+        """The place where it acts."""
+        return self.variant.where
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Coefficients c and shape parameters by their short names."""
+        values = dict(zip(self.model.symbols, self.model.theta, strict=True))
+        return {n: float(values[s]) for n, s in self.model.effects[-1].symbols.items()}
+
+    @property
+    def latex(self) -> str:
+        """LaTeX of the contribution with what it remembers."""
+        form = equations(self.model, self.variant)
+        names = self.parameters
+        coefficients = [n for n in names if n.startswith("c")]
+        shown = [(sp.Float(f"{names[c]:.4g}"), z) for c, z in zip(coefficients, form.z, strict=False)]
+        lines = [printing.latex_sum(sp.Symbol(TARGETS[self.where]), shown)]
+        lines += [f"{printing.latex(s.left)} = {printing.latex(s.right)}" for s in form.states]
+        return r",\quad ".join(lines)
+
+    @property
+    def sentence(self) -> str:
+        """What it is, and what adding it does, in plain words."""
+        numbers = ", ".join(f"{n} = {v:.3g}" for n, v in self.parameters.items())
+        return (
+            f"{self.variant.effect.sentence} Adding {self.variant} with {numbers} removes {100 * self.share:.0f} % of "
+            "the removable error on data that were not used for fitting."
+        )
+
+
+@dataclass(repr=False)
+class Pair:
+    """Two effects that only together explain the error.
+
+    Attributes
+    ----------
+    effects : (str, str)
+        Their ids.
+    fitted : Fitted
+        The model that has both.
+    mean_square : float
+        Held-out free-run error [unit of y squared].
+    share : float
+        Of the removable error on held-out data.
+    """
+
+    effects: tuple[str, str]
+    fitted: Fitted
+    mean_square: float
+    share: float
+
+    def __repr__(self) -> str:
+        return f"Pair({' + '.join(self.effects)}, {100 * self.share:.0f} % of the removable error)"

@@ -1,0 +1,289 @@
+"""One compiled recursion for all cores: the largest one with a set of effects, of which smaller cores are points.
+
+The derivatives of the free run are derived and compiled once per set of effects. A core of lower order leaves
+coefficients at zero, an integrating core keeps their sum at one, a delay shifts the input.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.sparse import csr_array
+
+from ...data.record import Record
+from ...fit.constraints import Elimination, constraint_equations
+from ...fit.freerun import FreeRun
+from ...models.extend import Variant, extend
+from ...models.model import NARX, Model
+from .hypotheses import Core, linear
+
+Array = np.ndarray
+Places = list[tuple[list[int], list[int]]]
+BLOCKS, FOLDS = 12, 4
+UNSEEN = 0.03  # share of a derivative on the rows that count
+TRIALS, RIDGE, GAIN = 5, 1e-12, 1e-5  # of a step of Levenberg and Marquardt
+
+
+def parts(length: int, count: int) -> list[slice]:
+    """Return a record in equal pieces."""
+    return [slice(a, b) for a, b in itertools.pairwise(np.linspace(0, length, count + 1).astype(int).tolist())]
+
+
+class Frame:
+    """The free run of every core with one set of effects, and fits of it.
+
+    The unknowns are those of the largest core, the effects' coefficients and shape parameters, and the start states of
+    every segment.
+
+    Parameters
+    ----------
+    given : Model
+        The user's base; `largest` is None for it, else the orders of the largest linear core.
+    pieces : int
+        In how many the free run of each record starts again.
+    """
+
+    def __init__(
+        self,
+        given: Model,
+        largest: Core | None,
+        effects: Sequence[Variant],
+        records: Sequence[Record],
+        pieces: int = 1,
+    ):
+        self.largest, self.effects = largest, tuple(effects)
+        if largest is not None and not any(v.raw for v in effects):
+            # Measured from the operating point, all records have the same recursion: it is derived once.
+            model, self.added = _around(largest, self.effects, given.Ts)
+            records = [_shifted(r, given) for r in records]
+        else:
+            model, self.added = _extended(given if largest is None else linear(largest, given), self.effects)
+        self.n_core = len(model.symbols) - sum(len(part) for pair in self.added for part in pair)
+        self.cut, self.pieces = list(records), pieces
+        self.problem = FreeRun(model, [r[s] for r in self.cut for s in parts(len(r), pieces)], [])
+        self.problem.elimination = Elimination.of([], model.symbols)
+        self.size = self.problem.free + self.problem.shifts
+        self.equations = constraint_equations(model, None) if largest is None else []
+        self._data = {0: self.problem.data}
+        self._delay = 0
+        first = np.cumsum([0, *(len(d[self.problem.name]) for d in self.problem.data)])
+        index = np.concatenate([np.arange(a + self.problem.depth, b) for a, b in itertools.pairwise(first)])
+        self.block = index * BLOCKS // first[-1]
+        self.weights = np.bincount(self.block, minlength=BLOCKS)
+        self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+
+    def limit(self, ranges: Sequence[Mapping[str, tuple[float, float]]], most: float) -> None:
+        """Bound shapes and the coefficients whose sign means the effect."""
+        for variant, (cs, shapes), allowed in zip(self.effects, self.added, ranges, strict=True):
+            for i, name in zip(shapes, variant.shape, strict=True):
+                self.low[i], self.high[i] = allowed[name]
+            if variant.effect.sign and len(cs) == 1:
+                top = most if variant.effect.full else np.inf
+                self.low[cs[0]], self.high[cs[0]] = (0.0, top) if variant.effect.sign > 0 else (-top, 0.0)
+
+    def limits(self, model: Model) -> dict[Any, tuple[float, float]]:
+        """Return the bounds of a model's own symbols."""
+        names, found = {str(s): s for s in model.symbols}, {}
+        for i in (i for pair in self.added for part in pair for i in part):
+            symbol = names.get(str(self.problem.model.symbols[i]))
+            if symbol is not None and np.isfinite([self.low[i], self.high[i]]).any():
+                found[symbol] = (float(self.low[i]), float(self.high[i]))
+        return found
+
+    def late(self, delay: int) -> None:
+        """Let the input come later by some samples."""
+        if delay not in self._data:
+            name, shown = str(self.problem.model.input.label), []
+            for record in self.cut:
+                held = np.concatenate([np.full(delay, record.u[0]), record.u])[: len(record)]
+                shown += [held[s] for s in parts(len(held), self.pieces)]
+            self._data[delay] = [{**d, name: x} for d, x in zip(self._data[0], shown, strict=True)]
+        if delay != self._delay:
+            self.problem.data, self._delay, self.problem._last = self._data[delay], delay, None
+
+    def free(self, core: Core) -> tuple[Array, Array]:
+        """Return the point t0 and the directions T of the unknowns that a core leaves free: x = t0 + T w."""
+        T, t0 = np.eye(self.size), np.zeros(self.size)
+        if core.given or self.largest is None:
+            if not self.equations:
+                return t0, T
+            rule = Elimination.of(self.equations, self.problem.model.symbols)
+            n = rule.Z.shape[0]
+            wide = np.zeros((self.size, rule.Z.shape[1] + self.size - n))
+            wide[:n, : rule.Z.shape[1]], wide[n:, rule.Z.shape[1] :] = rule.Z, np.eye(self.size - n)
+            t0[:n] = rule.t0
+            return t0, wide
+        a, b, A = core.n_y, core.n_u, self.largest.n_y
+        used = [*range(a), *range(A, A + b), *range(A + self.largest.n_u, self.size)]
+        T = T[:, used]
+        if core.integrating:
+            t0[0] = 1.0
+            T[0, 1:a] = -1.0
+            T = T[:, 1:]
+        return t0, T
+
+    def parameters(self, core: Core) -> int:
+        """Return how many parameters a core with the effects has; start states do not count."""
+        return self.free(core)[1].shape[1] - self.problem.shifts
+
+    def theta(self, x: Array, core: Core) -> list[float]:
+        """Return the parameters of the model that `hypotheses.written` makes."""
+        if core.given or self.largest is None:
+            return [float(v) for v in x[: self.problem.free]]
+        A, B = self.largest.n_y, self.largest.n_u
+        kept = [*range(core.n_y), *range(A, A + core.n_u), *range(A + B, self.problem.free)]
+        return [float(v) for v in x[kept]]
+
+    def shifts(self, other: Frame, x: Array) -> Array:
+        """Return start shifts from those of a frame with fewer effects; new memories start where they would."""
+        old, new = other.problem, self.problem
+        s, t = len(old.starts), len(new.starts)
+        made = np.zeros(new.shifts)
+        for i in range(len(new.data)):
+            made[i * t : i * t + s] = x[old.free + i * s : old.free + (i + 1) * s]
+        return made
+
+    def run(self, x: Array) -> tuple[Array, Array]:
+        """Return errors over the spread of y, and their derivatives; the arrays are used again by the next call."""
+        return self.problem.run(x)
+
+    def fit(
+        self, x: Array, core: Core, steps: int, rows: Array | None = None, only_starts: bool = False
+    ) -> tuple[Array, float]:
+        """Minimise the mean squared free-run error from x (Levenberg 1944, Marquardt 1963); return x and that error."""
+        self.late(core.delay)
+        _, T = self.free(core)
+        if only_starts:
+            T = T[:, T.shape[1] - self.problem.shifts :]
+            if not T.shape[1]:
+                return x, np.nan
+        across = csr_array(T.T)  # nearly a choice of columns
+        x = np.clip(x, self.low, self.high)
+        chosen = slice(None) if rows is None else np.flatnonzero(rows)
+        with np.errstate(all="ignore"):
+            r, J = self.run(x)
+            cost, damping = float(np.mean(r[chosen] ** 2)), 1e-3
+            for _ in range(steps if np.isfinite(cost) else 0):
+                A = (across @ J.T).T
+                if not np.all(np.isfinite(A)):
+                    return x, np.inf
+                size = np.linalg.norm(A[chosen], axis=0)
+                # What these rows do not determine, the start of a block that is held out, stays as it is.
+                size[size <= UNSEEN * np.linalg.norm(A, axis=0)] = np.inf
+                A = A[chosen] / size
+                g, H = A.T @ r[chosen], A.T @ A
+                for c in self._stopped(x, T, g):
+                    H[c], H[:, c], g[c] = 0.0, 0.0, 0.0
+                for _ in range(TRIALS):
+                    w = -np.linalg.solve(H + (damping + RIDGE) * np.eye(g.size), g)
+                    new = np.clip(x + T @ (w / size), self.low, self.high)
+                    r, J = self.run(new)
+                    now = float(np.mean(r[chosen] ** 2))
+                    if now < cost:
+                        break
+                    damping *= 8
+                else:
+                    break
+                x, gained, cost, damping = new, cost - now, now, damping / 6
+                if gained < GAIN * cost:
+                    break
+        return x, cost if np.isfinite(cost) else np.inf
+
+    def _stopped(self, x: Array, T: Array, g: Array) -> list[int]:
+        """Return the directions in which the error falls, but a bound is in the way."""
+        found = []
+        for i in np.flatnonzero((x <= self.low) | (x >= self.high)):
+            for c in np.flatnonzero(T[i]):
+                if (g[c] * T[i, c] > 0) == (x[i] <= self.low[i]):
+                    found.append(int(c))
+        return found
+
+    def held_out(self, x: Array, core: Core, steps: int) -> Array:
+        """Return the mean squared error of each block where the other folds fitted the parameters, (BLOCKS,)."""
+        losses = np.full(BLOCKS, np.inf)
+        for fold in range(FOLDS):
+            held = self.block % FOLDS == fold
+            found, cost = self.fit(x, core, steps, ~held)
+            found, _ = self.fit(found, core, 3, only_starts=True)
+            with np.errstate(all="ignore"):
+                r = self.run(found)[0]
+                squares = np.bincount(self.block[held], r[held] ** 2, minlength=BLOCKS)
+            mine = np.arange(BLOCKS) % FOLDS == fold
+            losses[mine] = np.where(np.isfinite(squares), squares, np.inf)[mine] / np.maximum(self.weights, 1)[mine]
+            if not np.isfinite(cost):
+                losses[mine] = np.inf
+        return losses
+
+
+def _extended(model: Model, effects: Sequence[Variant]) -> tuple[Model, Places]:
+    """Return a model with effects, and where the coefficients and the shapes of each stand among its parameters."""
+    places: Places = []
+    for variant in effects:
+        extended = extend(model, variant)
+        at = len(model.symbols)
+        model, n, s = extended.model, len(extended.coefficients), len(extended.shape)
+        places.append((list(range(at, at + n)), list(range(at + n, at + n + s))))
+    return model, places
+
+
+@lru_cache(maxsize=256)
+def _around(largest: Core, effects: tuple[Variant, ...], Ts: float | None) -> tuple[Model, Places]:
+    return _extended(NARX(largest.terms(), Ts=Ts), effects)
+
+
+def _shifted(record: Record, given: Model) -> Record:
+    """Return a record measured from the operating point of a model."""
+    u0, y0 = (float(given.operating_point.get(b, 0.0)) for b in (given.input, given.output))
+    return replace(record, u=record.u - u0, y=record.y - y0)
+
+
+def arx_start(records: Sequence[Record], core: Core, point: Mapping[str, float]) -> Array:
+    """Return a, b and the constant of a core by Steiglitz & McBride (1965): least squares, filtered by 1/A in turns."""
+    a = np.zeros(core.n_y)
+    best, found = np.inf, np.zeros(core.n_y + core.n_u + 1)
+    for _ in range(6):
+        rows, targets = [], []
+        for record in records:
+            ys, us = record.y - point.get("y", 0.0), record.u - point.get("u", 0.0)
+            us = np.concatenate([np.full(core.delay, us[0]), us])[: len(us)]
+            A = np.concatenate([[1.0], -a])
+            f = [lfilter([1.0], A, x) for x in (ys, us, np.ones(len(ys)))]
+            d = max(core.n_y, core.n_u)
+            lag = [f[0][d - i : len(ys) - i] for i in range(1, core.n_y + 1)]
+            lag += [f[1][d - j : len(ys) - j] for j in range(core.n_u)] + [f[2][d:]]
+            target = f[0][d:]
+            if core.integrating and core.n_y:
+                target = target - lag[0]
+                lag = [lag[i] - lag[0] for i in range(1, core.n_y)] + lag[core.n_y :]
+            rows.append(np.column_stack(lag))
+            targets.append(target)
+        solution = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=1e-10)[0]
+        if core.integrating and core.n_y:
+            more = solution[: core.n_y - 1]
+            solution = np.concatenate([[1 - more.sum()], more, solution[core.n_y - 1 :]])
+        a = solution[: core.n_y].copy()
+        if core.n_y and not core.integrating:
+            poles = np.roots(np.concatenate([[1.0], -a]))
+            size = np.abs(poles)
+            if size.max() >= 0.9995:  # reflected into the circle
+                poles = np.where(size >= 0.9995, poles / size**2 * 0.999, poles)
+                a = -np.real(np.poly(poles))[1:]
+                solution[: core.n_y] = a
+        error = 0.0
+        for record in records:
+            ys, us = record.y - point.get("y", 0.0), record.u - point.get("u", 0.0)
+            us = np.concatenate([np.full(core.delay, us[0]), us])[: len(us)]
+            e = lfilter(solution[core.n_y : -1], np.concatenate([[1.0], -a]), us)
+            e = e + lfilter([solution[-1]], np.concatenate([[1.0], -a]), np.ones(len(us))) - ys
+            error += float(np.sum(e**2))
+        if error < best or not np.isfinite(best):
+            best, found = error, solution.copy()
+        if not core.n_y or core.integrating:
+            break
+    return found

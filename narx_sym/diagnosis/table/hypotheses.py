@@ -1,0 +1,102 @@
+"""What is compared: a core with a set of effects in their places, the empty set included."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ...models.extend import Variant, equations, extend
+from ...models.info import Info
+from ...models.model import NARX, Model
+from ...symbolic.signals import k, samples, u, y
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Core:
+    """The linear part of a hypothesis: orders, delay [samples], and whether it integrates; or the given model.
+
+    y[k] = sum of n_y older outputs + n_u inputs from u[k-delay] on + a constant. An integrating core has a pole at 1.
+    """
+
+    n_y: int = 0
+    n_u: int = 1
+    delay: int = 0
+    integrating: bool = False
+    given: bool = False
+
+    def __str__(self) -> str:
+        if self.given:
+            return "the given model"
+        return f"{'integrating ' if self.integrating else ''}core ({self.n_y}, {self.n_u}) after {self.delay}"
+
+    def terms(self) -> list[Any]:
+        """Return the terms of the core."""
+        inputs = [u[k - self.delay - j] for j in range(self.n_u)]
+        return [*(y[k - i] for i in range(1, self.n_y + 1)), *inputs, sp.S.One]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A core and the effects that act on it."""
+
+    core: Core
+    effects: tuple[Variant, ...] = ()
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The ids of the effects, in order."""
+        return tuple(v.id for v in self.effects)
+
+    def __str__(self) -> str:
+        return " + ".join([str(self.core), *map(str, self.effects)])
+
+
+def linear(core: Core, like: Model) -> NARX:
+    """Return the linear model of a core, around the operating point of another model."""
+    kept = Info(selection=like.info.selection)
+    return NARX(core.terms(), operating_point=like.operating_point, Ts=like.Ts, info=kept)
+
+
+def later(variant: Variant, delay: int) -> Variant:
+    """Return the variant beside a core with a delay: what the input drives there comes later too."""
+    moved = "u" in variant.driver and variant.where != "input"
+    return replace(variant, lag=delay if moved else 0)
+
+
+def written(hypothesis: Hypothesis, given: Model) -> Model:
+    """Return the model that a hypothesis stands for, without parameter values."""
+    core = hypothesis.core
+    model: Model = given if core.given else linear(core, given)
+    for variant in hypothesis.effects:
+        model = extend(model, variant if core.given else later(variant, core.delay)).model
+    return model
+
+
+def linear_in_signals(model: Model, variant: Variant) -> bool:
+    """Whether an effect only adds lags of the input and the output, or a constant: an open core has them itself."""
+    form = equations(model, variant)
+    seen = [x for z in form.z for x in samples(z)]
+    if form.states or variant.shape or any(str(x.base.label) not in ("u", "v", "x", "y") for x in seen):
+        return False
+    return all(not sp.diff(z.xreplace({x: sp.Symbol("s")}), sp.Symbol("s")).free_symbols for z in form.z for x in seen)
+
+
+def ladder(given: Model, family: str, integrating: bool, delays: Sequence[int]) -> list[Core]:
+    """Return the cores that are compared, small ones first."""
+    if family == "given":
+        return [Core(given=True)]
+    if family == "static":
+        sizes = [(0, 1), (0, 2), (1, 1)]
+    elif integrating:
+        sizes = [(1, 1), (2, 1), (2, 2), (3, 3)]
+    else:
+        sizes = [(0, 1), (0, 2), (1, 1), (1, 2), (2, 1), (2, 2), (2, 3), (3, 3)]
+    open_ones = [Core(a, b, d, integrating) for a, b in sizes for d in delays]
+    # Terms of a polynomial base may only imitate what is missing: it competes with linear cores.
+    return [Core(given=True), *open_ones] if family == "narx" else open_ones

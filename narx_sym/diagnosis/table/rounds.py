@@ -1,0 +1,205 @@
+"""The one table of hypotheses: filled by rounds of screening and fitting, read by the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...data.record import Record
+from ...errors import FitError
+from ...models.effects import Catalogue
+from ...models.extend import Variant, variants
+from ...models.model import Model
+from ..directions import Linearised
+from ..refit import Fitted, Split, settle
+from .hypotheses import Hypothesis, linear_in_signals, written
+from .screening import Scored, score, shortlist, whole
+from .search import Row, Search, family_of, working
+from .verdict import cheapest, price
+
+Array = np.ndarray
+CLOSER, SMALLER = 8, 1  # effects that are fitted to the end, and further cores of each
+PARTNERS, TOGETHER = 2, 5  # effects that may be the stronger one of a pair, and weaker ones that are tried with each
+
+
+class Table:
+    """The hypotheses about records, at their working rate; models of them at the records' own rate.
+
+    Attributes
+    ----------
+    search : Search
+    factor : int
+        Samples of the record that are one at the working rate.
+    """
+
+    def __init__(
+        self,
+        given: Model,
+        records: Sequence[Record],
+        channels: Sequence[str],
+        catalogue: Catalogue,
+        seed: int,
+        report: Callable[[str], Any],
+    ):
+        self.given, self.records = given, list(records)
+        self.channels, self.catalogue, self.seed, self.report = tuple(channels), catalogue, seed, report
+        work, self.factor = working(self.records) if family_of(given) in ("linear", "static") else (self.records, 1)
+        self.search = Search(given if self.factor == 1 else given.replace(Ts=work[0].Ts), work)
+        self._screened: dict[int, Scored] = {}
+        self._own: dict[int, Fitted] = {}
+        delay = int(getattr(given, "delay", 0) or 0)
+        near = {max(0, delay - 1), delay, delay + 1} if self.factor == 1 else {delay // self.factor}
+        report("fitting the base in free run")
+        rows = self.search.bases(sorted({0, 1, 2, 3, *near}))
+        self.base = min(rows, key=lambda r: (not r.hypothesis.core.given, r.memory, r.price))
+
+    @property
+    def rows(self) -> list[Row]:
+        """All hypotheses that were fitted to the end."""
+        return self.search.rows
+
+    def beside(self, known: Row) -> list[Row]:
+        """Return the rows that have all effects of another."""
+        return [r for r in self.rows if set(known.ids) <= set(r.ids)]
+
+    def model(self, row: Row) -> Model:
+        """Return the model of a row at the working rate."""
+        made = written(row.hypothesis, self.search.given)
+        return made.replace(theta=row.frame.theta(row.values, row.hypothesis.core))
+
+    def fitted(self, row: Row) -> Fitted:
+        """Return a row as a fitted model at the working rate."""
+        made = self.model(row)
+        limits = row.frame.limits(made)
+        split = Split.of(self.search.cut)
+        return settle(made, split, made.theta, limits)
+
+    def screened(self, row: Row) -> Scored:
+        """Return what the directions say at a row."""
+        if id(row) not in self._screened:
+            self.report("deriving the directions of all effects")
+            self._screened[id(row)] = score(self.fitted(row), self.channels, self.catalogue, self.seed)
+        return self._screened[id(row)]
+
+    # -- rounds ----------------------------------------------------------------------------------------------------
+
+    def singles(self, base: Row) -> None:
+        """Fit every effect beside the effects of a row, with every core; the best to the end."""
+        for given in (True, False):
+            bases = [r for r in self.rows if r.ids == base.ids and r.hypothesis.core.given == given]
+            if not bases:
+                continue
+            line = self._line(base if base in bases else min(bases, key=lambda r: r.price))
+            tried = [v for v in self._ways(line.model, given) if v.id not in base.ids]
+            self._fit(bases, {v: line.grid(v) for v in tried}, line, CLOSER)
+
+    def pairs(self, base: Row) -> None:
+        """Fit pairs: the best effects, and what the directions show beside each of them."""
+        listed = [r for r in cheapest(self.rows) if len(r.beyond(base)) == 1 and np.isfinite(r.price)]
+        for first in listed[:PARTNERS]:
+            scored = self.screened(first)
+            kind = "given" if first.hypothesis.core.given else self.search.family
+            others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids}
+            bases = [r for r in self.rows if r.hypothesis.effects == first.hypothesis.effects]
+            bases = [r for r in bases if r.hypothesis.core.given == first.hypothesis.core.given]
+            self._fit(bases, others, scored.line, TOGETHER)
+
+    def _line(self, row: Row) -> Linearised:
+        """Return a row linearised along its free run: the scales of shapes are read from it."""
+        fitted = self.fitted(row)
+        return Linearised(whole(fitted), fitted.unknowns)
+
+    def _ways(self, model: Model, given: bool) -> list[Variant]:
+        """Return every way in which the catalogue's effects may act; what an open core has itself is none."""
+        listed = list(variants(model, self.channels, self.catalogue))
+        if given:
+            return listed
+        open_ones = dict.fromkeys(replace(v, lag=0) for v in listed)
+        return [v for v in open_ones if not linear_in_signals(model, v)]
+
+    def _fit(self, bases: Sequence[Row], shapes: Mapping[Variant, Any], line: Linearised, most: int) -> None:
+        """Look at effects beside rows; fit the best of them with every core, and the best of these to the end."""
+        search, looks = self.search, []
+        for variant, points in shapes.items():
+            self.report(f"looking at {' + '.join([*map(str, bases[0].hypothesis.effects), str(variant)])}")
+            search.limits[variant] = line.ranges(variant)
+            looks.append(search.look(bases, variant, points))
+        looks = sorted(filter(None, looks), key=lambda rows: price(rows[0].fitted, rows[0].parameters, 1))
+        closer = []
+        for rows in looks[: 2 * most]:
+            self.report(f"fitting {rows[0].hypothesis}")
+            closer.append(search.one_more(bases, rows))
+        closer.sort(key=lambda rows: price(rows[0].fitted, rows[0].parameters, 1))
+        for rows in closer[:most]:
+            for i, row in enumerate(rows[: 1 + SMALLER]):
+                search.finish(row, 40 if i == 0 else 15)
+
+    # -- at the record's own rate ------------------------------------------------------------------------------------
+
+    def own(self, row: Row) -> Fitted:
+        """Return a row as a model fitted at the record's own rate, on the training samples.
+
+        Raises
+        ------
+        FitError
+            Where it cannot be held there.
+        """
+        if id(row) not in self._own:
+            self._own[id(row)] = self.fitted(row) if self.factor == 1 and self._whole else self._refined(row)
+        return self._own[id(row)]
+
+    def held(self, rows: Callable[[], Row | None]) -> Row | None:
+        """Return the first choice that can be held at the records' own rate; others leave the table."""
+        while (row := rows()) is not None and not self.holds(row):
+            self.rows.remove(row)
+        return row
+
+    def holds(self, row: Row) -> bool:
+        """Whether a row can be held at the records' own rate."""
+        try:
+            self.own(row)
+        except FitError:
+            return False
+        return True
+
+    @property
+    def _whole(self) -> bool:
+        return sum(map(len, self.search.records)) == sum(map(len, self.records))
+
+    def _refined(self, row: Row) -> Fitted:
+        """Fit a hypothesis again on every sample: the core from the data, effects from their shapes in the table."""
+        core, D = row.hypothesis.core, self.factor
+        segments = [s for r in self.records for s in r.segments()]
+        fine = Search(self.given, segments, [(core.n_y, core.n_u)])
+        fine.integrating = core.integrating
+        for variant in row.hypothesis.effects:
+            fine.limits[variant] = {p: (low / at, high / at) for (p, (low, high)), at in self._scaled(variant)}
+        first = core.delay * D - D // 2
+        delays = range(max(0, first), first + 2 * D, max(1, D // 3)) if D > 1 else [core.delay]
+        found = [made for delay in delays if (made := self._rebuilt(fine, row, delay)) is not None]
+        if not found:
+            raise FitError(f"{row.hypothesis} has no stable fit at the record's own rate.")
+        made = fine.tuned(min(found, key=lambda r: r.fitted))
+        hypothesis = Hypothesis(made.hypothesis.core, row.hypothesis.effects)
+        model = written(hypothesis, self.given)
+        theta = made.frame.theta(made.values, made.hypothesis.core)
+        return settle(model, Split.of(fine.cut), np.array(theta), made.frame.limits(model))
+
+    def _scaled(self, variant: Variant) -> list[tuple[tuple[str, tuple[float, float]], int]]:
+        """Return the limits of each shape parameter, and by what it shrinks at the own rate: a step per sample does."""
+        speed = {p: variant.effect.scan[p].of == "speed" for p in variant.shape}
+        return [((p, self.search.limits[variant][p]), self.factor if speed[p] else 1) for p in variant.shape]
+
+    def _rebuilt(self, fine: Search, row: Row, delay: int) -> Row | None:
+        """Fit the core from the data, then one effect after the other from its shape in the table."""
+        made = min(fine.cored([delay]), key=lambda r: r.fitted, default=None)
+        for variant, (_, where) in zip(row.hypothesis.effects, row.frame.added, strict=True):
+            if made is None:
+                return None
+            shape = tuple(float(row.values[i]) / at for i, (_, at) in zip(where, self._scaled(variant), strict=True))
+            looks = fine.look([made], variant, [shape])
+            made = fine.one_more([made], looks)[0] if looks else None
+        return made

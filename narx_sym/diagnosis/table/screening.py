@@ -1,0 +1,117 @@
+"""What the directions say at a fitted base: is anything missing, and which effects are worth a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ...files.journal import remembered
+from ...fit.constraints import constraint_equations
+from ...fit.freerun import FreeRun
+from ...models.effects import Catalogue
+from ...models.extend import Variant
+from .. import gate
+from ..blackbox import predictable
+from ..directions import Direction, Linearised
+from ..refit import Fitted
+
+Array = np.ndarray
+EFFECTS_TRIED, FORMS_TRIED, HALF = 8, 2, 0.5  # effects that are fitted; forms of each that explain half of its best
+
+
+@dataclass
+class Scored:
+    """Step 3 to 5: directions and scores of everything in the catalogue."""
+
+    fitted: Fitted
+    line: Linearised
+    channels: tuple[str, ...]
+    directions: list[Direction]
+    matrix: Array
+    scores: gate.Scores
+    rows: Array
+
+    @cached_property
+    def structure(self) -> float:
+        """Share of the held-out squared error that follows from the signals, as far as a black box can tell."""
+        line, split, names = self.line, self.fitted.split, [str(d.variant) for d in self.directions]
+        depends = (line.problem, line.residual, line.own, self.matrix, names, split.train, split.held, self.channels)
+        given = (line, split, self.directions, self.matrix, self.channels)
+        return float(remembered(predictable, *given, on=depends))
+
+    @property
+    def missing(self) -> float:
+        """Share of the squared error that is no noise: what the black box tells, or a significant effect."""
+        significant = self.scores.p_value <= gate.LEVEL
+        return max(self.structure, float(self.scores.share.max()) if significant else 0.0)
+
+    @property
+    def residual(self) -> Array:
+        """Measured minus simulated on the training rows."""
+        return self.line.residual[self.rows]
+
+
+def whole(fitted: Fitted) -> FreeRun:
+    """Return the free run of a fitted model over all samples, the held-out ones too."""
+    return FreeRun(fitted.model, list(fitted.split.records), constraint_equations(fitted.model, None))
+
+
+def score(fitted: Fitted, channels: Iterable[str], catalogue: Catalogue, seed: int) -> Scored:
+    """Derive all directions at a fitted model and score them, grid-corrected and whitened."""
+    line = Linearised(whole(fitted), fitted.unknowns)
+    directions, matrix = line.directions(channels, catalogue)
+    rows = np.concatenate([m[line.problem.depth :] for m in fitted.split.train])
+    scores = gate.score(
+        line.residual, line.own, matrix, [d.columns for d in directions], [d.searched for d in directions],
+        line.problem.edges, rows, seed, [d.columns for d in directions if d.line], fitted.split.noise,
+    )  # fmt: skip
+    return Scored(fitted, line, tuple(channels), directions, matrix, scores, rows)
+
+
+def shortlist(scored: Scored, family: str) -> dict[Variant, list[tuple[float, ...]]]:
+    """Return the variants that are worth a fit, each with its shapes, the most promising ones first.
+
+    Both views count: energy in the output, and likelihood after whitening. The delay of an open
+    core is the core's alone; beside a static one the output's own memory is that of the input.
+    """
+    shapes: dict[Variant, dict[tuple[float, ...], float]] = {}
+    best: dict[Variant, Array] = {}
+    for i, direction in enumerate(scored.directions):
+        variant = direction.variant if family == "given" else replace(direction.variant, lag=0)
+        driven = {d for by in variant.effect.places.values() for d in by}
+        if family == "static" and variant.where == "output" and variant.driver == "y" and "u" in driven:
+            continue
+        measures = np.array([scored.scores.share[i], scored.scores.gain[i]])
+        best[variant] = np.maximum(best.get(variant, np.zeros(2)), measures)
+        point = shapes.setdefault(variant, {})
+        point[direction.shape] = max(point.get(direction.shape, 0.0), measures[0])
+    picked: list[Variant] = []
+    for measure, effects, forms in ((0, EFFECTS_TRIED, FORMS_TRIED), (1, EFFECTS_TRIED // 2, 1)):
+        by_id: dict[str, list[Variant]] = {}
+        for variant in sorted(best, key=lambda v: -best[v][measure]):
+            if best[variant][measure] > 0:
+                by_id.setdefault(variant.id, []).append(variant)
+        for listed in list(by_id.values())[:effects]:
+            least = HALF * best[listed[0]][measure]
+            picked += [v for v in listed[:forms] if v not in picked and best[v][measure] >= least]
+    return {v: sorted(shapes[v], key=lambda s: -shapes[v][s]) for v in picked}
+
+
+def detectable(scored: Scored) -> dict[str, float]:
+    """Return per effect the rms contribution that would have been seen [unit of y]."""
+    found: dict[str, list[float]] = {}
+    for direction, size in zip(scored.directions, scored.scores.detectable, strict=True):
+        if np.isfinite(size):
+            found.setdefault(direction.variant.id, []).append(float(size))
+    return {name: float(np.median(sizes)) for name, sizes in sorted(found.items())}
+
+
+def absorbed(scored: Scored) -> list[str]:
+    """Return the effects whose every direction a refit of the base absorbs."""
+    seen: dict[str, bool] = {}
+    for direction, part in zip(scored.directions, scored.scores.absorbed, strict=True):
+        seen[direction.variant.id] = seen.get(direction.variant.id, True) and bool(part > 0.999)
+    return sorted(name for name, gone in seen.items() if gone)

@@ -1,0 +1,309 @@
+"""Every hypothesis is fitted in free run: orders, delay and effect are chosen together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ...data.record import Record
+from ...errors import FitError
+from ...models.extend import Variant
+from ...models.model import NARX, Model
+from ...symbolic.signals import samples
+from .frame import BLOCKS, Frame, arx_start, parts
+from .hypotheses import Core, Hypothesis, ladder
+from .verdict import price
+
+Array = np.ndarray
+POWER, PER_CYCLE, LEAST, MOST, SHORT = 0.999, 10, 1200, 6000, 40  # of the working rate [samples]
+INTEGRATES = 25.0  # times the mean square without a pole at 1: less, and the pole only imitates a slow or bent response
+LOOKS = 4  # shapes from which a fit is begun
+HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
+FULL = 1.1  # a full effect with the uncertainty of its coefficient
+
+
+@dataclass(eq=False)
+class Row:
+    """One hypothesis of the table, fitted: what it costs, and what it leaves of the error.
+
+    Attributes
+    ----------
+    values : (n,) array
+        The unknowns of its frame.
+    fitted : float
+        Mean squared free-run error where it was fitted, over the variance of y.
+    parameters : int
+    blocks : (BLOCKS,) array
+        The error on each block where the other folds fitted it.
+    memory : bool
+        Whether its core remembers, although the base is static.
+    """
+
+    hypothesis: Hypothesis
+    frame: Frame
+    values: Array
+    fitted: float
+    parameters: int
+    blocks: Array = field(default_factory=lambda: np.zeros(0))
+    shape: tuple[float, ...] = ()  # from which its last effect was fitted
+    memory: bool = False
+
+    @cached_property
+    def held(self) -> float:
+        """Mean squared held-out error, over the variance of y."""
+        w = self.frame.weights
+        return float(np.sum(self.blocks * w) / w.sum()) if self.blocks.size else np.inf
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The ids of its effects."""
+        return self.hypothesis.ids
+
+    @property
+    def count(self) -> int:
+        """How many effects it has; the memory of a core counts as one where the base has none."""
+        return len(self.hypothesis.effects) + self.memory
+
+    def beyond(self, known: Row) -> tuple[Variant, ...]:
+        """Return the effects that another row does not have."""
+        return self.hypothesis.effects[len(known.hypothesis.effects) :]
+
+    @property
+    def price(self) -> float:
+        """The one price: logarithm of the held-out mean square, plus what parameters and effects cost."""
+        return price(self.held, self.parameters, self.count)
+
+    def __repr__(self) -> str:
+        return f"Row({self.hypothesis}, nrmse {np.sqrt(self.held):.4g}, price {self.price:.3f})"
+
+
+class Search:
+    """The table of hypotheses over records at their working rate.
+
+    Attributes
+    ----------
+    rows : list of Row
+        The table, judged.
+    limits : of the shape parameters of each effect
+    integrating : bool
+        Whether the axis integrates: its free run is started again at block edges.
+    """
+
+    def __init__(
+        self, given: Model, records: Sequence[Record], sizes: Sequence[tuple[int, int]] | None = None, family: str = ""
+    ):
+        self.given, self.records, self.sizes = given, list(records), sizes
+        self.family = family or family_of(given)
+        self.limits: dict[Variant, Mapping[str, tuple[float, float]]] = {}
+        self.frames: dict[Any, Frame] = {}
+        self.rows: list[Row] = []
+        self.integrating = False
+        self.slow = float(np.exp(-4 / max(len(r) for r in self.records)))
+
+    # -- frames ----------------------------------------------------------------------------------------------------
+
+    @property
+    def pieces(self) -> int:
+        """How often an integrating axis starts again: its free run cannot be held over a whole record."""
+        return -(-BLOCKS // len(self.records)) if self.integrating else 1
+
+    @property
+    def cut(self) -> list[Record]:
+        """The records, in pieces where the axis integrates."""
+        return [r[s] for r in self.records for s in parts(len(r), self.pieces)]
+
+    def cores(self, delays: Sequence[int]) -> list[Core]:
+        """Return the cores that are compared."""
+        if self.sizes is not None and self.family != "given":
+            return [Core(a, b, d, self.integrating) for a, b in self.sizes for d in delays]
+        return ladder(self.given, self.family, self.integrating, delays)
+
+    @cached_property
+    def largest(self) -> Core | None:
+        """The core that holds all open ones; None where there is none."""
+        sizes = [c for c in self.cores([0]) if not c.given]
+        return Core(max(c.n_y for c in sizes), max(c.n_u for c in sizes), 0) if sizes else None
+
+    def frame(self, effects: tuple[Variant, ...], given: bool) -> Frame:
+        """Return the frame of a set of effects around the given model or around open cores, with their limits."""
+        key = (effects, given, self.integrating)
+        if key not in self.frames:
+            made = Frame(self.given, None if given else self.largest, effects, self.records, self.pieces)
+            made.limit([self.limits[v] for v in effects], FULL)
+            self.frames[key] = made
+        return self.frames[key]
+
+    # -- without a further effect -----------------------------------------------------------------------------------
+
+    def bases(self, delays: Sequence[int]) -> list[Row]:
+        """Fit every core without an effect, with its best delay, and judge it; where the axis integrates, in pieces.
+
+        Raises
+        ------
+        FitError
+            Where no core follows the data.
+        """
+        every = [self.judge(r) for r in self.cored(delays, any_pole=True)]
+        found = [r for r in every if not self._runs_away(r.hypothesis.core, r.values)]
+        kept, lost = (
+            min((r.held for r in rows), default=np.inf) for rows in (found, [r for r in every if r not in found])
+        )
+        if kept > INTEGRATES * lost:
+            self.integrating = True
+            self.__dict__.pop("largest", None)
+            found = [self.judge(r) for r in self.cored(delays)]
+        if not found:
+            raise FitError("The base model cannot follow these data in free run: choose another base.")
+        self.rows += found
+        return found
+
+    def cored(self, delays: Sequence[int], any_pole: bool = False) -> list[Row]:
+        """Fit every core, each with its best delay; not judged yet."""
+        point = {str(b.label): v for b, v in self.given.operating_point.items()}
+        best: dict[Core, Row] = {}
+        for core in self.cores(delays):
+            frame = self.frame((), core.given)
+            x = np.zeros(frame.size)
+            if core.given:
+                x[: frame.n_core] = self.given.theta
+            else:
+                assert self.largest is not None
+                start = arx_start(self.cut, core, point)
+                A, B = self.largest.n_y, self.largest.n_u
+                x[: core.n_y], x[A : A + core.n_u], x[A + B] = start[: core.n_y], start[core.n_y : -1], start[-1]
+            row = self.fitted(Hypothesis(core), x, 15, any_pole)
+            size = replace(core, delay=0)
+            if row is not None and (size not in best or row.fitted < 0.999 * best[size].fitted):
+                best[size] = row
+        return [self.fitted(r.hypothesis, r.values, 40, any_pole) or r for r in best.values()]
+
+    def fitted(self, hypothesis: Hypothesis, x: Array, steps: int, any_pole: bool = False) -> Row | None:
+        """Fit one hypothesis from one start; None where it diverges, or integrates where the axis does not."""
+        frame = self.frame(hypothesis.effects, hypothesis.core.given)
+        x, cost = frame.fit(x, hypothesis.core, steps)
+        if not np.isfinite(cost) or not (any_pole or not self._runs_away(hypothesis.core, x)):
+            return None
+        memory = self.family == "static" and (hypothesis.core.n_y, hypothesis.core.n_u) != (0, 1)
+        return Row(hypothesis, frame, x, cost, frame.parameters(hypothesis.core), memory=memory)
+
+    def _runs_away(self, core: Core, x: Array) -> bool:
+        """Whether a pole has moved to 1, as far as the record tells: it imitates a drift."""
+        return not (core.given or core.integrating) and slowest(x, core) > self.slow
+
+    def judge(self, row: Row) -> Row:
+        """Score a row on held-out blocks."""
+        if not row.blocks.size:
+            row.frame.late(row.hypothesis.core.delay)
+            row.blocks = row.frame.held_out(row.values, row.hypothesis.core, 6)
+        return row
+
+    # -- with one more effect -----------------------------------------------------------------------------------------
+
+    def look(self, bases: Sequence[Row], variant: Variant, shapes: Sequence[Sequence[float]]) -> list[Row]:
+        """Fit an effect briefly from shapes over its grid, beside the smallest, a middle and the richest base."""
+        listed = sorted(bases, key=lambda r: r.parameters)
+        few = {id(listed[i]): listed[i] for i in (0, len(listed) // 2, -1)}
+        spread = sorted({round(i * (len(shapes) - 1) / (LOOKS - 1)) for i in range(LOOKS)}) if shapes else []
+        found = [self._beside(base, variant, shapes[i], 3) for base in few.values() for i in spread]
+        return self._cheapest(r for r in found if r is not None)
+
+    def one_more(self, bases: Sequence[Row], looks: Sequence[Row]) -> list[Row]:
+        """Fit an effect beside every base from the best shapes of `look`: the best of each core, cheapest first."""
+        variant = looks[0].hypothesis.effects[-1]
+        shapes = list(dict.fromkeys(r.shape for r in looks))[:2]
+        found = [self._beside(base, variant, shape, 8) for base in bases for shape in shapes]
+        by_core: dict[Core, Row] = {}
+        for row in self._cheapest([*(r for r in found if r is not None), *looks]):
+            by_core.setdefault(row.hypothesis.core, row)
+        return list(by_core.values())
+
+    def _cheapest(self, rows: Iterable[Row]) -> list[Row]:
+        return sorted(rows, key=lambda r: price(r.fitted, r.parameters, r.count))
+
+    def _beside(self, base: Row, variant: Variant, shape: Sequence[float], steps: int) -> Row | None:
+        """Fit an effect beside what a row has, from one shape."""
+        hypothesis = replace(base.hypothesis, effects=(*base.hypothesis.effects, variant))
+        frame = self.frame(hypothesis.effects, base.hypothesis.core.given)
+        cs, where = frame.added[-1]
+        x = np.concatenate(
+            [base.values[: cs[0]], np.zeros(len(cs) + len(where)), frame.shifts(base.frame, base.values)]
+        )
+        x[cs], x[where] = HALF if variant.effect.full else 0.0, shape
+        row = self.fitted(hypothesis, x, steps)
+        if row is not None:
+            row.shape = tuple(shape)
+        return row
+
+    def tuned(self, row: Row, steps: int = 40) -> Row:
+        """Move the delay of a row while that helps."""
+        while not row.hypothesis.core.given:
+            core, before = row.hypothesis.core, row
+            for delay in {max(0, core.delay - 1), core.delay + 1} - {core.delay}:
+                other = replace(row.hypothesis, core=replace(core, delay=delay))
+                made = self.fitted(other, row.values, 8)
+                if made is not None and made.fitted < 0.98 * row.fitted:
+                    row = self.fitted(other, made.values, steps) or made
+                    break
+            if row is before:
+                break
+        return row
+
+    def finish(self, row: Row, steps: int = 40) -> Row:
+        """Fit a row to the end, with its delay tuned, judge it, and put it into the table."""
+        best = self.tuned(self.fitted(row.hypothesis, row.values, steps) or row, steps)
+        self.rows.append(self.judge(best))
+        return best
+
+
+def slowest(x: Array, core: Core) -> float:
+    """Return the size of the largest pole."""
+    return float(np.abs(np.roots(np.concatenate([[1.0], -x[: core.n_y]]))).max()) if core.n_y else 0.0
+
+
+def family_of(given: Model) -> str:
+    """Return which cores may stand for a base: those of its kind, or only itself."""
+    if not isinstance(given, NARX) or any(
+        x.base not in (given.input, given.output) for t in given.terms for x in samples(t)
+    ):
+        return "given"
+    chosen = given.info.selection
+    if chosen.base == "static" and any(t.is_Pow for t in given.terms):
+        return "given"
+    return chosen.base or ("narx" if chosen.candidates else "given")
+
+
+def working(records: Sequence[Record]) -> tuple[list[Record], int]:
+    """Return records at their working rate, and how many samples became one.
+
+    About ten samples per cycle of the frequency below which 99.9 % of the output's power lies, and no fewer than
+    `LEAST` samples; of what is still longer than `MOST` the beginning.
+    """
+    factors = [min(_ratio(r.y) / PER_CYCLE, sum(map(len, records)) / LEAST) for r in records]
+    factor = max(1, int(min(factors)))
+    found = [_averaged(r, factor) for r in records for r in r.segments()]
+    room = max(LEAST, MOST // len(found))
+    return [r[:room] for r in found if len(r) > SHORT] or found, factor
+
+
+def _ratio(y: Array) -> float:
+    """Return samples per cycle of the frequency below which nearly all of the power lies."""
+    level = y - np.linspace(y[0], y[-1], len(y))
+    power = np.abs(np.fft.rfft(level - level.mean())) ** 2
+    top = int(np.searchsorted(np.cumsum(power), POWER * power.sum()))
+    return len(y) / max(1, top)
+
+
+def _averaged(record: Record, factor: int) -> Record:
+    if factor == 1:
+        return record
+    n = len(record) // factor
+
+    def mean(x: Array) -> Array:
+        return np.asarray(x[: n * factor].reshape(n, factor).mean(axis=1))
+
+    channels = {name: mean(c) for name, c in record.channels.items()}
+    return Record(mean(record.u), mean(record.y), mean(record.t), record.Ts * factor, channels, record.name)

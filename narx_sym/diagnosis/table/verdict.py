@@ -1,0 +1,115 @@
+"""The verdict: a pure function of the table of hypotheses, the gate, and what the best of them leaves.
+
+The constants of the procedure stand here. Errors are mean squares; a price is their logarithm plus what a hypothesis
+costs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+Array = np.ndarray
+PER_PARAMETER = 0.1  # a parameter must buy 5 % of the rms error; 0.02 ... 0.1 name the same real machines
+PER_EFFECT = 0.27  # an effect is picked among 25: ln 25 / 12 blocks (extended BIC, Chen & Chen 2008)
+MOST = 0.95  # fewer effects win if they remove this share of the rms error that more of them remove
+ALIKE = 0.1  # difference of log errors that counts as none, whatever its standard error
+HELPS = 0.3  # share of the removable error: what removes less, or a base's structure below it, explains nothing
+LEFT = 0.1  # share of the winner's error that follows from the signals: more, and something else is missing too
+LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
+VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library", "closed_loop")
+
+
+class Entry(Protocol):
+    """What the verdict reads of a row of the table."""
+
+    blocks: Any
+    parameters: int
+
+    @property
+    def held(self) -> float:
+        """Mean squared held-out error."""
+
+    @property
+    def count(self) -> int:
+        """How many effects."""
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Which effects."""
+
+    @property
+    def price(self) -> float:
+        """The one price."""
+
+
+E = TypeVar("E", bound=Entry)
+
+
+def price(error: float, parameters: int, effects: int) -> float:
+    """Return the one price: ln(held-out mean square) and what parameters and effects cost."""
+    return float(np.log(max(error, 1e-300)) + PER_PARAMETER * parameters + PER_EFFECT * effects)
+
+
+def cheapest(rows: Sequence[E]) -> list[E]:
+    """Return the cheapest row of each set of effects, cheapest first."""
+    best: dict[tuple[str, ...], E] = {}
+    for row in sorted(rows, key=lambda r: (r.price, r.parameters)):
+        best.setdefault(tuple(sorted(row.ids)), row)
+    return list(best.values())
+
+
+def winner(rows: Sequence[E], base: E) -> E | None:
+    """Return the best hypothesis with a further effect, None where none is worth its price.
+
+    Fewer effects win where they remove most of what the best removes.
+    """
+    listed = [r for r in cheapest(rows) if r.count > base.count and r.price < base.price]
+    if not listed:
+        return None
+    rms = {id(r): float(np.sqrt(r.held)) for r in (base, *listed)}
+    most = rms[id(base)] - rms[id(listed[0])]
+    for count in sorted({r.count for r in listed}):
+        enough = [r for r in listed if r.count == count and rms[id(base)] - rms[id(r)] >= MOST * most]
+        if enough:
+            return enough[0]
+    return listed[0]
+
+
+def alike(rows: Sequence[E], best: E) -> list[E]:
+    """Return the hypotheses that these data cannot tell from the best, the best first.
+
+    As many effects or none more, at most one parameter more, and block by block an error within its standard error.
+    """
+    found = [best]
+    for row in cheapest(rows):
+        if set(row.ids) == set(best.ids) or row.count > best.count or row.parameters > best.parameters + 1:
+            continue
+        gap = np.log(np.maximum(row.blocks, 1e-300)) - np.log(np.maximum(best.blocks, 1e-300))
+        gap = gap[np.isfinite(gap)]
+        if gap.size and gap.mean() <= max(gap.std() / np.sqrt(gap.size), ALIKE) and np.isfinite(row.held):
+            found.append(row)
+    return found
+
+
+def verdict(found: bool, seen: bool, structure: float, share: float, left: float, names: int) -> str:
+    """Return one of the five verdicts.
+
+    Parameters
+    ----------
+    found : whether a hypothesis with an effect is worth its price
+    seen : whether the gate says that something is missing at all
+    structure : share of the base's error that follows from the signals
+    share : of the removable error, that the winner removes
+    left : share of the winner's error that still follows from the signals
+    names : how many hypotheses cannot be told apart
+    """
+    if not (found and seen):
+        return "outside_library" if structure > HELPS else "nothing_detectable"
+    if share < HELPS:
+        return "outside_library"
+    if left > LEFT and share < 1 - LEFT / 2:
+        return "helps_but_incomplete"
+    return "confused" if names > 1 else "named"

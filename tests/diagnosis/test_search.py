@@ -1,0 +1,79 @@
+"""One compiled frame holds every core: its points are the models, its fits find them; rates and integrating axes."""
+
+import numpy as np
+import pytest
+import truths
+
+import narx_sym as ns
+from narx_sym.diagnosis.table.frame import Frame
+from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
+from narx_sym.diagnosis.table.search import MOST, Search, slowest, working
+from narx_sym.fit.simulate import free_run
+from narx_sym.models.effects import EFFECTS
+from narx_sym.models.extend import Variant
+
+N, Ts = 1500, 0.01
+u = 2 * truths.excite(np.random.default_rng(5), "random", N, Ts, 1.5) + 1.0
+LARGEST = Core(2, 3)
+COULOMB = next(Variant(e, "inside", "y") for e in EFFECTS["coulomb_friction"] if e.form == "smooth")
+
+
+def lagged(v, a=0.9, b=0.1):
+    """Return a first-order lag of v."""
+    y = np.zeros(N)
+    for i in range(1, N):
+        y[i] = a * y[i - 1] + b * v[i - 1]
+    return y
+
+
+@pytest.fixture(scope="module")
+def linear():
+    record = ns.Record.from_arrays(u, lagged(u) + 3.0 + 0.01 * np.random.default_rng(1).standard_normal(N), Ts)
+    return record, ns.identify(record, base="linear", n_y=1, n_u=1, delay=1)
+
+
+@pytest.mark.parametrize("core", [Core(1, 1, 1), Core(2, 2, 0), Core(0, 2, 3)])
+def test_a_point_of_the_frame_is_the_model(linear, core):
+    record, base = linear
+    frame = Frame(base, LARGEST, [COULOMB], [record])
+    x = np.zeros(frame.size)
+    x[[0, 1][: core.n_y]] = [0.6, 0.2][: core.n_y]
+    x[2 : 2 + core.n_u], x[5], x[6], x[7] = [0.1, 0.05][: core.n_u], 0.02, -0.03, 0.01
+    frame.late(core.delay)
+    simulated = frame.run(x)[0] * frame.problem.spread
+    model = written(Hypothesis(core, (COULOMB,)), base).replace(theta=frame.theta(x, core))
+    # The first samples differ: the frame holds the input before the record starts.
+    late = simulated[-1000:] - (free_run(model, record) - record.y)[-1000:]
+    assert np.abs(late).max() < 1e-6
+
+
+def test_the_fit_reaches_the_truth_and_the_noise(linear):
+    record, base = linear
+    search = Search(base, [record])
+    best = min(search.bases([0, 1, 2]), key=lambda r: r.price)
+    assert (best.hypothesis.core.n_y, best.hypothesis.core.n_u, best.hypothesis.core.delay) == (1, 1, 1)
+    assert best.frame.theta(best.values, best.hypothesis.core)[:2] == pytest.approx([0.9, 0.1], abs=2e-3)
+    assert np.sqrt(best.held) * np.std(record.y) == pytest.approx(0.01, rel=0.1)
+    assert not search.integrating
+
+
+def test_an_integrating_axis_is_recognised_and_kept():
+    y = np.cumsum(lagged(u - 1.0, 0.8, 0.02))
+    record = ns.Record.from_arrays(u - 1.0, y + 1e-4 * np.random.default_rng(2).standard_normal(N), Ts)
+    base = ns.identify(record, base="linear", n_y=2, n_u=1, delay=1)
+    search = Search(base, [record])
+    best = min(search.bases([0, 1, 2]), key=lambda r: r.price)
+    assert search.integrating and best.hypothesis.core.integrating
+    assert slowest(best.values, best.hypothesis.core) == pytest.approx(1.0, abs=1e-9)
+    assert len(search.cut) == 12
+
+
+def test_the_working_rate_keeps_what_moves():
+    t = np.arange(40_000) * 1e-3
+    slow = ns.Record.from_arrays(np.sin(t), np.sin(t) + 0.1 * np.sin(3 * t), 1e-3)
+    (found,), factor = working([slow])
+    assert factor > 10 and 1200 <= len(found) <= MOST
+    assert found.Ts == pytest.approx(factor * 1e-3)
+    assert found.y[7] == pytest.approx(slow.y[7 * factor : 8 * factor].mean())
+    fast = ns.Record.from_arrays(u, np.random.default_rng(0).standard_normal(N), Ts)
+    assert working([fast])[1] == 1

@@ -1,0 +1,81 @@
+"""The verdict is a function of the table alone: prices, fewer effects first, and what cannot be told apart."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from narx_sym.diagnosis.table.verdict import (
+    PER_EFFECT,
+    PER_PARAMETER,
+    VERDICTS,
+    alike,
+    cheapest,
+    price,
+    verdict,
+    winner,
+)
+
+
+@dataclass
+class Entry:
+    ids: tuple
+    held: float
+    parameters: int = 3
+    wobble: float = 0.0
+    blocks: np.ndarray = field(init=False)
+
+    def __post_init__(self):
+        self.blocks = self.held * (1 + self.wobble * (-1.0) ** np.arange(12))
+
+    @property
+    def count(self):
+        return len(self.ids)
+
+    @property
+    def price(self):
+        return price(self.held, self.parameters, self.count)
+
+
+BASE = Entry((), 1.0)
+
+
+def test_the_price_of_parameters_and_effects():
+    assert price(1.0, 0, 0) == 0
+    assert price(0.5, 3, 1) == pytest.approx(np.log(0.5) + 3 * PER_PARAMETER + PER_EFFECT)
+
+
+def test_nothing_wins_that_is_not_worth_its_price():
+    assert winner([BASE, Entry(("a",), 0.72, 4)], BASE) is None
+    assert winner([BASE, Entry(("a",), 0.65, 4)], BASE).ids == ("a",)
+
+
+def test_fewer_effects_win_where_they_remove_nearly_all():
+    pair, single = Entry(("a", "b"), 0.01, 5), Entry(("a",), 0.02, 4)
+    assert winner([BASE, pair, single], BASE) is single
+    assert winner([BASE, pair, Entry(("a",), 0.2, 4)], BASE) is pair
+
+
+def test_the_same_effects_in_any_order_are_one():
+    rows = [Entry(("a", "b"), 0.02), Entry(("b", "a"), 0.01), Entry(("a",), 0.5)]
+    assert [r.ids for r in cheapest(rows)] == [("b", "a"), ("a",)]
+
+
+def test_what_cannot_be_told_apart():
+    best = Entry(("a",), 0.10)
+    near, far, rich = Entry(("b",), 0.105), Entry(("c",), 0.2), Entry(("d",), 0.101, 5)
+    uneven = Entry(("e",), 0.13, wobble=0.99)
+    assert [r.ids for r in alike([best, near, far, rich, uneven], best)] == [("a",), ("b",), ("e",)]
+
+
+def test_the_five_verdicts():
+    said = [
+        verdict(False, True, 0.0, 0.0, 0.0, 0),
+        verdict(True, True, 0.5, 0.95, 0.0, 1),
+        verdict(True, True, 0.5, 0.95, 0.0, 2),
+        verdict(True, True, 0.5, 0.7, 0.4, 1),
+        verdict(False, True, 0.6, 0.0, 0.0, 0),
+    ]
+    assert said == list(VERDICTS[:5])
+    assert verdict(True, True, 0.9, 0.2, 0.0, 1) == "outside_library"
+    assert verdict(True, False, 0.1, 0.9, 0.0, 1) == "nothing_detectable"
