@@ -74,3 +74,12 @@ def upper_stop_of_a_lag(x: Any, r: Any, tau: Any, Ts: Any) -> Form:
 def lower_stop_of_a_lag(x: Any, r: Any, tau: Any, Ts: Any) -> Form:
     """w[k] = Max(lag of x, -r)."""
     return limited_lag(x, tau, Ts, lambda free: sp.Max(free, -r))
+
+
+@behind_a_lag("end_stop", "of a first lag, spilling over", "Schoukens & Noel 2017 (cascaded tanks)")
+def spilling_lag(x: Any, r: Any, tau: Any, Ts: Any) -> Form:
+    """A first tank that overflows at r; a share c2 of what leaves it so reaches the next one at once."""
+    w, f = signal("w"), signal("f")
+    free = State(f[k], w[k - 1] + (x[k] - w[k - 1]) / (1 + tau / Ts), x[k])
+    spilled = sp.Max(f[k] - r, 0) * (1 + tau / Ts)  # as a flow, in the unit of x
+    return Form((w[k] - x[k], spilled), (free, State(w[k], sp.Min(f[k], r), x[k])))
