@@ -16,7 +16,7 @@ import sympy as sp
 
 import narx_sym as ns
 from narx_sym import plots
-from narx_sym.fit.bases.play import Shape
+from narx_sym.fit.bases.play import Shape, branch_after
 from narx_sym.inversion.plays import inverse_of
 
 rng = np.random.default_rng(3)
@@ -41,6 +41,15 @@ plots.plot_reversal_curves(model, record)
 curves = plots.reversal_curves(model)
 tops = np.array([run[-1] for _, run in curves])
 assert np.ptp(tops) < 1e-2 * np.ptp(stage)  # but for the lag
+
+# %% [markdown]
+# After any history the quasi-static branch is one expression, until the input turns again.
+
+# %%
+branch = branch_after(model, volts[:700])
+print("y =", sp.latex(branch))
+slow = np.concatenate([volts[:700], np.linspace(volts[699], 1.9, 500), np.full(60, 1.9)])
+assert abs(model.simulate(slow, warn=False)[-1] - branch.xreplace({ns.u[ns.k]: sp.Float(1.9)})) < 1e-9
 
 # %% [markdown]
 # ## The inverse of a sum of plays is a sum of plays

@@ -118,7 +118,8 @@ def simulated() -> None:
         model = ns.identify(record, base=base)
         print(base, model.info.nrmse)
         tracked(f"{base}, decaying sine", model, wave)
-        history = np.concatenate([turns(2000, 0.6 * size, 5), wave[:1200] * np.linspace(0, 1, 1200)])
+        fade = np.clip(np.minimum(np.arange(2000), np.arange(2000)[::-1]) / 150, 0, 1)  # from rest at zero and back
+        history = np.concatenate([turns(2000, 0.6 * size, 5) * fade, wave[:1200]])
         tracked(f"{base}, after random turns", model, history)
 
 

@@ -8,7 +8,7 @@ from places import SHARED, needs_shared
 import narx_sym as ns
 from narx_sym.errors import FitError, ModelError
 from narx_sym.fit.bases.choice import choose_base
-from narx_sym.fit.bases.play import Shape, identify_play
+from narx_sym.fit.bases.play import Shape, branch_after, identify_play
 from narx_sym.symbolic.signals import k, u
 
 N, TS = 900, 0.01
@@ -57,6 +57,17 @@ def test_it_is_saved_printed_and_derived(found, tmp_path):
     assert again.F == model.F and again.states == model.states and again.theta.tolist() == model.theta.tolist()
     assert r"\max" in model.latex() and "z4[k] = Max(" in "\n".join(model.lines())
     assert model.recursion.graph.delays(u)[ns.y] == 0 and model.states[0].left == ns.symbolic.signals.signal("z1")[k]
+
+
+def test_the_branch_after_a_history_is_where_a_slow_run_goes():
+    model = Shape((0.5, 1.1), (0.5,), 1).model({u: 0.2, ns.y: -3.0}, [0.6, 1.0, 0.8, 0.4, 0.1, -0.2])
+    history = U[:500]
+    curve = sp.lambdify(u[k], branch_after(model, history))
+    for end in (history[-1] + 1.7, history[-1] - 0.9):
+        slow = np.concatenate([history, np.linspace(history[-1], end, 300), np.full(60, end)])
+        assert model.simulate(slow, 0.0, warn=False)[-1] == pytest.approx(float(curve(end)), abs=1e-11)
+    with pytest.raises(ModelError, match="only memory is plays"):
+        branch_after(ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0]), history)
 
 
 def test_refusals(found):

@@ -23,7 +23,8 @@ from ...models.extend import without
 from ...models.info import Selection
 from ...models.model import Model
 from ...symbolic.recursion import Recursion, State
-from ...symbolic.signals import k, signal, u, v, y
+from ...symbolic.sensitivity import derivative
+from ...symbolic.signals import k, samples, signal, u, v, y
 from ..freerun import FreeRun
 from ..least_squares import describe
 from ..simulate import segments
@@ -36,6 +37,7 @@ LEAST, SLOWEST = 0.01, 0.999  # poles
 EVEN = 0.03  # the ridge that keeps the first weights even, of the input's own column
 NOTHING = 1e-4  # of all weights: a play below it is left out
 STEPS = 60
+SETTLES = 1e-9  # of the slope of the output over its own past from one
 
 
 @dataclass(frozen=True)
@@ -181,3 +183,48 @@ def _fitted(guess: Guess, parts: Sequence[Record], origin: Mapping[Any, float]) 
     made = without(made, gone) if len(gone) < n - 1 else made
     made = made.replace(standard_errors=[errors[s] for s in made.symbols])
     return describe(made, list(parts), "free_run", bool(found.status > 0))
+
+
+def branch_after(model: Model, history: Any) -> Any:
+    """Return the quasi-static output after a history, an expression in u[k] and numbers, in the user's units.
+
+    A play that u moves one way from a turn, however far, ends where one step takes it: Max(u - r, Min(u + r, z)) with z
+    as it was at the turn. So one expression is the branch to either side, until the input turns again.
+
+    Parameters
+    ----------
+    history : (N,) array [unit of u]
+        The input until the turn; the plays rest at its first sample before.
+
+    Raises
+    ------
+    ModelError
+        For a model that remembers otherwise than by plays of its input, or whose output does not settle.
+    """
+    own = {left.base: right for left, right in model.recursion.updates}
+    memory = {s.left.base: own[s.left.base] for s in model.memory}
+    if not memory or model.recurrent != model.memory or not all(_is_play(e, b) for b, e in memory.items()):
+        raise ModelError("Branches after a history are derived for models whose only memory is plays of the input.")
+    source = np.asarray(history, dtype=float)
+    plays = Recursion(tuple((base[k], right) for base, right in memory.items()))
+    first = {b: float(model.starts[b].xreplace({u[k]: sp.Float(source[0])})) for b in memory}
+    run = compile(plays)({"u": source}, [], first, start=1)
+    still = sp.Dummy("y", real=True)
+    known: dict[Any, Any] = {model.output: still, u: u[k]} | {b: own[b] for b in own if b != model.output}
+    known |= {b: e.xreplace({b[k - 1]: sp.Float(run[str(b.label)][-1])}) for b, e in memory.items()}
+    rest = own[model.output].xreplace(model.values)
+    while open_ := [s for s in samples(rest) if s != u[k]]:
+        rest = rest.xreplace({s: sp.sympify(known[s.base]).xreplace(model.values) for s in open_})
+    slope = derivative(rest, still)
+    if slope.has(still) or abs(float(slope) - 1) < SETTLES:
+        raise ModelError("The output of this model does not settle on a curve over its input.")
+    return rest.xreplace({still: sp.S.Zero}) / (1 - slope)
+
+
+def _is_play(update: Any, base: Any) -> bool:
+    """Whether an update is Max(u - r, Min(u + r, its own past)), with numbers for what is beside u."""
+    inner = next((e for e in update.args if isinstance(e, sp.Min)), None) if isinstance(update, sp.Max) else None
+    if inner is None or len(update.args) != 2 or len(inner.args) != 2 or base[k - 1] not in inner.args:
+        return False
+    ends = [e for e in (*update.args, *inner.args) if e not in (inner, base[k - 1])]
+    return all((e - u[k]).is_number for e in ends)
