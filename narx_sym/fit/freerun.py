@@ -267,7 +267,9 @@ class FreeRun:
 
     def errors(self, found: Any) -> Array:
         """Return the standard errors of the parameters at a minimum, under white noise; NaN where undetermined."""
-        R = qr(found.jac, mode="economic")[1]
+        # A start that moves nothing, as of a play that the input soon takes along, leaves the others determined.
+        moves = np.any(found.jac != 0, axis=0) | (np.arange(found.x.size) < self.free)
+        R = qr(found.jac[:, moves], mode="economic")[1]
         freedom = max(1, found.fun.size - found.x.size)
         Z = self.elimination.Z
         try:

@@ -163,7 +163,7 @@ def extended(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[A
     """Fit with the residuals of the round before as regressors, a moving average of the noise: extended least squares.
 
     Noise that enters after the dynamics biases `one_step`: it stands in the regressors y[k-1] too. Its own terms take
-    it up and are left out of the model (Young 1968; Billings & Voon 1984; used by Abreu et al. 2021).
+    it up and are left out of the model (Young 1968; Billings & Voon 1984; Tavares, Abreu & Aguirre 2020).
 
     Returns
     -------

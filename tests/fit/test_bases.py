@@ -48,6 +48,7 @@ def test_a_play_base_follows_a_stage_of_plays(found):
     assert model.info.nrmse.free_run < 0.02 < 0.1 * np.std(record.y - line) / np.std(record.y)
     assert all(value >= 0 for s, value in model.values.items() if str(s).startswith("p_"))
     assert "smallest delay" in model.info.selection.reason and model.delay == 0
+    assert np.all(np.isfinite(model.standard_errors))  # though the start of a narrow play moves nothing
 
 
 def test_it_is_saved_printed_and_derived(found, tmp_path):

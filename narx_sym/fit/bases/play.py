@@ -101,7 +101,8 @@ def identify_play(
     parts = segments(records)
     half = float(np.ptp(np.concatenate([p.u for p in parts]))) / 2
     radii = [float(f"{half * i / (plays + 1):.6g}") for i in range(1, plays + 1)]
-    guesses = [_guess(parts, origin, radii, a, d) for d in delays for a in LAGS]
+    along = _plays_along(parts, origin, radii)
+    guesses = [_guess(parts, origin, along, radii, a, d) for d in delays for a in LAGS]
     close = [g for g in guesses if g.error <= SAME * min(g.error for g in guesses)]
     guess = min(close, key=lambda g: (g.shape.delay, g.error))
     model = _fitted(guess, parts, origin)
@@ -120,13 +121,15 @@ class Guess:
     error: float
 
 
-def _guess(parts: Sequence[Record], origin: Mapping[Any, float], radii: Sequence[float], a: float, delay: int) -> Guess:
+def _guess(
+    parts: Sequence[Record], origin: Mapping[Any, float], along: Sequence[Array], radii: Sequence[float], a: float,
+    delay: int,
+) -> Guess:  # fmt: skip
     """Guess the weights for a given lag and a straight curve, by non-negative least squares.
 
     One loop does not tell neighbouring radii apart: of all weights that explain it the even ones are taken (a ridge).
     """
     known = [_known_from(p.u) for p in parts]
-    along = _plays_along(parts, origin, radii)
     columns = np.vstack([_lagged(P, a, delay)[i:] for P, i in zip(along, known, strict=True)])
     target = np.concatenate([p.y[i:] for p, i in zip(parts, known, strict=True)]) - origin.get(y, 0.0)
     one, n = np.ones((target.size, 1)), columns.shape[1]
