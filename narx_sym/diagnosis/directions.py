@@ -29,7 +29,7 @@ from ..symbolic.signals import k, samples, sensed, signal
 Array = np.ndarray
 PUSH = "injected sequence"  # no column may be called so: a name of two words is no symbol of a model
 CYCLES = 8  # of a periodic disturbance at least: fewer are a wander
-BELOW, RATIOS = 4.0, 3.0  # how far a shape parameter may leave its grid downwards, and how large a ratio may be
+BELOW = 4.0  # how far a shape parameter may leave its grid downwards
 PADDING, LINE = 4, 6.0  # zero padding of spectra; a line is this many times (and the log of their number) above noise
 
 
@@ -198,7 +198,9 @@ class Linearised:
             scan = variant.effect.scan[name]
             grid, _ = self.scale(scan, variant)
             if grid:
-                found[name] = (-RATIOS, RATIOS) if scan.of == "ratio" else (min(grid) / BELOW, max(grid) * scan.beyond)
+                found[name] = (
+                    (min(grid), max(grid)) if scan.of == "ratio" else (min(grid) / BELOW, max(grid) * scan.beyond)
+                )
         return found
 
     def _peaks(self, count: int) -> tuple[list[float], float]:

@@ -198,7 +198,7 @@ def diagnose(
         steps: list[Step] = []
         known, loop = table.base, closed_loop(listed)
         if loop is not None:
-            steps.append(looped(table.own(known), loop))
+            steps.append(looped(table.own(known), loop, listed))
         while loop is None and len(known.hypothesis.effects) < max_effects:
             made, known = step(table, known, max_effects - len(known.hypothesis.effects))
             steps.append(made)

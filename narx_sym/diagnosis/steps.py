@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..data.evidence.feedback import Feedback
+from ..data.evidence.feedback import Feedback, setpoint
+from ..data.evidence.stiction import Sticking, percent, sticking
+from ..data.record import Record
 from ..models.extend import newer
 from ..models.model import NARX
 from ..symbolic import printing
@@ -40,6 +42,8 @@ class Step:
         Two effects that only together explain the error, where there are.
     loop : Feedback
         Where the input answers the output: then nothing is named.
+    valves : list of Sticking
+        Of each record with a setpoint: whether the valve of the loop sticks.
     """
 
     base: Fitted
@@ -56,6 +60,7 @@ class Step:
     withdrawn: list[str] = field(default_factory=list)
     pair: Pair | None = None
     loop: Feedback | None = None
+    valves: list[Sticking] = field(default_factory=list)
 
     @property
     def added(self) -> list[str]:
@@ -82,7 +87,8 @@ class Step:
             shown = ", ".join(f"{name} above {size:.2g}{unit}" for name, size in seen[:3])
             return f"Nothing is missing that these data can show. {sizes}; seen would have been {shown} rms."
         if self.loop is not None:
-            return f"{self.loop.sentence}. {sizes}."
+            said = [f"{v.record.name}: {v.sentence}." for v in self.valves]
+            return " ".join([*said, f"{self.loop.sentence}. {sizes}."])
         sizes += f"; the noise floor is about {self.floor:.3g}{unit}"
         if self.verdict == "outside_library":
             return (
@@ -137,6 +143,10 @@ class Step:
             "absorbed_by_a_refit": self.absorbed,
             "where_it_fails": [],
             "withdrawn": self.withdrawn,
+            "valves": [
+                {"record": v.record.name, "sticks": v.found, "band": v.band, "jump": v.jump, "sentence": v.sentence}
+                for v in self.valves
+            ],
             "together": self.pair and {"effects": list(self.pair.effects), "share": self.pair.share},
             "experiment": self.experiment and {
                 "separates": list(self.experiment.separates), "file": experiment_file,
@@ -145,10 +155,11 @@ class Step:
         }  # fmt: skip
 
 
-def looped(base: Fitted, loop: Feedback) -> Step:
+def looped(base: Fitted, loop: Feedback, records: Sequence[Record]) -> Step:
     """Return what is said where the input answers the output."""
+    valves = [sticking(r) for r in records if setpoint(r) is not None and percent(r)]
     error = float(np.sqrt(base.mean_square(base.split.held)))
-    return Step(base, "closed_loop", [], [], error, "not estimated", 1.0, {}, [], loop=loop)
+    return Step(base, "closed_loop", [], [], error, "not estimated", 1.0, {}, [], loop=loop, valves=valves)
 
 
 def step(table: Table, known: Row, room: int = 1) -> tuple[Step, Row]:

@@ -99,6 +99,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if first.verdict == "outside_library":
         return "Something is missing that the catalogue does not know."
     if first.verdict == "closed_loop":
+        if first.valves:
+            return f"The valve {'sticks' if any(v.found for v in first.valves) else 'does not stick'}."
         return "This record was taken in closed loop: nothing is named."
     if first.pair is not None:
         return f"Two effects are probably missing: {' and '.join(map(spaced, first.pair.effects))}."

@@ -1,6 +1,6 @@
 """What a record says before any model, against simulated plants: dead times, feedback, noise.
 
-    python tests/bench/evidence.py dead_time|feedback [--seed 0] [--plants 25]
+    python tests/bench/evidence.py dead_time|feedback|valves [--seed 0] [--plants 25]
 
 Plants of first and second order and resonant ones, with time constants of 1 to 30 samples; noise of 1 % on the output.
 Nothing here comes from the package but what is asked.
@@ -19,6 +19,7 @@ from scipy.signal import lfilter
 
 from narx_sym.data.evidence.dead_time import dead_time
 from narx_sym.data.evidence.feedback import feedback
+from narx_sym.data.evidence.stiction import sticking
 from narx_sym.data.record import Record
 
 Array = np.ndarray
@@ -135,7 +136,59 @@ def loops(seed: int, plants: int) -> None:
         print(f"| {name} | {count} |")
 
 
-PARTS: dict[str, Callable[[int, int], Any]] = {"dead_time": dead_times, "feedback": loops}
+def valve_loop(rng: np.random.Generator, stiction: float, jump: float, n: int = 800) -> Record:
+    """Return a loop around a valve that sticks (Choudhury et al. 2005: S and J, in % of span); OP and PV in %.
+
+    Flow loops and levels under PI control, with setpoint steps and a load that wanders.
+    """
+    level = rng.random() < 0.4
+    slow, gain = np.exp(-1 / np.exp(rng.uniform(0.5, 2.5))), rng.uniform(0.7, 1.5)
+    dead, reset = int(rng.integers(1, 3)), rng.uniform(10, 40)
+    proportional = rng.uniform(0.3, 0.8) * (4.0 if level else 0.5)
+    wanted = 50 + np.repeat(rng.uniform(-6, 6, n // 200 + 1), 200)[:n]
+    load = lfilter([0.02], [1, -0.99], rng.standard_normal(n)) * (2.0 if level else 5.0)
+    noise = rng.choice([0.05, 0.2])
+    u, y, x = np.full(n, 50.0), np.full(n, 50.0), np.full(n, 50.0)
+    state, total, moving, last = 0.0, 0.0, 0.0, 50.0
+    for k in range(1, n):
+        drive = x[k - dead] - 50 + load[k] if k >= dead else 0.0
+        state = state + 0.02 * gain * drive if level else slow * state + (1 - slow) * gain * drive
+        y[k] = 50 + state + noise * rng.standard_normal()
+        error = wanted[k] - y[k]
+        total += error / (4 * reset if level else reset)
+        u[k] = np.clip(50 + proportional * (error + total), 0, 100)
+        x[k] = x[k - 1]
+        step = u[k] - last
+        if moving and step * moving >= 0:
+            x[k] = u[k] - moving * (stiction - jump) / 2
+        elif abs(u[k] - x[k - 1]) > (stiction + jump) / 2:  # it breaks away
+            moving = float(np.sign(u[k] - x[k - 1]))
+            x[k] = u[k] - moving * (stiction - jump) / 2
+        else:
+            moving = 0.0
+        last = u[k]
+    return Record.from_arrays(u, y, Ts=10.0, channels={"setpoint": wanted})
+
+
+def valves(seed: int, plants: int) -> None:
+    """Count the valves that are judged rightly: in order (band below 0.5 % of span), or sticking (2 to 6 %)."""
+    rng = np.random.default_rng(seed)
+    right: Counter[bool] = Counter()
+    for i in range(plants):
+        bad = bool(i % 2)
+        stiction = rng.uniform(2, 6) if bad else rng.uniform(0, 0.5)
+        record = valve_loop(rng, stiction, rng.uniform(0, 1) * stiction)
+        found = sticking(record)
+        right[bad] += found.found == bad
+        if found.found != bad:
+            print(f"S = {stiction:.2f} %: {found.sentence}", flush=True)
+    good, bad_ones = plants - plants // 2, plants // 2
+    print(f"| in order | {right[False]} of {good} |")
+    print(f"| sticking | {right[True]} of {bad_ones} |")
+    print(f"| balanced accuracy | {(right[False] / good + right[True] / bad_ones) / 2:.2f} |")
+
+
+PARTS: dict[str, Callable[[int, int], Any]] = {"dead_time": dead_times, "feedback": loops, "valves": valves}
 
 
 def main() -> int:

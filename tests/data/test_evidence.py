@@ -7,7 +7,9 @@ import pytest
 import narx_sym as ns
 from narx_sym.data.evidence.dead_time import dead_time
 from narx_sym.data.evidence.feedback import feedback
+from narx_sym.data.evidence.stiction import held, sticking
 from narx_sym.diagnosis.procedure import diagnose
+from narx_sym.errors import DataError
 from narx_sym.fit.identify import identify
 
 
@@ -39,6 +41,35 @@ def test_nothing_is_named_in_closed_loop():
     found = diagnose(identify(record, base="linear", n_y=1, n_u=1, delay=1, lags={"setpoint": []}), record)
     assert found.verdict == "closed_loop" and not found.candidates and "closed loop" in found.sentence()
     assert "closed_loop" in str(found.to_dict()) and found.model is found.steps[0].base.model
+
+
+def test_valves_that_stick_and_valves_in_order():
+    rng = np.random.default_rng(7)
+    judged = [(S, sticking(evidence.valve_loop(rng, S, 0.5 * S, 500))) for S in (5.0, 0.1, 4.0, 0.2)]
+    assert sum(found.found == (S > 1) for S, found in judged) >= 3
+    for _, found in judged:
+        assert ("The valve sticks" in found.sentence) == found.found and found.band >= found.found
+
+
+def test_the_output_of_a_controller_has_a_span():
+    record = ns.Record.from_arrays([-60.0, 1.0, 2.0], [0.0, 1.0, 2.0], Ts=1.0)
+    with pytest.raises(DataError, match="span"):
+        sticking(record)
+
+
+@pytest.mark.long
+def test_four_of_five_valves_are_judged_rightly():
+    rng, right = np.random.default_rng(7), []
+    for i in range(40):
+        S = rng.uniform(2, 6) if i % 2 else rng.uniform(0, 0.5)
+        right.append(sticking(evidence.valve_loop(rng, S, rng.uniform(0, 1) * S)).found == bool(i % 2))
+    assert (np.mean(right[::2]) + np.mean(right[1::2])) / 2 >= 0.8
+
+
+def test_a_valve_holds_and_jumps():
+    op = np.array([0.0, 1.0, 2.0, 3.0, 2.5, 1.0, 0.0])
+    assert held(op, 1.5, 0.5, 0.0).tolist() == [0.0, 0.0, 1.5, 1.5, 1.5, 1.5, 1.5]
+    assert held(op, 1.0, 1.0, 0.0).tolist() == [0.0, 0.0, 1.0, 2.0, 2.0, 2.0, 1.0]
 
 
 def test_every_base_takes_a_long_dead_time():

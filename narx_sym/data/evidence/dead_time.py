@@ -82,7 +82,7 @@ def dead_time(records: Sequence[Record]) -> DeadTime:
     candidates = _candidates(pairs, most)
     most = max(candidates)
     pairs = [_busiest(u, y, max(LONG, TIMES * most)) for u, y in pairs]
-    rough = {d: min(_output_error(pairs, o, d, most) for o in ROUGH) for d in candidates}
+    rough = {d: min(output_error(pairs, o, d, most) for o in ROUGH) for d in candidates}
     order = sorted(rough, key=lambda d: (rough[d], d))
     # Far from being needed at the first look: then only the short ones are looked at again.
     far = min(one.error for one in rough.values()) > DOUBTFUL * min(rough[d].error for d in rough if d < PLAIN)
@@ -90,7 +90,7 @@ def dead_time(records: Sequence[Record]) -> DeadTime:
     scored: dict[int, Look] = {}
     while seen - set(scored):
         for d in seen - set(scored):
-            scored[d] = min(_output_error(pairs, o, d, most, POLISHED) for o in ORDERS)
+            scored[d] = min(output_error(pairs, o, d, most, POLISHED) for o in ORDERS)
         best = min(scored, key=lambda d: (scored[d].bic, d))
         seen |= set() if far else {d for d in range(best - 2, best + 3) if 0 <= d <= most}
     plain = [d for d in scored if d < PLAIN]
@@ -139,7 +139,7 @@ def _prewhitened(u: Array, y: Array) -> tuple[Array, Array]:
     return lfilter(a, 1, u)[lags:], lfilter(a, 1, y)[lags:]
 
 
-def _output_error(pairs: Pairs, order: tuple[int, int], d: int, most: int, polished: int = 0) -> Look:
+def output_error(pairs: Pairs, order: tuple[int, int], d: int, most: int, polished: int = 0) -> Look:
     """Return the free run of the best model found with these orders."""
     (a, b), denominator, count = order, np.array([1.0]), sum(u.size - most for u, _ in pairs)
     for _ in range(TURNS if a else 1):

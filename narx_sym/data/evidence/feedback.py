@@ -40,18 +40,26 @@ class Feedback:
         Share of the input's movement that its own past (and the setpoint) does not predict.
     left : float
         Share of that which stays when the output is known too.
+    given : bool
+        Whether the setpoint is recorded, so that the loop is known.
     """
 
     found: bool
     fresh: float
     left: float
+    given: bool = False
 
     @property
     def sentence(self) -> str:
         """What to know, and what to record instead."""
+        why = f": the output explains {100 * (1 - self.left):.0f} % of what is new in the input" if self.found else ""
+        if self.given:
+            return (
+                f"This record was taken in closed loop, as its setpoint says{why}. What seems to be missing may be the "
+                "controller's, so no effect is named"
+            )
         return (
-            "This record was taken in closed loop: the output explains "
-            f"{100 * (1 - self.left):.0f} % of what is new in the input. Disturbances reach the input through the "
+            f"This record was taken in closed loop{why}. Disturbances reach the input through the "
             "controller, so that what seems to be missing may be the controller's. Record again with the controller "
             "in manual and steps or a slow triangle as its output, or give the setpoint (--channels setpoint)"
         )
@@ -71,7 +79,7 @@ def feedback(record: Record) -> Feedback:
     target = du[rows]
     moved = _size(target)
     if rows.size < FEWEST or moved == 0 or not np.any(dy[rows]):
-        return Feedback(False, 0.0, 1.0)
+        return Feedback(False, 0.0, 1.0, r is not None)
     own = [u[rows - 1], *(du[rows - i] for i in range(1, OWN))]
     if r is not None:
         dr = np.diff(r, prepend=r[0])
@@ -87,12 +95,12 @@ def feedback(record: Record) -> Feedback:
     # slow_u u = slow_y y at rest; of a plant that is its gain, and at least about what `first` says.
     ordered = slow_u * first >= ORDER * slow_y if slow_y > 0 else slow_u * first <= ORDER * slow_y
     found = fresh > FRESH and left < LEFT and (r is not None or not ordered or first * line < 0)
-    return Feedback(bool(found), float(fresh), float(min(left, 1.0)))
+    return Feedback(bool(found), float(fresh), float(min(left, 1.0)), r is not None)
 
 
 def closed_loop(records: Sequence[Record]) -> Feedback | None:
-    """Return the clearest feedback in some records, or None."""
-    found = [one for one in map(feedback, records) if one.found]
+    """Return the clearest feedback in some records, or None; a record with a setpoint is in a loop anyway."""
+    found = [one for one in map(feedback, records) if one.found or one.given]
     return min(found, key=lambda one: one.left, default=None)
 
 

@@ -9,6 +9,7 @@ from .law import plot_internal
 from .run import plot_comparison, plot_compensation, plot_reversal_curves, reversal_curves
 from .sets import orientation, plot_quasi_static
 from .style import BLACK, BLUE, GREEN, ORANGE, PINK, RED, SKY, YELLOW, label, new_axes, thin
+from .valve import plot_valve
 
 __all__ = [
     "BLACK",
@@ -31,6 +32,7 @@ __all__ = [
     "plot_ladder",
     "plot_quasi_static",
     "plot_reversal_curves",
+    "plot_valve",
     "reach",
     "reversal_curves",
     "thin",

@@ -11,10 +11,13 @@ import numpy as np
 from ...errors import NarxError
 from ...files.atomic import write_figure
 from .style import BLACK, BLUE, ORANGE, SKY, label, new_axes
+from .valve import plot_valve
 
 
 def plot_diagnosis(diagnosis: Any, path: str | Path | None = None, units: dict[str, str] | None = None) -> Any:
     """Draw the candidates and the error ladder of a diagnosis side by side."""
+    if diagnosis.steps[0].valves:
+        return plot_valve(diagnosis.steps[0].valves[0], path, units)
     if not diagnosis.candidates:
         return plot_ladder(diagnosis, path, units)
     figure, _ = new_axes(figsize=(12.5, _height(diagnosis)))
