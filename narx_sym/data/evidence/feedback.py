@@ -5,9 +5,12 @@ controller (Soederstroem & Stoica 1989, chapter 10): a healthy valve looks like 
 part of the input that its own past does not predict (and the setpoint, where it is recorded). In the open loop the
 output can only follow it; a controller makes it from the output (Granger 1969, with the same sample included).
 
-A plant that passes its input on at once also links both at the same sample. There the fast and the slow relation agree
-in sign and lie in order: the level of y belongs to a level of u. Integral action breaks that: no level of y but one
-goes with a constant u, and the fast reaction opposes the slow gain.
+A plant that passes its input on at once (a damper, whose force follows the speed) also links both at the same sample.
+Without a setpoint it is told from a controller by the form of the relation: the step of a controller's output follows
+from the last outputs alone, most of it from their change; a plant read backwards needs the input's past as well, or
+takes the level of y as much as its change, or has both in the order of a plant: what passes at once is part of what
+passes in the end. A plant that forgets its input (y = du) with a slow pole is a controller read backwards; nothing but
+the setpoint tells them apart.
 """
 
 from __future__ import annotations
@@ -26,6 +29,8 @@ OWN, TURNS = 8, 8  # lags of the input; rounds of the robust fit
 FRESH = 0.03  # of the input's movement: less than that is new, and there is nothing to explain
 LEFT = 0.65  # share of what is new in the input that the output leaves unexplained, under feedback at most
 ORDER = 0.5  # slow over fast relation of a plant without dead time at least
+INTEGRAL = 0.7  # integral over proportional action within one sample, at most; a damper read backwards has 1
+NEEDLESS = 2.0  # error without over with the input's own past: a controller in velocity form does not need it
 FEWEST = 100  # samples
 
 
@@ -89,12 +94,17 @@ def feedback(record: Record) -> Feedback:
     both, slopes = _robust([*own, *told], target)
     fresh = _size(alone) / moved
     left = _size(both) / (_size(alone) or 1.0)
+    # In velocity form: reading a plant backwards takes the input's past, and as much of y's level as of its change.
+    velocity, _ = _robust(told, target)
     slow_u, slow_y, fast = -slopes[0], slopes[len(own)], slopes[len(own) + 1 :]
     first = fast[np.argmax(np.abs(fast))]
+    integral = abs(slow_y) < INTEGRAL * abs(first)
+    needless = _size(velocity) < NEEDLESS * _size(both)
     line = float(np.polyfit(u - u.mean(), y, 1)[0])
     # slow_u u = slow_y y at rest; of a plant that is its gain, and at least about what `first` says.
     ordered = slow_u * first >= ORDER * slow_y if slow_y > 0 else slow_u * first <= ORDER * slow_y
-    found = fresh > FRESH and left < LEFT and (r is not None or not ordered or first * line < 0)
+    answers = integral and needless and (not ordered or first * line < 0)
+    found = fresh > FRESH and left < LEFT and (r is not None or answers)
     return Feedback(bool(found), float(fresh), float(min(left, 1.0)), r is not None)
 
 
