@@ -28,6 +28,7 @@ SETPOINTS = ("setpoint", "sp", "SP", "reference")  # names of a channel that is 
 OWN, TURNS = 8, 8  # lags of the input; rounds of the robust fit
 FRESH = 0.03  # of the input's movement: less than that is new, and there is nothing to explain
 LEFT = 0.65  # share of what is new in the input that the output leaves unexplained, under feedback at most
+SURE = 0.35  # the same without a setpoint: a controller has no noise of its own, a bent plant leaves more
 ORDER = 0.5  # slow over fast relation of a plant without dead time at least
 INTEGRAL = 0.7  # integral over proportional action within one sample, at most; a damper read backwards has 1
 NEEDLESS = 2.0  # error without over with the input's own past: a controller in velocity form does not need it
@@ -103,7 +104,7 @@ def feedback(record: Record) -> Feedback:
     line = float(np.polyfit(u - u.mean(), y, 1)[0])
     # slow_u u = slow_y y at rest; of a plant that is its gain, and at least about what `first` says.
     ordered = slow_u * first >= ORDER * slow_y if slow_y > 0 else slow_u * first <= ORDER * slow_y
-    answers = integral and needless and (not ordered or first * line < 0)
+    answers = left < SURE and integral and needless and (not ordered or first * line < 0)
     found = fresh > FRESH and left < LEFT and (r is not None or answers)
     return Feedback(bool(found), float(fresh), float(min(left, 1.0)), r is not None)
 
