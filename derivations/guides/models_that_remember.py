@@ -8,7 +8,7 @@
 # $$v[k] = p_0 u[k] + \sum_j p_j z_j[k], \qquad y[k] = a\,y[k-1] + (1 - a)\,\mathrm{curve}(v[k-d])$$
 #
 # (Prandtl, Ishlinskii; the curve is a broken line, Kuhnen 2003). It is a recursion like every other, so everything
-# derived for models is there for it.
+# derived for models is there for it. `--creep` lets a share of $v$ come late.
 
 # %%
 import numpy as np

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 def diagnose(
     data: DataFiles,
-    base: Annotated[str, typer.Option(help="narx, linear, static, play, bouc-wen, auto, or a model file.")] = "linear",
+    base: Annotated[str, typer.Option(help="narx, linear, static, bouc-wen, auto, or a model file.")] = "linear",
     delay: Annotated[
         int | None, typer.Option(min=0, max=10_000, help="Dead time in samples; found by default.")
     ] = None,

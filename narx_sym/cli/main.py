@@ -56,6 +56,7 @@ def fit(
     degree: Annotated[int, typer.Option(min=1, max=6, help="Degree of the products.")] = 3,
     delay: Annotated[int | None, typer.Option(min=0, max=200, help="Pure delay in samples.")] = None,
     for_compensation: Annotated[bool, typer.Option("--for-compensation", help="Keep the model invertible.")] = False,
+    creep: Annotated[bool, typer.Option("--creep", help="With --base play: a share of the motion comes late.")] = False,
     method: Annotated[str, typer.Option(help="auto, one_step, free_run or els.")] = "auto",
     u: Input = "u",
     y: Output = "y",
@@ -77,7 +78,7 @@ def fit(
     with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
         model = identify(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
-            method=method,
+            method=method, creep=creep,
         )  # fmt: skip
         pairs = [(r.name, evaluate(model, r)) for r in measured]
     save(model, out)

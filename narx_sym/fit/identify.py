@@ -118,6 +118,7 @@ def identify(
     method: str = "auto",
     point: Mapping[Any, float] | str = "auto",
     plays: int = PLAYS,
+    creep: bool = False,
 ) -> Model:
     """Identify a model.
 
@@ -148,6 +149,8 @@ def identify(
         The operating point; {} measures the signals from zero.
     plays : int
         How many of them the play base has.
+    creep : bool
+        Whether a share of what they give comes late.
 
     Returns
     -------
@@ -162,7 +165,7 @@ def identify(
     if base == "auto":
         options: dict[str, Any] = {
             "n_y": n_y, "n_u": n_u, "degree": degree, "delay": delay, "for_compensation": for_compensation,
-            "rate_independent": rate_independent, "method": method, "point": point, "plays": plays,
+            "rate_independent": rate_independent, "method": method, "point": point, "plays": plays, "creep": creep,
         }  # fmt: skip
         return choose_base(listed, lambda name, some: identify(some, base=name, **options))
     delays = _delays(base, listed) if delay is None else (delay,)
@@ -188,7 +191,7 @@ def identify(
     if base == "linear":
         return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)
     if base in ("play", "bouc-wen"):
-        return _remembering(base, listed, origin, delays, plays, own)
+        return _remembering(base, listed, origin, delays, plays, creep, own)
     return _static(listed, origin, degree, delays[0], own, method, for_compensation)
 
 
@@ -206,13 +209,14 @@ def _own_channels(base: str, records: list[Record], lags: Mapping[str, Any] | No
 
 
 def _remembering(
-    base: str, records: list[Record], origin: Mapping[Any, float], delays: Sequence[int], plays: int, own: Any
-) -> Model:
+    base: str, records: list[Record], origin: Mapping[Any, float], delays: Sequence[int], plays: int, creep: bool,
+    own: Any,
+) -> Model:  # fmt: skip
     """Identify a base that remembers where the input turned."""
     if own:
         raise ModelError(f"The {base} base has one input; the channel {next(iter(own))!r} cannot take part.")
     if base == "play":
-        return judged(identify_play(records, origin, delays, plays))
+        return judged(identify_play(records, origin, delays, plays, creep))
     return judged(identify_bouc_wen(records, origin, delays))
 
 

@@ -71,6 +71,18 @@ def test_the_branch_after_a_history_is_where_a_slow_run_goes():
         branch_after(ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0]), history)
 
 
+def test_creep_is_found_and_inverted(tmp_path):
+    truth = Shape((0.4, 0.9), (), 0, creep=True).model({}, [0.5, 1.0, 0.6, 0.4, 0.0, 0.1, 0.99])
+    record = ns.Record.from_arrays(U, truth.simulate(U, U[0], warn=False) + 0.001 * RNG.standard_normal(N), Ts=TS)
+    model = ns.identify(record, base="play", delay=0, plays=3, creep=True)
+    assert model.values[sp.Symbol("g", real=True)] == pytest.approx(0.1, abs=0.03)
+    assert model.values[sp.Symbol("b", real=True)] == pytest.approx(0.99, abs=0.01)
+    model.save(tmp_path / "m.json")
+    law, wave = ns.load(tmp_path / "m.json").compensator(), np.sin(np.arange(300) / 30)
+    assert [s.how for s in law.staged.stages][1:] == ["linear", "plays"]
+    assert np.abs(model.simulate(law.run(wave, 0.0), 0.0, u0=0.0, warn=False) - wave).max() < 1e-12
+
+
 def test_refusals(found):
     record, _ = found
     with pytest.raises(FitError, match="falls where the input rises"):

@@ -37,6 +37,7 @@ LEAST, SLOWEST = 0.01, 0.999  # poles
 EVEN = 0.03  # the ridge that keeps the first weights even, of the input's own column
 NOTHING = 1e-4  # of all weights: a play below it is left out
 STEPS = 60
+SHARE, CREEPS, SLOW = 0.02, 10, 0.9  # creep at the start of the fit: its share, lags in a record; least pole
 SETTLES = 1e-9  # of the slope of the output over its own past from one
 
 
@@ -47,20 +48,29 @@ class Shape:
     radii: tuple[float, ...]
     knots: tuple[float, ...]
     delay: int
+    creep: bool = False
 
     def model(self, origin: Mapping[Any, float], theta: Sequence[float] | None = None) -> Model:
-        """Return the model; its parameters are a, p_0 ... p_n, c_0 ... c_m."""
+        """Return the model; its parameters are a, p_0 ... p_n, c_0 ... c_m, and g and b of the creep."""
         a = sp.Symbol("a", real=True)
         p = sp.symbols(f"p_0:{len(self.radii) + 1}", real=True)
         c = sp.symbols(f"c_0:{len(self.knots) + 1}", real=True)
         states = plays_of(self.radii)
         total = sp.Add(p[0] * u[k], *(w * s.left for w, s in zip(p[1:], states, strict=True)))
+        g, b, slow = sp.Symbol("g", real=True), sp.Symbol("b", real=True), signal("slow")
+        followed = [State(v[k], total, u[k])]
         now = v[k - self.delay]
+        if self.creep:  # the share g of what drives the stage comes late, by a slow lag with the pole b
+            followed.append(State(slow[k], b * slow[k - 1] + (1 - b) * v[k], y[k], "slow"))
+            inner = signal("w")
+            followed.append(State(inner[k], v[k] + g * slow[k], y[k]))
+            now = inner[k - self.delay]
         curve = sp.Add(
             now, c[0], *(w * sp.Max(now - b, 0) for w, b in zip(c[1:], map(number, self.knots), strict=True))
         )
         F = a * y[k - 1] + (1 - a) * curve
-        return Model(F, (a, *p, *c), theta, states=[*states, State(v[k], total, u[k])], operating_point=origin)
+        late = (g, b) if self.creep else ()
+        return Model(F, (a, *p, *c, *late), theta, states=[*states, *followed], operating_point=origin)
 
 
 def number(value: float) -> Any:
@@ -78,8 +88,9 @@ def plays_of(radii: Sequence[float]) -> list[State]:
 
 
 def identify_play(
-    records: Sequence[Record], origin: Mapping[Any, float], delays: Sequence[int] = range(4), plays: int = PLAYS
-) -> Model:
+    records: Sequence[Record], origin: Mapping[Any, float], delays: Sequence[int] = range(4), plays: int = PLAYS,
+    creep: bool = False,
+) -> Model:  # fmt: skip
     """Identify a play model in free run.
 
     Parameters
@@ -88,6 +99,8 @@ def identify_play(
     delays : which are tried [samples]
     plays : int
         How many radii are spread over half the input's range; those without weight are left out.
+    creep : bool
+        Whether a share of what the plays give comes late, by a slow lag.
 
     Raises
     ------
@@ -105,6 +118,9 @@ def identify_play(
     guesses = [_guess(parts, origin, along, radii, a, d) for d in delays for a in LAGS]
     close = [g for g in guesses if g.error <= SAME * min(g.error for g in guesses)]
     guess = min(close, key=lambda g: (g.shape.delay, g.error))
+    if creep:
+        slow = 1 - CREEPS / max(len(p) for p in parts)
+        guess = replace(guess, shape=replace(guess.shape, creep=True), theta=(*guess.theta, SHARE, slow))
     model = _fitted(guess, parts, origin)
     weighty = len(model.memory)
     reason = f"{weighty} of {plays} plays have weight; the smallest delay within 2 % of the best of {len(delays)}"
@@ -174,9 +190,11 @@ def _fitted(guess: Guess, parts: Sequence[Record], origin: Mapping[Any, float]) 
     model = guess.shape.model(origin, guess.theta)
     problem = FreeRun(model, list(parts), ())
     n = len(guess.shape.radii) + 1
-    a, weights, bends = model.symbols[0], model.symbols[1 : n + 1], model.symbols[n + 2 :]
+    a, *rest = model.symbols
+    weights, bends, late = rest[:n], rest[n + 1 : n + 1 + KNOTS], rest[n + 1 + KNOTS :]
     limits = {a: (0.0, SLOWEST), **dict.fromkeys(weights, (0.0, np.inf))}
     limits |= {weights[0]: (NOTHING * sum(guess.theta[1 : n + 1]), np.inf)}  # the law divides by it
+    limits |= dict(zip(late, ((0.0, 1.0), (SLOW, 1 - 1e-6)), strict=False))
     limits |= dict.fromkeys(bends, (-1 / (KNOTS + 1), np.inf))  # so the curve rises everywhere
     found = problem.minimise(problem.start(np.array(guess.theta)), STEPS, 1e-7, limits)
     theta, errors = problem.theta(found.x), dict(zip(model.symbols, problem.errors(found), strict=True))
