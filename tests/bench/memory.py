@@ -48,6 +48,7 @@ def piezo() -> None:
         return a.aligned
 
     shown("narx --for-compensation", ns.identify(train, base="narx", for_compensation=True))
+    shown("play with creep", ns.identify(train, base="play", creep=True))
     for base in ("play", "bouc-wen", "static", "linear"):
         shown(base, ns.identify(train, base=base))
     best, origin = (np.inf, ""), operating_point([train])

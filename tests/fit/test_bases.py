@@ -99,6 +99,7 @@ def test_plays_beat_lags_on_the_real_piezo():
     test = ns.read(SHARED / "piezo_dbo" / "test_varying_amplitude.csv", rows=slice(20, 5000))
     errors = {base: ns.identify(train, base=base).aligned(test).aligned for base in ("play", "linear")}
     assert errors["play"] <= 0.028 and errors["play"] <= 0.6 * errors["linear"]
+    assert ns.identify(train, base="play", creep=True).aligned(test).aligned <= 0.022
 
 
 def test_a_bouc_wen_base_is_the_papers_actuator_again():
