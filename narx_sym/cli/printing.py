@@ -178,6 +178,8 @@ def print_diagnosis(found: Diagnosis, units: dict[str, str]) -> None:
     floor = found.floor / step.base.problem.spread
     ladder = [[name, r["train"], r["validation"]] for name, r in zip(found.rungs, found.ladder, strict=True)]
     ladder.append([f"noise floor ({step.floor_kind})", "", floor])
+    if step.sensor:
+        ladder.append(["noise of the sensor alone", "", step.sensor / step.base.problem.spread])
     table("Errors, step by step (free-run NRMSE)", ["model", "training", "held out"], ladder)
     for i, later in enumerate(found.steps[1:], 2):
         console().print(f"Step {i}: {later.sentence(units)}", markup=False)

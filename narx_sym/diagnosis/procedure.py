@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..data.evidence.feedback import SETPOINTS, closed_loop
+from ..data.evidence.noise import sensor_noise
 from ..data.sensor import Fault, sensor_faults
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
@@ -20,7 +21,7 @@ from ..models.model import Model
 from .doors import DiagnosisDoors
 from .experiment import Experiment
 from .misfit import Misfit, misfit_of
-from .refit import Fitted
+from .refit import Fitted, repeated
 from .steps import Step, looped, step
 from .table.candidates import Candidate
 from .table.rounds import Table
@@ -204,6 +205,9 @@ def diagnose(
             steps.append(made)
             if made.chosen is None:
                 break
+    sensor = sensor_noise(listed, repeated(listed[0]))
+    for one in steps:
+        one.sensor = sensor
     failed = _misfit(steps[0].base, steps[0].floor)
     faults = sensor_faults(listed, min(s.floor for s in steps))
     said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())]

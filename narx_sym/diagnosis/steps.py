@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..data.evidence.feedback import Feedback, setpoint
+from ..data.evidence.noise import unexplained
 from ..data.evidence.stiction import Sticking, percent, sticking
 from ..data.record import Record
 from ..models.extend import newer
@@ -44,6 +45,9 @@ class Step:
         Where the input answers the output: then nothing is named.
     valves : list of Sticking
         Of each record with a setpoint: whether the valve of the loop sticks.
+    sensor : float
+        Standard deviation of the sensor's noise [unit of y]; 0 where it is not known. What is left above it is not
+        noise, though no effect may be seen in it.
     """
 
     base: Fitted
@@ -61,6 +65,7 @@ class Step:
     pair: Pair | None = None
     loop: Feedback | None = None
     valves: list[Sticking] = field(default_factory=list)
+    sensor: float = 0.0
 
     @property
     def added(self) -> list[str]:
@@ -75,6 +80,12 @@ class Step:
             "validation": float(np.sqrt(fitted.mean_square(split.held)) / spread),
         }
 
+    @property
+    def unexplained(self) -> str:
+        """What of the last error the sensor cannot make, in words; an empty text where it can."""
+        last = self.chosen or self.base
+        return unexplained(last.error(last.split.held), self.sensor, last.split.records[0].Ts)
+
     def sentence(self, units: Mapping[str, str]) -> str:
         """Return the verdict in plain words."""
         unit = f" {units['y']}" if units.get("y") else ""
@@ -85,11 +96,17 @@ class Step:
         if self.verdict == "nothing_detectable":
             seen = sorted(self.smallest_detectable.items(), key=lambda p: p[1])
             shown = ", ".join(f"{name} above {size:.2g}{unit}" for name, size in seen[:3])
+            if self.unexplained:
+                return (
+                    f"No effect of the catalogue is seen in what is left. {sizes}; the sensor's noise is about "
+                    f"{self.sensor:.3g}{unit}, {self.unexplained}; seen would have been {shown} rms."
+                )
             return f"Nothing is missing that these data can show. {sizes}; seen would have been {shown} rms."
         if self.loop is not None:
             said = [f"{v.record.name}: {v.sentence}." for v in self.valves]
             return " ".join([*said, f"{self.loop.sentence}. {sizes}."])
         sizes += f"; the noise floor is about {self.floor:.3g}{unit}"
+        sizes += f" (of the sensor alone {self.sensor:.2g}{unit})" if self.sensor else ""
         if self.verdict == "outside_library":
             return (
                 f"Something is missing that the catalogue does not know. {sizes}. Look at where the model fails, and "
@@ -128,7 +145,7 @@ class Step:
                 "latex": base.latex(), "terms": terms, "theta": [float(v) for v in base.theta],
                 "nrmse": {
                     **self.nrmse(self.base), "noise_floor": float(self.floor / self.base.problem.spread),
-                    "noise_floor_from": self.floor_kind,
+                    "noise_floor_from": self.floor_kind, "sensor_noise": float(self.sensor / self.base.problem.spread),
                 },
             },
             "candidates": [

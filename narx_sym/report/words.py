@@ -95,6 +95,8 @@ def headline(diagnosis: Diagnosis) -> str:
     first = diagnosis.steps[0]
     names = [spaced(e) for e in first.confusion_set]
     if first.verdict == "nothing_detectable":
+        if first.unexplained:
+            return "No effect of the catalogue is seen in what is left, which is more than the sensor's noise."
         return "Nothing is missing that these data can show."
     if first.verdict == "outside_library":
         return "Something is missing that the catalogue does not know."

@@ -8,6 +8,7 @@ from scipy.signal import butter, lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.dead_time import dead_time
 from narx_sym.data.evidence.feedback import feedback
+from narx_sym.data.evidence.noise import sensor_noise, unexplained
 from narx_sym.data.evidence.stiction import held, sticking
 from narx_sym.diagnosis.procedure import diagnose
 from narx_sym.errors import DataError
@@ -87,6 +88,30 @@ def test_a_valve_holds_and_jumps():
     op = np.array([0.0, 1.0, 2.0, 3.0, 2.5, 1.0, 0.0])
     assert held(op, 1.5, 0.5, 0.0).tolist() == [0.0, 0.0, 1.5, 1.5, 1.5, 1.5, 1.5]
     assert held(op, 1.0, 1.0, 0.0).tolist() == [0.0, 0.0, 1.0, 2.0, 2.0, 2.0, 1.0]
+
+
+@pytest.mark.parametrize("source", ["steps", "multisine", "noise"])
+def test_the_noise_of_the_sensor(source):
+    rng = np.random.default_rng(5)
+    _, record = evidence.delayed(evidence.driven(source, rng, 1500), 1, rng, 0.0)
+    size = 0.01 * np.std(record.y)
+    load = np.cumsum(rng.standard_normal(1500)) * 0.05 * size  # slow: not the sensor's
+    noisy = ns.Record.from_arrays(record.u, record.y + load + size * rng.standard_normal(1500), Ts=0.1)
+    assert 0.7 < sensor_noise([noisy]) / size < 1.5
+
+
+def test_periods_that_drift_are_no_noise():
+    rng, t = np.random.default_rng(0), np.arange(1200)
+    u = np.sign(np.sin(2 * np.pi * t / 100))  # jumps: differences alone would not do
+    y = u * (1 + 0.3 * t / 1200) + t / 400 + 0.01 * rng.standard_normal(1200)
+    assert 0.7 < sensor_noise([ns.Record.from_arrays(u, y, Ts=0.1)], 100) / 0.01 < 1.5
+
+
+def test_what_the_sensor_cannot_make_is_said():
+    slow = np.sin(2 * np.pi * 2.0 * np.arange(1000) * 0.01)
+    said = unexplained(slow, 0.01, 0.01)
+    assert "0.707 rms" in said and "2 Hz" in said
+    assert unexplained(0.01 * slow, 0.01, 0.01) == unexplained(slow, 0.0, 0.01) == ""
 
 
 def test_every_base_takes_a_long_dead_time():
