@@ -32,6 +32,7 @@ SURE = 0.35  # the same without a setpoint: a controller has no noise of its own
 ORDER = 0.5  # slow over fast relation of a plant without dead time at least
 INTEGRAL = 0.7  # integral over proportional action within one sample, at most; a damper read backwards has 1
 NEEDLESS = 2.0  # error without over with the input's own past: a controller in velocity form does not need it
+ROUNDING = 1e-9  # of the input's movement: a controller without noise of its own leaves nothing
 FEWEST = 100  # samples
 
 
@@ -96,11 +97,14 @@ def feedback(record: Record) -> Feedback:
     fresh = _size(alone) / moved
     left = _size(both) / (_size(alone) or 1.0)
     # In velocity form: reading a plant backwards takes the input's past, and as much of y's level as of its change.
-    velocity, _ = _robust(told, target)
+    # Differences again: a setpoint that steps from level to level drops out.
+    again = [np.diff(x) for x in (target, *own, *told)]
+    velocity, _ = _robust(again[1 + len(own) :], again[0])
+    with_own, _ = _robust(again[1:], again[0])
     slow_u, slow_y, fast = -slopes[0], slopes[len(own)], slopes[len(own) + 1 :]
     first = fast[np.argmax(np.abs(fast))]
     integral = abs(slow_y) < INTEGRAL * abs(first)
-    needless = _size(velocity) < NEEDLESS * _size(both)
+    needless = _size(velocity) < max(NEEDLESS * _size(with_own), ROUNDING * moved)
     line = float(np.polyfit(u - u.mean(), y, 1)[0])
     # slow_u u = slow_y y at rest; of a plant that is its gain, and at least about what `first` says.
     ordered = slow_u * first >= ORDER * slow_y if slow_y > 0 else slow_u * first <= ORDER * slow_y
