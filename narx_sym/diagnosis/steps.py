@@ -231,16 +231,16 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     if seen or scored.structure > HELPS:
         table.singles(known)
     single = [r for r in table.beside(known) if len(r.beyond(known)) <= 1]
-    at, alone = _won(single, known)
+    at, alone = won(single, known)
     # What the best single effect leaves, of what there was: too much, and two effects may hide each other.
     left = table.screened(alone).missing * alone.held / at.held if alone is not None else 1.0
     if scored.structure > HELPS and left > LEFT / 2:
         table.pairs(known)
-    table.held(lambda: _won(table.beside(known), known)[1])
-    return _won(table.beside(known), known)
+    table.held(lambda: won(table.beside(known), known)[1])
+    return won(table.beside(known), known)
 
 
-def _won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
+def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
     """Return the base and the winner with an effect; where the base's own memory wins, the base moves there."""
     best = winner(rows, known)
     while best is not None and not best.beyond(known):

@@ -128,6 +128,8 @@ class Table:
             search.limits[variant] = line.ranges(variant)
             looks.append(search.look(bases, variant, points))
         looks = sorted(filter(None, looks), key=lambda rows: price(rows[0].fitted, rows[0].parameters, 1))
+        for rows in looks[2 * most :]:
+            search.forget(rows[0].hypothesis)
         closer = []
         for rows in looks[: 2 * most]:
             self.report(f"fitting {rows[0].hypothesis}")

@@ -137,6 +137,10 @@ class Search:
             self.frames[key] = made
         return self.frames[key]
 
+    def forget(self, hypothesis: Hypothesis) -> None:
+        """Let go of a frame: its derivatives along all records take memory."""
+        self.frames.pop((hypothesis.effects, hypothesis.core.given, self.integrating), None)
+
     # -- without a further effect -----------------------------------------------------------------------------------
 
     def bases(self, delays: Sequence[int]) -> list[Row]:

@@ -1,0 +1,105 @@
+"""Which names change when a constant of the verdict is halved or doubled? Real records, each searched once.
+
+    python tests/bench/sensitivity.py [--only emps,tanks] [--markdown FILE]
+
+The verdict is a function of the table of hypotheses: the table is filled once per record, and read again with each
+constant of `diagnosis/table/verdict.py` halved and doubled. A name is right where the source of the record says so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from places import SHARED
+
+import narx_sym as ns
+from narx_sym.diagnosis.steps import new_effect, won
+from narx_sym.diagnosis.table import verdict
+
+CHANGED = ("PER_PARAMETER", "PER_EFFECT", "MOST", "ALIKE")  # those that the names depend on
+FRICTION = {"coulomb_friction", "stribeck_friction", "stiction"}
+RECORDS: dict[str, tuple[str, slice, set[str]]] = {
+    "emps": ("emps/train.csv", slice(None), FRICTION),
+    "damper 0 A": ("mr_damper_utfsm/10mm1Hz_0A.csv", slice(None), FRICTION | {"hysteresis"}),
+    "damper 0.5 A": ("mr_damper_utfsm/10mm1Hz_0x5A.csv", slice(None), FRICTION | {"hysteresis"}),
+    "damper 0.75 A": ("mr_damper_utfsm/25mm0x25Hz_0x75A.csv", slice(None), FRICTION | {"hysteresis"}),
+    "damper 3 Hz": ("mr_damper_utfsm/5mm3Hz_0A.csv", slice(None), FRICTION | {"hysteresis"}),
+    "friction damper": ("friction_damper_brfd/d1_0.5Hz_35lb.csv", slice(None), FRICTION | {"backlash"}),
+    "seal 1 bar": ("pneumatic_seal_friction/Oring_1bar.csv", slice(4300), FRICTION),
+    "seal 3 bar": ("pneumatic_seal_friction/Oring_3bar.csv", slice(None), FRICTION),
+    "motor": ("hydraulic_motor_rotation/run.csv", slice(None), {"saturation", "hysteresis", "backlash"}),
+    "piezo": ("piezo_dbo/train_1Hz_full_range.csv", slice(20, None), {"hysteresis", "backlash"}),
+    "tanks": ("cascaded_tanks/train.csv", slice(None), {"sqrt_outflow", "saturation", "output_limit"}),
+}
+
+
+@dataclass
+class Read:
+    """What one reading of a table says."""
+
+    named: str
+    right: bool
+    in_set: bool
+
+
+def read(rows: list[Any], accept: set[str]) -> Read:
+    """Read a table: what is named first, and what cannot be told from it."""
+    known, best = won(rows, min((r for r in rows if not r.ids), key=lambda r: (r.memory, r.price)))
+    if best is None:
+        return Read("-", False, False)
+    names = {v.id for v in best.beyond(known)}
+    alike = names | {new_effect(r, known) for r in verdict.alike(rows, best)}
+    return Read(" + ".join(sorted(names)), bool(names) and names <= accept, bool(alike & accept))
+
+
+def changes() -> Iterator[tuple[str, float]]:
+    """Yield each constant with each value; MOST is a share: what it leaves is halved and doubled."""
+    yield "as it is", 0.0
+    for name in CHANGED:
+        value = getattr(verdict, name)
+        for factor in (0.5, 2.0):
+            yield name, 1 - (1 - value) * factor if name == "MOST" else value * factor
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", help="names of records, comma-separated")
+    parser.add_argument("--markdown", type=Path)
+    options = parser.parse_args()
+    only = set(filter(None, options.only.split(",")))
+    warnings.simplefilter("ignore")
+    tables = {}
+    for name, (file, rows, accept) in RECORDS.items():
+        if only and name not in only:
+            continue
+        record = ns.read(SHARED / file, channels=[])[rows]
+        found = ns.diagnose(ns.identify(record, base="linear"), record)
+        tables[name] = (found.hypotheses, accept)
+        print(name, found.verdict, found.confusion_set, read(*tables[name]), f"{found.seconds:.0f} s", flush=True)
+    lines = ["| constant | value | " + " | ".join(tables) + " | right | in the set |", "|---" * (len(tables) + 4) + "|"]
+    for name, value in changes():
+        before = getattr(verdict, name, None)
+        if before is not None:
+            setattr(verdict, name, value)
+        said = [read(*table) for table in tables.values()]
+        if before is not None:
+            setattr(verdict, name, before)
+        counts = f"{sum(s.right for s in said)} | {sum(s.in_set for s in said)}"
+        lines.append(f"| {name} | {value:g} | " + " | ".join(s.named for s in said) + f" | {counts} |")
+    text = "\n".join(lines) + "\n"
+    if options.markdown:
+        options.markdown.write_text(text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
