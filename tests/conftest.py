@@ -2,6 +2,7 @@
 
 import os
 import sys
+from dataclasses import replace
 from functools import cache
 
 import pytest
@@ -14,6 +15,7 @@ from places import ROOT
 import narx_sym as ns
 from narx_sym.cli import main as cli
 from narx_sym.data.examples import PLAY, STAGE_UNITS, stage
+from narx_sym.diagnosis.experiment.choose import propose
 
 STAGE_EFFECTS = ("backlash", "hysteresis", "dead_zone", "coulomb_friction", "creep", "inertia", "drift")
 
@@ -57,11 +59,19 @@ def run(monkeypatch, capsys):
 
 @pytest.fixture(scope="session")
 def stage_diagnosis():
-    """Return the demo's diagnosis of the stage with play in its gear, among fewer effects and without its search."""
+    """Return the demo's diagnosis of the stage with play in its gear, among fewer effects and without its search.
+
+    It is told as if the data could not decide between its first two candidates: then the report has all its parts.
+    """
     record = stage(PLAY)
     catalogue = ns.effects.Catalogue({name: ns.EFFECTS[name] for name in STAGE_EFFECTS})
     base = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "y[k-3]", "u[k-2]", "u[k-3]", "u[k-4]", "1"])
-    return ns.diagnose(base.fit(record, method="free_run"), record, catalogue=catalogue)
+    found = ns.diagnose(base.fit(record, method="free_run"), record, catalogue=catalogue)
+    assert found.confusion_set == ["backlash"]
+    two = {c.effect: c.model for c in found.candidates[:2]}
+    experiment = propose(two, record, found.floor)
+    first = replace(found.steps[0], verdict="confused", confusion_set=list(two), experiment=experiment)
+    return replace(found, steps=[first])
 
 
 @pytest.fixture(scope="session")

@@ -36,7 +36,7 @@ def test_a_core_that_lost_its_input_is_not_moved_from_there(rubbing):
     assert len(smaller.model.symbols) == 2  # the constant and the friction
     few = Catalogue({n: EFFECTS[n] for n in ("drift", "quadratic_gain")})
     directions, matrix = line_of(smaller).directions([], few)
-    assert {d.variant.id for d in directions} == {"drift"} and matrix.shape[1] == 1
+    assert {d.variant.id for d in directions} == {"drift"} and matrix.shape[1] == 3  # a line; a line and its bend
 
 
 def test_the_last_term_with_the_input_stays(rubbing):
