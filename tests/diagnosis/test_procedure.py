@@ -87,13 +87,13 @@ def assert_found(row, group):
     assert group == "off" or row["after"] < WORST, row
 
 
-@pytest.mark.long
+@pytest.mark.bench
 @pytest.mark.parametrize(("i", "group", "kind"), [(i, *case) for i, case in enumerate(HIDDEN)])
 def test_hidden_effect_is_found(results, i, group, kind):
     assert_found(results[group, kind, i], group)
 
 
-@pytest.mark.long
+@pytest.mark.bench
 def test_hidden_effects_are_named_and_the_error_falls_to_the_noise(results):
     rows = [results[*case, i] for i, case in enumerate(HIDDEN)]
     wrong = [row for row in rows if row["top"][0] not in row["accept"]]
@@ -101,14 +101,14 @@ def test_hidden_effects_are_named_and_the_error_falls_to_the_noise(results):
     assert np.median([row["after"] for row in rows]) < MEDIAN, rows
 
 
-@pytest.mark.long
+@pytest.mark.bench
 def test_no_false_alarms(results):
     rows = [results[*case, i] for i, case in enumerate(NULL)]
     alarms = [row for row in rows if row["verdict"] != "nothing_detectable"]
     assert len(rows) == 12 and len(alarms) <= ALARMS, alarms
 
 
-@pytest.mark.long
+@pytest.mark.bench
 @pytest.mark.parametrize(("group", "kind"), REMOVED)
 def test_a_truth_outside_the_catalogue_is_not_named(results, group, kind):
     row = results[group, kind, HIDDEN.index((group, kind)), (kind,)]
@@ -210,7 +210,7 @@ def pair():
     return d, float(np.sqrt(np.mean((c.y - c.clean)[d.steps[0].base.split.held[0]] ** 2)))
 
 
-@pytest.mark.long
+@pytest.mark.bench
 def test_a_pair_is_found_together(pair):
     d, noise = pair
     first = d.steps[0]
@@ -222,7 +222,7 @@ def test_a_pair_is_found_together(pair):
     assert {e.effect for e in d.model.effects} == {"saturation", "creep"}
 
 
-@pytest.mark.long
+@pytest.mark.bench
 def test_a_pair_is_told_in_words_and_data(pair):
     d, _ = pair
     first = d.steps[0]
@@ -260,7 +260,7 @@ def test_one_speed_is_confused_and_gives_an_experiment(one_speed):
 # ---- measured data --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.long
+@pytest.mark.bench
 @needs_shared
 def test_boucwen_benchmark_has_hysteresis_inside():
     record = ns.read(SHARED / "boucwen" / "train_multisine.csv")[: 3 * 8192]
@@ -269,7 +269,7 @@ def test_boucwen_benchmark_has_hysteresis_inside():
     assert d.verdict in ("named", "helps_but_incomplete")
 
 
-@pytest.mark.long
+@pytest.mark.bench
 @needs_shared
 def test_seal_has_coulomb_friction():
     record = ns.read(SHARED / "pneumatic_seal_friction" / "Oring_1bar.csv")[:4300]  # six strokes
@@ -278,7 +278,7 @@ def test_seal_has_coulomb_friction():
     assert abs(d.best.parameters["c"]) == pytest.approx(5.5, rel=0.1)  # N, the plateau at mid-stroke
 
 
-@pytest.mark.long
+@pytest.mark.bench
 @needs_shared
 def test_seal_at_one_speed_is_confused_with_the_velocity_term_of_the_base():
     record = ns.read(SHARED / "pneumatic_seal_friction" / "Oring_1bar.csv")[:4300]
@@ -287,7 +287,7 @@ def test_seal_at_one_speed_is_confused_with_the_velocity_term_of_the_base():
     assert d.experiment is not None and d.experiment.sentence in d.sentence()
 
 
-@pytest.mark.long
+@pytest.mark.bench
 @needs_shared
 def test_motor_saturates():
     record = ns.read(SHARED / "hydraulic_motor_rotation" / "run.csv")
