@@ -8,7 +8,7 @@ import numpy as np
 
 import narx_sym as ns
 from narx_sym import assumptions, plants, plots
-from narx_sym.fit import select as selection
+from narx_sym.fit.bases import select as selection
 from narx_sym.symbolic.grammar import parse
 
 k, u, y = ns.k, ns.u, ns.y

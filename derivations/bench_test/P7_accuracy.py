@@ -10,7 +10,7 @@ from rich.table import Table
 
 import narx_sym as ns
 from narx_sym import plants, plots
-from narx_sym.fit import select as selection
+from narx_sym.fit.bases import select as selection
 
 PAPER = {"model": 0.398, "inverse": 0.413, "black box": 1.494}
 TERMS = [

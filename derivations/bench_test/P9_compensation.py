@@ -10,7 +10,7 @@ from rich.table import Table
 
 import narx_sym as ns
 from narx_sym import plants, plots
-from narx_sym.fit import select as selection
+from narx_sym.fit.bases import select as selection
 
 PAPER = {"strategy 1": (0.322, 1.13), "strategy 2": (0.425, 1.14), "black box": (1.819, 1.15), "none": (6.536, 1.00)}
 TERMS = [
