@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
+from hypothesis import settings
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # the cores are taken: threads of linear algebra would wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -17,6 +18,9 @@ from narx_sym.cli import main as cli
 from narx_sym.data.examples import PLAY, STAGE_UNITS, stage
 from narx_sym.diagnosis.experiment.choose import propose
 
+# A property holds or fails the same way in every run. HYPOTHESIS_PROFILE=default looks at new examples each time.
+settings.register_profile("same", derandomize=True)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 STAGE_EFFECTS = ("backlash", "hysteresis", "dead_zone", "coulomb_friction", "creep", "inertia", "drift")
 
 

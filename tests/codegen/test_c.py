@@ -9,12 +9,12 @@ import pytest
 import sympy as sp
 from drawn import recursions
 from exported import AWKWARD, SUBJECTS, Subject, valued
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, given, reject, settings
 
 import narx_sym as ns
 from narx_sym.codegen.export import to_c
 from narx_sym.engines.compile import compile
-from narx_sym.errors import ModelError
+from narx_sym.errors import Diverged, ModelError
 from narx_sym.models.info import Info
 from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.sensitivity import sensitivities
@@ -98,7 +98,10 @@ def test_random_recursions_agree(tmp_path, made):
     recursion, n, _ = made
     assume(recursion.inputs)
     subject = Subject(recursion, dict(zip(recursion.parameters, (0.05, -0.07), strict=True)))
-    decided = [subject.expected(n, of=b) for b in recursion.states if str(b.label).startswith("tie")]
+    try:
+        decided = [subject.expected(n, of=b) for b in recursion.states if str(b.label).startswith("tie")]
+    except Diverged:  # what these inputs drive away has nothing to compare
+        reject()
     assume(all(np.abs(x).min() > 1e-9 for x in decided))
     source = subject.c("x1", output=recursion.states[0])
     rest = [0.3] * len(arguments(source, "x1_init"))
