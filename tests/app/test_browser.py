@@ -144,7 +144,7 @@ def test_readable_without_scripts(browser, stage_report):
     page = new_page(browser, java_script_enabled=False)
     page.goto(stage_report.as_uri())
     assert page.locator("#compare svg.drawn").first.is_visible() and not page.locator(".plot.time").is_visible()
-    page.locator("details summary").first.click()
+    page.locator("#model details summary").first.click()
     assert page.locator("#model-latex").is_visible() and not page.locator("details button").first.is_visible()
     page.context.close()
 
