@@ -1,5 +1,7 @@
 """Every part of the report has a row here: what it tells of the stage with play, and how many pictures it draws."""
 
+import pickle
+
 import pytest
 
 from narx_sym.data.examples import STAGE_UNITS
@@ -91,3 +93,11 @@ def test_the_experiment_is_told_without_scripts_in_its_markup(stage_diagnosis):
     made = shown((), Revision("linear base", stage_diagnosis, stage_diagnosis.model), {"u": "rad", "y": "mm"})
     assert "next.csv" in made.html["experiment"] and made.script.count("Bokeh") > 1
     assert "<script" not in "".join(made.html.values())
+
+
+def test_a_diagnosis_goes_to_another_process(stage_diagnosis):
+    """The live page diagnoses in a process of its own."""
+    came = pickle.loads(pickle.dumps(stage_diagnosis))
+    assert (
+        came.to_dict() == stage_diagnosis.to_dict() and came.best.model.equation == stage_diagnosis.best.model.equation
+    )

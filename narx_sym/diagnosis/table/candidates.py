@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy as sp
@@ -73,6 +73,10 @@ class Candidate:
             variant.id, variant, row, p_value, row.held * spread**2, known.held * spread**2,
             (known.held - row.held) / removable, interval, errors, lambda: table.own(row),
         )  # fmt: skip
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Go to another process as what it is: with its fitted model, without the table that fits it."""
+        return {**self.__dict__, "fitted": self.fitted, "fit": None}
 
     def __repr__(self) -> str:
         return f"Candidate({self.variant}, {100 * self.share:.0f} % of the removable error)"
