@@ -92,7 +92,7 @@ def diagnose(
         with working("Diagnosing") as progress:
             found = run(start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, report=progress)
     if journal is not None and journal.found:
-        note(f"{journal.found} results were in {resume} already")
+        note(f"{journal.found} results were taken from {resume}")
     settings = {
         "base": base,
         "delay": "found" if delay is None else delay,

@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 from pathlib import Path
 
 import kill
@@ -220,4 +221,5 @@ def test_diagnose_resumes(run, tmp_path, monkeypatch):
         code, _, err = diagnosed("b.json", "--resume", tmp_path / "j")
     assert code == 130 and "interrupted" in err and not (tmp_path / "b.json").exists()
     code, found, err = diagnosed("b.json", "--resume", tmp_path / "j")
-    assert code == 0 and found == expected and f"4 results were in {tmp_path / 'j'} already" in err
+    assert code == 0 and found == expected
+    assert int(re.search(r"(\d+) results were taken from", err)[1]) >= 4  # one may be asked for more than once
