@@ -83,7 +83,7 @@ def test_python_examples(own_data):
     assert names["law"].residual() == 0
 
 
-@pytest.mark.long
+@pytest.mark.bench
 def test_commands_of_the_guides(own_data, monkeypatch):
     commands = [line for page in (*PAGES, *SCRIPTS) for line in lines(prose(page)) if line.startswith("narx-sym ")]
     assert len(commands) >= 6
