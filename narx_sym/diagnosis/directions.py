@@ -16,11 +16,11 @@ import numpy as np
 import sympy as sp
 from scipy.signal import find_peaks
 
-from ..engines.compile import compile
+from ..engines.compile import Compiled, compile
 from ..errors import ModelError
 from ..fit.freerun import FreeRun
 from ..fit.simulate import segments
-from ..models.effects import EFFECTS, Catalogue, Scan, effect
+from ..models.effects import EFFECTS, Catalogue, Form, Scan, effect
 from ..models.extend import Variant, equations, extend, origin, variants
 from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import sensitivities
@@ -78,7 +78,7 @@ class Linearised:
         self.residual = -residual * problem.spread  # measured minus simulated
         self.own = slopes * problem.spread
         self._pushed: dict[str, Any] = {}
-        self._z: dict[Any, list[Array]] = {}
+        self._read: dict[Any, tuple[Recursion, Compiled, dict[tuple[float, ...], list[Array]]]] = {}
         point = {str(b.label): v for b, v in self.model.operating_point.items()}
         self.runs: list[dict[str, Array]] = []
         for i, (data, record) in enumerate(zip(problem.data, segments(problem.records), strict=True)):
@@ -90,25 +90,34 @@ class Linearised:
                 seen.setdefault(name, seen[str((self.model.output if name == "sensed" else self.model.inner).label)])
         self.values = dict(zip(self.model.symbols, map(float, theta), strict=True))
 
-    def contributions(self, states: Any, z: Sequence[Any], values: Mapping[Any, float]) -> list[Array]:
-        """Return z along the free run, one (N, coefficients) array per segment."""
-        outputs = [signal(f"z{i}") for i in range(len(z))]
-        updates = (*((s.left, s.right) for s in states), *((o[k], e) for o, e in zip(outputs, z, strict=True)))
-        read = Recursion(updates, tuple(values))
-        key = (read, tuple(values.values()))
-        if key not in self._z:
-            self._z[key] = [self._contribution(read, states, outputs, values, seen) for seen in self.seen]
-        return self._z[key]
+    def contributions(self, form: Form, values: Mapping[Any, float]) -> list[Array]:
+        """Return z of an effect along the free run, one (N, coefficients) array per segment."""
+        outputs = [signal(f"z{i}") for i in range(len(form.z))]
+        key = (form.z, form.states, tuple(values))
+        if key not in self._read:
+            updates = (
+                *((s.left, s.right) for s in form.states),
+                *((o[k], e) for o, e in zip(outputs, form.z, strict=True)),
+            )
+            read = Recursion(updates, tuple(values))
+            # What has no memory needs no loop.
+            self._read[key] = read, compile(read, "native" if form.states else "numpy"), {}
+        read, compiled, known = self._read[key]
+        point = tuple(values.values())
+        if point not in known:
+            known[point] = [self._contribution(read, compiled, form, outputs, values, seen) for seen in self.seen]
+        return list(known[point])
 
-    def _contribution(self, read: Recursion, states: Any, outputs: Any, values: Any, seen: Any) -> Array:
+    def _contribution(
+        self, read: Recursion, compiled: Compiled, form: Form, outputs: Any, values: Any, seen: Any
+    ) -> Array:
         n = len(seen[str(self.model.output.label)])
-        if not read.inputs and not states:
+        if not read.inputs and not form.states:
             constants = [float(e.xreplace(values)) for _, e in read.updates]
             return np.tile(constants, (n, 1))
-        compiled = compile(read, "native" if states else "numpy")  # what has no memory needs no loop
         depth = read.depth
         initial = {}
-        for state in states:
+        for state in form.states:
             at = {s: float(seen[str(s.base.label)][max(0, depth - 1)]) for s in samples(state.initial)}
             initial[str(state.left.base.label)] = float(sp.sympify(state.initial).xreplace(at))
         run = compiled(seen, list(values.values()), initial, on_divergence="nan")
@@ -261,7 +270,7 @@ class Linearised:
             grids = [self.scale(variant.effect.scan[p], variant) for p in variant.shape]
             symbols = [sp.Symbol(p, real=True) for p in variant.shape]
             for point in product(*(g for g, _ in grids)):
-                z = self.contributions(form.states, form.z, dict(zip(symbols, point, strict=True)))
+                z = self.contributions(form, dict(zip(symbols, point, strict=True)))
                 block = self.moved(variant.where, z)
                 if not np.all(np.isfinite(block)) or not np.any(block):
                     continue

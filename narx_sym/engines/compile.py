@@ -45,6 +45,17 @@ class Layout:
     depth: int
     lead: int
 
+    @property
+    def plain(self) -> tuple[Any, ...]:
+        """The fields as plain data."""
+        return astuple(self)
+
+    @classmethod
+    def read(cls, told: Any) -> Layout:
+        """Make a layout of its fields as plain data."""
+        states, inputs, remembered, *sizes = told
+        return cls(tuple(states), tuple(inputs), tuple(remembered), *sizes)
+
     @classmethod
     def of(cls, plan: Plan) -> Layout:
         """Read the layout off a plan: names once, SymPy's printer would take longer than a short run."""
@@ -62,8 +73,10 @@ class Compiled:
     layout : Layout
     engine : str
     recursion : Recursion
-        Its equations; missing where machine code was kept from an earlier process.
+        Its equations; missing of a run with tangents.
     """
+
+    recursion: Recursion
 
     def __init__(self, layout: Layout, run: Callable[..., int], engine: str, recursion: Recursion | None = None):
         self.layout, self.run, self.engine = layout, run, engine
@@ -77,26 +90,18 @@ class Compiled:
         return cls(Layout.of(plan), import_module(f".{engine}", __package__).build(plan), engine, recursion)
 
     @classmethod
-    def kept(cls, recipe: str, make: Callable[[], tuple[Compiled, Any]]) -> tuple[Compiled, Any]:
-        """Return what `make` returns: machine code, and plain data beside it; from an earlier process if it was kept.
-
-        `recipe` tells all that it is made from.
-        """
-        from .emitter import loaded, processor
+    def kept(cls, recursion: Recursion) -> Compiled:
+        """Compile a recursion to machine code; from an earlier process if it was kept."""
         from .native import bound
 
-        key = "\n".join((processor(), _rules(), sp.__version__, recipe))
-        content = cache.kept(key)
-        if content is not None:
-            header, _, code = content.partition(b"\n")
-            told, beside = json.loads(header)
-            states, inputs, remembered, *sizes = told
-            layout = Layout(tuple(states), tuple(inputs), tuple(remembered), *sizes)
-            return cls(layout, bound(loaded(code), code, len(layout.states) + len(layout.inputs)), "native"), beside
-        made, beside = make()
-        header = json.dumps([astuple(made.layout), beside]).encode()
-        cache.keep(key, header + b"\n" + made.run.code)  # type: ignore[attr-defined]
-        return made, beside
+        def make() -> tuple[Any, Any, bytes]:
+            plan = Plan.of(recursion)
+            run = import_module(".native", __package__).build(plan)
+            return Layout.of(plan).plain, run.engine, run.code
+
+        told, engine, code = kept(written(recursion), make)
+        layout = Layout.read(told)
+        return cls(layout, bound(engine, code, len(layout.states) + len(layout.inputs)), "native", recursion)
 
     def __call__(
         self,
@@ -174,6 +179,36 @@ class Compiled:
                     state[reached:] = np.nan
         return dict(zip(layout.states, states, strict=True))
 
+    def over(
+        self,
+        inputs: Mapping[str, Array],
+        initial: Mapping[str, Any],
+        out: Mapping[str, Array],
+        beside: tuple[Array, ...] = (),
+    ) -> Callable[[Array], None]:
+        """Return run(theta) into arrays that stay where they are, for fits that run the same samples many times.
+
+        Each call starts from what stands in the first `depth` samples of `out`, at first from `initial`; it leaves NaN
+        from where the run diverges. `beside` is what else the machine code writes to, the first of them sample by
+        sample.
+        """
+        layout, columns = self.layout, [np.ascontiguousarray(inputs[name], dtype=float) for name in self.layout.inputs]
+        n, first = len(next(iter(out.values()))), layout.depth
+        if layout.lead:
+            columns = [np.concatenate([c, np.repeat(c[-1:], layout.lead)]) for c in columns]
+        states = self._start(n, min(first, n), initial, out)
+        arrays = [*states, *columns, *beside]
+        over = getattr(self.run, "over", None)
+        move = over(arrays, first, n) if over else lambda theta: self.run(arrays, theta, first, n)
+
+        def run(theta: Array) -> None:
+            reached = move(theta) if n > first else n
+            if reached < n:
+                for state in (*states, *beside[:1]):
+                    state[reached:] = np.nan
+
+        return run
+
     def _start(self, n: int, first: int, initial: Mapping[Any, Any], out: Mapping[str, Array]) -> list[Array]:
         given = _named(initial)
         states = []
@@ -213,9 +248,24 @@ def _named(mapping: Mapping[Any, Any]) -> dict[str, Any]:
 def _compiled(recursion: Recursion, engine: str) -> Compiled:
     if engine != "native":
         return Compiled.made(recursion, engine)
-    compiled, _ = Compiled.kept(written(recursion), lambda: (Compiled.made(recursion, "native"), None))
-    compiled.recursion = recursion
-    return compiled
+    return Compiled.kept(recursion)
+
+
+def kept(recipe: str, make: Callable[[], tuple[Any, Any, bytes]]) -> tuple[Any, Any, bytes]:
+    """Return plain data, the engine and the machine code that `make` returns; from an earlier process if kept.
+
+    `recipe` tells all that they are made from.
+    """
+    from .emitter import loaded, processor
+
+    key = "\n".join((processor(), _rules(), sp.__version__, recipe))
+    content = cache.kept(key)
+    if content is not None:
+        header, _, code = content.partition(b"\n")
+        return json.loads(header), loaded(code), code
+    told, engine, code = make()
+    cache.keep(key, json.dumps(told).encode() + b"\n" + code)
+    return told, engine, code
 
 
 def written(recursion: Recursion) -> str:

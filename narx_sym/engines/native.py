@@ -10,6 +10,7 @@ import numpy as np
 from llvmlite import ir
 
 from .emitter import BOOL, DOUBLE, INT, Emitter, loop, machine_code, multiply_add
+from .lanes import Lanes
 from .plan import Plan
 
 MAX_CARRIED = 8  # older samples of a state are read from memory
@@ -18,12 +19,15 @@ LARGEST, TINY = 1.7976931348623157e308, 1e-290
 
 
 class _Function:
-    """The function `run(arrays..., theta, start, stop) -> first bad index or stop` while it is being written."""
+    """The function `run(arrays..., theta, start, stop) -> first bad index or stop` while it is being written.
 
-    def __init__(self, plan: Plan):
+    With `beside`, two arrays stand before theta: where tangents go, and those before the first sample.
+    """
+
+    def __init__(self, plan: Plan, beside: int = 0):
         self.plan, self.states = plan, range(len(plan.updates))
         self.module = ir.Module("narx")
-        pointer, count = DOUBLE.as_pointer(), len(plan.signals)
+        pointer, count = DOUBLE.as_pointer(), len(plan.signals) + beside
         kind = ir.FunctionType(INT, [pointer] * (count + 1) + [INT, INT])
         self.function = ir.Function(self.module, kind, "run")
         for argument in self.function.args[: count + 1]:
@@ -39,15 +43,17 @@ class _Function:
         return self.b.load(self.b.gep(self.arrays[signal], [self.b.sub(index, ir.Constant(INT, lag))]))
 
     def size(self, x: Any) -> Any:
-        return self.b.call(self.module.declare_intrinsic("llvm.fabs", [DOUBLE]), [x])
+        name = "llvm.fabs.f64" if x.type == DOUBLE else f"llvm.fabs.v{x.type.count}f64"
+        known = self.module.globals.get(name) or ir.Function(self.module, ir.FunctionType(x.type, [x.type]), name)
+        return self.b.call(known, [x])
 
     def finite(self, x: Any) -> Any:
         return self.b.fcmp_ordered("<=", self.size(x), ir.Constant(DOUBLE, LARGEST))
 
     def flushed(self, x: Any) -> Any:
         """Put zero for a value about to become denormal: denormal arithmetic is 15 times slower."""
-        tiny = self.b.fcmp_ordered("<", self.size(x), ir.Constant(DOUBLE, TINY))
-        return self.b.select(tiny, ir.Constant(DOUBLE, 0.0), x)
+        tiny, zero = (ir.Constant(x.type, [v] * x.type.count if x.type != DOUBLE else v) for v in (TINY, 0.0))
+        return self.b.select(self.b.fcmp_ordered("<", self.size(x), tiny), zero, x)
 
     def coefficients(self, index: Any, known: dict[Any, Any]) -> Callable[[Any], Any]:
         """Return a function that computes expressions at one index; shared parts when they are first needed."""
@@ -146,14 +152,16 @@ def _emit_blocks(plan: Plan, levels: list[list[int]]) -> ir.Module:
     return f.module
 
 
-def _emit_steps(plan: Plan) -> ir.Module:
-    f = _Function(plan)
+def _emit_steps(plan: Plan, lanes: Lanes | None = None) -> ir.Module:
+    f = _Function(plan, beside=0 if lanes is None else 2)
     b, rows = f.b, plan.shared[1]
     depth = {s: max([0, *(i for j, i in plan.sample if j == s and i <= MAX_CARRIED)]) for s in f.states}
     keys = [(s, i) for s in f.states for i in range(1, depth[s] + 1)]
     inner = ir.Constant(INT, BLOCK)
-    with loop(b, f.start, f.stop, [f.load(s, f.start, i) for s, i in keys]) as (index, now, then):
-        carried = dict(zip(keys, now, strict=True))
+    before = [f.load(s, f.start, i) for s, i in keys]
+    before += lanes.begin(b, f.arrays[-1]) if lanes else []
+    with loop(b, f.start, f.stop, before) as (index, now, then):
+        carried = dict(zip(keys, now, strict=False))
         known = {}
         for key, symbol in plan.sample.items():
             if key in carried:
@@ -178,6 +186,8 @@ def _emit_steps(plan: Plan) -> ir.Module:
         for s, i in keys:
             x = newest[s] if i == 1 else carried[s, i - 1]
             then.append(b.select(edge, f.flushed(x), x))
+        for moved in lanes.step(b, compute, now[len(keys) :], index, f.arrays[-2]) if lanes else []:
+            then.append(b.select(edge, f.flushed(moved), moved))
     b.ret(f.stop)
     return f.module
 
@@ -185,6 +195,11 @@ def _emit_steps(plan: Plan) -> ir.Module:
 def build(plan: Plan) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) for a plan; its attribute `code` is the machine code."""
     return bound(*machine_code(emit(plan)), len(plan.signals))
+
+
+def build_lanes(lanes: Lanes) -> tuple[Any, bytes]:
+    """Return the engine and the machine code of a run with its tangents."""
+    return machine_code(_emit_steps(lanes.plan, lanes))
 
 
 def bound(engine: Any, code: bytes, count: int) -> Callable[..., int]:
@@ -195,5 +210,14 @@ def bound(engine: Any, code: bytes, count: int) -> Callable[..., int]:
     def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
         return int(function(*[a.ctypes.data for a in arrays], theta.ctypes.data, start, stop))
 
-    run.engine, run.code = engine, code  # type: ignore[attr-defined]  # keeps the machine code alive
+    def over(arrays: list[np.ndarray], start: int, stop: int) -> Callable[[np.ndarray], int]:
+        """Return run(theta) over arrays that stay where they are."""
+        addresses = [a.ctypes.data for a in arrays]
+
+        def move(theta: np.ndarray, _kept: Any = arrays) -> int:  # their memory, as long as this is called
+            return int(function(*addresses, theta.ctypes.data, start, stop))
+
+        return move
+
+    run.engine, run.code, run.over = engine, code, over  # type: ignore[attr-defined]  # keeps the machine code alive
     return run

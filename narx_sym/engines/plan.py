@@ -11,7 +11,7 @@ import sympy as sp
 
 from ..inversion.solution import Root
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import k, lag, samples
+from ..symbolic.signals import k, lag, renamed, samples
 
 MAX_HORNER = 4
 TIME = sp.Dummy("time_index", real=True)
@@ -24,18 +24,20 @@ class Plan:
     The symbols are dummies: whatever a parameter is called, it is another symbol.
 
     `signals` is the order of the arrays (states, then inputs), `sample` maps (signal index, lag) to the symbol,
-    `updates` holds one expression per state, `parameters` the parameter symbols.
+    `updates` holds one expression per state, `parameters` the parameter symbols, `others` further expressions in the
+    same samples.
     """
 
     recursion: Recursion
     signals: tuple[Any, ...]
     sample: dict[tuple[int, int], sp.Symbol]
     updates: tuple[sp.Expr, ...]
+    others: tuple[sp.Expr, ...] = ()
     time: ClassVar[sp.Symbol] = TIME
 
     @classmethod
-    def of(cls, recursion: Recursion) -> Plan:
-        """Make the plan of a recursion."""
+    def of(cls, recursion: Recursion, others: tuple[sp.Expr, ...] = ()) -> Plan:
+        """Make the plan of a recursion, and of further expressions in its samples."""
         signals = (*recursion.states, *recursion.inputs)
         position = {base: i for i, base in enumerate(signals)}
         names: dict[Any, Any] = {}
@@ -45,8 +47,9 @@ class Plan:
                 key = (position[s.base], lag(s))
                 side = f"m{-key[1]}" if key[1] < 0 else str(key[1])
                 names[s] = sample[key] = sp.Dummy(f"x{key[0]}_{side}", real=True)
-        updates = tuple(right.xreplace(names).xreplace({k: cls.time}) for _, right in recursion.updates)
-        return cls(recursion, signals, sample, updates)
+        names[k] = cls.time
+        updates = tuple(renamed(right, names) for _, right in recursion.updates)
+        return cls(recursion, signals, sample, updates, tuple(renamed(e, names) for e in others))
 
     @property
     def parameters(self) -> tuple[sp.Symbol, ...]:
@@ -76,17 +79,27 @@ class Plan:
                 yield symbol, inner
 
     @cached_property
-    def shared(self) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[tuple[sp.Expr, ...]]]:
-        """The coefficients with their common subexpressions taken out."""
-        flat = [c for row in self.collected for c in row]
+    def _parts(self) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[tuple[sp.Expr, ...]]]:
+        """Common subexpressions, and the rows of coefficients without them; the other expressions are the last row."""
+        flat = [c for row in (*self.collected, self.others) for c in row]
         if any(c.has(Root) for c in flat):  # the unknown of a root has no value outside it
-            return [], list(self.collected)
+            return [], [*self.collected, self.others]
         common, reduced = sp.cse(flat, symbols=sp.numbered_symbols("shared_", cls=sp.Dummy), order="none")
         rows, at = [], 0
-        for row in self.collected:
+        for row in (*self.collected, self.others):
             rows.append(tuple(reduced[at : at + len(row)]))
             at += len(row)
         return common, rows
+
+    @property
+    def shared(self) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[tuple[sp.Expr, ...]]]:
+        """The coefficients with their common subexpressions taken out."""
+        return self._parts[0], self._parts[1][:-1]
+
+    @property
+    def further(self) -> tuple[sp.Expr, ...]:
+        """The other expressions, written with the same common subexpressions."""
+        return self._parts[1][-1]
 
 
 def horner(expr: sp.Expr, x: sp.Symbol) -> tuple[sp.Expr, ...]:

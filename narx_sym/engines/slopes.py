@@ -1,45 +1,131 @@
-"""A recursion with its derivatives, compiled: derived once, and kept between processes with its machine code."""
+"""A recursion that carries its derivatives along: derived once, and kept between processes with its machine code."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from ..symbolic.recursion import Recursion
-from ..symbolic.sensitivity import sensitivities
-from .compile import Compiled, compile, has_llvm, written
+import numpy as np
 
-Names = list[dict[str, str]]
+from ..symbolic.recursion import Recursion
+from ..symbolic.sensitivity import Tangent, sensitivities
+from ..symbolic.signals import lag, samples
+from .compile import Compiled, Layout, compile, has_llvm, kept, written
+
+Array = np.ndarray
+LONGEST = 8  # lag of a carried tangent: older ones would have to be read from memory
+Begin = Sequence[tuple[Sequence[str], Array]]
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A run over arrays that stay where they are.
+
+    Attributes
+    ----------
+    states : dict of (N,) arrays
+        Their first samples are the start; the run fills the rest.
+    slopes : (N, directions) array
+        The derivatives of the output.
+    run : callable
+        run(theta) fills both; NaN from where it diverges.
+    """
+
+    states: dict[str, Array]
+    slopes: Array
+    run: Callable[[Array], None]
+
+
+class Tangents:
+    """Machine code of a recursion with its tangents, one lane per direction.
+
+    Attributes
+    ----------
+    keys : (state, lag) of each tangent that is carried
+    width, directions : int
+    """
+
+    def __init__(self, told: Any, engine: Any, code: bytes, directions: int):
+        from .native import bound
+
+        layout, self.keys, self.width = told
+        self.layout, self.directions = Layout.read(layout), directions
+        count = len(self.layout.states) + len(self.layout.inputs)
+        self.compiled = Compiled(self.layout, bound(engine, code, count + 2), "native")
+
+    def over(self, inputs: Mapping[str, Array], initial: Mapping[str, Any], begin: Begin) -> Walk:
+        """Return the run over some samples.
+
+        Parameters
+        ----------
+        begin : (names, (depth,) array) of each direction that is a start
+            The states that it shifts, and where.
+        """
+        n = len(next(iter(inputs.values())))
+        slopes, carried = np.zeros((n, self.width)), np.zeros((len(self.keys), self.width))
+        for lane, (names, shape) in enumerate(begin, self.directions - len(begin)):
+            for row, (state, back) in enumerate(self.keys):
+                if self.layout.states[state] in names:
+                    carried[row, lane] = shape[self.layout.depth - back]
+        states = {name: np.empty(n) for name in self.layout.states}
+        move = self.compiled.over(inputs, initial, states, (slopes, carried))
+        return Walk(states, slopes[:, : self.directions], move)
+
+
+class Extended:
+    """The same by an engine that has no lanes: the derivatives are further states of the recursion."""
+
+    def __init__(self, recursion: Recursion, parameters: Sequence[Any], groups: Any, output: Any):
+        made, moved = sensitivities(recursion, parameters, groups)
+        self.compiled, self.moved, self.output = compile(made), moved, output
+
+    def over(self, inputs: Mapping[str, Array], initial: Mapping[str, Any], begin: Begin) -> Walk:
+        """Return the run over some samples."""
+        n = len(next(iter(inputs.values())))
+        start: dict[str, Any] = dict.fromkeys((str(s.label) for d in self.moved for s in d.values()), 0.0)
+        for (names, shape), direction in zip(begin, self.moved[len(self.moved) - len(begin) :], strict=True):
+            start |= {str(moved.label): shape for state, moved in direction.items() if str(state.label) in names}
+        states = {name: np.empty(n) for name in self.compiled.layout.states}
+        move = self.compiled.over(inputs, {**initial, **start}, states)
+        columns = [(j, states[str(d[self.output].label)]) for j, d in enumerate(self.moved) if self.output in d]
+        slopes = np.zeros((n, len(self.moved)))
+
+        def run(theta: Array) -> None:
+            move(theta)
+            for j, column in columns:
+                slopes[:, j] = column
+
+        return Walk(states, slopes, run)
 
 
 @lru_cache(maxsize=512)
 def with_slopes(
-    recursion: Recursion, groups: tuple[tuple[Any, ...], ...], fixed: tuple[Any, ...] = ()
-) -> tuple[Compiled, Names]:
-    """Return a compiled recursion with its derivatives.
+    recursion: Recursion, groups: tuple[tuple[Any, ...], ...], output: Any, fixed: tuple[Any, ...] = ()
+) -> Tangents | Extended:
+    """Return a compiled recursion with the derivatives of one of its states.
 
     Parameters
     ----------
     groups : tuples of states
-        The starts of each move together, in one more direction.
+        The starts of each move together, in one more direction behind those of the parameters.
+    output : the state that is looked at
     fixed : parameters that have no direction
-
-    Returns
-    -------
-    compiled : Compiled
-    directions : list of dict from a state's name to that of its derivative, one per parameter and group
     """
+    parameters = [p for p in recursion.parameters if p not in fixed]
+    carried = [lag(s) for _, right in recursion.updates for s in samples(right) if s.base in recursion.states]
+    if not has_llvm() or max(carried, default=0) > LONGEST:
+        return Extended(recursion, parameters, groups, output)
+    directions = len(parameters) + len(groups)
 
-    def derived() -> tuple[Recursion, Names]:
-        made, directions = sensitivities(recursion, [p for p in recursion.parameters if p not in fixed], groups)
-        return made, [{str(s.label): str(d.label) for s, d in moved.items()} for moved in directions]
+    def make() -> tuple[Any, Any, bytes]:
+        from .lanes import Lanes
+        from .native import build_lanes
 
-    def make() -> tuple[Compiled, Names]:
-        made, names = derived()
-        return Compiled.made(made, "native"), names
+        at = recursion.states.index(output)
+        lanes = Lanes.of(recursion, Tangent.of(recursion, parameters), directions, at)
+        return (Layout.of(lanes.plan).plain, lanes.keys, lanes.width), *build_lanes(lanes)
 
-    if not has_llvm():
-        made, names = derived()
-        return compile(made), names
-    initial = [[str(base.label) for base in group] for group in groups]
-    return Compiled.kept(f"with slopes {initial} {fixed} {written(recursion)}", make)
+    found = kept(f"with slopes of {output.label} {len(groups)} {fixed} {written(recursion)}", make)
+    return Tangents(*found, directions)

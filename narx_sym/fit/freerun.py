@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from ..engines.columns import Columns
 from ..engines.compile import compile
 from ..engines.numpy import banded
-from ..engines.slopes import with_slopes
+from ..engines.slopes import Walk, with_slopes
 from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep
 from ..models.model import NARX, Model
@@ -52,6 +52,11 @@ def starts(model: Model) -> list[Start]:
         groups.setdefault(state.group, []).append(state.left.base)
     outputs = [i - 1 for i in lags(model.core, model.inner)]
     return [*(Start((model.inner,), i) for i in outputs), *(Start(tuple(g)) for g in groups.values())]
+
+
+def determined(z: Array, size: Array) -> bool:
+    """Whether the unknowns determine a free run: the norms of its derivatives stay bounded, it is not chaotic."""
+    return bool(np.all(size * np.abs(z) < HUGE) and np.all(size < LARGEST))
 
 
 def _label(base: Any) -> str:
@@ -92,7 +97,7 @@ class FreeRun:
         self.edges = np.cumsum([0, *(m[r].size for m, r in zip(measured, self.rows, strict=True))])
         if min(m.size for m in measured) <= self.depth or self.edges[-1] <= self.free:
             raise FitError(f"{self.free} parameters cannot be estimated from {max(self.edges[-1], 0)} samples.")
-        self.slopes = np.zeros((self.edges[-1], self.free + self.shifts), order="F")
+        self.slopes = np.zeros((self.edges[-1], self.free + self.shifts))
         self.residuals = np.empty(self.edges[-1])
         self._last: Array | None = None
 
@@ -170,28 +175,25 @@ class FreeRun:
     def _forward(self) -> Any:
         """Sensitivities in the same compiled pass as the run."""
         fixed = () if self.free else self.model.symbols  # where only starts are unknown, only these are differentiated
-        compiled, directions = with_slopes(self.model.recursion, tuple(s.states for s in self.starts), tuple(fixed))
-        parameters = len(self.model.symbols) - len(fixed)
-        moved = [d.get(self.name) for d in directions]
-        shown = [self.name, *(m for m in moved if m)]
-        names = [*shown, *(n for n in compiled.layout.states if n not in shown)]
-        at = [i for i, m in enumerate(moved) if m]
-        zero: dict[str, Any] = dict.fromkeys((s for d in directions for s in d.values()), 0.0)
-        for start, d in zip(self.starts, directions[parameters:], strict=True):
-            zero |= {d[_label(state)]: start.shape(self.depth) for state in start.states}
-        # The recursion writes straight into the columns of these: no allocation while the fit runs.
-        buffers = [np.empty((len(d[self.name]), len(names)), order="F") for d in self.data]
-        outs = [{n: w[:, c] for c, n in enumerate(names)} for w in buffers]
+        groups = tuple(s.states for s in self.starts)
+        compiled = with_slopes(self.model.recursion, groups, self.model.output, tuple(fixed))
+        walks: dict[tuple[int, int], tuple[Any, dict[str, Array], Walk]] = {}  # the data may be exchanged
 
         def move(i: int, theta: Array, shifts: Array) -> tuple[Array, Array]:
-            initial = {**self.shifted(i, shifts), **zero}
-            compiled(self.data[i], theta, initial, on_divergence="nan", out=outs[i])
-            slopes = buffers[i][:, 1 : len(shown)]
-            if len(at) < len(moved):  # some directions move nothing
-                full = np.zeros((len(slopes), len(moved)), order="F")
-                full[:, at] = slopes
-                slopes = full
-            return buffers[i][:, 0], slopes
+            data = self.data[i]
+            key = (i, id(data))
+            if key not in walks:
+                walk = compiled.over(data, self.initial[i], self._moved)
+                begin = {n: walk.states[n][: self.depth].copy() for group, _ in self._moved for n in group}
+                walks[key] = data, begin, walk
+            _, begin, walk = walks[key]
+            for name, start in begin.items():
+                walk.states[name][: self.depth] = start
+            for (group, shape), shift in zip(self._moved, shifts, strict=True):
+                for name in group:
+                    walk.states[name][: self.depth] += shift * shape
+            walk.run(np.ascontiguousarray(theta, dtype=float))
+            return walk.states[self.name], walk.slopes
 
         return move
 
@@ -248,8 +250,7 @@ class FreeRun:
 
         def slopes(z: Array) -> Array:
             moved = self.run(z)[1]
-            size = np.abs(moved).max(axis=0)
-            if not (np.all(size * np.abs(z) < HUGE) and np.all(size < LARGEST)):
+            if not determined(z, np.sqrt(np.einsum("ij,ij->j", moved, moved))):
                 raise FitError("The derivatives of the free run diverge: the model is unstable there.")
             return moved.copy()
 

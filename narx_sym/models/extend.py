@@ -23,6 +23,7 @@ from ..symbolic.signals import (
     phi2,
     plain_name,
     r,
+    renamed,
     samples,
     sensed,
     signal,
@@ -154,7 +155,7 @@ def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[
     form = variant.effect.equations(Ts=model.Ts or 1.0, **values, **dict(variant.fixed))
     used = {str(b.label) for b in taken} | {*model.channels, variant.channel or ""} | {str(s) for s in model.symbols}
     used |= RESERVED | _new_names(variant, suffix)
-    renamed = {}
+    own = {}
     for state in form.states:
         name = plain = str(state.left.base.label)
         number = 1
@@ -162,17 +163,17 @@ def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[
             number += 1
             name = f"{plain}_{number}"
         used.add(name)
-        renamed[state.left.base] = signal(name)
+        own[state.left.base] = signal(name)
     meant = sequences(model, variant)
 
     def written(expr: Any) -> Any:
         changed = {}
         for s in samples(expr):
-            if s.base in renamed:
-                changed[s] = renamed[s.base][s.indices[0]]
+            if s.base in own:
+                changed[s] = own[s.base][s.indices[0]]
             elif str(s.base.label) in meant:
                 changed[s] = meant[str(s.base.label)](s.indices[0])
-        return expr.xreplace(changed)
+        return renamed(expr, changed)
 
     states = tuple(
         State(st.left, st.right, _measured(model, st.initial), suffix or "effect")
@@ -286,9 +287,9 @@ def _split(model: Model, where: str) -> list[State]:
     chain = [*model.states, State(output[k], model.F)]
     named = {s.left.base for s in chain}
 
-    def renamed(expr: Any, old: Any, new: Any) -> Any:
+    def moved(expr: Any, old: Any, new: Any) -> Any:
         written = expand_phi(expr, model.input)
-        return written.xreplace({s: new[s.indices[0]] for s in samples(written, old)})
+        return renamed(written, {s: new[s.indices[0]] for s in samples(written, old)})
 
     def between(target: Any, name: Any) -> None:
         """Give what an equation has on its right a name of its own."""
@@ -299,13 +300,13 @@ def _split(model: Model, where: str) -> list[State]:
 
     if where == "input" and v not in named:
         source = model.input
-        chain = [s.map(lambda e: renamed(e, source, v)) for s in chain]
+        chain = [s.map(lambda e: moved(e, source, v)) for s in chain]
         chain.insert(0, State(v[k], source[k], source[k]))
     if where == "motion" and free not in named:
         between(model.inner, free)
     if where in ("output", "sensor") and x not in named:
-        states = [State(s.left, renamed(s.right, output, x), s.initial, s.group) for s in chain[:-1]]
-        chain = [*states, State(x[k], renamed(chain[-1].right, output, x), output[k]), State(output[k], x[k])]
+        states = [State(s.left, moved(s.right, output, x), s.initial, s.group) for s in chain[:-1]]
+        chain = [*states, State(x[k], moved(chain[-1].right, output, x), output[k]), State(output[k], x[k])]
     if where == "sensor" and sensed not in named:
         between(output, sensed)
     return chain

@@ -7,13 +7,14 @@ S[k] = sum_i dF/dy[k-i] S[k-i] + dF/dtheta (chain rule along the trajectory).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import sympy as sp
 
 from .recursion import Recursion
-from .signals import k, lag, samples, signal
+from .signals import k, lag, renamed, samples, signal
 
 
 @lru_cache(maxsize=20_000)
@@ -21,10 +22,36 @@ def derivative(expr: Any, variable: Any) -> Any:
     """Differentiate with the kinks of sign, abs, Max and Min taken as they are away from them."""
     if not expr.has(variable):
         return sp.S.Zero
-    name = sp.Dummy("x", real=True)
-    result = sp.diff(expr.xreplace({variable: name}), name)
-    result = result.replace(sp.DiracDelta, lambda *_: sp.S.Zero)
-    return result.xreplace({name: variable})
+    result = sp.diff(renamed(expr, {variable: _VARIABLE}), _VARIABLE)
+    if result.has(sp.DiracDelta):
+        result = result.replace(sp.DiracDelta, lambda *_: sp.S.Zero)
+    return renamed(result, {_VARIABLE: variable})
+
+
+_VARIABLE = sp.Dummy("x", real=True)
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The local derivatives of a recursion: dx_i[k] = sum of slopes times dx_j[k-l], plus what parameters force.
+
+    Attributes
+    ----------
+    slopes : per state a tuple of (x_j[k-l], dF_i/dx_j[k-l])
+    forced : per state a tuple of dF_i/dtheta_p, one per parameter
+    """
+
+    slopes: tuple[tuple[tuple[Any, Any], ...], ...]
+    forced: tuple[tuple[Any, ...], ...]
+
+    @classmethod
+    def of(cls, recursion: Recursion, parameters: Sequence[Any]) -> Tangent:
+        """Derive the local derivatives of every update."""
+        known, rights = set(recursion.states), [right for _, right in recursion.updates]
+        return cls(
+            tuple(tuple((s, derivative(right, s)) for s in samples(right) if s.base in known) for right in rights),
+            tuple(tuple(derivative(right, p) for p in parameters) for right in rights),
+        )
 
 
 def sensitivities(
@@ -52,13 +79,12 @@ def sensitivities(
     groups = [recursion.states[:1]] if initial is True else [tuple(g) for g in initial or ()]
     updates: list[tuple[Any, Any]] = []
     directions: list[dict[Any, Any]] = []
-    equations = list(zip(recursion.states, (right for _, right in recursion.updates), strict=True))
-    known = set(recursion.states)
-    local: dict[Any, list[tuple[Any, Any]]] = {
-        state: [(s, derivative(right, s)) for s in samples(right) if s.base in known] for state, right in equations
-    }
+    tangent = Tangent.of(recursion, chosen)
+    local = dict(zip(recursion.states, tangent.slopes, strict=True))
     for position, cause in enumerate([*chosen, *groups]):
-        forced = {} if isinstance(cause, tuple) else {state: derivative(right, cause) for state, right in equations}
+        forced = {}
+        if position < len(chosen):
+            forced = {state: row[position] for state, row in zip(recursion.states, tangent.forced, strict=True)}
         reached = set(cause) if isinstance(cause, tuple) else {state for state, slope in forced.items() if slope != 0}
         grown = True
         while grown:

@@ -7,7 +7,7 @@ of the input and its sign, `breve_phi1` and `breve_phi2` those of the output (th
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -67,6 +67,23 @@ def pairs(expr: Any) -> list[tuple[Any, Any]]:
 def shift(expr: Any, steps: int) -> Any:
     """Apply q**steps: every `x[k]` becomes `x[k+steps]`."""
     return expr.xreplace({k: k + steps})
+
+
+def renamed(expr: Any, names: Mapping[Any, Any]) -> Any:
+    """Put other samples or symbols for some; like `xreplace`, but extremes are not searched for what they could lose.
+
+    Another name makes no argument of Max or Min redundant, and SymPy's search takes longer than a derivation.
+    """
+    if expr in names:
+        return names[expr]
+    if not expr.args or isinstance(expr, sp.Indexed):
+        return expr
+    arguments = [renamed(a, names) for a in expr.args]
+    if all(new is old for new, old in zip(arguments, expr.args, strict=True)):
+        return expr
+    if isinstance(expr, (sp.Max, sp.Min)):
+        return expr.func(*arguments, evaluate=False)
+    return expr.func(*arguments)
 
 
 def held(expr: Any, values: Callable[[sp.IndexedBase], Any]) -> Any:

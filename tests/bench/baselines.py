@@ -103,7 +103,7 @@ def pool_of(model: Model | Fitted, record: Record, catalogue: Catalogue = EFFECT
         form = equations(base, variant)
         symbols = [sp.Symbol(p, real=True) for p in variant.shape]
         later = base.delay if variant.where == "input" else int(variant.where == "output" and variant.driver == "y")
-        z = measured.contributions(form.states, form.z, dict(zip(symbols, one.shape, strict=True)))
+        z = measured.contributions(form, dict(zip(symbols, one.shape, strict=True)))
         blocks.append([_delayed(columns, later) for columns in z])
         names += [variant.id] * z[0].shape[1]
         signs += [variant.effect.sign] * z[0].shape[1]

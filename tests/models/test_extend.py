@@ -108,7 +108,7 @@ def test_the_direction_is_the_derivative_of_the_free_run(name, variant):
     values = dict(zip(added.shape, valued(added, base).theta[len(base.theta) + len(added.coefficients) :], strict=True))
     form = equations(base, variant)
     own = {sp.Symbol(p, real=True): values[s] for p, s in zip(variant.shape, added.shape, strict=True)}
-    found = around.moved(variant.where, around.contributions(form.states, form.z, own))
+    found = around.moved(variant.where, around.contributions(form, own))
     data = arrays(valued(added, base), record)
     depth = max(1, added.model.recursion.depth)
     begin = initial_values(valued(added, base), data, depth)  # where it starts from is a direction of its own
@@ -140,7 +140,7 @@ def test_an_output_effect_is_taken_off_before_the_core_predicts(name):
         form = equations(base, variant)
         values = [model.values[s] for s in added.shape]
         symbols = [sp.Symbol(p, real=True) for p in variant.shape]
-        (z,) = around.contributions(form.states, form.z, dict(zip(symbols, map(float, values), strict=True)))
+        (z,) = around.contributions(form, dict(zip(symbols, map(float, values), strict=True)))
         part = 0.1 * z.sum(axis=1)
         core = ns.Record.from_arrays(record.u, record.y - part, Ts=0.01)
         late = slice(REST, None)

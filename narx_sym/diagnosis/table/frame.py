@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.sparse import csr_array
 
 from ...data.record import Record
 from ...fit.constraints import Elimination, constraint_equations
-from ...fit.freerun import FreeRun
+from ...fit.freerun import FreeRun, determined
 from ...models.extend import Variant, extend
 from ...models.model import NARX, Model
 from .hypotheses import Core, linear
@@ -71,6 +70,7 @@ class Frame:
         self.size = self.problem.free + self.problem.shifts
         self.equations = constraint_equations(model, None) if largest is None else []
         self._data = {0: self.problem.data}
+        self._free: dict[Any, tuple[Array, Array]] = {}
         self._delay = 0
         first = np.cumsum([0, *(len(d[self.problem.name]) for d in self.problem.data)])
         index = np.concatenate([np.arange(a + self.problem.depth, b) for a, b in itertools.pairwise(first)])
@@ -109,6 +109,12 @@ class Frame:
 
     def free(self, core: Core) -> tuple[Array, Array]:
         """Return the point t0 and the directions T of the unknowns that a core leaves free: x = t0 + T w."""
+        key = (core.n_y, core.n_u, core.integrating, core.given)
+        if key not in self._free:
+            self._free[key] = self._spanned(core)
+        return self._free[key]
+
+    def _spanned(self, core: Core) -> tuple[Array, Array]:
         T, t0 = np.eye(self.size), np.zeros(self.size)
         if core.given or self.largest is None:
             if not self.equations:
@@ -163,29 +169,26 @@ class Frame:
             T = T[:, T.shape[1] - self.problem.shifts :]
             if not T.shape[1]:
                 return x, np.nan
-        across = csr_array(T.T)  # nearly a choice of columns
         x = np.clip(x, self.low, self.high)
-        chosen = slice(None) if rows is None else np.flatnonzero(rows)
+        chosen = None if rows is None else np.flatnonzero(rows)
         with np.errstate(all="ignore"):
-            r, J = self.run(x)
-            cost, damping = float(np.mean(r[chosen] ** 2)), 1e-3
-            for _ in range(steps if np.isfinite(cost) else 0):
-                A = (across @ J.T).T
-                if not np.all(np.isfinite(A)):
-                    return x, np.inf
-                size = np.linalg.norm(A[chosen], axis=0)
+            cost, gradient, G, every = self._squares(x, chosen)
+            damping = 1e-3
+            if not (np.isfinite(cost) and determined(x, np.sqrt(G.diagonal()))):
+                return x, np.inf
+            for _ in range(steps):
+                H, g = T.T @ G @ T, T.T @ gradient
+                size = np.sqrt(H.diagonal())
                 # What these rows do not determine, the start of a block that is held out, stays as it is.
-                size[size <= UNSEEN * np.linalg.norm(A, axis=0)] = np.inf
-                A = A[chosen] / size
-                g, H = A.T @ r[chosen], A.T @ A
+                size = np.where(size <= UNSEEN * np.sqrt((T.T @ every @ T).diagonal()), np.inf, size)
+                H, g = H / np.outer(size, size), g / size
                 for c in self._stopped(x, T, g):
                     H[c], H[:, c], g[c] = 0.0, 0.0, 0.0
                 for _ in range(TRIALS):
                     w = -np.linalg.solve(H + (damping + RIDGE) * np.eye(g.size), g)
                     new = np.clip(x + T @ (w / size), self.low, self.high)
-                    r, J = self.run(new)
-                    now = float(np.mean(r[chosen] ** 2))
-                    if now < cost:
+                    now, gradient, G, every = self._squares(new, chosen)
+                    if now < cost and determined(new, np.sqrt(G.diagonal())):
                         break
                     damping *= 8
                 else:
@@ -193,7 +196,16 @@ class Frame:
                 x, gained, cost, damping = new, cost - now, now, damping / 6
                 if gained < GAIN * cost:
                     break
-        return x, cost if np.isfinite(cost) else np.inf
+        return x, cost
+
+    def _squares(self, x: Array, chosen: Array | None) -> tuple[float, Array, Array, Array]:
+        """Return the mean square of the errors, J'r and J'J on the rows that count, and J'J on all."""
+        r, J = self.run(x)
+        every = J.T @ J
+        if chosen is None:
+            return float(r @ r) / r.size, J.T @ r, every, every
+        r, J = r[chosen], J[chosen]
+        return float(r @ r) / r.size, J.T @ r, J.T @ J, every
 
     def _stopped(self, x: Array, T: Array, g: Array) -> list[int]:
         """Return the directions in which the error falls, but a bound is in the way."""

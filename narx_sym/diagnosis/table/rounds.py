@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,7 @@ class Table:
         work, self.factor = working(self.records) if family_of(given) in ("linear", "static") else (self.records, 1)
         self.search = Search(given if self.factor == 1 else given.replace(Ts=work[0].Ts), work)
         self._screened: dict[int, Scored] = {}
+        self._fitted: dict[int, Fitted] = {}
         self._own: dict[int, Fitted] = {}
         delay = int(getattr(given, "delay", 0) or 0)
         near = {max(0, delay - 1), delay, delay + 1} if self.factor == 1 else {delay // self.factor}
@@ -71,11 +73,17 @@ class Table:
         return made.replace(theta=row.frame.theta(row.values, row.hypothesis.core))
 
     def fitted(self, row: Row) -> Fitted:
-        """Return a row as a fitted model at the working rate."""
-        made = self.model(row)
-        limits = row.frame.limits(made)
-        split = Split.of(self.search.cut)
-        return settle(made, split, made.theta, limits)
+        """Return a row as a fitted model at the working rate.
+
+        Raises
+        ------
+        FitError
+            Where its free run cannot be held on the training samples alone.
+        """
+        if id(row) not in self._fitted:
+            made = self.model(row)
+            self._fitted[id(row)] = settle(made, Split.of(self.search.cut), made.theta, row.frame.limits(made))
+        return self._fitted[id(row)]
 
     def screened(self, row: Row) -> Scored:
         """Return what the directions say at a row."""
@@ -99,7 +107,7 @@ class Table:
     def pairs(self, base: Row) -> None:
         """Fit pairs: the best effects, and what the directions show beside each of them."""
         listed = [r for r in cheapest(self.rows) if len(r.beyond(base)) == 1 and np.isfinite(r.price)]
-        for first in listed[:PARTNERS]:
+        for first in islice(filter(self.settles, listed), PARTNERS):
             scored = self.screened(first)
             kind = "given" if first.hypothesis.core.given else self.search.family
             others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids}
@@ -154,18 +162,18 @@ class Table:
         return self._own[id(row)]
 
     def held(self, rows: Callable[[], Row | None]) -> Row | None:
-        """Return the first choice that can be held at the records' own rate; others leave the table."""
+        """Return the first choice that can be held at both rates; others leave the table."""
         while (row := rows()) is not None and not self.holds(row):
             self.rows.remove(row)
         return row
 
     def holds(self, row: Row) -> bool:
-        """Whether a row can be held at the records' own rate."""
-        try:
-            self.own(row)
-        except FitError:
-            return False
-        return True
+        """Whether the free run of a row can be held at the working rate and at the records' own."""
+        return self.settles(row) and _settles(self.own, row)
+
+    def settles(self, row: Row) -> bool:
+        """Whether the free run of a row can be held on the training samples alone, at the working rate."""
+        return _settles(self.fitted, row)
 
     @property
     def _whole(self) -> bool:
@@ -205,3 +213,11 @@ class Table:
             looks = fine.look([made], variant, [shape])
             made = fine.one_more([made], looks)[0] if looks else None
         return made
+
+
+def _settles(fit: Callable[[Row], Fitted], row: Row) -> bool:
+    try:
+        fit(row)
+    except FitError:
+        return False
+    return True

@@ -1,0 +1,64 @@
+"""The derivatives that a run carries along: by lanes of machine code, and as further states of the recursion."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import narx_sym as ns
+from narx_sym.engines.slopes import LONGEST, Extended, Tangents, with_slopes
+from narx_sym.fit.freerun import starts
+from narx_sym.models.extend import extend, variants
+from narx_sym.symbolic.recursion import Recursion
+from narx_sym.symbolic.signals import k, u, y
+
+BASE = ns.NARX([y[k - 1], y[k - 2], u[k - 1], u[k - 2], sp.S.One], theta=[1.2, -0.4, 0.15, 0.05, 0.01])
+CASES = list({v.effect: v for v in variants(BASE)}.values())
+
+
+def both(recursion, parameters, groups, output):
+    """Return the same derivatives by machine code and by the text engines' recursion."""
+    lanes = with_slopes(recursion, groups, output)
+    assert isinstance(lanes, Tangents)
+    return lanes, Extended(recursion, parameters, groups, output)
+
+
+@pytest.mark.parametrize("variant", CASES, ids=str)
+def test_lanes_equal_the_extended_recursion(variant):
+    model = extend(BASE, variant).model
+    rng = np.random.default_rng(1)
+    n, depth = 300, max(1, model.recursion.depth)
+    inputs = {str(b.label): np.cumsum(rng.normal(size=n)) / 5 for b in model.recursion.inputs}
+    initial = {str(b.label): rng.normal(size=depth) / 10 for b in model.recursion.states}
+    groups = tuple(s.states for s in starts(model))
+    begin = [([str(state.label) for state in s.states], s.shape(depth)) for s in starts(model)]
+    theta = np.concatenate([BASE.theta, rng.uniform(0.01, 0.05, len(model.symbols) - 5)])
+    runs = []
+    for one in both(model.recursion, model.symbols, groups, model.output):
+        walk = one.over(inputs, initial, begin)
+        walk.run(theta)
+        runs.append((walk.states["y"], walk.slopes))
+    (run, slopes), (again, extended) = runs
+    assert slopes.shape == extended.shape == (n, len(model.symbols) + len(groups))
+    np.testing.assert_array_equal(np.isfinite(run), np.isfinite(again))
+    good = np.isfinite(run) & np.isfinite(extended).all(axis=1)
+    assert good.sum() > n // 2
+    np.testing.assert_allclose(run[good], again[good], rtol=1e-9, atol=1e-12)
+    size = np.abs(extended[good]).max(axis=0) + 1e-12
+    assert np.abs((slopes[good] - extended[good])[depth:] / size).max(initial=0.0) < 1e-8
+
+
+def test_a_second_run_forgets_the_first():
+    a, b = sp.symbols("a b")
+    recursion = Recursion(((y[k], a * y[k - 1] + b * u[k - 1]),), (a, b))
+    walk = with_slopes(recursion, ((y,),), y).over({"u": np.ones(20)}, {"y": 1.0}, [(["y"], np.ones(1))])
+    walk.run(np.array([2e300, 0.0]))
+    assert np.isnan(walk.states["y"][3:]).all() and np.isnan(walk.slopes[3:]).all()
+    walk.run(np.array([0.5, 0.0]))
+    np.testing.assert_allclose(walk.states["y"], 0.5 ** np.arange(20.0))
+    np.testing.assert_allclose(walk.slopes[1:, 2], 0.5 ** np.arange(1.0, 20.0))
+
+
+def test_what_reaches_too_far_back_is_a_further_state():
+    a = sp.Symbol("a")
+    far = Recursion(((y[k], a * y[k - LONGEST - 1] + u[k]),), (a,))
+    assert isinstance(with_slopes(far, (), y), Extended)
