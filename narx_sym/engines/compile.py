@@ -87,21 +87,21 @@ class Compiled:
     def made(cls, recursion: Recursion, engine: str) -> Compiled:
         """Compile a recursion."""
         plan = Plan.of(recursion)
-        return cls(Layout.of(plan), import_module(f".{engine}", __package__).build(plan), engine, recursion)
+        place = ".machine.native" if engine == "native" else f".{engine}"
+        return cls(Layout.of(plan), import_module(place, __package__).build(plan), engine, recursion)
 
     @classmethod
     def kept(cls, recursion: Recursion) -> Compiled:
         """Compile a recursion to machine code; from an earlier process if it was kept."""
-        from .native import bound
+        from .machine.native import bound, coded
 
         def make() -> tuple[Any, Any, bytes]:
             plan = Plan.of(recursion)
-            run = import_module(".native", __package__).build(plan)
-            return Layout.of(plan).plain, run.engine, run.code
+            return Layout.of(plan).plain, *coded(plan)
 
-        told, engine, code = kept(written(recursion), make)
+        told, engine = kept(written(recursion), make)
         layout = Layout.read(told)
-        return cls(layout, bound(engine, code, len(layout.states) + len(layout.inputs)), "native", recursion)
+        return cls(layout, bound(engine, len(layout.states) + len(layout.inputs)), "native", recursion)
 
     def __call__(
         self,
@@ -251,21 +251,21 @@ def _compiled(recursion: Recursion, engine: str) -> Compiled:
     return Compiled.kept(recursion)
 
 
-def kept(recipe: str, make: Callable[[], tuple[Any, Any, bytes]]) -> tuple[Any, Any, bytes]:
-    """Return plain data, the engine and the machine code that `make` returns; from an earlier process if kept.
+def kept(recipe: str, make: Callable[[], tuple[Any, Any, bytes]]) -> tuple[Any, Any]:
+    """Return plain data and the engine of machine code; from an earlier process if it was kept.
 
-    `recipe` tells all that they are made from.
+    `make` returns both and the code itself; `recipe` tells all that they are made from.
     """
-    from .emitter import loaded, processor
+    from .machine.emitter import loaded, processor
 
     key = "\n".join((processor(), _rules(), sp.__version__, recipe))
     content = cache.kept(key)
     if content is not None:
         header, _, code = content.partition(b"\n")
-        return json.loads(header), loaded(code), code
+        return json.loads(header), loaded(code)
     told, engine, code = make()
     cache.keep(key, json.dumps(told).encode() + b"\n" + code)
-    return told, engine, code
+    return told, engine
 
 
 def written(recursion: Recursion) -> str:
@@ -277,7 +277,7 @@ def written(recursion: Recursion) -> str:
 def _rules() -> str:
     """Return a digest of the code that derives and emits: what other code has made is made again."""
     here = Path(__file__).parent
-    files = [*here.glob("*.py"), *(here.parent / "symbolic").glob("*.py")]
+    files = [*here.rglob("*.py"), *(here.parent / "symbolic").glob("*.py")]
     return hashlib.sha256(b"".join(f.read_bytes() for f in sorted(files))).hexdigest()
 
 

@@ -47,13 +47,13 @@ class Tangents:
     width, directions : int
     """
 
-    def __init__(self, told: Any, engine: Any, code: bytes, directions: int):
-        from .native import bound
+    def __init__(self, told: Any, engine: Any, directions: int):
+        from .machine.native import bound
 
         layout, self.keys, self.width = told
         self.layout, self.directions = Layout.read(layout), directions
         count = len(self.layout.states) + len(self.layout.inputs)
-        self.compiled = Compiled(self.layout, bound(engine, code, count + 2), "native")
+        self.compiled = Compiled(self.layout, bound(engine, count + 2), "native")
 
     def over(self, inputs: Mapping[str, Array], initial: Mapping[str, Any], begin: Begin) -> Walk:
         """Return the run over some samples.
@@ -120,12 +120,12 @@ def with_slopes(
     directions = len(parameters) + len(groups)
 
     def make() -> tuple[Any, Any, bytes]:
-        from .lanes import Lanes
-        from .native import build_lanes
+        from .machine.lanes import Lanes
+        from .machine.native import coded
 
         at = recursion.states.index(output)
         lanes = Lanes.of(recursion, Tangent.of(recursion, parameters), directions, at)
-        return (Layout.of(lanes.plan).plain, lanes.keys, lanes.width), *build_lanes(lanes)
+        return (Layout.of(lanes.plan).plain, lanes.keys, lanes.width), *coded(lanes.plan, lanes)
 
     found = kept(f"with slopes of {output.label} {len(groups)} {fixed} {written(recursion)}", make)
     return Tangents(*found, directions)

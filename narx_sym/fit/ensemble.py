@@ -22,7 +22,7 @@ STRETCH, TINY = 4096, 1e-290  # values about to become denormal are put to zero 
 
 @lru_cache(maxsize=32)
 def _built(recursion: Recursion, keep: bool, output: int) -> tuple[Plan, Any, list[tuple[int, int]], int]:
-    from ..engines import ensemble  # needs llvmlite
+    from ..engines.machine import ensemble  # needs llvmlite
 
     plan = Plan.of(recursion)
     return plan, ensemble.build(plan, keep, output), ensemble.past(plan), ensemble.SETS

@@ -27,7 +27,7 @@ def test_lanes_equal_the_extended_recursion(variant):
     model = extend(BASE, variant).model
     rng = np.random.default_rng(1)
     n, depth = 300, max(1, model.recursion.depth)
-    inputs = {str(b.label): np.cumsum(rng.normal(size=n)) / 5 for b in model.recursion.inputs}
+    inputs = {str(b.label): np.cumsum(rng.normal(size=n)) / 20 for b in model.recursion.inputs}
     initial = {str(b.label): rng.normal(size=depth) / 10 for b in model.recursion.states}
     groups = tuple(s.states for s in starts(model))
     begin = [([str(state.label) for state in s.states], s.shape(depth)) for s in starts(model)]

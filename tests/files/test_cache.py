@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from narx_sym.engines import emitter
 from narx_sym.engines.compile import _compiled
+from narx_sym.engines.machine import emitter
 from narx_sym.files import cache
 from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.signals import k, u, y

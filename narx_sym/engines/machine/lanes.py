@@ -12,11 +12,11 @@ from typing import Any
 
 from llvmlite import ir
 
-from ..symbolic.recursion import Recursion
-from ..symbolic.sensitivity import Tangent
-from ..symbolic.signals import lag
+from ...symbolic.recursion import Recursion
+from ...symbolic.sensitivity import Tangent
+from ...symbolic.signals import lag
+from ..plan import Plan
 from .emitter import DOUBLE, INT
-from .plan import Plan
 
 WIDE = 4  # lanes come in such groups
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
+from ..plan import Plan
 from .emitter import BOOL, DOUBLE, INT, Emitter, loop, machine_code, multiply_add
 from .lanes import Lanes
-from .plan import Plan
 
 MAX_CARRIED = 8  # older samples of a state are read from memory
 BLOCK = 256  # steps whose coefficients are computed at once
@@ -192,17 +192,17 @@ def _emit_steps(plan: Plan, lanes: Lanes | None = None) -> ir.Module:
     return f.module
 
 
+def coded(plan: Plan, lanes: Lanes | None = None) -> tuple[Any, bytes]:
+    """Return the engine and the machine code of a plan, of its tangents too where they are given."""
+    return machine_code(emit(plan) if lanes is None else _emit_steps(plan, lanes))
+
+
 def build(plan: Plan) -> Callable[..., int]:
-    """Return run(arrays, theta, start, stop) for a plan; its attribute `code` is the machine code."""
-    return bound(*machine_code(emit(plan)), len(plan.signals))
+    """Return run(arrays, theta, start, stop) for a plan."""
+    return bound(coded(plan)[0], len(plan.signals))
 
 
-def build_lanes(lanes: Lanes) -> tuple[Any, bytes]:
-    """Return the engine and the machine code of a run with its tangents."""
-    return machine_code(_emit_steps(lanes.plan, lanes))
-
-
-def bound(engine: Any, code: bytes, count: int) -> Callable[..., int]:
+def bound(engine: Any, count: int) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) of loaded machine code over so many arrays."""
     signature = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * (count + 1), ctypes.c_int64, ctypes.c_int64)
     function = signature(engine.get_function_address("run"))
@@ -219,5 +219,5 @@ def bound(engine: Any, code: bytes, count: int) -> Callable[..., int]:
 
         return move
 
-    run.engine, run.code, run.over = engine, code, over  # type: ignore[attr-defined]  # keeps the machine code alive
+    run.engine, run.over = engine, over  # type: ignore[attr-defined]  # keeps the machine code alive
     return run

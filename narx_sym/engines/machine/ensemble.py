@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
+from ..plan import Plan
 from .emitter import DOUBLE, INT, Emitter, kept_machine_code, loop, multiply_add
-from .plan import Plan
 
 SETS = 32  # side by side: a constant, so that LLVM knows that the rows do not overlap
 

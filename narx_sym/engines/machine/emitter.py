@@ -12,9 +12,9 @@ import llvmlite.binding as llvm
 import sympy as sp
 from llvmlite import ir
 
-from ..errors import ModelError
-from ..files import cache
-from ..symbolic.functions import Elementary, X, arguments_of, row_of
+from ...errors import ModelError
+from ...files import cache
+from ...symbolic.functions import Elementary, X, arguments_of, row_of
 
 DOUBLE, INT, BOOL = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
 COMPARISONS = {
