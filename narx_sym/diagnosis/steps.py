@@ -152,7 +152,7 @@ class Step:
                 {
                     "effect": c.effect, "where": c.where, "form": str(c.variant), "parameters": c.parameters,
                     "latex": c.latex, "share_of_removable_error": c.share, "interval": list(c.interval),
-                    "p_value": c.p_value, "sentence": c.sentence, "nrmse": c.nrmse,
+                    "p_value": c.p_value, "sentence": c.sentence, "nrmse": c.nrmse, "samples_averaged": c.averaged,
                 }
                 for c in self.candidates
             ],
@@ -273,9 +273,10 @@ def _candidates(table: Table, known: Row, best: Row, found: Sequence[Row], lowes
         variant = row.beyond(known)[0]
         if len(made) == max(SHOWN, len(members)):
             break
-        if (not row.held < known.held and variant.id not in members) or not table.holds(row):
+        likely = variant.id in members
+        if not (likely or row.held < known.held) or not (table.holds(row) if likely else table.settles(row)):
             continue
         tests = [i for i, d in enumerate(scored.directions) if d.variant.id == variant.id]
         p = min((scored.scores.corrected(i) for i in tests), default=1.0)
-        made.append(Candidate.of(table, row, known, p, lowest))
+        made.append(Candidate.of(table, row, known, p, lowest, likely))
     return made

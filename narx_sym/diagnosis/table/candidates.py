@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import sympy as sp
 
+from ...errors import FitError
 from ...models.extend import Variant, equations
 from ...models.model import Model
 from ...symbolic import printing
@@ -47,6 +49,11 @@ class Candidate:
         Held-out free-run error with the effect, and that of the base [unit of y squared].
     nrmse : dict
         Errors where it was fitted and on held-out blocks, over the standard deviation of the output.
+    shown : Fitted
+        The model whose numbers are shown: that at the record's own rate where the data may mean this effect, else that
+        of the table.
+    averaged : int
+        How many samples of the record are one there.
     """
 
     effect: str
@@ -58,11 +65,16 @@ class Candidate:
     share: float
     interval: tuple[float, float]
     nrmse: dict[str, float]
-    fit: Callable[[], Fitted] = field(compare=False)
+    shown: Fitted
+    averaged: int
+    fit: Callable[[], Fitted] | None = field(compare=False)
 
     @classmethod
-    def of(cls, table: Table, row: Row, known: Row, p_value: float, lowest: float) -> Candidate:
-        """Make a candidate of a row; `lowest` is the mean square of the noise, over the variance of y."""
+    def of(cls, table: Table, row: Row, known: Row, p_value: float, lowest: float, likely: bool) -> Candidate:
+        """Make a candidate of a row.
+
+        `lowest` is the mean square of the noise, over the variance of y; a `likely` one is fitted at the own rate.
+        """
         variant, spread = row.beyond(known)[0], row.frame.problem.spread
         removable = max(known.held - lowest, 1e-300)
         drawn = np.random.default_rng(table.seed).integers(0, len(row.blocks), size=(DRAWS, len(row.blocks)))
@@ -71,19 +83,31 @@ class Candidate:
         errors = {"train": float(np.sqrt(row.fitted)), "validation": float(np.sqrt(row.held))}
         return cls(
             variant.id, variant, row, p_value, row.held * spread**2, known.held * spread**2,
-            (known.held - row.held) / removable, interval, errors, lambda: table.own(row),
+            (known.held - row.held) / removable, interval, errors,
+            table.own(row) if likely else table.fitted(row), 1 if likely else table.factor, lambda: table.own(row),
         )  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:
         """Go to another process as what it is: with its fitted model, without the table that fits it."""
-        return {**self.__dict__, "fitted": self.fitted, "fit": None}
+        state = {**self.__dict__, "fit": None}
+        with suppress(FitError):
+            state["fitted"] = self.fitted
+        return state
 
     def __repr__(self) -> str:
         return f"Candidate({self.variant}, {100 * self.share:.0f} % of the removable error)"
 
     @cached_property
     def fitted(self) -> Fitted:
-        """The model that has it, fitted at the record's own rate when it is first needed."""
+        """The model that has it, fitted at the record's own rate when it is first needed.
+
+        Raises
+        ------
+        FitError
+            Where it cannot be held there.
+        """
+        if self.fit is None:
+            raise FitError(f"{self.variant} has no stable fit at the record's own rate.")
         return self.fit()
 
     @property
@@ -99,13 +123,14 @@ class Candidate:
     @property
     def parameters(self) -> dict[str, float]:
         """Coefficients c and shape parameters by their short names."""
-        values = dict(zip(self.model.symbols, self.model.theta, strict=True))
-        return {n: float(values[s]) for n, s in self.model.effects[-1].symbols.items()}
+        model = self.shown.model
+        values = dict(zip(model.symbols, model.theta, strict=True))
+        return {n: float(values[s]) for n, s in model.effects[-1].symbols.items()}
 
     @property
     def latex(self) -> str:
         """LaTeX of the contribution with what it remembers."""
-        form = equations(self.model, self.variant)
+        form = equations(self.shown.model, self.variant)
         names = self.parameters
         coefficients = [n for n in names if n.startswith("c")]
         shown = [(sp.Float(f"{names[c]:.4g}"), z) for c, z in zip(coefficients, form.z, strict=False)]

@@ -22,7 +22,7 @@ from .search import Row, Search, family_of, working
 from .verdict import cheapest, price
 
 Array = np.ndarray
-CLOSER, SMALLER = 8, 1  # effects that are fitted to the end, and further cores of each
+FORMS, SMALLER = 2, 1  # forms of each effect that are fitted with every core; further cores of the best, to the end
 PARTNERS, TOGETHER = 2, 5  # effects that may be the stronger one of a pair, and weaker ones that are tried with each
 
 
@@ -50,6 +50,7 @@ class Table:
         work, self.factor = working(self.records) if family_of(given) in ("linear", "static") else (self.records, 1)
         self.search = Search(given if self.factor == 1 else given.replace(Ts=work[0].Ts), work)
         self._screened: dict[int, Scored] = {}
+        self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
         self._fitted: dict[int, Fitted] = {}
         self._own: dict[int, Fitted] = {}
         delay = int(getattr(given, "delay", 0) or 0)
@@ -102,7 +103,7 @@ class Table:
                 continue
             line = self._line(base if base in bases else min(bases, key=lambda r: r.price))
             tried = [v for v in self._ways(line.model, given) if v.id not in base.ids]
-            self._fit(bases, {v: line.grid(v) for v in tried}, line, CLOSER)
+            self._fit(bases, {v: line.grid(v) for v in tried}, line)
 
     def pairs(self, base: Row) -> None:
         """Fit pairs: the best effects, and what the directions show beside each of them."""
@@ -111,8 +112,8 @@ class Table:
             scored = self.screened(first)
             kind = "given" if first.hypothesis.core.given else self.search.family
             others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids}
-            bases = [r for r in self.rows if r.hypothesis.effects == first.hypothesis.effects]
-            bases = [r for r in bases if r.hypothesis.core.given == first.hypothesis.core.given]
+            bases = self._cores.get((first.hypothesis.effects, first.hypothesis.core.given), [first])
+            bases = [first, *(r for r in bases if r.hypothesis.core != first.hypothesis.core)]
             self._fit(bases, others, scored.line, TOGETHER)
 
     def _line(self, row: Row) -> Linearised:
@@ -128,23 +129,31 @@ class Table:
         open_ones = dict.fromkeys(replace(v, lag=0) for v in listed)
         return [v for v in open_ones if not linear_in_signals(model, v)]
 
-    def _fit(self, bases: Sequence[Row], shapes: Mapping[Variant, Any], line: Linearised, most: int) -> None:
-        """Look at effects beside rows; fit the best of them with every core, and the best of these to the end."""
+    def _fit(
+        self, bases: Sequence[Row], shapes: Mapping[Variant, Any], line: Linearised, most: int | None = None
+    ) -> None:
+        """Look at effects beside rows; fit the best forms of each with every core, and the best of these to the end.
+
+        At most so many effects, all of them without a number.
+        """
         search, looks = self.search, []
         for variant, points in shapes.items():
             self.report(f"looking at {' + '.join([*map(str, bases[0].hypothesis.effects), str(variant)])}")
             search.limits[variant] = line.ranges(variant)
             looks.append(search.look(bases, variant, points))
-        looks = sorted(filter(None, looks), key=lambda rows: price(rows[0].fitted, rows[0].parameters, 1))
-        for rows in looks[2 * most :]:
-            search.forget(rows[0].hypothesis)
-        closer = []
-        for rows in looks[: 2 * most]:
-            self.report(f"fitting {rows[0].hypothesis}")
-            closer.append(search.one_more(bases, rows))
-        closer.sort(key=lambda rows: price(rows[0].fitted, rows[0].parameters, 1))
-        for rows in closer[:most]:
-            for i, row in enumerate(rows[: 1 + SMALLER]):
+        forms: dict[str, list[list[Row]]] = {}
+        for rows in sorted(filter(None, looks), key=_cost):
+            forms.setdefault(rows[0].hypothesis.effects[-1].id, []).append(rows)
+        chosen = list(forms.values())[:most]
+        kept = [rows for listed in chosen for rows in listed[:FORMS]]
+        for rows in looks:
+            if rows and rows not in kept:
+                search.forget(rows[0].hypothesis)
+        for listed in chosen:
+            self.report(f"fitting {listed[0][0].hypothesis}")
+            best = min((search.one_more(bases, rows) for rows in listed[:FORMS]), key=_cost)
+            self._cores[best[0].hypothesis.effects, best[0].hypothesis.core.given] = best
+            for i, row in enumerate(best[: 1 + SMALLER]):
                 search.finish(row, 40 if i == 0 else 15)
 
     # -- at the record's own rate ------------------------------------------------------------------------------------
@@ -213,6 +222,11 @@ class Table:
             looks = fine.look([made], variant, [shape])
             made = fine.one_more([made], looks)[0] if looks else None
         return made
+
+
+def _cost(rows: Sequence[Row]) -> float:
+    """Return the price of the best of some rows that are not judged yet."""
+    return price(rows[0].fitted, rows[0].parameters, rows[0].count)
 
 
 def _settles(fit: Callable[[Row], Fitted], row: Row) -> bool:

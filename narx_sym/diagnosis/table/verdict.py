@@ -81,11 +81,14 @@ def winner(rows: Sequence[E], base: E) -> E | None:
 def alike(rows: Sequence[E], best: E) -> list[E]:
     """Return the hypotheses that these data cannot tell from the best, the best first.
 
-    As many effects or none more, at most one parameter more, and block by block an error within its standard error.
+    As many effects or none more, at most one parameter more, block by block an error within its standard error, and on
+    all blocks no dearer than by the price of one effect: with few blocks a standard error may be as large as any gap.
     """
     found = [best]
     for row in cheapest(rows):
         if set(row.ids) == set(best.ids) or row.count > best.count or row.parameters > best.parameters + 1:
+            continue
+        if row.price > best.price + PER_EFFECT:
             continue
         gap = np.log(np.maximum(row.blocks, 1e-300)) - np.log(np.maximum(best.blocks, 1e-300))
         gap = gap[np.isfinite(gap)]
