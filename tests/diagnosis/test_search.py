@@ -68,6 +68,15 @@ def test_an_integrating_axis_is_recognised_and_kept():
     assert len(search.cut) == 12
 
 
+def test_a_sensor_that_drifts_is_no_axis_that_integrates():
+    # A pole at 1 imitates the ramp, but the input does not pass through it.
+    y = lagged(u) + np.linspace(0.0, 30.0, N)
+    record = ns.Record.from_arrays(u, y + 1e-3 * np.random.default_rng(2).standard_normal(N), Ts)
+    search = Search(ns.identify(record, base="linear", n_y=1, n_u=1, delay=1), [record])
+    search.bases([0, 1, 2])
+    assert not search.integrating
+
+
 def test_the_working_rate_keeps_what_moves():
     t = np.arange(40_000) * 1e-3
     slow = ns.Record.from_arrays(np.sin(t), np.sin(t) + 0.1 * np.sin(3 * t), 1e-3)

@@ -21,6 +21,7 @@ from .verdict import price
 Array = np.ndarray
 POWER, PER_CYCLE, LEAST, MOST, SHORT = 0.999, 10, 1200, 6000, 40  # of the working rate [samples]
 INTEGRATES = 25.0  # times the mean square without a pole at 1: less, and the pole only imitates a slow or bent response
+DRIVEN = 0.5  # of the output's spread that passes through that pole: less, and it is that of a drift, not of an axis
 LOOKS = 4  # shapes from which a fit is begun
 HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
@@ -153,10 +154,9 @@ class Search:
         """
         every = [self.judge(r) for r in self.cored(delays, any_pole=True)]
         found = [r for r in every if not self._runs_away(r.hypothesis.core, r.values)]
-        kept, lost = (
-            min((r.held for r in rows), default=np.inf) for rows in (found, [r for r in every if r not in found])
-        )
-        if kept > INTEGRATES * lost:
+        kept = min((r.held for r in found), default=np.inf)
+        away = min((r for r in every if r not in found), key=lambda r: r.held, default=None)
+        if away is not None and kept > INTEGRATES * away.held and self._driven(away) > DRIVEN:
             self.integrating = True
             self.__dict__.pop("largest", None)
             found = [self.judge(r) for r in self.cored(delays)]
@@ -197,6 +197,16 @@ class Search:
     def _runs_away(self, core: Core, x: Array) -> bool:
         """Whether a pole has moved to 1, as far as the record tells: it imitates a drift."""
         return not (core.given or core.integrating) and slowest(x, core) > self.slow
+
+    def _driven(self, row: Row) -> float:
+        """Return how much of the output's spread the input sends through the slowest pole of a core."""
+        core, x = row.hypothesis.core, row.values
+        assert self.largest is not None
+        poles = np.roots(np.concatenate([[1.0], -x[: core.n_y]]))
+        others = np.delete(poles, np.argmax(np.abs(poles)))
+        gain = x[self.largest.n_y : self.largest.n_y + core.n_u].sum() / np.prod(1 - others).real
+        moved = [np.std(gain * np.cumsum(r.u - r.u.mean())) for r in self.records]
+        return float(max(moved)) / row.frame.problem.spread
 
     def judge(self, row: Row) -> Row:
         """Score a row on held-out blocks."""
