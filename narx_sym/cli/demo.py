@@ -31,7 +31,7 @@ from ..report.plots import (
 from ..symbolic.printing import text
 from ..tasks.result_file import write_json
 from .options import save_figure
-from .printing import console, print_diagnosis, print_equations, table, working
+from .printing import console, print_equations, print_found, print_tables, table, working
 
 PAPER = {"model": 0.398, "inverse": 0.413, "none": 6.536, "law": 0.322, "inverse law": 0.425}
 
@@ -139,7 +139,8 @@ def find_missing(out: Path) -> None:
         base = identify(record, base="linear")
     with working("Diagnosing it: which effect is missing?") as progress:
         found = diagnose(base, record, report=progress)
-    print_diagnosis(found, STAGE_UNITS)
+    print_found(found, STAGE_UNITS, "")
+    print_tables(found, STAGE_UNITS)
     write_json(found, out / "diagnosis.json", None)
 
     say("[bold]6. Add[/bold] what is missing, and watch the error fall")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,7 +31,7 @@ from .options import (
     with_columns,
     with_own,
 )
-from .printing import console, note, print_diagnosis, print_equations, print_errors, working
+from .printing import console, note, print_equations, print_errors, print_found, print_headline, print_tables, working
 
 if TYPE_CHECKING:
     from ..data.record import Record
@@ -55,6 +56,8 @@ def diagnose(
         Path | None, typer.Option("--experiment", help="CSV for the next input (default: next.csv beside --json).")
     ] = None,
     report: Annotated[Path | None, typer.Option("--report", help="Write one HTML page that shows everything.")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print tables: candidates, errors, limits.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print one line.")] = False,
     effects: EffectFiles = None,
     units: Units = "",
     u: Input = "u",
@@ -76,7 +79,7 @@ def diagnose(
     from ..diagnosis.procedure import diagnose as run
     from ..files.journal import resuming
 
-    targets = Targets(json_file, save, plot, experiment, report)
+    targets = Targets(json_file, save, plot, experiment, report, -1 if quiet else int(verbose))
     file = Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
     check_targets([*targets.paths, resume], *data, *(effects or []), file)
     check_format(plot)
@@ -130,6 +133,7 @@ class Targets:
     plot: Path | None
     experiment: Path | None
     report: Path | None
+    loud: int = 0  # -1: one line; 1: tables too
 
     @property
     def where(self) -> Path | None:
@@ -165,7 +169,14 @@ class Targets:
             with working("Writing the report"):
                 found.report(self.report, units, data, settings)
         final = self._write_model(found, measured)
-        print_diagnosis(found, units)
+        if self.loud < 0:
+            print_headline(found)
+            return
+        print_found(found, units, _command(found, data, str(settings["base"]), self))
+        if self.loud > 0:
+            print_tables(found, units)
+        else:
+            console().print("Candidates, errors and limits as tables: --verbose")
         if found.steps[0].experiment is not None:
             named = f"The input of the next experiment: {self.next_input}"
             console().print(
@@ -210,3 +221,16 @@ class Targets:
         if len(found.rungs) == 1:
             note("nothing was added: the model written is the base")
         return made.model, errors
+
+
+def _command(found: Diagnosis, data: list[Path], base: str, targets: Targets) -> str:
+    """Return the command to go on with, if there is one."""
+    run = f"narx-sym diagnose {' '.join(shlex.quote(str(path)) for path in data)}"
+    base = shlex.quote(base)
+    if found.verdict == "confused":
+        return f"{run} NEW_RECORD.csv --base {base}"
+    if found.verdict == "helps_but_incomplete":
+        return f"{run} --base {base} --max-effects {1 + sum(len(s.added) for s in found.steps)}"
+    if found.verdict == "named" and targets.save is None:
+        return f"{run} --base {base} --save model.json"
+    return f"{run} --base {base} --report report.html" if targets.report is None else ""

@@ -38,7 +38,6 @@ app = typer.Typer(
     help="Hysteretic actuators as symbolic NARX models: identify, derive, compensate, compare, diagnose.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 

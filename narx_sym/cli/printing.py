@@ -151,15 +151,35 @@ def _percent(share: float) -> str:
 # -- a diagnosis -----------------------------------------------------------------------------------------------
 
 
-def print_diagnosis(found: Diagnosis, units: dict[str, str]) -> None:
-    """Print what was found."""
+def print_found(found: Diagnosis, units: dict[str, str], command: str) -> None:
+    """Print in a few lines what was found, how far the error falls, why, and what to do next."""
     from ..models.info import acts
+    from ..report.words import fall, what_next
+
+    base = found.steps[0].base.model
+    print_headline(found)
+    lines = [fall(found, units), found.sentence(units), acts(base.delay, base.Ts)]
+    lines += [f"Step {i}: {later.sentence(units)}" for i, later in enumerate(found.steps[1:], 2)]
+    lines += [f"Next: {what_next(found).replace(' at the end of this page', '')}", command and f"  {command}"]
+    for line in filter(None, lines):
+        console().print(line, markup=False)
+
+
+def print_headline(found: Diagnosis) -> None:
+    """Print one line: what was found, and its verdict."""
+    from rich.markup import escape
+
+    from ..report.words import BADGES, headline
+
+    told = f"({found.verdict}: {BADGES[found.verdict]})"
+    console().print(f"[bold]{escape(headline(found))}[/bold] {escape(told)}")
+
+
+def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
+    """Print candidates, errors, where the base fails, and what could not have been seen."""
     from ..report.words import removed
 
     step = found.steps[0]
-    console().print(f"[bold]{found.verdict}[/bold]")
-    console().print(found.sentence(units), markup=False)
-    console().print(acts(step.base.model.delay, step.base.model.Ts), markup=False)
     before = step.nrmse(step.base)["validation"]
     rows = [
         [
@@ -181,8 +201,6 @@ def print_diagnosis(found: Diagnosis, units: dict[str, str]) -> None:
     if step.sensor:
         ladder.append(["noise of the sensor alone", "", step.sensor / step.base.problem.spread])
     table("Errors, step by step (free-run NRMSE)", ["model", "training", "held out"], ladder)
-    for i, later in enumerate(found.steps[1:], 2):
-        console().print(f"Step {i}: {later.sentence(units)}", markup=False)
     print_fails(found.misfit, units)
     print_detectable(step, units)
 

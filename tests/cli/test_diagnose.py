@@ -78,7 +78,7 @@ def diagnosed(files):
     out, err = io.StringIO(), io.StringIO()
     arguments = [
         "diagnose", "dead.csv", "--base", "linear.json", "--json", "d.json", "--save", "m.json", "--plot", "p.png",
-        "--units", "V,mm", "--report", "r.html",
+        "--units", "V,mm", "--report", "r.html", "--verbose",
     ]  # fmt: skip
     arguments = [str(files / a) if "." in a else a for a in arguments]
     old, sys.argv = sys.argv, ["narx-sym", *arguments]
@@ -102,6 +102,18 @@ def test_names_the_hidden_effect(files, diagnosed):
     for picture in ("p.png", "p_where.png"):
         assert (files / picture).stat().st_size > 10_000
     assert not list(files.glob("next.csv"))
+
+
+def test_five_lines_first_and_tables_when_asked_for(files, run):
+    arguments = ["diagnose", files / "dead.csv", "--base", files / "linear.json", "--units", "V,mm"]
+    code, text, _ = run(*arguments)
+    lines = text.splitlines()
+    assert code == 0 and lines[0] == "Dead zone is probably missing. (named: one explanation fits)"
+    assert "times smaller" in lines[1] and " mm" in lines[1] and "dead_zone is probably missing" in lines[2]
+    assert any(line.startswith("Next: ") for line in lines) and any("narx-sym diagnose" in line for line in lines)
+    assert "Candidates (" not in text and len(lines) <= 8
+    code, text, _ = run(*arguments, "--quiet")
+    assert code == 0 and text.splitlines() == lines[:1]
 
 
 def test_json_has_the_published_form(files, diagnosed):
@@ -140,7 +152,7 @@ def test_saved_model_is_read_and_fits(files, diagnosed, run):
     assert code == 0, err
     # With its effect nothing is missing any more, on the same data.
     code, text, err = run("diagnose", files / "dead.csv", "--base", files / "m.json")
-    assert code == 0 and text.startswith("nothing_detectable"), (text, err)
+    assert code == 0 and "(nothing_detectable: " in text.splitlines()[0], (text, err)
 
 
 def test_same_data_and_seed_give_the_same_file(files, diagnosed, run):
@@ -155,7 +167,7 @@ def test_same_data_and_seed_give_the_same_file(files, diagnosed, run):
 def test_nothing_hidden_nothing_found(files, run, tmp_path):
     code, text, err = run("diagnose", files / "null.csv", "--json", tmp_path / "n.json", "--save", tmp_path / "m.json")
     assert code == 0, err
-    assert text.startswith("nothing_detectable") and "nothing was added" in err
+    assert "(nothing_detectable: " in text.splitlines()[0] and "nothing was added" in err
     data = json.loads((tmp_path / "n.json").read_text())
     assert data["candidates"] == [] and data["confusion_set"] == [] and data["smallest_detectable"]
     assert "steps" not in data and ns.load(tmp_path / "m.json").info.nrmse.free_run < 0.02

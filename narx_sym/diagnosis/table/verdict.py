@@ -11,10 +11,12 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from ...fit.bases.choice import PRICE
+
 Array = np.ndarray
-PER_PARAMETER = 0.1  # a parameter must buy 5 % of the rms error; 0.02 ... 0.1 name the same real machines
+PER_PARAMETER = PRICE  # that of bases; half and twice of it name the same real machines (tests/bench/sensitivity.py)
 PER_EFFECT = 0.27  # an effect is picked among 25: ln 25 / 12 blocks (extended BIC, Chen & Chen 2008)
-MOST = 0.95  # fewer effects win if they remove this share of the rms error that more of them remove
+MOST = 0.9  # fewer effects win if they remove this share of the rms error that more of them remove
 ALIKE = 0.1  # difference of log errors that counts as none, whatever its standard error
 HELPS = 0.3  # share of the removable error: what removes less, or a base's structure below it, explains nothing
 LEFT = 0.1  # share of the winner's error that follows from the signals: more, and something else is missing too
