@@ -205,8 +205,8 @@ def step(table: Table, known: Row, room: int = 1) -> tuple[Step, Row]:
     pair = len(best.beyond(known)) > 1
     shown = {c.effect for c in made.candidates} | {BASE}
     names = [new_effect(r, known) for r in found if new_effect(r, known) in shown]
-    both = {v.id for v in best.beyond(known)}
-    made.confusion_set = [c.effect for c in made.candidates if c.effect in both] if pair else list(dict.fromkeys(names))
+    both = [v.id for v in best.beyond(known)]
+    made.confusion_set = both if pair else list(dict.fromkeys(names))
     chosen = table.own(best)
     if not repeats:
         made.floor = float(np.sqrt(min(chosen.mean_square(base.split.held) * (1 - left), floor)))
