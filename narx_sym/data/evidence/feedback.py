@@ -22,6 +22,7 @@ import numpy as np
 from scipy.linalg import lstsq
 
 from ..record import Record
+from .noise import usual_size
 
 Array = np.ndarray
 SETPOINTS = ("setpoint", "sp", "SP", "reference")  # names of a channel that is the setpoint of a loop
@@ -84,7 +85,7 @@ def feedback(record: Record) -> Feedback:
     du, dy = np.diff(u, prepend=u[0]), np.diff(y, prepend=y[0])
     rows = np.arange(OWN + 1, u.size)
     target = du[rows]
-    moved = _size(target)
+    moved = usual_size(target)
     if rows.size < FEWEST or moved == 0 or not np.any(dy[rows]):
         return Feedback(False, 0.0, 1.0, r is not None)
     own = [u[rows - 1], *(du[rows - i] for i in range(1, OWN))]
@@ -94,34 +95,40 @@ def feedback(record: Record) -> Feedback:
     told = [y[rows - 1], dy[rows], dy[rows - 1], dy[rows - 2]]
     alone, _ = _robust(own, target)
     both, slopes = _robust([*own, *told], target)
-    fresh = _size(alone) / moved
-    left = _size(both) / (_size(alone) or 1.0)
-    # In velocity form: reading a plant backwards takes the input's past, and as much of y's level as of its change.
-    # Differences again: a setpoint that steps from level to level drops out.
-    again = [np.diff(x) for x in (target, *own, *told)]
-    velocity, _ = _robust(again[1 + len(own) :], again[0])
-    with_own, _ = _robust(again[1:], again[0])
-    slow_u, slow_y, fast = -slopes[0], slopes[len(own)], slopes[len(own) + 1 :]
+    fresh = usual_size(alone) / moved
+    left = usual_size(both) / (usual_size(alone) or 1.0)
+    found = fresh > FRESH and left < LEFT
+    if found and r is None:
+        slow_u, slow_y, fast = -slopes[0], slopes[len(own)], slopes[len(own) + 1 :]
+        line = float(np.polyfit(u - u.mean(), y, 1)[0])
+        found = left < SURE and _answers(slow_u, slow_y, fast, line) and _velocity(target, own, told, ROUNDING * moved)
+    return Feedback(bool(found), float(fresh), float(min(left, 1.0)), r is not None)
+
+
+def _answers(slow_u: float, slow_y: float, fast: Array, line: float) -> bool:
+    """Whether a relation between input and output is that of a controller, not of a plant read backwards.
+
+    Most of it comes from the change of y, and it has not the order of a plant: slow_u u = slow_y y at rest; of a plant
+    that is its gain, and at least about what its first sample says.
+    """
     first = fast[np.argmax(np.abs(fast))]
     integral = abs(slow_y) < INTEGRAL * abs(first)
-    needless = _size(velocity) < max(NEEDLESS * _size(with_own), ROUNDING * moved)
-    line = float(np.polyfit(u - u.mean(), y, 1)[0])
-    # slow_u u = slow_y y at rest; of a plant that is its gain, and at least about what `first` says.
     ordered = slow_u * first >= ORDER * slow_y if slow_y > 0 else slow_u * first <= ORDER * slow_y
-    answers = left < SURE and integral and needless and (not ordered or first * line < 0)
-    found = fresh > FRESH and left < LEFT and (r is not None or answers)
-    return Feedback(bool(found), float(fresh), float(min(left, 1.0)), r is not None)
+    return bool(integral and (not ordered or first * line < 0))
+
+
+def _velocity(target: Array, own: Sequence[Array], told: Sequence[Array], rounding: float) -> bool:
+    """Whether the input's step follows from the output alone; differences, so that steps of a setpoint drop out."""
+    again = [np.diff(x) for x in (target, *own, *told)]
+    without, _ = _robust(again[1 + len(own) :], again[0])
+    with_own, _ = _robust(again[1:], again[0])
+    return usual_size(without) < max(NEEDLESS * usual_size(with_own), rounding)
 
 
 def closed_loop(records: Sequence[Record]) -> Feedback | None:
     """Return the clearest feedback in some records, or None; a record with a setpoint is in a loop anyway."""
     found = [one for one in map(feedback, records) if one.found or one.given]
     return min(found, key=lambda one: one.left, default=None)
-
-
-def _size(x: Array) -> float:
-    """Return the usual size of a signal; rare large values, such as steps of a setpoint, do not count."""
-    return float(np.median(np.abs(x - np.median(x))))
 
 
 def _robust(columns: Sequence[Array], target: Array) -> tuple[Array, Array]:
@@ -133,6 +140,6 @@ def _robust(columns: Sequence[Array], target: Array) -> tuple[Array, Array]:
     for _ in range(TURNS):
         theta = lstsq(X * weights[:, None], target * weights, cond=1e-10)[0]
         e = target - X @ theta
-        usual = 2 * 1.4826 * _size(e)
+        usual = 2 * usual_size(e)
         weights = 1 / np.sqrt(np.maximum(1.0, np.abs(e) / (usual or 1.0)))
     return e, theta / scale

@@ -42,20 +42,21 @@ def sensor_noise(records: Sequence[Record], period: int = 0) -> float:
     found = [_differences(part.y), _prediction(part.u, part.y)]
     if period and len(part) >= PERIODS * period:
         y = part.y
-        found.append(_size(y[2 * period :] - 2 * y[period:-period] + y[: -2 * period]) / np.sqrt(6))
+        found.append(usual_size(y[2 * period :] - 2 * y[period:-period] + y[: -2 * period]) / np.sqrt(6))
     steps = np.abs(np.diff(part.y))
     grid = float(steps[steps > 0].min()) if np.any(steps > 0) else 0.0
     quantised = grid / np.sqrt(12) if np.mean(steps == 0) > 0.2 else 0.0
     return float(max(min(found), quantised))
 
 
-def _size(x: Array) -> float:
+def usual_size(x: Array) -> float:
+    """Return the standard deviation of a signal whose rare large values do not count."""
     return float(USUAL * np.median(np.abs(x - np.median(x))))
 
 
 def _differences(y: Array) -> float:
     """Return the smallest of the scaled differences; of white noise they are all alike."""
-    return min(_size(np.diff(y, n)) / np.sqrt(comb(2 * n, n)) for n in ORDERS)
+    return min(usual_size(np.diff(y, n)) / np.sqrt(comb(2 * n, n)) for n in ORDERS)
 
 
 def _prediction(u: Array, y: Array) -> float:
@@ -68,7 +69,7 @@ def _prediction(u: Array, y: Array) -> float:
     X = X / np.where(scale > 0, scale, 1.0)
     gram = X.T @ X + 1e-12 * np.eye(X.shape[1])
     e = y[rows] - X @ np.linalg.solve(gram, X.T @ y[rows])
-    return _size(e) * float(np.sqrt(rows.size / (rows.size - X.shape[1])))
+    return usual_size(e) * float(np.sqrt(rows.size / (rows.size - X.shape[1])))
 
 
 def unexplained(error: Array, sensor: float, Ts: float) -> str:
