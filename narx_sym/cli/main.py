@@ -13,7 +13,7 @@ import typer
 
 from ..app import command as live
 from ..errors import INTERRUPTED, DataError, NarxError
-from . import diagnose, effects, law
+from . import diagnose, effects, fleet, law
 from .options import (
     Channels,
     DataFiles,
@@ -188,7 +188,7 @@ def _pictures(model: Any, measured: list[Any], target: Path, misfit: Any, where:
         console().print(f"Picture of where it fails: {where}")
 
 
-for command in (diagnose.diagnose, effects.add, effects.effects, law.compensate, law.simulate):
+for command in (diagnose.diagnose, fleet.fleet, effects.add, effects.effects, law.compensate, law.simulate):
     app.command()(command)
 
 

@@ -33,7 +33,8 @@ class Section:
 
 
 @cache
-def _templates() -> Any:
+def templates() -> Any:
+    """Return the environment of the templates: autoescaped, a missing name is an error."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -83,7 +84,7 @@ def sections(
     for key, part in panels().items():
         content = part.tell(material) if keys is None or key in keys else None
         if content is not None:
-            template = _templates().select_template([f"panels/{key}.html", "pictures.html"])
+            template = templates().select_template([f"panels/{key}.html", "pictures.html"])
             given = {"pictures": material.pictures(key), "units": units, "d": material.diagnosis, **content}
             made.append(Section(key, content.get("title", part.title), template.render(given)))
     return made
@@ -99,7 +100,7 @@ def page(
     parts = sections(diagnosis, units, files, settings)
     name = diagnosis.steps[0].base.split.records[0].name
     return str(
-        _templates().get_template("page.html").render(
+        templates().get_template("page.html").render(
             sections=parts, name=name, headline=words.headline(diagnosis), colours=stylesheet(),
             style=style(), bokeh=interactive.bundle(),
         )

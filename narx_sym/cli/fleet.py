@@ -1,0 +1,98 @@
+"""The command for many records."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..errors import DataError
+from .options import Channels, Input, Missing, Output, Time, Ts, check_targets, unit_names
+from .options import Units as UnitNames
+from .printing import console, note, table
+
+SHOWN = 10
+
+
+def fleet(
+    source: Annotated[str, typer.Argument(help="A folder, a pattern, or a CSV with a column `file`.")],
+    out: Annotated[Path, typer.Option("--out", help="The page; the same rows go beside it as CSV.")],
+    base: Annotated[str, typer.Option(help="linear, static, narx, bouc-wen or auto.")] = "linear",
+    group: Annotated[
+        str, typer.Option("--group", help="What tells the machine: a column of the list, or a regular expression.")
+    ] = "",
+    max_effects: Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")] = 0,
+    budget: Annotated[float, typer.Option(min=0.0, help="Seconds per record; 0 for no limit.")] = 0.0,
+    jobs: Annotated[int, typer.Option(help="Processes; -1 for all cores.")] = -1,
+    dask: Annotated[str, typer.Option("--dask", help="Address of a Dask scheduler that is already there.")] = "",
+    reports: Annotated[Path | None, typer.Option("--reports", help="A folder for one report per record.")] = None,
+    resume: Annotated[
+        Path | None, typer.Option("--resume", help="Keep results here; an interrupted run goes on from them.")
+    ] = None,
+    units: UnitNames = "",
+    u: Input = "u",
+    y: Output = "y",
+    t: Time = "t",
+    ts: Ts = None,
+    channels: Channels = "",
+    missing: Missing = "refuse",
+) -> None:
+    """Diagnose many records in parallel: one page, the worst first, machine by effect, and what grows."""
+    from ..files.journal import resuming
+    from ..report.fleet import write_fleet
+    from ..tasks.fleet import Settings, entries
+    from ..tasks.fleet import fleet as run
+
+    listed = entries(source, group, {"u": u, "y": y, "t": t})
+    check_targets([out, resume], *(e.file for e in listed))
+    if reports is not None:
+        reports.mkdir(parents=True, exist_ok=True)
+    settings = Settings(base, max_effects, ts, channels, missing, seed, budget, reports and reports.resolve())
+    with ExitStack() as stack:
+        journal = stack.enter_context(resuming(resume)) if resume else None
+        if dask:
+            stack.enter_context(_cluster(dask))
+        rows = run(listed, settings, None if dask else jobs)
+    if journal is not None and journal.found:
+        note(f"{journal.found} results were taken from {resume}")
+    beside = f"{_beside(reports, out)}/" if reports is not None else ""
+    written = write_fleet(rows, out, unit_names(units)["y"], beside)
+    shown = [
+        [
+            r["tag"],
+            Path(r["file"]).name,
+            r["problem"] or ", ".join(r["missing"]) or "-",
+            f"{100 * r['explained']:.0f} %",
+        ]
+        for r in rows[:SHOWN]
+    ]
+    table(f"The worst of {len(rows)} records", ["machine", "record", "may be missing", "explained"], shown)
+    problems = sum(bool(r["problem"]) for r in rows)
+    if problems:
+        note(f"{problems} of {len(rows)} records could not be diagnosed: the page says why")
+    console().print(f"Written: {', '.join(map(str, written))}", markup=False)
+
+
+def _beside(folder: Path, page: Path) -> str:
+    """Return a folder as seen from a page."""
+    import os
+
+    return Path(os.path.relpath(folder, page.parent)).as_posix()
+
+
+def _cluster(address: str) -> Any:
+    """Return a context in which the work goes to a Dask cluster."""
+    import joblib
+
+    try:
+        from distributed import Client
+    except ImportError:
+        raise DataError("--dask needs the package distributed: pip install distributed.") from None
+    try:
+        Client(address, timeout=10)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise DataError(f"--dask {address}: no scheduler answers there ({error}).") from None
+    return joblib.parallel_config("dask")

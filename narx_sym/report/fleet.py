@@ -1,0 +1,83 @@
+"""One page and one CSV for a fleet: what is missing where, the worst first; tag by effect; what grows."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..files.atomic import write_text
+from . import words
+from .page import style, templates
+from .svg import stylesheet
+
+Row = dict[str, Any]
+FIELDS = ("file", "tag", "verdict", "missing", "before", "after", "explained", "sizes", "seconds", "report", "problem")
+WIDTH, HEIGHT = 160, 32  # of a trend [px]
+FEWEST = 3  # records of one tag that make a trend
+
+
+def write_fleet(rows: Sequence[Row], path: Path, unit: str = "", reports: str = "") -> list[Path]:
+    """Write the page, and the same rows as CSV beside it; return both paths.
+
+    Parameters
+    ----------
+    unit : of the output
+    reports : str
+        The folder of the reports as seen from the page.
+    """
+    page = templates().get_template("fleet.html")
+    told = page.render(
+        rows=rows, unit=unit, reports=reports, badges=words.BADGES, heat=heat(rows), trends=trends(rows),
+        colours=stylesheet(), style=style(), width=WIDTH, height=HEIGHT,
+        found=sum(bool(r["missing"]) for r in rows), problems=sum(bool(r["problem"]) for r in rows),
+    )  # fmt: skip
+    write_text(path, told)
+    beside = path.with_suffix(".csv")
+    write_text(beside, as_csv(rows))
+    return [path, beside]
+
+
+def as_csv(rows: Sequence[Row]) -> str:
+    """Return the rows as CSV; lists are joined by semicolons."""
+    made = io.StringIO()
+    writer = csv.writer(made, lineterminator="\n")
+    writer.writerow(FIELDS)
+    for row in rows:
+        joined = {
+            "missing": ";".join(row["missing"]), "sizes": ";".join(f"{n}={v:.6g}" for n, v in row["sizes"].items()),
+        }  # fmt: skip
+        writer.writerow([joined.get(name, row[name]) for name in FIELDS])
+    return made.getvalue()
+
+
+def heat(rows: Sequence[Row]) -> dict[str, Any]:
+    """Return tag by effect: in how many records of a tag an effect may be missing, and of how many."""
+    tags = sorted({r["tag"] for r in rows})
+    effects = sorted({e for r in rows for e in r["missing"]})
+    counts = {t: [sum(e in r["missing"] for r in rows if r["tag"] == t) for e in effects] for t in tags}
+    return {"effects": effects, "counts": counts, "of": {t: sum(r["tag"] == t for r in rows) for t in tags}}
+
+
+def trends(rows: Sequence[Row]) -> list[Row]:
+    """Return, per tag and size of the effect named most often there, its values in the order of the files."""
+    made = []
+    for tag in sorted({r["tag"] for r in rows}):
+        own = sorted((r for r in rows if r["tag"] == tag and r["sizes"]), key=lambda r: r["file"])
+        for name in sorted({n for r in own for n in r["sizes"]}):
+            values = np.array([r["sizes"][name] for r in own if name in r["sizes"]])
+            if values.size >= FEWEST:
+                made.append({"tag": tag, "size": name, "values": values.tolist(), "line": _line(values)})
+    return made
+
+
+def _line(values: Any) -> str:
+    """Return the points of a polyline."""
+    span = float(np.ptp(values)) or 1.0
+    x = np.linspace(3, WIDTH - 3, values.size)
+    y = HEIGHT - 3 - (values - values.min()) / span * (HEIGHT - 6)
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))

@@ -1,0 +1,194 @@
+"""Many records, each diagnosed by itself: what is missing where, how much, and whether it grows.
+
+One bad file never stops the rest: what is wrong with it becomes its row.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..data.record import read
+from ..diagnosis.procedure import Diagnosis, diagnose
+from ..errors import DataError, NarxError
+from ..files.parallel import sweep
+from .base import check_kind, identify_base
+
+Row = dict[str, Any]
+SUFFIXES = (".csv", ".npz", ".mat", ".parquet")
+LIST = "file"  # the column that makes a CSV a list of records
+COLUMNS = {"u": "u", "y": "y", "t": "t"}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One record of a fleet: its file, the machine it belongs to, the columns in it, and a digest of its content."""
+
+    file: Path
+    tag: str
+    columns: tuple[tuple[str, str], ...] = tuple(COLUMNS.items())
+    content: str = ""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How each record is diagnosed.
+
+    Attributes
+    ----------
+    budget : float
+        Seconds for one record, checked between hypotheses; 0 for no limit.
+    reports : Path, optional
+        A folder for one report per record.
+    """
+
+    base: str = "linear"
+    max_effects: int = 1
+    Ts: float | None = None
+    channels: str = ""
+    missing: str = "refuse"
+    seed: int = 0
+    budget: float = 0.0
+    reports: Path | None = None
+
+
+class BudgetError(NarxError):
+    """A record took longer than it may."""
+
+
+def entries(source: str | Path, group: str = "", columns: dict[str, str] | None = None) -> list[Entry]:
+    """Return the records of a folder, of a pattern such as `logs/*.csv`, or of a CSV that lists files.
+
+    Parameters
+    ----------
+    source : folder, pattern, or CSV with a column `file`
+        The list may have the columns u, y and t (names of columns in that record); files are relative to it.
+    group : str
+        What tells the machine: a column of the list, or a regular expression for the path (its first group).
+        By default the column `tag`, or the folder that a record is in.
+    columns : dict, optional
+        Names of the columns u, y, t.
+
+    Raises
+    ------
+    DataError
+        Where nothing is found, or the list lacks a column or a file.
+    """
+    named, path = {**COLUMNS, **(columns or {})}, Path(source)
+    listed = _listed(path, group, named) if path.is_file() else _found(path, group, named)
+    if not listed:
+        raise DataError(f"{source}: no records ({', '.join(SUFFIXES)}) are there.")
+    return [Entry(e.file, e.tag, e.columns, _content(e.file)) for e in listed]
+
+
+def _content(file: Path) -> str:
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return ""  # what is wrong with it will be said in its row
+
+
+def _found(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
+    files = sorted(path.rglob("*")) if path.is_dir() else sorted(Path(path.anchor or ".").glob(_relative(path)))
+    try:
+        pattern = re.compile(group) if group else None
+    except re.error as error:
+        raise DataError(f"--group {group!r} is no regular expression: {error}.") from None
+    found = []
+    for file in files:
+        if file.suffix.lower() in SUFFIXES and file.is_file():
+            match = pattern.search(str(file)) if pattern else None
+            tag = match[1 if match.re.groups else 0] if match else file.parent.name
+            found.append(Entry(file, tag, tuple(columns.items())))
+    return found
+
+
+def _relative(path: Path) -> str:
+    return str(path.relative_to(path.anchor)) if path.anchor else str(path)
+
+
+def _listed(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
+    import pandas as pd
+
+    try:
+        rows = pd.read_csv(path, dtype=str, keep_default_na=False, sep=None, engine="python")
+    except (ValueError, OSError) as error:
+        raise DataError(f"{path}: {error}") from None
+    if LIST not in rows.columns:
+        raise DataError(
+            f"{path}: a list of records needs a column {LIST!r}; it has {', '.join(map(str, rows.columns))}."
+        )
+    if group and group not in rows.columns:
+        raise DataError(
+            f"{path}: there is no column {group!r} for the tag; it has {', '.join(map(str, rows.columns))}."
+        )
+    tags = rows[group] if group else rows["tag"] if "tag" in rows.columns else [""] * len(rows)
+    found = []
+    for tag, (_, row) in zip(tags, rows.iterrows(), strict=True):
+        own = {name: row[name] for name in columns if row.get(name)}
+        found.append(Entry(path.parent / row[LIST], str(tag), tuple({**columns, **own}.items())))
+    return found
+
+
+def fleet(listed: Sequence[Entry], settings: Settings, jobs: int | None = -1) -> list[Row]:
+    """Diagnose every record; return one row each, what explains most of an output first, problems last.
+
+    The work spreads to what `joblib.parallel_config` names; inside `narx_sym.resuming(file)` it goes on from there.
+    """
+    check_kind(settings.base)
+    rows = sweep(look, [(entry, settings) for entry in listed], f"Diagnosing {len(listed)} records", jobs)
+    return sorted(rows, key=lambda r: (bool(r["problem"]), -r["explained"], r["tag"], r["file"]))
+
+
+def look(entry: Entry, settings: Settings) -> Row:
+    """Diagnose one record; whatever goes wrong becomes its row."""
+    begin = time.monotonic()
+    row: Row = {
+        "file": str(entry.file), "tag": entry.tag, "verdict": "", "missing": [], "sizes": {}, "before": None,
+        "after": None, "explained": 0.0, "report": "", "problem": "",
+    }  # fmt: skip
+
+    def watch(_: str) -> None:
+        if settings.budget and time.monotonic() - begin > settings.budget:
+            raise BudgetError(f"It took longer than its budget of {settings.budget:g} s.")
+
+    try:
+        names = dict(entry.columns)
+        record = read(
+            entry.file, u=names["u"], y=names["y"], t=names["t"], Ts=settings.Ts, channels=settings.channels,
+            missing=settings.missing,
+        )  # fmt: skip
+        base = identify_base(settings.base, [record])
+        found = diagnose(base, record, max_effects=settings.max_effects, seed=settings.seed, report=watch)
+        row |= _told(found)
+        if settings.reports is not None:
+            name = re.sub(r"[^\w.-]+", "_", f"{entry.tag}_{entry.file.stem}_{entry.content[:8]}".strip("_")) + ".html"
+            found.report(settings.reports / name, {}, [entry.file], {"base": settings.base})
+            row["report"] = name
+    except NarxError as error:
+        row["problem"] = str(error)
+    except Exception as error:  # one bad file never stops the rest
+        row["problem"] = f"{type(error).__name__}: {error}"
+    return row | {"seconds": round(time.monotonic() - begin, 3)}
+
+
+def _told(found: Diagnosis) -> Row:
+    """Return what a diagnosis says, as plain data; errors are those of the free run on held-out samples [unit of y]."""
+    first, spread = found.steps[0], found.steps[0].base.problem.spread
+    before, after = (found.ladder[i]["validation"] * spread for i in (0, -1))
+    missing = list(first.confusion_set)
+    if any(valve.found for valve in first.valves):
+        missing = ["sticking valve"]
+    sizes = {}
+    if found.candidates and missing:
+        best = found.best
+        sizes = {f"{best.effect} {name}": float(value) for name, value in best.parameters.items()}
+    return {
+        "verdict": first.verdict, "missing": missing, "sizes": sizes, "before": float(before), "after": float(after),
+        "explained": max(0.0, float(before - after)) / spread,
+    }  # fmt: skip

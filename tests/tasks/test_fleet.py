@@ -1,0 +1,101 @@
+"""Many records: entries from folders, patterns and lists; rows, page and CSV; a bad file, a budget, going on."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import narx_sym as ns
+from narx_sym.errors import DataError
+from narx_sym.report.fleet import heat, trends, write_fleet
+from narx_sym.tasks import fleet as fleets
+from narx_sym.tasks.fleet import Settings, entries, fleet, look
+
+N, TS = 900, 0.01
+ROW = {
+    "file": "a.csv", "tag": "V1", "verdict": "named", "missing": ["backlash"], "sizes": {"backlash r": 0.3}, "before": 0.2,
+    "after": 0.05, "explained": 0.6, "seconds": 1.0, "report": "", "problem": "",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two machines: one with a dead zone, one without, and a file that is no record."""
+    made = tmp_path_factory.mktemp("logs")
+    rng = np.random.default_rng(3)
+    u = np.interp(np.arange(N), np.arange(0, N + 30, 30), rng.uniform(-2, 2, N // 30 + 1))
+    for name, y in (("V1/one", 2 * (u - np.clip(u, -0.6, 0.6))), ("V2/two", 2 * u)):
+        path = made / f"{name}.csv"
+        path.parent.mkdir()
+        np.savetxt(
+            path, np.column_stack([np.arange(N) * TS, u, y + 0.01 * rng.standard_normal(N)]), delimiter=",", header="t,u,y",
+            comments="",
+        )  # fmt: skip
+    (made / "V2" / "broken.csv").write_text("t,u\n0,1\n")
+    return made
+
+
+def test_a_fleet_is_diagnosed_and_a_bad_file_stops_nothing(folder, tmp_path):
+    listed = entries(folder)
+    assert [(e.file.stem, e.tag) for e in listed] == [("one", "V1"), ("broken", "V2"), ("two", "V2")]
+    with ns.resuming(tmp_path / "kept") as journal:
+        rows = fleet(listed, Settings(base="static"), jobs=1)
+        assert not journal.found
+    assert [(r["tag"], r["missing"], bool(r["problem"])) for r in rows] == [
+        ("V1", ["dead_zone"], False), ("V2", [], False), ("V2", [], True),
+    ]  # fmt: skip
+    assert rows[0]["after"] < 0.1 * rows[0]["before"] and rows[0]["sizes"]["dead_zone r"] == pytest.approx(
+        0.6, rel=0.05
+    )
+    assert "broken.csv: 1 data row" in rows[2]["problem"]
+    with ns.resuming(tmp_path / "kept") as journal:
+        assert fleet(listed, Settings(base="static"), jobs=1) == rows
+        assert journal.found == 3
+
+
+def test_the_page_and_the_csv_say_the_same(tmp_path):
+    grows = [ROW | {"file": f"{i}.csv", "sizes": {"backlash r": 0.3 + 0.1 * i}} for i in range(3)]
+    healthy = ROW | {"tag": "V<2>", "verdict": "nothing_detectable", "missing": [], "sizes": {}}
+    broken = ROW | {"tag": "V3", "verdict": "", "missing": [], "sizes": {}, "problem": "no column y"}
+    rows = [*grows, healthy, broken]
+    page, table = write_fleet(rows, tmp_path / "plant.html", "mm", "reports/")
+    text = page.read_text()
+    assert "3 of 5 records" in text and "V&lt;2&gt;" in text and "no column y" in text and "polyline" in text
+    assert "http" not in text.split("</style>")[1] and "<script" not in text
+    read = list(csv.DictReader(table.open()))
+    assert [r["missing"] for r in read] == ["backlash"] * 3 + ["", ""] and read[2]["sizes"] == "backlash r=0.5"
+    assert heat(rows)["counts"] == {"V1": [3], "V3": [0], "V<2>": [0]}
+    (trend,) = trends(rows)
+    assert trend["values"] == pytest.approx([0.3, 0.4, 0.5])
+
+
+def test_entries_from_patterns_and_lists(folder, tmp_path):
+    assert [e.tag for e in entries(str(folder / "*" / "*.csv"), group=r"V(\d)")] == ["1", "2", "2"]
+    listed = folder / "list.txt"
+    listed.write_text("file,unit,y\nV1/one.csv,left,u\nmissing.csv,right,\n")
+    first, second = entries(listed, group="unit")
+    assert (first.tag, dict(first.columns)["y"], second.tag) == ("left", "u", "right")
+    assert "missing.csv" in look(second, Settings())["problem"]
+    for source, group, said in (
+        (tmp_path, "", "no records"), (listed, "valve", "no column 'valve'"), (folder / "V1" / "one.csv", "", "needs a column"),
+        (folder, "(", "no regular expression"),
+    ):  # fmt: skip
+        with pytest.raises(DataError, match=said):
+            entries(source, group=group)
+
+
+def test_a_budget_ends_one_record(folder, monkeypatch):
+    (entry,) = [e for e in entries(folder) if e.file.stem == "one"]
+    row = look(entry, Settings(base="static", budget=1e-9))
+    assert "budget" in row["problem"] and not row["missing"]
+    monkeypatch.setattr(fleets, "diagnose", lambda *_, **__: 1 / 0)
+    assert look(replace(entry), Settings(base="static"))["problem"].startswith("ZeroDivisionError")
+
+
+def test_the_command(folder, tmp_path, run, monkeypatch):
+    monkeypatch.setattr(fleets, "look", lambda entry, settings: ROW | {"file": str(entry.file), "tag": entry.tag})
+    code, text, err = run("fleet", folder, "--out", tmp_path / "plant.html", "--jobs", "1", "--units", "V,mm")
+    assert code == 0 and "The worst of 3 records" in text and (tmp_path / "plant.csv").exists(), err
+    code, _, err = run("fleet", tmp_path / "nothing", "--out", tmp_path / "p.html")
+    assert code and "no records" in err
