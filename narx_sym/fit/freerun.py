@@ -97,9 +97,23 @@ class FreeRun:
         self.edges = np.cumsum([0, *(m[r].size for m, r in zip(measured, self.rows, strict=True))])
         if min(m.size for m in measured) <= self.depth or self.edges[-1] <= self.free:
             raise FitError(f"{self.free} parameters cannot be estimated from {max(self.edges[-1], 0)} samples.")
-        self.slopes = np.zeros((self.edges[-1], self.free + self.shifts))
-        self.residuals = np.empty(self.edges[-1])
         self._last: Array | None = None
+
+    @cached_property
+    def slopes(self) -> Array:
+        """Where the derivatives go, (rows, unknowns)."""
+        return np.zeros((self.edges[-1], self.free + self.shifts))
+
+    @cached_property
+    def residuals(self) -> Array:
+        """Where the residuals go, (rows,)."""
+        return np.empty(self.edges[-1])
+
+    def rest(self) -> None:
+        """Give the memory of runs back; the next one takes it again."""
+        for name in ("slopes", "residuals", "_move"):
+            self.__dict__.pop(name, None)
+        self._last = None
 
     @cached_property
     def _move(self) -> Any:

@@ -22,7 +22,7 @@ from .search import Row, Search, family_of, working
 from .verdict import cheapest, price
 
 Array = np.ndarray
-FORMS, SMALLER = 2, 1  # forms of each effect that are fitted with every core; further cores of the best, to the end
+SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
 PARTNERS, TOGETHER = 2, 5  # effects that may be the stronger one of a pair, and weaker ones that are tried with each
 
 
@@ -132,7 +132,7 @@ class Table:
     def _fit(
         self, bases: Sequence[Row], shapes: Mapping[Variant, Any], line: Linearised, most: int | None = None
     ) -> None:
-        """Look at effects beside rows; fit the best forms of each with every core, and the best of these to the end.
+        """Look at effects beside rows; fit each form in its best place with every core, the best core to the end.
 
         At most so many effects, all of them without a number.
         """
@@ -141,20 +141,25 @@ class Table:
             self.report(f"looking at {' + '.join([*map(str, bases[0].hypothesis.effects), str(variant)])}")
             search.limits[variant] = line.ranges(variant)
             looks.append(search.look(bases, variant, points))
-        forms: dict[str, list[list[Row]]] = {}
+            search.rest()
+        places: dict[str, dict[str, list[Row]]] = {}
         for rows in sorted(filter(None, looks), key=_cost):
-            forms.setdefault(rows[0].hypothesis.effects[-1].id, []).append(rows)
-        chosen = list(forms.values())[:most]
-        kept = [rows for listed in chosen for rows in listed[:FORMS]]
+            added = rows[0].hypothesis.effects[-1]
+            places.setdefault(added.id, {}).setdefault(added.effect.form, rows)
+        chosen = [list(forms.values()) for forms in places.values()][:most]
+        kept = [rows for forms in chosen for rows in forms]
         for rows in looks:
             if rows and rows not in kept:
                 search.forget(rows[0].hypothesis)
-        for listed in chosen:
-            self.report(f"fitting {listed[0][0].hypothesis}")
-            best = min((search.one_more(bases, rows) for rows in listed[:FORMS]), key=_cost)
-            self._cores[best[0].hypothesis.effects, best[0].hypothesis.core.given] = best
-            for i, row in enumerate(best[: 1 + SMALLER]):
-                search.finish(row, 40 if i == 0 else 15)
+        for forms in chosen:
+            self.report(f"fitting {forms[0][0].hypothesis}")
+            closer = sorted((search.one_more(bases, rows) for rows in forms), key=_cost)
+            for rows in closer:
+                self._cores[rows[0].hypothesis.effects, rows[0].hypothesis.core.given] = rows
+                search.finish(rows[0])
+            for row in closer[0][1 : 1 + SMALLER]:
+                search.finish(row, 15)
+            search.rest()
 
     # -- at the record's own rate ------------------------------------------------------------------------------------
 

@@ -142,6 +142,11 @@ class Search:
         """Let go of a frame: its derivatives along all records take memory."""
         self.frames.pop((hypothesis.effects, hypothesis.core.given, self.integrating), None)
 
+    def rest(self) -> None:
+        """Give the memory of all runs back: of a long record each frame needs much."""
+        for frame in self.frames.values():
+            frame.problem.rest()
+
     # -- without a further effect -----------------------------------------------------------------------------------
 
     def bases(self, delays: Sequence[int]) -> list[Row]:
