@@ -126,11 +126,11 @@ class Step:
             others = ", ".join(e for e in self.confusion_set if e not in (best.effect, BASE))
             text = f"One of several effects is missing: {best.effect}, or as well {others}. {sizes}. "
             if BASE in self.confusion_set:
-                names = f"{best.effect}, or as well {others}," if others else best.effect
-                text = f"{names} may be missing: at one speed it and the base's velocity term are one signal. {sizes}. "
-            text += f"{best.effect} removes {share}."
+                names = f"{best.effect}, or as well {others}" if others else best.effect
+                text = f"Perhaps missing: {names}; at one speed it and the base's velocity are one signal. {sizes}. "
+            text += f"Adding {best.effect} removes {share}."
             return f"{text} {self.experiment.sentence}" if self.experiment else text
-        return f"{best.effect} is probably missing. {what}. {sizes}. Adding it removes {share}."
+        return f"Probably missing: {best.effect}. {what}. {sizes}. Adding it removes {share}."
 
     def to_dict(self, experiment_file: str | None) -> dict[str, Any]:
         """Return the step as plain data."""

@@ -170,7 +170,7 @@ def test_the_whole_way(page, data, tmp_path):
     assert page.locator("#found").count() == 0
     start.click()
     page.locator("#found").wait_for()
-    assert "dead_zone is probably missing" in page.locator(".report").first.inner_text()
+    assert "Probably missing: dead_zone" in page.locator(".report").first.inner_text()
     assert page.evaluate("document.activeElement.id") == "found"
     assert serious(page) == [] and fits(page)
     before = ladder(page)

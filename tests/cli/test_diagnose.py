@@ -95,7 +95,7 @@ def test_names_the_hidden_effect(files, diagnosed):
     text, err = diagnosed
     assert "Diagnosing ..." in err
     for expected in (
-        "named", "dead_zone is probably missing", "mm rms", "+ dead_zone", "noise floor", "Where it fails",
+        "named", "Probably missing: dead_zone", "mm rms", "+ dead_zone", "noise floor", "Where it fails",
         "What could not have been seen", "dead_zone *", "fitted on all samples", "Max(-0.",
     ):  # fmt: skip
         assert expected in text, text
@@ -109,7 +109,7 @@ def test_five_lines_first_and_tables_when_asked_for(files, run):
     code, text, _ = run(*arguments)
     lines = text.splitlines()
     assert code == 0 and lines[0] == "Dead zone is probably missing. (named: one explanation fits)"
-    assert "times smaller" in lines[1] and " mm" in lines[1] and "dead_zone is probably missing" in lines[2]
+    assert "times smaller" in lines[1] and " mm" in lines[1] and "Probably missing: dead_zone" in lines[2]
     assert any(line.startswith("Next: ") for line in lines) and any("narx-sym diagnose" in line for line in lines)
     assert "Candidates (" not in text and len(lines) <= 8
     code, text, _ = run(*arguments, "--quiet")
