@@ -57,7 +57,8 @@ class Table:
         near = {max(0, delay - 1), delay, delay + 1} if self.factor == 1 else {delay // self.factor}
         report("fitting the base in free run")
         rows = self.search.bases(sorted({0, 1, 2, 3, *near}))
-        self.base = min(rows, key=lambda r: (not r.hypothesis.core.given, r.memory, r.price))
+        ordered = sorted(rows, key=lambda r: (not r.hypothesis.core.given, r.memory, r.price))
+        self.base = next(filter(self.holds, ordered), ordered[0])
 
     @property
     def rows(self) -> list[Row]:
@@ -99,9 +100,10 @@ class Table:
         """Fit every effect beside the effects of a row, with every core; the best to the end."""
         for given in (True, False):
             bases = [r for r in self.rows if r.ids == base.ids and r.hypothesis.core.given == given]
-            if not bases:
+            at = base if base in bases else next(filter(self.settles, sorted(bases, key=lambda r: r.price)), None)
+            if at is None:
                 continue
-            line = self._line(base if base in bases else min(bases, key=lambda r: r.price))
+            line = self._line(at)
             tried = [v for v in self._ways(line.model, given) if v.id not in base.ids]
             self._fit(bases, {v: line.grid(v) for v in tried}, line)
 
