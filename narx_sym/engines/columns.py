@@ -183,3 +183,11 @@ def largest_root(polynomial: Any, z: Any, arguments: Mapping[Any, Array]) -> Arr
     n = max((np.size(v) for v in arguments.values()), default=1)
     found = _coefficients(polynomial, z, tuple(arguments))(*arguments.values())
     return _spectral_radius([np.broadcast_to(np.asarray(f, dtype=float), n) for f in found], n)
+
+
+@lru_cache(maxsize=2048)
+def reader(expression: Any) -> tuple[list[Any], Any]:
+    """Return the samples in an expression, and a function of their values that returns it in a list."""
+    read = samples(expression)
+    names = [sp.Symbol(f"s{j}") for j in range(len(read))]
+    return read, lambdify([expression.xreplace(dict(zip(read, names, strict=True)))], names)

@@ -9,12 +9,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from ..data.coverage import beyond
 from ..data.metrics import mape, nrmse
 from ..data.record import Record
-from ..engines.columns import Columns, lambdify
+from ..engines.columns import Columns, reader
 from ..engines.compile import compile
 from ..errors import Diverged, ModelError, NarxError
 from ..models.model import Model
@@ -84,13 +83,11 @@ def initial_values(model: Model, data: Mapping[str, Array], depth: int, engine: 
         # Without values nothing is known about an effect: it is taken as absent.
         begin = model.starts[state.left.base] if model.values else model.in_user_units(state.initial)
         expression = begin.xreplace(model.values)
-        read = samples(expression)
+        read, value = reader(expression)
         if expression.free_symbols - {b for s in read for b in s.free_symbols}:
             raise ModelError(f"The initial value of {state.left} must contain signals and numbers only.")
         # Before the first sample everything is as at the first sample.
         given = [[np.float64(data[str(s.base.label)][max(0, i - lag(s))]) for s in read] for i in range(depth)]
-        value = lambdify([expression.xreplace({s: sp.Symbol(f"s{j}") for j, s in enumerate(read)})],
-                         [sp.Symbol(f"s{j}") for j in range(len(read))])  # fmt: skip
         name = str(state.left.base.label)
         found[name] = np.array([float(value(*row)[0]) for row in given])
         if not np.all(np.isfinite(found[name])):
