@@ -16,9 +16,12 @@ from .options import (
     DataFiles,
     EffectFiles,
     Input,
+    MaxEffects,
     Missing,
     Output,
+    Resume,
     Rows,
+    Seed,
     Time,
     Ts,
     Units,
@@ -26,6 +29,7 @@ from .options import (
     check_targets,
     records,
     save_figure,
+    say_resumed,
     unit_names,
     where_beside,
     with_columns,
@@ -45,8 +49,8 @@ def diagnose(
     delay: Annotated[
         int | None, typer.Option(min=0, max=10_000, help="Dead time in samples; found by default.")
     ] = None,
-    max_effects: Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")] = 0,
+    max_effects: MaxEffects = 1,
+    seed: Seed = 0,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write everything as JSON.")] = None,
     save: Annotated[Path | None, typer.Option("--save", help="Write the model with its effects.")] = None,
     plot: Annotated[
@@ -67,9 +71,7 @@ def diagnose(
     channels: Channels = "",
     rows: Rows = None,
     missing: Missing = "refuse",
-    resume: Annotated[
-        Path | None, typer.Option("--resume", help="Keep results here; an interrupted run goes on from them.")
-    ] = None,
+    resume: Resume = None,
 ) -> None:
     """Compare a model with measurements and name the physical effect that is missing.
 
@@ -94,8 +96,7 @@ def diagnose(
         start = _begin(model or base, measured, delay)
         with working("Diagnosing") as progress:
             found = run(start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, report=progress)
-    if journal is not None and journal.found:
-        note(f"{journal.found} results were taken from {resume}")
+    say_resumed(journal, resume)
     settings = {
         "base": base,
         "delay": "found" if delay is None else delay,

@@ -16,6 +16,7 @@ from .options import (
     ModelFile,
     Output,
     Rows,
+    Seed,
     Time,
     Ts,
     check_targets,
@@ -34,7 +35,7 @@ def add(
     where: Annotated[
         str | None, typer.Option(help="input, inside, motion, output or sensor (default: what fits best).")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")] = 0,
+    seed: Seed = 0,
     effects: EffectFiles = None,
     u: Input = "u",
     y: Output = "y",

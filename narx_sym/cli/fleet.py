@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +10,20 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import DataError
-from .options import Channels, Input, Missing, Output, Time, Ts, check_targets, unit_names
+from .options import (
+    Channels,
+    Input,
+    MaxEffects,
+    Missing,
+    Output,
+    Resume,
+    Seed,
+    Time,
+    Ts,
+    check_targets,
+    say_resumed,
+    unit_names,
+)
 from .options import Units as UnitNames
 from .printing import console, note, table
 
@@ -23,15 +37,13 @@ def fleet(
     group: Annotated[
         str, typer.Option("--group", help="What tells the machine: a column of the list, or a regular expression.")
     ] = "",
-    max_effects: Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")] = 0,
+    max_effects: MaxEffects = 1,
+    seed: Seed = 0,
     budget: Annotated[float, typer.Option(min=0.0, help="Seconds per record; 0 for no limit.")] = 0.0,
     jobs: Annotated[int, typer.Option(help="Processes; -1 for all cores.")] = -1,
     dask: Annotated[str, typer.Option("--dask", help="Address of a Dask scheduler that is already there.")] = "",
     reports: Annotated[Path | None, typer.Option("--reports", help="A folder for one report per record.")] = None,
-    resume: Annotated[
-        Path | None, typer.Option("--resume", help="Keep results here; an interrupted run goes on from them.")
-    ] = None,
+    resume: Resume = None,
     units: UnitNames = "",
     u: Input = "u",
     y: Output = "y",
@@ -42,12 +54,12 @@ def fleet(
 ) -> None:
     """Diagnose many records in parallel: one page, the worst first, machine by effect, and what grows."""
     from ..files.journal import resuming
-    from ..report.fleet import write_fleet
+    from ..report.fleet import beside, write_fleet
     from ..tasks.fleet import Settings, entries
     from ..tasks.fleet import fleet as run
 
     listed = entries(source, group, {"u": u, "y": y, "t": t})
-    check_targets([out, resume], *(e.file for e in listed))
+    check_targets([out, beside(out), resume], *(e.file for e in listed))
     if reports is not None:
         reports.mkdir(parents=True, exist_ok=True)
     settings = Settings(base, max_effects, ts, channels, missing, seed, budget, reports and reports.resolve())
@@ -56,10 +68,9 @@ def fleet(
         if dask:
             stack.enter_context(_cluster(dask))
         rows = run(listed, settings, None if dask else jobs)
-    if journal is not None and journal.found:
-        note(f"{journal.found} results were taken from {resume}")
-    beside = f"{_beside(reports, out)}/" if reports is not None else ""
-    written = write_fleet(rows, out, unit_names(units)["y"], beside)
+    say_resumed(journal, resume)
+    folder = f"{_seen_from(out, reports)}/" if reports is not None else ""
+    written = write_fleet(rows, out, unit_names(units)["y"], folder)
     shown = [
         [
             r["tag"],
@@ -76,10 +87,8 @@ def fleet(
     console().print(f"Written: {', '.join(map(str, written))}", markup=False)
 
 
-def _beside(folder: Path, page: Path) -> str:
+def _seen_from(page: Path, folder: Path) -> str:
     """Return a folder as seen from a page."""
-    import os
-
     return Path(os.path.relpath(folder, page.parent)).as_posix()
 
 

@@ -14,6 +14,7 @@ from .printing import note
 # Heavy modules are imported inside the functions: `narx-sym --help` answers at once.
 if TYPE_CHECKING:
     from ..data.record import Record
+    from ..files.journal import Journal
     from ..models.effects import Catalogue
 
 DataFiles = Annotated[
@@ -28,6 +29,11 @@ Channels = Annotated[str, typer.Option("--channels", help="Further columns: name
 Rows = Annotated[str | None, typer.Option("--rows", help="Data rows A:B, counted from 0.")]
 Missing = Annotated[str, typer.Option("--missing", help="Rows with missing values: refuse, or drop and say so.")]
 Units = Annotated[str, typer.Option("--units", help="Units of input and output, as V,um.")]
+MaxEffects = Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")]
+Seed = Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")]
+Resume = Annotated[
+    Path | None, typer.Option("--resume", help="Keep results here; an interrupted run goes on from them.")
+]
 EffectFiles = Annotated[
     list[Path] | None, typer.Option("--effects", help="Your own effects (TOML or JSON); may be repeated.")
 ]
@@ -54,6 +60,12 @@ def records(
             note(f"{file.name}: {text}")
         listed.append(record)
     return listed
+
+
+def say_resumed(journal: Journal | None, file: Path | None) -> None:
+    """Say how many results were taken from an earlier run."""
+    if journal is not None and journal.found:
+        note(f"{journal.found} results were taken from {file}")
 
 
 def unit_names(units: str) -> dict[str, str]:

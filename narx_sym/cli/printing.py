@@ -160,7 +160,7 @@ def print_found(found: Diagnosis, units: dict[str, str], command: str) -> None:
     print_headline(found)
     lines = [fall(found, units), found.sentence(units), acts(base.delay, base.Ts)]
     lines += [f"Step {i}: {later.sentence(units)}" for i, later in enumerate(found.steps[1:], 2)]
-    lines += [f"Next: {what_next(found).replace(' at the end of this page', '')}", command and f"  {command}"]
+    lines += [f"Next: {what_next(found)}", command and f"  {command}"]
     for line in filter(None, lines):
         console().print(line, markup=False)
 

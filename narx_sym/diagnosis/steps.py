@@ -231,18 +231,12 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     seen = scored.scores.p_value <= gate.LEVEL or float(scored.scores.share.max()) >= LARGE
     if seen or scored.structure > HELPS:
         table.singles(known)
-
-    def single() -> tuple[Row, Row | None]:
-        return won([r for r in table.beside(known) if len(r.beyond(known)) <= 1], known)
-
-    alone, at = table.held(lambda: single()[1]), single()[0]
+    at, alone = table.held(lambda: won([r for r in table.beside(known) if len(r.beyond(known)) <= 1], known))
     # What the best single effect leaves, of what there was: too much, and two effects may hide each other.
     left = table.screened(alone).missing * alone.held / at.held if alone is not None else 1.0
     if scored.structure > HELPS and left > LEFT / 2:
         table.pairs(known)
-    for place in (0, 1):
-        table.held(lambda place=place: won(table.beside(known), known)[place])  # type: ignore[misc]
-    return won(table.beside(known), known)
+    return table.held(lambda: won(table.beside(known), known))
 
 
 def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:

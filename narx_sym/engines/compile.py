@@ -164,8 +164,7 @@ class Compiled:
             raise ModelError(f"The input sequences have different lengths: {sorted(map(str, sizes))}.")
         n = int(sizes.pop())
         first = max(layout.depth, start or 0)
-        if layout.lead:
-            columns = [np.concatenate([c, np.repeat(c[-1:], layout.lead)]) for c in columns]
+        columns = self._ahead(columns)
         states = self._start(n, min(first, n), initial or {}, out or {})
         theta = np.ascontiguousarray(theta, dtype=float)
         if theta.shape != (layout.parameters,):
@@ -192,10 +191,8 @@ class Compiled:
         from where the run diverges. `beside` is what else the machine code writes to, the first of them sample by
         sample.
         """
-        layout, columns = self.layout, [np.ascontiguousarray(inputs[name], dtype=float) for name in self.layout.inputs]
-        n, first = len(next(iter(out.values()))), layout.depth
-        if layout.lead:
-            columns = [np.concatenate([c, np.repeat(c[-1:], layout.lead)]) for c in columns]
+        columns = self._ahead([np.ascontiguousarray(inputs[name], dtype=float) for name in self.layout.inputs])
+        n, first = len(next(iter(out.values()))), self.layout.depth
         states = self._start(n, min(first, n), initial, out)
         arrays = [*states, *columns, *beside]
         over = getattr(self.run, "over", None)
@@ -208,6 +205,11 @@ class Compiled:
                     state[reached:] = np.nan
 
         return run
+
+    def _ahead(self, columns: list[Array]) -> list[Array]:
+        """Hold the last value of each input where the recursion looks ahead."""
+        lead = self.layout.lead
+        return [np.concatenate([c, np.repeat(c[-1:], lead)]) for c in columns] if lead else columns
 
     def _start(self, n: int, first: int, initial: Mapping[Any, Any], out: Mapping[str, Array]) -> list[Array]:
         given = _named(initial)

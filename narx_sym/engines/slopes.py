@@ -11,7 +11,6 @@ import numpy as np
 
 from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import Tangent, sensitivities
-from ..symbolic.signals import lag, samples
 from .compile import Compiled, Layout, compile, has_llvm, kept, written
 
 Array = np.ndarray
@@ -114,8 +113,9 @@ def with_slopes(
     fixed : parameters that have no direction
     """
     parameters = [p for p in recursion.parameters if p not in fixed]
-    carried = [lag(s) for _, right in recursion.updates for s in samples(right) if s.base in recursion.states]
-    if not has_llvm() or max(carried, default=0) > LONGEST:
+    reads = recursion.graph.reads.values()
+    longest = max((lags[-1] for read in reads for base, lags in read.items() if base in recursion.states), default=0)
+    if not has_llvm() or longest > LONGEST:
         return Extended(recursion, parameters, groups, output)
     directions = len(parameters) + len(groups)
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..files.atomic import write_text
+from ..files.atomic import csv_text, write_text
 from . import words
 from .page import style, templates
 from .svg import stylesheet
@@ -37,22 +35,26 @@ def write_fleet(rows: Sequence[Row], path: Path, unit: str = "", reports: str = 
         found=sum(bool(r["missing"]) for r in rows), problems=sum(bool(r["problem"]) for r in rows),
     )  # fmt: skip
     write_text(path, told)
-    beside = path.with_suffix(".csv")
-    write_text(beside, as_csv(rows))
-    return [path, beside]
+    write_text(beside(path), as_csv(rows))
+    return [path, beside(path)]
+
+
+def beside(page: Path) -> Path:
+    """Return where the rows of a page go as CSV."""
+    return page.with_suffix(".csv")
 
 
 def as_csv(rows: Sequence[Row]) -> str:
     """Return the rows as CSV; lists are joined by semicolons."""
-    made = io.StringIO()
-    writer = csv.writer(made, lineterminator="\n")
-    writer.writerow(FIELDS)
-    for row in rows:
-        joined = {
-            "missing": ";".join(row["missing"]), "sizes": ";".join(f"{n}={v:.6g}" for n, v in row["sizes"].items()),
-        }  # fmt: skip
-        writer.writerow([joined.get(name, row[name]) for name in FIELDS])
-    return made.getvalue()
+    joined = {
+        "missing": lambda effects: ";".join(effects),
+        "sizes": lambda sizes: ";".join(f"{name}={value:.6g}" for name, value in sizes.items()),
+    }
+    return csv_text({name: [joined.get(name, _same)(row[name]) for row in rows] for name in FIELDS})
+
+
+def _same(value: Any) -> Any:
+    return value
 
 
 def heat(rows: Sequence[Row]) -> dict[str, Any]:
@@ -64,7 +66,7 @@ def heat(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def trends(rows: Sequence[Row]) -> list[Row]:
-    """Return, per tag and size of the effect named most often there, its values in the order of the files."""
+    """Return every size that enough records of one tag have, with its values in the order of the files."""
     made = []
     for tag in sorted({r["tag"] for r in rows}):
         own = sorted((r for r in rows if r["tag"] == tag and r["sizes"]), key=lambda r: r["file"])

@@ -20,7 +20,7 @@ NEXT = {
     "nothing_detectable": "Keep the model. Smaller effects show with less noise, a longer record or a wider input: "
     "the sizes below say how small.",
     "named": "Take the model with {best}, and compare it with a record that was not used here.",
-    "confused": "Run the experiment at the end of this page, and diagnose both records together.",
+    "confused": "Run the proposed experiment, and diagnose both records together.",
     "helps_but_incomplete": "Take {best} as a first step, look at where the model fails, and diagnose again with more "
     "effects.",
     "closed_loop": "Record again with the controller in manual, and steps or a slow triangle as its output; an added "

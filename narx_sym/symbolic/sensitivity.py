@@ -16,6 +16,8 @@ import sympy as sp
 from .recursion import Recursion
 from .signals import k, lag, renamed, samples, signal
 
+_VARIABLE = sp.Dummy("x", real=True)
+
 
 @lru_cache(maxsize=20_000)
 def derivative(expr: Any, variable: Any) -> Any:
@@ -26,9 +28,6 @@ def derivative(expr: Any, variable: Any) -> Any:
     if result.has(sp.DiracDelta):
         result = result.replace(sp.DiracDelta, lambda *_: sp.S.Zero)
     return renamed(result, {_VARIABLE: variable})
-
-
-_VARIABLE = sp.Dummy("x", real=True)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ One bad file never stops the rest: what is wrong with it becomes its row.
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import re
 import time
@@ -117,7 +118,7 @@ def _listed(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
 
     try:
         rows = pd.read_csv(path, dtype=str, keep_default_na=False, sep=None, engine="python")
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, csv.Error) as error:
         raise DataError(f"{path}: {error}") from None
     if LIST not in rows.columns:
         raise DataError(
@@ -184,6 +185,8 @@ def _told(found: Diagnosis) -> Row:
     missing = list(first.confusion_set)
     if any(valve.found for valve in first.valves):
         missing = ["sticking valve"]
+    elif first.verdict == "outside_library":
+        missing = ["outside the catalogue"]
     sizes = {}
     if found.candidates and missing:
         best = found.best

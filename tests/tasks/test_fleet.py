@@ -77,7 +77,9 @@ def test_entries_from_patterns_and_lists(folder, tmp_path):
     first, second = entries(listed, group="unit")
     assert (first.tag, dict(first.columns)["y"], second.tag) == ("left", "u", "right")
     assert "missing.csv" in look(second, Settings())["problem"]
+    (empty := tmp_path / "empty.txt").write_text("")
     for source, group, said in (
+        (empty, "", "empty.txt: "),
         (tmp_path, "", "no records"), (listed, "valve", "no column 'valve'"), (folder / "V1" / "one.csv", "", "needs a column"),
         (folder, "(", "no regular expression"),
     ):  # fmt: skip
@@ -99,3 +101,13 @@ def test_the_command(folder, tmp_path, run, monkeypatch):
     assert code == 0 and "The worst of 3 records" in text and (tmp_path / "plant.csv").exists(), err
     code, _, err = run("fleet", tmp_path / "nothing", "--out", tmp_path / "p.html")
     assert code and "no records" in err
+    code, _, err = run("fleet", folder, "--out", tmp_path / "p.csv", "--jobs", "1")
+    assert code and "two results would go to the same file" in err and not (tmp_path / "p.csv").exists()
+    before = (folder / "V1" / "one.csv").read_bytes()
+    code, _, err = run("fleet", folder, "--out", folder / "V1" / "one.html", "--jobs", "1")
+    assert code and "is read by this command" in err and (folder / "V1" / "one.csv").read_bytes() == before
+
+
+def test_what_was_not_judged_is_not_called_healthy(tmp_path):
+    page, _ = write_fleet([ROW | {"verdict": "closed_loop", "missing": [], "sizes": {}}], tmp_path / "plant.html")
+    assert "not judged" in page.read_text() and "nothing that the record shows" not in page.read_text()

@@ -180,7 +180,8 @@ class Frame:
                 H, g = T.T @ G @ T, T.T @ gradient
                 size = np.sqrt(H.diagonal())
                 # What these rows do not determine, the start of a block that is held out, stays as it is.
-                size = np.where(size <= UNSEEN * np.sqrt((T.T @ every @ T).diagonal()), np.inf, size)
+                seen = size if every is G else np.sqrt((T.T @ every @ T).diagonal())
+                size = np.where(size <= UNSEEN * seen, np.inf, size)
                 H, g = H / np.outer(size, size), g / size
                 for c in self._stopped(x, T, g):
                     H[c], H[:, c], g[c] = 0.0, 0.0, 0.0

@@ -19,7 +19,7 @@ from ..refit import Fitted, Split, settle
 from .hypotheses import Hypothesis, linear_in_signals, written
 from .screening import Scored, score, shortlist, whole
 from .search import Row, Search, family_of, working
-from .verdict import cheapest, price
+from .verdict import cheapest
 
 Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
@@ -58,7 +58,10 @@ class Table:
         report("fitting the base in free run")
         rows = self.search.bases(sorted({0, 1, 2, 3, *near}))
         ordered = sorted(rows, key=lambda r: (not r.hypothesis.core.given, r.memory, r.price))
-        self.base = next(filter(self.holds, ordered), ordered[0])
+        held = next(filter(self.holds, ordered), None)
+        if held is None:
+            raise FitError("The base model cannot follow these data in free run: choose another base.")
+        self.base = held
 
     @property
     def rows(self) -> list[Row]:
@@ -114,7 +117,7 @@ class Table:
             scored = self.screened(first)
             kind = "given" if first.hypothesis.core.given else self.search.family
             others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids}
-            bases = self._cores.get((first.hypothesis.effects, first.hypothesis.core.given), [first])
+            bases = self._cores.get((first.hypothesis.effects, first.hypothesis.core.given), [])
             bases = [first, *(r for r in bases if r.hypothesis.core != first.hypothesis.core)]
             self._fit(bases, others, scored.line, TOGETHER)
 
@@ -139,13 +142,17 @@ class Table:
         At most so many effects, all of them without a number.
         """
         search, looks = self.search, []
+
+        def best(rows: Sequence[Row]) -> float:
+            return rows[0].before_judged
+
         for variant, points in shapes.items():
             self.report(f"looking at {' + '.join([*map(str, bases[0].hypothesis.effects), str(variant)])}")
             search.limits[variant] = line.ranges(variant)
             looks.append(search.look(bases, variant, points))
             search.rest()
         places: dict[str, dict[str, list[Row]]] = {}
-        for rows in sorted(filter(None, looks), key=_cost):
+        for rows in sorted(filter(None, looks), key=best):
             added = rows[0].hypothesis.effects[-1]
             places.setdefault(added.id, {}).setdefault(added.effect.form, rows)
         chosen = [list(forms.values()) for forms in places.values()][:most]
@@ -155,7 +162,7 @@ class Table:
                 search.forget(rows[0].hypothesis)
         for forms in chosen:
             self.report(f"fitting {forms[0][0].hypothesis}")
-            closer = sorted((search.one_more(bases, rows) for rows in forms), key=_cost)
+            closer = sorted((search.one_more(bases, rows) for rows in forms), key=best)
             for rows in closer:
                 self._cores[rows[0].hypothesis.effects, rows[0].hypothesis.core.given] = rows
                 search.finish(rows[0])
@@ -177,11 +184,14 @@ class Table:
             self._own[id(row)] = self.fitted(row) if self.factor == 1 and self._whole else self._refined(row)
         return self._own[id(row)]
 
-    def held(self, rows: Callable[[], Row | None]) -> Row | None:
-        """Return the first choice that can be held at both rates; others leave the table."""
-        while (row := rows()) is not None and not self.holds(row):
-            self.rows.remove(row)
-        return row
+    def held(self, choose: Callable[[], tuple[Row, Row | None]]) -> tuple[Row, Row | None]:
+        """Return the first base and winner that can both be held at both rates; others leave the table."""
+        while True:
+            chosen = choose()
+            lost = [r for r in chosen if r is not None and not self.holds(r)]
+            if not lost:
+                return chosen
+            self.rows.remove(lost[0])
 
     def holds(self, row: Row) -> bool:
         """Whether the free run of a row can be held at the working rate and at the records' own."""
@@ -229,11 +239,6 @@ class Table:
             looks = fine.look([made], variant, [shape])
             made = fine.one_more([made], looks)[0] if looks else None
         return made
-
-
-def _cost(rows: Sequence[Row]) -> float:
-    """Return the price of the best of some rows that are not judged yet."""
-    return price(rows[0].fitted, rows[0].parameters, rows[0].count)
 
 
 def _settles(fit: Callable[[Row], Fitted], row: Row) -> bool:

@@ -78,6 +78,11 @@ class Row:
         """The one price: logarithm of the held-out mean square, plus what parameters and effects cost."""
         return price(self.held, self.parameters, self.count)
 
+    @property
+    def before_judged(self) -> float:
+        """The same price of the error where it was fitted: it orders rows that are not judged."""
+        return price(self.fitted, self.parameters, self.count)
+
     def __repr__(self) -> str:
         return f"Row({self.hypothesis}, nrmse {np.sqrt(self.held):.4g}, price {self.price:.3f})"
 
@@ -207,8 +212,8 @@ class Search:
         """Return how much of the output's spread the input sends through the slowest pole of a core."""
         core, x = row.hypothesis.core, row.values
         assert self.largest is not None
-        poles = np.roots(np.concatenate([[1.0], -x[: core.n_y]]))
-        others = np.delete(poles, np.argmax(np.abs(poles)))
+        found = poles(x, core)
+        others = np.delete(found, np.argmax(np.abs(found)))
         gain = x[self.largest.n_y : self.largest.n_y + core.n_u].sum() / np.prod(1 - others).real
         moved = [np.std(gain * np.cumsum(r.u - r.u.mean())) for r in self.records]
         return float(max(moved)) / row.frame.problem.spread
@@ -241,7 +246,7 @@ class Search:
         return list(by_core.values())
 
     def _cheapest(self, rows: Iterable[Row]) -> list[Row]:
-        return sorted(rows, key=lambda r: price(r.fitted, r.parameters, r.count))
+        return sorted(rows, key=lambda r: r.before_judged)
 
     def _beside(self, base: Row, variant: Variant, shape: Sequence[float], steps: int) -> Row | None:
         """Fit an effect beside what a row has, from one shape."""
@@ -280,7 +285,12 @@ class Search:
 
 def slowest(x: Array, core: Core) -> float:
     """Return the size of the largest pole."""
-    return float(np.abs(np.roots(np.concatenate([[1.0], -x[: core.n_y]]))).max()) if core.n_y else 0.0
+    return float(np.abs(poles(x, core)).max(initial=0.0))
+
+
+def poles(x: Array, core: Core) -> Array:
+    """Return the poles of a core at some values of the unknowns."""
+    return np.asarray(np.roots(np.concatenate([[1.0], -x[: core.n_y]])))
 
 
 def family_of(given: Model) -> str:

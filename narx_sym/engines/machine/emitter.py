@@ -140,6 +140,8 @@ class Emitter:
 
 def multiply_add(b: ir.IRBuilder, slope: Any, x: Any, constant: Any) -> Any:
     """Emit slope*x + constant; one fused step where the processor has it: half the latency of the loop."""
+    if isinstance(x.type, ir.VectorType):  # of these LLVM fuses itself what it may
+        return b.fadd(constant, b.fmul(slope, x, flags=("contract",)), flags=("contract",))
     return b.fma(slope, x, constant) if fused() else b.fadd(constant, b.fmul(slope, x))
 
 

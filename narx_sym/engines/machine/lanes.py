@@ -16,7 +16,7 @@ from ...symbolic.recursion import Recursion
 from ...symbolic.sensitivity import Tangent
 from ...symbolic.signals import lag
 from ..plan import Plan
-from .emitter import DOUBLE, INT
+from .emitter import DOUBLE, INT, multiply_add
 
 WIDE = 4  # lanes come in such groups
 
@@ -93,7 +93,7 @@ class Lanes:
                 total = b.insert_element(total, compute(expressions[number]), ir.Constant(ir.IntType(32), lane))
             for other, back, number in slopes:
                 moved = new[other] if back == 0 else old[other, back]
-                total = self._add(b, self._spread(b, compute(expressions[number])), moved, total)
+                total = multiply_add(b, self._spread(b, compute(expressions[number])), moved, total)
             new[state] = total
         b.store(new[self.output], self._row(b, kept, index)).align = 8
         return [new[s] if back == 1 else old[s, back - 1] for s, back in self.keys]
@@ -108,7 +108,3 @@ class Lanes:
         first = b.insert_element(ir.Constant(self.kind, ir.Undefined), x, ir.Constant(ir.IntType(32), 0))
         mask = ir.Constant(ir.VectorType(ir.IntType(32), self.width), [0] * self.width)
         return b.shuffle_vector(first, ir.Constant(self.kind, ir.Undefined), mask)
-
-    def _add(self, b: ir.IRBuilder, slope: Any, x: Any, total: Any) -> Any:
-        product = b.fmul(slope, x, flags=("contract",))
-        return b.fadd(total, product, flags=("contract",))

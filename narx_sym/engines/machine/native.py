@@ -44,8 +44,7 @@ class _Function:
 
     def size(self, x: Any) -> Any:
         name = "llvm.fabs.f64" if x.type == DOUBLE else f"llvm.fabs.v{x.type.count}f64"
-        known = self.module.globals.get(name) or ir.Function(self.module, ir.FunctionType(x.type, [x.type]), name)
-        return self.b.call(known, [x])
+        return self.b.call(self.module.declare_intrinsic(name, (), ir.FunctionType(x.type, [x.type])), [x])
 
     def finite(self, x: Any) -> Any:
         return self.b.fcmp_ordered("<=", self.size(x), ir.Constant(DOUBLE, LARGEST))
