@@ -271,8 +271,19 @@ def kept(recipe: str, make: Callable[[], tuple[Any, Any, bytes]]) -> tuple[Any, 
 
 
 def written(recursion: Recursion) -> str:
-    """Return all that a recursion is, as text."""
-    return f"{sp.srepr(recursion.updates)} {recursion.parameters}"
+    """Return all that a recursion is, as text: a line per node, which names the lines of its arguments."""
+    lines: dict[Any, int] = {}  # in order: a dictionary keeps it
+    told: list[str] = []
+
+    def number(node: Any) -> int:
+        if node not in lines:
+            own = sp.srepr(node) if not node.args else type(node).__name__
+            told.append(" ".join([own, *(str(number(a)) for a in node.args)]))
+            lines[node] = len(lines)
+        return lines[node]
+
+    updates = [(number(left), number(right)) for left, right in recursion.updates]
+    return "\n".join([*told, f"{updates} {recursion.parameters}"])
 
 
 @once

@@ -40,7 +40,7 @@ def test_a_point_of_the_frame_is_the_model(linear, core):
     x[[0, 1][: core.n_y]] = [0.6, 0.2][: core.n_y]
     x[2 : 2 + core.n_u], x[5], x[6], x[7] = [0.1, 0.05][: core.n_u], 0.02, -0.03, 0.01
     frame.late(core.delay)
-    simulated = frame.run(x)[0] * frame.problem.spread
+    simulated = frame.problem.run(x)[0] * frame.problem.spread
     model = written(Hypothesis(core, (COULOMB,)), base).replace(theta=frame.theta(x, core))
     # The first samples differ: the frame holds the input before the record starts.
     late = simulated[-1000:] - (free_run(model, record) - record.y)[-1000:]

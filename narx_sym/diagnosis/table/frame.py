@@ -72,11 +72,22 @@ class Frame:
         self._data = {0: self.problem.data}
         self._free: dict[Any, tuple[Array, Array]] = {}
         self._delay = 0
-        first = np.cumsum([0, *(len(d[self.problem.name]) for d in self.problem.data)])
-        index = np.concatenate([np.arange(a + self.problem.depth, b) for a, b in itertools.pairwise(first)])
-        self.block = index * BLOCKS // first[-1]
-        self.weights = np.bincount(self.block, minlength=BLOCKS)
+        self.cuts = {count: self._cut(count) for count in (1, BLOCKS)}
+        self.weights = np.zeros(BLOCKS)
+        for b, rows in itertools.chain(*self.cuts[BLOCKS]):
+            self.weights[b] += rows.stop - rows.start
         self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+
+    def _cut(self, blocks: int) -> list[list[tuple[int, slice]]]:
+        """Return, per segment, which of its samples are in which of so many blocks of all."""
+        lengths = [len(d[self.problem.name]) for d in self.problem.data]
+        edges = [-(-b * sum(lengths) // blocks) for b in range(blocks + 1)]
+        found, begin = [], 0
+        for n in lengths:
+            cut = [int(np.clip(e - begin, self.problem.depth, n)) for e in edges]
+            found.append([(b, slice(*pair)) for b, pair in enumerate(itertools.pairwise(cut)) if pair[0] < pair[1]])
+            begin += n
+        return found
 
     def limit(self, ranges: Sequence[Mapping[str, tuple[float, float]]], most: float) -> None:
         """Bound shapes and the coefficients whose sign means the effect."""
@@ -105,7 +116,7 @@ class Frame:
                 shown += [held[s] for s in parts(len(held), self.pieces)]
             self._data[delay] = [{**d, name: x} for d, x in zip(self._data[0], shown, strict=True)]
         if delay != self._delay:
-            self.problem.data, self._delay, self.problem._last = self._data[delay], delay, None
+            self.problem.data, self._delay = self._data[delay], delay
 
     def free(self, core: Core) -> tuple[Array, Array]:
         """Return the point t0 and the directions T of the unknowns that a core leaves free: x = t0 + T w."""
@@ -155,14 +166,13 @@ class Frame:
             made[i * t : i * t + s] = x[old.free + i * s : old.free + (i + 1) * s]
         return made
 
-    def run(self, x: Array) -> tuple[Array, Array]:
-        """Return errors over the spread of y, and their derivatives; the arrays are used again by the next call."""
-        return self.problem.run(x)
-
     def fit(
-        self, x: Array, core: Core, steps: int, rows: Array | None = None, only_starts: bool = False
+        self, x: Array, core: Core, steps: int, use: Array | None = None, only_starts: bool = False
     ) -> tuple[Array, float]:
-        """Minimise the mean squared free-run error from x (Levenberg 1944, Marquardt 1963); return x and that error."""
+        """Minimise the mean squared free-run error from x (Levenberg 1944, Marquardt 1963); return x and that error.
+
+        `use`, (BLOCKS,) bool, says which blocks count.
+        """
         self.late(core.delay)
         _, T = self.free(core)
         if only_starts:
@@ -170,16 +180,15 @@ class Frame:
             if not T.shape[1]:
                 return x, np.nan
         x = np.clip(x, self.low, self.high)
-        chosen = None if rows is None else np.flatnonzero(rows)
         with np.errstate(all="ignore"):
-            cost, gradient, G, every = self._squares(x, chosen)
+            cost, gradient, G, every = self._squares(x, use)
             damping = 1e-3
             if not (np.isfinite(cost) and determined(x, np.sqrt(G.diagonal()))):
                 return x, np.inf
             for _ in range(steps):
                 H, g = T.T @ G @ T, T.T @ gradient
                 size = np.sqrt(H.diagonal())
-                # What these rows do not determine, the start of a block that is held out, stays as it is.
+                # What these blocks do not determine, the start of a block that is held out, stays as it is.
                 seen = size if every is G else np.sqrt((T.T @ every @ T).diagonal())
                 size = np.where(size <= UNSEEN * seen, np.inf, size)
                 H, g = H / np.outer(size, size), g / size
@@ -188,7 +197,7 @@ class Frame:
                 for _ in range(TRIALS):
                     w = -np.linalg.solve(H + (damping + RIDGE) * np.eye(g.size), g)
                     new = np.clip(x + T @ (w / size), self.low, self.high)
-                    now, gradient, G, every = self._squares(new, chosen)
+                    now, gradient, G, every = self._squares(new, use)
                     if now < cost and determined(new, np.sqrt(G.diagonal())):
                         break
                     damping *= 8
@@ -199,14 +208,37 @@ class Frame:
                     break
         return x, cost
 
-    def _squares(self, x: Array, chosen: Array | None) -> tuple[float, Array, Array, Array]:
-        """Return the mean square of the errors, J'r and J'J on the rows that count, and J'J on all."""
-        r, J = self.run(x)
-        every = J.T @ J
-        if chosen is None:
-            return float(r @ r) / r.size, J.T @ r, every, every
-        r, J = r[chosen], J[chosen]
-        return float(r @ r) / r.size, J.T @ r, J.T @ J, every
+    def _squares(self, x: Array, use: Array | None) -> tuple[float, Array, Array, Array]:
+        """Return the mean square of the errors, J'r and J'J on the blocks that count, and J'J on all."""
+        if use is None:
+            r, g, G = self.sums(x, 1)
+            return float(r[0] / self.weights.sum()), g[0], G[0], G[0]
+        r, g, G = self.sums(x, BLOCKS)
+        return float(r[use].sum() / self.weights[use].sum()), g[use].sum(axis=0), G[use].sum(axis=0), G.sum(axis=0)
+
+    def sums(self, x: Array, count: int) -> tuple[Array, Array, Array]:
+        """Return r'r (count,), J'r (count, unknowns) and J'J (count, unknowns, unknowns) of the free run's errors.
+
+        Errors are in standard deviations of y, `count` is 1 for all samples or BLOCKS. Nothing as long as the records
+        is kept; NaN where the run diverges.
+        """
+        problem, n, p = self.problem, self.size, self.problem.free
+        r, g, G = np.zeros(count), np.zeros((count, n)), np.zeros((count, n, n))
+        for i, (data, blocks) in enumerate(zip(problem.data, self.cuts[count], strict=True)):
+            simulated, slopes = problem.moved(x, i)
+            error, own = simulated - data[problem.name], problem.own(i)
+            for b, rows in blocks:
+                e, J = error[rows], slopes[rows]
+                square, gradient = J.T @ J, J.T @ e
+                r[b] += e @ e
+                g[b, :p] += gradient[:p]
+                g[b, own] += gradient[p:]
+                G[b, :p, :p] += square[:p, :p]
+                G[b, :p, own] += square[:p, p:]
+                G[b, own, :p] += square[p:, :p]
+                G[b, own, own] += square[p:, p:]
+        scale = problem.spread**2
+        return r / scale, g / scale, G / scale
 
     def _stopped(self, x: Array, T: Array, g: Array) -> list[int]:
         """Return the directions in which the error falls, but a bound is in the way."""
@@ -221,17 +253,13 @@ class Frame:
         """Return the mean squared error of each block where the other folds fitted the parameters, (BLOCKS,)."""
         losses = np.full(BLOCKS, np.inf)
         for fold in range(FOLDS):
-            held = self.block % FOLDS == fold
+            held = np.arange(BLOCKS) % FOLDS == fold
             found, cost = self.fit(x, core, steps, ~held)
             found, _ = self.fit(found, core, 3, only_starts=True)
-            with np.errstate(all="ignore"):
-                r = self.run(found)[0]
-                squares = np.bincount(self.block[held], r[held] ** 2, minlength=BLOCKS)
-            mine = np.arange(BLOCKS) % FOLDS == fold
-            losses[mine] = np.where(np.isfinite(squares), squares, np.inf)[mine] / np.maximum(self.weights, 1)[mine]
-            if not np.isfinite(cost):
-                losses[mine] = np.inf
-        return losses
+            if np.isfinite(cost):
+                with np.errstate(all="ignore"):
+                    losses[held] = self.sums(found, BLOCKS)[0][held] / np.maximum(self.weights[held], 1)
+        return np.where(np.isfinite(losses), losses, np.inf)
 
 
 def _extended(model: Model, effects: Sequence[Variant]) -> tuple[Model, Places]:
