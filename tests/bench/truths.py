@@ -102,7 +102,7 @@ PAIRS = {
 GROUPS = {"in": IN, "off": OFF, "null": NULL, "pair": PAIRS}
 
 _OFF_ACCEPT = {
-    "lugre_friction": {"coulomb_friction", "stribeck_friction"},
+    "lugre_friction": {"coulomb_friction", "stribeck_friction", "stiction"},
     "tanh_friction": {"coulomb_friction"},
     "maxwell_slip": {"hysteresis"},
     "jiles_atherton": {"hysteresis"},
@@ -118,7 +118,8 @@ _OFF_ACCEPT = {
     "sqrt_drift": {"drift"},
 }
 _ACCEPT = {kind: frozenset({kind}) for kind in IN}
-_ACCEPT["stribeck_friction"] = frozenset({"stribeck_friction", "coulomb_friction"})
+# Both truths stick, and break loose at more than moves them: that is what the catalogue calls stiction.
+_ACCEPT["stribeck_friction"] = frozenset({"stribeck_friction", "coulomb_friction", "stiction"})
 _ACCEPT.update({kind: frozenset(ids) for kind, ids in _OFF_ACCEPT.items()})
 
 # Velocity needs a mass.

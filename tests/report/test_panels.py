@@ -5,10 +5,13 @@ import pickle
 import pytest
 
 from narx_sym.data.examples import STAGE_UNITS
+from narx_sym.fit.alignment import aligned
 from narx_sym.report import page
 from narx_sym.report.panels import registry
+from narx_sym.report.panels.ladder import fair
 from narx_sym.report.panels.registry import LAST, TAKEN, WAY, Material, panels
 from narx_sym.report.picture import Picture
+from narx_sym.report.words import number
 
 # Key of the part: a text that only it tells, and the number of its pictures on the stage's diagnosis.
 CASES = {
@@ -42,6 +45,17 @@ def test_what_it_tells(key, material, stage_diagnosis):
     assert count is None or len(drawn) == count
     assert len({p.key for p in drawn}) == len(drawn) and all(p.alt for p in drawn)
     assert panels()[key].about in (LAST, WAY, TAKEN)
+
+
+def test_models_are_judged_alike_on_a_record_as_they_find_it(stage_diagnosis):
+    (made,) = page.sections(stage_diagnosis, STAGE_UNITS, scripts=False, keys=["ladder"])
+    listed = fair(stage_diagnosis)
+    assert [name for name, _ in listed] == stage_diagnosis.rungs
+    model = stage_diagnosis.steps[0].base.model
+    assert listed[0][1] == aligned(model, list(stage_diagnosis.steps[0].base.split.records))
+    for _, found in listed:
+        row = f"<td>{number(found.raw)}</td><td>{number(found.started)}</td><td>{number(found.aligned)}</td>"
+        assert row in made.html
 
 
 def test_keys_of_pictures_are_unique_on_the_page(material):

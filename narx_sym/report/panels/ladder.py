@@ -6,6 +6,8 @@ from typing import Any
 
 from ...diagnosis.bases import words
 from ...diagnosis.procedure import Diagnosis
+from ...errors import FitError
+from ...fit.alignment import FIRST, Aligned, aligned
 from ..comparison import Units
 from ..picture import Picture
 from ..plots import plot_ladder
@@ -45,4 +47,21 @@ def ladder(material: Material) -> dict[str, Any]:
     spread = d.steps[0].base.problem.spread
     rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
     rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread})
-    return {"rungs": [r | {"size": r["validation"] * spread} for r in rows], "kind": d.steps[0].floor_kind}
+    listed = fair(d)
+    return {
+        "rungs": [r | {"size": r["validation"] * spread} for r in rows], "kind": d.steps[0].floor_kind, "fair": listed,
+        "first": FIRST, "said": next(filter(None, (a.sentence(material.units.get("y", "")) for _, a in listed)), ""),
+    }  # fmt: skip
+
+
+def fair(diagnosis: Diagnosis) -> list[tuple[str, Aligned]]:
+    """Return the errors of every rung's model on the same samples, as they come and with start and offset estimated.
+
+    Empty where a segment is too short to estimate them.
+    """
+    fitted = [diagnosis.steps[0].base, *(s.chosen for s in diagnosis.steps if s.chosen is not None)]
+    records = list(diagnosis.steps[0].base.split.records)
+    try:
+        return [(n, aligned(f.model, records)) for n, f in zip(diagnosis.rungs, fitted, strict=True)]
+    except FitError:
+        return []
