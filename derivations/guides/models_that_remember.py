@@ -18,6 +18,7 @@ import narx_sym as ns
 from narx_sym import plots
 from narx_sym.fit.bases.play import Shape, branch_after
 from narx_sym.inversion.plays import inverse_of
+from narx_sym.models.analysis import property_1, steady_state
 
 rng = np.random.default_rng(3)
 turns = rng.uniform(-2, 2, 60)
@@ -43,7 +44,16 @@ tops = np.array([run[-1] for _, run in curves])
 assert np.ptp(tops) < 1e-2 * np.ptp(stage)  # but for the lag
 
 # %% [markdown]
-# After any history the quasi-static branch is one expression, until the input turns again.
+# At rest a play is anywhere in its slack: a continuum of equilibria. Since the input turned, a play has been held or is
+# taken along, so that the quasi-static sets depend on where the plays were then.
+
+# %%
+sets = model.quasi_static()
+assert sets.turns and len(steady_state(model).held) == len(sets.turns)
+assert property_1(model).holds
+
+# %% [markdown]
+# After a given history the quasi-static branch is one expression, until the input turns again.
 
 # %%
 branch = branch_after(model, volts[:700])

@@ -115,7 +115,8 @@ class StaticSets:
             for expression, derivatives in branches:
                 if isinstance(expression, sp.FiniteSet):
                     raise ModelError("The quasi-static equation has several solutions; evaluate them one by one.")
-                numeric = [sp.sympify(e).xreplace(model.values) for e in (expression, *derivatives)]
+                taken = _at_turn(quasi_static, u, expression is quasi_static.loading)
+                numeric = [sp.sympify(e).xreplace(model.values | taken) for e in (expression, *derivatives)]
                 if _vanishing(expression, model):  # 1 - Sigma_y = 0: every output, or none, is a solution
                     numeric[0] = sp.nan
                 foreign = {s for e in numeric for s in e.free_symbols} - {u_, phi1_, ytilde}
@@ -134,6 +135,18 @@ class StaticSets:
     def repelling(self) -> Array:
         """(N,) bool array."""
         return (self.phi1 != 0) & ~self.attracting
+
+
+def _at_turn(quasi_static: Any, u: Array, loading: bool) -> dict[Any, Any]:
+    """Return where plays are when a branch of a cycle begins; what is never taken along is in the middle."""
+    low, high = float(u.min()), float(u.max())
+    found = {}
+    for symbol, between in quasi_static.turns.items():
+        least, most = (bound.xreplace(quasi_static.model.values) for bound in between)
+        middle = (least + most).xreplace({u_: low}) / 4 + (least + most).xreplace({u_: high}) / 4
+        begin = (most.xreplace({u_: low}), least.xreplace({u_: high}))
+        found[symbol] = sp.Min(begin[0], middle) if loading else sp.Max(begin[1], middle)
+    return found
 
 
 def _vanishing(expression: Any, model: Any) -> bool:

@@ -14,7 +14,7 @@ import sympy as sp
 from ..errors import ModelError, NotInvertible
 from ..models import analysis as derive
 from ..models.model import Model
-from ..symbolic.printing import latex, text
+from ..symbolic.printing import latex, shown
 from .compensator import Compensator, compensator
 
 
@@ -170,7 +170,7 @@ def in_units(subject: Subject) -> Finding:
     """Show the equation in the user's units, or all of them where states remain."""
     model = subject.model
     updates = model.recursion.updates if model.hidden else [model.expand(numbers=True).args]
-    return Finding([f"{text(left)} = {text(right.xreplace(model.values))}" for left, right in updates])
+    return Finding([f"{shown(left)} = {shown(right.xreplace(model.values))}" for left, right in updates])
 
 
 @analysis(30, "Sigma_y", "Sum of the linear output parameters")
@@ -180,7 +180,7 @@ def sigma_y(subject: Subject) -> Finding:
     found = derive.sigma_y(subject.model)
     number = found.xreplace(values)
     valued = rf" = {latex(sp.Float(number))}" if found.free_symbols and number.is_number else ""
-    line = f"{found} = {float(number):.12g}" if values and number.is_number else str(found)
+    line = f"{shown(found)} = {float(number):.12g}" if values and number.is_number else shown(found)
     return Finding([line], [rf"\Sigma_y = {latex(found)}{valued}"])
 
 
@@ -188,14 +188,19 @@ def sigma_y(subject: Subject) -> Finding:
 def steady_state(subject: Subject) -> Finding:
     """Tell where the output rests under a constant input."""
     state = derive.steady_state(subject.model)
-    conditions = " and ".join(f"{c.lhs} = {c.rhs}" for c in state.conditions) or "always"
-    lines = [f"{state.equation.lhs} = {state.equation.rhs}", f"continuum of equilibria (Lemma 1) if {conditions}"]
-    return Finding(lines, [latex(state.equation)])
+    lines = [f"{shown(state.equation.lhs)} = {shown(state.equation.rhs)}"]
+    if state.held:
+        lines += ["continuum of equilibria: plays rest anywhere in", *state.ranges(shown)]
+        return Finding(lines, [latex(state.equation), *state.ranges(latex, r"\leq")])
+    conditions = " and ".join(f"{shown(c.lhs)} = {shown(c.rhs)}" for c in state.conditions) or "always"
+    return Finding([*lines, f"continuum of equilibria (Lemma 1) if {conditions}"], [latex(state.equation)])
 
 
 @analysis(50, title="Continuum of equilibrium points, where")
 def continuum(subject: Subject) -> Finding:
-    """Derive the conditions of Lemma 1."""
+    """Derive the conditions of Lemma 1; what plays hold is told with the steady state."""
+    if derive.steady_state(subject.model).held:
+        return Finding()
     return Finding(equations=[latex(c) for c in derive.continuum_conditions(subject.model)] or [r"\text{always}"])
 
 
@@ -212,7 +217,11 @@ def property_1(subject: Subject) -> Finding:
 def quasi_static(subject: Subject) -> Finding:
     """Tell where the output settles while the input moves slowly."""
     sets = derive.quasi_static(subject.model)
-    lines = [f"loading:   {sets.loading}", f"unloading: {sets.unloading}", f"attracting where {sets.attracting}"]
+    lines = [f"loading:   {shown(sets.loading)}", f"unloading: {shown(sets.unloading)}"]
+    lines.append(f"attracting where {shown(sets.attracting)}")
+    if sets.turns:
+        named = ", ".join(map(shown, sets.turns))
+        lines.append(f"with where the plays were when the input last turned: {named}")
     return Finding(lines, sets.latex().split(r" \\ ", 1))
 
 
@@ -225,7 +234,8 @@ def assumptions(subject: Subject) -> Finding:
 @analysis(90, "Compensation law", "Compensation law")
 def law(subject: Subject) -> Finding:
     """Derive the law in closed form."""
-    return Finding(subject.law.lines(), [subject.law.latex()])
+    lines = [f"{shown(left)} = {shown(right)}" for left, right in subject.law.updates]
+    return Finding(lines, [subject.law.latex()])
 
 
 @analysis(100, title="Grouping into A(q), B(q) and f")
@@ -238,11 +248,11 @@ def grouping(subject: Subject) -> Finding:
 def dynamics(subject: Subject) -> Finding:
     """Tell where the law forgets its own errors."""
     internal = subject.law.internal
-    lines = [f"attracting where {internal.condition}"]
+    lines = [f"attracting where {shown(internal.condition)}"]
     if subject.model.values:
         region = internal.region
-        lines.append("repelling nowhere" if region is sp.false else f"repelling where {region}")
-    return Finding([*lines, *(f"{d} = {text(turn)}" for d, turn in internal.turns.items())])
+        lines.append("repelling nowhere" if region is sp.false else f"repelling where {shown(region)}")
+    return Finding([*lines, *(f"{d} = {shown(turn)}" for d, turn in internal.turns.items())])
 
 
 @analysis(120, title="The law's own dynamics: attracting condition")

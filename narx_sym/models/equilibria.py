@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -16,7 +16,7 @@ from ..symbolic.identities import vanishes
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import k, samples
 from .model import Model
-from .rest_map import closed, folded, rest_map, ubar, ybar
+from .rest_map import closed, folded, plays, rest_map, ubar, ybar
 
 z = sp.Symbol("z")
 
@@ -32,15 +32,22 @@ class SteadyState:
         Necessary and sufficient for a continuum: every ybar is an equilibrium for every constant input (Lemma 1; the
         paper asks for Sigma_y = 1, which is enough only where no input or constant term remains at rest).
     equilibria : "continuum", or a list of expressions in ubar; None where there is no closed form
+    held : list of (low, symbol, high)
+        Where the model has plays: from where to where each of them may rest. They make a continuum by themselves.
     """
 
     equation: sp.Eq
     conditions: list[Any]
     equilibria: Any
+    held: Sequence[tuple[Any, Any, Any]] = ()
 
     def latex(self) -> str:
-        """LaTeX of the equation and the continuum conditions."""
-        return printing.latex([self.equation, *self.conditions])
+        """LaTeX of the equation, the continuum conditions, and where plays may rest."""
+        return r" \\ ".join([printing.latex([self.equation, *self.conditions]), *self.ranges(printing.latex, r"\leq")])
+
+    def ranges(self, shown: Callable[[Any], str] = str, below: str = "<=") -> list[str]:
+        """Return where plays may rest, as texts."""
+        return [f" {below} ".join(map(shown, chain)) for chain in self.held]
 
 
 def continuum_conditions(model: Model) -> list[Any]:
@@ -75,6 +82,10 @@ def steady_state(model: Model) -> SteadyState:
     """Solve ybar = G(ybar, ubar)."""
     right = rest_map(model)
     equation = sp.Eq(ybar, right, evaluate=False)
+    found = plays(model)
+    if found:
+        bounds = [(p, *p.between(ubar)) for p in found]
+        return SteadyState(equation, [], "continuum", [(low, p.rest, high) for p, low, high in bounds])
     if continuum(model):
         return SteadyState(equation, continuum_conditions(model), "continuum")
     excess = sp.expand((right - ybar).xreplace(model.values))
@@ -97,9 +108,9 @@ def jacobian(model: Model) -> list[Any]:
     Raises
     ------
     ModelError
-        For a model that remembers more than its outputs and inputs.
+        For a model that remembers more than its outputs, inputs and plays of them.
     """
-    closed(model, "The slope is", timeless=False)
+    closed(model, "The slope is", timeless=False, but=plays(model))
     F = model.in_user_units(folded(model))
     return [derivative(F, model.output[k - i]) for i in range(1, model.n_y + 1)]
 
@@ -189,6 +200,10 @@ def property_1(model: Model) -> Verdict:
         for i in range(1, model.n_y + 1)
     ]
     polynomial = characteristic([s.xreplace(model.values) for s in slopes])
+    if plays(model):
+        roots = [abs(complex(root)) for root in sp.Poly(polynomial, z).nroots()] if model.n_y else []
+        diverging = any(root >= 1 for root in roots)
+        return Verdict("continuum", diverging, not diverging, "a play rests wherever the input has left it")
     excess = sp.expand((rest_map(model) - ybar).xreplace(model.values))
     excess = excess.xreplace({s: sp.S.Zero for s in excess.free_symbols - {ybar, ubar}})
     if continuum(model) or excess == 0:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import sympy as sp
@@ -13,7 +14,7 @@ from ..symbolic.signals import differences, held, lags
 from .doors import QuasiStaticDoors
 from .equilibria import characteristic, jacobian, jury, solvable, without_integrator
 from .model import Model
-from .rest_map import closed, folded, rest_of
+from .rest_map import Play, closed, folded, plays, rest_of
 
 ytilde = sp.Symbol(r"\tilde{y}", real=True)
 u_, phi1_ = sp.Symbol("u", real=True), sp.Symbol("phi_1", real=True)
@@ -28,6 +29,8 @@ class QuasiStatic(QuasiStaticDoors):
     loading, unloading : expressions in u and phi_1, in the user's units
     jacobian : expression dF/dy[k-1], or a list of them for n_y > 1
     attracting : relational, or `And` of the Jury conditions for n_y > 1
+    turns : mapping from symbols to (low, high), expressions in u
+        Where the model has plays: the value of each at the last turn of the input, and between which it then was.
     """
 
     model: Model
@@ -35,6 +38,7 @@ class QuasiStatic(QuasiStaticDoors):
     unloading: Any
     jacobian: Any
     attracting: Any
+    turns: Mapping[Any, tuple[Any, Any]] = field(default_factory=dict)
 
     @property
     def repelling(self) -> Any:
@@ -71,19 +75,32 @@ def _static(expr: Any, model: Model, direction: int) -> Any:
         first: phi1_,
         second: sp.Integer(direction),
     }
+    for one in plays(model):  # since the input turned it has stayed, or it is taken along
+        low, high = one.between(u_)
+        values[one.base] = sp.Max(low, _turned(one)) if direction > 0 else sp.Min(high, _turned(one))
     return held(expr, lambda base: values.get(base, rest_of(base)))
+
+
+def _turned(one: Play) -> Any:
+    """Return the symbol of a play at the last turn of the input."""
+    return sp.Symbol(f"{one.base.label}_turn", real=True)
 
 
 def quasi_static(model: Model) -> QuasiStatic:
     """Solve ytilde = F(ytilde, u, phi1, phi2) for phi2 = 1 (loading) and phi2 = -1 (unloading), Eq. (090919b).
 
+    A play p[k] = Max(low(u), Min(high(u), p[k-1])) is, since the input turned, Max(low(u), p_turn) while the input
+    rises, and Min(high(u), p_turn) while it falls: the branches of a model with plays depend on where they then were.
+
     Raises
     ------
     ModelError
-        Where no closed form exists, and for a model that remembers more than its outputs and inputs or changes with
-        time.
+        Where no closed form exists, and for a model that remembers more than its outputs, inputs and plays of them, or
+        changes with time.
     """
-    closed(model, "The quasi-static solution is")
+    found = plays(model)
+    turns = {_turned(one): one.between(u_) for one in found}
+    closed(model, "The quasi-static solution is", but=found)
     F = model.in_user_units(folded(model))
     _no_lost_differences(model, F)
     branches = []
@@ -92,7 +109,9 @@ def quasi_static(model: Model) -> QuasiStatic:
         excess = _static(F, model, direction) + offset - ytilde
         slope = sp.diff(excess, ytilde)
         if slope != 0 and not slope.has(ytilde):
-            branches.append(sp.expand(excess.xreplace({ytilde: sp.S.Zero})) / sp.expand(-slope))
+            rest = excess.xreplace({ytilde: sp.S.Zero})
+            # Sums of plays in a curve stay as they are: multiplied out they fill a page.
+            branches.append(rest / -slope if turns else sp.expand(rest) / sp.expand(-slope))
             continue
         solutions = sp.solve(excess, ytilde) if solvable(excess, ytilde) else []
         if not solutions:
@@ -100,11 +119,12 @@ def quasi_static(model: Model) -> QuasiStatic:
         branches.append(solutions[0] if len(solutions) == 1 else sp.FiniteSet(*solutions))
     slopes = jacobian(model)
     if not slopes:
-        return QuasiStatic(model, branches[0], branches[1], sp.S.Zero, sp.true)
+        return QuasiStatic(model, branches[0], branches[1], sp.S.Zero, sp.true, turns)
     # The second lines of the paper's conditions divide by theta_4 phi_2 and hold only where that is positive: |.| < 1.
     conditions = jury(without_integrator(characteristic(slopes))[0])
     attracting = sp.And(*conditions, evaluate=False) if len(conditions) > 1 else conditions[0]
-    return QuasiStatic(model, branches[0], branches[1], slopes[0] if len(slopes) == 1 else slopes, attracting)
+    only = slopes[0] if len(slopes) == 1 else slopes
+    return QuasiStatic(model, branches[0], branches[1], only, attracting, turns)
 
 
 def _no_lost_differences(model: Model, F: Any) -> None:

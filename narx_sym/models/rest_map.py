@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import sympy as sp
@@ -37,27 +38,67 @@ def effects_of(model: Model, expr: Any = None, states: Sequence[State] = ()) -> 
     return f"the {'state' if len(states) == 1 else 'states'} {', '.join(printing.text(s.left) for s in states)}"
 
 
-def remembered(model: Model) -> str:
-    """Say what keeps a model from being one equation in y and u; an empty text where it is one."""
-    if not model.hidden:
+@dataclass(frozen=True)
+class Play:
+    """A state p[k] = Max(low, Min(high, p[k-1])) of the input: it rests anywhere from low to high."""
+
+    state: State
+    low: Any
+    high: Any
+
+    @property
+    def base(self) -> sp.IndexedBase:
+        """Its sequence."""
+        return self.state.left.base
+
+    @property
+    def rest(self) -> Any:
+        """Its symbol at rest."""
+        return rest_of(self.base)
+
+    def between(self, value: Any) -> tuple[Any, Any]:
+        """Return from where to where it may be at some value of the input."""
+        return held(self.low, lambda base: value), held(self.high, lambda base: value)
+
+
+def plays(model: Model) -> list[Play]:
+    """Return the plays of the input that a model's output reads (Krasnosel'skii & Pokrovskii 1989)."""
+    found = []
+    for state in model.hidden:
+        right, before = model.in_user_units(state.right), state.left.base[state.left.indices[0] - 1]
+        taken = [a for a in right.args if a.has(before)] if isinstance(right, sp.Max) else []
+        if len(taken) != 1 or not isinstance(taken[0], sp.Min) or before not in taken[0].args:
+            continue
+        low = sp.Max(*(a for a in right.args if a != taken[0]))
+        high = sp.Min(*(a for a in taken[0].args if a != before))
+        if {s.base for s in samples(low) + samples(high)} == {model.input}:
+            found.append(Play(state, low, high))
+    return found
+
+
+def remembered(model: Model, but: Sequence[Play] = ()) -> str:
+    """Say what keeps a model from being one equation in y and u, `but` some plays; an empty text where it is one."""
+    hidden = {s.left.base for s in model.hidden} - {one.base for one in but}
+    if not hidden:
         return ""
-    hidden = {s.left.base for s in model.hidden}
     read = hidden | model.recursion.graph.reached(*hidden)
     held = [s for s in model.recurrent if s.left.base in read]
     if held:
         shown = ", ".join(printing.text(s.left) for s in held)
-        return f"{effects_of(model, states=held)} remembers more than outputs and inputs ({shown})"
+        named = effects_of(model, states=held)
+        verb = "remember" if named.startswith(("the effects", "the states")) else "remembers"
+        return f"{named} {verb} more than outputs and inputs ({shown})"
     return f"{effects_of(model, model.beside, model.hidden)} acts on the inner output x[k], which is not measured"
 
 
-def closed(model: Model, what: str, timeless: bool = True) -> None:
-    """Refuse what is not derived for models that remember, or that change with time.
+def closed(model: Model, what: str, timeless: bool = True, but: Sequence[Play] = ()) -> None:
+    """Refuse what is not derived for models that remember more than some plays, or that change with time.
 
     Raises
     ------
     ModelError
     """
-    why = remembered(model)
+    why = remembered(model, but)
     if not why and timeless and samples(model.right, t):
         why = f"{_moving(model)} changes with time, so that nothing is at rest"
     if why:
@@ -95,14 +136,14 @@ def folded(model: Model) -> Any:
 def rest_map(model: Model) -> Any:
     """Return G with ybar = G(ybar, ubar): all signals held constant, in the user's units.
 
-    phi1 and phi2 vanish because u[k] - u[k-1] does; they are not declared.
+    phi1 and phi2 vanish because u[k] - u[k-1] does; they are not declared. A play is held where it is.
 
     Raises
     ------
     ModelError
-        For a model that remembers more than its outputs and inputs, or changes with time.
+        For a model that remembers more than its outputs, inputs and plays of them, or changes with time.
     """
-    closed(model, "The steady state is")
+    closed(model, "The steady state is", but=plays(model))
     return at_rest(model.right, model)
 
 

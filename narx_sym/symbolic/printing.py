@@ -2,6 +2,7 @@ r"""LaTeX and text in the paper's notation: `\\phi_{1,\\,k-1}`, `1.44 \\times 10
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import sympy as sp
@@ -184,6 +185,20 @@ class _Text(StrPrinter):
         return f"({w} nearest to {last} with {gap} = 0)"
 
 
+class _Shown(_Text):
+    def _print_Float(self, expr: Any) -> str:
+        digits = f"{float(expr):.{DIGITS}g}"
+        return digits if re.search(r"[.en]", digits) else f"{digits}.0"  # 1.0 is measured, 1 is exact
+
+    def _print_Symbol(self, expr: Any) -> str:
+        return re.sub(r"\\(\w+)\{(\w+)\}", r"\2_\1", expr.name)
+
+
 def text(expr: Any) -> str:
     """Return a text that `parse` reads back to the same expression."""
     return str(_Text().doprint(expr))
+
+
+def shown(expr: Any) -> str:
+    r"""Return a text to read: six digits, `y_bar` for `\bar{y}`."""
+    return str(_Shown().doprint(expr))

@@ -1,5 +1,7 @@
 """Steady state, Sigma_y, the continuum, Property 1, Jury's conditions, quasi-static sets."""
 
+import itertools
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -7,10 +9,13 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from paper import BENCH
 
+from narx_sym.engines.columns import evaluate_quasi_static
 from narx_sym.errors import FitError, ModelError
+from narx_sym.fit.bases.play import Shape
 from narx_sym.models.added import AddedEffect
 from narx_sym.models.analysis import (
     characteristic,
+    check,
     constraint_matrix,
     continuum,
     continuum_conditions,
@@ -32,8 +37,11 @@ from narx_sym.models.analysis import (
     ytilde,
     z,
 )
+from narx_sym.models.effects import EFFECTS
+from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
 from narx_sym.models.model import NARX, Model
+from narx_sym.models.rest_map import plays
 from narx_sym.symbolic.recursion import State
 from narx_sym.symbolic.signals import k, phi1, phi2, signal, t, u, y
 
@@ -518,3 +526,75 @@ def test_sigma_y_of_every_way_to_write_it():
     for core in (a * (y[k - 1] + y[k - 2]), (y[k - 1] + y[k - 2]) * a + b * u[k - 1] * y[k - 1], a * y[k - 1] * 2):
         assert zero(sigma_y(Model(core + b * u[k - 1], (a, b))) - 2 * a)
     assert zero(sigma_y(Model(2 * y[k - 1] - y[k - 2] + b * u[k - 1], (b,))) - 1)
+
+
+# ---------------------------------------------------------------- plays
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_branches_of_plays_are_where_a_slow_run_goes(seed):
+    rng = np.random.default_rng(seed)
+    radii, weights = np.sort(rng.uniform(0.2, 2.0, 3)), rng.uniform(0.1, 1.0, 4)
+    centre = float(rng.uniform(-2, 2))
+    model = Shape(tuple(radii), (0.4,), 1).model({u: centre}, [0.6, *weights, 0.3, -0.2])
+    sets = model.quasi_static()
+    turns = rng.uniform(-4, 4, 6)
+    history = np.concatenate([np.linspace(a, b, 400) for a, b in itertools.pairwise(turns)])
+    z = {one.base: float(v) for one, v in zip(plays(model), _plays_after(model, history), strict=True)}
+    for end in (turns[-1] + 1.3, turns[-1] - 1.3):
+        slow = np.concatenate([history, np.linspace(turns[-1], end, 400), np.full(60, end)])
+        known = {sp.Symbol(f"{b.label}_turn", real=True): v for b, v in z.items()} | {u_: end}
+        branch = sets.loading if end > turns[-1] else sets.unloading
+        expected = float(branch.xreplace(model.values).xreplace(known))
+        assert model.simulate(slow, 0.0, warn=False)[-1] == pytest.approx(expected, abs=1e-10)
+
+
+def _plays_after(model, u_values):
+    """The plays after a history, by hand; they start where the first input is."""
+    found = []
+    for one in plays(model):
+        low, high = (sp.lambdify(u_, bound) for bound in one.between(u_))
+        at = (low(u_values[0]) + high(u_values[0])) / 2
+        for value in u_values:
+            at = max(low(value), min(high(value), at))
+        found.append(at)
+    return found
+
+
+def test_sets_of_plays_are_the_loop_of_a_slow_cycle():
+    model = Shape((0.3, 0.9, 5.0), (0.4,), 0).model({}, [0.5, 1.0, 0.6, 0.4, 0.3, 0.1, -0.2])
+    cycle = 2 * np.sin(2 * np.pi * np.arange(20_000) / 20_000)
+    sets = evaluate_quasi_static(model.quasi_static(), cycle, cycle - np.roll(cycle, 1))
+    loop = model.simulate(np.tile(cycle, 3), 0.0, warn=False)[-cycle.size :]
+    assert np.nanmax(np.abs(sets.ytilde - loop)) < 1e-3 * np.ptp(loop)
+    assert sets.attracting[sets.phi1 != 0].all()
+
+
+def test_plays_rest_where_the_input_has_left_them():
+    model = Shape((0.5,), (), 0).model({u: 0.3}, [0.5, 1.0, 0.6, 0.0])
+    state = steady_state(model)
+    assert state.equilibria == "continuum" and state.conditions == []
+    (chain,) = state.held
+    assert [float(e.xreplace({chain[1]: 0, ubar: 2.0})) for e in chain] == pytest.approx([1.2, 0.0, 2.2])
+    verdict = property_1(model)
+    assert verdict.holds and verdict.equilibria == "continuum"
+    assert not property_1(model.replace(theta=[1.2, *model.theta[1:]])).holds
+    with pytest.raises(ModelError, match=r"assumptions .* the state z1\[k\] remembers"):
+        check(model)
+
+
+def test_several_states_remember():
+    model = Shape((0.5, 1.0), (), 0, creep=True).model({}, [0.5, 1.0, 0.6, 0.4, 0.0, 0.1, 0.99])
+    with pytest.raises(ModelError, match=r"the states .* remember more"):
+        quasi_static(model)
+
+
+def test_an_added_backlash_is_a_play():
+    base = NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0])
+    variant = next(v for v in variants(base, (), EFFECTS) if v.id == "backlash" and v.where == "input")
+    model = extend(base, variant).model
+    model = model.replace(theta=[0.5, 1.0, *([0.7] * (len(model.symbols) - 2))])
+    cycle = 2 * np.sin(2 * np.pi * np.arange(20_000) / 20_000)
+    sets = evaluate_quasi_static(model.quasi_static(), cycle, cycle - np.roll(cycle, 1))
+    loop = model.simulate(np.tile(cycle, 3), 0.0, warn=False)[-cycle.size :]
+    assert np.nanmax(np.abs(sets.ytilde - loop)) < 1e-3 * np.ptp(loop) and np.ptp(loop) > 2

@@ -22,9 +22,10 @@ from ...models.effects.memory import play
 from ...models.extend import without
 from ...models.info import Selection
 from ...models.model import Model
+from ...models.rest_map import plays, remembered, rest_map, ubar, ybar
 from ...symbolic.recursion import Recursion, State
 from ...symbolic.sensitivity import derivative
-from ...symbolic.signals import k, samples, signal, u, v, y
+from ...symbolic.signals import k, signal, u, v, y
 from ..freerun import FreeRun
 from ..least_squares import describe
 from ..simulate import segments
@@ -222,30 +223,19 @@ def branch_after(model: Model, history: Any) -> Any:
     ModelError
         For a model that remembers otherwise than by plays of its input, or whose output does not settle.
     """
-    own = {left.base: right for left, right in model.recursion.updates}
-    memory = {s.left.base: own[s.left.base] for s in model.memory}
-    if not memory or model.recurrent != model.memory or not all(_is_play(e, b) for b, e in memory.items()):
+    found = plays(model)
+    if not found or remembered(model, found):
         raise ModelError("Branches after a history are derived for models whose only memory is plays of the input.")
-    source = np.asarray(history, dtype=float)
-    plays = Recursion(tuple((base[k], right) for base, right in memory.items()))
-    first = {b: float(model.starts[b].xreplace({u[k]: sp.Float(source[0])})) for b in memory}
-    run = compile(plays)({"u": source}, [], first, start=1)
-    still = sp.Dummy("y", real=True)
-    known: dict[Any, Any] = {model.output: still, u: u[k]} | {b: own[b] for b in own if b != model.output}
-    known |= {b: e.xreplace({b[k - 1]: sp.Float(run[str(b.label)][-1])}) for b, e in memory.items()}
-    rest = own[model.output].xreplace(model.values)
-    while open_ := [s for s in samples(rest) if s != u[k]]:
-        rest = rest.xreplace({s: sp.sympify(known[s.base]).xreplace(model.values) for s in open_})
-    slope = derivative(rest, still)
-    if slope.has(still) or abs(float(slope) - 1) < SETTLES:
+    source, own = np.asarray(history, dtype=float), dict(model.recursion.updates)
+    moved = Recursion(tuple((one.base[k], own[one.base[k]]) for one in found))
+    first = {one.base: float(model.starts[one.base].xreplace({u[k]: sp.Float(source[0])})) for one in found}
+    run = compile(moved)({"u": source}, [], first, start=1)
+    rest = rest_map(model).xreplace(model.values)
+    for one in found:
+        low, high = one.between(u[k])
+        rest = rest.xreplace({one.rest: sp.Max(low, sp.Min(high, sp.Float(run[str(one.base.label)][-1])))})
+    rest = rest.xreplace({ubar: u[k]})
+    slope = derivative(rest, ybar)
+    if slope.has(ybar) or abs(float(slope) - 1) < SETTLES:
         raise ModelError("The output of this model does not settle on a curve over its input.")
-    return rest.xreplace({still: sp.S.Zero}) / (1 - slope)
-
-
-def _is_play(update: Any, base: Any) -> bool:
-    """Whether an update is Max(u - r, Min(u + r, its own past)), with numbers for what is beside u."""
-    inner = next((e for e in update.args if isinstance(e, sp.Min)), None) if isinstance(update, sp.Max) else None
-    if inner is None or len(update.args) != 2 or len(inner.args) != 2 or base[k - 1] not in inner.args:
-        return False
-    ends = [e for e in (*update.args, *inner.args) if e not in (inner, base[k - 1])]
-    return all((e - u[k]).is_number for e in ends)
+    return rest.xreplace({ybar: sp.S.Zero}) / (1 - slope)
