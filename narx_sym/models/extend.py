@@ -300,7 +300,7 @@ def _split(model: Model, where: str) -> list[State]:
 
     if where == "input" and v not in named:
         source = model.input
-        chain = [s.map(lambda e: moved(e, source, v)) for s in chain]
+        chain = [State(s.left, moved(s.right, source, v), s.initial, s.group) for s in chain]
         chain.insert(0, State(v[k], source[k], source[k]))
     if where == "motion" and free not in named:
         between(model.inner, free)

@@ -257,6 +257,17 @@ def test_the_order_of_input_inside_and_output_does_not_matter(name, chosen):
     assert all(np.abs(r - runs[0]).max() < 1e-11 for r in runs) and np.all(np.isfinite(runs[0]))
 
 
+def test_what_waits_for_values_starts_as_measured():
+    """An effect at the input, added after one that the input drives, has no value yet that a memory could start from."""
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], Ts=0.01)
+    data = {"u": np.arange(5.0), "y": np.arange(5.0)}
+    behind = [added for w in variants(base) if w.where == "output" and (added := extend(base, w).model).memory]
+    assert len(behind) > 3
+    for model in behind:
+        late = extend(model, first(model, "dead_zone", "input")).model
+        assert all(np.isfinite(value).all() for value in initial_values(late, data, 2).values()), model.effects
+
+
 def test_the_same_effect_twice_gets_numbers():
     base, record = BASES["linear"], RECORDS["linear"]
     variant = first(base, "backlash", "input")
