@@ -82,8 +82,8 @@ class Subject:
         run = compile(self.recursion)(padded, theta, initial, length=n + depth + lead)
         return run[str((of or self.output).label)][depth : depth + n]
 
-    def steps(self, n):
-        """What each step takes, by name: the newest sample that the equations read."""
+    def steps(self, n, sampled=False):
+        """What each step takes, by name: the newest sample that the equations read, `sampled` none before time k."""
         depth, lead = self.recursion.depth, self.recursion.lead
         from narx_sym.symbolic.signals import lag, samples
 
@@ -91,6 +91,7 @@ class Subject:
         found = {}
         for name, x in self.waves(n).items():
             newest = min(lag(s) for s in read if str(s.base.label) == name)
+            newest = min(newest, 0) if sampled else newest
             padded = np.concatenate([np.full(depth, x[0]), x, np.full(lead, x[-1])])
             found[name] = padded[depth - newest :][:n]
         return found

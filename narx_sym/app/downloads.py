@@ -13,7 +13,7 @@ from ..models.model import Model
 from ..tasks.compensate import Law
 
 
-def written(kind: str, model: Model, law: Law | None, report: Callable[[], str]) -> str:
+def written(kind: str, model: Model, law: Law | None, report: Callable[[], str]) -> str | bytes:
     """Return the content of a file.
 
     Parameters
@@ -28,7 +28,7 @@ def written(kind: str, model: Model, law: Law | None, report: Callable[[], str])
     ModelError
         Where there is no such file (yet).
     """
-    makers: dict[str, Callable[[], str]] = {
+    makers: dict[str, Callable[[], str | bytes]] = {
         "report.html": report,
         "model.json": lambda: to_text(model),
         "model.tex": lambda: document(model),
@@ -36,7 +36,7 @@ def written(kind: str, model: Model, law: Law | None, report: Callable[[], str])
     makers |= {f"model{ending}": partial(model.export, name) for ending, name in files().items()}
     if law is not None and not law.why_not:
         makers["law.tex"] = lambda: f"\\[\n{law.latex}\n\\]\n"
-        makers |= {f"law{ending}": partial(str, source) for ending, source in law.sources.items()}
+        makers |= {f"law{ending}": partial(law.sources.__getitem__, ending) for ending in law.sources}
     if kind not in makers:
         raise ModelError(f"There is no {kind[:40]!r}; there are {', '.join(makers)}.")
     return makers[kind]()

@@ -15,7 +15,14 @@ from .guard import Guard
 from .workbench import Workbench
 
 HOST, PORT = "127.0.0.1", 8537
-TYPES = {".json": "application/json", ".html": "text/html", ".tex": "text/x-tex", ".c": "text/x-c", ".csv": "text/csv"}
+TYPES = {
+    ".json": "application/json",
+    ".html": "text/html",
+    ".tex": "text/x-tex",
+    ".c": "text/x-c",
+    ".csv": "text/csv",
+    ".fmu": "application/zip",
+}
 RECONNECT = 20.0  # seconds that a page may be silent: a browser may be busy with drawing
 GRACE = 1  # seconds for open connections when the server ends
 

@@ -346,7 +346,7 @@ class Workbench:
     def _said(self) -> _Said:
         return _Said(self)
 
-    def download(self, kind: str) -> tuple[str, str]:
+    def download(self, kind: str) -> tuple[str, str | bytes]:
         """Return name and content of a file; see `downloads.written`."""
         if self.current is None:
             raise ModelError("There is no model yet: diagnose a base first.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import DataError
-from .options import ModelFile, Rows, Time, Ts, check_targets
+from .options import ModelFile, Rows, Time, Ts, Units, check_targets, unit_names
 from .printing import console, note, working
 
 if TYPE_CHECKING:
@@ -20,6 +20,10 @@ def compensate(
     latex: Annotated[Path | None, typer.Option("--latex", help="Write the law as LaTeX.")] = None,
     c: Annotated[Path | None, typer.Option("--c", help="Write the law as C99 source.")] = None,
     st: Annotated[Path | None, typer.Option("--st", help="Write the law as Structured Text (IEC 61131-3).")] = None,
+    fmu: Annotated[
+        Path | None, typer.Option("--fmu", help="Write the law as an FMU for co-simulation (FMI 3.0).")
+    ] = None,
+    fmu2: Annotated[Path | None, typer.Option("--fmu2", help="The same for FMI 2.0.")] = None,
     export: Annotated[
         list[Path] | None,
         typer.Option("--export", help="Write the law as source; the ending says for which target. May be repeated."),
@@ -37,6 +41,7 @@ def compensate(
     clip: Annotated[
         bool, typer.Option("--clip", help="Come as near as possible where the reference cannot be reached.")
     ] = False,
+    units: Units = "",
     t: Time = "t",
     ts: Ts = None,
     rows: Rows = None,
@@ -44,16 +49,32 @@ def compensate(
     """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
     from ..codegen.registry import exports, target_of
     from ..data.record import read_signal
-    from ..files.atomic import write_text
+    from ..files.atomic import write_bytes, write_text
     from ..files.store import load
-    from ..tasks.compensate import ahead, caution
 
-    sources = [*(export or []), *filter(None, [c, st])]
-    check_targets([latex, *sources, out], model_file, reference)
-    targets = [*map(target_of, export or []), *(name for name, path in (("c", c), ("st", st)) if path)]
+    own = [(name, path) for name, path in (("c", c), ("st", st), ("fmu", fmu), ("fmu2", fmu2)) if path]
+    sources = [*((target_of(path), path) for path in export or []), *own]
+    check_targets([latex, *(path for _, path in sources), out], model_file, reference)
     if (reference is None) != (out is None):
         raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
     law = load(model_file).compensator()
+    _tell(law)
+    if latex:
+        write_text(latex, f"\\[\n{law.latex(numbers=True)}\n\\]\n")
+        console().print(f"LaTeX written to {latex}")
+    for name, path in sources:
+        made = law.export(name, limits=limits, rate=rate, units=unit_names(units))
+        write_bytes(path, made if isinstance(made, bytes) else made.encode("utf-8"))
+        console().print(f"{exports()[name].title} written to {path}")
+    if reference and out:
+        goal = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column", prefer="r")
+        _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, clip=clip)
+
+
+def _tell(law: Compensator) -> None:
+    """Print a law, and what to know before it runs."""
+    from ..tasks.compensate import ahead, caution
+
     console().print("[bold]Compensation law[/bold] (in your units)")
     for line in law.lines(numbers=True):
         console().print(f"  {line}", markup=False)
@@ -63,15 +84,6 @@ def compensate(
             console().print(f"Checked: {law.checked}.", markup=False)
     if said := caution(law):
         console().print(said)
-    if latex:
-        write_text(latex, f"\\[\n{law.latex(numbers=True)}\n\\]\n")
-        console().print(f"LaTeX written to {latex}")
-    for path, name in zip(sources, targets, strict=True):
-        write_text(path, law.export(name, limits=limits, rate=rate))
-        console().print(f"{exports()[name].title} written to {path}")
-    if reference and out:
-        goal = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column", prefer="r")
-        _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, clip=clip)
 
 
 def _follow(law: Compensator, goal: Any, out: Path, model_file: Path, m0: float | None, **options: Any) -> None:

@@ -100,11 +100,8 @@ class _C(Writer):
 @export("c", "C99 source", ".c")
 def source(request: Request) -> str:
     """Return one self-contained C99 file: `narx_sym.codegen.export.to_c`."""
-    name, recursion, example = request.name, request.recursion, request.example()
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
-        raise ModelError(f"{name!r} cannot be a C identifier.")
-    own = {name, *(f"{name}_{part}" for part in ("real", "state", "init", "step", *HELPERS))}
-    layout = Layout.of(recursion, request.values, request.returned, request.initial, _label, WORDS | own)
+    name, recursion, example = request.name, request.recursion, request.example(request.instance)
+    layout = layout_of(request)
     labels, inputs, rested = layout.labels, list(recursion.inputs), layout.rested
     # Every state but the one that is returned can be read from the struct.
     depth = {b: 1 for b in recursion.states if b != request.returned} | layout.depth
@@ -115,7 +112,13 @@ def source(request: Request) -> str:
     real = writer.real
     opening = f"void {name}_init({', '.join([f'{name}_state *{PAST}', *(f'{real} {labels[b]}' for b in rested)])})"
     stepping = f"{real} {name}_step({', '.join([f'{name}_state *{PAST}', *(f'{real} {labels[b]}' for b in inputs)])})"
-    fields = [*(f"{real} {labels[b]}[{d}];" for b, d in depth.items()), *[f"unsigned long {clock};"] * layout.counts]
+    fields = [
+        *(f"{real} {labels[b]}[{d}];" for b, d in depth.items()),
+        *[f"unsigned long {clock};"] * layout.counts,
+        *(f"{real} {label};" for label in layout.parameters.values()),
+    ]
+    filling = f"void {name}_defaults({name}_state *{PAST})"
+    numbers = [f"{PAST}->{label} = {writer(sp.Float(request.values[p]))};" for p, label in layout.parameters.items()]
     lines = [
         "/*",
         *(f" * {line}".rstrip() for line in _comment(layout, writer, request, example is not None)),
@@ -128,10 +131,12 @@ def source(request: Request) -> str:
         *indented(fields or ["char none;"]),
         f"}} {name}_state;",
         "",
+        *[f"{filling};"] * bool(numbers),
         f"{opening};",
         f"{stepping};",
         "",
         *writer.definitions(),
+        *([filling, "{", *indented(numbers), "}", ""] if numbers else []),
         opening,
         "{",
         *wrapped(start if fields else [f"{PAST}->none = 0;"]),
@@ -145,6 +150,15 @@ def source(request: Request) -> str:
     return "\n".join([*lines, *(_self_test(layout, writer, example) if example else [])]) + "\n"
 
 
+def layout_of(request: Request) -> Layout:
+    """Return what the source takes, remembers and returns, with the identifiers that it has there."""
+    name = request.name
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
+        raise ModelError(f"{name!r} cannot be a C identifier.")
+    own = {name, *(f"{name}_{part}" for part in ("real", "state", "defaults", "init", "step", *HELPERS))}
+    return Layout.of(request, _label, WORDS | own)
+
+
 def _comment(layout: Layout, writer: _C, request: Request, tested: bool) -> list[str]:
     """Return the comment on top: the equations, how the functions are used, and how the source tests itself."""
     name, library = request.name, " -lm" if writer.mathematics else ""
@@ -153,6 +167,8 @@ def _comment(layout: Layout, writer: _C, request: Request, tested: bool) -> list
     test = f"Self-test: cc -std=c99 -D{name.upper()}_SELF_TEST file.c{library} && ./a.out"
     return layout.comment(
         *request.notes,
+        *[f"{name}_defaults gives the parameters in the struct their numbers; call it first."]
+        * bool(layout.parameters),
         f"{name}_init fills the past with values at rest; {name}_step takes {takes} and returns "
         f"{layout.labels[request.returned]}[k]; further states are in the struct, newest first.",
         f"No heap, no static data. C99{'; link with -lm' if library else ''}.",
@@ -162,12 +178,13 @@ def _comment(layout: Layout, writer: _C, request: Request, tested: bool) -> list
 
 def _init(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> list[str]:
     """Return the body of the init function; a state that starts from others is computed from them."""
-    labels = layout.labels
+    labels, kept = layout.labels, _kept(layout)
     lines = []
     for base, d in depth.items():
         shown = labels[base] if base in layout.rested else writer.number(0.0)
         if base in layout.initial:
-            expr, writer.names = layout.at_rest(base, {b: labels[b] for b in layout.rested})
+            expr, named = layout.at_rest(base, {b: labels[b] for b in layout.rested})
+            writer.names = named | kept
             shown = writer(expr)
         lines += _each(f"{PAST}->{labels[base]}[{{}}] = {shown};", 0, d)
     start, writer.lines = writer.lines + lines, []
@@ -179,7 +196,7 @@ def _init(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> l
 def _step(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> list[str]:
     """Return the body of the step function: the equations, the shift of the past, the value."""
     labels, plan = layout.labels, layout.plan
-    writer.names = {Plan.time: f"({writer.real}){PAST}->{clock}"}
+    writer.names = {Plan.time: f"({writer.real}){PAST}->{clock}"} | _kept(layout)
     for key, symbol in plan.sample.items():
         base, age = layout.place(key)
         writer.names[symbol] = f"{PAST}->{labels[base]}[{age - 1}]" if age else labels[base]
@@ -200,6 +217,11 @@ def _step(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> l
         shifts.append(f"{label}[0] = {labels[base]};")
     shifts += [f"{PAST}->{clock}++;"] * layout.counts
     return [*unused, *writer.lines, *shifts, f"return {labels[layout.returned]};"]
+
+
+def _kept(layout: Layout) -> dict[Any, str]:
+    """Return the text of each parameter that stays in the struct."""
+    return {p: f"{PAST}->{label}" for p, label in layout.parameters.items()}
 
 
 def _each(line: str, first: int, last: int) -> list[str]:
@@ -239,6 +261,7 @@ def _self_test(layout: Layout, writer: _C, example: Example) -> list[str]:
         f"{name}_state {PAST};",
         "double worst = 0.0;",
         "int good = 1;",
+        *[f"{name}_defaults(&{PAST});"] * bool(layout.parameters),
         f"{name}_init(&{PAST}{''.join(', ' + literal(example.rest[b]) for b in layout.rested)});",
         f"for (int sample = 0; sample < {n}; sample++) {{",
         f"    const double got = (double){name}_step(&{PAST}{''.join(f', {labels[b]}[sample]' for b in inputs)});",

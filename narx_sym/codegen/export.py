@@ -14,7 +14,8 @@ import sympy as sp
 from ..engines.compile import compile
 from ..errors import ModelError
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import lag, samples
+from ..symbolic.signals import samples
+from .layout import newest
 from .registry import ROUNDINGS, Example, Request, target
 
 CHECKED, LONGEST_CHECK = 48, 200  # samples of a self-test; a long delay adds its own
@@ -32,15 +33,18 @@ def written(
     initial: Mapping[Any, Any] | None = None,
     ranges: Mapping[str, Sequence[float]] | None = None,
     Ts: float | None = None,
+    rest: Mapping[str, float] | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Any:
     """Return a recursion for another place; `to` names a target of `narx_sym.codegen.registry`, see `to_c`."""
     one = target(to)
     numbers, returned = _numbers(recursion, values), _returned(recursion, output)
-    starts = _starts(recursion, numbers, initial or {})
+    starts = _starts(recursion, initial or {})
     return one.write(
         Request(
             recursion, numbers, name, single, returned, starts, _notes(Ts),
-            lambda: _example(recursion, numbers, returned, starts, ranges or {}, single),
+            lambda sampled: _example(recursion, numbers, returned, starts, ranges or {}, single, sampled),
+            False, Ts, ranges or {}, rest or {}, units or {},
         )
     )  # fmt: skip
 
@@ -140,11 +144,11 @@ def _numbers(recursion: Recursion, values: Mapping[Any, Any]) -> dict[Any, Any]:
     return {p: sp.Float(values[p]) for p in recursion.parameters}
 
 
-def _starts(recursion: Recursion, numbers: Mapping[Any, Any], initial: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return what the states are at rest, with numbers in the place of the parameters."""
-    found = {base: sp.sympify(initial[base]).xreplace(dict(numbers)) for base in recursion.states if base in initial}
+def _starts(recursion: Recursion, initial: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return what the states are at rest."""
+    found = {base: sp.sympify(initial[base]) for base in recursion.states if base in initial}
     for base, e in found.items():
-        if e.free_symbols - {symbol for s in samples(e) for symbol in s.free_symbols}:
+        if e.free_symbols - {symbol for s in samples(e) for symbol in s.free_symbols} - set(recursion.parameters):
             raise ModelError(f"The initial value of {base.label} must contain signals and numbers only.")
     return found
 
@@ -160,6 +164,7 @@ def _example(
     initial: Mapping[Any, Any],
     ranges: Mapping[str, Sequence[float]],
     single: bool,
+    sampled: bool,
 ) -> Example | None:
     """Run a recursion from rest, every input along its own wave; smaller waves where that diverges.
 
@@ -178,7 +183,8 @@ def _example(
             rest[base] = float(waves[base][0])
         start = {b: rest[b] for b in recursion.states}
         for base, e in initial.items():
-            start[base] = float(e.xreplace({s: sp.Float(rest.setdefault(s.base, 0.0)) for s in samples(e)}))
+            known = {s: sp.Float(rest.setdefault(s.base, 0.0)) for s in samples(e)}
+            start[base] = float(e.xreplace({**numbers, **known}))
         inputs = {b: waves[b] for b in recursion.inputs}
 
         def run(bits: Any, given: Any = inputs, begin: Any = start) -> Any:
@@ -194,8 +200,6 @@ def _example(
             with np.errstate(all="ignore"):
                 rounding = max(rounding, float(np.abs((other - expected) / (1.0 + np.abs(expected))).max()))
         if np.all(np.isfinite(expected)) and rounding * ROUNDINGS < TELLING:
-            # What a step takes: the newest sample of each input that the equations read.
-            read = {s for _, right in recursion.updates for s in samples(right)}
-            newest = {b: min(lag(s) for s in read if s.base == b) for b in recursion.inputs}
-            return Example({b: waves[b][depth - i :][:n] for b, i in newest.items()}, rest, expected, rounding)
+            taken = newest(recursion, sampled)
+            return Example({b: waves[b][depth - i :][:n] for b, i in taken.items()}, rest, expected, rounding)
     return None

@@ -16,6 +16,7 @@ from ..engines.writer import indented
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import k, lag, samples, signal
+from .registry import Request
 
 WIDTH = 108  # of a line
 
@@ -33,6 +34,9 @@ class Layout:
     initial : mapping from states to expressions
         What a state is before the first step, in samples of the sequences that `rested` lists.
     labels : mapping from signals to identifiers
+    parameters : mapping from parameters without a number to identifiers
+    newest : mapping from inputs to numbers
+        The lag of the sample of each input that a step takes; a preview is negative.
     """
 
     recursion: Recursion
@@ -40,29 +44,28 @@ class Layout:
     returned: Any
     initial: Mapping[Any, Any]
     labels: Mapping[Any, str]
+    parameters: Mapping[Any, str]
+    newest: Mapping[Any, int]
 
     @classmethod
-    def of(
-        cls,
-        recursion: Recursion,
-        values: Mapping[Any, Any],
-        returned: Any,
-        initial: Mapping[Any, Any],
-        label: Callable[[str, set[str]], str],
-        taken: Iterable[str],
-    ) -> Layout:
+    def of(cls, request: Request, label: Callable[[str, set[str]], str], taken: Iterable[str]) -> Layout:
         """Lay out a step; `label` makes an identifier from a name and from the identifiers that are taken."""
+        recursion, values = request.recursion, {} if request.instance else request.values
+        initial = {b: e.xreplace(dict(values)) for b, e in request.initial.items()}
         read = sorted({s.base for e in initial.values() for s in samples(e)}, key=str)
+        written = set().union(*(e.free_symbols for e in (*initial.values(), *(e for _, e in recursion.updates))))
+        kept = [p for p in recursion.parameters if p in written and p not in values]
         names: dict[Any, str] = {}
         used = set(taken)
-        for base in dict.fromkeys((*recursion.states, *recursion.inputs, *read)):
-            names[base] = label(str(base.label), used)
-            used.add(names[base])
-        return cls(recursion, values, returned, initial, names)
+        for one in dict.fromkeys((*recursion.states, *recursion.inputs, *read, *kept)):
+            names[one] = label(str(getattr(one, "label", one)), used)
+            used.add(names[one])
+        parameters = {p: names.pop(p) for p in kept}
+        return cls(recursion, values, request.returned, initial, names, parameters, newest(recursion, request.instance))
 
     @cached_property
     def plan(self) -> Plan:
-        """The equations with numbers in the place of the parameters."""
+        """The equations with numbers in the place of the parameters that have one."""
         return Plan.of(self.recursion.subs(self.values))
 
     @cached_property
@@ -75,14 +78,9 @@ class Layout:
         return {b: sorted(i) for b, i in found.items()}
 
     @property
-    def newest(self) -> dict[Any, int]:
-        """The lag of the sample of each input that a step takes; a preview is negative."""
-        return {b: self.lags[b][0] for b in self.recursion.inputs}
-
-    @property
     def depth(self) -> dict[Any, int]:
         """How many past samples of each signal a step needs; of an input they are older than the one it takes."""
-        first = dict.fromkeys(self.recursion.states, 0) | self.newest
+        first = dict.fromkeys(self.recursion.states, 0) | dict(self.newest)
         return {b: i[-1] - first[b] for b, i in self.lags.items() if i and i[-1] > first[b]}
 
     @property
@@ -114,16 +112,33 @@ class Layout:
         """
         named = {b: signal(label) for b, label in self.labels.items()}
         equations = []
+        plain_symbols = {p: sp.Symbol(label, real=True) for p, label in self.parameters.items()}
         for pair in self.recursion.subs(self.values).updates:
-            left, right = (e.xreplace({s: named[s.base][s.indices[0]] for s in samples(e)}) for e in pair)
+            known = [plain_symbols | {s: named[s.base][s.indices[0]] for s in samples(e)} for e in pair]
+            left, right = (e.xreplace(of) for e, of in zip(pair, known, strict=True))
             equations.append(f"{text(left)} = {text(right)}")
-        plain = {b: re.sub(r"[^A-Za-z0-9_ .,;:()=+-]", ".", str(b.label))[:60] for b in self.labels}
-        renamed = [f"{label} is the signal {plain[b]!r}" for b, label in self.labels.items() if plain[b] != label]
+        renamed = [
+            f"{label} is the {'parameter' if one in self.parameters else 'signal'} {shown!r}"
+            for one, label in (*self.labels.items(), *self.parameters.items())
+            if (shown := plain(one)) != label
+        ]
         return [line[4:] for line in (*wrapped(equations), "", *wrapped([*sentences, *renamed]))]
 
     def when(self, base: Any) -> str:
         """Return the sample of an input that a step takes, such as `r[k+1]`."""
         return text(signal(self.labels[base])[k - self.newest[base]])
+
+
+def newest(recursion: Recursion, sampled: bool = False) -> dict[Any, int]:
+    """Return the lag of the newest sample of each input that is read, at most 0 where all are taken as `sampled`."""
+    read = {s for _, right in recursion.updates for s in samples(right)}
+    latest = {b: min(lag(s) for s in read if s.base == b) for b in recursion.inputs}
+    return {b: min(0, i) if sampled else i for b, i in latest.items()}
+
+
+def plain(one: Any) -> str:
+    """Return the name of a signal or a parameter, with dots for what could end a comment."""
+    return re.sub(r"[^A-Za-z0-9_ .,;:()=+-]", ".", str(getattr(one, "label", one)))[:60]
 
 
 def shortened(name: str, longest: int) -> str:

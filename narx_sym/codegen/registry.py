@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import ModelError
@@ -41,11 +41,16 @@ class Request:
     returned : IndexedBase
         The state that a step returns.
     initial : mapping from states to expressions
-        What they are at rest, in samples of other sequences, with numbers; the rest of the others is an argument.
+        What they are at rest, in samples of other sequences and parameters; the rest of the others is an argument.
     notes : sequence of str
         For the comment on top.
-    example : function
+    example : function of whether each step takes every input at time k
         Returns an Example for a self-test, None where short runs from rest tell nothing.
+    instance : bool
+        For a system of sampled signals: the parameters stay beside the state, where they can be changed, and a step
+        takes every input at time k (or the last sample of its preview), also where older samples alone are read.
+    Ts : sampling time [s], None where nobody said it
+    ranges, rest, units : mappings from names of signals to (low, high), a number at rest, a unit
     """
 
     recursion: Recursion
@@ -55,7 +60,12 @@ class Request:
     returned: Any
     initial: Mapping[Any, Any]
     notes: Sequence[str] = ()
-    example: Callable[[], Example | None] = lambda: None
+    example: Callable[[bool], Example | None] = lambda sampled: None
+    instance: bool = False
+    Ts: float | None = None
+    ranges: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    rest: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

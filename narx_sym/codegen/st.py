@@ -86,7 +86,7 @@ def source(request: Request) -> str:
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name) or len(name) > 32 or name.lower() in WORDS:
         raise ModelError(f"{name!r} cannot be the name of a function block.")
     words = {name.lower(), "restart", "started", "i", "k"}
-    layout = Layout.of(recursion, request.values, returned, request.initial, _label, words)
+    layout = Layout.of(request, _label, words)
     labels, depth, counts = layout.labels, layout.depth, layout.counts
     writer = _ST({}, request.single)
     real, inputs = writer.real, list(recursion.inputs)

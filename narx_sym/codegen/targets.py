@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..errors import NotInvertible
+from ..errors import ModelError, NotInvertible
+from ..files.atomic import PathLike, write_bytes
 from ..inversion.compensator import Compensator
 from ..models.model import Model
 from ..symbolic.recursion import Recursion
@@ -13,10 +14,17 @@ from ..symbolic.signals import m, y
 from .export import transition, written
 
 
-def export_model(model: Model, to: str, name: str = "model", single: bool = False) -> Any:
-    """Return the free run for another place: `to` is "c", "st" or another target of `narx_sym.codegen.registry`."""
-    values, starts = model.values, model.starts
-    return written(to, model.recursion, values, name, single, model.output, starts, model.usual, model.Ts)
+def export_model(
+    model: Model, to: str, name: str = "model", single: bool = False, units: Mapping[str, str] | None = None
+) -> Any:
+    """Return the free run for another place: `to` is "c", "st" or another target of `narx_sym.codegen.registry`.
+
+    `units` such as {"u": "V", "y": "um"} stand where a target has a place for them.
+    """
+    return written(
+        to, model.recursion, model.values, name, single, model.output, model.starts, model.usual, model.Ts,
+        _rest(model), units,
+    )  # fmt: skip
 
 
 def model_to_c(model: Model, name: str = "model", single: bool = False) -> str:
@@ -27,6 +35,32 @@ def model_to_c(model: Model, name: str = "model", single: bool = False) -> str:
 def model_to_st(model: Model, name: str = "model", single: bool = False) -> str:
     """Return the free run as an IEC 61131-3 function block; see `narx_sym.codegen.export.to_st`."""
     return str(export_model(model, "st", name, single))
+
+
+def model_to_fmu(
+    model: Model,
+    path: PathLike,
+    name: str = "model",
+    fmi: str = "3.0",
+    units: Mapping[str, str] | None = None,
+) -> None:
+    """Write the free run as an FMU for co-simulation; the file appears whole or not at all.
+
+    Its C source is inside, and a binary for this machine where a C compiler is found. The parameters are tunable; the
+    values before the start, such as u_rest and y_rest, are parameters too. The communication step is a multiple of Ts.
+    The output at a time is computed from the inputs as they are then; a step takes the inputs at its beginning.
+
+    Parameters
+    ----------
+    fmi : "3.0" or "2.0"
+    units : mapping such as {"u": "V", "y": "um"}
+
+    Raises
+    ------
+    ModelError
+        For a model without sampling time or values, and for what `narx_sym.codegen.export.to_c` refuses.
+    """
+    write_bytes(path, export_model(model, _fmu(fmi), name, units=units))
 
 
 def model_to_casadi(model: Model, name: str = "model") -> Any:
@@ -45,6 +79,7 @@ def export_law(
     single: bool = False,
     limits: Sequence[float] | None = None,
     rate: float | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Any:
     """Return the law for another place, within limits where they are given; `to` as in `export_model`.
 
@@ -53,10 +88,15 @@ def export_law(
     NotInvertible
         Where the law has no closed form.
     """
-    recursion, usual = _exported(law, limits, rate), law.model.usual
-    driven = "u" if law.model.input == y else str(law.model.input.label)
-    usual = {**usual, **{own: usual[of] for own, of in (("m", driven), ("r", "y")) if of in usual}}
-    return written(to, recursion, law.model.values, name, single, m, ranges=usual, Ts=law.model.Ts)
+    recursion, driven = _exported(law, limits, rate), "u" if law.model.input == y else str(law.model.input.label)
+
+    def own(of: Mapping[str, Any]) -> dict[str, Any]:
+        return {**of, **{a: of[b] for a, b in (("m", driven), ("r", "y")) if b in of}}
+
+    return written(
+        to, recursion, law.model.values, name, single, m, None, own(law.model.usual), law.model.Ts,
+        own(_rest(law.model)), own(units or {}),
+    )  # fmt: skip
 
 
 def law_to_c(
@@ -81,6 +121,22 @@ def law_to_st(
     return str(export_law(law, "st", name, single, limits, rate))
 
 
+def law_to_fmu(
+    law: Compensator,
+    path: PathLike,
+    name: str = "law",
+    fmi: str = "3.0",
+    limits: Sequence[float] | None = None,
+    rate: float | None = None,
+    units: Mapping[str, str] | None = None,
+) -> None:
+    """Write the law as an FMU for co-simulation; see `export_law` and `model_to_fmu`.
+
+    Its input r is the reference at the end of the preview, such as r[k+1]; its parameters are those of the model.
+    """
+    write_bytes(path, export_law(law, _fmu(fmi), name, limits=limits, rate=rate, units=units))
+
+
 def law_to_casadi(law: Compensator, name: str = "law") -> Any:
     """Return one step as a CasADi `Function` (state, inputs) -> (next, output).
 
@@ -88,6 +144,28 @@ def law_to_casadi(law: Compensator, name: str = "law") -> Any:
     inputs : `recursion.given`, the reference at the end of the preview, such as r[k+1]; output is m[k]
     """
     return transition(_exported(law), law.model.values, name, m)
+
+
+def _fmu(fmi: str) -> str:
+    """Return the target for a version of the standard."""
+    known = {"3.0": "fmu", "2.0": "fmu2"}
+    if fmi not in known:
+        raise ModelError(f"There are FMUs of FMI {' and '.join(known)}, not of {fmi!r}.")
+    return known[fmi]
+
+
+def _rest(model: Model) -> dict[str, float]:
+    """Return where a model rests unless something else is said.
+
+    The operating point; else 0 where the records have it inside, the middle of their range where not; the output on
+    the line through the records.
+    """
+    inside = {name: 0.0 if low <= 0 <= high else (low + high) / 2 for name, (low, high) in model.info.ranges.items()}
+    found = inside | {str(b.label): value for b, value in model.operating_point.items()}
+    if model.info.line is not None and not model.operating_point:
+        offset, slope = model.info.line
+        found[str(model.output.label)] = offset + slope * found.get(str(model.input.label), 0.0)
+    return found
 
 
 def _exported(law: Compensator, limits: Sequence[float] | None = None, rate: float | None = None) -> Recursion:

@@ -9,6 +9,7 @@ class CompensatorDoors:
     export = door("codegen.targets", "export_law")
     to_c = door("codegen.targets", "law_to_c")
     to_st = door("codegen.targets", "law_to_st")
+    to_fmu = door("codegen.targets", "law_to_fmu")
     to_casadi = door("codegen.targets", "law_to_casadi")
     run = door("fit.run_law", "run_law")
     follow = door("fit.run_law", "follow")

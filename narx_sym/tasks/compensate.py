@@ -36,7 +36,7 @@ class Law:
     latex: str = ""
     symbols: str = ""
     notes: tuple[str, ...] = ()
-    sources: Mapping[str, str] = field(default_factory=dict)
+    sources: Mapping[str, str | bytes] = field(default_factory=dict)
     why_not: str = ""
 
 
@@ -82,9 +82,9 @@ def law_of(
 
 def _sources(
     law: Compensator, limits: tuple[float, float] | None, rate: float | None
-) -> tuple[dict[str, str], list[str]]:
+) -> tuple[dict[str, str | bytes], list[str]]:
     """Return the law for every target that is a file, by its ending, and why there is none for others."""
-    found: dict[str, str] = {}
+    found: dict[str, str | bytes] = {}
     lacking: dict[str, list[str]] = {}
     for ending, name in files().items():
         try:

@@ -37,7 +37,21 @@ def in_casadi(function, subject, folder):
     return found
 
 
-RUN = {"c": in_c, "st": in_st, "casadi": in_casadi}  # how what a target writes is run
+def in_fmu(archive, subject, folder):
+    pytest.importorskip("fmpy")
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler here")
+    from fmus import opened
+
+    with opened(archive, folder) as found:
+        one = found.instance()
+        one.begin(u_rest=subject.at_rest("u"), y_rest=subject.at_rest("y"))
+        got = one.run(MODEL.Ts, u=subject.waves(N)["u"])
+        one.close()
+    return got
+
+
+RUN = {"c": in_c, "st": in_st, "casadi": in_casadi, "fmu": in_fmu, "fmu2": in_fmu}  # how what a target writes is run
 
 
 def test_every_target_has_a_run():
@@ -70,8 +84,8 @@ def test_one_more_target_is_everywhere(run, tmp_path, monkeypatch):
 
 
 def test_a_target_that_does_not_exist(run, tmp_path):
-    with pytest.raises(ModelError, match="c, casadi, st"):
+    with pytest.raises(ModelError, match="c, casadi, fmu, fmu2, st"):
         MODEL.export("fortran")
     ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=0.01).save(tmp_path / "model.json")
     code, _, err = run("compensate", tmp_path / "model.json", "--export", tmp_path / "law.f90")
-    assert code == 2 and ".c, .st" in err and not (tmp_path / "law.f90").exists()
+    assert code == 2 and ".c, .fmu, .st" in err and not (tmp_path / "law.f90").exists()

@@ -1,0 +1,298 @@
+"""A recursion as an FMU for co-simulation, FMI 3.0 or 2.0: its C source, a binary, and a description.
+
+The communication step is a multiple of the sampling time. A step takes the inputs as they are at its beginning; the
+output at a time is computed from the inputs as they are then. The functions of the standard stand in the folder `fmi`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import platform
+import shutil
+import subprocess
+import tempfile
+import warnings
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+from ..engines.writer import indented
+from ..errors import ModelError
+from ..symbolic.signals import lag, samples, t
+from .c import layout_of, source
+from .layout import Layout, numbered, plain
+from .registry import Request, export
+
+COMPILERS = ("cc", "gcc", "clang")
+LONGEST_COMPILATION = 120  # [s]
+FOLDERS = {  # of binaries: system, machine, in FMI 3.0 and in 2.0
+    ("Linux", "x86_64"): ("x86_64-linux", "linux64"),
+    ("Linux", "aarch64"): ("aarch64-linux", ""),
+    ("Darwin", "x86_64"): ("x86_64-darwin", "darwin64"),
+    ("Darwin", "arm64"): ("aarch64-darwin", ""),
+    ("Windows", "AMD64"): ("x86_64-windows", "win64"),
+}
+ENDINGS = {"Linux": ".so", "Darwin": ".dylib", "Windows": ".dll"}
+EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file inside: the same model gives the same bytes
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of an FMU; its value reference is its place in the list.
+
+    `kind` is "t" for time, "i" for an input, "o" for the output, "p" for a parameter, "r" for a value at rest.
+    """
+
+    kind: str
+    name: str
+    about: str
+    start: float = 0.0
+    unit: str = ""
+    range: tuple[float, float] | None = None
+
+
+@export("fmu", "FMU, FMI 3.0", ".fmu")
+def fmi_3(request: Request) -> bytes:
+    """Return the FMU as bytes; see `narx_sym.codegen.targets.model_to_fmu`."""
+    return _archive(request, 3)
+
+
+@export("fmu2", "FMU, FMI 2.0")
+def fmi_2(request: Request) -> bytes:
+    """Return the FMU as bytes; see `narx_sym.codegen.targets.model_to_fmu`."""
+    return _archive(request, 2)
+
+
+def _archive(request: Request, version: int) -> bytes:
+    if request.Ts is None:
+        raise ModelError("An FMU needs the sampling time of its model: model.replace(Ts=...).")
+    request = replace(request, instance=True)
+    layout = layout_of(request)
+    listed = _variables(request, layout)
+    described, code = _description(request, layout, listed, version), _source(request, layout, listed, version)
+    digest = hashlib.sha256(Xml.tostring(described) + code.encode("ascii")).hexdigest()
+    token = "{" + "-".join(digest[a:b] for a, b in ((0, 8), (8, 12), (12, 16), (16, 20), (20, 32))) + "}"
+    described.set("instantiationToken" if version == 3 else "guid", token)
+    code = f'#define FMI_TOKEN "{token}"\n{code}'
+    files = {
+        "modelDescription.xml": _written(described),
+        f"sources/{request.name}.c": code.encode("ascii"),
+    }
+    if version == 3:
+        files["sources/buildDescription.xml"] = _written(_build(request.name))
+    files |= _binary(request.name, code, version)
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(zipfile.ZipInfo(name, EPOCH), content, zipfile.ZIP_DEFLATED)
+    return made.getvalue()
+
+
+def _variables(request: Request, layout: Layout) -> list[Variable]:
+    """Return time, the inputs, the output, the parameters and the values at rest."""
+    labels, taken = layout.labels, {"time"}
+
+    def named(label: str) -> str:
+        taken.add(name := numbered(label, lambda one: one not in taken))
+        return name
+
+    def about(base: Any, what: str) -> str:
+        known = request.ranges.get(str(base.label))
+        where = f", identified between {known[0]:.6g} and {known[1]:.6g}" if known else ""
+        return f"{what} {plain(base)}{where}"
+
+    def signal(kind: str, base: Any, name: str, what: str, ranged: bool) -> Variable:
+        own = str(base.label)
+        rest, known = request.rest.get(own, 0.0), request.ranges.get(own)
+        limits = (known[0], known[1]) if ranged and known and known[0] <= rest <= known[1] else None
+        return Variable(kind, named(name), about(base, what), rest, _unit(request.units, own), limits)
+
+    listed = [Variable("t", "time", "time", unit="s")]
+    for base in (b for b in layout.recursion.inputs if b != t):
+        ahead = -layout.newest[base]
+        what = f"input, {ahead} sample{'s' * (ahead > 1)} ahead," if ahead else "input"
+        listed.append(signal("i", base, labels[base], what, True))
+    listed.append(signal("o", layout.returned, labels[layout.returned], "output", False))
+    listed += [
+        Variable("p", named(label), f"parameter {plain(p)}", float(request.values[p]))
+        for p, label in layout.parameters.items()
+    ]
+    rested = (b for b in layout.rested if b != t)
+    return [*listed, *(signal("r", b, f"{labels[b]}_rest", "value before the start of", False) for b in rested)]
+
+
+def _unit(units: Mapping[str, str], name: str) -> str:
+    unit = units.get(name, "")
+    if not unit.isprintable():
+        raise ModelError(f"The unit of {name} holds characters that cannot be printed.")
+    return unit
+
+
+# -- the source ------------------------------------------------------------------------------------------------
+
+
+def _source(request: Request, layout: Layout, listed: list[Variable], version: int) -> str:
+    """Return one file: the exported source, how its functions are called, and the functions of the standard."""
+    exported = source(request)
+    folder = Path(__file__).with_name("fmi")
+    types, common, functions = (
+        (folder / f"{name}.c").read_text(encoding="ascii") for name in (f"types{version}", "common", f"fmi{version}")
+    )
+    return "\n".join([exported, types, *_glue(request, layout, listed), "", common, functions])
+
+
+def _glue(request: Request, layout: Layout, listed: list[Variable]) -> list[str]:
+    """Return how the values of an instance reach the exported functions."""
+    name = request.name
+    order = {kind: [i for i, v in enumerate(listed) if v.kind == kind] for kind in "iopr"}
+    taking, resting, keeping = (iter(order[kind]) for kind in "irp")
+    steps = ["time" if b == t else f"value[{next(taking)}]" for b in layout.recursion.inputs]
+    rests = ["time" if b == t else f"value[{next(resting)}]" for b in layout.rested]
+    filled = [f"past->{label} = ({name}_real)value[{next(keeping)}];" for label in layout.parameters.values()]
+    unused = ["(void)value;", "(void)time;"]
+    given = f"{name}_state *past, const double value[], double time"
+    return [
+        f"#define FMI_IDENTIFIER {name}",
+        f"#define FMI_TS {request.Ts!r}",
+        f"#define FMI_COUNT {len(listed)}",
+        f"typedef {name}_state fmi_memory;",
+        f"static const double fmi_first[FMI_COUNT] = {{{', '.join(repr(v.start) for v in listed)}}};",
+        f'static const char fmi_kind[] = "{"".join(v.kind for v in listed)}";',
+        *["", f"static void fmi_begin({given})", "{"],
+        *indented([*unused, *filled, f"{name}_init({', '.join(['past', *(f'({name}_real){r}' for r in rests)])});"]),
+        *["}", "", f"static double fmi_next({given})", "{"],
+        *indented(
+            [*unused, *filled, f"return {name}_step({', '.join(['past', *(f'({name}_real){s}' for s in steps)])});"]
+        ),
+        "}",
+    ]
+
+
+def _binary(name: str, code: str, version: int) -> dict[str, bytes]:
+    """Return the binary for this machine by its place in the archive; nothing, and a warning, where there is none."""
+    system = platform.system()
+    folder = FOLDERS.get((system, platform.machine()), ("", ""))[3 - version]
+    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+    if not folder or compiler is None:
+        why = "no C compiler was found" if folder else f"FMI {version}.0 has no name for this machine"
+        warnings.warn(f"The FMU holds its source, but no binary: {why}.", stacklevel=2)
+        return {}
+    file = name + ENDINGS[system]
+    with tempfile.TemporaryDirectory() as work:
+        Path(work, f"{name}.c").write_text(code, encoding="ascii")
+        command = [
+            compiler, "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden",
+            f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX", f"{name}.c", "-o", file, "-lm",
+        ]  # fmt: skip
+        try:
+            ran = subprocess.run(command, cwd=work, capture_output=True, text=True, timeout=LONGEST_COMPILATION)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            warnings.warn(f"The FMU holds its source, but no binary: {compiler}: {error}.", stacklevel=2)
+            return {}
+        if ran.returncode:
+            said = ran.stderr.strip()[:300]
+            warnings.warn(f"The FMU holds its source, but no binary: {compiler} says: {said}", stacklevel=2)
+            return {}
+        return {f"binaries/{folder}/{file}": Path(work, file).read_bytes()}
+
+
+# -- the description -------------------------------------------------------------------------------------------
+
+
+def _description(request: Request, layout: Layout, listed: list[Variable], version: int) -> Any:
+    """Return modelDescription.xml."""
+    name, Ts = request.name, repr(request.Ts)
+    root = Xml.Element(
+        "fmiModelDescription",
+        {"fmiVersion": f"{version}.0", "modelName": name,
+         "description": f"{plain(layout.returned)} every {request.Ts:.10g} s; a step takes the inputs at its beginning",
+         "generationTool": "narx_sym", "variableNamingConvention": "flat"},
+    )  # fmt: skip
+    if version == 3:
+        Xml.SubElement(
+            root, "CoSimulation",
+            {"modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true", "fixedInternalStepSize": Ts},
+        )  # fmt: skip
+    else:
+        exchange = Xml.SubElement(
+            root, "CoSimulation", {"modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true"}
+        )
+        Xml.SubElement(Xml.SubElement(exchange, "SourceFiles"), "File", {"name": f"{name}.c"})
+    units = Xml.SubElement(root, "UnitDefinitions")
+    for unit in sorted({v.unit for v in listed if v.unit}):
+        Xml.SubElement(units, "Unit", {"name": unit})
+    Xml.SubElement(Xml.SubElement(root, "LogCategories"), "Category", {"name": "logStatusError"})
+    Xml.SubElement(root, "DefaultExperiment", {"startTime": "0", "stepSize": Ts})
+    variables = Xml.SubElement(root, "ModelVariables")
+    for place, one in enumerate(listed):
+        _variable(variables, place, one, version)
+    _structure(Xml.SubElement(root, "ModelStructure"), layout, listed, version)
+    return root
+
+
+def _variable(parent: Any, place: int, one: Variable, version: int) -> None:
+    causality, variability = {
+        "t": ("independent", "continuous"), "i": ("input", "continuous"), "o": ("output", "continuous"),
+        "p": ("parameter", "tunable"), "r": ("parameter", "fixed"),
+    }[one.kind]  # fmt: skip
+    shared = {
+        "name": one.name, "valueReference": str(place), "description": one.about,
+        "causality": causality, "variability": variability,
+    }  # fmt: skip
+    if one.kind in "opr":
+        shared["initial"] = "calculated" if one.kind == "o" else "exact"
+    number = {"start": repr(one.start)} if one.kind in "ipr" else {}
+    number |= {"unit": one.unit} if one.unit else {}
+    number |= {"min": repr(float(one.range[0])), "max": repr(float(one.range[1]))} if one.range else {}
+    if version == 3:
+        Xml.SubElement(parent, "Float64", shared | number)
+    else:
+        Xml.SubElement(Xml.SubElement(parent, "ScalarVariable", shared), "Real", number)
+
+
+def _structure(parent: Any, layout: Layout, listed: list[Variable], version: int) -> None:
+    """Say which inputs the output answers at once."""
+    output = next(i for i, v in enumerate(listed) if v.kind == "o")
+    inputs = [b for b in layout.recursion.inputs if b != t]
+    answered = _at_once(layout)
+    first = version == 2  # FMI 2.0 counts from 1
+    direct = [str(i + first) for i, b in enumerate(inputs, start=1) if b in answered]
+    if version == 3:
+        Xml.SubElement(parent, "Output", {"valueReference": str(output), "dependencies": " ".join(direct)})
+        Xml.SubElement(parent, "InitialUnknown", {"valueReference": str(output)})
+        return
+    known = {"index": str(output + first)}
+    Xml.SubElement(Xml.SubElement(parent, "Outputs"), "Unknown", known | {"dependencies": " ".join(direct)})
+    Xml.SubElement(Xml.SubElement(parent, "InitialUnknowns"), "Unknown", known)
+
+
+def _at_once(layout: Layout) -> set[Any]:
+    """Return the inputs whose newest sample reaches the output in the same step."""
+    reads = {left.base: samples(right) for left, right in layout.recursion.updates}
+    found, ahead, seen = set(), [layout.returned], {layout.returned}
+    while ahead:
+        for s in reads[ahead.pop()]:
+            if s.base in reads and lag(s) == 0 and s.base not in seen:
+                seen.add(s.base)
+                ahead.append(s.base)
+            elif s.base not in reads and lag(s) == layout.newest[s.base]:
+                found.add(s.base)
+    return found
+
+
+def _build(name: str) -> Any:
+    """Return buildDescription.xml of FMI 3.0."""
+    root = Xml.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
+    configuration = Xml.SubElement(root, "BuildConfiguration", {"modelIdentifier": name})
+    files = Xml.SubElement(configuration, "SourceFileSet", {"language": "C99"})
+    Xml.SubElement(files, "SourceFile", {"name": f"{name}.c"})
+    return root
+
+
+def _written(root: Any) -> bytes:
+    Xml.indent(root)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="utf-8") + b"\n"
