@@ -53,14 +53,16 @@ FUNCTIONS = {
 
 
 class Block:
-    """One instance of the only function block in a source; calling it is one scan."""
+    """One instance of the last block or program in a source; calling it is one scan. It may use those before it."""
 
-    def __init__(self, source):
+    def __init__(self, source, name=None):
         from blark.parse import parse_source_code
 
         parsed = parse_source_code(source)
         assert parsed.exception is None, parsed.exception
-        (self.block,) = parsed.transform().items
+        items = parsed.transform().items
+        self.block = next(i for i in items if str(i.name) == name) if name else items[-1]
+        self.blocks = {str(i.name): source for i in items if i is not self.block}
         self.kinds, self.values, self.inputs, self.outputs, self.temporary = {}, {}, [], [], {}
         self.named(str(self.block.name))
         for section in self.block.declarations:
@@ -82,6 +84,11 @@ class Block:
             first, last = self(bounds.start), self(bounds.stop)
             self.kinds[name] = kind = KINDS[str(init.spec.type.type_name)]
             self.values[name] = dict.fromkeys(range(first, last + 1), kind(0))
+            assert init.value is None, "blark takes minutes for a list of numbers: fill `values`"
+            return
+        if str(init.spec.type) in self.blocks:
+            self.kinds[name], kind = Block, str(init.spec.type)
+            self.values[name] = Block(self.blocks[kind], kind)
             return
         self.kinds[name] = kind = KINDS[str(init.spec.type)]
         self.values[name] = kind(0) if init.value is None else self(init.value)
@@ -96,12 +103,11 @@ class Block:
     def scan(self, **given):
         """Run once; returns the output."""
         for name, value in given.items():
-            assert name.upper() in self.inputs
+            assert name.upper() in self.inputs and type(value) is self.kinds[name.upper()], f"{name} is given {value!r}"
             self.values[name.upper()] = value
         self.values |= self.temporary  # what a call leaves behind is gone
         self.run(self.block.body.statements)
-        (output,) = self.outputs
-        return self.values[output]
+        return self.values[self.outputs[0]] if self.outputs else None
 
     def run(self, statements):
         for s in statements:
@@ -150,6 +156,11 @@ class Block:
             self.run(s.statements.statements)
             at += step
 
+    def FunctionCallStatement(self, s):
+        block = self.values[str(s.name.name).upper()]
+        assert isinstance(block, Block), f"{s.name} is no block"
+        block.scan(**{str(p.name.name): self(p.value) for p in s.parameters})
+
     # -- expressions
 
     def __call__(self, e):
@@ -174,6 +185,10 @@ class Block:
 
     def MultiElementVariable(self, e):
         value = self.values[str(e.name.name).upper()]
+        if isinstance(value, Block):
+            (field,) = [str(one.field.name).upper() for one in e.elements]
+            assert field in value.outputs, f"{field} is no output"
+            return value.values[field]
         index = self.index(e)
         assert index in value, f"{e.name.name}[{index}] is outside"
         return value[index]

@@ -6,6 +6,7 @@
 # |---|---|
 # | `law.to_c()`, `model.to_c(single=True)` | one C99 file: state in a struct, `law_init`, `law_step`, no heap, a self-test behind `-DLAW_SELF_TEST` |
 # | `law.to_st()`, `model.to_st()` | an IEC 61131-3 `FUNCTION_BLOCK` in LREAL or REAL that starts from rest in its first scan |
+# | `law.export("plcopen")`, `model.export("plcopen")` | PLCopen XML (TC6 2.01) to import: the same block, and a program that tests it on the controller |
 # | `model.to_fmu("plant.fmu")`, `law.to_fmu("law.fmu", fmi="2.0")` | an FMU for co-simulation, FMI 3.0 or 2.0: source, binary, tunable parameters |
 # | `model.to_casadi()`, `law.to_casadi()` | one step as a CasADi `Function` (state, inputs) -> (next, output) |
 # | `model.to_control()` | a `control.NonlinearIOSystem` with dt = Ts (`pip install "narx-sym[interop]"`) |
@@ -68,6 +69,14 @@ print(
 # %%
 block = law.to_st(limits=(-60, 60), rate=5)
 print(block[block.index("FUNCTION_BLOCK") :][:900], "...")
+
+# %% [markdown]
+# Development systems import PLCopen XML: `narx-sym compensate model.json --export law.xml`. The program `law_test` beside
+# the block takes one sample per scan; then `finished` is TRUE, and `passed` where every value was the one computed here.
+
+# %%
+project = law.export("plcopen", limits=(-60, 60), rate=5)
+print(project[project.index('<pou name="law_test"') :][:400], "...")
 
 # %% [markdown]
 # ## C
@@ -141,6 +150,7 @@ print(*soft.lines(), sep="\n")
 # %%
 assert law.closed_form and "FUNCTION_BLOCK" in block and "law_step" in source
 assert passed in (True, None)
+assert project.count("<pou ") == 2
 assert gap is None or gap <= 1e-9
 assert run.m.min() >= -60 and run.m.max() <= 60 and np.abs(np.diff(run.m)).max() <= 5 + 1e-9
 tracked = plants.bouc_wen(np.sign(run.m) * np.maximum(np.abs(run.m) - 4.0, 0.0))[1000:]

@@ -13,9 +13,8 @@ from ..engines.writer import Writer, indented
 from ..errors import ModelError
 from ..symbolic.functions import TABLE, Elementary
 from .layout import Layout, numbered, shortened, wrapped
-from .registry import ROUNDINGS, Example, Request, export
+from .registry import Example, Request, export
 
-TOLERANCE = {False: 1e-12, True: 1e-4}  # of the self-test, relative; double and single
 UNROLLED = 3  # a longer past is shifted in a loop
 PAST = "past"  # the pointer to the state
 # Words of C (and of C++ and later C), of its library, of compilers, and of the source itself.
@@ -266,7 +265,7 @@ def _self_test(layout: Layout, writer: _C, example: Example) -> list[str]:
         f"for (int sample = 0; sample < {n}; sample++) {{",
         f"    const double got = (double){name}_step(&{PAST}{''.join(f', {labels[b]}[sample]' for b in inputs)});",
         "    const double size = (double)expected[sample], gap = (got - size) / (1.0 + " + size("size") + ");",
-        f"    if (!({size('gap')} <= {max(TOLERANCE[writer.single], ROUNDINGS * example.rounding):.3g})) good = 0;",
+        f"    if (!({size('gap')} <= {example.allowed(writer.single):.3g})) good = 0;",
         f"    if ({size('gap')} > worst) worst = {size('gap')};",
         "}",
         f'printf("{name}: %s, worst relative difference %g\\n", good ? "passed" : "FAILED", worst);',

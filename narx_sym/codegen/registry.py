@@ -10,6 +10,7 @@ from ..errors import ModelError
 from ..symbolic.recursion import Recursion
 from ..symbolic.registered import load_registered
 
+TOLERANCE = {False: 1e-12, True: 1e-4}  # of a self-test, relative; double and single
 ROUNDINGS = 30  # a self-test allows as many times what the last bits of the numbers do to a run
 
 
@@ -24,6 +25,10 @@ class Example:
     rest: Mapping[Any, float]
     expected: Any
     rounding: float = 0.0
+
+    def allowed(self, single: bool) -> float:
+        """Return how far a self-test may be off, relative."""
+        return max(TOLERANCE[single], ROUNDINGS * self.rounding)
 
 
 @dataclass(frozen=True)

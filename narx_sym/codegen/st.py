@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import chain
 from typing import Any, ClassVar
 
 import sympy as sp
 
 from ..engines.plan import Plan
-from ..engines.writer import RELATIONS, Writer, indented
+from ..engines.writer import RELATIONS, Writer
 from ..errors import ModelError
 from .layout import Layout, numbered, shortened, wrapped
 from .registry import Request, export
@@ -47,7 +49,7 @@ class _ST(Writer):
     def __init__(self, names: Mapping[Any, str], single: bool):
         super().__init__(names, single)
         self.real = "REAL" if single else "LREAL"
-        self.locals: list[str] = []
+        self.locals: list[Variable] = []
 
     def number(self, value: float) -> str:
         mantissa, _, exponent = repr(value).partition("e")
@@ -65,11 +67,11 @@ class _ST(Writer):
         )
 
     def define(self, name: str, shown: str, boolean: bool = False) -> list[str]:
-        self.locals.append(f"{name} : {'BOOL' if boolean else self.real};")
+        self.locals.append(Variable(name, "BOOL" if boolean else self.real))
         return [self.assign(name, shown)]
 
     def declare(self, name: str) -> list[str]:
-        self.locals.append(f"{name} : {self.real};")
+        self.locals.append(Variable(name, self.real))
         return []
 
     def assign(self, name: str, shown: str) -> str:
@@ -79,20 +81,66 @@ class _ST(Writer):
         return [f"IF {condition} THEN", *then, "ELSE", *otherwise, "END_IF;"]
 
 
+@dataclass(frozen=True)
+class Variable:
+    """One declaration; an array where it has a size, its start is then a list."""
+
+    name: str
+    kind: str
+    size: int = 0
+    start: str | tuple[str, ...] = ""
+
+    @property
+    def text(self) -> str:
+        """The line that declares it."""
+        kind = f"ARRAY [1..{self.size}] OF {self.kind}" if self.size else self.kind
+        start = f"[{', '.join(self.start)}]" if isinstance(self.start, tuple) else self.start
+        return f"{self.name} : {kind}{f' := {start}' if start else ''};"
+
+
+@dataclass(frozen=True)
+class Block:
+    """A function block, or a program: its comment, what it declares (by VAR_INPUT and so on), and its statements."""
+
+    name: str
+    comment: list[str]
+    declared: Mapping[str, list[Variable]]
+    body: list[str]
+    kind: str = "FUNCTION_BLOCK"
+
+    @property
+    def text(self) -> str:
+        """The source."""
+        sections = [
+            [section, *wrapped(v.text for v in listed), "END_VAR"]
+            for section, listed in self.declared.items()
+            if listed
+        ]
+        lines = ["(*", *(f"  {line}".rstrip() for line in self.comment), "*)", f"{self.kind} {self.name}"]
+        return "\n".join([*lines, *chain(*sections), "", *self.body, f"END_{self.kind}"]) + "\n"
+
+
 @export("st", "Structured Text", ".st")
 def source(request: Request) -> str:
     """Return one function block: `narx_sym.codegen.export.to_st`."""
-    name, recursion, returned = request.name, request.recursion, request.returned
+    return block(request).text
+
+
+def layout_of(request: Request) -> Layout:
+    """Return what the block takes, remembers and returns, with the identifiers that it has there."""
+    name = request.name
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name) or len(name) > 32 or name.lower() in WORDS:
         raise ModelError(f"{name!r} cannot be the name of a function block.")
-    words = {name.lower(), "restart", "started", "i", "k"}
-    layout = Layout.of(request, _label, words)
-    labels, depth, counts = layout.labels, layout.depth, layout.counts
+    return Layout.of(request, label, {name.lower(), "restart", "started", "i", "k"})
+
+
+def block(request: Request) -> Block:
+    """Return the function block of a recursion."""
+    recursion, returned, layout = request.recursion, request.returned, layout_of(request)
+    labels, depth = layout.labels, layout.depth
     writer = _ST({}, request.single)
     real, inputs = writer.real, list(recursion.inputs)
     start, step = _start(layout, writer), _step(layout, writer)
-    rested = [b for b in layout.rested if b not in inputs]
-    past = [f"{labels[b]}_past : ARRAY [1..{d}] OF {real};" for b, d in depth.items()]
     takes = ", ".join(layout.when(b) for b in inputs) or "nothing"
     comment = layout.comment(
         *request.notes,
@@ -100,42 +148,28 @@ def source(request: Request) -> str:
         "In its first call, and whenever restart is TRUE, it starts from rest: the inputs as they are, the rest at the "
         "values that end in _rest.",
     )
-    lines = [
-        "(*",
-        *(f"  {line}".rstrip() for line in comment),
-        "*)",
-        f"FUNCTION_BLOCK {name}",
-        *_declared(
-            "VAR_INPUT",
-            [
-                *(f"{labels[b]} : {real};" for b in inputs),
-                *(f"{labels[b]}_rest : {real} := {writer.number(0.0)};" for b in rested),
-                "restart : BOOL := FALSE;",
-            ],
-        ),
-        *_declared("VAR_OUTPUT", [f"{labels[returned]} : {real};"]),
-        *_declared(
-            "VAR",
-            [
-                *(f"{labels[b]} : {real};" for b in recursion.states if b != returned),
-                *past,
-                *["k : UDINT;"] * counts,
-                "started : BOOL := FALSE;",
-            ],
-        ),
-        *_declared("VAR_TEMP", [*["i : DINT;"] * any(d > UNROLLED + 1 for d in depth.values()), *writer.locals]),
-        "",
-        "IF restart OR NOT started THEN",
-        *wrapped(start),
-        "END_IF;",
-        *(line[4:] for line in wrapped(step)),
-        "END_FUNCTION_BLOCK",
-    ]
-    return "\n".join(lines) + "\n"
+    declared = {
+        "VAR_INPUT": [
+            *(Variable(labels[b], real) for b in inputs),
+            *(Variable(f"{labels[b]}_rest", real, start=writer.number(0.0)) for b in layout.rested if b not in inputs),
+            Variable("restart", "BOOL", start="FALSE"),
+        ],
+        "VAR_OUTPUT": [Variable(labels[returned], real)],
+        "VAR": [
+            *(Variable(labels[b], real) for b in recursion.states if b != returned),
+            *(Variable(f"{labels[b]}_past", real, d) for b, d in depth.items()),
+            *[Variable("k", "UDINT")] * layout.counts,
+            Variable("started", "BOOL", start="FALSE"),
+        ],
+        "VAR_TEMP": [*[Variable("i", "DINT")] * any(d > UNROLLED + 1 for d in depth.values()), *writer.locals],
+    }
+    body = ["IF restart OR NOT started THEN", *wrapped(start), "END_IF;", *(line[4:] for line in wrapped(step))]
+    return Block(request.name, comment, declared, body)
 
 
-def _declared(kind: str, lines: list[str]) -> list[str]:
-    return [kind, *indented(lines), "END_VAR"] if lines else []
+def number(value: float, single: bool = False) -> str:
+    """Return a number as a literal."""
+    return _ST({}, single)(sp.Float(value))
 
 
 def _start(layout: Layout, writer: _ST) -> list[str]:
@@ -177,7 +211,7 @@ def _step(layout: Layout, writer: _ST) -> list[str]:
     return [*writer.lines, *shifts, *["k := k + 1;"] * layout.counts]
 
 
-def _label(plain: str, taken: set[str]) -> str:
+def label(plain: str, taken: set[str]) -> str:
     """Return an identifier that means nothing else, whatever the case of its letters."""
     used = {n.lower() + ending for n in taken for ending in ENDINGS}
 

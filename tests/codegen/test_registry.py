@@ -51,7 +51,22 @@ def in_fmu(archive, subject, folder):
     return got
 
 
-RUN = {"c": in_c, "st": in_st, "casadi": in_casadi, "fmu": in_fmu, "fmu2": in_fmu}  # how what a target writes is run
+def in_plcopen(source, subject, folder):
+    for needed in ("blark", "plcopen"):
+        pytest.importorskip(needed)
+    from test_plcopen import texts
+
+    return in_st(texts(source)["x1"], subject, folder)
+
+
+RUN = {
+    "c": in_c,
+    "st": in_st,
+    "casadi": in_casadi,
+    "fmu": in_fmu,
+    "fmu2": in_fmu,
+    "plcopen": in_plcopen,
+}  # how what a target writes is run
 
 
 def test_every_target_has_a_run():
@@ -84,8 +99,8 @@ def test_one_more_target_is_everywhere(run, tmp_path, monkeypatch):
 
 
 def test_a_target_that_does_not_exist(run, tmp_path):
-    with pytest.raises(ModelError, match="c, casadi, fmu, fmu2, st"):
+    with pytest.raises(ModelError, match="c, casadi, fmu, fmu2, plcopen, st"):
         MODEL.export("fortran")
     ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=0.01).save(tmp_path / "model.json")
     code, _, err = run("compensate", tmp_path / "model.json", "--export", tmp_path / "law.f90")
-    assert code == 2 and ".c, .fmu, .st" in err and not (tmp_path / "law.f90").exists()
+    assert code == 2 and ".c, .fmu, .st, .xml" in err and not (tmp_path / "law.f90").exists()
