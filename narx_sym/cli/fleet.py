@@ -32,7 +32,7 @@ SHOWN = 10
 
 def fleet(
     source: Annotated[str, typer.Argument(help="A folder, a pattern, or a CSV with a column `file`.")],
-    out: Annotated[Path, typer.Option("--out", help="The page; the same rows go beside it as CSV.")],
+    out: Annotated[Path, typer.Option("--out", help="The page; its rows go beside it as CSV (and Parquet).")],
     base: Annotated[str, typer.Option(help="linear, static, narx, bouc-wen or auto.")] = "linear",
     group: Annotated[
         str, typer.Option("--group", help="What tells the machine: a column of the list, or a regular expression.")
@@ -59,7 +59,7 @@ def fleet(
     from ..tasks.fleet import fleet as run
 
     listed = entries(source, group, {"u": u, "y": y, "t": t})
-    check_targets([out, beside(out), resume], *(e.file for e in listed))
+    check_targets([out, *beside(out), resume], *(e.file for e in listed))
     if reports is not None:
         reports.mkdir(parents=True, exist_ok=True)
     settings = Settings(base, max_effects, ts, channels, missing, seed, budget, reports and reports.resolve())

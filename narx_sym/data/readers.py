@@ -243,7 +243,7 @@ def _load_parquet(name: str) -> Table:
         frame = pd.read_parquet(name)
     except ImportError:
         raise DataError(
-            f"{name}: reading .parquet needs pyarrow; install it (pip install pyarrow) or use CSV"
+            f'{name}: reading .parquet needs pyarrow; install it (pip install "narx-sym[parquet]") or use CSV'
         ) from None
     except Exception as error:  # each reader has its own errors
         raise DataError(f"{name}: cannot be read as .parquet ({error})") from None

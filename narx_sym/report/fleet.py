@@ -1,14 +1,16 @@
-"""One page and one CSV for a fleet: what is missing where, the worst first; tag by effect; what grows."""
+"""One page for a fleet, and its rows as tables: what is missing where, the worst first; tag by effect; what grows."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..files.atomic import csv_text, write_text
+from ..files.atomic import csv_text, write_bytes, write_text
 from . import words
 from .page import style, templates
 from .svg import stylesheet
@@ -20,7 +22,7 @@ FEWEST = 3  # records of one tag that make a trend
 
 
 def write_fleet(rows: Sequence[Row], path: Path, unit: str = "", reports: str = "") -> list[Path]:
-    """Write the page, and the same rows as CSV beside it; return both paths.
+    """Write the page, and the same rows beside it as CSV, and as Parquet where pyarrow is there; return the paths.
 
     Parameters
     ----------
@@ -35,13 +37,36 @@ def write_fleet(rows: Sequence[Row], path: Path, unit: str = "", reports: str = 
         found=sum(bool(r["missing"]) for r in rows), problems=sum(bool(r["problem"]) for r in rows),
     )  # fmt: skip
     write_text(path, told)
-    write_text(beside(path), as_csv(rows))
-    return [path, beside(path)]
+    tables = beside(path)
+    for table in tables:
+        write_bytes(table, as_csv(rows).encode("utf-8") if table.suffix == ".csv" else as_parquet(rows))
+    return [path, *tables]
 
 
-def beside(page: Path) -> Path:
-    """Return where the rows of a page go as CSV."""
-    return page.with_suffix(".csv")
+def beside(page: Path) -> list[Path]:
+    """Return where the rows of a page go: as CSV, and as Parquet where pyarrow is there."""
+    return [page.with_suffix(ending) for ending in (".csv", *[".parquet"] * (find_spec("pyarrow") is not None))]
+
+
+def as_parquet(rows: Sequence[Row]) -> bytes:
+    """Return the rows as a Parquet file: numbers in full, effects as lists, sizes as maps from names to numbers."""
+    import pyarrow
+    from pyarrow import parquet
+
+    kinds = {
+        "missing": pyarrow.list_(pyarrow.string()), "sizes": pyarrow.map_(pyarrow.string(), pyarrow.float64()),
+        **dict.fromkeys(("before", "after", "explained", "seconds"), pyarrow.float64()),
+    }  # fmt: skip
+    columns = {
+        name: pyarrow.array(
+            [list(row[name].items()) if name == "sizes" else row[name] for row in rows],
+            kinds.get(name, pyarrow.string()),
+        )
+        for name in FIELDS
+    }
+    raw = io.BytesIO()
+    parquet.write_table(pyarrow.table(columns), raw)
+    return raw.getvalue()
 
 
 def as_csv(rows: Sequence[Row]) -> str:

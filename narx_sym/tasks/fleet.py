@@ -5,7 +5,6 @@ One bad file never stops the rest: what is wrong with it becomes its row.
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import re
 import time
@@ -117,8 +116,11 @@ def _listed(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
     import pandas as pd
 
     try:
-        rows = pd.read_csv(path, dtype=str, keep_default_na=False, sep=None, engine="python")
-    except (ValueError, OSError, csv.Error) as error:
+        with path.open(encoding="utf-8-sig") as file:
+            header = file.readline()
+        mark = next((mark for mark in ";\t" if mark in header), ",")  # a list of one column has none
+        rows = pd.read_csv(path, dtype=str, keep_default_na=False, sep=mark, encoding="utf-8-sig")
+    except (ValueError, OSError) as error:
         raise DataError(f"{path}: {error}") from None
     if LIST not in rows.columns:
         raise DataError(

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import narx_sym as ns
+from narx_sym.data.readers import load
 from narx_sym.errors import DataError
+from narx_sym.report import fleet as pages
 from narx_sym.report.fleet import heat, trends, write_fleet
 from narx_sym.tasks import fleet as fleets
 from narx_sym.tasks.fleet import Settings, entries, fleet, look
@@ -59,7 +61,7 @@ def test_the_page_and_the_csv_say_the_same(tmp_path):
     healthy = ROW | {"tag": "V<2>", "verdict": "nothing_detectable", "missing": [], "sizes": {}}
     broken = ROW | {"tag": "V3", "verdict": "", "missing": [], "sizes": {}, "problem": "no column y"}
     rows = [*grows, healthy, broken]
-    page, table = write_fleet(rows, tmp_path / "plant.html", "mm", "reports/")
+    page, table, *_ = write_fleet(rows, tmp_path / "plant.html", "mm", "reports/")
     text = page.read_text()
     assert "3 of 5 records" in text and "V&lt;2&gt;" in text and "no column y" in text and "polyline" in text
     assert "http" not in text.split("</style>")[1] and "<script" not in text
@@ -108,6 +110,36 @@ def test_the_command(folder, tmp_path, run, monkeypatch):
     assert code and "is read by this command" in err and (folder / "V1" / "one.csv").read_bytes() == before
 
 
+def test_parquet_where_its_writer_is_there(folder, tmp_path, run, monkeypatch):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    broken = ROW | {
+        "missing": [],
+        "sizes": {},
+        "before": None,
+        "after": None,
+        "explained": 0.0,
+        "problem": "no column y",
+    }
+    rows = [ROW | {"before": 1 / 3}, broken]
+    paths = write_fleet(rows, tmp_path / "plant.html")
+    assert [p.name for p in paths] == ["plant.html", "plant.csv", "plant.parquet"]
+    read = [{n: dict(v) if n == "sizes" else v for n, v in r.items()} for r in parquet.read_table(paths[2]).to_pylist()]
+    assert read == rows
+    with monkeypatch.context() as context:
+        context.setattr(pages, "find_spec", lambda name: None)
+        assert len(write_fleet(rows, tmp_path / "bare.html")) == 2 and not (tmp_path / "bare.parquet").exists()
+    monkeypatch.setattr(fleets, "look", lambda entry, settings: ROW | {"file": str(entry.file), "tag": entry.tag})
+    code, text, err = run("fleet", folder, "--out", tmp_path / "all.html", "--jobs", "1")
+    assert code == 0 and "all.parquet" in text.replace("\n", "") and len(load(tmp_path / "all.parquet").columns) == 11
+    code, _, err = run("fleet", folder, "--out", tmp_path / "p.parquet", "--jobs", "1")
+    assert code and "two results would go to the same file" in err and not (tmp_path / "p.parquet").exists()
+    before = (tmp_path / "all.parquet").read_bytes()
+    listed = tmp_path / "all.csv"
+    listed.write_text("file\nall.parquet\n")
+    code, _, err = run("fleet", listed, "--out", tmp_path / "all.html", "--jobs", "1")
+    assert code and "is read by this command" in err and (tmp_path / "all.parquet").read_bytes() == before
+
+
 def test_what_was_not_judged_is_not_called_healthy(tmp_path):
-    page, _ = write_fleet([ROW | {"verdict": "closed_loop", "missing": [], "sizes": {}}], tmp_path / "plant.html")
+    page, *_ = write_fleet([ROW | {"verdict": "closed_loop", "missing": [], "sizes": {}}], tmp_path / "plant.html")
     assert "not judged" in page.read_text() and "nothing that the record shows" not in page.read_text()
