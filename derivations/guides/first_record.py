@@ -128,7 +128,32 @@ bouc_wen = bouc_wen.fit(record, method="free_run")
 print(ns.latex(bouc_wen))
 print(f"a, b, c, d = {np.round(bouc_wen.theta, 4)}, simulated with 0.7, 0.008, 0.008, 1.6")
 
+# %% [markdown]
+# ## Logs of measuring systems
+# MDF 4 (`.mf4`), TDMS and MATLAB 7.3 are read where they are (`pip install "narx-sym[logs]"`): choose the channels by name,
+# `--input Voltage --output Position`; a name that is not there is answered with the one that may be meant. Channels of
+# several rates are interpolated to the stamps of the fastest of those chosen, and that is said, as are the units.
+
 # %%
+log = None
+try:
+    import nptdms
+except ImportError:
+    print("npTDMS is not installed here")
+else:
+    rates = {"wf_increment": 0.01, "wf_start_offset": 0.0}
+    channels = {
+        "Voltage": (volts, rates | {"unit_string": "V"}),
+        "Position": (measured[:, 2], rates | {"unit_string": "um"}),
+        "Temperature": (np.linspace(20, 21, 501), {"wf_increment": 0.1, "wf_start_offset": 0.0}),
+    }
+    with nptdms.TdmsWriter("log.tdms") as file:
+        file.write_segment([nptdms.ChannelObject("stage", n, x, properties=p) for n, (x, p) in channels.items()])
+    log = ns.read("log.tdms", u="Voltage", y="Position", channels=["Temperature"])
+    print(log, *log.notes, sep="\n")
+
+# %%
+assert log is None or (np.array_equal(log.u, volts) and abs(log.channels["Temperature"][10] - 20.002) < 1e-9)
 files = "model.json compare.png derivation.tex sets.png law.tex law.c law.st input.csv expected.csv".split()
 assert all(os.path.getsize(name) > 0 for name in files)
 expected, planned = ns.read("expected.csv"), ns.read("input.csv", u="m", y="r")

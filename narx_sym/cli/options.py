@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..models.effects import Catalogue
 
 DataFiles = Annotated[
-    list[Path], typer.Argument(metavar="DATA...", help="CSV (or .npz, .mat, .parquet) with a header.")
+    list[Path], typer.Argument(metavar="DATA...", help="CSV with a header, .npz, .mat, .parquet, .mf4 or .tdms.")
 ]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model file.")]
 Input = Annotated[str, typer.Option("--input", help="Column of the input.")]

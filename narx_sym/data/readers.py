@@ -1,4 +1,4 @@
-"""Files to raw columns: CSV in its dialects, .npz, .mat, .parquet; never pickled objects."""
+"""Files to raw columns: CSV in its dialects, .npz, .mat, .parquet, logs; never pickled objects."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import os
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DataError
-from .tables import PathLike, Table
+from .logs import MATLAB_NUMBERS, load_mat73, load_mdf, load_tdms
+from .tables import LARGEST_FILE, PathLike, Table
 
 LONGEST_HEADER = 1_000_000  # characters
-MATLAB_NUMBERS = {"double", "single", "logical", *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64))}
-LARGEST_ARCHIVE = 8_000_000_000  # bytes of all arrays of a .npz or .mat file, unpacked
 
 
-def load(path: PathLike) -> Table:
-    """All columns of a file, by its suffix."""
+def load(path: PathLike, wanted: Collection[str] | None = None) -> Table:
+    """All columns of a file, by its suffix; of a log only those that are `wanted`, where that is said."""
     name, suffix = os.fspath(path), Path(path).suffix.lower()
-    readers = {
+    readers: dict[str, Callable[[str], Table]] = {
         ".npz": _load_npz,
-        ".mat": _load_mat,
+        ".mat": lambda name: _load_mat(name, wanted),
         ".parquet": _load_parquet,
+        **dict.fromkeys((".mf4", ".mdf"), lambda name: load_mdf(name, wanted)),
+        ".tdms": lambda name: load_tdms(name, wanted),
         **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), _load_text),
     }
     if Path(path).is_dir():
@@ -193,22 +194,20 @@ def _check_archive(name: str) -> None:
     """Refuse what is no archive, and one that would fill the memory when it is unpacked."""
     with zipfile.ZipFile(name) as archive:
         size = sum(one.file_size for one in archive.infolist())
-    if size > LARGEST_ARCHIVE:
-        raise DataError(
-            f"{name}: holds {size / 1e9:.3g} GB when unpacked, at most {LARGEST_ARCHIVE / 1e9:g} GB are read"
-        )
+    if size > LARGEST_FILE:
+        raise DataError(f"{name}: holds {size / 1e9:.3g} GB when unpacked, at most {LARGEST_FILE / 1e9:g} GB are read")
 
 
-def _load_mat(name: str) -> Table:
-    """Vectors of a MATLAB file up to version 7."""
+def _load_mat(name: str, wanted: Collection[str] | None) -> Table:
+    """Vectors of a MATLAB file."""
     from scipy.io import loadmat, whosmat
 
     try:
         found = whosmat(name)
         plain = [n for n, _, kind in found if kind in MATLAB_NUMBERS]
         size = 8 * sum(math.prod(shape) for n, shape, _ in found if n in plain)
-        if size > LARGEST_ARCHIVE:
-            raise DataError(f"{name}: holds {size / 1e9:.3g} GB, at most {LARGEST_ARCHIVE / 1e9:g} GB are read")
+        if size > LARGEST_FILE:
+            raise DataError(f"{name}: holds {size / 1e9:.3g} GB, at most {LARGEST_FILE / 1e9:g} GB are read")
         variables = loadmat(name, variable_names=plain)
         variables |= {
             n: np.empty(shape, dtype=[]) for n, shape, _ in found if n not in plain and math.prod(shape) < 1e6
@@ -216,7 +215,7 @@ def _load_mat(name: str) -> Table:
     except DataError:
         raise
     except NotImplementedError:
-        raise DataError(f"{name}: is a MATLAB v7.3 file, which cannot be read; save it with save(..., '-v7')") from None
+        return load_mat73(name, wanted)
     except Exception as error:  # a damaged file raises many kinds
         raise DataError(f"{name}: cannot be read as .mat ({error}); save it with save(..., '-v7')") from None
     return _from_variables(name, {n: a for n, a in variables.items() if not n.startswith("__")})

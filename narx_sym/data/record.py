@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import DataError
 from ..symbolic.signals import plain_name
 from .readers import load
-from .tables import PathLike, check_size
+from .tables import PathLike, check_size, names_of
 from .timegrid import Vector, check_step, regular_time, uniform_time
 
 YEARS = 3e8  # [s], ten years: a record that seems longer has its time in another unit
@@ -242,7 +242,11 @@ def read(
     channels: str | Sequence[str] = (),
     missing: str = "refuse",
 ) -> Record:
-    """Read one experiment from .csv, .txt, .tsv, .dat, .npz, .mat or .parquet.
+    """Read one experiment from .csv, .txt, .tsv, .dat, .npz, .mat, .parquet, .mf4, .mdf or .tdms.
+
+    Logs (.mf4, .mdf, .tdms, .mat of version 7.3) need `pip install "narx-sym[logs]"`. Where their channels have several
+    rates, the chosen ones are interpolated to the stamps of the fastest, which are called `t`; that is noted, as are
+    the units in the file.
 
     Parameters
     ----------
@@ -261,7 +265,7 @@ def read(
     """
     if missing not in ("refuse", "drop"):
         raise DataError(f"missing values are refused or dropped (--missing refuse or drop), not {missing!r}")
-    table = load(path)
+    table = load(path, None if channels == "all" else {u, y, *names_of(channels), *([t] if t else [])})
     cut = table.cut(rows)
     names = table.channels(channels, {u, y, t}, cut)
     asked = {**dict.fromkeys(names, "--channels"), u: "--input", y: "--output"}
@@ -314,7 +318,7 @@ def read_signal(
     Ts : float in s, or None where neither `Ts` nor a time column says it
     t : (N,) array in s, or the sample numbers where `Ts` is None
     """
-    table = load(path)
+    table = load(path, None if column is None else {column, *([t] if t else [])})
     cut = table.cut(rows)
     if column is None:
         others = [prefer] if prefer in table.columns else [n for n in table.columns if n != t]

@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from .timegrid import Grid, Vector, check_step, regular_time, uniform_time
 
 PathLike = str | os.PathLike[str]
 MOST_NAMED = 40  # columns in a message
+LARGEST_FILE = 8_000_000_000  # bytes of all arrays that are read from a file
 LARGEST = 1e100  # in any unit
 
 
@@ -31,11 +33,12 @@ class Table:
     notes: list[str] = field(default_factory=list)
     repeated: frozenset[str] = frozenset()
     decimal: str = "."
+    unread: tuple[str, ...] = ()  # columns of the file that nobody asked for
 
     @property
     def listing(self) -> str:
         """The columns there are, for messages."""
-        named = [n if len(n) <= 60 else n[:57] + "..." for n in self.columns if n]
+        named = [n if len(n) <= 60 else n[:57] + "..." for n in (*self.columns, *self.unread) if n]
         shown = ", ".join(named[:MOST_NAMED]) + (f" and {len(named) - MOST_NAMED} more" * (len(named) > MOST_NAMED))
         line = "" if self.lines is None else f" (line {self.header})"
         return f"the columns {shown}{line}" + "".join(f"; {n}" for n in self.notes if "left out" in n)
@@ -62,7 +65,7 @@ class Table:
     def channels(self, wanted: str | Sequence[str], used: set[str | None], cut: slice) -> list[str]:
         """Names of the further columns; "all" leaves out text, and says so; `plain_name` of a column finds it too."""
         if wanted != "all":
-            listed = [n.strip() for n in wanted.split(",") if n.strip()] if isinstance(wanted, str) else list(wanted)
+            listed = names_of(wanted)
             plain = {plain_name(n): n for n in self.columns if n}
             names = list(dict.fromkeys(n if n in self.columns else plain.get(n, n) for n in listed))
         else:
@@ -104,7 +107,11 @@ class Table:
     def numbers(self, name: str, option: str, cut: slice, keep: NDArray[np.bool_] | None = None) -> Vector:
         """Column `name` within `cut`, and of the rows to `keep`, as a finite (N,) array."""
         if name not in self.columns:
-            raise DataError(f"{self.path}: no column '{name}'; there are {self.listing}; choose with {option}")
+            alike = get_close_matches(name, [*self.columns, *self.unread], n=1)
+            meant = f", did you mean '{alike[0]}'?" if alike else ""
+            raise DataError(
+                f"{self.path}: no column '{name}'{meant or ';'} there are {self.listing}; choose with {option}"
+            )
         if name in self.repeated:
             raise DataError(f"{self.path}: two columns are named '{name}'; rename one, or choose another with {option}")
         raw = self.columns[name][cut]
@@ -162,6 +169,11 @@ class Table:
             except (TypeError, ValueError):
                 return i
         return None
+
+
+def names_of(wanted: str | Sequence[str]) -> list[str]:
+    """Return the names of a list, or of a text with commas."""
+    return [n.strip() for n in wanted.split(",") if n.strip()] if isinstance(wanted, str) else list(wanted)
 
 
 def check_size(x: Vector, where: str) -> None:

@@ -20,7 +20,7 @@ from ..files.parallel import sweep
 from .base import check_kind, identify_base
 
 Row = dict[str, Any]
-SUFFIXES = (".csv", ".npz", ".mat", ".parquet")
+SUFFIXES = (".csv", ".npz", ".mat", ".parquet", ".mf4", ".mdf", ".tdms")
 LIST = "file"  # the column that makes a CSV a list of records
 COLUMNS = {"u": "u", "y": "y", "t": "t"}
 

@@ -1,0 +1,191 @@
+"""Logs of measuring systems to raw columns: MDF (.mf4), TDMS, MATLAB 7.3; channels of several rates come to one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DataError
+from ..symbolic.signals import plain_name
+from .tables import LARGEST_FILE, Table
+
+EXTRA = 'install it (pip install "narx-sym[logs]") or export the channels as CSV'
+MATLAB_NUMBERS = {"double", "single", "logical", *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64))}
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel of a log: `read` returns its values and its time stamps in s, None where it has none."""
+
+    name: str
+    group: str
+    unit: str
+    size: int
+    read: Callable[[], tuple[Any, Any]]
+
+
+def load_mdf(name: str, wanted: Collection[str] | None) -> Table:
+    """Channels of an MDF file, with the stamps of their groups."""
+    try:
+        from asammdf import MDF
+    except ImportError:
+        raise DataError(f"{name}: reading MDF needs asammdf; {EXTRA}") from None
+    with open(name, "rb") as raw:
+        if not raw.read(8).startswith((b"MDF ", b"UnFinMF")):
+            raise DataError(f"{name}: is no MDF file; check its ending")
+    try:
+        with MDF(name) as file:
+
+            def reader(group: int, index: int) -> Callable[[], tuple[Any, Any]]:
+                def read() -> tuple[Any, Any]:
+                    signal = file.get(group=group, index=index)
+                    return signal.samples, signal.timestamps
+
+                return read
+
+            found = [
+                Channel(one.name, f"group {g}", str(one.unit or ""), group.channel_group.cycles_nr, reader(g, i))
+                for g, group in enumerate(file.groups)
+                for i, one in enumerate(group.channels)
+                if i != file.masters_db.get(g)
+            ]
+            return _table(name, found, wanted)
+    except DataError:
+        raise
+    except Exception as error:  # a damaged file raises many kinds
+        raise DataError(f"{name}: cannot be read as MDF ({str(error)[:200]})") from None
+
+
+def load_tdms(name: str, wanted: Collection[str] | None) -> Table:
+    """Channels of a TDMS file; the time of a channel is that of its waveform."""
+    try:
+        from nptdms import TdmsFile
+    except ImportError:
+        raise DataError(f"{name}: reading TDMS needs npTDMS; {EXTRA}") from None
+    try:
+        with TdmsFile.open(name) as file:
+
+            def reader(channel: Any) -> Callable[[], tuple[Any, Any]]:
+                def read() -> tuple[Any, Any]:
+                    stamps = None
+                    with suppress(KeyError):  # no waveform
+                        stamps = channel.time_track()
+                    return channel[:], stamps
+
+                return read
+
+            found = [
+                Channel(one.name, group.name, str(one.properties.get("unit_string", "")), len(one), reader(one))
+                for group in file.groups()
+                for one in group.channels()
+            ]
+            return _table(name, found, wanted)
+    except DataError:
+        raise
+    except Exception as error:  # a damaged file raises many kinds
+        raise DataError(f"{name}: cannot be read as TDMS ({str(error)[:200]})") from None
+
+
+def load_mat73(name: str, wanted: Collection[str] | None) -> Table:
+    """Vectors of a MATLAB file of version 7.3, which is HDF5."""
+    try:
+        import h5py
+    except ImportError:
+        raise DataError(
+            f"{name}: is a MATLAB v7.3 file, which needs h5py; {EXTRA}, or save it with save(..., '-v7')"
+        ) from None
+
+    def reader(one: Any) -> Callable[[], tuple[Any, Any]]:
+        return lambda: (one[()].ravel(), None)
+
+    def kind(one: Any) -> str:
+        said = one.attrs.get("MATLAB_class", b"")
+        return said.decode("ascii", "replace") if isinstance(said, bytes) else str(said)
+
+    try:
+        with h5py.File(name, "r") as file:
+            variables = {n: one for n, one in file.items() if not n.startswith("#")}
+            vectors = {
+                n: one
+                for n, one in variables.items()
+                if isinstance(one, h5py.Dataset)
+                and kind(one) in MATLAB_NUMBERS
+                and one.size == max(one.shape, default=0) > 1
+            }
+            others = [f"{n} ({kind(one) or 'unknown'})" for n, one in variables.items() if n not in vectors]
+            found = [Channel(n, "", "", one.size, reader(one)) for n, one in vectors.items()]
+            return _table(name, found, wanted, others)
+    except DataError:
+        raise
+    except Exception as error:  # a damaged file raises many kinds
+        raise DataError(
+            f"{name}: cannot be read as a MATLAB v7.3 file ({str(error)[:200]}); save it with save(..., '-v7')"
+        ) from None
+
+
+def _table(path: str, found: Sequence[Channel], wanted: Collection[str] | None, others: Sequence[str] = ()) -> Table:
+    """Return the wanted channels, all where nobody says which, on the stamps of the fastest; what was done is noted."""
+    times = Counter(c.name for c in found)
+    named = [replace(c, name=f"{c.group}/{c.name}") if times[c.name] > 1 else c for c in found]
+    chosen = [c for c in named if wanted is None or c.name in wanted or plain_name(c.name) in wanted]
+    if (size := 8 * sum(c.size for c in chosen)) > LARGEST_FILE:
+        raise DataError(
+            f"{path}: the channels hold {size / 1e9:.3g} GB, at most {LARGEST_FILE / 1e9:g} GB are read; choose fewer"
+        )
+    left, values, stamps = list(others), {}, {}
+    for c in chosen:
+        raw, times_of = c.read()
+        raw = np.asarray(raw)
+        if raw.ndim != 1 or raw.dtype.kind not in "fiub":
+            left.append(c.name)
+            continue
+        values[c.name] = raw
+        if times_of is not None and raw.size > 1:
+            stamps[c.name] = np.asarray(times_of, dtype=np.float64)
+    notes = ["not a vector of real numbers, left out: " + ", ".join(left)] if left else []
+    units = [f"{c.name} [{c.unit}]" for c in chosen if c.unit and c.name in values]
+    notes += ["units in the file: " + ", ".join(units)] if units else []
+    unread = tuple(c.name for c in named if c not in chosen)
+    if not values and not unread:
+        raise DataError(f"{path}: holds no vector of real numbers; " + "; ".join(notes or ["it is empty"]))
+    return Table(path, _at_one_rate(path, values, stamps, notes), notes=notes, unread=unread)
+
+
+def _at_one_rate(
+    path: str, values: dict[str, NDArray[Any]], stamps: dict[str, NDArray[Any]], notes: list[str]
+) -> dict[str, NDArray[Any]]:
+    """Interpolate the channels to the stamps of the fastest, within the time that all have."""
+    if not stamps:
+        return values
+    steps = {}
+    for name, t in stamps.items():
+        if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0):
+            raise DataError(f"{path}: the time stamps of '{name}' do not increase")
+        steps[name] = float(np.median(np.diff(t)))
+    fastest = min(steps, key=lambda n: steps[n])
+    first, last = max(t[0] for t in stamps.values()), min(t[-1] for t in stamps.values())
+    own = stamps[fastest]
+    keep = (own >= first) & (own <= last)
+    if keep.sum() < 2:
+        raise DataError(f"{path}: the channels {', '.join(stamps)} were not recorded at the same time")
+    if not keep.all():
+        notes.append(f"the channels have {keep.sum()} samples of {own.size} in common: {first:.6g} s to {last:.6g} s")
+    made = {}
+    for name, x in values.items():
+        if name not in stamps:
+            notes.append(f"'{name}' has no time stamps, left out")
+        elif np.array_equal(stamps[name], own):
+            made[name] = x[keep]
+        else:
+            made[name] = np.interp(own[keep], stamps[name], x.astype(np.float64))
+            notes.append(
+                f"'{name}' ({1 / steps[name]:.6g} Hz) is interpolated to the stamps of '{fastest}' "
+                f"({1 / steps[fastest]:.6g} Hz)"
+            )
+    return made if "t" in made else {"t": own[keep], **made}
