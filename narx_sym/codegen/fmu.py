@@ -183,13 +183,14 @@ def _binary(name: str, code: str, version: int) -> dict[str, bytes]:
         return {}
     file = name + ENDINGS[system]
     with tempfile.TemporaryDirectory() as work:
-        Path(work, f"{name}.c").write_text(code, encoding="ascii")
         command = [
             compiler, "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden",
-            f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX", f"{name}.c", "-o", file, "-lm",
+            f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX", "-x", "c", "-", "-o", file, "-lm",
         ]  # fmt: skip
         try:
-            ran = subprocess.run(command, cwd=work, capture_output=True, text=True, timeout=LONGEST_COMPILATION)
+            ran = subprocess.run(
+                command, input=code, cwd=work, capture_output=True, text=True, timeout=LONGEST_COMPILATION
+            )
         except (OSError, subprocess.TimeoutExpired) as error:
             warnings.warn(f"The FMU holds its source, but no binary: {compiler}: {error}.", stacklevel=2)
             return {}

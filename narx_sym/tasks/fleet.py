@@ -116,8 +116,7 @@ def _listed(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
     import pandas as pd
 
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            header = file.readline()
+        header = path.read_text(encoding="utf-8-sig").partition("\n")[0]
         mark = next((mark for mark in ";\t" if mark in header), ",")  # a list of one column has none
         rows = pd.read_csv(path, dtype=str, keep_default_na=False, sep=mark, encoding="utf-8-sig")
     except (ValueError, OSError) as error:
