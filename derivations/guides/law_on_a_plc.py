@@ -8,6 +8,7 @@
 # | `law.to_st()`, `model.to_st()` | an IEC 61131-3 `FUNCTION_BLOCK` in LREAL or REAL that starts from rest in its first scan |
 # | `law.export("plcopen")`, `model.export("plcopen")` | PLCopen XML (TC6 2.01) to import: the same block, and a program that tests it on the controller |
 # | `model.to_fmu("plant.fmu")`, `law.to_fmu("law.fmu", fmi="2.0")` | an FMU for co-simulation, FMI 3.0 or 2.0: source, binary, tunable parameters |
+# | `model.to_js()`, `law.to_js()` | a JavaScript constant for a page or Node: `simulate` over whole arrays, the parameters as arguments |
 # | `model.to_casadi()`, `law.to_casadi()` | one step as a CasADi `Function` (state, inputs) -> (next, output) |
 # | `model.to_control()` | a `control.NonlinearIOSystem` with dt = Ts (`pip install "narx-sym[interop]"`) |
 # | `fit.interop.from_sysidentpy(frols)` | the other way: a fitted polynomial model of SysIdentPy, each theta at its term |
@@ -123,6 +124,14 @@ with tempfile.TemporaryDirectory() as folder:
 print("farthest from the free run:", gap)
 
 # %% [markdown]
+# ## JavaScript
+# The parameters are arguments, so a page can move them: the report's sliders run this text. It needs no `eval`.
+
+# %%
+script = model.to_js()
+print(script[script.index("function simulate") :][:700], "...")
+
+# %% [markdown]
 # ## CasADi
 # `recursion.past` and `recursion.given` are the orders of the state and of the inputs.
 
@@ -148,6 +157,7 @@ soft = polynomial.compensator().smooth()  # sign(x) -> tanh(x/eps)
 print(*soft.lines(), sep="\n")
 
 # %%
+assert "eval" not in script and all(f'"{s}"' in script for s in model.symbols)
 assert law.closed_form and "FUNCTION_BLOCK" in block and "law_step" in source
 assert passed in (True, None)
 assert project.count("<pou ") == 2

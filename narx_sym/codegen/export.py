@@ -1,6 +1,6 @@
-"""One step of a recursion for other places: C99 source, Structured Text, a CasADi function, and what else registers.
+"""A recursion for other places: C99 source, Structured Text, JavaScript, a CasADi function, and what else registers.
 
-The numbers are put in, and the states start from rest by themselves; each target is one file beside this one.
+Each target is one file beside this one.
 """
 
 from __future__ import annotations
@@ -127,6 +127,37 @@ def to_st(
         whose last case may fail, or an output that the recursion does not compute.
     """
     return str(written("st", recursion, values, name, single, output, initial, Ts=Ts))
+
+
+def to_js(
+    recursion: Recursion,
+    values: Mapping[Any, float],
+    name: str = "narx",
+    output: Any = None,
+    initial: Mapping[Any, Any] | None = None,
+    Ts: float | None = None,
+) -> str:
+    """Return JavaScript (ECMAScript 2015) of a recursion: one constant, for a page or for `require`, without `eval`.
+
+    `name.simulate(inputs, start, parameters, runs)` runs over whole arrays as the engines do: from the first samples in
+    `start` (a number or an array for each of `name.states`), with NaN from where it leaves the finite numbers. The
+    parameters are arguments; `values` stand in `name.values`, and are taken where none are given.
+    `name.rest(at, parameters)` returns what the states start from where the sequences in `name.rested` are at rest.
+
+    Parameters
+    ----------
+    name : str
+        Name of the constant.
+
+    The others are those of `to_c`.
+
+    Raises
+    ------
+    ModelError
+        For a name that is no identifier, a missing value, a function that JavaScript does not have, or an output that
+        the recursion does not compute.
+    """
+    return str(written("js", recursion, values, name, output=output, initial=initial, Ts=Ts))
 
 
 def _returned(recursion: Recursion, output: Any) -> Any:

@@ -63,6 +63,11 @@ def model_to_fmu(
     write_bytes(path, export_model(model, _fmu(fmi), name, units=units))
 
 
+def model_to_js(model: Model, name: str = "model") -> str:
+    """Return the free run as JavaScript that takes the parameters; see `narx_sym.codegen.export.to_js`."""
+    return str(export_model(model, "js", name))
+
+
 def model_to_casadi(model: Model, name: str = "model") -> Any:
     """Return one step as a CasADi `Function` (state, inputs) -> (next, output).
 
@@ -135,6 +140,13 @@ def law_to_fmu(
     Its input r is the reference at the end of the preview, such as r[k+1]; its parameters are those of the model.
     """
     write_bytes(path, export_law(law, _fmu(fmi), name, limits=limits, rate=rate, units=units))
+
+
+def law_to_js(
+    law: Compensator, name: str = "law", limits: Sequence[float] | None = None, rate: float | None = None
+) -> str:
+    """Return the law as JavaScript that takes the parameters; see `export_law` and `narx_sym.codegen.export.to_js`."""
+    return str(export_law(law, "js", name, False, limits, rate))
 
 
 def law_to_casadi(law: Compensator, name: str = "law") -> Any:

@@ -1,4 +1,4 @@
-"""One walk from SymPy expressions to lines of text: C, Structured Text and Python differ in their words only.
+"""One walk from SymPy expressions to lines of text: the languages differ in their words only.
 
 What a branch of a Piecewise needs is computed inside that branch: what is not chosen can neither stop a controller
 nor raise an error.
@@ -229,9 +229,12 @@ class Writer:
         raise ModelError(f"{self.language} has no rule for the condition {c}.")
 
     def updates(self, plan: Plan, done: Callable[[int, str], None]) -> None:
-        """Write the equations of a plan in order; `done` is told each state and the text of its newest value."""
+        """Write the equations of a plan in order; `done` is told each state and the text of its newest value.
+
+        A shared part that has a name already is not written again.
+        """
         common, rows = plan.shared
-        self.waiting = dict(common)
+        self.waiting = {symbol: e for symbol, e in common if symbol not in self.names}
         for s, (*inner, outer) in enumerate(rows):
             shown, binding = self.walk(outer)
             for c in reversed(inner):

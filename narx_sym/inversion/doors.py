@@ -10,6 +10,7 @@ class CompensatorDoors:
     to_c = door("codegen.targets", "law_to_c")
     to_st = door("codegen.targets", "law_to_st")
     to_fmu = door("codegen.targets", "law_to_fmu")
+    to_js = door("codegen.targets", "law_to_js")
     to_casadi = door("codegen.targets", "law_to_casadi")
     run = door("fit.run_law", "run_law")
     follow = door("fit.run_law", "follow")

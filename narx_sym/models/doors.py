@@ -17,6 +17,7 @@ class ModelDoors:
     to_c = door("codegen.targets", "model_to_c")
     to_st = door("codegen.targets", "model_to_st")
     to_fmu = door("codegen.targets", "model_to_fmu")
+    to_js = door("codegen.targets", "model_to_js")
     to_casadi = door("codegen.targets", "model_to_casadi")
     fit = door("fit.least_squares", "fit")
     simulate = door("fit.simulate", "simulate")

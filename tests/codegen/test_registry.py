@@ -2,6 +2,7 @@
 
 import shutil
 
+import javascript
 import numpy as np
 import pytest
 from exported import of
@@ -59,6 +60,14 @@ def in_plcopen(source, subject, folder):
     return in_st(texts(source)["x1"], subject, folder)
 
 
+def in_js(source, subject, folder):
+    if why := javascript.why_no_javascript():
+        pytest.skip(why)
+    depth, waves = subject.recursion.depth, subject.waves(N)["u"]
+    held = np.concatenate([np.full(depth, subject.at_rest("u")), waves])
+    return javascript.run(source, "x1", [held], [subject.at_rest("y")])["runs"]["y"][depth:]
+
+
 RUN = {
     "c": in_c,
     "st": in_st,
@@ -66,6 +75,7 @@ RUN = {
     "fmu": in_fmu,
     "fmu2": in_fmu,
     "plcopen": in_plcopen,
+    "js": in_js,
 }  # how what a target writes is run
 
 
@@ -99,8 +109,8 @@ def test_one_more_target_is_everywhere(run, tmp_path, monkeypatch):
 
 
 def test_a_target_that_does_not_exist(run, tmp_path):
-    with pytest.raises(ModelError, match="c, casadi, fmu, fmu2, plcopen, st"):
+    with pytest.raises(ModelError, match="c, casadi, fmu, fmu2, js, plcopen, st"):
         MODEL.export("fortran")
     ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=0.01).save(tmp_path / "model.json")
     code, _, err = run("compensate", tmp_path / "model.json", "--export", tmp_path / "law.f90")
-    assert code == 2 and ".c, .fmu, .st, .xml" in err and not (tmp_path / "law.f90").exists()
+    assert code == 2 and ".c, .fmu, .js, .st, .xml" in err and not (tmp_path / "law.f90").exists()

@@ -13,7 +13,7 @@ from narx_sym.fit.bootstrap import block_bootstrap
 
 SCRIPT = Path(same.__file__)
 WRITTEN = {
-    "model.json", "model.tex", "law.tex", "law.c", "law.st", "bootstrap.json", "found.json", "completed.json",
+    "model.json", "model.tex", "law.tex", "law.c", "law.st", "law.js", "bootstrap.json", "found.json", "completed.json",
     "completed.tex",
 }  # fmt: skip
 USED = "numpy scipy sympy llvmlite lark joblib pandas"  # their versions belong to the result
