@@ -108,11 +108,11 @@ def _dimension(expr: Any) -> tuple[int, int] | None:
     return None
 
 
-def shape_units(diagnosis: Diagnosis, units: Units) -> dict[str, str]:
-    """Return the units of the shape parameters of all effects that were added."""
+def shape_units(diagnosis: Diagnosis, units: Units, model: Model | None = None) -> dict[str, str]:
+    """Return the units of the shape parameters of all effects that were added; of another model's where it is given."""
     known = {(c.effect, c.variant.effect.form): c.variant.effect.unit for s in diagnosis.steps for c in s.candidates}
     found = {}
-    for one in diagnosis.model.effects:
+    for one in (model or diagnosis.model).effects:
         given = known.get((one.effect, one.form), {})
         for name, symbol in one.shape.items():
             found[str(symbol)] = shape_unit(given.get(name, ""), one.driver, units)

@@ -238,7 +238,7 @@ def test_hostile_names_stay_text(hostile, tmp_path):
     assert "<script>alert" not in text and "<b>V" not in text and "</title>$" not in text
     assert "&lt;script&gt;alert(1)" in text
     # What Bokeh's script holds of it cannot end the script.
-    assert len(re.findall(r"<script\b", text)) == len(re.findall(r"</script>", text)) == 5
+    assert len(re.findall(r"<script\b", text)) == len(re.findall(r"</script>", text)) == 7
 
 
 def test_what_notebooks_show(hostile, stage_diagnosis):

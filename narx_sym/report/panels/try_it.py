@@ -1,0 +1,164 @@
+"""The models moved by hand: the page itself runs them over the record, with the parameters that its sliders say."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...diagnosis.bases import words
+from ...diagnosis.procedure import Diagnosis
+from ...diagnosis.refit import Fitted
+from ...errors import FitError, ModelError
+from ...fit.simulate import centre
+from ...models.extend import newer
+from ...symbolic.signals import t
+from ..comparison import Comparison, Units
+from ..parameters import parameters, shape_units
+from ..plots import label
+from .registry import WAY, Material, panel
+
+MOST_MODELS, MOST_SAMPLES = 5, 200_000
+STEPS = 200  # of a slider to either side of its optimum
+REACH = 12.0  # standard errors to either side, at least
+SCRIPT = Path(__file__).parent.parent / "templates" / "try_it.js"
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """One model of the switch."""
+
+    name: str
+    fitted: Fitted
+    source: str  # its recursion as JavaScript
+
+
+def models(diagnosis: Diagnosis) -> list[Tried]:
+    """Return the base, the model after each step, and the other candidates, as far as the page can run them."""
+
+    def listed() -> Iterator[tuple[str, Fitted]]:
+        yield "Before", diagnosis.steps[0].base
+        known: list[str] = []
+        for step in diagnosis.steps:
+            if step.chosen is not None:
+                known = [n for n in known if n not in step.withdrawn] + step.added
+                yield f"With {' and '.join(map(words, known))}", step.chosen
+        first = diagnosis.steps[0].added
+        for candidate in diagnosis.candidates:
+            if candidate.effect not in first:
+                try:  # a model of averaged samples has another record
+                    fitted = candidate.shown if candidate.averaged == 1 else candidate.fitted
+                except FitError:
+                    continue
+                yield f"With {words(candidate.effect)}", fitted
+
+    found: list[Tried] = []
+    for name, fitted in listed():
+        if len(found) < MOST_MODELS:
+            try:
+                found.append(Tried(name, fitted, fitted.model.to_js(f"model{len(found)}")))
+            except ModelError:  # it has a root finder
+                continue
+    return found
+
+
+def start(fitted: Fitted, i: int) -> dict[str, list[float]]:
+    """Return the first samples of each state along segment i, from which the figures of the report start."""
+    shifted = fitted.problem.shifted(i, fitted.unknowns[fitted.problem.own(i)])
+    return {name: np.ravel(values).tolist() for name, values in shifted.items()}
+
+
+def packed(values: np.ndarray) -> dict[str, Any]:
+    """Return samples as the page reads them: base64 of float32 around an offset; a far level costs no digits."""
+    offset = centre(values)
+    return {"offset": offset, "data": base64.b64encode((values - offset).astype("<f4").tobytes()).decode()}
+
+
+def unpacked(one: dict[str, Any]) -> np.ndarray:
+    """Return the samples that the page computes with, (N,) float64."""
+    return np.asarray(one["offset"] + np.frombuffer(base64.b64decode(one["data"]), "<f4").astype(float))
+
+
+def spans(mask: np.ndarray) -> list[list[int]]:
+    """Return the stretches of a mask as [first, behind the last]."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return edges.reshape(-1, 2).tolist()
+
+
+def sliders(diagnosis: Diagnosis, tried: Tried, units: Units) -> list[dict[str, Any]]:
+    """Return the parameters in the model's order: what they are called, where they are best, and how far they reach."""
+    base, model = diagnosis.steps[0].base.model, tried.fitted.model
+    rows = {r.name: r for r in parameters(base, model, units, shape_units(diagnosis, units, model))}
+    brought = {str(s): (short, e.effect) for e in newer(model, base) for short, s in e.symbols.items()}
+    found = []
+    for symbol, value in zip(model.symbols, map(float, model.theta), strict=True):
+        row = rows[str(symbol)]
+        short, effect = brought.get(str(symbol), (row.term or str(symbol), ""))
+        error = (row.after or (0.0, 0.0))[1]
+        error = float(error) if np.isfinite(error) else 0.0
+        half = max(abs(value) if effect or not error else 0.0, REACH * error) or 1.0
+        low, high = tried.fitted.limits.get(symbol, (-np.inf, np.inf))
+        found.append({
+            "symbol": str(symbol), "name": short, "effect": words(effect) if effect else "",
+            "unit": row.unit if row.unit != "1" else "", "value": value, "error": error, "half": half,
+            "low": _finite(low), "high": _finite(high), "band": min(100.0, 100 * 2 * error / half),
+        })  # fmt: skip
+    return found
+
+
+def _finite(limit: float) -> float | None:
+    return float(limit) if np.isfinite(limit) else None
+
+
+def content(diagnosis: Diagnosis, listed: Sequence[Tried], c: Comparison, units: Units) -> dict[str, Any]:
+    """Return what the page's script reads."""
+    base = listed[0].fitted
+    i = int(np.argmax([len(r) for r in base.split.records]))
+    record, data = base.split.records[i], base.problem.data[i]
+    n = min(data[base.problem.name].size, MOST_SAMPLES)
+    names = dict.fromkeys([base.problem.name, str(base.model.input.label)])
+    for tried in listed:
+        names |= dict.fromkeys(str(b.label) for b in tried.fitted.model.recursion.inputs if b != t)
+    every = {name: one for tried in listed for name, one in tried.fitted.problem.data[i].items()}
+    told = []
+    for tried in listed:
+        first, recursion = start(tried.fitted, i), tried.fitted.model.recursion
+        told.append({
+            "start": [first.get(str(b.label), 0) for b in recursion.states], "skip": tried.fitted.problem.depth,
+            "inputs": [None if b == t else list(names).index(str(b.label)) for b in recursion.inputs],
+            "parameters": sliders(diagnosis, tried, units),
+        })  # fmt: skip
+    return {
+        "n": n, "t0": float(record.t[0]), "Ts": float(record.Ts), "steps": STEPS,
+        "signals": [packed(np.asarray(every[name][:n])) for name in names], "models": told,
+        "spread": float(diagnosis.steps[0].base.problem.spread), "floor": float(diagnosis.floor),
+        "held": spans(base.split.held[i][:n]), "worst": [min(c.worst.start, n - 1), min(c.worst.stop, n)],
+        "axes": [label("u", units.get("u", "")), label("y", units.get("y", "")), label("error", units.get("y", ""))],
+        "unit": units.get("y", ""), "whole": len(record),
+    }  # fmt: skip
+
+
+@panel("Try it", order=15, about=WAY)
+def try_it(material: Material) -> dict[str, Any] | None:
+    """Tell the models with their sliders; nothing where no script may run, or no model can be run by one."""
+    from markupsafe import Markup
+
+    d = material.diagnosis
+    listed = models(d) if material.scripts else []
+    if not listed or listed[0].name != "Before":
+        return None
+    told = content(d, listed, material.compared, material.units)
+    last = len([s for s in d.steps if s.chosen is not None])
+    sources = "\n".join(one.source for one in listed)
+    names = ", ".join(f"model{i}" for i in range(len(listed)))
+    script = f"{sources}\nconst models = [{names}];\n{SCRIPT.read_text(encoding='utf-8')}"
+    return {
+        "told": told, "models": listed, "chosen": min(last, len(listed) - 1),
+        "data": Markup(json.dumps(told).replace("<", "\\u003c")),
+        "script": Markup(f"(() => {{\n{script}}})();"),
+    }  # fmt: skip

@@ -1,0 +1,363 @@
+"use strict";
+// Stands behind `models`, the recursions as JavaScript, in one function.
+const told = JSON.parse(document.getElementById("try-data").textContent);
+const n = told.n, panel = document.getElementById("try_it");
+const element = name => document.getElementById(`try-${name}`);
+const signals = told.signals.map(unpacked);
+const [measured, driving] = signals;
+const time = Float64Array.from({length: n}, (_, k) => told.t0 + k * told.Ts);
+const positions = told.models.map(m => m.parameters.map(() => 0));
+const runs = told.models.map(() => null);
+const error = new Float64Array(n);
+const shown = {model: 0, from: 0, to: n, run: measured, theta: [], pending: false, span: null};
+
+function unpacked(one) {
+  const bytes = atob(one.data), raw = new Uint8Array(bytes.length), made = new Float64Array(n);
+  for (let i = 0; i < bytes.length; i++) raw[i] = bytes.charCodeAt(i);
+  const view = new DataView(raw.buffer);
+  for (let k = 0; k < n; k++) made[k] = one.offset + view.getFloat32(4 * k, true);
+  return made;
+}
+
+// ---- the run -----------------------------------------------------------------------------------------------------
+
+function valueAt(p, position) {
+  const value = position ? p.value + position * p.half / told.steps : p.value;
+  return Math.min(Math.max(value, p.low === null ? -Infinity : p.low), p.high === null ? Infinity : p.high);
+}
+
+function simulate(m, theta) {
+  const one = told.models[m], inputs = one.inputs.map(i => i === null ? time : signals[i]);
+  runs[m] = runs[m] || models[m].states.map(() => new Float64Array(n));
+  return models[m].simulate(inputs, one.start, theta, runs[m]);
+}
+
+function rms(spans) {
+  let sum = 0, count = 0;
+  for (const [from, to] of spans) {
+    for (let k = from; k < to; k++) sum += error[k] * error[k];
+    count += to - from;
+  }
+  return Math.sqrt(sum / count);
+}
+
+function compute() {
+  const m = shown.model, one = told.models[m];
+  shown.theta = one.parameters.map((p, i) => valueAt(p, positions[m][i]));
+  shown.run = simulate(m, shown.theta);
+  error.fill(0, 0, one.skip);
+  for (let k = one.skip; k < n; k++) error[k] = measured[k] - shown.run[k];
+}
+
+// ---- words -------------------------------------------------------------------------------------------------------
+
+function number(value, digits = 3) {
+  const size = Math.abs(value);
+  if (!Number.isFinite(value)) return "–";
+  if (!value) return "0";
+  return size >= 1e-3 && size < 1e5 ? Number(value.toPrecision(digits)).toLocaleString("en", {
+    useGrouping: false, minimumSignificantDigits: digits, maximumSignificantDigits: digits}) : value.toExponential(digits - 1);
+}
+
+const united = value => `${number(value)} ${told.unit}`.trim();
+const percent = value => `${number(100 * value / told.spread, 2)} %`;
+
+function say() {
+  const all = rms([[0, n]]), held = rms(told.held), m = shown.model;
+  panel.dataset.rms = String(all);
+  panel.dataset.held = String(held);
+  panel.dataset.model = String(m);
+  panel.dataset.theta = JSON.stringify(shown.theta);
+  const first = shown.run.findIndex(Number.isNaN);
+  element("rms").textContent = first < 0 ? united(all) : `Unstable from ${number(time[first])} s`;
+  element("said").textContent = first < 0 ? `rms error, ${percent(all)} of the output's standard deviation; held out `
+    + `${united(held)}, ${percent(held)}` : "on: there the run leaves the finite numbers";
+  told.models[m].parameters.forEach((p, i) => {
+    const value = `${number(shown.theta[i], 4)} ${p.unit}`.trim();
+    element(`${m}-${i}-said`).textContent = value;
+    element(`${m}-${i}`).setAttribute("aria-valuetext", value);
+  });
+}
+
+// ---- pictures ----------------------------------------------------------------------------------------------------
+
+const MARGIN = {left: 58, right: 8, top: 8, bottom: 36};
+
+function extent(list, from, to) {
+  let low = Infinity, high = -Infinity;
+  for (const x of list) for (let k = from; k < to; k++) {
+    if (x[k] < low) low = x[k];
+    if (x[k] > high) high = x[k];
+  }
+  const room = 0.06 * (high - low) || 1;
+  return [low - room, high + room];
+}
+
+function ticks(low, high, most) {
+  const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map(f => f * power).find(s => s >= rough), found = [];
+  for (let i = Math.ceil(low / step); i * step <= high; i++) found.push(i * step);
+  return {step, found};
+}
+
+class Picture {
+  constructor(name, xLabel, yLabel) {
+    Object.assign(this, {canvas: element(name), xLabel, yLabel});
+    this.pen = this.canvas.getContext("2d");
+  }
+
+  begin(x, y) {
+    const box = this.canvas.getBoundingClientRect(), scale = window.devicePixelRatio || 1, pen = this.pen;
+    const width = Math.round(box.width * scale), height = Math.round(box.height * scale);
+    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, {width, height});
+    pen.setTransform(scale, 0, 0, scale, 0, 0);
+    pen.clearRect(0, 0, box.width, box.height);
+    Object.assign(this, {x, y, left: MARGIN.left, right: box.width - MARGIN.right, top: MARGIN.top,
+      bottom: box.height - (this.xLabel ? MARGIN.bottom : MARGIN.top)});
+    this.axes();
+  }
+
+  across(value) { return this.left + (value - this.x[0]) / (this.x[1] - this.x[0]) * (this.right - this.left); }
+
+  up(value) {  // what leaves the picture stops a little outside
+    const at = this.bottom - (value - this.y[0]) / (this.y[1] - this.y[0]) * (this.bottom - this.top);
+    return Math.min(Math.max(at, -50), this.bottom + 50);
+  }
+
+  axes() {
+    const pen = this.pen, {left, right, top, bottom} = this;
+    pen.font = "12px system-ui, sans-serif";
+    pen.lineWidth = 1;
+    const label = (value, step) => Number(value.toPrecision(12)).toLocaleString("en", {useGrouping: false,
+      maximumFractionDigits: Math.min(12, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)))});
+    const plain = step => step < 1e-5 || Math.max(...this.y.map(Math.abs)) >= 1e6;
+    const vertical = ticks(...this.y, Math.max(3, (bottom - top) / 35));
+    pen.textAlign = "right";
+    pen.textBaseline = "middle";
+    for (const value of vertical.found) {
+      this.rule(left, this.up(value), right, this.up(value));
+      pen.fillStyle = colours.ink;
+      pen.fillText(plain(vertical.step) ? value.toExponential(1) : label(value, vertical.step), left - 5, this.up(value));
+    }
+    const horizontal = ticks(...this.x, Math.max(3, (right - left) / 70));
+    pen.textAlign = "center";
+    pen.textBaseline = "top";
+    for (const value of horizontal.found) {
+      this.rule(this.across(value), top, this.across(value), bottom);
+      pen.fillStyle = colours.ink;
+      if (this.xLabel) pen.fillText(label(value, horizontal.step), this.across(value), bottom + 4);
+    }
+    if (this.xLabel) pen.fillText(this.xLabel, (left + right) / 2, bottom + 19);
+    pen.save();
+    pen.translate(9, (top + bottom) / 2);
+    pen.rotate(-Math.PI / 2);
+    pen.textBaseline = "middle";
+    pen.fillText(this.yLabel, 0, 0);
+    pen.restore();
+  }
+
+  rule(x0, y0, x1, y1) {
+    const pen = this.pen;
+    pen.strokeStyle = colours.rule;
+    pen.globalAlpha = 0.5;
+    pen.beginPath();
+    pen.moveTo(Math.round(x0) + 0.5, Math.round(y0) + 0.5);
+    pen.lineTo(Math.round(x1) + 0.5, Math.round(y1) + 0.5);
+    pen.stroke();
+    pen.globalAlpha = 1;
+  }
+
+  clipped(draw) {
+    const pen = this.pen;
+    pen.save();
+    pen.beginPath();
+    pen.rect(this.left, this.top, this.right - this.left, this.bottom - this.top);
+    pen.clip();
+    draw(pen);
+    pen.restore();
+  }
+
+  // Over time: where there are several samples for a pixel, from their lowest to their highest value.
+  trace(values, colour, width) {
+    this.clipped(pen => {
+      const {from, to} = shown, columns = Math.max(1, Math.round(this.right - this.left)), each = (to - from) / columns;
+      pen.strokeStyle = colour;
+      pen.lineWidth = width;
+      pen.lineJoin = "round";
+      pen.beginPath();
+      if (each < 2) {
+        for (let k = from; k < to; k++) pen.lineTo(this.across(time[k]), this.up(values[k]));
+      } else {
+        for (let i = 0; i < columns; i++) {
+          const a = from + Math.floor(i * each), b = Math.min(to, from + Math.floor((i + 1) * each) + 1);
+          let low = values[a], high = low;
+          for (let k = a + 1; k < b; k++) {
+            const value = values[k];
+            if (value < low) low = value;
+            else if (value > high) high = value;
+          }
+          const x = this.left + i + 0.5, rising = values[b - 1] >= values[a];
+          pen.lineTo(x, this.up(rising ? low : high));
+          pen.lineTo(x, this.up(rising ? high : low));
+        }
+      }
+      pen.stroke();
+    });
+  }
+
+  // Against the input: points that fall on the pixel before are left out.
+  loop(values, colour, width) {
+    this.clipped(pen => {
+      pen.strokeStyle = colour;
+      pen.lineWidth = width;
+      pen.beginPath();
+      let lastX = NaN, lastY = NaN;
+      for (let k = shown.from; k < shown.to; k++) {
+        const x = Math.round(2 * this.across(driving[k])) / 2, y = Math.round(2 * this.up(values[k])) / 2;
+        if (x !== lastX || y !== lastY) pen.lineTo(x, y);
+        lastX = x;
+        lastY = y;
+      }
+      pen.stroke();
+    });
+  }
+}
+
+const [uLabel, yLabel, errorLabel] = told.axes;
+const pictures = {
+  time: new Picture("time", "", yLabel), error: new Picture("error", "time [s]", errorLabel),
+  loop: new Picture("loop", uLabel, yLabel),
+};
+let colours = {};
+
+function readColours() {
+  const style = getComputedStyle(panel), read = name => style.getPropertyValue(`--${name}`).trim();
+  colours = Object.fromEntries(["ink", "rule", "yellow", "measured", "before", "after"].map(name => [name, read(name)]));
+}
+
+function draw() {
+  const {from, to, run} = shown, {time: over, error: beside, loop} = pictures;
+  const colour = shown.model ? colours.after : colours.before;
+  const across = [time[from], time[to - 1]], span = shown.span;
+  over.begin(across, span.y);
+  over.trace(measured, colours.measured, 2);
+  over.trace(run, colour, 1.4);
+  beside.begin(across, span.error);
+  beside.clipped(pen => {
+    pen.fillStyle = colours.yellow;
+    pen.globalAlpha = 0.35;
+    pen.fillRect(beside.left, beside.up(told.floor), beside.right - beside.left, beside.up(-told.floor) - beside.up(told.floor));
+  });
+  beside.trace(error, colour, 1.2);
+  loop.begin(span.u, span.y);
+  loop.loop(measured, colours.measured, 2);
+  loop.loop(run, colour, 1.3);
+}
+
+function update() {
+  shown.pending = false;
+  compute();
+  say();
+  draw();
+}
+
+function later() {  // at most once for each frame
+  if (!shown.pending) {
+    shown.pending = true;
+    requestAnimationFrame(update);
+  }
+}
+
+// The axes stay while a parameter moves: they show the base's error, in the stretch that is looked at.
+function look(from, to) {
+  const least = Math.min(n, 20), middle = (from + to) / 2;
+  if (to - from < least) [from, to] = [Math.round(middle - least / 2), Math.round(middle + least / 2)];
+  shown.from = Math.max(0, Math.min(from, n - least));
+  shown.to = Math.min(n, Math.max(to, shown.from + least));
+  const high = extent([worst], shown.from, shown.to).map(Math.abs), top = Math.max(...high, 2 * told.floor);
+  shown.span = {y: extent([measured], shown.from, shown.to), u: extent([driving], shown.from, shown.to), error: [-top, top]};
+  const whole = shown.from === 0 && shown.to === n;
+  element("all").disabled = whole;
+  element("earlier").disabled = shown.from === 0;
+  element("later").disabled = shown.to === n;
+  panel.dataset.from = String(shown.from);
+  panel.dataset.to = String(shown.to);
+  later();
+}
+
+// ---- what people do ------------------------------------------------------------------------------------------------
+
+function select(m) {
+  shown.model = m;
+  for (const one of panel.querySelectorAll(".sliders")) one.hidden = Number(one.dataset.model) !== m;
+  panel.querySelector(".run1").classList.toggle("run0", !m);
+  later();
+}
+
+function settled() { element("status").textContent = `${element("rms").textContent} ${element("said").textContent}`; }
+
+panel.addEventListener("input", event => {
+  const input = event.target;
+  if (input.name === "try-model") return select(Number(input.value));
+  if (input.dataset.parameter === undefined) return;
+  positions[shown.model][Number(input.dataset.parameter)] = Number(input.value);
+  later();
+});
+panel.addEventListener("change", () => requestAnimationFrame(settled));
+element("reset").addEventListener("click", () => {
+  positions[shown.model].fill(0);
+  for (const input of panel.querySelectorAll(`.sliders[data-model="${shown.model}"] input`)) input.value = 0;
+  later();
+  requestAnimationFrame(settled);
+});
+const move = share => {
+  const width = shown.to - shown.from, by = Math.round(share * width);
+  const from = Math.min(Math.max(0, shown.from + by), n - width);
+  look(from, from + width);
+};
+element("worst").addEventListener("click", () => look(...told.worst));
+element("all").addEventListener("click", () => look(0, n));
+element("earlier").addEventListener("click", () => move(-0.5));
+element("later").addEventListener("click", () => move(0.5));
+
+for (const picture of [pictures.time, pictures.error]) {
+  const canvas = picture.canvas, mark = document.createElement("span");
+  let begun = null;
+  mark.className = "try-mark";
+  canvas.parentElement.append(mark);
+  const at = event => event.clientX - canvas.getBoundingClientRect().left;
+  const sample = x => {
+    const share = (x - picture.left) / (picture.right - picture.left);
+    return Math.round(shown.from + Math.min(1, Math.max(0, share)) * (shown.to - shown.from));
+  };
+  const hide = () => { begun = null; mark.style.display = "none"; };
+  canvas.addEventListener("pointerdown", event => {
+    if (event.button) return;
+    begun = at(event);
+    canvas.setPointerCapture(event.pointerId);
+  });
+  canvas.addEventListener("pointermove", event => {
+    if (begun === null) return;
+    const [a, b] = [begun, at(event)].sort((p, q) => p - q);
+    Object.assign(mark.style, {display: "block", left: `${a}px`, width: `${b - a}px`});
+  });
+  canvas.addEventListener("pointerup", event => {
+    if (begun === null) return;
+    const [a, b] = [begun, at(event)].sort((p, q) => p - q);
+    hide();
+    if (b - a > 4) look(sample(a), sample(b));
+  });
+  canvas.addEventListener("pointercancel", hide);
+  canvas.addEventListener("dblclick", () => look(0, n));
+}
+
+compute();  // the base at its optimum says how large an error is drawn
+const worst = error.slice();
+const checked = panel.querySelector('input[name="try-model"]:checked');
+readColours();
+select(checked ? Number(checked.value) : 0);
+look(0, n);
+for (const query of ["(prefers-color-scheme: dark)", "print"]) {
+  window.matchMedia(query).addEventListener("change", () => { readColours(); later(); });
+}
+new ResizeObserver(later).observe(panel.querySelector(".try"));
