@@ -8,6 +8,7 @@ const [measured, driving] = signals;
 const time = Float64Array.from({length: n}, (_, k) => told.t0 + k * told.Ts);
 const positions = told.models.map(m => m.parameters.map(() => 0));
 const runs = told.models.map(() => null);
+const said = told.models.map(() => []);
 const error = new Float64Array(n);
 const shown = {model: 0, from: 0, to: n, run: measured, theta: [], pending: false, span: null};
 
@@ -55,8 +56,8 @@ function number(value, digits = 3) {
   const size = Math.abs(value);
   if (!Number.isFinite(value)) return "–";
   if (!value) return "0";
-  return size >= 1e-3 && size < 1e5 ? Number(value.toPrecision(digits)).toLocaleString("en", {
-    useGrouping: false, minimumSignificantDigits: digits, maximumSignificantDigits: digits}) : value.toExponential(digits - 1);
+  if (size < 1e-3 || size >= 1e5) return value.toExponential(digits - 1);
+  return value.toFixed(Math.max(0, digits - 1 - Math.floor(Math.log10(Number(size.toPrecision(digits))))));
 }
 
 const united = value => `${number(value)} ${told.unit}`.trim();
@@ -68,11 +69,13 @@ function say() {
   panel.dataset.held = String(held);
   panel.dataset.model = String(m);
   panel.dataset.theta = JSON.stringify(shown.theta);
-  const first = shown.run.findIndex(Number.isNaN);
+  const first = Number.isNaN(all) ? shown.run.findIndex(Number.isNaN) : -1;
   element("rms").textContent = first < 0 ? united(all) : `Unstable from ${number(time[first])} s`;
   element("said").textContent = first < 0 ? `rms error, ${percent(all)} of the output's standard deviation; held out `
     + `${united(held)}, ${percent(held)}` : "on: there the run leaves the finite numbers";
   told.models[m].parameters.forEach((p, i) => {
+    if (said[m][i] === shown.theta[i]) return;
+    said[m][i] = shown.theta[i];
     const value = `${number(shown.theta[i], 4)} ${p.unit}`.trim();
     element(`${m}-${i}-said`).textContent = value;
     element(`${m}-${i}`).setAttribute("aria-valuetext", value);
@@ -81,6 +84,7 @@ function say() {
 
 // ---- pictures ----------------------------------------------------------------------------------------------------
 
+const COARSE = 10000;  // points of a loop while something moves
 const MARGIN = {left: 58, right: 8, top: 8, bottom: 36};
 
 function extent(list, from, to) {
@@ -106,8 +110,8 @@ class Picture {
     this.pen = this.canvas.getContext("2d");
   }
 
-  begin(x, y) {
-    const box = this.canvas.getBoundingClientRect(), scale = window.devicePixelRatio || 1, pen = this.pen;
+  begin(x, y, box, scale) {
+    const pen = this.pen;
     const width = Math.round(box.width * scale), height = Math.round(box.height * scale);
     if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, {width, height});
     pen.setTransform(scale, 0, 0, scale, 0, 0);
@@ -124,6 +128,24 @@ class Picture {
     return Math.min(Math.max(at, -50), this.bottom + 50);
   }
 
+  // What stays while a parameter moves is drawn once: the axes, and `rest`.
+  background(key, x, y, rest) {
+    const box = this.canvas.getBoundingClientRect(), scale = window.devicePixelRatio || 1;
+    const whole = [key, x, y, box.width, box.height, scale, shown.from, shown.to].join();
+    if (whole !== this.key) {
+      this.begin(x, y, box, scale);
+      rest();
+      const kept = this.kept = this.kept || document.createElement("canvas");
+      Object.assign(kept, {width: this.canvas.width, height: this.canvas.height});
+      kept.getContext("2d").drawImage(this.canvas, 0, 0);
+      this.key = whole;
+    }
+    this.pen.setTransform(1, 0, 0, 1, 0, 0);
+    this.pen.clearRect(0, 0, this.canvas.width, this.canvas.height);
+    this.pen.drawImage(this.kept, 0, 0);
+    this.pen.setTransform(scale, 0, 0, scale, 0, 0);
+  }
+
   axes() {
     const pen = this.pen, {left, right, top, bottom} = this;
     pen.font = "12px system-ui, sans-serif";
@@ -131,7 +153,8 @@ class Picture {
     const label = (value, step) => Number(value.toPrecision(12)).toLocaleString("en", {useGrouping: false,
       maximumFractionDigits: Math.min(12, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)))});
     const plain = step => step < 1e-5 || Math.max(...this.y.map(Math.abs)) >= 1e6;
-    const vertical = ticks(...this.y, Math.max(3, (bottom - top) / 35));
+    const apart = Math.max(14, Math.min(35, (bottom - top) / 5));
+    const vertical = ticks(...this.y, (bottom - top) / apart);
     pen.textAlign = "right";
     pen.textBaseline = "middle";
     for (const value of vertical.found) {
@@ -205,14 +228,15 @@ class Picture {
     });
   }
 
-  // Against the input: points that fall on the pixel before are left out.
-  loop(values, colour, width) {
+  // Against the input: points that fall on the pixel before are left out, while something moves others too.
+  loop(values, colour, width, most = Infinity) {
     this.clipped(pen => {
       pen.strokeStyle = colour;
       pen.lineWidth = width;
       pen.beginPath();
       let lastX = NaN, lastY = NaN;
-      for (let k = shown.from; k < shown.to; k++) {
+      const step = Math.max(1, Math.floor((shown.to - shown.from) / most));
+      for (let k = shown.from; k < shown.to; k += step) {
         const x = Math.round(2 * this.across(driving[k])) / 2, y = Math.round(2 * this.up(values[k])) / 2;
         if (x !== lastX || y !== lastY) pen.lineTo(x, y);
         lastX = x;
@@ -235,30 +259,30 @@ function readColours() {
   colours = Object.fromEntries(["ink", "rule", "yellow", "measured", "before", "after"].map(name => [name, read(name)]));
 }
 
-function draw() {
+function draw(fine) {
   const {from, to, run} = shown, {time: over, error: beside, loop} = pictures;
   const colour = shown.model ? colours.after : colours.before;
   const across = [time[from], time[to - 1]], span = shown.span;
-  over.begin(across, span.y);
-  over.trace(measured, colours.measured, 2);
+  over.background(colours.ink, across, span.y, () => over.trace(measured, colours.measured, 2));
   over.trace(run, colour, 1.4);
-  beside.begin(across, span.error);
-  beside.clipped(pen => {
+  beside.background(colours.ink, across, span.error, () => beside.clipped(pen => {
+    const [top, bottom] = [beside.up(told.floor), beside.up(-told.floor)];
     pen.fillStyle = colours.yellow;
     pen.globalAlpha = 0.35;
-    pen.fillRect(beside.left, beside.up(told.floor), beside.right - beside.left, beside.up(-told.floor) - beside.up(told.floor));
-  });
+    pen.fillRect(beside.left, top, beside.right - beside.left, bottom - top);
+  }));
   beside.trace(error, colour, 1.2);
-  loop.begin(span.u, span.y);
-  loop.loop(measured, colours.measured, 2);
-  loop.loop(run, colour, 1.3);
+  loop.background(colours.ink, span.u, span.y, () => loop.loop(measured, colours.measured, 2));
+  loop.loop(run, colour, 1.3, fine ? Infinity : COARSE);
 }
 
 function update() {
   shown.pending = false;
   compute();
   say();
-  draw();
+  draw(n <= COARSE);
+  clearTimeout(shown.rest);
+  if (n > COARSE) shown.rest = setTimeout(() => draw(true), 150);
 }
 
 function later() {  // at most once for each frame
