@@ -8,7 +8,9 @@ import live
 import numpy as np
 import pytest
 
+import narx_sym as ns
 from narx_sym.engines.compile import compile
+from narx_sym.models.effects import Catalogue
 from narx_sym.report.panels import try_it
 
 pytestmark = pytest.mark.skipif(bool(live.why_no_browser()), reason=live.why_no_browser() or "-")
@@ -36,7 +38,7 @@ def opened(browser, stage_report):
     page.on("pageerror", lambda e: said.append(str(e)))
     page.on("request", lambda r: asked.append(r.url))
     page.goto(stage_report.as_uri())
-    page.wait_for_function("document.getElementById('try_it').dataset.rms")
+    page.wait_for_function("() => document.getElementById('try_it').dataset.rms")
     yield page
     context.close()
     assert not said and [a for a in asked if not a.startswith("data:")] == [stage_report.as_uri()]
@@ -53,6 +55,26 @@ def told(stage_report):
 @pytest.fixture(scope="module")
 def tried(stage_diagnosis):
     return try_it.models(stage_diagnosis)
+
+
+@pytest.fixture(scope="module")
+def gapped(tmp_path_factory):
+    """A report on a record with a gap, a far level, a channel with a name that attacks, and an effect of the time."""
+    rng = np.random.default_rng(1)
+    n = 700
+    u, other = rng.standard_normal(n), np.sin(np.arange(n) / 20)
+    y = np.zeros(n)
+    for k in range(1, n):
+        y[k] = 0.8 * y[k - 1] + 0.3 * u[k - 1] * (1 + 0.5 * other[k])
+    name = "</script><script>throw 1</script>"
+    y += 1000 + np.arange(n) / n + 0.01 * rng.standard_normal(n)
+    record = ns.Record(u, y, 5 + np.arange(n) * 0.01, 0.01, {name: other}, "gapped", (), (250,))
+    catalogue = Catalogue({name: ns.EFFECTS[name] for name in ("channel_gain", "ageing", "drift")})
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "1"]).fit(record)
+    found = ns.diagnose(base, record, catalogue=catalogue)
+    path = tmp_path_factory.mktemp("gapped") / "report.html"
+    found.report(path, {"u": "V", "y": "$"})
+    return found, path
 
 
 def samples(one):
@@ -126,6 +148,29 @@ def test_the_optimum_is_the_figure_of_the_report(opened, tried, told, stage_diag
     assert state(opened)["held"] == pytest.approx(ladder[-1], rel=1e-4)
 
 
+def test_gaps_channels_and_the_time(browser, gapped):
+    """The longest segment is run; the channel and the time come from the record too."""
+    diagnosis, path = gapped
+    page, said = browser.new_page(), []
+    page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda e: said.append(str(e)))
+    page.goto(path.as_uri())
+    page.wait_for_function("() => document.getElementById('try_it').dataset.rms")
+    read = set()
+    for m, one in enumerate(try_it.models(diagnosis)):
+        page.check(f'input[name="try-model"][value="{m}"]')
+        drag(page, m, [0] * (len(one.fitted.model.symbols) - 1) + [40])
+        now, problem, recursion = state(page), one.fitted.problem, one.fitted.model.recursion
+        theta = problem.start(now["theta"])
+        theta[problem.free :] = one.fitted.unknowns[problem.free :]
+        error = problem.data[1]["y"] - problem.simulate(theta, 1)
+        error[: problem.depth] = 0
+        assert error.size == 450 and now["rms"] == pytest.approx(rms(error), rel=1e-4)
+        read |= {str(b.label) for b in recursion.inputs}
+    assert {"u", "t"} < read and len(read) == 3 and not said
+    page.close()
+
+
 def test_reset_and_keys(opened):
     begun = state(opened)
     slider = opened.locator(".sliders:not([hidden]) input").first
@@ -177,7 +222,7 @@ def test_it_fits_and_is_accessible(browser, stage_report, scheme, width):
     context = browser.new_context(viewport={"width": width, "height": 844}, color_scheme=scheme)
     page = context.new_page()
     page.goto(stage_report.as_uri())
-    page.wait_for_function("document.getElementById('try_it').dataset.rms")
+    page.wait_for_function("() => document.getElementById('try_it').dataset.rms")
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     page.evaluate("document.querySelectorAll('#try_it details').forEach(d => d.open = true)")
     found = Axe().run(page, context="#try_it").response["violations"]
@@ -216,3 +261,63 @@ def test_a_long_record_is_cut_and_said_so(stage_diagnosis, monkeypatch):
     found = json.loads(re.search(r'id="try-data">(.*?)</script>', part.html, re.S)[1])
     assert found["n"] == 500 and all(samples(one).size == 500 for one in found["signals"])
     assert all(b <= 500 for _, b in found["held"]) and found["worst"][1] <= 500
+
+
+def test_a_bad_cell_zooms_to_where_it_is_worst(opened, told, stage_diagnosis):
+    misfit = stage_diagnosis.misfit
+    marks = opened.locator("#where .cell")
+    assert marks.count() > 10
+    seen = set()
+    for i in range(0, marks.count(), 7):
+        mark = marks.nth(i)
+        if not mark.is_visible():  # among what is folded
+            continue
+        mark.dispatch_event("click")
+        now = state(opened)
+        a, b = map(int, mark.get_attribute("data-stretch").split(","))
+        assert now["from"] <= a < b <= now["to"] and now["to"] - now["from"] <= max(20, b - a)
+        opened.wait_for_function("() => document.getElementById('try_it').getBoundingClientRect().top < 400")
+        seen.add((a, b))
+    assert len(seen) > 2
+    button = opened.locator("#where button.stretch").first
+    button.press("Enter")
+    a, b = map(int, button.get_attribute("data-stretch").split(","))
+    first = max(misfit.table(), key=lambda r: max(r["share"], np.nan_to_num(r["share_missing"])))["panel"]
+    inside = [np.any(p.cell[a:b] == p.worst) for p in (*misfit.panels, *misfit.panels_missing) if p.name == first]
+    assert any(inside) and state(opened)["from"] <= a
+
+
+def test_dots_stand_on_the_means_of_their_cells(opened, stage_diagnosis):
+    """The picture is drawn twice, once for the page and once for the places: both must be the same."""
+    from narx_sym.report.panels.registry import Material
+    from narx_sym.report.panels.where import failures
+
+    for failure in failures(Material(stage_diagnosis, {"u": "rad", "y": "mm"}))[:2]:
+        for picture in failure.pictures[:1]:
+            found = re.findall(r'<use xlink:href="#[^"]*" x="([\d.]+)" y="([\d.]+)"', picture.svg)
+            marks = np.array(found, dtype=float) / np.array(picture.size) / 72 * 100
+            for cell in failure.cells[picture.key]:
+                assert np.abs(marks - (cell.left, cell.top)).sum(axis=1).min() < 0.5
+
+
+def test_the_point_runs_along_the_loops(opened, told):
+    opened.locator("#try-point").focus()
+    opened.keyboard.press("End")
+    assert state(opened)["point"] == told["n"] - 1 and opened.locator(".try-dot.run").is_visible()
+    opened.keyboard.press("Home")
+    opened.click("#try-play")
+    opened.wait_for_function("() => Number(document.getElementById('try_it').dataset.point) > 0")
+    opened.click("#try-play")
+    stopped = state(opened)["point"]
+    opened.wait_for_timeout(80)
+    assert state(opened)["point"] == stopped
+
+
+def test_nothing_moves_by_itself_where_motion_is_not_wanted(browser, stage_report):
+    context = browser.new_context(reduced_motion="reduce")
+    page = context.new_page()
+    page.goto(stage_report.as_uri())
+    page.wait_for_function("() => document.getElementById('try_it').dataset.rms")
+    assert page.locator("#try-play").is_hidden() and page.locator("#try-point").is_visible()
+    assert page.evaluate("getComputedStyle(document.documentElement).scrollBehavior") == "auto"
+    context.close()

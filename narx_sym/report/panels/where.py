@@ -11,8 +11,9 @@ from ...diagnosis.bases import words
 from ...diagnosis.misfit import Panel
 from ..comparison import Units, draw_region
 from ..picture import Picture, drawing
-from ..plots import draw_panel, label, reach
+from ..plots import draw_panel, label, new_axes, reach
 from .registry import Material, panel
+from .try_it import spans
 
 SHOWN, LEAST = 4, 0.02  # variables that are shown, and the share that each must explain
 
@@ -26,6 +27,21 @@ class Failure:
     share_missing: float
     worst: str
     pictures: list[Picture] = field(default_factory=list)
+    cells: dict[str, list[Cell]] = field(default_factory=dict)  # by the key of the picture
+    stretch: tuple[int, int] | None = None  # of the worst cell
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Where the mean of a cell is drawn [% of the picture], and the stretch of the record where its error is largest.
+
+    The stretch, [first sample, behind the last], has as much of the record on either side.
+    """
+
+    left: float
+    top: float
+    stretch: tuple[int, int]
+    worst: bool
 
 
 def failures(material: Material, most: int = SHOWN) -> list[Failure]:
@@ -40,12 +56,13 @@ def failures(material: Material, most: int = SHOWN) -> list[Failure]:
     missing = missing if misfit.missing is not None and np.abs(misfit.missing).max() > 1e-6 * c.floor else {}
     tops = [reach([p[r["panel"]] for r in shown if r["panel"] != "spectrum"]) for p in (errors, missing) if p]
     for i, row in enumerate(shown):
-        name, made = row["panel"], []
+        name, made, places = row["panel"], [], {}
         both = [("error", "Free-run error", errors[name])]
         both += [("missing", "Equivalent missing input", missing[name])] if name in missing else []
         for (word, title, one), top in zip(both, tops, strict=False):
             title = f"{title}: {one.label}"
             made.append(_panel(f"where_{i + 1}_{word}", title, one, c.floor if word == "error" else None, top, units))
+            places[made[-1].key] = cells(made[-1], one, misfit.residual)
         # The residual that the panel explains better says where to look.
         of_missing = name in missing and (missing[name].share > errors[name].share or errors[name].worst is None)
         worst = missing[name].where(units).replace("error", "missing input") if of_missing else row["worst"]
@@ -55,15 +72,17 @@ def failures(material: Material, most: int = SHOWN) -> list[Failure]:
             alt = f"Error of the base over time; marked: {worst}."
             draw = drawing(draw_region, c, region, units)
             made.append(Picture(f"where_{i + 1}_time", f"The worst region in time: {words(name)}", alt, draw, columns))
-        found.append(Failure(name, row["share"], row["share_missing"], worst, made))
+        told = places[f"where_{i + 1}_{'missing' if of_missing else 'error'}"]
+        stretch = next((cell.stretch for cell in told if cell.worst), None)
+        found.append(Failure(name, row["share"], row["share_missing"], worst, made, places, stretch))
     return found
 
 
 def _panel(key: str, title: str, of: Panel, floor: float | None, top: float, units: Units) -> Picture:
     what = {"spectrum": "rms in a bin"}.get(of.name, "mean")
 
-    def draw(ax: Any) -> None:
-        draw_panel(ax, of, floor, dict(units))
+    def draw(ax: Any) -> list[tuple[int, float]]:
+        drawn = draw_panel(ax, of, floor, dict(units))
         ax.set_title("", loc="left")
         ax.set_ylabel(label(f"{what} {'error' if 'error' in key else 'missing input'}", units.get("y", "")))
         ax.set_ylim(*((0, None) if of.name == "spectrum" else (-top, top)))
@@ -74,6 +93,7 @@ def _panel(key: str, title: str, of: Panel, floor: float | None, top: float, uni
                 marks.values(), marks.keys(), loc="lower left", bbox_to_anchor=(-0.1, 1), ncols=2, fontsize=8,
                 frameon=False, borderaxespad=0.2,
             )  # fmt: skip
+        return drawn
 
     low, high = np.atleast_2d(of.low.T), np.atleast_2d(of.high.T)
     columns = {f"{side} {i + 1}" if len(low) > 1 else side: x for side, b in (("from", low), ("to", high))
@@ -81,6 +101,25 @@ def _panel(key: str, title: str, of: Panel, floor: float | None, top: float, uni
     columns |= {what: of.mean, "standard error": of.error, "samples": of.count}
     alt = f"{title}. It explains {100 * of.share:.0f} % of the variance; {of.where(units)}."
     return Picture(key, title, alt, draw, columns)
+
+
+def cells(picture: Picture, of: Panel, residual: np.ndarray) -> list[Cell]:
+    """Return the cells of a panel's picture, for the page to zoom to."""
+    if not of.cell.size:
+        return []
+    figure, ax = new_axes(figsize=picture.size)
+    drawn = picture.draw(ax)
+    figure.draw_without_rendering()
+    width, height = figure.bbox.size
+    found = []
+    for cell, place in drawn:
+        parts = spans(of.cell == cell)
+        if parts:
+            a, b = max(parts, key=lambda part: float(np.abs(residual[part[0] : part[1]]).sum()))
+            across, up = ax.transData.transform((place, of.mean[cell]))
+            stretch = max(0, 2 * a - b), min(residual.size, 2 * b - a)
+            found.append(Cell(100 * across / width, 100 - 100 * up / height, stretch, cell == of.worst))
+    return found
 
 
 def pictures(material: Material) -> list[Picture]:

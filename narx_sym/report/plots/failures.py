@@ -72,8 +72,13 @@ def reach(panels: list[Panel]) -> float:
     return 1.15 * max((float(np.nanmax(t)) for t in tops), default=0.0) or 1.0
 
 
-def draw_panel(ax: Any, panel: Panel, floor: float | None, units: dict[str, str]) -> None:
-    """Draw one panel: means with two standard errors over the width of their cells."""
+def draw_panel(ax: Any, panel: Panel, floor: float | None, units: dict[str, str]) -> list[tuple[int, float]]:
+    """Draw one panel: means with two standard errors over the width of their cells.
+
+    Returns
+    -------
+    list of (cell, its place along the axis), of those whose mean is drawn at one place
+    """
     ax.axhline(0, color=BLACK, lw=0.6, zorder=1)
     title = {"spectrum": "strongest line in the rest"}.get(panel.name, panel.label.replace(", ", " and "))
     ax.set_title(f"{title}: {100 * panel.share:.0f} % of the variance", loc="left", fontsize=10)
@@ -92,12 +97,11 @@ def draw_panel(ax: Any, panel: Panel, floor: float | None, units: dict[str, str]
                 f"{top:.3g} Hz", (top, panel.mean[panel.worst]), shift, textcoords="offset points", ha=side, fontsize=9
             )
         ax.set_xlabel(label(panel.label, "Hz"))
-        return
+        return []
     if floor:
         ax.axhspan(-floor, floor, color=YELLOW, alpha=0.35, lw=0, zorder=0, label=floor_label)
     if panel.low.ndim == 2:
-        _draw_grid(ax, panel, units)
-        return
+        return _draw_grid(ax, panel, units)
     middle, half, grey = panel.centres, (panel.high - panel.low) / 2, np.isnan(panel.mean)
     groups = [(np.full(middle.size, True), BLUE, "o", "mean ± 2 standard errors")]
     unit = panel.unit(units)
@@ -118,10 +122,12 @@ def draw_panel(ax: Any, panel: Panel, floor: float | None, units: dict[str, str]
     for left, right in {(m - h, m + h) for m, h in zip(middle[grey], half[grey], strict=True)}:
         ax.axvspan(left, right, color="0.85", lw=0, zorder=0, label="too few samples")
     ax.set_xlabel(label(name, unit))
+    return [(int(i), float(middle[i])) for i in np.flatnonzero(~grey)]
 
 
-def _draw_grid(ax: Any, panel: Panel, units: dict[str, str]) -> None:
+def _draw_grid(ax: Any, panel: Panel, units: dict[str, str]) -> list[tuple[int, float]]:
     """Draw joint cells of amplitude and frequency: one of them along the axis, the other by colour."""
+    drawn: list[tuple[int, float]] = []
     along = 0 if np.unique(panel.low[:, 0]).size > 1 else 1
     other = 1 - along
     names, kinds = panel.label.split(", "), [units.get("u", ""), "Hz"]
@@ -135,6 +141,7 @@ def _draw_grid(ax: Any, panel: Panel, units: dict[str, str]) -> None:
             inverse[chosen] + shift, panel.mean[chosen], 2 * panel.error[chosen], color=colour, marker=marker, ms=6,
             ls="none", lw=1.2, label=f"{low:.3g} to {high:.3g} {kinds[other]}\u2009",
         )  # fmt: skip
+        drawn += [(int(k), float(inverse[k] + shift)) for k in np.flatnonzero(chosen)]
         for k in inverse[(panel.low[:, other] == low) & np.isnan(panel.mean)]:
             ax.axvspan(k + shift - 0.1, k + shift + 0.1, color="0.85", lw=0, zorder=0, label="too few samples")
     edges = [panel.high[panel.low[:, along] == p, along][0] for p in places]
@@ -145,3 +152,4 @@ def _draw_grid(ax: Any, panel: Panel, units: dict[str, str]) -> None:
         ax.legend(
             *zip(*own, strict=True), fontsize=7, title=names[other], title_fontsize=7, ncols=len(own), framealpha=0.7
         )
+    return drawn

@@ -85,6 +85,7 @@ function say() {
 // ---- pictures ----------------------------------------------------------------------------------------------------
 
 const COARSE = 10000;  // points of a loop while something moves
+const LAP = 12000;  // the point runs through what is shown [ms]
 const MARGIN = {left: 58, right: 8, top: 8, bottom: 36};
 
 function extent(list, from, to) {
@@ -162,7 +163,7 @@ class Picture {
       pen.fillStyle = colours.ink;
       pen.fillText(plain(vertical.step) ? value.toExponential(1) : label(value, vertical.step), left - 5, this.up(value));
     }
-    const horizontal = ticks(...this.x, Math.max(3, (right - left) / 70));
+    const horizontal = ticks(...this.x, Math.max(5, (right - left) / 70));
     pen.textAlign = "center";
     pen.textBaseline = "top";
     for (const value of horizontal.found) {
@@ -276,11 +277,54 @@ function draw(fine) {
   loop.loop(run, colour, 1.3, fine ? Infinity : COARSE);
 }
 
+// ---- the point that runs along both loops --------------------------------------------------------------------------
+
+const player = {input: element("point"), button: element("play"), on: false, began: 0, used: false};
+const [now, dotMeasured, dotRun] = [".try-now", ".try-dot.measured", ".try-dot.run"].map(s => panel.querySelector(s));
+
+function point() {
+  if (!player.used) return;
+  const {from, to, run} = shown, k = from + Math.round(player.input.value / player.input.max * (to - 1 - from));
+  const {time: over, loop} = pictures;
+  const put = (mark, x, y) => {
+    mark.style.display = Number.isFinite(y) ? "block" : "none";
+    mark.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+  };
+  put(now, over.across(time[k]), 0);
+  put(dotMeasured, loop.across(driving[k]), loop.up(measured[k]));
+  put(dotRun, loop.across(driving[k]), loop.up(run[k]));
+  dotRun.style.background = shown.model ? colours.after : colours.before;
+  player.input.setAttribute("aria-valuetext", `${number(time[k], 4)} s`);
+  panel.dataset.point = String(k);
+}
+
+function play(stamp) {
+  if (!player.on) return;
+  const share = (stamp - player.began) / LAP;
+  player.input.value = Math.round(share % 1 * player.input.max);
+  point();
+  requestAnimationFrame(play);
+}
+
+player.button.addEventListener("click", () => {
+  player.on = !player.on;
+  player.used = true;
+  player.button.textContent = player.on ? "Pause" : "Play";
+  player.began = performance.now() - player.input.value / player.input.max * LAP;
+  requestAnimationFrame(play);
+});
+player.input.addEventListener("input", () => {
+  player.used = true;
+  player.began = performance.now() - player.input.value / player.input.max * LAP;
+  point();
+});
+
 function update() {
   shown.pending = false;
   compute();
   say();
   draw(n <= COARSE);
+  point();
   clearTimeout(shown.rest);
   if (n > COARSE) shown.rest = setTimeout(() => draw(true), 150);
 }
@@ -343,6 +387,13 @@ element("worst").addEventListener("click", () => look(...told.worst));
 element("all").addEventListener("click", () => look(0, n));
 element("earlier").addEventListener("click", () => move(-0.5));
 element("later").addEventListener("click", () => move(0.5));
+
+document.addEventListener("click", event => {  // a cell of the maps of errors
+  const cell = event.target.closest("[data-stretch]");
+  if (!cell) return;
+  look(...cell.dataset.stretch.split(",").map(Number));
+  panel.scrollIntoView();
+});
 
 for (const picture of [pictures.time, pictures.error]) {
   const canvas = picture.canvas, mark = document.createElement("span");
