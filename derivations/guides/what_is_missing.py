@@ -79,12 +79,18 @@ print(f"free-run error of the record's range: {before.free_run_mape:.3g} % befor
 # pictures, the model file and the next input can be downloaded from it. Long lines are thinned to the extremes of each
 # interval: a record of 50 000 samples gave a page of 2.1 MB in 3 to 5 s beyond the diagnosis
 # (`python tests/bench/report.py`).
+#
+# In *Try it* the page itself runs the base and the candidates over the record (two float32 numbers per sample, of a very
+# long record the first 200 000 samples): move a parameter, and loop, error and rms follow; the optimum and its two
+# standard errors are marked. A dot of the maps of errors zooms to where its cell is worst. Drag the reference, and see
+# the input of the law. The recursions stand in the page as `model.to_js()` writes them, so it works without a network
+# and without `eval`.
 
 # %%
 with tempfile.TemporaryDirectory() as folder:
     page = Path(folder) / "found.html"
     found.report(page, units={"u": "V", "y": "um"})
-    size = page.stat().st_size
+    size, live = page.stat().st_size, page.read_text(encoding="utf-8").count(".simulate(inputs, start, parameters)")
 print(f"{size / 1e6:.1f} MB")
 
 # %% [markdown]
@@ -107,4 +113,4 @@ print(f"{size / 1e6:.1f} MB")
 # %%
 assert found.best.effect == "hysteresis" and "hysteresis" in found.confusion_set
 assert after.free_run_mape < before.free_run_mape / 10
-assert 100_000 < size < 5_000_000
+assert 100_000 < size < 5_000_000 and live >= 2

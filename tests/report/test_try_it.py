@@ -321,3 +321,38 @@ def test_nothing_moves_by_itself_where_motion_is_not_wanted(browser, stage_repor
     assert page.locator("#try-play").is_hidden() and page.locator("#try-point").is_visible()
     assert page.evaluate("getComputedStyle(document.documentElement).scrollBehavior") == "auto"
     context.close()
+
+
+def test_the_law_follows_a_dragged_reference(opened, told, stage_diagnosis):
+    """By pointer and by keys; the input is what Python computes, for the parameters that the sliders say."""
+    law, one = stage_diagnosis.model.compensator(), told["law"]
+    canvas = opened.locator("#try-reference")
+
+    def check():
+        now = state(opened)["law"]
+        turn = 2 * np.pi * np.maximum(np.arange(one["n"] + one["ahead"]) - one["lead"], 0) / now["period"]
+        grows = np.where(turn < np.pi, (1 - np.cos(turn)) / 2, 1)
+        r = one["middle"] + now["amplitude"] * grows * np.sin(turn)
+        start = dict(zip([str(b.label) for b in law.recursion.states], one["start"], strict=True))
+        m = compile(law.recursion)({"r": r}, now["theta"], start)["m"][one["lead"] : one["n"]]
+        assert [now["low"], now["high"]] == pytest.approx([m.min(), m.max()], rel=1e-9)
+        assert now["beyond"] == np.sum((m < one["limits"][0]) | (m > one["limits"][1]))
+        return now
+
+    first = check()
+    assert first["amplitude"] == one["amplitude"] and first["period"] == one["period"]
+    canvas.scroll_into_view_if_needed()
+    box = canvas.bounding_box()
+    opened.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 0.3 * box["height"])
+    opened.mouse.down()
+    opened.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.1 * box["height"], steps=3)
+    opened.mouse.up()
+    second = check()
+    assert second["amplitude"] > first["amplitude"] and second["period"] > first["period"]
+    opened.locator("#try-amplitude").press("Home")
+    assert check()["amplitude"] == 0
+    opened.locator("#try-amplitude").press("End")
+    opened.locator("#try-period").press("Home")
+    assert check()["beyond"] > 0 and "beyond what was measured" in opened.inner_text("#try-law-said")
+    drag(opened, one["model"], [3, -5])
+    assert check()["theta"] != first["theta"]

@@ -14,18 +14,19 @@ import numpy as np
 from ...diagnosis.bases import words
 from ...diagnosis.procedure import Diagnosis
 from ...diagnosis.refit import Fitted
-from ...errors import FitError, ModelError
+from ...errors import FitError, ModelError, NotInvertible
 from ...fit.simulate import centre
+from ...inversion.compensator import Compensator, compensator
 from ...models.extend import newer
-from ...symbolic.signals import t
+from ...symbolic.signals import r, t, y
 from ..comparison import Comparison, Units
 from ..parameters import parameters, shape_units
-from ..plots import label
 from .registry import WAY, Material, panel
 
 MOST_MODELS, MOST_SAMPLES = 5, 200_000
 STEPS = 200  # of a slider to either side of its optimum
 REACH = 12.0  # standard errors to either side, at least
+LONGEST = 4000  # samples of a reference
 SCRIPT = Path(__file__).parent.parent / "templates" / "try_it.js"
 
 
@@ -115,13 +116,38 @@ def _finite(limit: float) -> float | None:
     return float(limit) if np.isfinite(limit) else None
 
 
+def reference(law: Compensator, listed: Sequence[Tried], c: Comparison) -> dict[str, Any]:
+    """Return what the page needs to run the law: where it starts, a first reference, and how far the input may go."""
+    recursion, middle = law.recursion, float(np.mean(c.y))
+    begin = law.start(middle, float(np.mean(c.u)))
+    period = int(np.clip(c.worst.stop - c.worst.start, 20, LONGEST // 4))
+    return {
+        "model": next(i for i, one in enumerate(listed) if one.fitted.model is law.model),
+        "start": [begin.get(str(b.label), 0.0) for b in recursion.states], "lead": max(1, recursion.depth),
+        "n": 4 * period, "ahead": recursion.lead, "middle": middle, "amplitude": float(np.ptp(c.y)) / 4,
+        "period": period, "limits": [float(c.u.min()), float(c.u.max())],
+    }  # fmt: skip
+
+
+def law_of(diagnosis: Diagnosis, listed: Sequence[Tried]) -> Compensator | None:
+    """Return the law of the model to take away, where the page can run it from a reference alone."""
+    if not any(one.fitted.model is diagnosis.model for one in listed) or diagnosis.model.input == y:
+        return None
+    try:
+        law = compensator(diagnosis.model)
+    except (ModelError, NotInvertible):
+        return None
+    return law if law.closed_form and law.recursion.inputs == (r,) else None
+
+
 def content(diagnosis: Diagnosis, listed: Sequence[Tried], c: Comparison, units: Units) -> dict[str, Any]:
     """Return what the page's script reads."""
     base = listed[0].fitted
     i = int(np.argmax([len(r) for r in base.split.records]))
+    output, driving = base.problem.name, str(base.model.input.label)
     record, data = base.split.records[i], base.problem.data[i]
-    n = min(data[base.problem.name].size, MOST_SAMPLES)
-    names = dict.fromkeys([base.problem.name, str(base.model.input.label)])
+    n = min(data[output].size, MOST_SAMPLES)
+    names = dict.fromkeys([output, driving])
     for tried in listed:
         names |= dict.fromkeys(str(b.label) for b in tried.fitted.model.recursion.inputs if b != t)
     every = {name: one for tried in listed for name, one in tried.fitted.problem.data[i].items()}
@@ -138,9 +164,13 @@ def content(diagnosis: Diagnosis, listed: Sequence[Tried], c: Comparison, units:
         "signals": [packed(np.asarray(every[name][:n])) for name in names], "models": told,
         "spread": float(diagnosis.steps[0].base.problem.spread), "floor": float(diagnosis.floor),
         "held": spans(base.split.held[i][:n]), "worst": [min(c.worst.start, n - 1), min(c.worst.stop, n)],
-        "axes": [label("u", units.get("u", "")), label("y", units.get("y", "")), label("error", units.get("y", ""))],
-        "unit": units.get("y", ""), "whole": len(record),
+        "axes": [_axis(driving, units), _axis(output, units), _axis("error", {"error": units.get(output, "")})],
+        "units": [units.get(driving, ""), units.get(output, "")], "whole": len(record),
     }  # fmt: skip
+
+
+def _axis(name: str, units: Units) -> str:
+    return f"{name} [{units[name]}]" if units.get(name) else name
 
 
 @panel("Try it", order=15, about=WAY)
@@ -152,13 +182,14 @@ def try_it(material: Material) -> dict[str, Any] | None:
     listed = models(d) if material.scripts else []
     if not listed or listed[0].name != "Before":
         return None
-    told = content(d, listed, material.compared, material.units)
-    last = len([s for s in d.steps if s.chosen is not None])
-    sources = "\n".join(one.source for one in listed)
+    told, law = content(d, listed, material.compared, material.units), law_of(d, listed)
+    told["law"] = law and reference(law, listed, material.compared)
+    sources = "\n".join([*(one.source for one in listed), law.to_js("law") if law else "const law = null;"])
     names = ", ".join(f"model{i}" for i in range(len(listed)))
     script = f"{sources}\nconst models = [{names}];\n{SCRIPT.read_text(encoding='utf-8')}"
     return {
-        "told": told, "models": listed, "chosen": min(last, len(listed) - 1),
+        "told": told, "models": listed,
+        "chosen": next((i for i, one in enumerate(listed) if one.fitted.model is d.model), 0),
         "data": Markup(json.dumps(told).replace("<", "\\u003c")),
         "script": Markup(f"(() => {{\n{script}}})();"),
     }  # fmt: skip

@@ -60,8 +60,9 @@ function number(value, digits = 3) {
   return value.toFixed(Math.max(0, digits - 1 - Math.floor(Math.log10(Number(size.toPrecision(digits))))));
 }
 
-const united = value => `${number(value)} ${told.unit}`.trim();
-const percent = value => `${number(100 * value / told.spread, 2)} %`;
+const united = value => `${number(value)} ${told.units[1]}`.trim();
+const percentOf = share => `${number(100 * share, 2)} %`;
+const percent = value => percentOf(value / told.spread);
 
 function say() {
   const all = rms([[0, n]]), held = rms(told.held), m = shown.model;
@@ -86,6 +87,7 @@ function say() {
 
 const COARSE = 10000;  // points of a loop while something moves
 const LAP = 12000;  // the point runs through what is shown [ms]
+const CREST = 1.25;  // periods, to the first crest of full height
 const MARGIN = {left: 58, right: 8, top: 8, bottom: 36};
 
 function extent(list, from, to) {
@@ -229,6 +231,17 @@ class Picture {
     });
   }
 
+  curve(values, colour, width, dash = []) {
+    this.clipped(pen => {
+      pen.strokeStyle = colour;
+      pen.lineWidth = width;
+      pen.setLineDash(dash);
+      pen.beginPath();
+      for (let k = 0; k < values.length; k++) pen.lineTo(this.across(k * told.Ts), this.up(values[k]));
+      pen.stroke();
+    });
+  }
+
   // Against the input: points that fall on the pixel before are left out, while something moves others too.
   loop(values, colour, width, most = Infinity) {
     this.clipped(pen => {
@@ -319,12 +332,77 @@ player.input.addEventListener("input", () => {
   point();
 });
 
+// ---- the law ------------------------------------------------------------------------------------------------------
+
+const asked = told.law && {amplitude: element("amplitude"), period: element("period"), r: new Float64Array(told.law.n + told.law.ahead),
+  picture: new Picture("reference", "time [s]", `r${told.axes[1].slice(1)}`),
+  input: new Picture("input", "time [s]", told.axes[0])};
+
+function follow() {
+  const one = told.law, {r} = asked, amplitude = one.amplitude * asked.amplitude.value / 100;
+  const period = one.period * asked.period.value / 100, {model, limits, lead} = one;
+  for (let k = 0; k < r.length; k++) {  // it begins without a kink
+    const turn = 2 * Math.PI * Math.max(0, k - lead) / period;
+    r[k] = one.middle + amplitude * (turn < Math.PI ? (1 - Math.cos(turn)) / 2 : 1) * Math.sin(turn);
+  }
+  const theta = told.models[model].parameters.map((p, i) => valueAt(p, positions[model][i]));
+  const input = law.simulate([r], one.start, theta);
+  let low = Infinity, high = -Infinity, beyond = 0, bad = 0;
+  for (let k = lead; k < one.n; k++) {
+    low = Math.min(low, input[k]);
+    high = Math.max(high, input[k]);
+    if (Number.isNaN(input[k])) bad++;
+    else if (input[k] < limits[0] || input[k] > limits[1]) beyond++;
+  }
+  const span = limits[1] - limits[0] || 1, box = picture => [picture.canvas.getBoundingClientRect(), window.devicePixelRatio || 1];
+  const across = [0, one.n * told.Ts], {picture, input: below} = asked;
+  picture.begin(across, [one.middle - 2.2 * one.amplitude, one.middle + 2.2 * one.amplitude], ...box(picture));
+  picture.curve(r.subarray(0, one.n), colours.after, 1.6);
+  const x = picture.across((lead + CREST * period) * told.Ts), y = picture.up(one.middle + amplitude);
+  picture.pen.fillStyle = colours.after;
+  picture.pen.beginPath();
+  picture.pen.arc(x, y, 7, 0, 2 * Math.PI);
+  picture.pen.fill();
+  below.begin(across, [limits[0] - 0.4 * span, limits[1] + 0.4 * span], ...box(below));
+  for (const limit of limits) below.curve([limit, ...Array(one.n).fill(limit)], colours.ink, 1, [6, 5]);
+  below.curve(input.subarray(0, one.n), colours.after, 1.6);
+  const unit = told.units[0], shownAt = value => `${number(value)} ${unit}`.trim();
+  element("amplitude-said").textContent = `${number(amplitude)} ${told.units[1]}`.trim();
+  element("period-said").textContent = `${number(period * told.Ts)} s`;
+  asked.amplitude.setAttribute("aria-valuetext", element("amplitude-said").textContent);
+  asked.period.setAttribute("aria-valuetext", element("period-said").textContent);
+  element("law-said").textContent = bad ? "The law has no finite input for this reference."
+    : `The input goes from ${shownAt(low)} to ${shownAt(high)}; `
+      + (beyond ? `${percentOf(beyond / (one.n - lead))} of it beyond what was measured.` : "all of it within what was measured.");
+  panel.dataset.law = JSON.stringify({amplitude, period, theta, low, high, beyond});
+}
+
+function dragged(event) {
+  const {picture} = asked, box = picture.canvas.getBoundingClientRect(), one = told.law;
+  const share = (event.clientX - box.left - picture.left) / (picture.right - picture.left);
+  const level = picture.y[1] - (event.clientY - box.top - picture.top) / (picture.bottom - picture.top) * (picture.y[1] - picture.y[0]);
+  asked.amplitude.value = Math.round(100 * Math.abs(level - one.middle) / one.amplitude);
+  asked.period.value = Math.round(100 * (share * one.n - one.lead) / CREST / one.period);
+  later();
+}
+
+if (asked) {
+  const canvas = asked.picture.canvas;
+  canvas.addEventListener("pointerdown", event => {
+    canvas.setPointerCapture(event.pointerId);
+    dragged(event);
+  });
+  canvas.addEventListener("pointermove", event => { if (canvas.hasPointerCapture(event.pointerId)) dragged(event); });
+  for (const slider of [asked.amplitude, asked.period]) slider.addEventListener("input", later);
+}
+
 function update() {
   shown.pending = false;
   compute();
   say();
   draw(n <= COARSE);
   point();
+  if (asked) follow();
   clearTimeout(shown.rest);
   if (n > COARSE) shown.rest = setTimeout(() => draw(true), 150);
 }
