@@ -35,7 +35,7 @@ def edited(
 
 def derived(model: Model, limits: tuple[float, float] | None, rate: float | None, progress: Progress) -> Law:
     """Derive the compensation law, with its source."""
-    return law_of(model, limits, rate, progress)
+    return law_of(model, limits, rate, progress=progress)
 
 
 def relabelled(every: Sequence[Revision], records: Sequence[Record], units: Units, progress: Progress) -> list[Shown]:

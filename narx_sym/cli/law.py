@@ -38,6 +38,10 @@ def compensate(
         tuple[float, float] | None, typer.Option("--limits", metavar="LO HI", help="Range of the actuator's input.")
     ] = None,
     rate: Annotated[float | None, typer.Option("--rate", help="Largest change of the input per sample.")] = None,
+    share: Annotated[
+        str,
+        typer.Option("--share", help="Part of the way to go in a sample: auto (a law that rings), none, or a number."),
+    ] = "auto",
     clip: Annotated[
         bool, typer.Option("--clip", help="Come as near as possible where the reference cannot be reached.")
     ] = False,
@@ -58,20 +62,21 @@ def compensate(
     if (reference is None) != (out is None):
         raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
     law = load(model_file).compensator()
-    _tell(law)
+    part = None if share == "none" else law.share(share)
+    _tell(law, "auto" if share == "auto" else part)
     if latex:
         write_text(latex, f"\\[\n{law.latex(numbers=True)}\n\\]\n")
         console().print(f"LaTeX written to {latex}")
     for name, path in sources:
-        made = law.export(name, limits=limits, rate=rate, units=unit_names(units))
+        made = law.export(name, limits=limits, rate=rate, units=unit_names(units), share=part)
         write_bytes(path, made if isinstance(made, bytes) else made.encode("utf-8"))
         console().print(f"{exports()[name].title} written to {path}")
     if reference and out:
         goal = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column", prefer="r")
-        _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, clip=clip)
+        _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, share=part, clip=clip)
 
 
-def _tell(law: Compensator) -> None:
+def _tell(law: Compensator, share: Any) -> None:
     """Print a law, and what to know before it runs."""
     from ..tasks.compensate import ahead, caution
 
@@ -82,8 +87,8 @@ def _tell(law: Compensator) -> None:
     if law.staged:
         with working("Counting the solutions of each stage"):
             console().print(f"Checked: {law.checked}.", markup=False)
-    if said := caution(law):
-        console().print(said)
+    if said := caution(law, share):
+        console().print(said, markup=False)
 
 
 def _follow(law: Compensator, goal: Any, out: Path, model_file: Path, m0: float | None, **options: Any) -> None:

@@ -85,15 +85,18 @@ def export_law(
     limits: Sequence[float] | None = None,
     rate: float | None = None,
     units: Mapping[str, str] | None = None,
+    share: Any = "auto",
 ) -> Any:
     """Return the law for another place, within limits where they are given; `to` as in `export_model`.
+
+    A law that rings is damped, as where it runs; `share` is as in `Compensator.run`.
 
     Raises
     ------
     NotInvertible
         Where the law has no closed form.
     """
-    recursion, driven = _exported(law, limits, rate), "u" if law.model.input == y else str(law.model.input.label)
+    recursion, driven = _exported(law, limits, rate, share), "u" if law.model.input == y else str(law.model.input.label)
 
     def own(of: Mapping[str, Any]) -> dict[str, Any]:
         return {**of, **{a: of[b] for a, b in (("m", driven), ("r", "y")) if b in of}}
@@ -110,9 +113,10 @@ def law_to_c(
     single: bool = False,
     limits: Sequence[float] | None = None,
     rate: float | None = None,
+    share: Any = "auto",
 ) -> str:
     """Return the law as C99 source; see `export_law` and `narx_sym.codegen.export.to_c`."""
-    return str(export_law(law, "c", name, single, limits, rate))
+    return str(export_law(law, "c", name, single, limits, rate, share=share))
 
 
 def law_to_st(
@@ -121,9 +125,10 @@ def law_to_st(
     single: bool = False,
     limits: Sequence[float] | None = None,
     rate: float | None = None,
+    share: Any = "auto",
 ) -> str:
     """Return the law as an IEC 61131-3 function block; see `export_law`."""
-    return str(export_law(law, "st", name, single, limits, rate))
+    return str(export_law(law, "st", name, single, limits, rate, share=share))
 
 
 def law_to_fmu(
@@ -134,28 +139,33 @@ def law_to_fmu(
     limits: Sequence[float] | None = None,
     rate: float | None = None,
     units: Mapping[str, str] | None = None,
+    share: Any = "auto",
 ) -> None:
     """Write the law as an FMU for co-simulation; see `export_law` and `model_to_fmu`.
 
     Its input r is the reference at the end of the preview, such as r[k+1]; its parameters are those of the model.
     """
-    write_bytes(path, export_law(law, _fmu(fmi), name, limits=limits, rate=rate, units=units))
+    write_bytes(path, export_law(law, _fmu(fmi), name, limits=limits, rate=rate, units=units, share=share))
 
 
 def law_to_js(
-    law: Compensator, name: str = "law", limits: Sequence[float] | None = None, rate: float | None = None
+    law: Compensator,
+    name: str = "law",
+    limits: Sequence[float] | None = None,
+    rate: float | None = None,
+    share: Any = "auto",
 ) -> str:
     """Return the law as JavaScript that takes the parameters; see `export_law` and `narx_sym.codegen.export.to_js`."""
-    return str(export_law(law, "js", name, False, limits, rate))
+    return str(export_law(law, "js", name, False, limits, rate, share=share))
 
 
-def law_to_casadi(law: Compensator, name: str = "law") -> Any:
+def law_to_casadi(law: Compensator, name: str = "law", share: Any = "auto") -> Any:
     """Return one step as a CasADi `Function` (state, inputs) -> (next, output).
 
     state : `recursion.past`, such as m[k-1], r[k]; `rest_state` gives its values at rest
     inputs : `recursion.given`, the reference at the end of the preview, such as r[k+1]; output is m[k]
     """
-    return transition(_exported(law), law.model.values, name, m)
+    return transition(_exported(law, share=share), law.model.values, name, m)
 
 
 def _fmu(fmi: str) -> str:
@@ -180,8 +190,11 @@ def _rest(model: Model) -> dict[str, float]:
     return found
 
 
-def _exported(law: Compensator, limits: Sequence[float] | None = None, rate: float | None = None) -> Recursion:
+def _exported(
+    law: Compensator, limits: Sequence[float] | None = None, rate: float | None = None, share: Any = "auto"
+) -> Recursion:
     if not law.closed_form:
         why = next(s.proof for s in law.staged.stages if not s.closed_form) if law.staged else ""
         raise NotInvertible(f"This law cannot be exported: {why}.")
-    return law.recursion if limits is None and rate is None else law.limited(limits, rate)
+    part = law.share(share)
+    return law.recursion if limits is None and rate is None and part == 1 else law.limited(limits, rate, part)

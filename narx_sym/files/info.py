@@ -24,7 +24,7 @@ def info_to_dict(info: Info) -> dict[str, Any]:
         "nrmse": nrmse and {"one_step": or_none(nrmse.one_step), "free_run": or_none(nrmse.free_run)},
         "ranges": {n: list(pair) for n, pair in info.ranges.items()}, "rates": dict(info.rates),
         "frequencies": dict(info.frequencies), "steps": dict(info.steps),
-        "line": info.line and list(info.line), "band": info.band,
+        "line": info.line and list(info.line), "band": info.band, "start": info.start and list(info.start),
         "selection": None if chosen == Selection() else asdict(chosen) | {"err": list(chosen.err)},
     }  # fmt: skip
     return {n: v for n, v in found.items() if v is not None and v != {} and v != ""} if info != Info() else {}
@@ -55,8 +55,10 @@ def read_info(info: Any) -> Info:
     if not isinstance(info, dict) or set(info) - known:
         raise ModelError(f"'info' must be an object with some of the fields {', '.join(sorted(known))}.")
     line, band = info.get("line"), info.get("band")
-    if line is not None and len(numbers(line, "info.line")) != 2:
-        raise ModelError("'info.line' must hold two numbers.")
+    pairs = {n: info[n] for n in ("line", "start") if info.get(n) is not None}
+    for name, pair in pairs.items():
+        if len(numbers(pair, f"info.{name}")) != 2:
+            raise ModelError(f"'info.{name}' must hold two numbers.")
     if band is not None and (line is None or numbers([band], "info.band")[0] < 0):
         raise ModelError("'info.band' must be a positive number beside 'info.line'.")
     ranges = info.get("ranges", {})
@@ -82,8 +84,8 @@ def read_info(info: Any) -> Info:
     return Info(
         method=method, converged=converged, samples=samples, nrmse=_nrmse(info.get("nrmse")),
         ranges={n: (float(a), float(b)) for n, (a, b) in ranges.items()}, rates=rates, frequencies=frequencies,
-        steps=steps, line=None if line is None else (float(line[0]), float(line[1])),
-        band=None if band is None else float(band), selection=_selection(info.get("selection")),
+        steps=steps, band=None if band is None else float(band), selection=_selection(info.get("selection")),
+        **{name: (float(pair[0]), float(pair[1])) for name, pair in pairs.items()},
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from .bases.bouc_wen import identify_bouc_wen
 from .bases.choice import choose_base
 from .bases.play import PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
-from .excursions import law_radius
+from .laws.excursions import law_radius
 from .least_squares import check_method, fit, free_run_error
 from .simulate import Records, centre, evaluate, segments, simulate
 

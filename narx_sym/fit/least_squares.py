@@ -322,6 +322,7 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> Mo
         nrmse=Nrmse(pair.one_step_nrmse, pair.free_run_nrmse),
         line=(float(offset), float(slope)),
         band=float(np.max(np.abs(output - offset - slope * source))),
+        start=(float(source[0]), float(output[0])),
         steps={name: _step(pieces) for name, pieces in signals.items()},
         **seen(signals, Ts),
     )

@@ -381,16 +381,3 @@ def evaluate(model: Model, records: Records) -> Errors:
         mape(target, one),
         mape(target, free) if finite else float("inf"),
     )
-
-
-def rest_input(model: Model, value: float) -> float:
-    """Return the input that holds an output at rest: on the line through the fitted data."""
-    line = model.info.line
-    if line is None:
-        if value != 0:
-            warnings.warn("No initial input m0 was given: the law starts from 0.", stacklevel=3)
-        return 0.0
-    offset, slope = line
-    if model.input != y:
-        return float((value - offset) / slope) if slope else 0.0
-    return float(offset + slope * value)

@@ -80,8 +80,10 @@ class Compensator(CompensatorDoors):
         """
         return in_order(self.updates, self.symbols)
 
-    def limited(self, limits: Sequence[float] | None = None, rate: float | None = None) -> Recursion:
-        """Return the law within the limits of the actuator, with the model beside it.
+    def limited(
+        self, limits: Sequence[float] | None = None, rate: float | None = None, share: float = 1.0
+    ) -> Recursion:
+        """Return the law within the limits of the actuator, and damped, with the model beside it.
 
         Where the actuator cannot follow, the law goes on from the model's own output instead of the reference's past.
 
@@ -89,17 +91,22 @@ class Compensator(CompensatorDoors):
         ----------
         limits : (lowest, highest) input [unit of u]
         rate : largest change of the input from sample to sample [unit of u]
+        share : of the change that the law asks for, the part that the input goes in a sample
 
         Raises
         ------
         ModelError
-            For limits that are not increasing, and a rate that is not positive.
+            For limits that are not increasing, a rate that is not positive, and a share that is no part of one.
         """
         low, high = (float("-inf"), float("inf")) if limits is None else map(float, limits)
         if not low < high or (rate is not None and not 0 < float(rate) < float("inf")):
             raise ModelError("Limits are a lower and a higher number, and a rate is a positive number.")
+        if not 0 < share <= 1 or (share < 1 and self.model.input == y):
+            raise ModelError("A share is a number above 0, up to 1; an identified inverse is not damped.")
 
         def clipped(asked: Any) -> Any:
+            if share < 1:
+                asked = m[k - 1] + sp.Float(share) * (asked - m[k - 1])
             if rate is not None:
                 asked = follows(asked, m[k - 1], sp.Float(rate))
             return within(asked, sp.sympify(low), sp.sympify(high))
@@ -107,7 +114,8 @@ class Compensator(CompensatorDoors):
         if self.model.input == y:
             asked = wanted(m)[k]
             return in_order([(asked, self.law), (m[k], clipped(asked))], self.symbols)
-        return self._free if limits is None and rate is None else in_order(self.beside(clipped), self.symbols)
+        plain = limits is None and rate is None and share == 1
+        return self._free if plain else in_order(self.beside(clipped), self.symbols)
 
     @cached_property
     def _free(self) -> Recursion:

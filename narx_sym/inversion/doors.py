@@ -12,11 +12,13 @@ class CompensatorDoors:
     to_fmu = door("codegen.targets", "law_to_fmu")
     to_js = door("codegen.targets", "law_to_js")
     to_casadi = door("codegen.targets", "law_to_casadi")
-    run = door("fit.run_law", "run_law")
-    follow = door("fit.run_law", "follow")
-    check = door("fit.run_law", "check")
-    start = door("fit.run_law", "law_start")
-    rest_input = door("fit.run_law", "law_rest_input")
+    run = door("fit.laws.run", "run_law")
+    follow = door("fit.laws.run", "follow")
+    check = door("fit.laws.counting", "check")
+    start = door("fit.laws.start", "law_start")
+    rest_input = door("fit.laws.start", "rest_input")
+    damping = door("fit.laws.damping", "damping")
+    share = door("fit.laws.damping", "share_of")
     rest_state = door("fit.interop", "law_rest_state")
     _repr_html_ = door("report.notebook", "law_html")
 
@@ -24,6 +26,6 @@ class CompensatorDoors:
 class InternalDynamicsDoors:
     """Each line is one function of the room that does it; it takes the internal dynamics first."""
 
-    radius = door("fit.excursions", "radius")
-    repelling = door("fit.excursions", "repelling")
-    along = door("fit.excursions", "excursion")
+    radius = door("fit.laws.excursions", "radius")
+    repelling = door("fit.laws.excursions", "repelling")
+    along = door("fit.laws.excursions", "excursion")

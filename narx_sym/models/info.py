@@ -50,6 +50,7 @@ class Info:
     steps : median size of the steps of each signal [its unit]
     line : offset and slope of the output over the input
     band : largest distance from that line [unit of the output]
+    start : the first recorded input and output
     """
 
     method: str = ""
@@ -63,13 +64,14 @@ class Info:
     line: tuple[float, float] | None = None
     band: float | None = None
     selection: Selection = field(default_factory=Selection)
+    start: tuple[float, float] | None = None
 
     @property
     def of_records(self) -> Info:
         """What stays true when the equation changes: what the records showed."""
         return Info(
             ranges=self.ranges, rates=self.rates, frequencies=self.frequencies, steps=self.steps, line=self.line,
-            band=self.band,
+            band=self.band, start=self.start,
         )  # fmt: skip
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from ..codegen.registry import exports, files
 from ..data.metrics import nsavi
 from ..errors import ModelError, NarxError, NotInvertible
-from ..fit.excursions import operating_range
+from ..fit.laws.damping import Share
+from ..fit.laws.excursions import operating_range
 from ..inversion.compensator import Compensator, compensator
 from ..models.model import Model
 
@@ -45,9 +46,12 @@ def ahead(law: Compensator) -> str:
     return f"It looks {law.preview} sample{'' if law.preview == 1 else 's'} ahead in the reference."
 
 
-def caution(law: Compensator) -> str:
-    """Say where a law's own dynamics repel in its operating range; an empty text where they do not."""
-    found = operating_range(law)
+def caution(law: Compensator, share: Share = "auto") -> str:
+    """Say that a law rings, or where its own dynamics repel in its operating range; an empty text where neither is."""
+    damping = law.damping()
+    if damping.rings and share == "auto":
+        return str(damping.sentence)
+    found = operating_range(law) if law.share(share) == 1 else None
     return "" if found is None else found.sentence
 
 
@@ -55,13 +59,14 @@ def law_of(
     model: Model,
     limits: tuple[float, float] | None = None,
     rate: float | None = None,
+    share: Share = "auto",
     progress: Callable[[str], Any] = lambda what: None,
 ) -> Law:
     """Derive the compensation law of a model, with its source.
 
     Parameters
     ----------
-    limits, rate : of the actuator's input and of its change per sample, for the source
+    limits, rate, share : of the actuator's input and of its change per sample, for the source; as in `Compensator.run`
     """
     progress("deriving the compensation law")
     try:
@@ -75,20 +80,18 @@ def law_of(
     if law.staged:
         progress("counting the solutions of each stage")
         notes.append(f"Checked: {law.checked}.")
-    notes += filter(None, [caution(law)])
-    sources, lacking = _sources(law, limits, rate)
+    notes += filter(None, [caution(law, share)])
+    sources, lacking = _sources(law, limits=limits, rate=rate, share=share)
     return Law(tuple(law.lines(numbers=True)), law.latex(numbers=True), law.latex(), (*notes, *lacking), sources)
 
 
-def _sources(
-    law: Compensator, limits: tuple[float, float] | None, rate: float | None
-) -> tuple[dict[str, str | bytes], list[str]]:
+def _sources(law: Compensator, **options: Any) -> tuple[dict[str, str | bytes], list[str]]:
     """Return the law for every target that is a file, by its ending, and why there is none for others."""
     found: dict[str, str | bytes] = {}
     lacking: dict[str, list[str]] = {}
     for ending, name in files().items():
         try:
-            found[ending] = law.export(name, limits=limits, rate=rate)
+            found[ending] = law.export(name, **options)
         except NarxError as error:
             lacking.setdefault(str(error), []).append(exports()[name].title)
     return found, [f"There is no {' and no '.join(titles)}: {why}" for why, titles in lacking.items()]
@@ -119,10 +122,10 @@ def follow(law: Compensator, r: Array, m0: float | None = None, **options: Any) 
     ----------
     m0 : float, optional
         Input before the start; what keeps the model at the first sample of the reference by default.
-    options : limits, rate, clip, as `Compensator.run` takes them
+    options : limits, rate, share, clip, as `Compensator.run` takes them
     """
     if law.model.channels:
         raise ModelError(f"The law needs the channel {law.model.channels[0]!r}; use Python for this one.")
-    start = law.rest_input(r[0]) if m0 is None else m0
+    start = law.rest_input(r[0], options.get("limits")) if m0 is None else m0
     m = law.run(r, start, **options)
     return Followed(m, start, nsavi(m, r) if np.ptp(r) > 0 else None)

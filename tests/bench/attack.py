@@ -154,7 +154,7 @@ class Run:
 
     def follow(self) -> Any:
         """Let the law make the model's own output."""
-        return self.law.follow(self.y, self.u0, self.channels)
+        return self.law.follow(self.y, self.u0, self.channels, share=None)
 
 
 def outcome(seed: int) -> tuple[str, str, int]:

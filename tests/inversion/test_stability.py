@@ -12,7 +12,7 @@ from narx_sym import plots
 from narx_sym.cli import main as cli
 from narx_sym.engines.compile import compile
 from narx_sym.errors import Diverged, ModelError, NarxError
-from narx_sym.fit.excursions import operating_range
+from narx_sym.fit.laws.excursions import operating_range
 from narx_sym.inversion.stability import direction, heading, mbar, rbar
 from narx_sym.models.analysis import z
 from narx_sym.models.info import Info
@@ -159,7 +159,7 @@ def test_a_run_that_forgets_is_not_flagged():
 def test_a_law_that_runs_away_says_where_it_began():
     law = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, 3.0], Ts=0.01).compensator()
     with pytest.raises(Diverged, match=r"first at sample 0 \(t = 0 s\) .*eigenvalue 3.*the law can run away"):
-        law.run(sine(900), 0.1)
+        law.run(sine(900), 0.1, share=None)
 
 
 def test_two_signals_of_one_length():

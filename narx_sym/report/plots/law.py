@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import NarxError
-from ...fit.excursions import radius
+from ...fit.laws.excursions import radius
 from ...inversion.compensator import Compensator
 from ...inversion.stability import direction
 from .style import RED, label, new_axes

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..data.coverage import beyond, excess, leaves
-from ..engines.columns import lambdify, largest_root
-from ..errors import Diverged, ModelError
-from ..inversion.compensator import Compensator
-from ..inversion.stability import InternalDynamics, direction, heading, mbar, rbar
-from ..models.equilibria import z
-from ..symbolic.signals import lag, samples, signal
-from .simulate import Records, segments
+from ...data.coverage import beyond, excess, leaves
+from ...engines.columns import lambdify, largest_root
+from ...errors import Diverged, ModelError
+from ...inversion.compensator import Compensator
+from ...inversion.stability import InternalDynamics, direction, heading, mbar, rbar
+from ...models.equilibria import z
+from ...symbolic.signals import lag, samples, signal
+from ..simulate import Records, segments
 
 Array = np.ndarray
 DOUBLES = 2.0  # a disturbance that grows less than this before it shrinks again is not worth a warning
@@ -254,8 +254,10 @@ def operating_range(law: Compensator) -> OperatingRange | None:
 # -- what is known about a run of a law ------------------------------------------------------------------------
 
 
-def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None) -> list[str]:
+def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None, damped: bool = False) -> list[str]:
     """Say where a run of a law leaves what was identified, and whether it amplifies its own errors.
+
+    Of a damped law, whose dynamics are others, the second is not said.
 
     Raises
     ------
@@ -264,7 +266,7 @@ def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None) 
     """
     ranges = law.model.info.ranges
     found = [f"{s}: this extrapolates" for s in beyond(law.model.info, "y", "reference", [r], law.model.Ts)]
-    visit = _excursion(law, m, r, m0)
+    visit = None if damped else _excursion(law, m, r, m0)
     unstable = visit.sentence(law.model.Ts) if visit is not None and visit.first is not None else ""
     if "u" in ranges and (out := leaves(law.model.info, "u", "compensated input", [m])):
         if excess(m, *ranges["u"]) > 10:

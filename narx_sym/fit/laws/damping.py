@@ -1,0 +1,185 @@
+"""A law that rings is damped: of the change that it asks for, the input goes a part in each sample.
+
+The poles of a law are the zeros of the model. A zero near -1, as a fast resonance or half a sample of delay leave it,
+makes the input alternate from sample to sample long after it was disturbed; one beyond -1 makes it run away. A law that
+goes the share a of the way, m[k] = m[k-1] + a (asked - m[k-1]), has the zeros of a B + (1 - a) (1 - 1/z) b_0 A as its
+poles instead of those of B: a root locus from the zeros of the model to its poles and 1. The rest of the way is made up
+for later, because the model runs beside the law.
+
+Both are measured on the law itself: it makes what the model makes of a slow ramp, and is disturbed once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ...engines.compile import compile
+from ...errors import ModelError, NarxError
+from ...inversion.compensator import Compensator
+from ...inversion.stages import in_order
+from ...models.model import Model
+from ...symbolic.signals import k, m, signal, y
+from ..simulate import rest_output, simulate
+from .driven import driven
+from .excursions import DOUBLES
+
+Array = np.ndarray
+Share = float | Literal["auto"] | None
+SHARES = np.arange(1, 20) / 20
+RESTS, RISE, LASTS = 600, 100, 200  # samples before the ramp, of the ramp before the disturbance, and after it
+STEPS, SMALL = 400, 1e-3  # steps of the ramp through the recorded range; the disturbance in steps
+ALTERNATES = 0.5  # of the steps that turn back: a signal that swings by itself
+FORGOTTEN = 0.01  # of a disturbance: what is smaller counts for nothing
+ROUNDS, RESTED = 20, 1e-12  # until a model rests
+FREE, KICK = signal("m_share"), signal("m_kick")
+_known: WeakKeyDictionary[Model, Damping] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True)
+class Damping:
+    """What a disturbance of the input does, and what is done about it.
+
+    Attributes
+    ----------
+    ring : float
+        H2 norm of the alternating part of the input after a disturbance of 1; infinite where it grows.
+    lasts : int
+        Samples until a disturbance is forgotten: 99 % of it.
+    share : float
+        Of the change that the law asks for, the input goes this part in a sample; 1 where the law is left as it is.
+    damped : int
+        `lasts` with that share.
+    """
+
+    ring: float
+    lasts: int = 0
+    share: float = 1.0
+    damped: int = 0
+
+    @property
+    def rings(self) -> bool:
+        """Whether a disturbance makes the input alternate with at least twice its size."""
+        return self.ring >= DOUBLES
+
+    @property
+    def sentence(self) -> str:
+        """Say that a law rings, and what is done; empty where it does not."""
+        if not self.rings:
+            return ""
+        grows = "grows from sample to sample" if np.isinf(self.ring) else f"lasts for {self.lasts} samples"
+        said = (
+            "The law rings: after a disturbance its input alternates from sample to sample, which "
+            f"{grows} (the model has a zero near -1)"
+        )
+        if self.share == 1:
+            return f"{said}. No part of the way that it asks for cures it: limit the input's rate."
+        return (
+            f"{said}. So in each sample the input goes {self.share:.3g} of the way that the law asks for: a "
+            f"disturbance is forgotten in {self.damped} samples. (--share none, share=None: the whole way)"
+        )
+
+
+def share_of(law: Compensator, share: Share = "auto") -> float:
+    """Return the share of a law: the given one, that of `damping` for "auto", 1 for None."""
+    if share is None:
+        return 1.0
+    if share == "auto":
+        return damping(law).share
+    try:
+        return float(share)
+    except ValueError:
+        raise ModelError(f"A share is a number above 0, up to 1, not {share!r}.") from None
+
+
+def damping(law: Compensator) -> Damping:
+    """Return whether a law rings around slow motion, and the share with which it forgets disturbances fastest."""
+    if law.model.input == y or law.model.theta is None:
+        return Damping(0.0)
+    if law.model not in _known:
+        _known[law.model] = _measured(law)
+    return _known[law.model]
+
+
+def _measured(law: Compensator) -> Damping:
+    try:
+        trial = _Trial(law)
+        free = trial.after(1.0)
+    except NarxError:  # what does not run on a ramp is said where it runs
+        return Damping(0.0)
+    ring = _ring(free, trial.depth)
+    if ring < DOUBLES:
+        return Damping(ring)
+    lasts = _forgets(free) if np.isfinite(ring) else LASTS
+    tried = [(_forgets(found), -float(a)) for a in SHARES if np.isfinite(found := trial.after(float(a))).all()]
+    best, share = min(tried, default=(LASTS, -1.0))
+    return Damping(ring, lasts, -share, best) if best < lasts else Damping(ring, lasts)
+
+
+class _Trial:
+    """A slow ramp through the recorded inputs, what the model makes of it, and the law that makes the same."""
+
+    def __init__(self, law: Compensator):
+        model, self.law = law.model, law
+        low, high = model.info.ranges.get(str(model.input.label), (0.0, 1.0))
+        self.step = (high - low) / STEPS
+        begin = RISE // 2 + law.preview
+        n = begin + RISE + LASTS + law.preview
+        self.at = begin + RISE
+        self.ramp = (low + high) / 2 + self.step * (np.maximum(np.arange(n) - begin, 0) - n / 2)
+        self.channels: dict[str, Any] = {name: np.zeros(n) for name in model.channels}
+        self.target = self._simulated(self.ramp, self._rest())
+        beside = law.beside(lambda asked: m[k - 1] + FREE[k] * (asked - m[k - 1]) + KICK[k])
+        self.compiled = compile(in_order(beside, law.symbols))
+        self.depth = self.compiled.recursion.depth
+
+    def _rest(self) -> float:
+        """Return an output that stays under the first input."""
+        model = self.law.model
+        found = rest_output(model, self.ramp[0]) if model.info.line else model.operating_point.get(y, 0.0)
+        for _ in range(ROUNDS):  # what it remembers may start elsewhere each time
+            before, found = found, float(self._simulated(np.full(RESTS, self.ramp[0]), found)[-1])
+            if abs(found - before) <= RESTED * (1.0 + abs(found)):
+                break
+        return found
+
+    def _simulated(self, commands: Array, first: float) -> Array:
+        held = {name: np.zeros(commands.size) for name in self.channels}
+        return simulate(self.law.model, commands, first, held, u0=float(commands[0]), warn=False)
+
+    def after(self, share: float) -> Array:
+        """Return what a disturbance of 1 becomes, sample by sample; NaN from where it is beyond all numbers."""
+        kick, base = SMALL * self.step, self._run(share, 0.0)
+        away = np.abs(base - self.ramp)[self.at - self.depth - 1 : self.at]
+        if not (away < STEPS * self.step).all():  # rounding alone has grown beyond the ramp
+            grown = (base - self.ramp) / kick
+            return grown[np.flatnonzero(grown)[0] :]
+        return ((self._run(share, kick) - base) / kick)[self.at : self.at + LASTS]
+
+    def _run(self, share: float, kick: float) -> Array:
+        n = self.ramp.size
+        more = {"m_share": np.full(n, share), "m_kick": kick * (np.arange(n) == self.at)}
+        with np.errstate(all="ignore"):
+            found = driven(
+                self.law, self.compiled, self.target, self.ramp[0], {**self.channels, **more}, on_divergence="nan"
+            )
+        return found["m"][:n]
+
+
+def _ring(d: Array, depth: int) -> float:
+    """H2 norm of the alternating part, half the differences, of what is left once the output is back on its way."""
+    left, within = d[depth:], np.diff(d[np.abs(d) < 1 / SMALL])  # comparisons with NaN are False
+    if not (np.abs(left) < 1 / SMALL).all():
+        turns = within[1:] * within[:-1] < 0
+        return float("inf") if turns.sum() > ALTERNATES * turns.size else 0.0
+    size = abs(left[0])
+    return float(np.sqrt(np.sum(np.diff(left, prepend=0.0) ** 2)) / (2 * size)) if size > FORGOTTEN else 0.0
+
+
+def _forgets(d: Array) -> int:
+    """Return after how many samples nothing is left but what stays."""
+    away = np.abs(d - d[-1])
+    return int(np.flatnonzero(away > FORGOTTEN * np.abs(d).max()).max(initial=-1)) + 1

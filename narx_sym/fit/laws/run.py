@@ -1,0 +1,182 @@
+"""Laws run over a reference: start at rest, limits of the actuator, damping, what cannot be reached."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ...engines.compile import compile
+from ...errors import Diverged, ModelError, Unreachable
+from ...inversion.compensator import Compensator
+from ...symbolic.signals import y
+from ..simulate import fitted, vector
+from .damping import Share, damping, share_of
+from .driven import driven
+from .excursions import law_warnings, run_away
+from .start import rest_input
+
+Array = np.ndarray
+MISSED = 1e-6  # of the reference's range: more than this off is missed
+
+
+@dataclass(frozen=True)
+class Following:
+    """A run of a law, and what the model does then.
+
+    Attributes
+    ----------
+    m : (N,) array [unit of u]
+    y : (N,) array [unit of y]
+        What the model gives: the reference wherever it is reached, once the law's first command has arrived.
+    held : (N,) bool array
+        Where a limit or the rate holds the input back.
+    missed : (N,) bool array
+        Where the model's output is not the reference.
+    error : float
+        The largest distance between both [unit of y].
+    values : mapping of names to (N + preview,) arrays
+        Every sequence of the law as the recursion computes it.
+    share : float
+        Of the change that it asks for, the input goes this part in a sample; 1 where the law is not damped.
+    """
+
+    m: Array
+    y: Array
+    held: Array
+    missed: Array
+    error: float
+    values: Mapping[str, Array]
+    share: float = 1.0
+
+    @property
+    def report(self) -> list[str]:
+        """What is held and missed, in words; empty where nothing is."""
+        found = []
+        if self.held.any():
+            found.append(f"the limits of the actuator hold the input in {self.held.mean():.1%} of the samples")
+        if self.share < 1:
+            found.append(f"damped, the model stays within {self.error:.3g} of the reference")
+        elif self.missed.any():
+            found.append(
+                f"the model misses the reference in {self.missed.mean():.1%} of the samples, first at sample "
+                f"{int(np.argmax(self.missed))}, by {self.error:.3g} at most"
+            )
+        return found
+
+
+def run_law(
+    law: Compensator,
+    reference: Any,
+    m0: Any = None,
+    channels: Mapping[str, Any] | None = None,
+    limits: Sequence[float] | None = None,
+    rate: float | None = None,
+    clip: bool = False,
+    share: Share = "auto",
+) -> Array:
+    """Compute the compensated input over a reference.
+
+    Parameters
+    ----------
+    reference : (N,) array [unit of y]
+        The law looks `law.preview` samples ahead; after its end the reference is held.
+    m0 : number, optional
+        The input before the start, at rest [unit of u]. By default the one at which the model rests at r[0], within
+        the limits; see `narx_sym.fit.laws.start`.
+    channels : mapping of names to (N,) arrays
+        Further measured sequences that the law uses; it reads them ahead like the reference. (On a machine, where the
+        future of a channel is not known, hold its newest value.) `t`, time in seconds, starts from 0 unless it is
+        given.
+    limits : (lowest, highest) input, optional [unit of u]
+    rate : largest change of the input from sample to sample, optional [unit of u]
+    clip : bool
+        Come as near as possible where the reference cannot be reached, and warn. With `limits` or `rate` this is so
+        anyway.
+    share : "auto", None or a number up to 1
+        Of the change that the law asks for, the input goes this part in a sample. "auto" damps a law that rings, and
+        warns; see `narx_sym.fit.laws.damping`. None never does.
+
+    Returns
+    -------
+    m : (N,) array [unit of u]
+
+    Raises
+    ------
+    Diverged
+        Where the law runs away: the first bad sample.
+    Unreachable
+        Where no input gives the wanted output: the first sample, and how near the model comes.
+    """
+    fitted(law.model)
+    target = vector(reference, "reference", least=2)
+    start = rest_input(law, float(target[0]), limits) if m0 is None else float(m0)
+    found = follow(law, target, start, channels, limits, rate, share)
+    # A law that runs away misses too: the cause is said first.
+    known = law_warnings(law, target, found.m, start, found.share < 1)
+    if found.missed.any() and limits is None and rate is None and found.share == 1 and not clip:
+        raise _unreachable(law, found, target)
+    rings = [damping(law).sentence] if share == "auto" and found.share < 1 else []
+    for warning in [*rings, *found.report, *known]:
+        warnings.warn(warning, stacklevel=2)
+    return found.m
+
+
+def follow(
+    law: Compensator,
+    reference: Any,
+    m0: Any = None,
+    channels: Mapping[str, Any] | None = None,
+    limits: Sequence[float] | None = None,
+    rate: float | None = None,
+    share: Share = "auto",
+) -> Following:
+    """Compute the compensated input and what the model then does; parameters and errors as for `run_law`."""
+    fitted(law.model)
+    target, n = vector(reference, "reference", least=2), len(reference)
+    start = rest_input(law, float(target[0]), limits) if m0 is None else float(m0)
+    if not np.isfinite(start):
+        raise ModelError("The input before the start, m0, is not finite.")
+    part = share_of(law, share)
+    # The model runs beside the law: what acts on the output before the first command arrives is then made up for.
+    beside = law.model.input != y or limits is not None or rate is not None
+    compiled = compile(law.limited(limits, rate, part) if beside else law.recursion)
+    try:
+        values = driven(law, compiled, target, start, channels or {}, beside)
+    except Diverged as error:
+        depth = compiled.recursion.depth
+        said = " ".join(run_away(law, target, np.asarray(error.trajectory)[depth : max(depth, error.at - 1)], start))
+        raise Diverged(f"{error} {said}".strip(), error.at, error.trajectory) from None
+    command = values["m"][:n]
+    last = np.concatenate([[start], command[:-1]])
+    asked = values.get("m_wanted", values["m"])[:n]
+    asked = asked if part == 1 else last + part * (asked - last)
+    held = np.abs(asked - command) > 1e-12 * (1.0 + np.abs(command)) if beside else np.zeros(n, dtype=bool)
+    if not beside or law.model.input == y:
+        return Following(command, target, held, np.zeros(n, dtype=bool), 0.0, values)
+    ahead = law.staged.delay if law.staged else law.preview
+    reached = np.concatenate([np.full(ahead, target[0]), values["y"]])[:n]
+    gap = np.abs(reached - target)
+    gap[:ahead] = 0.0  # no law reaches these
+    size = float(np.abs(target).max())
+    missed = gap > MISSED * max(float(np.ptp(target)), 1e-3 * size) + 1e-12 * (1.0 + size)
+    return Following(command, reached, held, missed, float(gap.max()), values, part)
+
+
+def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachable:
+    """Say where a reference cannot be reached, and how near the model comes."""
+    at = int(np.argmax(found.missed))
+    limit = "at most" if found.y[at] < target[at] else "at least"
+    stages = law.staged.stages if law.staged else ()
+    known = "; ".join(dict.fromkeys(s.proof for s in stages if s.reach != (-sp.oo, sp.oo) or s.needs or s.notes))
+    return Unreachable(
+        f"The reference cannot be reached at sample {at}: r = {target[at]:.6g}, the model gives {limit} "
+        f"{found.y[at]:.6g} there{f' ({known})' if known else ''}. {int(found.missed.sum())} of {target.size} samples "
+        f"are missed, by {found.error:.3g} at most. Shrink or shift the reference, or come as near as possible with "
+        "clip=True (--clip).",
+        at,
+    )

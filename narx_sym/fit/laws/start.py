@@ -1,0 +1,81 @@
+"""Where a law starts: the input before the first sample, at rest."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ...errors import NarxError
+from ...inversion.compensator import Compensator
+from ...models.model import Model
+from ...symbolic.signals import y
+from ..simulate import rest_states, simulate
+
+HELD, STAYS = 50, 1e-9  # samples over which an input is held; of the outputs' range: what moves less rests
+
+
+def law_start(law: Compensator, output: float, m0: float | None = None) -> dict[str, float]:
+    """Return the values before the start, at rest, by name: what the recursion and the C source begin with."""
+    begin = rest_input(law, float(output)) if m0 is None else float(m0)
+    rest = rest_states(law.model, begin, float(output))
+    return {"m": begin, "r": float(output), str(law.model.output.label): float(output)} | rest
+
+
+def rest_input(law: Compensator, output: float, limits: Sequence[float] | None = None) -> float:
+    """Return the input to start from: the one at which the model rests with an output, inside the limits.
+
+    Where it rests with every input (a continuum of equilibria), or with none, it is the recorded start, moved along the
+    line through the data; inside the recorded inputs.
+
+    Parameters
+    ----------
+    output : number [unit of y]
+    limits : (lowest, highest) input, optional [unit of u]
+    """
+    model = law.model
+    line = model.info.line
+    if line is None:
+        if output != 0:
+            warnings.warn("No initial input m0 was given: the law starts from 0.", stacklevel=3)
+        return _inside(0.0, limits)
+    offset, slope = line
+    inverse = model.input == y
+    if model.info.start is not None:  # the line through it: with memory, the other one need not pass where it began
+        offset = model.info.start[1] - slope * model.info.start[0]
+    if inverse:
+        return _inside(float(offset + slope * output), limits)
+    seen = model.info.ranges.get(str(model.input.label))
+    near = _inside(_inside(float((output - offset) / slope) if slope else 0.0, seen), limits)
+    return near if seen is None or model.channels else _resting(model, output, near, _both(seen, limits))
+
+
+def _resting(model: Model, output: float, near: float, ends: tuple[float, float]) -> float:
+    """Return the input between two ends at which a model rests, on the side of `near` where it is."""
+    low, high = model.info.ranges.get(str(model.output.label), (output, output))
+    size = STAYS * max(high - low, abs(output), 1e-300)
+
+    def drift(held: float) -> float:
+        try:
+            return float(simulate(model, np.full(HELD, held), output, u0=held, warn=False)[-1] - output)
+        except NarxError:
+            return float("nan")
+
+    here = drift(near)
+    if not abs(here) > size:
+        return near
+    for end in sorted(ends, key=lambda e: abs(e - near)):
+        if here * drift(end) < 0:
+            return float(brentq(drift, *sorted((near, end)), xtol=1e-12, disp=False))
+    return near
+
+
+def _inside(value: float, limits: Sequence[float] | None) -> float:
+    return value if limits is None else min(max(value, float(limits[0])), float(limits[1]))
+
+
+def _both(seen: Sequence[float], limits: Sequence[float] | None) -> tuple[float, float]:
+    """Return what two ranges have in common; the nearer limit where that is nothing."""
+    return _inside(seen[0], limits), _inside(seen[1], limits)
