@@ -13,7 +13,7 @@ from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import signal
 from .kinks import FLAT, LEVEL, Piece, Undecided, breaks_of, nodes_of, same, smooth_part, switching_of
 from .monotone import bounds
-from .solution import Branch, Solution, number
+from .solution import Branch, Solution, number, resting
 
 
 def _beside(G: Any, w: Any, side: int, values: Mapping[Any, Any], at: Any = None) -> Any:
@@ -88,6 +88,7 @@ def solve_nodes(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: di
     lower, upper = level("lower", 1, below), level("upper", -1, above)
     outside = _outside(ends, slopes, sizes, (first, end), target, w)
     branches = (
+        *([resting(**made)] if any(jumps) or growth < FLAT else []),
         Branch(T < bottom, outside[0]),
         Branch(T > top, outside[1]),
         *(Branch(sp.And(low <= T, high >= T), p) for p, low, high in listed if low != high),

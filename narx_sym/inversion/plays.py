@@ -21,6 +21,7 @@ import sympy as sp
 
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import signal
+from .kinks import FLAT
 from .solution import Branch, Solution, number
 
 FEWEST = 2  # one play alone has few kinks: its branches say more
@@ -68,7 +69,8 @@ def solve_plays(
     if len(starts) > 1 or None in starts:
         return None
     slopes = [number(s, values) for s in accumulate([first, *(one.weight for one in plays)])]
-    if any(s is None or s <= 0 for s in slopes):
+    known = [s for s in slopes if s is not None]
+    if len(known) < len(slopes) or min(known) <= FLAT * max(known):  # shares of a whole leave a slope of rounding
         return None
     p, r = [first, *(one.weight for one in plays)], [sp.S.Zero, *(one.radius for one in plays)]
     weights, radii = inverse_of(p, r)
@@ -86,9 +88,8 @@ def solve_plays(
         wider = sp.Add(*(other.weight * other.held for other in plays[j:]))
         held = step(f"held{j}", sp.Add(*p[: j + 1]) * one.held + wider)
         total += weights[j] * step(f"play{j}", sp.Max(wanted - radii[j], sp.Min(wanted + radii[j], held)))
-    least = min(s for s in slopes if s is not None)
     branches = (Branch(sp.true, total + centre),)
-    return Solution(how="plays", branches=branches, steps=tuple(steps), steep=least, **made)
+    return Solution(how="plays", branches=branches, steps=tuple(steps), steep=min(known), **made)
 
 
 def _plays(G: Any, w: Any, values: Mapping[Any, Any]) -> tuple[Any, Any, list[Play]] | None:

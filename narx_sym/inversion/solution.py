@@ -12,6 +12,7 @@ from ..symbolic.identities import vanishes
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 
+STILL = sp.Float(1e-13)  # of what is added up: a gap below it is one of rounding
 ROUNDED = 1e-13  # a coefficient below it is none, where all others are gone
 UNIQUE = ("linear", "branches", "nodes", "inverse function")  # ways that leave no choice, unless their notes say so
 
@@ -134,6 +135,16 @@ class Solution:
             )
             said += f" {ends if sp.oo in map(abs, self.reach) else f'from {low} to {high}'}; {only}"
         return "; ".join([said, *self.notes])
+
+
+def resting(unknown: Any, target: Any, expr: Any, last: Any) -> Branch:
+    """Return the branch of what rests: a value that already gives the target stays, whatever rounding says.
+
+    Else the way there and back moves it by its last digit, which a sign of its step or a flat piece makes a jump of.
+    """
+    gap = expr.xreplace({unknown: last}) - target
+    size = sp.Add(*map(sp.Abs, sp.Add.make_args(sp.expand(gap))))
+    return Branch(sp.Abs(gap) <= STILL * size, last)
 
 
 def _rounded(expr: Any) -> bool:

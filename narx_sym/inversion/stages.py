@@ -8,7 +8,7 @@ remember, is computed forward.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -21,7 +21,8 @@ from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import free, held, k, lag, m, r, samples, sensed, shift, signal, swap, v, x, y
 from .branches import solve_for
-from .solution import Solution
+from .monotone import JUMPS
+from .solution import Solution, resting
 
 Updates = tuple[tuple[Any, Any], ...]
 WIDER = 3.0  # how many ranges beyond the identified ones a root finder looks
@@ -66,16 +67,19 @@ def stages_of(model: Model) -> Staged:
         raise NotInvertible("The model has no input term: there is nothing to solve for (Assumption A1).")
     chain = _chain(graph.fastest(m))
     together = {s.left.base: s.initial for s in model.states}
+    turns = any(e.has(*JUMPS) for e in own.values())  # what asks for the sign of a step notices its last digit
     solved, updates = [], []
     for upper, lower in pairwise(chain):
         delay = delays[upper]
         unknown = lower[k + (0 if lower == m else delays[lower])]
-        expr = _inlined(own, delays, shift(own[upper], delay), unknown)
+        expr = swap(_inlined(own, delays, shift(own[upper], delay), unknown), {y: r})
         target = r[k + delay] if upper == y else upper[k + delay]
         found = solve_for(
-            swap(expr, {y: r}), unknown, target, shift(unknown, -1), values, _limits(model, lower), _rest(model),
+            expr, unknown, target, shift(unknown, -1), values, _limits(model, lower), _rest(model),
             together,
         )  # fmt: skip
+        if turns and upper != y and found.closed_form:
+            found = replace(found, branches=(resting(unknown, target, expr, found.last), *found.branches))
         solved.append(found)
         updates += [(signal(name)[unknown.indices[0]], e) for name, e in found.steps]
         updates.append((unknown, found.value))

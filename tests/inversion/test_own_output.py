@@ -45,9 +45,7 @@ COMBINED = {
 }
 
 
-MARKS = dict.fromkeys((n for n in COMBINED if "Stribeck" in n), pytest.mark.long) | {
-    "bent, friction": pytest.mark.xfail(reason="of the inputs of friction one may lie beyond what a bent input gives")
-}
+MARKS = dict.fromkeys((n for n in COMBINED if "Stribeck" in n), pytest.mark.long)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=MARKS.get(n, ())) for n in COMBINED])
@@ -141,12 +139,7 @@ def test_no_pair_of_roots_is_jumped_over():
     assert nearest(lambda w: w * w + 1.0, 0.3, -1e9, 1e9, 1.0) == pytest.approx(0.0, abs=1e-4)  # the least gap
 
 
-PLAYS_JUMP = pytest.mark.xfail(
-    reason="where superposed plays all rest, rounding may still move the input across the slack"
-)
-
-
-@pytest.mark.parametrize("effect", ("dead_zone", "backlash", pytest.param("hysteresis", marks=PLAYS_JUMP)))
+@pytest.mark.parametrize("effect", ("dead_zone", "backlash", "hysteresis"))
 def test_at_rest_the_input_rests(effect):
     """Rounding of the model beside a law does not make the input jump across what does nothing."""
     model = made_of(FIRST, (effect, "input", "play" if effect == "hysteresis" else "", 0), seed=4)
