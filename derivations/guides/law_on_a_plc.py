@@ -65,6 +65,24 @@ print(
 # %% [markdown]
 # On the command line: `narx-sym compensate model.json --reference wanted.csv --out input.csv --limits -60 60 --rate 5`.
 #
+# ## Where it starts, and when it rings
+# Without `m0` a law starts from the input at which the model rests with the first output, inside the recorded inputs and the
+# limits. The poles of a law are the zeros of the model: a zero near -1, as a fast resonance or half a sample of delay leave
+# it, makes the input alternate from sample to sample, and one beyond -1 makes it run away. Then the input goes only the share
+# $a$ of the way in each sample, $m[k] = m[k-1] + a (\tilde m[k] - m[k-1])$, and the model beside the law makes up for the
+# rest later. With $A y = q^{-1} B m$ the poles are the zeros of $a B + (1 - a)(1 - q^{-1}) b_0 A$. The share is the one with
+# which a disturbance is forgotten fastest; `share=None` (`--share none`) goes the whole way.
+
+# %%
+b_0 = 0.23
+poles, zero = (1.2, -0.65), -1.05
+resonance = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], [*poles, b_0, -zero * b_0], Ts=1e-3)
+ringing = resonance.compensator()
+print(ringing.damping().sentence)
+smooth = 20 - 20 * np.cos(np.pi * np.minimum(np.arange(1500) / 1000, 1))
+calm = ringing.run(smooth, 1.0)
+
+# %% [markdown]
 # ## Structured Text
 
 # %%
@@ -165,4 +183,9 @@ assert gap is None or gap <= 1e-9
 assert run.m.min() >= -60 and run.m.max() <= 60 and np.abs(np.diff(run.m)).max() <= 5 + 1e-9
 tracked = plants.bouc_wen(np.sign(run.m) * np.maximum(np.abs(run.m) - 4.0, 0.0))[1000:]
 assert ns.mape(reference[1000:], tracked) < 1
+part = ringing.share()
+locus = part * np.array([b_0, -zero * b_0, 0, 0]) + (1 - part) * b_0 * np.convolve([1, -1], [1, *np.negative(poles)])
+assert np.abs(np.roots(locus)).max() < 0.8 < abs(zero)
+assert np.abs(np.diff(calm[50:])).max() < 3 * np.abs(np.diff(smooth)).max()
+assert np.abs(resonance.simulate(calm, 0.0, u0=0.0) - smooth)[100:].max() < 0.0035 * 40
 assert "tanh" in " ".join(soft.lines())

@@ -51,6 +51,19 @@ def test_a_law_that_rings_is_damped(zero):
         assert ns.nsavi(m, goal) < 1.5 * 2.0 + 10.0 / np.ptp(goal) * (options.get("m0") == 5.0)  # 2 V per unit of y
 
 
+def test_the_poles_are_those_of_the_root_locus():
+    """a B + (1 - a) (1 - 1/z) b_0 A, derived by hand, forgets as fast as is said."""
+    model = ringing(-1.05)
+    damping, b = model.compensator().damping(), model.theta[2:]
+    a, A = damping.share, [1.0, -POLES[0], -POLES[1]]
+    locus = a * np.array([*b, 0, 0]) + (1 - a) * b[0] * np.convolve([1, -1], A)
+    slowest = np.abs(np.roots(locus)).max()
+    assert slowest < 1 and damping.damped == pytest.approx(np.log(0.01) / np.log(slowest), abs=4)
+    nearer = 1 - (1 - a) / 4
+    other = nearer * np.array([*b, 0, 0]) + (1 - nearer) * b[0] * np.convolve([1, -1], A)
+    assert np.abs(np.roots(other)).max() > slowest
+
+
 def test_what_an_undamped_law_does():
     law, goal = ringing(-0.97).compensator(), wave()
     m = quietly(law, goal, 5.0, share=None)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import sympy as sp
-from bench.attack import Run, bases, moved, with_effect
+from bench.attack import Run, bases, moved, outcome, with_effect
 
 import narx_sym as ns
 from narx_sym.engines.roots import nearest
@@ -56,6 +56,12 @@ def test_a_law_makes_its_models_own_output(name):
     missed = np.abs(run.output(driven) - run.y) > run.size
     # Of two inputs that are both right, the one that was not taken may have been the only one to go on from.
     assert not missed.any() or (not run.law.check().proved and not run.lost(driven, int(np.argmax(missed))))
+
+
+@pytest.mark.parametrize("seed", (7002, *(pytest.param(n, marks=pytest.mark.long) for n in (7000, 7005, 7008, 7219))))
+def test_a_law_does_the_same_in_every_language(seed):
+    """A random model; the last one has superposed plays at its input and friction inside."""
+    assert outcome(seed)[0] == "follows"
 
 
 def test_a_delay_leaves_no_offset():

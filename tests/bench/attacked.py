@@ -1,0 +1,61 @@
+"""The law of an attacked model in C and in Structured Text, beside Python."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "codegen"))
+from exported import Subject
+from iec import Block
+from test_c import arguments, stepped
+from test_st import scanned
+
+from narx_sym.fit.simulate import rest_states
+
+WIDE = (-1e9, 1e9)  # limits that never act
+
+
+class Given(Subject):
+    """A law that reads what it is given."""
+
+    def waves(self, n: int) -> Any:
+        """What the law reads, by name."""
+        return self.initial
+
+    def rests(self, source: str) -> list[float]:
+        """Where the law starts, in the order of its C source."""
+        return [self.at_rest(re.sub(r"_sig\d*$", "", name)) for name in arguments(source, "law_init")]
+
+
+def gaps(run: Any) -> dict[str, float]:
+    """Return how far C and Structured Text are from Python by language, in sizes of the input.
+
+    Raises
+    ------
+    NotInvertible
+        Where the law has no closed form.
+    """
+    law, first = run.law, {name: float(c[0]) for name, c in run.channels.items()}
+    rest = rest_states(run.model, run.u0, run.y0, first) | {"m": run.u0, "r": run.y0, "y": run.y0, **first}
+    options = {"limits": WIDE, "share": None}
+    source = law.to_c(**options)
+    given = Given(law.limited(WIDE), run.model.values, law, rest, initial={"r": run.y, **run.channels})
+    n = run.y.size - run.ahead
+    expected = law.follow(run.y, run.u0, run.channels, **options).m[:n]
+    found, size = {}, max(1.0, float(np.abs(expected).max()))
+    if shutil.which("gcc"):
+        steps = {name: x[:n] for name, x in given.steps(n).items()}
+        with tempfile.TemporaryDirectory() as folder:
+            found["C"] = stepped(Path(folder), source, "law", steps, given.rests(source))
+    if importlib.util.find_spec("blark"):
+        found["ST"] = scanned(Block(given.st("law", **options)), given, n)
+    return {language: float(np.abs(x[:n] - expected).max()) / size for language, x in found.items()}
