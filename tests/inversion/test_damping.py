@@ -74,6 +74,7 @@ def test_what_an_undamped_law_does():
 
 def test_it_is_said_with_its_reason():
     law = ringing(-0.97).compensator()
+    assert law.check().points == 0
     with pytest.warns(UserWarning, match="zero near -1.*So in each sample the input goes"):
         law.run(wave(), 0.0)
     with warnings.catch_warnings():

@@ -15,6 +15,7 @@ from ...inversion.compensator import Compensator
 from ...inversion.solution import Solution
 from ...symbolic.signals import lag, r, samples
 from ..simulate import vector
+from .damping import damping
 from .run import Following, follow
 
 Array = np.ndarray
@@ -85,6 +86,8 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
         wave = np.sin(2 * np.pi * np.arange(TRIAL) / (TRIAL / 2))
         reference = (low + high) / 2 + 0.45 * (high - low) * wave
         channels = {name: np.zeros(TRIAL) for name in law.model.channels} | dict(channels or {})
+    if damping(law).rings:
+        return Check((*proofs, "the law rings, so nothing is counted along a run"), not is_open)
     target = vector(reference, "reference", least=2)
     try:
         found = follow(law, target, m0, channels, share=None)
