@@ -145,7 +145,7 @@ def test_no_pair_of_roots_is_jumped_over():
     assert nearest(lambda w: w * w + 1.0, 0.3, -1e9, 1e9, 1.0) == pytest.approx(0.0, abs=1e-4)  # the least gap
 
 
-@pytest.mark.parametrize("effect", ("dead_zone", "backlash", "hysteresis"))
+@pytest.mark.parametrize("effect", ("dead_zone", "backlash", pytest.param("hysteresis", marks=pytest.mark.long)))
 def test_at_rest_the_input_rests(effect):
     """Rounding of the model beside a law does not make the input jump across what does nothing."""
     model = made_of(FIRST, (effect, "input", "play" if effect == "hysteresis" else "", 0), seed=4)

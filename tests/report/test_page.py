@@ -107,8 +107,8 @@ def test_the_new_term_is_marked_and_deleted_parameters_are_listed(stage_diagnosi
     assert all((r.status == "deleted") == (name not in kept) for name, r in rows.items())
 
 
-def test_what_is_not_derived_says_why(parts):
-    assert "The quasi-static solution is not derived for this model" in parts["derived"]
+def test_the_sets_of_an_added_play_are_derived(parts):
+    assert "Quasi-static sets and attracting condition" in parts["derived"] and "turn" in parts["derived"]
     assert "The law with numbers" in parts["derived"]
 
 

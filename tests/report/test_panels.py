@@ -80,9 +80,9 @@ def test_one_more_part_is_on_page_and_live_page(stage_diagnosis, monkeypatch):
     def spread(material):
         return {}
 
-    keys = [s.key for s in page.sections(stage_diagnosis, STAGE_UNITS, scripts=False)]
-    assert keys.index("where") < keys.index("spread") < keys.index("candidates")
     whole = page.page(stage_diagnosis, STAGE_UNITS)
+    places = [whole.index(f'<section id="{key}"') for key in ("where", "spread", "candidates")]
+    assert places == sorted(places)
     assert '<a href="#spread">How the error is spread</a>' in whole and "How the error is spread." in whole
     live = shown((), Revision("linear base", stage_diagnosis, stage_diagnosis.model), STAGE_UNITS)
     assert "<svg" in live.html["spread"]

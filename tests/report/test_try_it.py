@@ -214,9 +214,16 @@ def test_zoom(opened, told):
     assert state(opened)["rms"] == now["rms"]
 
 
-@pytest.mark.parametrize("scheme", ("light", "dark"))
-@pytest.mark.parametrize("width", (390, 1280))
-def test_it_fits_and_is_accessible(browser, stage_report, scheme, width):
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    (
+        (390, "dark"),
+        (1280, "light"),
+        pytest.param(390, "light", marks=pytest.mark.long),
+        pytest.param(1280, "dark", marks=pytest.mark.long),
+    ),
+)
+def test_it_fits_and_is_accessible(browser, stage_report, width, scheme):
     from axe_playwright_python.sync_playwright import Axe
 
     context = browser.new_context(viewport={"width": width, "height": 844}, color_scheme=scheme)
