@@ -64,8 +64,13 @@ def test_it_agrees_with_the_engine_for_parameters_of_the_call(name):
         assert found["parameters"] == [str(s) for s in recursion.parameters]
 
 
+QUICK = ("backlash", "dead_zone", "hysteresis", "quadratic_drag", "stiction")  # a play, kinks, memory, signs, jumps
+
+
 @needs_javascript
-@pytest.mark.parametrize("effect", sorted(ns.EFFECTS))
+@pytest.mark.parametrize(
+    "effect", [pytest.param(e, marks=() if e in QUICK else pytest.mark.long) for e in sorted(ns.EFFECTS)]
+)
 def test_every_effect_of_the_catalogue(effect):
     """At every place where it acts, along a random walk, from rest."""
     rng = np.random.default_rng(len(effect))
