@@ -59,6 +59,13 @@ def test_models_are_judged_alike_on_a_record_as_they_find_it(stage_diagnosis):
         assert row in made.html
 
 
+def test_the_values_are_those_of_the_last_model(stage_diagnosis):
+    (made,) = page.sections(stage_diagnosis, STAGE_UNITS, scripts=False, keys=["verdict"])
+    (effect,) = stage_diagnosis.model.effects
+    for name, symbol in effect.symbols.items():
+        assert f"{name} = {number(float(stage_diagnosis.model.values[symbol]), 4)}" in made.html
+
+
 def test_keys_of_pictures_are_unique_on_the_page(material):
     keys = [p.key for key in panels() for p in material.pictures(key)]
     assert len(keys) == len(set(keys)) > 10

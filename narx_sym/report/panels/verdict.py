@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ...models.extend import newer
 from .. import words
 from ..comparison import Comparison, Units, draw_worst
 from ..parameters import candidate_parameters
@@ -12,7 +13,6 @@ from .registry import Material, panel
 
 if TYPE_CHECKING:
     from ...diagnosis.procedure import Diagnosis
-    from ...diagnosis.table.candidates import Candidate
 
 
 def picture(c: Comparison, units: Units) -> Picture:
@@ -33,7 +33,7 @@ def verdict(material: Material) -> dict[str, Any]:
     rows = [r for r in d.misfit.table(units) if max(r["share"], r["share_missing"] or 0) > 0.05]
     return {
         "badge": words.BADGES[d.verdict], "fall": words.fall(d, units), "bars": bars(d, units),
-        "added": [f"{words.spaced(c.effect)}: {candidate_parameters(c, units)}" for c in taken(d)],
+        "added": added(d, units),
         "sentence": d.sentence(units), "next": words.what_next(d),
         "worst": rows[0] if rows else None, "steps": [s.sentence(units) for s in d.steps[1:]],
     }  # fmt: skip
@@ -46,6 +46,12 @@ def bars(d: Diagnosis, units: Units) -> list[tuple[str, str, str, float]]:
     return [(*row, 100 * size / max(lengths)) for row, size in zip(rows, lengths, strict=True)]
 
 
-def taken(d: Diagnosis) -> list[Candidate]:
-    """Return the candidates that were added, one of each step."""
-    return [s.candidates[0] for s in d.steps if s.chosen is not None and s.pair is None and s.candidates]
+def added(d: Diagnosis, units: Units) -> list[str]:
+    """Return each effect of the last model with the values that it has there."""
+    values = d.model.values
+    known = {c.effect: c for s in d.steps for c in s.candidates}
+    return [
+        f"{words.spaced(e.effect)}: "
+        + candidate_parameters(known[e.effect], units, {n: float(values[s]) for n, s in e.symbols.items()})
+        for e in newer(d.model, d.steps[0].base.model) if e.effect in known
+    ]  # fmt: skip
