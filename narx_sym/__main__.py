@@ -2,16 +2,23 @@
 
 import sys
 
+from .cli import stop
 from .errors import INTERRUPTED
 
 
 def main() -> None:
     """Run the command; Ctrl-C gives one line, while modules are loaded too."""
+    stop.arm()
     try:
         from .cli.main import main as run
 
         run()
-    except KeyboardInterrupt:
+    except BaseException:
+        if not stop.pressed:
+            raise
+    finally:
+        stop.disarm()
+    if stop.pressed:
         print(INTERRUPTED, file=sys.stderr)
         sys.exit(130)
 

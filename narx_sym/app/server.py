@@ -59,7 +59,8 @@ def serve(bench: Workbench, port: int | None, browser: bool) -> None:
         if browser:
             threading.Timer(1.0, webbrowser.open, (address,)).start()
         bench.worker.warm()
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: uploads are removed
+        for number in (signal.SIGINT, signal.SIGTERM):  # both end the server alike: uploads are removed
+            signal.signal(number, signal.default_int_handler)
         try:
             uvicorn.Server(config).run(sockets=[own])
         except KeyboardInterrupt:

@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import typer
 
 from ..app import command as live
-from ..errors import INTERRUPTED, DataError, NarxError
-from . import diagnose, effects, fleet, law
+from ..errors import DataError, NarxError
+from . import diagnose, effects, fleet, law, stop
 from .options import (
     Channels,
     DataFiles,
@@ -223,34 +223,36 @@ def main() -> None:  # the entry point is `__main__.main`, which also catches Ct
     try:
         try:
             app()
-        except SystemExit as stop:
-            if stop.code == 130:  # typer has turned Ctrl-C into this
-                print(INTERRUPTED, file=sys.stderr)
+        except SystemExit:
             sys.stdout.flush()  # a full disk behind the pipe is seen here
             raise
-    except NarxError as error:
-        print(f"narx-sym: {error}", file=sys.stderr)
-        sys.exit(2)
-    except BrokenPipeError:
-        _close_output()
-        sys.exit(1)
-    except MemoryError:
-        print("narx-sym: not enough memory; use fewer rows (--rows A:B), lags or terms", file=sys.stderr)
-        sys.exit(2)
-    except OSError as error:
-        place = error.filename or "standard output"
-        print(f"narx-sym: {place}: {error.strerror or error}; check space and permissions there", file=sys.stderr)
-        _close_output()
-        sys.exit(2)
     except Exception as error:
-        if os.environ.get("NARX_SYM_DEBUG"):
+        if stop.pressed:  # Ctrl-C may arrive as another error
             raise
-        print(
-            f"narx-sym: internal error, {type(error).__name__}: {error}. Please report it "
-            "(NARX_SYM_DEBUG=1 shows the details).",
-            file=sys.stderr,
-        )
-        sys.exit(1)
+        code, said = _ends(error)
+        if said:
+            print(f"narx-sym: {said}", file=sys.stderr)
+        if isinstance(error, OSError):
+            _close_output()
+        sys.exit(code)
+
+
+def _ends(error: Exception) -> tuple[int, str]:
+    """Return the exit code of an error and what is said about it."""
+    if isinstance(error, NarxError):
+        return 2, str(error)
+    if isinstance(error, BrokenPipeError):
+        return 1, ""
+    if isinstance(error, MemoryError):
+        return 2, "not enough memory; use fewer rows (--rows A:B), lags or terms"
+    if isinstance(error, OSError):
+        place = error.filename or "standard output"
+        return 2, f"{place}: {error.strerror or error}; check space and permissions there"
+    if os.environ.get("NARX_SYM_DEBUG"):
+        raise error
+    return 1, (
+        f"internal error, {type(error).__name__}: {error}. Please report it (NARX_SYM_DEBUG=1 shows the details)."
+    )
 
 
 def _close_output() -> None:

@@ -22,7 +22,7 @@ from xml.etree import ElementTree as Xml
 
 from ..engines.writer import indented
 from ..errors import ModelError
-from ..symbolic.signals import lag, samples, t
+from ..symbolic.signals import t
 from .c import layout_of, source
 from .layout import Layout, numbered, plain
 from .registry import Request, export
@@ -259,9 +259,12 @@ def _structure(parent: Any, layout: Layout, listed: list[Variable], version: int
     """Say which inputs the output answers at once."""
     output = next(i for i, v in enumerate(listed) if v.kind == "o")
     inputs = [b for b in layout.recursion.inputs if b != t]
-    answered = _at_once(layout)
-    first = version == 2  # FMI 2.0 counts from 1
-    direct = [str(i + first) for i, b in enumerate(inputs, start=1) if b in answered]
+    first, graph = version == 2, layout.recursion.graph  # FMI 2.0 counts from 1
+    direct = [
+        str(i + first)
+        for i, b in enumerate(inputs, start=1)
+        if graph.delays(b)[layout.returned] == layout.newest[b]  # on every other way a sample is older
+    ]
     if version == 3:
         Xml.SubElement(parent, "Output", {"valueReference": str(output), "dependencies": " ".join(direct)})
         Xml.SubElement(parent, "InitialUnknown", {"valueReference": str(output)})
@@ -269,20 +272,6 @@ def _structure(parent: Any, layout: Layout, listed: list[Variable], version: int
     known = {"index": str(output + first)}
     Xml.SubElement(Xml.SubElement(parent, "Outputs"), "Unknown", known | {"dependencies": " ".join(direct)})
     Xml.SubElement(Xml.SubElement(parent, "InitialUnknowns"), "Unknown", known)
-
-
-def _at_once(layout: Layout) -> set[Any]:
-    """Return the inputs whose newest sample reaches the output in the same step."""
-    reads = {left.base: samples(right) for left, right in layout.recursion.updates}
-    found, ahead, seen = set(), [layout.returned], {layout.returned}
-    while ahead:
-        for s in reads[ahead.pop()]:
-            if s.base in reads and lag(s) == 0 and s.base not in seen:
-                seen.add(s.base)
-                ahead.append(s.base)
-            elif s.base not in reads and lag(s) == layout.newest[s.base]:
-                found.add(s.base)
-    return found
 
 
 def _build(name: str) -> Any:

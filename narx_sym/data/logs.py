@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import DataError
 from ..symbolic.signals import plain_name
-from .tables import LARGEST_FILE, Table
+from .tables import LARGEST_FILE, Table, readable
 
 EXTRA = 'install it (pip install "narx-sym[logs]") or export the channels as CSV'
 MATLAB_NUMBERS = {"double", "single", "logical", *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64))}
@@ -39,7 +39,7 @@ def load_mdf(name: str, wanted: Collection[str] | None) -> Table:
     with open(name, "rb") as raw:
         if not raw.read(8).startswith((b"MDF ", b"UnFinMF")):
             raise DataError(f"{name}: is no MDF file; check its ending")
-    try:
+    with readable(name, "MDF"):
         with MDF(name) as file:
 
             def reader(group: int, index: int) -> Callable[[], tuple[Any, Any]]:
@@ -56,10 +56,6 @@ def load_mdf(name: str, wanted: Collection[str] | None) -> Table:
                 if i != file.masters_db.get(g)
             ]
             return _table(name, found, wanted)
-    except DataError:
-        raise
-    except Exception as error:  # a damaged file raises many kinds
-        raise DataError(f"{name}: cannot be read as MDF ({str(error)[:200]})") from None
 
 
 def load_tdms(name: str, wanted: Collection[str] | None) -> Table:
@@ -68,7 +64,7 @@ def load_tdms(name: str, wanted: Collection[str] | None) -> Table:
         from nptdms import TdmsFile
     except ImportError:
         raise DataError(f"{name}: reading TDMS needs npTDMS; {EXTRA}") from None
-    try:
+    with readable(name, "TDMS"):
         with TdmsFile.open(name) as file:
 
             def reader(channel: Any) -> Callable[[], tuple[Any, Any]]:
@@ -86,10 +82,6 @@ def load_tdms(name: str, wanted: Collection[str] | None) -> Table:
                 for one in group.channels()
             ]
             return _table(name, found, wanted)
-    except DataError:
-        raise
-    except Exception as error:  # a damaged file raises many kinds
-        raise DataError(f"{name}: cannot be read as TDMS ({str(error)[:200]})") from None
 
 
 def load_mat73(name: str, wanted: Collection[str] | None) -> Table:
@@ -108,7 +100,7 @@ def load_mat73(name: str, wanted: Collection[str] | None) -> Table:
         said = one.attrs.get("MATLAB_class", b"")
         return said.decode("ascii", "replace") if isinstance(said, bytes) else str(said)
 
-    try:
+    with readable(name, "a MATLAB v7.3 file", "save it with save(..., '-v7')"):
         with h5py.File(name, "r") as file:
             variables = {n: one for n, one in file.items() if not n.startswith("#")}
             vectors = {
@@ -121,12 +113,6 @@ def load_mat73(name: str, wanted: Collection[str] | None) -> Table:
             others = [f"{n} ({kind(one) or 'unknown'})" for n, one in variables.items() if n not in vectors]
             found = [Channel(n, "", "", one.size, reader(one)) for n, one in vectors.items()]
             return _table(name, found, wanted, others)
-    except DataError:
-        raise
-    except Exception as error:  # a damaged file raises many kinds
-        raise DataError(
-            f"{name}: cannot be read as a MATLAB v7.3 file ({str(error)[:200]}); save it with save(..., '-v7')"
-        ) from None
 
 
 def _table(path: str, found: Sequence[Channel], wanted: Collection[str] | None, others: Sequence[str] = ()) -> Table:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import DataError
 from .logs import MATLAB_NUMBERS, load_mat73, load_mdf, load_tdms
-from .tables import LARGEST_FILE, PathLike, Table
+from .tables import LARGEST_FILE, PathLike, Table, readable
 
 LONGEST_HEADER = 1_000_000  # characters
 
@@ -180,14 +180,10 @@ def _width(
 
 def _load_npz(name: str) -> Table:
     """Vectors of a NumPy archive; pickled objects are refused."""
-    try:
+    with readable(name, ".npz", "save plain arrays with numpy.savez"):
         _check_archive(name)
         with np.load(name, allow_pickle=False) as archive:
             return _from_variables(name, {n: archive[n] for n in archive.files})
-    except DataError:
-        raise
-    except Exception as error:  # a damaged archive raises many kinds
-        raise DataError(f"{name}: cannot be read as .npz ({error}); save plain arrays with numpy.savez") from None
 
 
 def _check_archive(name: str) -> None:
@@ -202,8 +198,11 @@ def _load_mat(name: str, wanted: Collection[str] | None) -> Table:
     """Vectors of a MATLAB file."""
     from scipy.io import loadmat, whosmat
 
-    try:
-        found = whosmat(name)
+    with readable(name, ".mat", "save it with save(..., '-v7')"):
+        try:
+            found = whosmat(name)
+        except NotImplementedError:
+            return load_mat73(name, wanted)
         plain = [n for n, _, kind in found if kind in MATLAB_NUMBERS]
         size = 8 * sum(math.prod(shape) for n, shape, _ in found if n in plain)
         if size > LARGEST_FILE:
@@ -212,12 +211,6 @@ def _load_mat(name: str, wanted: Collection[str] | None) -> Table:
         variables |= {
             n: np.empty(shape, dtype=[]) for n, shape, _ in found if n not in plain and math.prod(shape) < 1e6
         }
-    except DataError:
-        raise
-    except NotImplementedError:
-        return load_mat73(name, wanted)
-    except Exception as error:  # a damaged file raises many kinds
-        raise DataError(f"{name}: cannot be read as .mat ({error}); save it with save(..., '-v7')") from None
     return _from_variables(name, {n: a for n, a in variables.items() if not n.startswith("__")})
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
@@ -20,6 +21,18 @@ PathLike = str | os.PathLike[str]
 MOST_NAMED = 40  # columns in a message
 LARGEST_FILE = 8_000_000_000  # bytes of all arrays that are read from a file
 LARGEST = 1e100  # in any unit
+
+
+@contextmanager
+def readable(name: str, kind: str, advice: str = "") -> Iterator[None]:
+    """Turn what a library raises at a damaged file, which is of many kinds, into one DataError."""
+    try:
+        yield
+    except DataError:
+        raise
+    except Exception as error:
+        then = f"; {advice}" if advice else ""
+        raise DataError(f"{name}: cannot be read as {kind} ({str(error)[:200]}){then}") from None
 
 
 @dataclass

@@ -153,9 +153,10 @@ class FreeRun:
         return Z.shape[0] == Z.shape[1] and bool(np.array_equal(Z, np.eye(len(Z))))
 
     def _run(self, z: Array) -> None:
+        theta = self.theta(z)
         for i, d in enumerate(self.data):
             own = self.own(i)
-            simulated, moved = self.moved(z, i)
+            simulated, moved = self.moved(i, theta, z[own])
             rows, kept, p = slice(self.edges[i], self.edges[i + 1]), self.rows[i], moved.shape[1] - len(self.starts)
             self.residuals[rows] = (simulated[kept] - d[self.name][kept]) / self.spread
             if self._open and p:
@@ -164,12 +165,12 @@ class FreeRun:
                 self.slopes[rows, : self.free] = moved[kept, :p] @ (self.elimination.Z / self.spread)
             self.slopes[rows, own] = moved[kept, p:] / self.spread
 
-    def moved(self, z: Array, i: int) -> tuple[Array, Array]:
+    def moved(self, i: int, theta: Array, shifts: Array) -> tuple[Array, Array]:
         """Return the free run along segment i, (N,), and its derivatives by the parameters and by the segment's starts.
 
         Both are used again by the next call; NaN from where the run diverges.
         """
-        run, slopes = self._move(i, self.theta(z), z[self.own(i)])
+        run, slopes = self._move(i, theta, shifts)
         return run, slopes
 
     def own(self, i: int) -> slice:

@@ -14,6 +14,7 @@ import sympy as sp
 from ..errors import ModelError, NotInvertible
 from ..models import analysis as derive
 from ..models.model import Model
+from ..models.rest_map import plays
 from ..symbolic.printing import latex, shown
 from .compensator import Compensator, compensator
 
@@ -116,9 +117,8 @@ def summary(model: Model) -> list[tuple[str, list[str]]]:
     return [(heading, lines) for heading, lines in listed if lines]
 
 
-def derived(model: Model) -> list[Derived]:
+def derived(subject: Subject) -> list[Derived]:
     """Return what is derived from a model, in the order of the paper; what cannot be derived has its reason, once."""
-    subject = Subject(model)
     listed: list[Derived] = []
     for one in _in_order():
         if one.title:
@@ -133,7 +133,7 @@ def derived(model: Model) -> list[Derived]:
 def document(model: Model) -> str:
     """Return a LaTeX document with every derived equation; it compiles with amsmath alone."""
     parts = [("Model", [model.latex(), *([model.latex(numbers=True)] if model.values else [])])]
-    parts += [(one.title, one.latex or [_boxed(one.reason)]) for one in derived(model)]
+    parts += [(one.title, one.latex or [_boxed(one.reason)]) for one in derived(Subject(model))]
     body = "\n\n".join(
         rf"\section*{{{heading}}}" + "\n" + "\n".join(f"\\[\n{e}\n\\]" for e in equations)
         for heading, equations in parts
@@ -199,7 +199,7 @@ def steady_state(subject: Subject) -> Finding:
 @analysis(50, title="Continuum of equilibrium points, where")
 def continuum(subject: Subject) -> Finding:
     """Derive the conditions of Lemma 1; what plays hold is told with the steady state."""
-    if derive.steady_state(subject.model).held:
+    if plays(subject.model):
         return Finding()
     return Finding(equations=[latex(c) for c in derive.continuum_conditions(subject.model)] or [r"\text{always}"])
 

@@ -85,9 +85,7 @@ def remembered(model: Model, but: Sequence[Play] = ()) -> str:
     held = [s for s in model.recurrent if s.left.base in read]
     if held:
         shown = ", ".join(printing.text(s.left) for s in held)
-        named = effects_of(model, states=held)
-        verb = "remember" if named.startswith(("the effects", "the states")) else "remembers"
-        return f"{named} {verb} more than outputs and inputs ({shown})"
+        return f"more than outputs and inputs is remembered by {effects_of(model, states=held)} ({shown})"
     return f"{effects_of(model, model.beside, model.hidden)} acts on the inner output x[k], which is not measured"
 
 

@@ -192,3 +192,9 @@ def _colour(c: Comparison, run: str) -> str:
 def plot_where_it_fails(diagnosis: Diagnosis, units: Units | None = None) -> Any:
     """Draw the error in the panels that tell most; see `narx_sym.report.plots.where_it_fails`."""
     return where_it_fails(diagnosis.misfit, units=dict(units or {}))
+
+
+def spans(mask: Array) -> list[list[int]]:
+    """Return the stretches of a mask as [first, behind the last]."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return edges.reshape(-1, 2).tolist()

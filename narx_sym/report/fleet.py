@@ -75,11 +75,7 @@ def as_csv(rows: Sequence[Row]) -> str:
         "missing": lambda effects: ";".join(effects),
         "sizes": lambda sizes: ";".join(f"{name}={value:.6g}" for name, value in sizes.items()),
     }
-    return csv_text({name: [joined.get(name, _same)(row[name]) for row in rows] for name in FIELDS})
-
-
-def _same(value: Any) -> Any:
-    return value
+    return csv_text({n: [joined[n](row[n]) if n in joined else row[n] for row in rows] for n in FIELDS})
 
 
 def heat(rows: Sequence[Row]) -> dict[str, Any]:

@@ -223,6 +223,27 @@ def test_standard_output_on_a_full_disk():
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and "No space left on device" in done.stderr
 
 
+@pytest.mark.parametrize("dropped", ("pass", "raise ImportError('half loaded') from None", "raise ValueError('-')"))
+def test_ctrl_c_is_not_lost_where_something_drops_it(dropped, tmp_path):
+    code = f"""if True:
+        import os, signal, sys, time
+        import narx_sym.__main__ as command
+        from narx_sym.cli import main as cli
+        def work():
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(30)
+            except BaseException:
+                {dropped}
+            time.sleep(30)
+        cli.app = work
+        command.main()"""
+    begin = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=PACKAGE.parent)
+    assert done.returncode == 130 and done.stderr.startswith("narx-sym: interrupted") and done.stderr.count("\n") == 1
+    assert time.monotonic() - begin < 30
+
+
 @pytest.mark.parametrize("seconds", (0.1, 1.0, 3.0))
 def test_ctrl_c_is_one_line(seconds, tmp_path):
     t = np.arange(20_000) * 0.01

@@ -35,12 +35,12 @@ def test_what_it_says(name):
     assert bool(line) == bool(one.heading) and bool(equation) == bool(one.title)
     assert line in "\n".join(found.lines) and equation in "\n".join(found.equations)
     assert not one.heading or (one.heading, found.lines) in summary(MODEL)
-    assert not one.title or (one.title, found.equations) in [(d.title, d.latex) for d in derived(MODEL)]
+    assert not one.title or (one.title, found.equations) in [(d.title, d.latex) for d in derived(Subject(MODEL))]
 
 
 def test_a_reason_is_told_once_and_where_nothing_is_derived():
     autonomous = ns.NARX.from_terms(["y[k-1]"], [0.5])
-    reasons = [one.reason for one in derived(autonomous) if one.reason]
+    reasons = [one.reason for one in derived(Subject(autonomous)) if one.reason]
     assert len(reasons) == len(set(reasons)) and any("no input term" in r for r in reasons)
     assert "no input term" in dict(summary(autonomous))["Compensation law"][0]
     assert document(autonomous).count("no input term") == 1

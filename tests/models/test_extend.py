@@ -563,7 +563,7 @@ def test_sigma_y_is_that_of_the_core():
     base = BASES["linear"]
     for wanted, where in (("drift", "output"), ("dead_zone", "input"), ("backlash", "input")):
         assert extend(base, first(base, wanted, where)).model.sigma_y == base.sigma_y
-    with pytest.raises(ModelError, match="hysteresis remembers"):
+    with pytest.raises(ModelError, match="remembered by the effect hysteresis"):
         extend(base, first(base, "hysteresis", "inside", "y")).model.sigma_y
 
 

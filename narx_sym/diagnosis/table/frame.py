@@ -224,9 +224,11 @@ class Frame:
         """
         problem, n, p = self.problem, self.size, self.problem.free
         r, g, G = np.zeros(count), np.zeros((count, n)), np.zeros((count, n, n))
+        theta = problem.theta(x)
         for i, (data, blocks) in enumerate(zip(problem.data, self.cuts[count], strict=True)):
-            simulated, slopes = problem.moved(x, i)
-            error, own = simulated - data[problem.name], problem.own(i)
+            own = problem.own(i)
+            simulated, slopes = problem.moved(i, theta, x[own])
+            error = simulated - data[problem.name]
             for b, rows in blocks:
                 e, J = error[rows], slopes[rows]
                 square, gradient = J.T @ J, J.T @ e

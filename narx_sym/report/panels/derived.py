@@ -6,7 +6,6 @@ from typing import Any
 
 from ...errors import ModelError, NarxError, NotInvertible
 from ...inversion.analyses import derived as every
-from ...inversion.compensator import compensator
 from ...models.model import Model
 from ...symbolic.signals import differences, samples
 from ...tasks.compensate import ahead, caution
@@ -42,10 +41,9 @@ def pictures(material: Material) -> list[Picture]:
 @panel("What follows from the model", order=70, draws=pictures, about=TAKEN, live=80)
 def derived(material: Material) -> dict[str, Any]:
     """Tell every analysis, and the law with numbers."""
-    model = material.diagnosis.model
-    parts = every(model)
+    parts = every(material.subject)
     try:
-        law = compensator(model)
+        law = material.subject.law
     except (ModelError, NotInvertible):  # the reason stands among the parts
         return {"derived": parts, "law": None}
     shown = {

@@ -9,6 +9,7 @@ from typing import Any
 
 from ...diagnosis.procedure import Diagnosis
 from ...files.atomic import PathLike
+from ...inversion.analyses import Subject
 from ...symbolic.registered import load_registered
 from ..comparison import Comparison, Units
 from ..picture import Picture
@@ -42,6 +43,11 @@ class Material:
     def compared(self) -> Comparison:
         """Measured and simulated output, before and after."""
         return Comparison.of(self.diagnosis)
+
+    @cached_property
+    def subject(self) -> Subject:
+        """The model to take away, with its law."""
+        return Subject(self.diagnosis.model)
 
     @cached_property
     def _drawn(self) -> dict[str, list[Picture]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,11 @@ from ...diagnosis.procedure import Diagnosis
 from ...diagnosis.refit import Fitted
 from ...errors import FitError, ModelError, NotInvertible
 from ...fit.simulate import centre
-from ...inversion.compensator import Compensator, compensator
+from ...inversion.analyses import Subject
+from ...inversion.compensator import Compensator
 from ...models.extend import newer
 from ...symbolic.signals import r, t, y
-from ..comparison import Comparison, Units
+from ..comparison import Comparison, Units, spans
 from ..parameters import parameters, shape_units
 from .registry import WAY, Material, panel
 
@@ -60,11 +62,10 @@ def models(diagnosis: Diagnosis) -> list[Tried]:
 
     found: list[Tried] = []
     for name, fitted in listed():
-        if len(found) < MOST_MODELS:
-            try:
-                found.append(Tried(name, fitted, fitted.model.to_js(f"model{len(found)}")))
-            except ModelError:  # it has a root finder
-                continue
+        with suppress(ModelError):  # it has a root finder
+            found.append(Tried(name, fitted, fitted.model.to_js(f"model{len(found)}")))
+        if len(found) == MOST_MODELS:
+            break
     return found
 
 
@@ -83,12 +84,6 @@ def packed(values: np.ndarray) -> dict[str, Any]:
 def unpacked(one: dict[str, Any]) -> np.ndarray:
     """Return the samples that the page computes with, (N,) float64."""
     return np.asarray(one["offset"] + np.frombuffer(base64.b64decode(one["data"]), "<f4").astype(float))
-
-
-def spans(mask: np.ndarray) -> list[list[int]]:
-    """Return the stretches of a mask as [first, behind the last]."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return edges.reshape(-1, 2).tolist()
 
 
 def sliders(diagnosis: Diagnosis, tried: Tried, units: Units) -> list[dict[str, Any]]:
@@ -129,12 +124,12 @@ def reference(law: Compensator, listed: Sequence[Tried], c: Comparison) -> dict[
     }  # fmt: skip
 
 
-def law_of(diagnosis: Diagnosis, listed: Sequence[Tried]) -> Compensator | None:
+def law_of(subject: Subject, listed: Sequence[Tried]) -> Compensator | None:
     """Return the law of the model to take away, where the page can run it from a reference alone."""
-    if not any(one.fitted.model is diagnosis.model for one in listed) or diagnosis.model.input == y:
+    if not any(one.fitted.model is subject.model for one in listed) or subject.model.input == y:
         return None
     try:
-        law = compensator(diagnosis.model)
+        law = subject.law
     except (ModelError, NotInvertible):
         return None
     return law if law.closed_form and law.recursion.inputs == (r,) else None
@@ -182,7 +177,7 @@ def try_it(material: Material) -> dict[str, Any] | None:
     listed = models(d) if material.scripts else []
     if not listed or listed[0].name != "Before":
         return None
-    told, law = content(d, listed, material.compared, material.units), law_of(d, listed)
+    told, law = content(d, listed, material.compared, material.units), law_of(material.subject, listed)
     told["law"] = law and reference(law, listed, material.compared)
     sources = "\n".join([*(one.source for one in listed), law.to_js("law") if law else "const law = null;"])
     names = ", ".join(f"model{i}" for i in range(len(listed)))

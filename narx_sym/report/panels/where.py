@@ -9,11 +9,10 @@ import numpy as np
 
 from ...diagnosis.bases import words
 from ...diagnosis.misfit import Panel
-from ..comparison import Units, draw_region
+from ..comparison import Units, draw_region, spans
 from ..picture import Picture, drawing
 from ..plots import draw_panel, label, new_axes, reach
 from .registry import Material, panel
-from .try_it import spans
 
 SHOWN, LEAST = 4, 0.02  # variables that are shown, and the share that each must explain
 
