@@ -20,10 +20,12 @@ from ..files import cache
 from ..inversion.solution import Root
 from ..models.model import Model
 from ..symbolic.recursion import Recursion
+from .numbers import lifted
 from .plan import Plan
 
 ENGINES = ("native", "numpy", "casadi", "python")
 Array = np.ndarray
+NONE = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -74,12 +76,21 @@ class Compiled:
     engine : str
     recursion : Recursion
         Its equations; missing of a run with tangents.
+    numbers : (n,) array
+        What follows its own parameters in those of the layout.
     """
 
     recursion: Recursion
 
-    def __init__(self, layout: Layout, run: Callable[..., int], engine: str, recursion: Recursion | None = None):
-        self.layout, self.run, self.engine = layout, run, engine
+    def __init__(
+        self,
+        layout: Layout,
+        run: Callable[..., int],
+        engine: str,
+        recursion: Recursion | None = None,
+        numbers: Array = NONE,
+    ):
+        self.layout, self.run, self.engine, self.numbers = layout, run, engine, numbers
         if recursion is not None:
             self.recursion = recursion
 
@@ -95,13 +106,15 @@ class Compiled:
         """Compile a recursion to machine code; from an earlier process if it was kept."""
         from .machine.native import bound, coded
 
+        plain, numbers = lifted(recursion)
+
         def make() -> tuple[Any, Any, bytes]:
-            plan = Plan.of(recursion)
+            plan = Plan.of(plain)
             return Layout.of(plan).plain, *coded(plan)
 
-        told, engine = kept(written(recursion), make)
+        told, engine = kept(written(plain), make)
         layout = Layout.read(told)
-        return cls(layout, bound(engine, len(layout.states) + len(layout.inputs)), "native", recursion)
+        return cls(layout, bound(engine, len(layout.states) + len(layout.inputs)), "native", recursion, numbers)
 
     def __call__(
         self,
@@ -167,8 +180,10 @@ class Compiled:
         columns = self._ahead(columns)
         states = self._start(n, min(first, n), initial or {}, out or {})
         theta = np.ascontiguousarray(theta, dtype=float)
-        if theta.shape != (layout.parameters,):
-            raise ModelError(f"{layout.parameters} parameter values are needed, {theta.size} were given.")
+        if theta.shape != (layout.parameters - self.numbers.size,):
+            needed = layout.parameters - self.numbers.size
+            raise ModelError(f"{needed} parameter values are needed, {theta.size} were given.")
+        theta = np.concatenate([theta, self.numbers])
         if n > first:
             reached = self.run([*states, *columns], theta, first, n)
             if reached < n:
@@ -199,7 +214,7 @@ class Compiled:
         move = over(arrays, first, n) if over else lambda theta: self.run(arrays, theta, first, n)
 
         def run(theta: Array) -> None:
-            reached = move(theta) if n > first else n
+            reached = move(np.concatenate([theta, self.numbers])) if n > first else n
             if reached < n:
                 for state in (*states, *beside[:1]):
                     state[reached:] = np.nan

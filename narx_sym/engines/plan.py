@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import sympy as sp
@@ -15,6 +15,13 @@ from ..symbolic.signals import k, lag, renamed, samples
 
 MAX_HORNER = 4
 TIME = sp.Dummy("time_index", real=True)
+SHARED = [sp.Dummy(f"shared_{i}") for i in range(2000)]
+
+
+@lru_cache(maxsize=10_000)
+def _plain(signal: int, lag: int) -> sp.Dummy:
+    """Return the symbol of a sample, the same in every plan: what SymPy knows of it is asked once."""
+    return sp.Dummy(f"x{signal}_{f'm{-lag}' if lag < 0 else lag}", real=True)
 
 
 @dataclass(frozen=True)
@@ -45,8 +52,7 @@ class Plan:
         for left, right in recursion.updates:
             for s in [left, *samples(right)]:
                 key = (position[s.base], lag(s))
-                side = f"m{-key[1]}" if key[1] < 0 else str(key[1])
-                names[s] = sample[key] = sp.Dummy(f"x{key[0]}_{side}", real=True)
+                names[s] = sample[key] = _plain(*key)
         names[k] = cls.time
         updates = tuple(renamed(right, names) for _, right in recursion.updates)
         return cls(recursion, signals, sample, updates, tuple(renamed(e, names) for e in others))
@@ -84,7 +90,7 @@ class Plan:
         flat = [c for row in (*self.collected, self.others) for c in row]
         if any(c.has(Root) for c in flat):  # the unknown of a root has no value outside it
             return [], [*self.collected, self.others]
-        common, reduced = sp.cse(flat, symbols=sp.numbered_symbols("shared_", cls=sp.Dummy), order="none")
+        common, reduced = sp.cse(flat, symbols=iter(SHARED), order="none")
         rows, at = [], 0
         for row in (*self.collected, self.others):
             rows.append(tuple(reduced[at : at + len(row)]))

@@ -12,6 +12,7 @@ import numpy as np
 from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import Tangent, sensitivities
 from .compile import Compiled, Layout, compile, has_llvm, kept, written
+from .numbers import lifted
 
 Array = np.ndarray
 LONGEST = 8  # lag of a carried tangent: older ones would have to be read from memory
@@ -46,13 +47,13 @@ class Tangents:
     width, directions : int
     """
 
-    def __init__(self, told: Any, engine: Any, directions: int):
+    def __init__(self, told: Any, engine: Any, directions: int, numbers: Array):
         from .machine.native import bound
 
         layout, self.keys, self.width = told
         self.layout, self.directions = Layout.read(layout), directions
         count = len(self.layout.states) + len(self.layout.inputs)
-        self.compiled = Compiled(self.layout, bound(engine, count + 2), "native")
+        self.compiled = Compiled(self.layout, bound(engine, count + 2), "native", numbers=numbers)
 
     def over(self, inputs: Mapping[str, Array], initial: Mapping[str, Any], begin: Begin) -> Walk:
         """Return the run over some samples.
@@ -118,14 +119,15 @@ def with_slopes(
     if not has_llvm() or longest > LONGEST:
         return Extended(recursion, parameters, groups, output)
     directions = len(parameters) + len(groups)
+    plain, numbers = lifted(recursion)
 
     def make() -> tuple[Any, Any, bytes]:
         from .machine.lanes import Lanes
         from .machine.native import coded
 
         at = recursion.states.index(output)
-        lanes = Lanes.of(recursion, Tangent.of(recursion, parameters), directions, at)
+        lanes = Lanes.of(plain, Tangent.of(plain, parameters), directions, at)
         return (Layout.of(lanes.plan).plain, lanes.keys, lanes.width), *coded(lanes.plan, lanes)
 
-    found = kept(f"with slopes of {output.label} {len(groups)} {fixed} {written(recursion)}", make)
-    return Tangents(*found, directions)
+    found = kept(f"with slopes of {output.label} {len(groups)} {fixed} {written(plain)}", make)
+    return Tangents(*found, directions, numbers)

@@ -14,7 +14,7 @@ from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.grammar import parse
 from ..symbolic.recursion import Recursion, State
-from ..symbolic.signals import differences, expand_phi, free, k, lags, pairs, samples, signal, t, u, v, x, y
+from ..symbolic.signals import differences, expand_phi, free, k, lags, pairs, renamed, samples, signal, t, u, v, x, y
 from . import assumptions
 from .added import AddedEffect, flat, measured, starts
 from .doors import ModelDoors
@@ -215,9 +215,8 @@ class Model(ModelDoors):
 
     def in_user_units(self, expr: Any) -> Any:
         """Put y - y0 and u - u0 in the place of the model's shifted signals."""
-        return expr.xreplace(
-            {s: s - self.operating_point[s.base] for s in samples(expr) if s.base in self.operating_point}
-        )
+        point = self.operating_point
+        return renamed(expr, {s: s - point[s.base] for s in samples(expr) if s.base in point}) if point else expr
 
     def expand(self, numbers: bool = False) -> sp.Eq:
         """Return the equation in the user's own units, in samples of y and u, and of what effects remember."""

@@ -16,18 +16,30 @@ import sympy as sp
 from .recursion import Recursion
 from .signals import k, lag, renamed, samples, signal
 
-_VARIABLE = sp.Dummy("x", real=True)
-
 
 @lru_cache(maxsize=20_000)
 def derivative(expr: Any, variable: Any) -> Any:
     """Differentiate with the kinks of sign, abs, Max and Min taken as they are away from them."""
     if not expr.has(variable):
         return sp.S.Zero
-    result = sp.diff(renamed(expr, {variable: _VARIABLE}), _VARIABLE)
+    plain, names = _plain(expr)
+    result = sp.diff(plain, _stand_in(variable) if isinstance(variable, sp.Indexed) else variable)
     if result.has(sp.DiracDelta):
         result = result.replace(sp.DiracDelta, lambda *_: sp.S.Zero)
-    return renamed(result, {_VARIABLE: variable})
+    return renamed(result, names)
+
+
+@lru_cache(maxsize=10_000)
+def _stand_in(sample: sp.Indexed) -> sp.Dummy:
+    """Return a plain symbol for a sample: SymPy differentiates by these fast."""
+    return sp.Dummy(str(sample), real=True)
+
+
+@lru_cache(maxsize=10_000)
+def _plain(expr: Any) -> tuple[Any, dict[Any, Any]]:
+    """Return an expression in plain symbols, and the samples that they stand for."""
+    names = {s: _stand_in(s) for s in samples(expr)}
+    return renamed(expr, names), {plain: s for s, plain in names.items()}
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,26 @@ import sympy as sp
 k = sp.Symbol("k", integer=True)
 
 
-def signal(name: str) -> sp.IndexedBase:
+class Sequence(sp.IndexedBase):
+    """A sequence whose samples are made once: equal ones are the same object, which SymPy sees at once."""
+
+    def __getitem__(self, index: Any, **assumptions: Any) -> sp.Indexed:
+        return _sample(self, index)
+
+    def __reduce__(self) -> Any:
+        return signal, (str(self.label),)
+
+
+@lru_cache(maxsize=100_000)
+def _sample(base: Sequence, index: Any) -> sp.Indexed:
+    return sp.Indexed(base, index)
+
+
+@lru_cache(maxsize=10_000)
+def signal(name: str) -> Sequence:
     """Return the real sequence called `name`; `signal("p")[k]` is its value at time k."""
     # Without real=True, sign(x)*x would turn into a Piecewise.
-    return sp.IndexedBase(name, real=True)
+    return Sequence(name, real=True)
 
 
 y, u, r, m = (signal(name) for name in "yurm")
@@ -81,6 +97,11 @@ def renamed(expr: Any, names: Mapping[Any, Any]) -> Any:
     arguments = [renamed(a, names) for a in expr.args]
     if all(new is old for new, old in zip(arguments, expr.args, strict=True)):
         return expr
+    return rebuilt(expr, arguments)
+
+
+def rebuilt(expr: Any, arguments: list[Any]) -> Any:
+    """Return an expression with other arguments; extremes keep all of theirs."""
     if isinstance(expr, (sp.Max, sp.Min)):
         return expr.func(*arguments, evaluate=False)
     return expr.func(*arguments)
@@ -93,15 +114,14 @@ def held(expr: Any, values: Callable[[sp.IndexedBase], Any]) -> Any:
 
 def expand_phi(expr: Any, driver: sp.IndexedBase = u, breve_driver: sp.IndexedBase = y) -> Any:
     """Write phi1 and phi2 out as differences and signs of `driver` (the breve pair: of `breve_driver`)."""
+    source = {phi1: driver, phi2: driver, breve_phi1: breve_driver, breve_phi2: breve_driver}
     written: dict[Any, Any] = {}
-    for first, second, source in ((phi1, phi2, driver), (breve_phi1, breve_phi2, breve_driver)):
-        for s in samples(expr, first):
-            i = s.indices[0]
-            written[s] = source[i] - source[i - 1]
-        for s in samples(expr, second):
-            i = s.indices[0]
-            written[s] = sp.sign(source[i] - source[i - 1])
-    return expr.xreplace(written)
+    for s in samples(expr):
+        if s.base in source:
+            of, i = source[s.base], s.indices[0]
+            change = of[i] - of[i - 1]
+            written[s] = change if s.base in (phi1, breve_phi1) else sp.sign(change)
+    return expr.xreplace(written) if written else expr
 
 
 def swap(expr: Any, bases: dict[sp.IndexedBase, sp.IndexedBase], shifts: dict[Any, int] | None = None) -> Any:

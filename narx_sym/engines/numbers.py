@@ -1,0 +1,36 @@
+"""Numbers are data: machine code is made from equations, and is given the numbers in them beside the parameters.
+
+So the equations of one effect are compiled once for all records, whatever their sampling time and operating point.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ..symbolic.recursion import Recursion
+from ..symbolic.signals import rebuilt
+
+
+def lifted(recursion: Recursion) -> tuple[Recursion, np.ndarray]:
+    """Return a recursion with a further parameter for each decimal number in it, and these numbers, (n,).
+
+    Whole numbers and fractions stay, and so does every exponent: they are part of the form.
+    """
+    found: dict[float, sp.Symbol] = {}
+
+    def lift(expr: Any) -> Any:
+        if expr.is_Float:
+            # No name of a model has a blank.
+            return found.setdefault(float(expr), sp.Symbol(f"number {len(found)}", real=True))
+        if not expr.args or isinstance(expr, sp.Indexed):
+            return expr
+        arguments = [lift(expr.base), expr.exp] if expr.is_Pow else [lift(a) for a in expr.args]
+        if all(new is old for new, old in zip(arguments, expr.args, strict=True)):
+            return expr
+        return rebuilt(expr, arguments)
+
+    updates = tuple((left, lift(right)) for left, right in recursion.updates)
+    return Recursion(updates, (*recursion.parameters, *found.values())), np.array(list(found), dtype=float)
