@@ -9,6 +9,7 @@ The rooms, each of which imports only rooms that stand before it:
 - `engines`, `codegen`: recursions as functions over arrays, and as source for other places
 - `data`: records and simulated plants
 - `fit`: section 2 of the paper; simulation, estimation, selection, laws run over a reference
+- `sklearn`: the identification as a scikit-learn estimator; loaded only when it is imported
 - `diagnosis`: which physical effect is missing
 - `tasks`: what people ask for, one function for each, shared by all that follow
 - `report`, `app`, `cli`: what people look at and type

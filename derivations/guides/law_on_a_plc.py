@@ -11,7 +11,9 @@
 # | `model.to_js()`, `law.to_js()` | a JavaScript constant for a page or Node: `simulate` over whole arrays, the parameters as arguments |
 # | `model.to_casadi()`, `law.to_casadi()` | one step as a CasADi `Function` (state, inputs) -> (next, output) |
 # | `model.to_control()` | a `control.NonlinearIOSystem` with dt = Ts (`pip install "narx-sym[interop]"`) |
+# | `model.to_sysidentpy()` | a polynomial model as a fitted `FROLS` of SysIdentPy, with the same free run |
 # | `fit.interop.from_sysidentpy(frols)` | the other way: a fitted polynomial model of SysIdentPy, each theta at its term |
+# | `narx_sym.sklearn.NARXRegressor()` | `identify` as a scikit-learn estimator for its searches and splitters (`pip install "narx-sym[sklearn]"`) |
 #
 # ## A model whose law has cases
 # The physical actuator has its newest input inside |phi1|, and one dead zone was added. No code of yours is needed: the

@@ -1,4 +1,4 @@
-"""Other people's libraries: python-control systems of models, and models from SysIdentPy."""
+"""Other people's libraries: python-control systems of models, and models from and for SysIdentPy."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from ..models.info import Info
 from ..models.model import NARX, Model
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import k, samples, signal, t, u, y
-from .simulate import predict
+from ..symbolic.signals import k, lag, samples, signal, t, u, y
+from .simulate import fitted, predict
 
 Array = np.ndarray
 AGREES = 1e-9  # of the largest prediction: what an import must reproduce
 MAX_LAG = 999  # SysIdentPy writes y[k-i] as 1000 + i, u[k-i] as 2000 + i
+MAX_RUN_LAG = 499  # its free run rounds the codes to thousands: y[k-500] would be an input (measured with 0.9.0)
 
 
 def rest_state(recursion: Recursion, initial: Mapping[Any, Any], rest: Mapping[str, float]) -> Array:
@@ -152,3 +153,65 @@ def _check_import(model: NARX, fitted: Any) -> None:
     gap = float(np.abs(ours - theirs).max())
     if not gap <= AGREES * max(1.0, float(np.abs(theirs).max())):
         raise ModelError(f"SysIdentPy predicts otherwise than its own rows and theta say (by {gap:.3g}): not imported.")
+
+
+def to_sysidentpy(model: Model) -> Any:
+    """Return a polynomial model as a fitted `FROLS` of SysIdentPy, for its `predict`, metrics and plots.
+
+    Written in the user's units: an operating point and phi1 are multiplied out, so there may be more rows than terms.
+    `predict(X=u[:, None], y=y[:, None])` is the free run from the first samples of y, with `steps_ahead=1` one step
+    ahead. SysIdentPy 0.9 asks for an older NumPy than the newest; this package does not depend on it.
+
+    Raises
+    ------
+    ModelError
+        Where SysIdentPy is not installed, the model has no values, or something has no place in its polynomials: a term
+        that is no product of older samples, the input at time k, another channel, a state that an effect remembers.
+    """
+    fitted(model)
+    rows = _rows(model)
+    degree, depth = max(len(row) for row in rows), max(c % 1000 for row in rows for c in row)
+    if depth > MAX_RUN_LAG:
+        raise ModelError(f"SysIdentPy's free run confuses inputs and outputs for lags above {MAX_RUN_LAG}.")
+    try:
+        from sysidentpy.basis_function import Polynomial
+        from sysidentpy.model_structure_selection import FROLS
+        from sysidentpy.parameter_estimation import LeastSquares
+    except ImportError:
+        raise ModelError("SysIdentPy is not installed: pip install sysidentpy") from None
+    ylag, xlag = (sorted({c % 1000 for row in rows for c in row if c // 1000 == n}) or [1] for n in (1, 2))
+    made = FROLS(
+        order_selection=False, n_terms=len(rows), ylag=ylag, xlag=xlag, basis_function=Polynomial(degree=degree),
+        estimator=LeastSquares(),
+    )  # fmt: skip
+    codes = np.array([[*row, *[0] * (degree - len(row))] for row in rows])
+    space = {tuple(sorted(row, reverse=True)): i for i, row in enumerate(made.regressor_space(1).tolist())}
+    made.n_inputs, made.final_model, made.theta = 1, codes, np.array(list(rows.values()))[:, None]
+    made.pivv = np.array([space[tuple(row)] for row in codes.tolist()])  # where its one-step prediction finds them
+    made.err = np.zeros(len(rows))  # its tables of results print one for each row
+    return made
+
+
+def _rows(model: Model) -> dict[tuple[int, ...], float]:
+    """Return the coefficient of each product of older samples, by SysIdentPy's codes, largest code first."""
+    if model.hidden:
+        state = model.hidden[0].left
+        raise ModelError(f"SysIdentPy has no place for {text(state)}, which an effect remembers.")
+    right = sp.expand(model.right.xreplace(model.values))
+    read = sorted(samples(right), key=str)
+    if not read:
+        raise ModelError("SysIdentPy has no place for a model without samples of the input or the output.")
+    first = {model.output: 1000, model.input: 2000}
+    for one in read:
+        if one.base not in first:
+            raise ModelError(f"SysIdentPy has no place for {text(one)}: models of one input only are written.")
+        if lag(one) < 1:
+            raise ModelError(f"SysIdentPy has no place for {text(one)}: its terms begin one sample before k.")
+    for term in sp.Add.make_args(right):
+        if not term.is_polynomial(*read):
+            raise ModelError(f"SysIdentPy has no place for the term {text(term)}: it is no product of samples.")
+    found = {}
+    for powers, value in sp.Poly(right, *read).terms():
+        listed = [first[s.base] + lag(s) for s, n in zip(read, powers, strict=True) for _ in range(n)]
+        found[tuple(sorted(listed, reverse=True))] = float(value)
+    return found

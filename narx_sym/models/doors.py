@@ -24,6 +24,7 @@ class ModelDoors:
     predict = door("fit.simulate", "predict")
     aligned = door("fit.alignment", "aligned")
     to_control = door("fit.interop", "to_control")
+    to_sysidentpy = door("fit.interop", "to_sysidentpy")
     rest_state = door("fit.interop", "model_rest_state")
     add = door("diagnosis.add", "add")
     plot_quasi_static = door("report.plots.sets", "plot_quasi_static")

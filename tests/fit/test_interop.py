@@ -278,3 +278,76 @@ def test_an_import_can_be_taken_further():
     model = from_sysidentpy(Fitted())
     assert model.terms == (y[k - 1], u[k - 1] * y[k - 1], sp.S.One)
     assert "y[k]" in model.to_c() and valued(model, "cubic_gain").to_st()
+
+
+# ---------------------------------------------------------------- to SysIdentPy
+
+TAKEN = {
+    "linear": ns.NARX.from_terms(["y[k-1]", "y[k-3]", "u[k-2]", "1"], [0.5, -0.1, 0.8, 0.05], Ts=0.1),
+    "products": ns.NARX.from_terms(["y[k-2]**2*u[k-1]", "u[k-4]**3", "y[k-1]"], [0.3, 0.2, 0.6]),
+    "only inputs": ns.NARX.from_terms(["u[k-1]", "u[k-5]*u[k-1]"], [2.0, 0.4]),
+    "only outputs": ns.NARX.from_terms(["y[k-1]", "y[k-2]"], [1.2, -0.5]),
+    "around a point, with phi1": ns.NARX.from_terms(
+        ["y[k-1]", "phi1[k-1]*u[k-1]", "u[k-1]**3"], [0.5, 0.1, 0.8], operating_point={u: 1.8, y: -0.4}
+    ),
+    "an effect without memory": valued(
+        ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.2]), "cubic_gain"
+    ),
+    "inverse": ns.NARX.from_terms(["u[k-1]", "y[k-1]*u[k-1]", "y[k-2]"], [0.7, 0.2, 0.1], input="y", output="u"),
+}  # fmt: skip
+
+
+@needs_sysidentpy
+@pytest.mark.parametrize("name", TAKEN)
+def test_a_model_runs_in_sysidentpy_as_here(name):
+    model, rng = TAKEN[name], np.random.default_rng(1)
+    source, output = rng.uniform(-1, 1, 400), rng.uniform(-0.5, 0.5, 400)
+    theirs = model.to_sysidentpy()
+    assert theirs.max_lag == model.recursion.depth
+    free, one = (theirs.predict(X=source[:, None], y=output[:, None], steps_ahead=s).ravel() for s in (None, 1))
+    pair = (source, output) if model.input == u else (output, source)
+    assert np.abs(free - model.simulate(source, output[: theirs.max_lag])).max() <= 1e-9
+    assert np.abs(one - model.predict(ns.Record.from_arrays(*pair, Ts=0.1))).max() <= 1e-9
+    if model.input == u:
+        back = from_sysidentpy(theirs)
+        assert np.abs(back.simulate(source, output[: theirs.max_lag]) - free).max() <= 1e-9
+
+
+@pytest.mark.parametrize(
+    ("terms", "said"),
+    (
+        (["y[k-1]", "phi2[k-1]*u[k-1]"], "the term .*sign"),
+        (["y[k-1]", "Abs(u[k-1])"], "the term .*abs"),
+        (["y[k-1]", "u[k]"], r"place for u\[k\]"),
+        (["y[k-1]", "temp[k-1]"], r"place for temp\[k-1\]: models of one input"),
+        (["1"], "without samples"),
+        (["y[k-1]", "u[k-500]"], "above 499"),
+    ),
+)
+def test_what_has_no_place_in_sysidentpy_is_said(terms, said):
+    """SysIdentPy is not needed to be told."""
+    model = ns.NARX.from_terms(terms, [0.5, 0.1][: len(terms)], channels=["temp"])
+    with pytest.raises(ModelError, match=said):
+        model.to_sysidentpy()
+
+
+def test_a_state_has_no_place_in_sysidentpy():
+    with pytest.raises(ModelError, match="which an effect remembers"):
+        SUBJECTS["backlash"].thing.to_sysidentpy()
+    with pytest.raises(ModelError, match="no parameter values"):
+        ns.NARX.from_terms(["y[k-1]", "u[k-1]"]).to_sysidentpy()
+
+
+@needs_sysidentpy
+def test_the_largest_lag_that_sysidentpy_runs():
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-499]"], [0.5, 1.0])
+    source = np.random.default_rng(2).uniform(-1, 1, 700)
+    free = model.to_sysidentpy().predict(X=source[:, None], y=np.zeros((700, 1))).ravel()
+    assert np.abs(free - model.simulate(source, np.zeros(499))).max() <= 1e-9
+
+
+def test_without_sysidentpy_the_command_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sysidentpy", None)
+    monkeypatch.setitem(sys.modules, "sysidentpy.basis_function", None)
+    with pytest.raises(ModelError, match="pip install sysidentpy"):
+        TAKEN["linear"].to_sysidentpy()

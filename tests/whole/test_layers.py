@@ -9,7 +9,7 @@ import pytest
 from places import PACKAGE
 
 # `tasks` stands before all that people see: command line, page and report call the same functions.
-ROOMS = "errors symbolic models files inversion engines codegen data fit diagnosis tasks report app cli".split()
+ROOMS = "errors symbolic models files inversion engines codegen data fit sklearn diagnosis tasks report app cli".split()
 SYMBOLIC = ROOMS[: ROOMS.index("engines")]  # these stay free of NUMERIC
 NUMERIC = {"numpy", "scipy", "casadi", "llvmlite", "pandas", "matplotlib"}
 ONLY = {"data/plants.py": {"errors"}}  # the plants are an independent truth

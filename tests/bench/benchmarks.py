@@ -1,0 +1,324 @@
+"""Official benchmarks of nonlinearbenchmark.org: the linear base, what `diagnose` adds to it by itself, and published figures.
+
+    python tests/bench/benchmarks.py [--only emps,tanks] [--effects 1,3] [--out FILE.md]
+
+Fitted on the official estimation data only, with default settings throughout; nothing was chosen by the test data. What is
+added is judged by the model that `narx-sym diagnose` saves, which is the base where nothing better was found. The figure is
+the RMSE of the free run on the official test data after the benchmark's own initialisation window, in which measured
+outputs may be used: there each model predicts one step ahead, so that what its effects remember is known at the end of the
+window. A test that is one period of a steady state is run twice, and the second period counts.
+
+Silverbox, coupled drives and Wiener-Hammerstein are loaded by `nonlinear_benchmarks` where its cache holds them; nothing
+is downloaded. About ten minutes for the three sets beside this project.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import numpy as np
+from places import SHARED
+
+import narx_sym as ns
+from narx_sym.diagnosis.procedure import Diagnosis
+from narx_sym.engines.compile import compile
+from narx_sym.errors import Diverged, NarxError
+from narx_sym.fit.simulate import arrays, fitted, initial_values
+from narx_sym.tasks.finish import finish
+
+Array = np.ndarray
+CACHE = Path.home() / ".nonlinear_benchmarks"  # where the loader keeps what it has downloaded
+EFFECTS = (1, 3)  # the default, and several
+
+
+@dataclass(frozen=True)
+class Test:
+    """Official test data.
+
+    Attributes
+    ----------
+    window : int
+        How many first samples may be used to find the state; they do not count.
+    steady : bool
+        Whether it is one period of a steady state.
+    """
+
+    name: str
+    record: ns.Record
+    window: int = 0
+    steady: bool = False
+
+
+Loaded = tuple[list[ns.Record], list[Test]]
+Loader = Callable[[], Loaded | None]
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Estimation data, tests, and what is known.
+
+    Attributes
+    ----------
+    load : function without arguments that returns the records to fit and the tests, None where they are not at hand
+    unit, scale
+        Of the figures; how many of them are one unit of y.
+    missing : what its source says that a linear model lacks
+    published : method with source, and its figure on each test, "" where none is known; best first
+    tests : names of the tests where their data are not at hand
+    """
+
+    title: str
+    load: Loader
+    unit: str
+    scale: float
+    missing: str
+    published: Sequence[tuple[str, ...]]
+    tests: Sequence[str]
+
+
+# -- data ----------------------------------------------------------------------------------------------------------------
+
+
+def here(folder: str, train: str, *tests: tuple[str, str, int, bool]) -> Loader:
+    """Load files beside the project: (name, file, window, steady) of each test."""
+
+    def load() -> Loaded | None:
+        place = SHARED / folder
+        if not place.is_dir():
+            return None
+        return [ns.read(place / train)], [Test(name, ns.read(place / f), n, steady) for name, f, n, steady in tests]
+
+    return load
+
+
+def cached(name: str, folder: str) -> Loader:
+    """Load with `nonlinear_benchmarks` what its cache holds."""
+
+    def load() -> Loaded | None:
+        if not any((CACHE / folder).glob("*.*")):
+            return None
+        try:
+            import nonlinear_benchmarks
+        except ImportError:
+            return None
+        train, tests = getattr(nonlinear_benchmarks, name)(always_return_tuples_of_datasets=True)
+
+        def record(data) -> ns.Record:
+            return ns.Record.from_arrays(data.u, data.y, float(data.sampling_time), name=str(data.name))
+
+        return [record(d) for d in train], [
+            Test(str(d.name), record(d), int(d.state_initialization_window_length or 0)) for d in tests
+        ]
+
+    return load
+
+
+CHAMPNEYS = "Champneys et al. 2024"
+BENCHMARKS = {
+    "boucwen": Benchmark(
+        "Bouc-Wen",
+        here(
+            "boucwen", "train_multisine.csv",
+            ("multisine", "test_multisine.csv", 0, True), ("sine sweep", "test_sinesweep.csv", 0, False),
+        ),
+        "1e-5 m", 1e5, "a Bouc-Wen hysteresis",
+        [
+            ("polynomial state space, quoted by Forgione and Piga 2021", "1.87", ""),
+            ("dynoNet, Forgione and Piga 2021", "4.52", ""),
+            ("nonlinear FIR, quoted by Forgione and Piga 2021", "16.3", ""),
+        ],
+        ("multisine", "sine sweep"),
+    ),
+    "emps": Benchmark(
+        "Positioning system EMPS", here("emps", "train.csv", ("test with pulses", "test_pulses.csv", 20, False)),
+        "mm", 1e3, "Coulomb friction and an offset, on an integrating axis in closed loop",
+        [
+            ("dynoNet, Forgione and Piga 2021, as noted with the data", "2.6"),
+            (f"polynomial NARX, {CHAMPNEYS}", "5.17"),
+            (f"linear state space, {CHAMPNEYS}", "5.53"),
+            (f"linear ARX, {CHAMPNEYS}", "12.6"),
+        ],
+        ("test with pulses",),
+    ),
+    "tanks": Benchmark(
+        "Cascaded tanks", here("cascaded_tanks", "train.csv", ("test", "test.csv", 50, False)), "V", 1.0,
+        "outflows by the root of the level, an upper tank that flows over",
+        [
+            (f"grey box with overflow, Worden et al. 2018, quoted by {CHAMPNEYS}", "0.191"),
+            (f"GRU, {CHAMPNEYS}", "0.396"),
+            (f"polynomial NARX, {CHAMPNEYS}", "0.413"),
+            (f"linear state space, {CHAMPNEYS}", "0.588"),
+            (f"linear ARX, {CHAMPNEYS}", "0.685"),
+        ],
+        ("test",),
+    ),
+    "silverbox": Benchmark(
+        "Silverbox", cached("Silverbox", "Silverbox"), "mV", 1e3, "a cubic spring",
+        [(f"Gaussian-process NARX, {CHAMPNEYS}", "0.301", "0.60", "0.259"), (f"linear ARX, {CHAMPNEYS}", "6.95", "14.2", "6.59")],
+        ("multisine", "arrow", "arrow, no extrapolation"),
+    ),
+    "drives": Benchmark(
+        "Coupled drives", cached("CED", "CED"), "ticks/s", 1.0, "a sensor without sign",
+        [
+            (f"continuous-time SUBNET, Beintema et al. 2023, quoted by {CHAMPNEYS}", "0.115", "0.074"),
+            (f"linear ARX, {CHAMPNEYS}", "0.291", "0.331"),
+        ],
+        ("low amplitude", "high amplitude"),
+    ),
+    "wiener_hammerstein": Benchmark(
+        "Wiener-Hammerstein", cached("WienerHammerBenchMark", "WienerHammerBenchMark"), "mV", 1e3,
+        "a saturation between two filters",
+        [
+            (f"SUBNET, Beintema et al. 2021, quoted by {CHAMPNEYS}", "0.241"),
+            (f"linear ARX, {CHAMPNEYS}", "43.4"),
+        ],
+        ("test",),
+    ),
+}  # fmt: skip
+
+
+# -- runs ----------------------------------------------------------------------------------------------------------------
+
+
+def error(model: ns.Model, test: Test) -> float:
+    """Return the RMSE of the free run after the window [unit of y]; infinite where it diverges."""
+    depth, record = max(1, model.recursion.depth), test.record
+    if test.steady:
+        record = ns.Record.from_arrays(np.tile(record.u, 2), np.tile(record.y, 2), record.Ts)
+    window = len(test.record) if test.steady else test.window
+    short = max(0, depth - (0 if test.steady else window))  # at rest before, where a model looks further back
+    given = ns.Record.from_arrays(*(np.r_[np.full(short, x[0]), x] for x in (record.u, record.y)), record.Ts)
+    start = depth if test.steady else short + window
+    data, output = arrays(model, given), str(model.output.label)
+    known = {n: x[:start] for n, x in data.items()}
+    initial = initial_values(model, known, depth)
+    if model.states and start > depth:
+        initial |= compile(model.predictor)(known, fitted(model), initial)
+    initial[output] = known[output]
+    try:
+        run = compile(model.recursion)(data, fitted(model), initial, start=start)[output][short:]
+    except Diverged:
+        return float("inf")
+    return float(np.sqrt(np.mean((run - record.y)[window:] ** 2)))
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one model does: its name, number of parameters, seconds to find it, and the errors on all tests."""
+
+    name: str
+    parameters: int
+    seconds: float
+    errors: tuple[float, ...]
+
+
+def rows(benchmark: Benchmark, effects: Sequence[int]) -> Iterator[Row]:
+    """Yield the base, and what is added where so many effects are allowed."""
+    loaded = benchmark.load()
+    if loaded is None:
+        return
+    records, tests = loaded
+
+    def row(name: str, model: ns.Model, begin: float) -> Row:
+        seconds = perf_counter() - begin
+        return Row(name, len(model.symbols), seconds, tuple(benchmark.scale * error(model, t) for t in tests))
+
+    begin = perf_counter()
+    base = ns.identify(records, base="linear")
+    yield row("linear base", base, begin)
+    for most in effects:
+        begin = perf_counter()
+        try:
+            found = ns.diagnose(base, records, max_effects=most)
+        except NarxError as refused:
+            yield Row(f"up to {most}: refused ({refused})", 0, perf_counter() - begin, (float("nan"),) * len(tests))
+            continue
+        made, _ = finish(found, records)
+        yield row(f"up to {most}: {verdict(found, made.model)}", made.model, begin)
+
+
+def verdict(found: Diagnosis, model: ns.Model) -> str:
+    """Say what was named, and what of it the saved model has."""
+    named = [name for step in found.steps for name in step.added]
+    kept = [one.effect for one in model.effects]
+    if not named:
+        return f"nothing named (`{found.verdict}`), fitted again"
+    gone = [name for name in named if name not in kept]
+    return f"named {' + '.join(named)}" + (f"; saved without {' + '.join(gone)}" if gone else "")
+
+
+# -- page ----------------------------------------------------------------------------------------------------------------
+
+HEAD = """# Official benchmarks
+
+`python tests/bench/benchmarks.py`: the official splits of nonlinearbenchmark.org. The linear base (`identify(base="linear")`),
+then what `diagnose` adds to it by itself where one effect is allowed (its default) or up to three. Fitted on the estimation
+data only, default settings throughout, nothing chosen by the test data. What is added is judged by the model that
+`narx-sym diagnose` saves. Figures: RMSE of the free run on the test data after the benchmark's own initialisation window.
+*Parameters*: all that were fitted, beside the operating point. Seconds on two busy cores.
+
+Published figures are as quoted, from Champneys, Beintema, Toth, Schoukens and Rogers, *Baseline results for selected
+nonlinear system identification benchmarks*, 2024 (arXiv:2405.10779), read in a transcription of its tables, and Forgione and
+Piga, *dynoNet*, 2021, as noted beside the data. Nothing of them was repeated here.
+"""
+
+
+def digits(value: float) -> str:
+    """Return three digits."""
+    return f"{value:#.3g}".rstrip(".")
+
+
+def table(benchmark: Benchmark, found: Sequence[Row], tests: Sequence[str]) -> str:
+    """Return one benchmark as a table, after one sentence that says what came out."""
+    lines = [
+        f"| model | parameters | seconds | {' | '.join(f'{t} [{benchmark.unit}]' for t in tests)} |",
+        "|---|---|---|" + "---|" * len(tests),
+    ]
+    for row in found:
+        shown = " | ".join(map(digits, row.errors))
+        lines.append(f"| {row.name} | {row.parameters or ''} | {row.seconds:.0f} | {shown} |")
+    if not found:
+        lines.append("| data not at hand | | |" + " |" * len(tests))
+    lines += [f"| *{name}* | | | {' | '.join(figures)} |" for name, *figures in benchmark.published]
+    said = f"Missing, by its source: {benchmark.missing}."
+    if found:
+        first, last = found[0], found[-1]
+        pairs = zip(tests, first.errors, last.errors, strict=True)
+        change = ", ".join(f"{digits(a)} -> {digits(b)} {benchmark.unit} ({name})" for name, a, b in pairs)
+        said += f" **{last.name.partition(': ')[2].capitalize()}: {change}, with {last.parameters} parameters.**"
+    return "\n".join([f"## {benchmark.title}", "", said, "", *lines, ""])
+
+
+def main() -> None:
+    """Run the benchmarks and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--only", type=lambda s: s.split(","), default=list(BENCHMARKS))
+    parser.add_argument("--effects", type=lambda s: [int(n) for n in s.split(",")], default=list(EFFECTS))
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    tables = []
+    for name in options.only:
+        benchmark, found = BENCHMARKS[name], []
+        loaded = benchmark.load()
+        for row in rows(benchmark, options.effects):
+            found.append(row)
+            print(name, row, file=sys.stderr, flush=True)
+        tables.append(table(benchmark, found, [t.name for t in loaded[1]] if loaded else benchmark.tests))
+    page = "\n".join([HEAD, *tables])
+    print(page)
+    if options.out:
+        options.out.write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
