@@ -132,7 +132,12 @@ print(f"a, b, c, d = {np.round(bouc_wen.theta, 4)}, simulated with 0.7, 0.008, 0
 # ## Logs of measuring systems
 # MDF 4 (`.mf4`), TDMS and MATLAB 7.3 are read where they are (`pip install "narx-sym[logs]"`): choose the channels by name,
 # `--input Voltage --output Position`; a name that is not there is answered with the one that may be meant. Channels of
-# several rates are interpolated to the stamps of the fastest of those chosen, and that is said, as are the units.
+# several rates are interpolated to the stamps of the fastest of those chosen, and that is said.
+#
+# Units that stand in a log, or in the header of a CSV (`t,u [V],y [um]`, which `--input u` finds), go with the record and
+# with the model that is fitted to it: tables, pictures, reports, laws and FMUs have them. What `--units V,um` says wins. The
+# unit of a parameter follows from the term that it multiplies. A record in mV is converted for a model in V, and that is
+# said; one in A is refused. A unit that is not known, such as `%` or `inc`, is a label that converts to nothing else.
 
 # %%
 log = None
@@ -152,7 +157,18 @@ else:
     log = ns.read("log.tdms", u="Voltage", y="Position", channels=["Temperature"])
     print(log, *log.notes, sep="\n")
 
+volts_in = ns.Record.from_arrays(volts, measured[:, 2], Ts=0.01, units={"u": "V", "y": "um"}, name="in V")
+gain = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**3"]).fit(volts_in)
+milli = ns.Record.from_arrays(1000 * volts, measured[:, 2], Ts=0.01, units={"u": "mV", "y": "um"}, name="in mV")
+print(ns.evaluate(gain, milli))
+try:
+    ns.evaluate(gain, ns.Record.from_arrays(volts, measured[:, 2], Ts=0.01, units={"u": "A", "y": "um"}, name="in A"))
+except ns.DataError as error:
+    print(error)
+
 # %%
+assert log is None or log.units == {"u": "V", "y": "um"}
+assert np.isclose(ns.evaluate(gain, milli).free_run_nrmse, ns.evaluate(gain, volts_in).free_run_nrmse)
 assert log is None or (np.array_equal(log.u, volts) and abs(log.channels["Temperature"][10] - 20.002) < 1e-9)
 files = "model.json compare.png derivation.tex sets.png law.tex law.c law.st input.csv expected.csv".split()
 assert all(os.path.getsize(name) > 0 for name in files)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
+from ..data.units import in_header
 from ..errors import DataError
 
-OPTIONS = {"input": "Input", "output": "Output", "time": "Time", "ts": "Sampling time", "rows": "Rows"}
+OPTIONS = {"input": "Input", "output": "Output", "time": "Time", "ts": "Sampling time", "rows": "Rows", "units": "Unit"}
 OPTIONS |= {"channels": "Channels"}  # what the options of the command line are called in the page
 
 
@@ -51,7 +52,7 @@ def number(text: str, what: str) -> float | None:
 def guessed(columns: list[str]) -> Choice:
     """Guess which columns are time, input and output: by name, else in this order."""
     found = Choice()
-    lower = {n.lower(): n for n in reversed(columns)}
+    lower = {in_header(n)[0].lower(): n for n in reversed(columns)}
     usual = {
         "t": ("t", "time", "time_s"),
         "u": ("u", "input", "in", "voltage"),

@@ -14,6 +14,7 @@ from ..data.examples import PLAY, STAGE_UNITS, stage
 from ..data.readers import load as load_table
 from ..data.record import Record, read
 from ..data.tables import Table
+from ..data.units import said_first
 from ..errors import DataError, ModelError, NarxError
 from ..files.atomic import write_csv
 from ..fit.identify import prepare
@@ -136,11 +137,11 @@ class Workbench:
 
     def _label(self) -> None:
         """Show everything with other units."""
-        self.preview = signals_svg(self._measured, self.choice.units)
+        self.preview = signals_svg(self._measured, self._measured.units)
         if self.revisions and not self.worker.busy:
             bare, law = tuple(r.bare() for r in self.revisions), self.law
             self._begin(
-                lambda made: self._relabelled(made, law), relabelled, bare, (self._measured,), self.choice.units
+                lambda made: self._relabelled(made, law), relabelled, bare, (self._measured,), self._measured.units
             )
 
     def _relabelled(self, revisions: list[Shown], law: Law | None) -> None:
@@ -152,7 +153,7 @@ class Workbench:
         self.record, self.revisions, self.law = None, [], None
         record = self._read()
         prepare(record)
-        self.preview = signals_svg(record, self.choice.units)
+        self.preview = signals_svg(record, said_first(record.units, self.choice.units))
         self.record, self.notes = record, tuple(what_to_know(record))
 
     def _read(self) -> Record:
@@ -215,7 +216,7 @@ class Workbench:
             needed = [n for n in base.channels if n not in record.channels] if isinstance(base, Model) else []
             if needed:
                 raise ModelError(f"The model needs the channel {needed[0]!r}: choose it among the columns.")
-            self._begin(lambda made: self._put([made]), diagnosed, base, (record,), self.choice.units)
+            self._begin(lambda made: self._put([made]), diagnosed, base, (record,), record.units)
 
     def add(self, effect: str) -> None:
         """Begin to add an effect to the model."""
@@ -234,7 +235,8 @@ class Workbench:
             raise ModelError("Diagnose a base first.")
         before = tuple(self.revisions)
         bare = tuple(r.bare() for r in before)
-        self._begin(lambda made: self._put([*before, made]), work, *what, bare, (self._measured,), self.choice.units)
+        record = self._measured
+        self._begin(lambda made: self._put([*before, made]), work, *what, bare, (record,), record.units)
 
     @property
     def _last(self) -> Shown:
@@ -246,7 +248,7 @@ class Workbench:
     def _measured(self) -> Record:
         if self.record is None:
             raise DataError("Choose the data first.")
-        return self.record
+        return replace(self.record, units=said_first(self.record.units, self.choice.units))
 
     def _put(self, revisions: list[Shown]) -> None:
         self.revisions, self.law = revisions, None
@@ -357,7 +359,7 @@ class Workbench:
         choice = self.choice
         settings = {"base": self.base_name or str(self.base), "rows": choice.rows or "all"}
         settings["channels"] = ", ".join(choice.channels) or "none"
-        return page(Story.of(self.revisions), choice.units, [self.path] if self.path else [], settings)
+        return page(Story.of(self.revisions), self._measured.units, [self.path] if self.path else [], settings)
 
 
 class _Said:

@@ -30,7 +30,6 @@ from .options import (
     records,
     save_figure,
     say_resumed,
-    unit_names,
     where_beside,
     with_columns,
     with_own,
@@ -91,7 +90,8 @@ def diagnose(
         raise DataError(
             f"{file}: the model has its own delay ({model.delay}); --delay is for a base that is identified."
         )
-    measured = records(data, u, y, t, ts, with_columns(channels, model.channels if model else ()), rows, missing)
+    named = with_columns(channels, model.channels if model else ())
+    measured = records(data, u, y, t, ts, named, rows, missing, units, model)
     with resuming(resume) if resume else nullcontext() as journal:
         start = _begin(model or base, measured, delay)
         with working("Diagnosing") as progress:
@@ -104,7 +104,7 @@ def diagnose(
         "channels": channels or "none",
         "rows": rows or "all",
     }
-    targets.write(found, measured, unit_names(units), data, settings)
+    targets.write(found, measured, found.units, data, settings)
 
 
 def _read(file: Path) -> Model:

@@ -19,6 +19,7 @@ from .options import (
     Seed,
     Time,
     Ts,
+    Units,
     check_targets,
     records,
     with_columns,
@@ -44,6 +45,7 @@ def add(
     channels: Channels = "",
     rows: Rows = None,
     missing: Missing = "refuse",
+    units: Units = "",
 ) -> None:
     """Add an effect to a model, fit both together in free run, and compare the errors before and after."""
     from ..diagnosis.add import Addition
@@ -56,7 +58,7 @@ def add(
     model = read_base(model_file)
     addition = Addition(model, effect, where, with_own(effects or []))
     wanted = with_columns(channels, [*model.channels, *([addition.channel] if addition.channel else [])])
-    measured = records(data, u, y, t, ts, wanted, rows, missing)
+    measured = records(data, u, y, t, ts, wanted, rows, missing, units, model)
     with working(f"Adding {effect}") as progress:
         made = task.add(addition, measured, seed, progress)
     if made.without.note:

@@ -62,7 +62,8 @@ def fleet(
     check_targets([out, *beside(out), resume], *(e.file for e in listed))
     if reports is not None:
         reports.mkdir(parents=True, exist_ok=True)
-    settings = Settings(base, max_effects, ts, channels, missing, seed, budget, reports and reports.resolve())
+    said = tuple(unit_names(units).items())
+    settings = Settings(base, max_effects, ts, channels, missing, seed, budget, reports and reports.resolve(), said)
     with ExitStack() as stack:
         journal = stack.enter_context(resuming(resume)) if resume else None
         if dask:
@@ -70,7 +71,7 @@ def fleet(
         rows = run(listed, settings, None if dask else jobs)
     say_resumed(journal, resume)
     folder = f"{_seen_from(out, reports)}/" if reports is not None else ""
-    written = write_fleet(rows, out, unit_names(units)["y"], folder)
+    written = write_fleet(rows, out, folder)
     shown = [
         [
             r["tag"],

@@ -53,6 +53,7 @@ def compensate(
     """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
     from ..codegen.registry import exports, target_of
     from ..data.record import read_signal
+    from ..data.units import said_first
     from ..files.atomic import write_bytes, write_text
     from ..files.store import load
 
@@ -62,27 +63,31 @@ def compensate(
     if (reference is None) != (out is None):
         raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
     law = load(model_file).compensator()
+    names = said_first(law.model.info.units, unit_names(units))
     part = None if share == "none" else law.share(share)
-    _tell(law, "auto" if share == "auto" else part)
+    _tell(law, "auto" if share == "auto" else part, names)
     if latex:
         write_text(latex, f"\\[\n{law.latex(numbers=True)}\n\\]\n")
         console().print(f"LaTeX written to {latex}")
     for name, path in sources:
-        made = law.export(name, limits=limits, rate=rate, units=unit_names(units), share=part)
+        made = law.export(name, limits=limits, rate=rate, units=names, share=part)
         write_bytes(path, made if isinstance(made, bytes) else made.encode("utf-8"))
         console().print(f"{exports()[name].title} written to {path}")
     if reference and out:
-        goal = read_signal(reference, column, Ts=ts, t=t, rows=rows, option="--column", prefer="r")
+        goal = read_signal(reference, column, ts, t, rows, "--column", "r", names.get("y", ""))
         _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, share=part, clip=clip)
 
 
-def _tell(law: Compensator, share: Any) -> None:
+def _tell(law: Compensator, share: Any, known: dict[str, str]) -> None:
     """Print a law, and what to know before it runs."""
     from ..tasks.compensate import ahead, caution
 
+    units = {name: known[own] for name, own in (("m", "u"), ("r", "y")) if own in known}
     console().print("[bold]Compensation law[/bold] (in your units)")
     for line in law.lines(numbers=True):
         console().print(f"  {line}", markup=False)
+    if units:
+        console().print(f"  with {', '.join(f'{name} in {label}' for name, label in units.items())}", markup=False)
     console().print(ahead(law))
     if law.staged:
         with working("Counting the solutions of each stage"):
@@ -135,7 +140,10 @@ def simulate(
     model = load(model_file)
     if model.channels:
         raise DataError(f"{model_file}: the model needs the channel {model.channels[0]!r}; use Python for this one.")
-    values, step, stamps = read_signal(input_file, u, Ts=ts, t=t, rows=rows, prefer=str(model.input.label))
+    own = str(model.input.label)
+    values, step, stamps = read_signal(
+        input_file, u, Ts=ts, t=t, rows=rows, prefer=own, unit=model.info.units.get(own, "")
+    )
     if pace := other_pace(model, step, "the input has"):
         note(pace)
     name = str(model.output.label)

@@ -64,6 +64,7 @@ def fit(
     channels: Channels = "",
     rows: Rows = None,
     missing: Missing = "refuse",
+    units: Units = "",
 ) -> None:
     """Select the structure and fit the parameters under Sigma_y = 1."""
     from ..files.store import save
@@ -73,7 +74,7 @@ def fit(
     check_targets([out], *data)
     if u == y:
         raise DataError(f"Input and output are the same column {u!r}; choose with --input and --output.")
-    measured = records(data, u, y, t, ts, channels, rows, missing)
+    measured = records(data, u, y, t, ts, channels, rows, missing, units)
     with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
         model = identify(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
@@ -154,10 +155,10 @@ def compare(
     check_targets([target, where, json], model_file, *data)
     model = load(model_file)
     named = with_columns(channels, [*filter(None, [reference]), *model.channels])
-    measured = records(data, u, y, t, ts, named, rows, missing)
+    measured = records(data, u, y, t, ts, named, rows, missing, units, model)
     with working("Simulating"):
         found = task.compare(model, measured, align_on)
-    names = unit_names(units)
+    names = dict(measured[0].units)
     for said in found.notes:
         note(said)
     print_errors(found.errors)

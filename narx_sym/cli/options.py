@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..data.record import Record
     from ..files.journal import Journal
     from ..models.effects import Catalogue
+    from ..models.model import Model
 
 DataFiles = Annotated[
     list[Path], typer.Argument(metavar="DATA...", help="CSV with a header, .npz, .mat, .parquet, .mf4 or .tdms.")
@@ -28,7 +29,7 @@ Ts = Annotated[float | None, typer.Option("--ts", help="Sampling time in s; over
 Channels = Annotated[str, typer.Option("--channels", help="Further columns: names with commas, or all.")]
 Rows = Annotated[str | None, typer.Option("--rows", help="Data rows A:B, counted from 0.")]
 Missing = Annotated[str, typer.Option("--missing", help="Rows with missing values: refuse, or drop and say so.")]
-Units = Annotated[str, typer.Option("--units", help="Units of input and output, as V,um.")]
+Units = Annotated[str, typer.Option("--units", help="Units of input and output, as V,um (default: those in the file).")]
 MaxEffects = Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")]
 Resume = Annotated[
@@ -48,17 +49,22 @@ def records(
     channels: str,
     rows: str | None,
     missing: str = "refuse",
+    units: str = "",
+    model: Model | None = None,
 ) -> list[Record]:
-    """Read the data files, and say what was changed in them and what to know about them."""
+    """Read the data files in the units of a model, or of the first; say what was changed and what to know."""
     from ..data.record import read
+    from ..data.units import in_units
     from ..tasks.base import what_to_know
 
-    listed = []
-    for file in files:
-        record = read(file, u=u, y=y, t=t, Ts=Ts, rows=rows, channels=channels, missing=missing)
+    said = unit_names(units)
+    read_in = [
+        read(file, u=u, y=y, t=t, Ts=Ts, rows=rows, channels=channels, missing=missing, units=said) for file in files
+    ]
+    listed = in_units(read_in, model.info.units if model else None)
+    for file, record in zip(files, listed, strict=True):
         for text in what_to_know(record):
             note(f"{file.name}: {text}")
-        listed.append(record)
     return listed
 
 
@@ -69,9 +75,9 @@ def say_resumed(journal: Journal | None, file: Path | None) -> None:
 
 
 def unit_names(units: str) -> dict[str, str]:
-    """Turn "V,um" into units of u and y."""
+    """Turn "V,um" into units of u and y; what is empty is not said."""
     first, _, second = units.partition(",")
-    return {"u": first.strip(), "y": second.strip()}
+    return {name: label.strip() for name, label in (("u", first), ("y", second)) if label.strip()}
 
 
 def check_format(path: Path | None) -> None:

@@ -69,12 +69,17 @@ def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:
 
 
 def print_model(model: Model) -> None:
-    """Print terms, parameters and both errors."""
-    rows = []
+    """Print terms, parameters, with their units where those of the signals are known, and both errors."""
+    from ..data.units import coefficient_units
+
+    rows, known = [], model.info.units
+    units = coefficient_units(model, known) if known else {}
     for row in model.table():
         error = f"{row['standard_error']:.2g}" if row["standard_error"] else "fixed"
-        rows.append([row["symbol"], row["term"], f"{row['theta']:.6g}", error])
-    table("Model", ["parameter", "term", "value", "standard error"], rows)
+        rows.append(
+            [row["symbol"], row["term"], f"{row['theta']:.6g}", error, *[units.get(row["symbol"], "")] * bool(known)]
+        )
+    table("Model", ["parameter", "term", "value", "standard error", *["unit"] * bool(known)], rows)
     _print_point(model)
 
 

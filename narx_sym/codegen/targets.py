@@ -19,11 +19,12 @@ def export_model(
 ) -> Any:
     """Return the free run for another place: `to` is "c", "st" or another target of `narx_sym.codegen.registry`.
 
-    `units` such as {"u": "V", "y": "um"} stand where a target has a place for them.
+    `units` such as {"u": "V", "y": "um"}, by default those of the records that the model was fitted to, stand where a
+    target has a place for them.
     """
     return written(
         to, model.recursion, model.values, name, single, model.output, model.starts, model.usual, model.Ts,
-        _rest(model), units,
+        _rest(model), {**model.info.units, **(units or {})},
     )  # fmt: skip
 
 
@@ -103,7 +104,7 @@ def export_law(
 
     return written(
         to, recursion, law.model.values, name, single, m, None, own(law.model.usual), law.model.Ts,
-        own(_rest(law.model)), own(units or {}),
+        own(_rest(law.model)), own({**law.model.info.units, **(units or {})}),
     )  # fmt: skip
 
 

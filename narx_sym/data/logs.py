@@ -135,12 +135,12 @@ def _table(path: str, found: Sequence[Channel], wanted: Collection[str] | None, 
         if times_of is not None and raw.size > 1:
             stamps[c.name] = np.asarray(times_of, dtype=np.float64)
     notes = ["not a vector of real numbers, left out: " + ", ".join(left)] if left else []
-    units = [f"{c.name} [{c.unit}]" for c in chosen if c.unit and c.name in values]
-    notes += ["units in the file: " + ", ".join(units)] if units else []
+    units = {c.name: c.unit.strip() for c in chosen if c.unit.strip() and c.name in values}
+    notes += ["units in the file: " + ", ".join(f"{n} [{label}]" for n, label in units.items())] if units else []
     unread = tuple(c.name for c in named if c not in chosen)
     if not values and not unread:
         raise DataError(f"{path}: holds no vector of real numbers; " + "; ".join(notes or ["it is empty"]))
-    return Table(path, _at_one_rate(path, values, stamps, notes), notes=notes, unread=unread)
+    return Table(path, _at_one_rate(path, values, stamps, notes), notes=notes, unread=unread, units=units)
 
 
 def _at_one_rate(

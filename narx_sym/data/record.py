@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from ..symbolic.signals import plain_name
 from .readers import load
 from .tables import PathLike, check_size, names_of
 from .timegrid import Vector, check_step, regular_time, uniform_time
+from .units import converted, said_first
 
 YEARS = 3e8  # [s], ten years: a record that seems longer has its time in another unit
 
@@ -36,6 +37,8 @@ class Record:
         All that was dropped, snapped or resampled.
     breaks : tuple of int
         Indices where a new segment starts after a gap.
+    units : dict of str
+        Of u, y and the channels, where they are known.
     """
 
     u: Vector
@@ -46,6 +49,7 @@ class Record:
     name: str = "record"
     notes: tuple[str, ...] = ()
     breaks: tuple[int, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         where = f"record '{self.name}': "
@@ -60,6 +64,7 @@ class Record:
             "channels": channels,
             "notes": tuple(self.notes),
             "breaks": breaks,
+            "units": {n: label for n, label in self.units.items() if label and n in ("u", "y", *channels)},
         }
         for n, v in values.items():
             object.__setattr__(self, n, v)
@@ -73,8 +78,12 @@ class Record:
         t: Any = None,
         channels: Mapping[str, Any] | None = None,
         name: str = "record",
+        units: Mapping[str, str] | None = None,
     ) -> Record:
-        """Record from (N,) or (N, 1) arrays, lists or Series; `Ts` in s overrides the stamps `t` in s."""
+        """Record from (N,) or (N, 1) arrays, lists or Series; `Ts` in s overrides the stamps `t` in s.
+
+        `units` such as {"u": "V", "y": "um"} go with the record.
+        """
         where = f"record '{name}': "
         extra = {} if t is None or Ts is not None else {"t": t}
         signals = _vectors({"u": u, "y": y, **extra}, channels or {}, where)
@@ -87,7 +96,8 @@ class Record:
             grid = regular_time(stamps, lambda i: f"t[{i}]", where)
         u, y, *rest = (grid.apply(a) for a in signals.values())
         notes = grid.notes if t is None or Ts is None else (f"time stamps not used, Ts = {grid.Ts:.10g} s was given",)
-        return cls(u, y, grid.t, grid.Ts, dict(zip(channels or {}, rest, strict=True)), name, notes, grid.breaks)
+        named = dict(zip(channels or {}, rest, strict=True))
+        return cls(u, y, grid.t, grid.Ts, named, name, notes, grid.breaks, _known_units(units, named, where))
 
     @property
     def signals(self) -> dict[str, Vector]:
@@ -103,16 +113,10 @@ class Record:
         a, b, step = rows.indices(len(self))
         if step != 1:
             raise DataError(f"record '{self.name}': the step of a slice must be 1, not {step}")
-        return Record(
-            self.u[a:b],
-            self.y[a:b],
-            self.t[a:b],
-            self.Ts,
-            {n: c[a:b] for n, c in self.channels.items()},
-            self.name,
-            self.notes,
-            tuple(i - a for i in self.breaks if a < i < b),
-        )
+        return replace(
+            self, u=self.u[a:b], y=self.y[a:b], t=self.t[a:b], channels={n: c[a:b] for n, c in self.channels.items()},
+            breaks=tuple(i - a for i in self.breaks if a < i < b),
+        )  # fmt: skip
 
     def remarks(self) -> list[str]:
         """Return what to know about the data before anything is concluded from them; nothing was changed."""
@@ -173,11 +177,12 @@ class Record:
             [savgol_filter(self.y[a:b], width, 2) if b - a >= 2 else self.y[a:b] for a, b in pairwise(edges)]
         )
         notes = (*self.notes, f"y was smoothed by quadratic regression over {width} samples")
-        return Record(self.u, y, self.t, self.Ts, self.channels, self.name, notes, self.breaks)
+        return replace(self, y=y, notes=notes)
 
     def __repr__(self) -> str:
         ranges = ", ".join(
-            f"{n} in [{a.min():.4g}, {a.max():.4g}]" for n, a in {"u": self.u, "y": self.y, **self.channels}.items()
+            f"{n} in [{a.min():.4g}, {a.max():.4g}] {self.units.get(n, '')}".rstrip()
+            for n, a in {"u": self.u, "y": self.y, **self.channels}.items()
         )
         parts = f", {len(self.breaks) + 1} segments" if self.breaks else ""
         span = self.t[-1] - self.t[0]
@@ -193,6 +198,13 @@ def check_excitation(record: Record) -> None:
                 f"samples), nothing can be identified; check the column (--{word}) and the rows "
                 "(--rows), or measure with motion"
             )
+
+
+def _known_units(units: Mapping[str, str] | None, channels: Collection[str], where: str) -> Mapping[str, str]:
+    """Refuse units of what is no signal."""
+    if stray := [n for n in units or {} if n not in ("u", "y", *channels)]:
+        raise DataError(f"{where}units of {stray[0]!r}, which is no signal; give those of u, y and the channels")
+    return units or {}
 
 
 def _vectors(signals: Mapping[str, Any], channels: Mapping[str, Any], where: str) -> dict[str, Vector]:
@@ -241,12 +253,13 @@ def read(
     rows: slice | str | None = None,
     channels: str | Sequence[str] = (),
     missing: str = "refuse",
+    units: Mapping[str, str] | None = None,
 ) -> Record:
     """Read one experiment from .csv, .txt, .tsv, .dat, .npz, .mat, .parquet, .mf4, .mdf or .tdms.
 
     Logs (.mf4, .mdf, .tdms, .mat of version 7.3) need `pip install "narx-sym[logs]"`. Where their channels have several
-    rates, the chosen ones are interpolated to the stamps of the fastest, which are called `t`; that is noted, as are
-    the units in the file.
+    rates, the chosen ones are interpolated to the stamps of the fastest, which are called `t`; that is noted. Units
+    in the file, with a log's channels or in the name of a column ("u [V]", which `u` finds), go with the record.
 
     Parameters
     ----------
@@ -262,11 +275,14 @@ def read(
     missing : "refuse" or "drop"
         What happens where a value is missing or infinite. "drop" leaves the row out; the hole is treated as one in the
         time stamps: up to ten steps are filled by linear interpolation, a longer one splits the record. It is noted.
+    units : mapping such as {"u": "V", "y": "um"}
+        What the record is in, whatever the file says.
     """
     if missing not in ("refuse", "drop"):
         raise DataError(f"missing values are refused or dropped (--missing refuse or drop), not {missing!r}")
     table = load(path, None if channels == "all" else {u, y, *names_of(channels), *([t] if t else [])})
     cut = table.cut(rows)
+    u, y, t = table.named(u), table.named(y), None if t is None else table.named(t)
     names = table.channels(channels, {u, y, t}, cut)
     asked = {**dict.fromkeys(names, "--channels"), u: "--input", y: "--output"}
     keep = (
@@ -282,16 +298,12 @@ def read(
             "give --ts SECONDS or choose the time column with --time"
         )
     data = {n: grid.apply(a) for n, a in data.items()}
+    written = {n: table.unit(column) for n, column in (*((plain_name(n), n) for n in names), ("u", u), ("y", y))}
     return Record(
-        data[u],
-        data[y],
-        grid.t,
-        grid.Ts,
-        {plain_name(n): data[n] for n in names},
-        Path(path).stem,
-        (*table.notes, *grid.notes),
-        grid.breaks,
-    )
+        data[u], data[y], grid.t, grid.Ts, {plain_name(n): data[n] for n in names}, Path(path).stem,
+        (*table.notes, *grid.notes), grid.breaks,
+        said_first(written, _known_units(units, written, f"{table.path}: ")),
+    )  # fmt: skip
 
 
 def read_signal(
@@ -302,6 +314,7 @@ def read_signal(
     rows: slice | str | None = None,
     option: str = "--input",
     prefer: str | None = None,
+    unit: str = "",
 ) -> tuple[Vector, float | None, Vector]:
     """Read one column, such as a reference.
 
@@ -311,6 +324,8 @@ def read_signal(
         Name of the column; None takes `prefer` where there is one, else the only one beside `t`.
     option : str
         The command-line option named where the column is unknown.
+    unit : str
+        What the values are wanted in; a column that says another unit, as "r [mm]", is converted, and that is warned.
 
     Returns
     -------
@@ -320,6 +335,7 @@ def read_signal(
     """
     table = load(path, None if column is None else {column, *([t] if t else [])})
     cut = table.cut(rows)
+    t, prefer = (name and table.named(name) for name in (t, prefer))
     if column is None:
         others = [prefer] if prefer in table.columns else [n for n in table.columns if n != t]
         if len(others) != 1:
@@ -327,7 +343,16 @@ def read_signal(
                 f"{table.path}: which column is the signal? There are {table.listing}; choose with {option}"
             )
         column = others[0]
-    values = table.numbers(column, option, cut)
+    column = table.named(column)
+    values, own = table.numbers(column, option, cut), table.unit(column)
+    if own and unit and own != unit:
+        found = converted(values, own, unit)
+        if found is None:
+            raise DataError(
+                f"{table.path}: column '{column}' is in {own}, which does not convert to {unit}, the model's"
+            )
+        warnings.warn(f"{table.path}: column '{column}' is converted from {own} to {unit}", stacklevel=2)
+        values = found
     grid = table.time(t, Ts, cut)
     if grid is None:
         return values, None, np.arange(values.size, dtype=np.float64)

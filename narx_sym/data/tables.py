@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..errors import DataError
 from ..symbolic.signals import plain_name
 from .timegrid import Grid, Vector, check_step, regular_time, uniform_time
+from .units import converted, in_header
 
 PathLike = str | os.PathLike[str]
 MOST_NAMED = 40  # columns in a message
@@ -47,6 +48,7 @@ class Table:
     repeated: frozenset[str] = frozenset()
     decimal: str = "."
     unread: tuple[str, ...] = ()  # columns of the file that nobody asked for
+    units: Mapping[str, str] = field(default_factory=dict)  # of a log's channels
 
     @property
     def listing(self) -> str:
@@ -55,6 +57,15 @@ class Table:
         shown = ", ".join(named[:MOST_NAMED]) + (f" and {len(named) - MOST_NAMED} more" * (len(named) > MOST_NAMED))
         line = "" if self.lines is None else f" (line {self.header})"
         return f"the columns {shown}{line}" + "".join(f"; {n}" for n in self.notes if "left out" in n)
+
+    def named(self, asked: str) -> str:
+        """Return the column that is meant: of that name, else the only one that has it before a unit, as "u [V]"."""
+        alike = [n for n in self.columns if in_header(n)[0] == asked] if asked not in self.columns else []
+        return alike[0] if len(alike) == 1 else asked
+
+    def unit(self, column: str) -> str:
+        """Return the unit of a column, empty where the file does not say it."""
+        return self.units.get(column) or in_header(column)[1]
 
     def where(self, row: int) -> str:
         """Name a row as the user sees it: its line in a text file."""
@@ -80,7 +91,7 @@ class Table:
         if wanted != "all":
             listed = names_of(wanted)
             plain = {plain_name(n): n for n in self.columns if n}
-            names = list(dict.fromkeys(n if n in self.columns else plain.get(n, n) for n in listed))
+            names = list(dict.fromkeys(n if n in self.columns else plain.get(n, self.named(n)) for n in listed))
         else:
             names = [n for n in self.columns if n and n not in used]
             for n in [n for n in names if self._first_text(self.columns[n][cut]) is not None]:
@@ -161,7 +172,13 @@ class Table:
             return regular_time(kept * check_step(Ts), lambda i: self.where(int(kept[i])), f"{self.path}: ")
         if t is None or t not in self.columns:
             return None
-        stamps = self.numbers(t, "--time", cut, keep)
+        stamps, own = self.numbers(t, "--time", cut, keep), self.unit(t) or "s"
+        if own != "s":
+            seconds = converted(stamps, own, "s")
+            if seconds is None:
+                raise DataError(f"{self.path}: the time column '{t}' is in {own}, not in s; give --ts SECONDS")
+            self.notes.append(f"time column '{t}' is converted from {own} to s")
+            stamps = seconds
         return regular_time(stamps, lambda i: self.where(int(kept[i])), f"{self.path}: column '{t}', ")
 
     def _number(self, x: Any) -> float:

@@ -51,7 +51,7 @@ class Addition:
         FitError
             Where no stable fit is found, or a refit of the model absorbs the effect.
         """
-        listed = prepare(records)
+        listed = prepare(records, self.model.info.units)
         split = Split.whole(listed)
         if isinstance(self.effect, Candidate):
             fitted = settle(self.effect.model, split, limits=self.effect.fitted.limits, steps=FINAL)

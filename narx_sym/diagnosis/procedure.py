@@ -12,6 +12,7 @@ import numpy as np
 from ..data.evidence.feedback import SETPOINTS, closed_loop
 from ..data.evidence.noise import sensor_noise
 from ..data.sensor import Fault, sensor_faults
+from ..data.units import said_first
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
 from ..fit.identify import prepare
@@ -83,6 +84,11 @@ class Diagnosis(DiagnosisDoors):
         return next((s.chosen for s in reversed(self.steps) if s.chosen is not None), None)
 
     @property
+    def units(self) -> dict[str, str]:
+        """The units of the signals, as the records say them."""
+        return dict(self.steps[0].base.split.records[0].units)
+
+    @property
     def floor(self) -> float:
         """Rms of the noise: the lowest that any step tells [unit of y]."""
         return min(s.floor for s in self.steps)
@@ -108,8 +114,11 @@ class Diagnosis(DiagnosisDoors):
         return found
 
     def sentence(self, units: Mapping[str, str] | None = None) -> str:
-        """Return the verdict in plain words, and what the sensor does."""
-        return " ".join([self.steps[0].sentence(units or {}), *(fault.sentence for fault in self.faults)])
+        """Return the verdict in plain words, and what the sensor does; by default in the units of the records."""
+        return self._verdict(said_first(self.units, units))
+
+    def _verdict(self, units: Mapping[str, str]) -> str:
+        return " ".join([self.steps[0].sentence(units), *(fault.sentence for fault in self.faults)])
 
     def table(self) -> list[dict[str, Any]]:
         """One row per candidate of the first step."""
@@ -133,7 +142,7 @@ class Diagnosis(DiagnosisDoors):
         first |= {"schema": 1, "seed": self.seed, "seconds": round(self.seconds, 3), "ladder": self.ladder}
         first["sensor"] = [{"effect": f.effect, "size": f.size, "share": f.share} for f in self.faults]
         first["data_notes"] = self.data_notes
-        first["sentence"] = self.sentence()
+        first["sentence"] = self._verdict({})  # the same whatever the units are called
         if len(self.steps) > 1:
             rest = [s.to_dict(None) for s in self.steps[1:]]
             first["steps"] = [{n: v for n, v in first.items() if n not in ("schema", "seconds", "seed")}, *rest]
@@ -182,7 +191,7 @@ def diagnose(
     begin = time.perf_counter()
     if max_effects < 1:
         raise ModelError("max_effects must be at least 1.")
-    listed = prepare(records)
+    listed = prepare(records, model.info.units)
     measured = [n for n in listed[0].channels if all(n in r.channels for r in listed)]
     unknown = [] if channels == "all" else [n for n in channels if n not in measured]
     if unknown:

@@ -15,6 +15,7 @@ import sympy as sp
 
 from ..data.metrics import nrmse
 from ..data.record import Record
+from ..data.units import in_units
 from ..errors import FitError, ModelError
 from ..models.model import Model
 from .freerun import FreeRun
@@ -89,7 +90,7 @@ def aligned(model: Model, records: Records, first: float | None = None) -> Align
     seconds = FIRST if first is None else float(first)
     if not 0 < seconds < math.inf:
         raise ModelError(f"The part to align on must be a positive time, not {seconds:g} s.")
-    parts = segments(records)
+    parts = in_units(segments(records), model.info.units)
     used = [_samples(model, part, seconds) for part in parts]
     fixed = [sp.Eq(s, value) for s, value in model.values.items()]
     masks = [np.arange(_length(model, part)) < n for part, n in zip(parts, used, strict=True)]

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..data.evidence.dead_time import PLAIN, dead_time
 from ..data.record import Record, check_excitation
+from ..data.units import in_units
 from ..errors import Diverged, FitError, ModelError, NotInvertible
 from ..inversion.compensator import compensator
 from ..models import assumptions
@@ -48,8 +49,8 @@ def operating_point(records: Records) -> dict[Any, float]:
     return {b: float(f"{v:.12g}") for b, v in point.items() if v}
 
 
-def prepare(records: Any) -> list[Record]:
-    """Return the records as a list, each with a moving input and output."""
+def prepare(records: Any, units: Mapping[str, str] | None = None) -> list[Record]:
+    """Return the records as a list, each with a moving input and output, in the units of a model, or of the first."""
     listed = [records] if isinstance(records, Record) else list(records)
     if not listed:
         raise FitError("No record was given.")
@@ -61,7 +62,7 @@ def prepare(records: Any) -> list[Record]:
     if len({round(r.Ts, 12) for r in listed}) > 1:
         shown = ", ".join(f"{r.name}: {r.Ts:g} s" for r in listed)
         raise FitError(f"The records have different sampling times ({shown}); a model has one.")
-    return listed
+    return in_units(listed, units)
 
 
 def judged(model: Model) -> Model:

@@ -13,6 +13,7 @@ from scipy.linalg.lapack import dtpqrt
 
 from ..data.coverage import seen
 from ..data.record import Record, check_excitation
+from ..data.units import in_units, said_first
 from ..engines.columns import Columns
 from ..errors import FitError
 from ..files.parallel import one_blas_thread
@@ -245,10 +246,11 @@ def fit(
         For dependent regressors, contradicting constraints, too few samples, or a diverging start.
     """
     check_method(method)
+    records = in_units(segments(records), model.info.units)
     if method == "auto":
         better = _better_fit(model, records, constraints, max_steps, starts, seed)
         return unfinished(better) if warn else better
-    for record in segments(records):
+    for record in records:
         check_excitation(record)
     equations = constraint_equations(model, constraints)
     converged = True
@@ -324,6 +326,7 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> Mo
         band=float(np.max(np.abs(output - offset - slope * source))),
         start=(float(source[0]), float(output[0])),
         steps={name: _step(pieces) for name, pieces in signals.items()},
+        units=said_first(model.info.units, parts[0].units),
         **seen(signals, Ts),
     )
     return model.replace(Ts=Ts, info=info)

@@ -13,6 +13,7 @@ import numpy as np
 from ..data.coverage import beyond
 from ..data.metrics import mape, nrmse
 from ..data.record import Record
+from ..data.units import in_units
 from ..engines.columns import Columns, reader
 from ..engines.compile import compile
 from ..errors import Diverged, ModelError, NarxError
@@ -290,6 +291,7 @@ def rest_output(model: Model, value: float) -> float:
 
 def _by_parts(model: Model, record: Record, run: Callable[[Record], Array]) -> Array:
     """Run over each contiguous part of a record by itself; a sample left alone is the measured one."""
+    (record,) = in_units([record], model.info.units)
     lead, measured = (model.lead, record.u) if model.input == y else (0, record.y)
     edges = pairwise((0, *record.breaks, len(record)))
     return np.concatenate([run(record[a:b]) if b - a > 1 else measured[a : max(a, b - lead)] for a, b in edges])
@@ -358,7 +360,7 @@ class Errors:
 def evaluate(model: Model, records: Records) -> Errors:
     """Compare a model with measurements; a free run that diverges has an infinite error."""
     measured, predicted, simulated = [], [], []
-    for record in segments(records):
+    for record in in_units(segments(records), model.info.units):
         if model.Ts and abs(record.Ts - model.Ts) > 1e-6 * model.Ts:
             warnings.warn(
                 f"The record {record.name!r} has Ts = {record.Ts:g} s, the model was identified at {model.Ts:g} s.",

@@ -251,7 +251,7 @@ def extend(model: Model, variant: Variant) -> Extended:
     )  # fmt: skip
     made = model.replace(
         F=F, symbols=(*model.symbols, *cs, *shapes), states=states, constraints=written_constraints(model),
-        theta=None, info=Info(), effects=(*model.effects, added),
+        theta=None, info=Info(units=model.info.units), effects=(*model.effects, added),
     )  # fmt: skip
     return Extended(made, cs, shapes, form.z)
 
@@ -328,7 +328,7 @@ def without(model: Model, symbols: Iterable[Any]) -> Model:
     effects = [part for e in model.effects if (part := e.among(kept)).coefficients]
     return model.replace(
         F=F, symbols=kept, states=states, constraints=[c for c in constraints if c != sp.true],
-        theta=[values[s] for s in kept] if values else None, info=Info(), effects=effects,
+        theta=[values[s] for s in kept] if values else None, info=Info(units=model.info.units), effects=effects,
     )  # fmt: skip
 
 

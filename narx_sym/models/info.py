@@ -51,6 +51,7 @@ class Info:
     line : offset and slope of the output over the input
     band : largest distance from that line [unit of the output]
     start : the first recorded input and output
+    units : of the signals, by name, where they are known
     """
 
     method: str = ""
@@ -65,13 +66,14 @@ class Info:
     band: float | None = None
     selection: Selection = field(default_factory=Selection)
     start: tuple[float, float] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def of_records(self) -> Info:
         """What stays true when the equation changes: what the records showed."""
         return Info(
             ranges=self.ranges, rates=self.rates, frequencies=self.frequencies, steps=self.steps, line=self.line,
-            band=self.band, start=self.start,
+            band=self.band, start=self.start, units=self.units,
         )  # fmt: skip
 
 

@@ -83,12 +83,12 @@ def _more(model: Model, name: str, term: Any) -> Model:
     return model.replace(
         F=core if model.driven == model.output else model.F, symbols=symbols, states=states,
         theta=[values.get(s, 0.0) for s in symbols] if values else None,
-        info=Info(),
+        info=Info(units=model.info.units),
     )  # fmt: skip
 
 
 def _narx(model: NARX, terms: Sequence[Any]) -> Model:
-    return model.replace(terms=terms, theta=None, constraints=(), info=Info())
+    return model.replace(terms=terms, theta=None, constraints=(), info=Info(units=model.info.units))
 
 
 def _constrained(old: Model, made: Model, name: str) -> Model:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.units import said_first
 from ..diagnosis.bases import words
 from ..diagnosis.misfit import Misfit
 from ..diagnosis.procedure import Diagnosis
@@ -169,7 +170,7 @@ def plot_before_after(diagnosis: Diagnosis, axes: Any = None, units: Units | Non
         Time and loop of the base, then of the last model where something was added, then the errors.
     units : mapping such as {"u": "V", "y": "um"}
     """
-    c, units = Comparison.of(diagnosis), units or {}
+    c, units = Comparison.of(diagnosis), said_first(diagnosis.units, units)
     if axes is None:
         figure, _ = new_axes(figsize=(12, 2.9 * len(c.runs) + 2.2))
         figure.clear()
@@ -191,7 +192,7 @@ def _colour(c: Comparison, run: str) -> str:
 
 def plot_where_it_fails(diagnosis: Diagnosis, units: Units | None = None) -> Any:
     """Draw the error in the panels that tell most; see `narx_sym.report.plots.where_it_fails`."""
-    return where_it_fails(diagnosis.misfit, units=dict(units or {}))
+    return where_it_fails(diagnosis.misfit, units=said_first(diagnosis.units, units))
 
 
 def spans(mask: Array) -> list[list[int]]:

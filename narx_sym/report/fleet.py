@@ -16,23 +16,35 @@ from .page import style, templates
 from .svg import stylesheet
 
 Row = dict[str, Any]
-FIELDS = ("file", "tag", "verdict", "missing", "before", "after", "explained", "sizes", "seconds", "report", "problem")
+FIELDS = (
+    "file",
+    "tag",
+    "verdict",
+    "missing",
+    "before",
+    "after",
+    "unit",
+    "explained",
+    "sizes",
+    "seconds",
+    "report",
+    "problem",
+)
 WIDTH, HEIGHT = 160, 32  # of a trend [px]
 FEWEST = 3  # records of one tag that make a trend
 
 
-def write_fleet(rows: Sequence[Row], path: Path, unit: str = "", reports: str = "") -> list[Path]:
+def write_fleet(rows: Sequence[Row], path: Path, reports: str = "") -> list[Path]:
     """Write the page, and the same rows beside it as CSV, and as Parquet where pyarrow is there; return the paths.
 
     Parameters
     ----------
-    unit : of the output
     reports : str
         The folder of the reports as seen from the page.
     """
     page = templates().get_template("fleet.html")
     told = page.render(
-        rows=rows, unit=unit, reports=reports, badges=words.BADGES, heat=heat(rows), trends=trends(rows),
+        rows=rows, unit=_same_unit(rows), reports=reports, badges=words.BADGES, heat=heat(rows), trends=trends(rows),
         colours=stylesheet(), style=style(), width=WIDTH, height=HEIGHT,
         found=sum(bool(r["missing"]) for r in rows), problems=sum(bool(r["problem"]) for r in rows),
     )  # fmt: skip
@@ -41,6 +53,12 @@ def write_fleet(rows: Sequence[Row], path: Path, unit: str = "", reports: str = 
     for table in tables:
         write_bytes(table, as_csv(rows).encode("utf-8") if table.suffix == ".csv" else as_parquet(rows))
     return [path, *tables]
+
+
+def _same_unit(rows: Sequence[Row]) -> str:
+    """Return the unit of all errors; an empty text where the records have several."""
+    said = {r["unit"] for r in rows if not r["problem"]}
+    return said.pop() if len(said) == 1 else ""
 
 
 def beside(page: Path) -> list[Path]:

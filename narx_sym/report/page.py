@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from ..data.units import said_first
 from ..diagnosis.procedure import Diagnosis
 from ..files.atomic import PathLike, write_text
 from ..symbolic.mathml import from_latex
@@ -71,6 +72,7 @@ def sections(
     ----------
     diagnosis : Diagnosis
     units : mapping such as {"u": "V", "y": "um"}
+        By default those of the records.
     files : paths of the data
     settings : mapping of what else was chosen
     scripts : bool
@@ -78,7 +80,7 @@ def sections(
     keys : keys of panels, optional
         The parts that are wanted.
     """
-    units = {"u": "", "y": "", **(units or {})}
+    units = {"u": "", "y": ""} | said_first(diagnosis.units, units)
     material = Material(words.with_units(diagnosis, units), units, files, settings or {}, scripts)
     made = []
     for key, part in panels().items():

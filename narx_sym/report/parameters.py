@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import sympy as sp
 
+from ..data.units import coefficient_units
 from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.table.candidates import Candidate
 from ..models.model import Model
-from ..symbolic.functions import row_of
-from ..symbolic.signals import expand_phi, free, phi1, phi2, samples, sensed, u, v, x, y
+from ..symbolic.signals import expand_phi, free, samples, sensed, u, v, x, y
 from .words import Row, Units, number
 
 MOVED = 3.0  # standard errors
@@ -50,14 +48,12 @@ def parameters(before: Model, after: Model, units: Units, shapes: Mapping[str, s
     shapes : mapping from a name to the unit of a shape parameter
     """
     rows = [{_meaning(model, r): r for r in model.table()} for model in (before, after)]
-    terms = {str(c): (left, e) for model in (after, before) for left, listed in model.system() for c, e in listed}
+    known = [coefficient_units(model, units, shapes) for model in (before, after)]  # theta_4 may be another one in each
     found = []
     for key in [*rows[0], *(n for n in rows[1] if n not in rows[0])]:
         values = [None if key not in r else (r[key]["theta"], r[key]["standard_error"] or 0.0) for r in rows]
-        row = next(r[key] for r in reversed(rows) if key in r)
-        name = row["symbol"]
-        unit = shapes.get(name, "") if name not in terms else unit_of(*terms[name], units)
-        found.append(Parameter(name, row["term"], unit, *values))
+        row, own = next((r[key], of) for r, of in zip(reversed(rows), reversed(known), strict=True) if key in r)
+        found.append(Parameter(row["symbol"], row["term"], own.get(row["symbol"], ""), *values))
     return found
 
 
@@ -69,43 +65,6 @@ def _meaning(model: Model, row: Row) -> str:
     written = expand_phi(term)
     plain = dict.fromkeys((x, free, sensed), y) | {v: u}
     return str(written.xreplace({s: plain.get(s.base, s.base)[s.indices[0]] for s in samples(written)}))
-
-
-def unit_of(left: Any, term: Any, units: Units) -> str:
-    """Return the unit of a coefficient of a term in an equation for `left`; an empty text where it is not known."""
-    whole, part = _dimension(left), _dimension(term)
-    if whole is None or part is None:
-        return ""
-    powers = {name: whole[i] - part[i] for i, name in enumerate("yu")}
-    if any(p and not units.get(n) for n, p in powers.items()):
-        return ""
-    over = [_power(units[n], p) for n, p in powers.items() if p > 0]
-    under = [_power(units[n], -p) for n, p in powers.items() if p < 0]
-    return f"{' '.join(over) or '1'}{'/' if under else ''}{'/'.join(under)}"
-
-
-def _power(unit: str, power: int) -> str:
-    return unit if power == 1 else unit + "".join("⁰¹²³⁴⁵⁶⁷⁸⁹"[int(d)] for d in str(power))
-
-
-def _dimension(expr: Any) -> tuple[int, int] | None:
-    """Return the powers of the units of y and u; None where they are not known."""
-    if isinstance(expr, sp.Indexed):
-        inputs = {u: (0, 1), v: (0, 1), phi1: (0, 1), phi2: (0, 0)}
-        return (1, 0) if expr.base in (y, x, free, sensed) else inputs.get(expr.base)
-    row = row_of(expr)
-    if expr.is_number or (row and row.dimension in ("none", "sign")):
-        return (0, 0)
-    if isinstance(expr, sp.Mul):
-        parts = [_dimension(a) for a in expr.args]
-        known = [p for p in parts if p is not None]
-        return (sum(p[0] for p in known), sum(p[1] for p in known)) if len(known) == len(parts) else None
-    if isinstance(expr, sp.Pow) and expr.exp.is_Integer:
-        part, n = _dimension(expr.base), int(expr.exp)
-        return None if part is None else (n * part[0], n * part[1])
-    if expr.is_Add or (row and row.dimension == "kept"):
-        return next((d for a in expr.args if not a.is_number and (d := _dimension(a)) is not None), None)
-    return None
 
 
 def shape_units(diagnosis: Diagnosis, units: Units, model: Model | None = None) -> dict[str, str]:

@@ -42,7 +42,7 @@ def add(
     addition : Addition
         The model, the effect and its place, from `narx_sym.diagnosis.add`.
     """
-    listed = prepare(list(records))
+    listed = prepare(list(records), addition.model.info.units)
     before = evaluate(addition.model, listed)
     without = fit_on_all(addition.model, listed)
     model = addition.fit(listed, seed, progress)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..data.metrics import mape, nsavi
 from ..data.record import Record
+from ..data.units import in_units
 from ..diagnosis.misfit import Misfit, misfit_of
 from ..diagnosis.refit import period_noise
 from ..errors import FitError, NarxError
@@ -50,6 +51,7 @@ def compare(model: Model, records: Sequence[Record], first: float | None = None)
     first : float, optional
         The part of each segment that start and offset are estimated on [s].
     """
+    records = in_units(list(records), model.info.units)
     errors = [(r.name, evaluate(model, r)) for r in records]
     notes = [
         f"{record.name}: {said}"

@@ -45,6 +45,8 @@ class Settings:
         Seconds for one record, checked between hypotheses; 0 for no limit.
     reports : Path, optional
         A folder for one report per record.
+    units : pairs of "u" or "y" and a unit
+        Of all records, whatever their files say.
     """
 
     base: str = "linear"
@@ -55,6 +57,7 @@ class Settings:
     seed: int = 0
     budget: float = 0.0
     reports: Path | None = None
+    units: tuple[tuple[str, str], ...] = ()
 
 
 class BudgetError(NarxError):
@@ -152,7 +155,7 @@ def look(entry: Entry, settings: Settings) -> Row:
     begin = time.monotonic()
     row: Row = {
         "file": str(entry.file), "tag": entry.tag, "verdict": "", "missing": [], "sizes": {}, "before": None,
-        "after": None, "explained": 0.0, "report": "", "problem": "",
+        "after": None, "unit": "", "explained": 0.0, "report": "", "problem": "",
     }  # fmt: skip
 
     def watch(_: str) -> None:
@@ -163,11 +166,11 @@ def look(entry: Entry, settings: Settings) -> Row:
         names = dict(entry.columns)
         record = read(
             entry.file, u=names["u"], y=names["y"], t=names["t"], Ts=settings.Ts, channels=settings.channels,
-            missing=settings.missing,
+            missing=settings.missing, units=dict(settings.units),
         )  # fmt: skip
         base = identify_base(settings.base, [record])
         found = diagnose(base, record, max_effects=settings.max_effects, seed=settings.seed, report=watch)
-        row |= _told(found)
+        row |= _told(found) | {"unit": record.units.get("y", "")}
         if settings.reports is not None:
             name = re.sub(r"[^\w.-]+", "_", f"{entry.tag}_{entry.file.stem}_{entry.content[:8]}".strip("_")) + ".html"
             found.report(settings.reports / name, {}, [entry.file], {"base": settings.base})

@@ -25,7 +25,6 @@ from narx_sym.report.panels import derived
 from narx_sym.report.panels.registry import panels
 from narx_sym.report.plots import thin
 from narx_sym.symbolic.mathml import from_latex, marked, mathml
-from narx_sym.symbolic.signals import signal
 
 HOSTILE = '<script>alert(1)</script> & "$x_{'
 
@@ -288,16 +287,6 @@ def test_digits_and_marks():
 )
 def test_numbers_are_short(value, shown):
     assert words.number(value) == shown
-
-
-def test_units_of_coefficients():
-    u, y, k, phi1, phi2 = ns.u, ns.y, ns.k, ns.phi1, ns.phi2
-    units = {"u": "V", "y": "um"}
-    for term, unit in ((y[k - 1], "1"), (u[k - 1], "um/V"), (phi1[k], "um/V"), (phi2[k] * phi1[k] * u[k], "um/V²"),
-                       (phi1[k] * y[k - 1], "1/V"), (sp.S.One, "um"), (sp.sign(u[k]), "um"), (abs(u[k]) * u[k], "um/V²"),
-                       (signal("w")[k] * u[k], "")):  # fmt: skip
-        assert parameters.unit_of(y[k], term, units) == unit, term
-    assert parameters.unit_of(y[k], u[k], {"u": "V"}) == "" and parameters.unit_of(y[k], y[k - 1], {}) == "1"
 
 
 def test_moved_parameters_are_named():

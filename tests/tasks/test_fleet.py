@@ -17,7 +17,7 @@ from narx_sym.tasks.fleet import Settings, entries, fleet, look
 N, TS = 900, 0.01
 ROW = {
     "file": "a.csv", "tag": "V1", "verdict": "named", "missing": ["backlash"], "sizes": {"backlash r": 0.3}, "before": 0.2,
-    "after": 0.05, "explained": 0.6, "seconds": 1.0, "report": "", "problem": "",
+    "after": 0.05, "unit": "mm", "explained": 0.6, "seconds": 1.0, "report": "", "problem": "",
 }  # fmt: skip
 
 
@@ -61,7 +61,7 @@ def test_the_page_and_the_csv_say_the_same(tmp_path):
     healthy = ROW | {"tag": "V<2>", "verdict": "nothing_detectable", "missing": [], "sizes": {}}
     broken = ROW | {"tag": "V3", "verdict": "", "missing": [], "sizes": {}, "problem": "no column y"}
     rows = [*grows, healthy, broken]
-    page, table, *_ = write_fleet(rows, tmp_path / "plant.html", "mm", "reports/")
+    page, table, *_ = write_fleet(rows, tmp_path / "plant.html", "reports/")
     text = page.read_text()
     assert "3 of 5 records" in text and "V&lt;2&gt;" in text and "no column y" in text and "polyline" in text
     assert "http" not in text.split("</style>")[1] and "<script" not in text
@@ -130,7 +130,7 @@ def test_parquet_where_its_writer_is_there(folder, tmp_path, run, monkeypatch):
         assert len(write_fleet(rows, tmp_path / "bare.html")) == 2 and not (tmp_path / "bare.parquet").exists()
     monkeypatch.setattr(fleets, "look", lambda entry, settings: ROW | {"file": str(entry.file), "tag": entry.tag})
     code, text, err = run("fleet", folder, "--out", tmp_path / "all.html", "--jobs", "1")
-    assert code == 0 and "all.parquet" in text.replace("\n", "") and len(load(tmp_path / "all.parquet").columns) == 11
+    assert code == 0 and "all.parquet" in text.replace("\n", "") and len(load(tmp_path / "all.parquet").columns) == 12
     code, _, err = run("fleet", folder, "--out", tmp_path / "p.parquet", "--jobs", "1")
     assert code and "two results would go to the same file" in err and not (tmp_path / "p.parquet").exists()
     before = (tmp_path / "all.parquet").read_bytes()

@@ -7,7 +7,7 @@ A discriminating design (Hunter & Reiner 1965), judged by the two models that co
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 
 import numpy as np
@@ -175,7 +175,7 @@ def _as_measured(model: Model, parts: Sequence[Record]) -> list[Record]:
             return []
         if not np.isfinite(run).all():
             return []
-        found.append(Record(part.u, run, part.t, part.Ts, part.channels))
+        found.append(replace(part, y=run))
     return found
 
 

@@ -335,4 +335,6 @@ def _averaged(record: Record, factor: int) -> Record:
         return np.asarray(x[: n * factor].reshape(n, factor).mean(axis=1))
 
     channels = {name: mean(c) for name, c in record.channels.items()}
-    return Record(mean(record.u), mean(record.y), mean(record.t), record.Ts * factor, channels, record.name)
+    return Record(
+        mean(record.u), mean(record.y), mean(record.t), record.Ts * factor, channels, record.name, units=record.units
+    )

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ...data.units import said_first
 from ...errors import NarxError
 from ...files.atomic import write_figure
 from .style import BLACK, BLUE, ORANGE, SKY, label, new_axes
@@ -46,7 +47,7 @@ def plot_ladder(
         Where the picture is saved; its ending chooses the format.
     units : mapping with the unit of "y", for a second axis in that unit
     """
-    units = units or {}
+    units = said_first(diagnosis.units, units)
     rungs = diagnosis.ladder
     step = diagnosis.steps[0]
     spread = step.base.problem.spread

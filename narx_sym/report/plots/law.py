@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...data.units import said_first
 from ...errors import NarxError
 from ...fit.laws.excursions import radius
 from ...inversion.compensator import Compensator
@@ -35,7 +36,7 @@ def plot_internal(
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    units, known = units or {}, law.model.info.ranges
+    units, known = said_first(law.model.info.units, units), law.model.info.ranges
     spans: dict[str, Any] = {}
     for name, run, key in (("m", m, "u"), ("r", r, "y")):
         ends = np.concatenate([np.ravel(known.get(key, [])), np.ravel([] if run is None else run)])

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...data.metrics import rmse
 from ...data.record import Record
+from ...data.units import in_units, said_first
 from ...fit.simulate import arrays, free_run, simulate
 from ...models.model import Model
 from .style import BLACK, BLUE, GREEN, ORANGE, SKY, label, new_axes, thin
@@ -21,7 +22,8 @@ def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[
     axes : three matplotlib axes (time, error, loop), optional
     units : mapping such as {"u": "V", "y": "um"}
     """
-    units = units or {}
+    (record,) = in_units([record], model.info.units)
+    units = said_first(record.units, units)
     if axes is None:
         figure, _ = new_axes(figsize=(11, 5))
         figure.clear()
@@ -82,7 +84,7 @@ def plot_reversal_curves(
         Its rising branches are drawn behind the curves.
     units : mapping such as {"u": "V", "y": "um"}
     """
-    units = units or {}
+    units = said_first(model.info.units, units)
     if ax is None:
         _, ax = new_axes(figsize=(6.5, 5.0))
     if record is not None:

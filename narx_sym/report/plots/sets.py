@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...data.units import said_first
 from ...engines.columns import evaluate_quasi_static
 from ...fit.simulate import simulate
 from ...models.model import Model
@@ -32,7 +33,7 @@ def plot_quasi_static(
         The vertical range shown, in ranges of the loop. The sets run to infinity where dF/dy crosses 1; by
         default three quarters of the points of each set that matters are inside.
     """
-    units = units or {}
+    units = said_first(model.info.units, units)
     source, output = str(model.input.label), str(model.output.label)
     if u is None:
         low, high = model.info.ranges.get(source, (-1.0, 1.0))

@@ -7,6 +7,7 @@ from typing import Any
 
 from ...data.evidence.feedback import setpoint
 from ...data.evidence.stiction import Sticking
+from ...data.units import said_first
 from ...files.atomic import write_figure
 from .style import BLACK, BLUE, ORANGE, SKY, label, new_axes
 
@@ -21,7 +22,7 @@ def plot_valve(valve: Sticking, path: str | Path | None = None, units: dict[str,
         Where the picture is saved; its ending chooses the format.
     units : mapping with the units of "u" and "y"
     """
-    record, unit = valve.record, units or {}
+    record, unit = valve.record, said_first(valve.record.units, units)
     op, pv, wanted = label("OP", unit.get("u", "")), label("PV", unit.get("y", "")), setpoint(record)
     figure, _ = new_axes(figsize=(12.5, 5.0))
     figure.clear()

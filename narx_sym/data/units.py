@@ -1,0 +1,220 @@
+"""Units of signals: where a file says them, whether two convert, and what they make of a parameter.
+
+A label that pint does not know ("%", "inc") is a unit of its own: it cancels against itself and converts to nothing
+else.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache, reduce
+from operator import mul
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import sympy as sp
+
+from ..errors import DataError
+from ..symbolic.functions import row_of
+from ..symbolic.signals import free, phi1, phi2, sensed, t, u, v, x, y
+
+if TYPE_CHECKING:
+    from ..models.model import Model
+
+Measured = TypeVar("Measured", bound=Any)  # a Record: that module uses this one
+LONGEST = 40  # characters of a label
+# One name with a whole power of one digit, and products and quotients of such: nothing else is given to pint.
+NAME = r"(?:[^\W\d_²³¹⁰-⁹]+|°[A-Za-z]?)"
+FACTOR = rf"\(*{NAME}(?:(?:\*\*|\^)?-?[1-9]|[²³])?\)*"
+LABEL = re.compile(rf"(?:1 ?/ ?)?{FACTOR}(?:(?: ?[*/·] ?| ){FACTOR})*")
+HEADER = re.compile(r"(.*\S)\s*(?:\[([^][]*)\]|\(([^()]*)\))")
+PURE = ("1", "-")  # how files say that a signal has no unit
+UNKNOWN = {"u": "?u", "y": "?y"}  # what cancels although nobody said what it is
+
+
+# -- labels ----------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    """Return pint's units; it is imported here, because most commands need none."""
+    import pint
+
+    return pint.UnitRegistry()
+
+
+@lru_cache(maxsize=1000)
+def unit(label: str) -> Any:
+    """Return a label as a unit of pint: one that pint knows, else one of its own dimension."""
+    known = _known(label)
+    if known is not None:
+        return known
+    name = "own_" + label.encode().hex()  # any characters may stand in a label
+    _registry().define(f"{name} = [{name}]")
+    return _registry().Unit(name)
+
+
+def _known(label: str) -> Any:
+    """Return what pint knows by a label, None where it knows nothing."""
+    if label in PURE:
+        return _registry().Unit("")
+    if len(label) > LONGEST or not LABEL.fullmatch(label) or label.count("(") != label.count(")"):
+        return None
+    try:
+        return _registry().Unit(re.sub(rf"({NAME})(-?\d)", r"\1**\2", label))
+    except Exception:  # pint has many kinds of errors for a name that it does not know
+        return None
+
+
+def shown(of: Any, labels: Iterable[str]) -> str:
+    """Return a unit as text, each name as the user spells it in `labels`; "1" for a pure number."""
+    spelled = {f"{unit(label):~P}": label for label in labels}
+    for name in {name for label in labels if LABEL.fullmatch(label) for name in re.findall(NAME, label)}:
+        spelled[f"{unit(name):~P}"] = name
+    found = re.sub(rf"own_[0-9a-f]+|{NAME}", lambda m: spelled.get(m[0], m[0]), f"{of:~P}")
+    return found or "1"
+
+
+def in_header(text: str) -> tuple[str, str]:
+    """Split the name of a column: "u [V]" and "u (V)" are u in V; the unit is empty where none is said.
+
+    What stands in round brackets is a unit only where it is one that is known: "y (filtered)" is a name.
+    """
+    found = HEADER.fullmatch(text)
+    if not found:
+        return text, ""
+    label = (found[2] if found[2] is not None else found[3]).strip()
+    if not label or label.isdigit() or (found[3] is not None and label != "%" and _known(label) is None):
+        return text, ""
+    return found[1], label
+
+
+def said_first(known: Mapping[str, str], said: Mapping[str, str] | None = None) -> dict[str, str]:
+    """Return units by name: what the user says, else what is known."""
+    return {**known, **{name: label for name, label in (said or {}).items() if label}}
+
+
+def converted(values: Any, own: str, wanted: str) -> Any:
+    """Return numbers in another unit; None where the two do not convert.
+
+    Rotations, counts and pure numbers are told apart: a unit converts to what has the same root.
+    """
+    here, there = unit(own), unit(wanted)
+    try:
+        if _registry().get_root_units(here)[1] != _registry().get_root_units(there)[1]:
+            return None
+        return _registry().Quantity(values, here).to(there).magnitude
+    except Exception:  # such as a product with degrees Celsius, or decibels
+        return None
+
+
+def in_units(
+    records: Sequence[Measured], units: Mapping[str, str] | None = None, whose: str = "the model was identified"
+) -> list[Measured]:
+    """Return records in one set of units; what was converted is noted in each.
+
+    Parameters
+    ----------
+    units : mapping of names to labels, optional
+        Those that are wanted, of a model; by default, and for further names, those of the first record that says them.
+    whose : str
+        Who has these units, for the error.
+
+    Raises
+    ------
+    DataError
+        Where a unit does not convert.
+    """
+    wanted = dict(units or {})
+    for record in records:
+        wanted = said_first(record.units, wanted)
+    return [_converted(record, wanted, whose if units else "the record before it was measured") for record in records]
+
+
+def _converted(record: Measured, wanted: Mapping[str, str], whose: str) -> Measured:
+    other = {n: wanted[n] for n, label in record.units.items() if wanted.get(n, label) != label}
+    if not other:
+        return record
+    made = {}
+    for name, label in other.items():
+        own = record.units[name]
+        made[name] = converted(record.signals[name], own, label)
+        if made[name] is None:
+            has, needs = (f"{w.get('u') or '?'} -> {w.get('y') or '?'}" for w in (record.units, wanted))
+            raise DataError(
+                f"record '{record.name}' is in {has}, but {whose} in {needs}: {name} in {own} does not convert to "
+                f"{label}; give a record in {label}, or say with --units (units=) what the record really is in"
+            )
+    notes = [f"{name} is converted from {record.units[name]} to {label}" for name, label in other.items()]
+    return replace(
+        record, u=made.pop("u", record.u), y=made.pop("y", record.y), channels={**record.channels, **made},
+        units={**record.units, **other}, notes=(*record.notes, *notes),
+    )  # fmt: skip
+
+
+# -- parameters ------------------------------------------------------------------------------------------------
+
+
+def coefficient_units(
+    model: Model, units: Mapping[str, str], shapes: Mapping[str, str] | None = None
+) -> dict[str, str]:
+    """Return the unit of each parameter by its name: of a coefficient, that of the equation over that of its term.
+
+    Parameters
+    ----------
+    units : mapping such as {"u": "V", "y": "um"}, and of channels
+    shapes : mapping from shape parameters to their units, which equations do not tell
+    """
+    given = {n: label for n, label in (shapes or {}).items() if label}
+    known = _signals(units) | {n: unit(label.removesuffix(" per sample")) for n, label in given.items()}
+    for state in (*model.states, *model.states):  # twice: one may read another that comes later
+        name = str(state.left.base.label)
+        if known.get(name) is None:
+            known[name] = _dimension(state.right, known)
+    found = {
+        str(s): _left_over(left, c / s * term, known, units)
+        for left, listed in model.system()
+        for c, term in listed
+        for s in model.symbols
+        if c.has(s) and not (c / s).has(s)
+    }
+    return {**found, **given}
+
+
+def _signals(units: Mapping[str, str]) -> dict[str, Any]:
+    """Return the units of all signals that have none of their own: the inner ones have those of what they stand for."""
+    labels = UNKNOWN | {n: label for n, label in units.items() if label}
+    meant = {str(b.label): n for n, bases in (("u", (u, v, phi1)), ("y", (y, x, free, sensed))) for b in bases}
+    labels |= {name: labels[n] for name, n in meant.items()} | {str(t.label): "s", str(phi2.label): "1"}
+    return {name: unit(label) for name, label in labels.items()}
+
+
+def _left_over(left: Any, term: Any, known: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    whole, part = _dimension(left, known), _dimension(term, known)
+    if whole is None or part is None:
+        return ""
+    found = shown(whole / part, [*UNKNOWN.values(), *filter(None, units.values())])
+    return "" if any(label in found for label in UNKNOWN.values()) else found
+
+
+def _dimension(expr: Any, known: Mapping[str, Any]) -> Any:
+    """Return the unit of an expression; None where it is not known."""
+    if isinstance(expr, (sp.Indexed, sp.Symbol)):
+        return known.get(str(expr.base.label if isinstance(expr, sp.Indexed) else expr))
+    row = row_of(expr)
+    if expr.is_number or (row and row.dimension in ("none", "sign")):
+        return unit("1")
+    if expr.is_Mul:
+        parts = [_dimension(a, known) for a in expr.args]
+        return None if any(p is None for p in parts) else reduce(mul, parts)
+    if expr.is_Pow and expr.exp.is_Rational:
+        part = _dimension(expr.base, known)
+        power = int(expr.exp) if expr.exp.is_Integer else float(expr.exp)
+        return None if part is None else part**power
+    if expr.is_Add and not expr.has(sp.Indexed) and any(a.is_number for a in expr.args):
+        return unit("1")  # as in 1 + tau/Ts, where Ts is a number
+    if expr.is_Add or (row and row.dimension == "kept"):
+        parts = [d for a in expr.args if not a.is_number and (d := _dimension(a, known)) is not None]
+        return parts[0] if parts and all(p == parts[0] for p in parts) else None
+    return None
