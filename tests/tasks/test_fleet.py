@@ -72,6 +72,13 @@ def test_the_page_and_the_csv_say_the_same(tmp_path):
     assert trend["values"] == pytest.approx([0.3, 0.4, 0.5])
 
 
+def test_what_is_written_does_not_tell_how_long_it_took(tmp_path):
+    first, second = (
+        [p.read_bytes() for p in write_fleet([ROW | {"seconds": s}], tmp_path / "plant.html")] for s in (1.0, 2.0)
+    )
+    assert first == second
+
+
 def test_entries_from_patterns_and_lists(folder, tmp_path):
     assert [e.tag for e in entries(str(folder / "*" / "*.csv"), group=r"V(\d)")] == ["1", "2", "2"]
     listed = folder / "list.txt"
@@ -124,13 +131,13 @@ def test_parquet_where_its_writer_is_there(folder, tmp_path, run, monkeypatch):
     paths = write_fleet(rows, tmp_path / "plant.html")
     assert [p.name for p in paths] == ["plant.html", "plant.csv", "plant.parquet"]
     read = [{n: dict(v) if n == "sizes" else v for n, v in r.items()} for r in parquet.read_table(paths[2]).to_pylist()]
-    assert read == rows
+    assert read == [{n: v for n, v in row.items() if n != "seconds"} for row in rows]
     with monkeypatch.context() as context:
         context.setattr(pages, "find_spec", lambda name: None)
         assert len(write_fleet(rows, tmp_path / "bare.html")) == 2 and not (tmp_path / "bare.parquet").exists()
     monkeypatch.setattr(fleets, "look", lambda entry, settings: ROW | {"file": str(entry.file), "tag": entry.tag})
     code, text, err = run("fleet", folder, "--out", tmp_path / "all.html", "--jobs", "1")
-    assert code == 0 and "all.parquet" in text.replace("\n", "") and len(load(tmp_path / "all.parquet").columns) == 12
+    assert code == 0 and "all.parquet" in text.replace("\n", "") and len(load(tmp_path / "all.parquet").columns) == 11
     code, _, err = run("fleet", folder, "--out", tmp_path / "p.parquet", "--jobs", "1")
     assert code and "two results would go to the same file" in err and not (tmp_path / "p.parquet").exists()
     before = (tmp_path / "all.parquet").read_bytes()
