@@ -15,6 +15,8 @@ def arm() -> None:
 
     Python delivers it once. Module code under `except Exception`, callbacks of C libraries and `__del__` drop it there.
     """
+    global pressed
+    pressed = False
     signal.signal(signal.SIGINT, _interrupt)
     if hasattr(signal, "setitimer"):  # not on Windows
         signal.signal(signal.SIGALRM, _interrupt)

@@ -1,6 +1,7 @@
 """No wrong number in silence: run-away laws, useless fits, hand-made model files, overwritten inputs, Ctrl-C."""
 
 import json
+import signal
 import sys
 import warnings
 from dataclasses import replace
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 import narx_sym as ns
-from narx_sym.cli import main as cli
+from narx_sym import __main__ as command
+from narx_sym.cli import stop
 from narx_sym.errors import Diverged, FitError, ModelError, NotInvertible
 from narx_sym.fit import identify as identification
 from narx_sym.fit.identify import periodic_growth
@@ -167,12 +169,13 @@ def test_interrupted(monkeypatch, capsys, tmp_path):
     rows = "\n".join(f"{a},{b},{c}" for a, b, c in zip(record.t, record.u, record.y, strict=True))
     (tmp_path / "d.csv").write_text("t,u,y\n" + rows)
 
-    def stop(*_, **__):
-        raise KeyboardInterrupt
+    def interrupt(*_, **__):
+        signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(identification, "identify", stop)
+    monkeypatch.setattr(stop, "pressed", False)
+    monkeypatch.setattr(identification, "identify", interrupt)
     monkeypatch.setattr(sys, "argv", ["narx-sym", "fit", str(tmp_path / "d.csv"), "--out", str(tmp_path / "m.json")])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        command.main()
     assert ended.value.code == 130 and "interrupted" in capsys.readouterr().err
     assert not (tmp_path / "m.json").exists()
