@@ -5,6 +5,7 @@ import pytest
 import sympy as sp
 
 import narx_sym as ns
+from narx_sym.engines import plan
 from narx_sym.engines.compile import compile, has_llvm
 from narx_sym.engines.numbers import lifted
 from narx_sym.engines.slopes import with_slopes
@@ -74,3 +75,11 @@ def test_slopes_are_those_of_the_numbers():
         np.testing.assert_allclose(walk.states["y"], wanted["y"], rtol=1e-13)
         for column, d in zip(walk.slopes.T, moved, strict=True):
             np.testing.assert_allclose(column, wanted[str(d[y].label)], rtol=1e-12, atol=1e-13)
+
+
+def test_many_shared_parts_find_names():
+    a = sp.symbols(f"a0:{len(plan.SHARED) + 50}", real=True)
+    parts = [sp.tanh(b * u[k]) for b in a]
+    recursion = Recursion(((y[k], sp.Add(*(p + p**2 for p in parts))),), a)
+    run = compile(recursion, "python")({"u": np.ones(3)}, np.full(len(a), 0.1), {})["y"]
+    np.testing.assert_allclose(run, len(a) * (np.tanh(0.1) + np.tanh(0.1) ** 2), rtol=1e-12)
