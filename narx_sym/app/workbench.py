@@ -137,12 +137,11 @@ class Workbench:
 
     def _label(self) -> None:
         """Show everything with other units."""
-        self.preview = signals_svg(self._measured, self._measured.units)
+        record = self._measured
+        self.preview = signals_svg(record, record.units)
         if self.revisions and not self.worker.busy:
             bare, law = tuple(r.bare() for r in self.revisions), self.law
-            self._begin(
-                lambda made: self._relabelled(made, law), relabelled, bare, (self._measured,), self._measured.units
-            )
+            self._begin(lambda made: self._relabelled(made, law), relabelled, bare, (record,), record.units)
 
     def _relabelled(self, revisions: list[Shown], law: Law | None) -> None:
         self._put(revisions)

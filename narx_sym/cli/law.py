@@ -74,7 +74,7 @@ def compensate(
         write_bytes(path, made if isinstance(made, bytes) else made.encode("utf-8"))
         console().print(f"{exports()[name].title} written to {path}")
     if reference and out:
-        goal = read_signal(reference, column, ts, t, rows, "--column", "r", names.get("y", ""))
+        goal = read_signal(reference, column, ts, t, rows, option="--column", prefer="r", unit=names.get("y", ""))
         _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, share=part, clip=clip)
 
 

@@ -6,6 +6,7 @@ import signal
 from typing import Any
 
 AGAIN = 1.0  # s until it is asked again; long enough to remove a half-written file
+TIMED = hasattr(signal, "setitimer")  # not on Windows
 
 pressed = False
 
@@ -18,20 +19,24 @@ def arm() -> None:
     global pressed
     pressed = False
     signal.signal(signal.SIGINT, _interrupt)
-    if hasattr(signal, "setitimer"):  # not on Windows
+    if TIMED:
         signal.signal(signal.SIGALRM, _interrupt)
 
 
 def disarm() -> None:
     """Ask no more, and leave Ctrl-C to whom it belongs."""
-    if hasattr(signal, "setitimer"):
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    _ask_in(0.0)
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _interrupt(number: int, frame: Any) -> None:
     global pressed
     pressed = True
-    if hasattr(signal, "setitimer"):
-        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+    _ask_in(AGAIN)
     raise KeyboardInterrupt
+
+
+def _ask_in(seconds: float) -> None:
+    """Ask again then; never for 0."""
+    if TIMED:
+        signal.setitimer(signal.ITIMER_REAL, seconds)

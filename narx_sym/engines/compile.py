@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import cache as once
 from functools import lru_cache
 from importlib import import_module
@@ -25,7 +25,6 @@ from .plan import Plan
 
 ENGINES = ("native", "numpy", "casadi", "python")
 Array = np.ndarray
-NONE = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -76,21 +75,12 @@ class Compiled:
     engine : str
     recursion : Recursion
         Its equations; missing of a run with tangents.
-    numbers : (n,) array
-        What follows its own parameters in those of the layout.
     """
 
     recursion: Recursion
 
-    def __init__(
-        self,
-        layout: Layout,
-        run: Callable[..., int],
-        engine: str,
-        recursion: Recursion | None = None,
-        numbers: Array = NONE,
-    ):
-        self.layout, self.run, self.engine, self.numbers = layout, run, engine, numbers
+    def __init__(self, layout: Layout, run: Callable[..., int], engine: str, recursion: Recursion | None = None):
+        self.layout, self.run, self.engine = layout, run, engine
         if recursion is not None:
             self.recursion = recursion
 
@@ -113,8 +103,9 @@ class Compiled:
             return Layout.of(plan).plain, *coded(plan)
 
         told, engine = kept(written(plain), make)
-        layout = Layout.read(told)
-        return cls(layout, bound(engine, len(layout.states) + len(layout.inputs)), "native", recursion, numbers)
+        layout = replace(Layout.read(told), parameters=len(recursion.parameters))
+        run = bound(engine, len(layout.states) + len(layout.inputs), numbers)
+        return cls(layout, run, "native", recursion)
 
     def __call__(
         self,
@@ -180,10 +171,8 @@ class Compiled:
         columns = self._ahead(columns)
         states = self._start(n, min(first, n), initial or {}, out or {})
         theta = np.ascontiguousarray(theta, dtype=float)
-        if theta.shape != (layout.parameters - self.numbers.size,):
-            needed = layout.parameters - self.numbers.size
-            raise ModelError(f"{needed} parameter values are needed, {theta.size} were given.")
-        theta = np.concatenate([theta, self.numbers])
+        if theta.shape != (layout.parameters,):
+            raise ModelError(f"{layout.parameters} parameter values are needed, {theta.size} were given.")
         if n > first:
             reached = self.run([*states, *columns], theta, first, n)
             if reached < n:
@@ -214,7 +203,7 @@ class Compiled:
         move = over(arrays, first, n) if over else lambda theta: self.run(arrays, theta, first, n)
 
         def run(theta: Array) -> None:
-            reached = move(np.concatenate([theta, self.numbers])) if n > first else n
+            reached = move(theta) if n > first else n
             if reached < n:
                 for state in (*states, *beside[:1]):
                     state[reached:] = np.nan

@@ -11,7 +11,7 @@ import numpy as np
 import sympy as sp
 
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import rebuilt
+from ..symbolic.signals import rewritten
 
 
 def lifted(recursion: Recursion) -> tuple[Recursion, np.ndarray]:
@@ -21,16 +21,14 @@ def lifted(recursion: Recursion) -> tuple[Recursion, np.ndarray]:
     """
     found: dict[float, sp.Symbol] = {}
 
-    def lift(expr: Any) -> Any:
-        if expr.is_Float:
+    def lift(part: Any) -> Any:
+        if part.is_Float:
             # No name of a model has a blank.
-            return found.setdefault(float(expr), sp.Symbol(f"number {len(found)}", real=True))
-        if not expr.args or isinstance(expr, sp.Indexed):
-            return expr
-        arguments = [lift(expr.base), expr.exp] if expr.is_Pow else [lift(a) for a in expr.args]
-        if all(new is old for new, old in zip(arguments, expr.args, strict=True)):
-            return expr
-        return rebuilt(expr, arguments)
+            return found.setdefault(float(part), sp.Symbol(f"number {len(found)}", real=True))
+        if part.is_Pow:
+            base = rewritten(part.base, lift)
+            return part if base is part.base else base**part.exp
+        return None
 
-    updates = tuple((left, lift(right)) for left, right in recursion.updates)
+    updates = tuple((left, rewritten(right, lift)) for left, right in recursion.updates)
     return Recursion(updates, (*recursion.parameters, *found.values())), np.array(list(found), dtype=float)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import chain
+from itertools import count
 from typing import Any, ClassVar
 
 import sympy as sp
@@ -16,7 +16,6 @@ from ..symbolic.signals import k, lag, renamed, samples
 
 MAX_HORNER = 4
 TIME = sp.Dummy("time_index", real=True)
-SHARED = [sp.Dummy(f"shared_{i}") for i in range(1000)]  # as many as most plans need, the same in every one
 
 
 @lru_cache(maxsize=10_000)
@@ -25,9 +24,10 @@ def _plain(signal: int, lag: int) -> sp.Dummy:
     return sp.Dummy(f"x{signal}_{f'm{-lag}' if lag < 0 else lag}", real=True)
 
 
-def _names() -> Iterator[sp.Dummy]:
-    """Yield symbols for what several expressions share."""
-    return chain(SHARED, sp.numbered_symbols("further_", cls=sp.Dummy))
+@lru_cache(maxsize=10_000)
+def _shared(i: int) -> sp.Dummy:
+    """Return the symbol of what several expressions share, the same in every plan."""
+    return sp.Dummy(f"shared_{i}")
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Plan:
         flat = [c for row in (*self.collected, self.others) for c in row]
         if any(c.has(Root) for c in flat):  # the unknown of a root has no value outside it
             return [], [*self.collected, self.others]
-        common, reduced = sp.cse(flat, symbols=_names(), order="none")
+        common, reduced = sp.cse(flat, symbols=map(_shared, count()), order="none")
         rows, at = [], 0
         for row in (*self.collected, self.others):
             rows.append(tuple(reduced[at : at + len(row)]))

@@ -53,7 +53,7 @@ class Tangents:
         layout, self.keys, self.width = told
         self.layout, self.directions = Layout.read(layout), directions
         count = len(self.layout.states) + len(self.layout.inputs)
-        self.compiled = Compiled(self.layout, bound(engine, count + 2), "native", numbers=numbers)
+        self.compiled = Compiled(self.layout, bound(engine, count + 2, numbers), "native")
 
     def over(self, inputs: Mapping[str, Array], initial: Mapping[str, Any], begin: Begin) -> Walk:
         """Return the run over some samples.

@@ -90,18 +90,19 @@ def renamed(expr: Any, names: Mapping[Any, Any]) -> Any:
 
     Another name makes no argument of Max or Min redundant, and SymPy's search takes longer than a derivation.
     """
-    if expr in names:
-        return names[expr]
+    return rewritten(expr, names.get)
+
+
+def rewritten(expr: Any, change: Callable[[Any], Any]) -> Any:
+    """Put `change(part)` in the place of each part for which it is not None; extremes keep all of their arguments."""
+    found = change(expr)
+    if found is not None:
+        return found
     if not expr.args or isinstance(expr, sp.Indexed):
         return expr
-    arguments = [renamed(a, names) for a in expr.args]
+    arguments = [rewritten(a, change) for a in expr.args]
     if all(new is old for new, old in zip(arguments, expr.args, strict=True)):
         return expr
-    return rebuilt(expr, arguments)
-
-
-def rebuilt(expr: Any, arguments: list[Any]) -> Any:
-    """Return an expression with other arguments; extremes keep all of theirs."""
     if isinstance(expr, (sp.Max, sp.Min)):
         return expr.func(*arguments, evaluate=False)
     return expr.func(*arguments)

@@ -221,16 +221,13 @@ class Row:
     errors: tuple[float, ...]
 
 
-def rows(benchmark: Benchmark, effects: Sequence[int]) -> Iterator[Row]:
+def rows(loaded: Loaded, scale: float, effects: Sequence[int]) -> Iterator[Row]:
     """Yield the base, and what is added where so many effects are allowed."""
-    loaded = benchmark.load()
-    if loaded is None:
-        return
     records, tests = loaded
 
     def row(name: str, model: ns.Model, begin: float) -> Row:
         seconds = perf_counter() - begin
-        return Row(name, len(model.symbols), seconds, tuple(benchmark.scale * error(model, t) for t in tests))
+        return Row(name, len(model.symbols), seconds, tuple(scale * error(model, t) for t in tests))
 
     begin = perf_counter()
     base = ns.identify(records, base="linear")
@@ -310,7 +307,7 @@ def main() -> None:
     for name in options.only:
         benchmark, found = BENCHMARKS[name], []
         loaded = benchmark.load()
-        for row in rows(benchmark, options.effects):
+        for row in rows(loaded, benchmark.scale, options.effects) if loaded else []:
             found.append(row)
             print(name, row, file=sys.stderr, flush=True)
         tables.append(table(benchmark, found, [t.name for t in loaded[1]] if loaded else benchmark.tests))

@@ -198,23 +198,28 @@ def coded(plan: Plan, lanes: Lanes | None = None) -> tuple[Any, bytes]:
 
 def build(plan: Plan) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) for a plan."""
-    return bound(coded(plan)[0], len(plan.signals))
+    return bound(coded(plan)[0], len(plan.signals), np.zeros(0))
 
 
-def bound(engine: Any, count: int) -> Callable[..., int]:
-    """Return run(arrays, theta, start, stop) of loaded machine code over so many arrays."""
+def bound(engine: Any, count: int, numbers: np.ndarray) -> Callable[..., int]:
+    """Return run(arrays, theta, start, stop) of loaded machine code over so many arrays; `numbers` follow theta."""
     signature = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * (count + 1), ctypes.c_int64, ctypes.c_int64)
     function = signature(engine.get_function_address("run"))
 
+    def given(theta: np.ndarray) -> np.ndarray:
+        return np.concatenate([theta, numbers]) if numbers.size else theta
+
     def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
-        return int(function(*[a.ctypes.data for a in arrays], theta.ctypes.data, start, stop))
+        values = given(theta)
+        return int(function(*[a.ctypes.data for a in arrays], values.ctypes.data, start, stop))
 
     def over(arrays: list[np.ndarray], start: int, stop: int) -> Callable[[np.ndarray], int]:
         """Return run(theta) over arrays that stay where they are."""
         addresses = [a.ctypes.data for a in arrays]
 
         def move(theta: np.ndarray, _kept: Any = arrays) -> int:  # their memory, as long as this is called
-            return int(function(*addresses, theta.ctypes.data, start, stop))
+            values = given(theta)
+            return int(function(*addresses, values.ctypes.data, start, stop))
 
         return move
 
