@@ -18,6 +18,7 @@ from .tables import PathLike, check_size, names_of
 from .timegrid import Vector, check_step, regular_time, uniform_time
 from .units import converted, said_first
 
+CLOCK = 1e-3  # by which sampling times may differ: two clocks, or times of few digits; no time constant is so sure
 YEARS = 3e8  # [s], ten years: a record that seems longer has its time in another unit
 
 
@@ -187,6 +188,11 @@ class Record:
         parts = f", {len(self.breaks) + 1} segments" if self.breaks else ""
         span = self.t[-1] - self.t[0]
         return f"Record '{self.name}': N = {len(self)}, Ts = {self.Ts:.6g} s, {span:.6g} s{parts}, {ranges}"
+
+
+def same_pace(a: float, b: float) -> bool:
+    """Whether two sampling times [s] are one, as far as clocks tell."""
+    return abs(a - b) <= CLOCK * max(a, b)
 
 
 def check_excitation(record: Record) -> None:

@@ -9,9 +9,10 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from sympy import Eq, S
 
 from ..data.evidence.dead_time import PLAIN, dead_time
-from ..data.record import Record, check_excitation
+from ..data.record import Record, check_excitation, same_pace
 from ..data.units import in_units
 from ..errors import Diverged, FitError, ModelError, NotInvertible
 from ..inversion.compensator import compensator
@@ -59,8 +60,8 @@ def prepare(records: Any, units: Mapping[str, str] | None = None) -> list[Record
     total = sum(len(r) for r in listed)
     if total < FEWEST:
         raise FitError(f"{total} samples are too few to choose a structure: at least {FEWEST} are needed.")
-    if len({round(r.Ts, 12) for r in listed}) > 1:
-        shown = ", ".join(f"{r.name}: {r.Ts:g} s" for r in listed)
+    if not all(same_pace(r.Ts, listed[0].Ts) for r in listed):
+        shown = ", ".join(f"{r.name}: {r.Ts:.6g} s" for r in listed)
         raise FitError(f"The records have different sampling times ({shown}); a model has one.")
     return in_units(listed, units)
 
@@ -304,15 +305,19 @@ def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
 def _choose(candidates: list[NARX], records: list[Record], what: str, method: str, for_compensation: bool) -> Model:
     """Fit each candidate on one part, judge it in free run on the other, refit the best on all."""
     train, held = _validation(records)
-    scored, fits = [], list[Model](candidates)
-    for i, model in enumerate(candidates):
+    tried, fits, scored = list[Model](candidates), list[Model](), []
+    slow = slowest_seen(records)
+    for model in tried:  # grows by those that integrate
+        fits.append(model)
         try:
-            fits[i] = fit(model, train, method=method, max_steps=PATH_STEPS, warn=False)
-            score = evaluate(fits[i], held).free_run_nrmse
+            fitted = fits[-1] = fit(model, train, method=method, max_steps=PATH_STEPS, warn=False)
+            score = evaluate(fitted, held).free_run_nrmse
         except FitError:
             continue
+        if not model.constraints and slowest(fitted) > slow:
+            tried.append(model.replace(constraints=[Eq(model.sigma_y, 1)]))
         if np.isfinite(score):
-            scored.append((score, len(model.terms), i))
+            scored.append((score, len(model.symbols) - len(model.constraints), len(fits) - 1))
     if not scored:
         raise FitError(f"No {what} model follows these data in free run.")
     stable = [s for s in scored if stable_law(fits[s[2]], train)] if for_compensation else scored
@@ -325,9 +330,24 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
         close = [s for s in calm if s[0] <= 1.02 * min(calm)[0]]
     _, _, i = min(close, key=lambda s: (cancels(fits[s[2]]), s[1], s[2]))
     reason = f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})"
-    final = fit(candidates[i], records, method=method)
-    final = _selected(final, base=what, candidates=len(candidates), reason=reason)
+    final = fit(tried[i], records, method=method)
+    final = _selected(final, base=what, candidates=len(tried), reason=reason)
     return judged(_selected(final, stable_law=stable_law(final, records)) if for_compensation else final)
+
+
+def slowest_seen(records: Sequence[Record]) -> float:
+    """Return the pole [per sample] whose time constant is a quarter of the longest segment.
+
+    A slower one cannot be told from an integrator.
+    """
+    return float(np.exp(-4 / max(len(s) for r in records for s in r.segments())))
+
+
+def slowest(model: Model) -> float:
+    """Return the size of the largest pole of a linear model; 0 where the output has no memory."""
+    older = {term.indices[0]: value for value, (_, term) in zip(model.theta, model.parts(), strict=True) if term.has(y)}
+    coefficients = [-older.get(k - i, 0.0) for i in range(1, len(older) + 1)]
+    return float(np.abs(np.roots([1.0, *coefficients])).max(initial=0.0))
 
 
 def cancels(model: Model) -> bool:
@@ -350,7 +370,7 @@ def _linear(
     beside = lagged(own)
     candidates = [
         NARX(
-            [*(y[k - i] for i in range(1, a + 1)), *(u[k - d - j] for j in range(b)), *beside, _one()],
+            [*(y[k - i] for i in range(1, a + 1)), *(u[k - d - j] for j in range(b)), *beside, S.One],
             operating_point=origin,
         )
         for a, b, d in product(range(0, max(2, n_y) + 1), range(1, max(2, n_u) + 1), delays)
@@ -371,13 +391,7 @@ def _static(
     degree = 1 if for_compensation else degree
     beside = lagged(own)
     candidates = [
-        NARX([_one(), *(u[k - delay] ** p for p in range(1, n + 1)), *beside], operating_point=origin)
+        NARX([S.One, *(u[k - delay] ** p for p in range(1, n + 1)), *beside], operating_point=origin)
         for n in range(1, max(1, degree) + 1)
     ]
     return _choose(candidates, records, "static", method, for_compensation)
-
-
-def _one() -> Any:
-    from sympy import S
-
-    return S.One

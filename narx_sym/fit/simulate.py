@@ -12,7 +12,7 @@ import numpy as np
 
 from ..data.coverage import beyond
 from ..data.metrics import mape, nrmse
-from ..data.record import Record
+from ..data.record import Record, same_pace
 from ..data.units import in_units
 from ..engines.columns import Columns, reader
 from ..engines.compile import compile
@@ -361,7 +361,7 @@ def evaluate(model: Model, records: Records) -> Errors:
     """Compare a model with measurements; a free run that diverges has an infinite error."""
     measured, predicted, simulated = [], [], []
     for record in in_units(segments(records), model.info.units):
-        if model.Ts and abs(record.Ts - model.Ts) > 1e-6 * model.Ts:
+        if model.Ts and not same_pace(record.Ts, model.Ts):
             warnings.warn(
                 f"The record {record.name!r} has Ts = {record.Ts:g} s, the model was identified at {model.Ts:g} s.",
                 stacklevel=2,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..data.record import Record
+from ..data.record import Record, same_pace
 from ..data.sensor import sensor_faults
 from ..errors import ModelError, NarxError
 from ..files.store import load
@@ -67,6 +67,6 @@ def other_pace(model: Model, Ts: float | None, what: str) -> str:
     what : str
         What the data are, such as "the reference has".
     """
-    if Ts is None or not model.Ts or abs(Ts - model.Ts) <= 1e-6 * model.Ts:
+    if Ts is None or not model.Ts or same_pace(Ts, model.Ts):
         return ""
     return f"{what} Ts = {Ts:g} s, the model was identified at {model.Ts:g} s"

@@ -19,7 +19,7 @@ from xsdata.formats.dataclass.parsers.config import ParserConfig  # noqa: E402
 
 SECTIONS = {"input_vars": "VAR_INPUT", "output_vars": "VAR_OUTPUT", "local_vars": "VAR", "temp_vars": "VAR_TEMP"}
 ELEMENTARY = {"lreal": "LREAL", "real": "REAL", "bool_value": "BOOL", "dint": "DINT", "udint": "UDINT"}
-QUICK = ("law", "identified law", "clock")
+QUICK = ("law", "clock")
 REST = [pytest.param(n, marks=pytest.mark.long) for n in SUBJECTS if n not in (*QUICK, "awkward", "functions")]
 
 
@@ -95,7 +95,7 @@ def test_its_own_test_passes_on_the_controller(name):
     assert program.values["SAMPLE"] == scans  # and rests there
 
 
-@pytest.mark.parametrize("wrong", (("y_past[1]", "y_past[2]"), ("0.4", "0.41")))
+@pytest.mark.parametrize("wrong", (("y_past[1]", "y_past[2]"), pytest.param(("0.4", "0.41"), marks=pytest.mark.long)))
 def test_a_wrong_block_fails_its_own_test(wrong):
     mixed = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "Max(u[k-2], y[k-1])"], [0.6, -0.1, 0.4, 0.05])
 

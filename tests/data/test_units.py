@@ -37,7 +37,12 @@ def csv(path, head="t,u [V],y (um)"):
 
 
 @pytest.mark.parametrize(
-    ("kind", "name"), ((mdf, "a.mf4"), (tdms, "a.tdms"), (csv, "a.csv")), ids=("mdf", "tdms", "csv")
+    ("kind", "name"),
+    (
+        pytest.param(mdf, "a.mf4", id="mdf"),
+        pytest.param(tdms, "a.tdms", id="tdms", marks=pytest.mark.long),
+        pytest.param(csv, "a.csv", id="csv", marks=pytest.mark.long),
+    ),
 )
 def test_units_in_a_file_reach_the_report(kind, name, tmp_path):
     columns = {} if kind is csv else {"u": "Voltage", "y": "Position", "channels": ["Temp C"]}

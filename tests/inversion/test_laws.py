@@ -370,7 +370,12 @@ LIMITS = {"limits": (-2, 2), "rate": 0.3}
 
 @pytest.mark.parametrize(
     "name, limits",
-    [*((name, {}) for name in EXPORTED), ("physical", LIMITS), ("delayed", LIMITS), ("backlash", LIMITS)],
+    [
+        *((name, {}) for name in EXPORTED),
+        ("physical", LIMITS),
+        ("delayed", LIMITS),
+        pytest.param("backlash", LIMITS, marks=pytest.mark.long),
+    ],
 )
 def test_every_engine_runs_a_law(name, limits, tmp_path):
     model = EXPORTED[name]()

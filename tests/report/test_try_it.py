@@ -218,8 +218,8 @@ def test_zoom(opened, told):
     ("width", "scheme"),
     (
         (390, "dark"),
-        (1280, "light"),
         pytest.param(390, "light", marks=pytest.mark.long),
+        pytest.param(1280, "light", marks=pytest.mark.long),
         pytest.param(1280, "dark", marks=pytest.mark.long),
     ),
 )

@@ -1,0 +1,51 @@
+"""An axis that integrates is found by the linear base; sampling times that only differ by a clock are one."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import narx_sym as ns
+
+N, TS = 4000, 0.01
+
+
+def force(seed):
+    """A force that sends the axis back and forth, so that its position stays near."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(N) * TS
+    return sum(
+        a * np.sin(w * t + p) for a, w, p in zip((1, 0.6, 0.3), (1.0, 2.7, 7.1), rng.uniform(0, 6, 3), strict=True)
+    )
+
+
+def axis(u, pole=1.0):
+    """A mass with viscous drag: the speed is a lag of the force, and the position its sum."""
+    y, v = np.zeros(N), 0.0
+    for k in range(1, N):
+        v = 0.97 * v + 0.03 * u[k - 1]
+        y[k] = pole * y[k - 1] + TS * v
+    return y + 1e-4 * np.random.default_rng(9).standard_normal(N)
+
+
+def test_an_axis_that_integrates_has_a_pole_at_one():
+    model = ns.identify(ns.Record.from_arrays(force(0), axis(force(0)), Ts=TS), base="linear")
+    assert model.constraints == (sp.Eq(model.sigma_y, 1),)
+    assert model.sigma_y.xreplace(model.values) == pytest.approx(1, abs=1e-12)
+    other = ns.Record.from_arrays(force(1), axis(force(1)), Ts=TS)
+    assert ns.evaluate(model, other).free_run_nrmse < 0.02
+
+
+def test_a_slow_lag_keeps_its_pole():
+    model = ns.identify(ns.Record.from_arrays(force(0), axis(force(0), pole=0.99), Ts=TS), base="linear")
+    assert not model.constraints
+    coefficients = [model.values.get(c, 0) for c, term in model.parts() if term.has(ns.y)]
+    assert np.abs(np.roots([1, *(-float(c) for c in coefficients)])).max() == pytest.approx(0.99, abs=0.003)
+
+
+def test_two_clocks_are_one_sampling_time():
+    u = force(0)
+    records = [ns.Record.from_arrays(u, axis(u), Ts=Ts, name=str(Ts)) for Ts in (TS, TS * 1.00002)]
+    assert ns.identify(records, base="linear").Ts == TS
+    slower = ns.Record.from_arrays(u, axis(u), Ts=TS * 1.01, name="slow")
+    with pytest.raises(ns.FitError, match=r"different sampling times \(0.01: 0.01 s, slow: 0.0101 s\)"):
+        ns.identify([records[0], slower], base="linear")
