@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from places import PACKAGE, SHARED, needs_shared
 from scipy.io import savemat
 
-from narx_sym.data.record import Record, check_excitation, read, read_signal
+from narx_sym.data.record import Record, check_excitation, one_sine, read, read_signal
 from narx_sym.data.timegrid import regular_time
 from narx_sym.errors import DataError, NarxError
 from narx_sym.files.atomic import write_csv, write_text
@@ -569,3 +569,22 @@ def test_a_channel_with_a_unit_in_its_name(tmp_path):
     path.write_text("t,u,y,a b,a-b\n" + "".join(f"{i / 10},{i % 7},{i % 5},{i},{i}\n" for i in range(30)))
     with pytest.raises(DataError, match="'a b' and 'a-b' would both be called a_b"):
         read(path, channels="all")
+
+
+@pytest.mark.parametrize(
+    ("kind", "frequency"),
+    (("sine", 2.0), ("triangle", 0), ("two sines", 0), ("growing", 0), ("one cycle", 0), ("rest", 0)),
+)
+def test_a_single_sine_is_seen(kind, frequency):
+    t = np.arange(1000) * 0.01
+    signals = {
+        "sine": 1 + np.sin(2 * np.pi * 2 * t + 0.3) + 0.02 * np.random.default_rng(0).standard_normal(t.size),
+        "triangle": np.abs((2 * t) % 1 - 0.5),
+        "two sines": np.sin(2 * np.pi * 2 * t) + 0.2 * np.sin(2 * np.pi * 0.7 * t),
+        "growing": (t + 1) * np.sin(2 * np.pi * 2 * t),
+        "one cycle": np.sin(2 * np.pi * 0.1 * t),
+        "rest": np.ones(t.size),
+    }
+    record = Record.from_arrays(signals[kind], np.cos(t), Ts=0.01)
+    assert one_sine(record.u, record.Ts) == pytest.approx(frequency)
+    assert any("one sine of 2 Hz" in text for text in record.remarks()) == (kind == "sine")
