@@ -13,7 +13,7 @@ import typer
 
 from ..app import command as live
 from ..errors import DataError, NarxError
-from . import diagnose, effects, fleet, law, stop
+from . import commission, diagnose, effects, fleet, law, stop
 from .options import (
     Channels,
     DataFiles,
@@ -189,7 +189,15 @@ def _pictures(model: Any, measured: list[Any], target: Path, misfit: Any, where:
         console().print(f"Picture of where it fails: {where}")
 
 
-for command in (diagnose.diagnose, fleet.fleet, effects.add, effects.effects, law.compensate, law.simulate):
+for command in (
+    diagnose.diagnose,
+    fleet.fleet,
+    effects.add,
+    effects.effects,
+    law.compensate,
+    commission.commission,
+    law.simulate,
+):
     app.command()(command)
 
 

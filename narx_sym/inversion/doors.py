@@ -14,6 +14,7 @@ class CompensatorDoors:
     to_casadi = door("codegen.targets", "law_to_casadi")
     run = door("fit.laws.run", "run_law")
     follow = door("fit.laws.run", "follow")
+    commission = door("tasks.commission", "commission")
     check = door("fit.laws.counting", "check")
     start = door("fit.laws.start", "law_start")
     rest_input = door("fit.laws.start", "rest_input")

@@ -6,7 +6,7 @@ Every function takes matplotlib axes or makes them, labels them with units, and 
 from .diagnosis import plot_candidates, plot_diagnosis, plot_ladder
 from .failures import draw_panel, reach, where_it_fails
 from .law import plot_internal
-from .run import plot_comparison, plot_compensation, plot_reversal_curves, reversal_curves
+from .run import plot_commissioning, plot_comparison, plot_compensation, plot_reversal_curves, reversal_curves
 from .sets import orientation, plot_quasi_static
 from .style import BLACK, BLUE, GREEN, ORANGE, PINK, RED, SKY, YELLOW, label, new_axes, thin
 from .valve import plot_valve
@@ -25,6 +25,7 @@ __all__ = [
     "new_axes",
     "orientation",
     "plot_candidates",
+    "plot_commissioning",
     "plot_comparison",
     "plot_compensation",
     "plot_diagnosis",

@@ -11,6 +11,7 @@ from ...data.record import Record
 from ...data.units import in_units, said_first
 from ...fit.simulate import arrays, free_run, simulate
 from ...models.model import Model
+from ...tasks.commission import Commissioning
 from .style import BLACK, BLUE, GREEN, ORANGE, SKY, label, new_axes, thin
 
 
@@ -123,3 +124,38 @@ def plot_compensation(t: Any, r: Any, m: Any, outputs: dict[str, Any], units: di
     for ax in axes.flat:
         ax.legend(loc="best", fontsize=8)
     return figure
+
+
+def plot_commissioning(found: Commissioning, units: dict[str, str] | None = None) -> Any:
+    """Draw the input of a law, the reference, and the band of the tracking error.
+
+    Parameters
+    ----------
+    units : mapping such as {"u": "V", "y": "um"}
+    """
+    units = said_first(found.law.model.info.units, units)
+    time = np.arange(found.r.size) * (found.law.model.Ts or 1.0)
+    unit = "s" if found.law.model.Ts else "samples"
+    figure, axes = new_axes(3, 1, figsize=(10, 7.5))
+    axes[0].plot(*_thinned(time, found.r), color=BLACK, lw=1.4)
+    axes[0].set_ylabel(label("reference", units.get("y", "")))
+    verdict = "Go" if found.go else "No go"
+    unit_y = f" {units['y']}" if units.get("y") else ""
+    axes[0].set_title(
+        f"{verdict}: error {found.expected:.3g}{unit_y} rms, without the law {found.without:.3g}{unit_y}", loc="left"
+    )
+    axes[1].plot(*_thinned(time, found.run.m), color=BLUE, lw=1.1)
+    axes[1].set_ylabel(label("input of the law", units.get("u", "")))
+    keep = np.union1d(thin(found.low), thin(found.high))
+    axes[2].fill_between(
+        time[keep], found.low[keep], found.high[keep], color=SKY, lw=0, label="95 % of what the records allow"
+    )
+    axes[2].axhline(0, color=BLACK, lw=0.7)
+    axes[2].set(xlabel=f"time [{unit}]", ylabel=label("y - r", units.get("y", "")))
+    figure.legend(loc="outside lower right", fontsize=9, frameon=False)
+    return figure
+
+
+def _thinned(time: Any, x: Any) -> tuple[Any, Any]:
+    keep = thin(x)
+    return time[keep], x[keep]

@@ -1,0 +1,79 @@
+"""Go or no go: a compensation law over a reference, before it runs on the machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import (
+    DataFiles,
+    Input,
+    Missing,
+    ModelFile,
+    Output,
+    Rows,
+    Seed,
+    Time,
+    Ts,
+    Units,
+    check_format,
+    check_targets,
+    records,
+    save_figure,
+)
+from .printing import console, note, working
+
+
+def commission(
+    model_file: ModelFile,
+    data: DataFiles,
+    reference: Annotated[Path, typer.Option("--reference", help="CSV with the wanted output.")],
+    column: Annotated[
+        str | None, typer.Option("--column", help="Column of the reference (default: the only one).")
+    ] = None,
+    limits: Annotated[
+        tuple[float, float] | None, typer.Option("--limits", metavar="LO HI", help="Range of the actuator's input.")
+    ] = None,
+    rate: Annotated[float | None, typer.Option("--rate", help="Largest change of the input per sample.")] = None,
+    share: Annotated[str, typer.Option("--share", help="As in compensate: auto, none, or a number.")] = "auto",
+    draws: Annotated[int, typer.Option(min=20, max=10_000, help="Parameter sets of the Monte Carlo.")] = 200,
+    plot: Annotated[Path, typer.Option("--plot", help="Picture of input, output and error with their bands.")] = Path(
+        "commission.png"
+    ),
+    json: Annotated[Path | None, typer.Option("--json", help="Write the figures.")] = None,
+    seed: Seed = 0,
+    units: Units = "",
+    u: Input = "u",
+    y: Output = "y",
+    t: Time = "t",
+    ts: Ts = None,
+    rows: Rows = None,
+    missing: Missing = "refuse",
+) -> None:
+    """Go or no go: what a law would reach on the machine, by Monte Carlo over what the records allow."""
+    from ..data.record import read_signal
+    from ..files.store import load
+    from ..report.plots import plot_commissioning
+    from ..tasks.base import other_pace
+    from ..tasks.commission import commission as run
+    from ..tasks.commission import write_commissioning
+
+    check_format(plot)
+    check_targets([plot, json], model_file, reference, *data)
+    model = load(model_file)
+    measured = records(data, u, y, t, ts, "", rows, missing, units, model)
+    names = dict(measured[0].units)
+    goal, step, _ = read_signal(reference, column, t=t, option="--column", prefer="r", unit=names.get("y", ""))
+    if pace := other_pace(model, step, "the reference has"):
+        note(pace)
+    with working("Running the law and the models that the records allow"):
+        law = model.compensator()
+        part = None if share == "none" else law.share(share)
+        found = run(law, goal, measured, limits=limits, rate=rate, share=part, draws=draws, seed=seed)
+    console().print(found.sentence(names), markup=False)
+    if json:
+        write_commissioning(found, json)
+    save_figure(plot_commissioning(found, names), plot)
+    console().print(f"Picture: {plot}")

@@ -1,0 +1,112 @@
+"""Go or no go: what is expected of a law is what the machine then does."""
+
+import json
+
+import numpy as np
+import pytest
+
+import narx_sym as ns
+from narx_sym.files.atomic import write_csv
+
+TS, NOISE, N = 0.01, 0.01, 1500
+T = np.arange(N) * TS
+GOAL = 0.8 * np.sin(2 * np.pi * 0.3 * T) * np.minimum(T, 1)
+
+
+def machine(u, seed):
+    """A lag with a measured output."""
+    y = np.zeros(len(u))
+    for k in range(1, len(u)):
+        y[k] = 0.9 * y[k - 1] + 0.1 * u[k - 1]
+    return y + NOISE * np.random.default_rng(seed).standard_normal(len(u))
+
+
+def log(seed):
+    rng = np.random.default_rng([seed, 1])
+    u = np.zeros(N)
+    for k, w in enumerate(rng.standard_normal(N - 1), 1):
+        u[k] = 0.95 * u[k - 1] + 0.5 * w
+    return ns.Record.from_arrays(u, machine(u, seed), Ts=TS)
+
+
+def law_from(record):
+    return ns.NARX.from_terms(["y[k-1]", "u[k-1]"]).fit(record, method="free_run").compensator()
+
+
+@pytest.fixture(scope="module")
+def found():
+    record = log(0)
+    return law_from(record).commission(GOAL, record, draws=60)
+
+
+def test_what_is_expected_is_what_comes():
+    below, inside = 0, []
+    for seed in range(20):
+        record = log(seed)
+        one = law_from(record).commission(GOAL, record, draws=60, seed=seed)
+        error = machine(one.run.m, 100 + seed) - GOAL
+        below += np.sqrt(np.mean(error**2)) <= one.worst
+        inside.append(np.mean((one.low <= error) & (error <= one.high)))
+        assert one.expected == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.1)
+    assert below >= 17 and np.mean(inside) == pytest.approx(0.95, abs=0.02)
+
+
+def test_nothing_speaks_against_a_good_law(found):
+    assert found.go and found.unexplained == pytest.approx(NOISE, rel=0.1) and found.at_limits == 0
+    assert found.without > 5 * found.expected and found.steepest == pytest.approx(np.abs(np.diff(found.run.m)).max())
+    assert found.sentence({"y": "mm"}).startswith("Go. Expected: an error of 0.0") and "mm rms" in found.sentence(
+        {"y": "mm"}
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "scale", "word"),
+    (
+        ({"limits": (-0.3, 0.3)}, 1, "at a limit for"),
+        ({"rate": 1e-4}, 1, "Without the law the error would be"),
+        ({}, 5, "The reference"),
+    ),
+)
+@pytest.mark.filterwarnings("ignore")
+def test_what_speaks_against_it(options, scale, word):
+    record = log(0)
+    one = law_from(record).commission(scale * GOAL, record, draws=30, **options)
+    assert not one.go and any(word in text for text in one.against) and one.sentence().startswith("No go.")
+
+
+def test_the_same_seed_gives_the_same_figures(found):
+    record = log(0)
+    again = law_from(record).commission(GOAL, record, draws=60)
+    assert np.array_equal(again.errors, found.errors)
+
+
+def test_on_the_command_line(run, tmp_path):
+    record = log(0)
+    write_csv(tmp_path / "log.csv", {"t": record.t, "u": record.u, "y": record.y})
+    write_csv(tmp_path / "wanted.csv", {"t": T, "r": GOAL})
+    law_from(record).model.save(tmp_path / "model.json")
+    code, out, _ = run(
+        "commission", tmp_path / "model.json", tmp_path / "log.csv", "--reference", tmp_path / "wanted.csv",
+        "--json", tmp_path / "c.json", "--plot", tmp_path / "c.png", "--units", "V,mm", "--draws", "30",
+    )  # fmt: skip
+    assert code == 0 and out.startswith("Go. Expected") and (tmp_path / "c.png").stat().st_size > 10_000
+    said = json.loads((tmp_path / "c.json").read_text())
+    assert said["go"] and said["expected"] < said["worst"] < said["without"] and said["against"] == []
+    code, _, err = run(
+        "commission", tmp_path / "model.json", tmp_path / "log.csv", "--reference", tmp_path / "none.csv",
+        "--plot", tmp_path / "d.png",
+    )  # fmt: skip
+    assert code == 2 and "none.csv" in err and not (tmp_path / "d.png").exists()
+
+
+def test_a_law_with_a_channel_is_refused():
+    n = 200
+    rng = np.random.default_rng(0)
+    u, w = rng.standard_normal((2, n))
+    y = np.zeros(n)
+    for k in range(1, n):
+        y[k] = 0.5 * y[k - 1] + u[k - 1] + 0.3 * w[k - 1]
+    record = ns.Record.from_arrays(u, y, Ts=1.0, channels={"w": w})
+    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "w[k-1]"], channels=["w"]).fit(record).compensator()
+    with pytest.raises(ns.ModelError, match="one input"):
+        law.commission(np.zeros(50), record)
