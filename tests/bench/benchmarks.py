@@ -227,7 +227,8 @@ def rows(loaded: Loaded, scale: float, effects: Sequence[int]) -> Iterator[Row]:
 
     def row(name: str, model: ns.Model, begin: float) -> Row:
         seconds = perf_counter() - begin
-        return Row(name, len(model.symbols), seconds, tuple(scale * error(model, t) for t in tests))
+        free = len(model.symbols) - len(model.constraints)
+        return Row(name, free, seconds, tuple(scale * error(model, t) for t in tests))
 
     begin = perf_counter()
     base = ns.identify(records, base="linear")
