@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,7 +30,12 @@ Ts = Annotated[float | None, typer.Option("--ts", help="Sampling time in s; over
 Channels = Annotated[str, typer.Option("--channels", help="Further columns: names with commas, or all.")]
 Rows = Annotated[str | None, typer.Option("--rows", help="Data rows A:B, counted from 0.")]
 Missing = Annotated[str, typer.Option("--missing", help="Rows with missing values: refuse, or drop and say so.")]
-Units = Annotated[str, typer.Option("--units", help="Units of input and output, as V,um (default: those in the file).")]
+Units = Annotated[
+    str,
+    typer.Option(
+        "--units", help="Units as V,um,temp=degC: input, output, channels by name (default: those in the file)."
+    ),
+]
 MaxEffects = Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")]
 Resume = Annotated[
@@ -75,9 +81,17 @@ def say_resumed(journal: Journal | None, file: Path | None) -> None:
 
 
 def unit_names(units: str) -> dict[str, str]:
-    """Turn "V,um" into units of u and y; what is empty is not said."""
-    first, _, second = units.partition(",")
-    return {name: label.strip() for name, label in (("u", first), ("y", second)) if label.strip()}
+    """Turn "V,um,temp=degC" into units of u, y and channels by name; what is empty is not said."""
+    found: dict[str, str] = {}
+    for part, own in zip_longest(units.split(","), ("u", "y"), fillvalue=""):
+        name, told, label = part.rpartition("=")
+        if label.strip() and not (name.strip() if told else own):
+            raise DataError(
+                f"--units {units}: give the units of input and output, then those of channels as temp=degC."
+            )
+        if label.strip():
+            found[name.strip() or own] = label.strip()
+    return found
 
 
 def check_format(path: Path | None) -> None:

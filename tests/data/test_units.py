@@ -16,7 +16,10 @@ from places import ROOT
 from test_logs import mdf, tdms
 
 import narx_sym as ns
+from narx_sym.cli.options import unit_names
 from narx_sym.data.units import coefficient_units, converted, in_header, in_units, shown, unit
+from narx_sym.errors import DataError
+from narx_sym.files.atomic import write_csv
 from narx_sym.models.extend import extend, variants
 from narx_sym.report import parameters
 from narx_sym.report.page import sections
@@ -266,3 +269,33 @@ def added(effect, form="", where=""):
 def test_effects_have_the_units_of_what_they_read(effect, form, where, units):
     found = added(effect, form, where)
     assert {n: found[n] for n in units} == units
+
+
+@pytest.mark.parametrize(
+    ("text", "units"),
+    (
+        ("", {}), ("V,um", {"u": "V", "y": "um"}), (",um", {"y": "um"}), ("V", {"u": "V"}),
+        ("V,um,temp=degC", {"u": "V", "y": "um", "temp": "degC"}), ("y=mm,u=V", {"u": "V", "y": "mm"}),
+    ),
+)  # fmt: skip
+def test_units_on_the_command_line(text, units):
+    assert unit_names(text) == units
+
+
+def test_a_third_unit_needs_a_name():
+    with pytest.raises(DataError, match="then those of channels as temp=degC"):
+        unit_names("V,um,degC")
+
+
+def test_units_of_a_channel_reach_the_model(run, tmp_path):
+    rng = np.random.default_rng(0)
+    u, temp = rng.standard_normal((2, 200))
+    y = np.concatenate([[0], 0.5 * u[:-1] + 0.1 * temp[:-1]])
+    write_csv(tmp_path / "a.csv", {"t": np.arange(200) * 0.1, "u": u, "y": y, "temp": temp})
+    out = tmp_path / "m.json"
+    given = ("fit", tmp_path / "a.csv", "--out", out, "--base", "linear", "--channels")
+    code, _, err = run(*given, "temp", "--units", "V,um,temp=degC")
+    assert code == 0, err
+    assert ns.load(out).info.units == {"u": "V", "y": "um", "temp": "degC"}
+    code, _, err = run(*given, "", "--units", "V,um,temp=degC")
+    assert code == 2 and "units of 'temp', which is no signal" in err
