@@ -135,9 +135,10 @@ print(f"a, b, c, d = {np.round(bouc_wen.theta, 4)}, simulated with 0.7, 0.008, 0
 # several rates are interpolated to the stamps of the fastest of those chosen, and that is said.
 #
 # Units that stand in a log, or in the header of a CSV (`t,u [V],y [um]`, which `--input u` finds), go with the record and
-# with the model that is fitted to it: tables, pictures, reports, laws and FMUs have them. What `--units V,um` says wins. The
-# unit of a parameter follows from the term that it multiplies. A record in mV is converted for a model in V, and that is
-# said; one in A is refused. A unit that is not known, such as `%` or `inc`, is a label that converts to nothing else.
+# with the model that is fitted to it: tables, pictures, reports, laws and FMUs have them. What `--units V,um,temp=degC` says
+# (of the input, the output, and channels by name) wins. The unit of a parameter follows from the term that it multiplies. A
+# record in mV is converted for a model in V, and that is said; one in A is refused. A unit that is not known, such as `%` or
+# `inc`, is a label that converts to nothing else.
 
 # %%
 log = None
