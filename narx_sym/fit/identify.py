@@ -19,15 +19,17 @@ from ..inversion.compensator import compensator
 from ..models import assumptions
 from ..models.model import NARX, Model
 from ..models.pool import lagged, pool
-from ..symbolic.signals import k, phi1, u, y
+from ..symbolic.signals import k, lag, phi1, u, y
 from .bases.bouc_wen import identify_bouc_wen
 from .bases.choice import choose_base
+from .bases.integrating import DRIVEN, driven, slowest, slowest_seen
 from .bases.play import PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
 from .laws.excursions import law_radius
 from .least_squares import check_method, fit, free_run_error
 from .simulate import Records, centre, evaluate, segments, simulate
 
+Array = np.ndarray
 BASES = ("narx", "linear", "static", "play", "bouc-wen", "auto")
 HELD_OUT = 0.3
 CYCLES = 10
@@ -306,7 +308,6 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     """Fit each candidate on one part, judge it in free run on the other, refit the best on all."""
     train, held = _validation(records)
     tried, fits, scored = list[Model](candidates), list[Model](), []
-    slow = slowest_seen(records)
     for model in tried:  # grows by those that integrate
         fits.append(model)
         try:
@@ -314,7 +315,7 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
             score = evaluate(fitted, held).free_run_nrmse
         except FitError:
             continue
-        if not model.constraints and slowest(fitted) > slow:
+        if not model.constraints and what == "linear" and _integrates(fitted, train):
             tried.append(model.replace(constraints=[Eq(model.sigma_y, 1)]))
         if np.isfinite(score):
             scored.append((score, len(model.symbols) - len(model.constraints), len(fits) - 1))
@@ -335,19 +336,17 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     return judged(_selected(final, stable_law=stable_law(final, records)) if for_compensation else final)
 
 
-def slowest_seen(records: Sequence[Record]) -> float:
-    """Return the pole [per sample] whose time constant is a quarter of the longest segment.
+def _integrates(model: Model, records: Sequence[Record]) -> bool:
+    """Whether the input drives a linear model through a pole that the records cannot tell from 1."""
+    a, b = _coefficients(model, y), _coefficients(model, u)
+    spread = np.std(np.concatenate([r.y for r in records]))
+    return slowest(a) > slowest_seen(records) and driven(a, b, records) > DRIVEN * spread
 
-    A slower one cannot be told from an integrator.
-    """
-    return float(np.exp(-4 / max(len(s) for r in records for s in r.segments())))
 
-
-def slowest(model: Model) -> float:
-    """Return the size of the largest pole of a linear model; 0 where the output has no memory."""
-    older = {term.indices[0]: value for value, (_, term) in zip(model.theta, model.parts(), strict=True) if term.has(y)}
-    coefficients = [-older.get(k - i, 0.0) for i in range(1, len(older) + 1)]
-    return float(np.abs(np.roots([1.0, *coefficients])).max(initial=0.0))
+def _coefficients(model: Model, base: Any) -> Array:
+    """Return the coefficients of the samples of a signal in a linear model, by lag."""
+    found = {lag(x): c for c, (_, x) in zip(model.theta, model.parts(), strict=True) if x.has(base)}
+    return np.array([found.get(i, 0.0) for i in range(int(base == y), max(found, default=0) + 1)])
 
 
 def cancels(model: Model) -> bool:

@@ -20,6 +20,7 @@ from ..fit.least_squares import describe
 from ..fit.simulate import Records, free_run, simulate
 from ..inversion.compensator import Compensator
 from ..models.model import Model
+from ..symbolic.signals import u
 from .compensate import Followed, caution, follow
 from .result_file import finite
 
@@ -77,14 +78,13 @@ class Commissioning:
     def sentence(self, units: Mapping[str, str] | None = None) -> str:
         """Return go or no go, in words; by default in the units of the model."""
         known = said_first(self.law.model.info.units, units)
-        y, u = (f" {known[name]}" if known.get(name) else "" for name in ("y", "u"))
+        of_y, of_u = (f" {known[name]}" if known.get(name) else "" for name in ("y", "u"))
         gain = self.without / self.expected if self.expected else np.inf
         times = f", {gain:.3g} times less than without the law" if np.isfinite(gain) and gain > GAINS else ""
-        text = f"Expected: an error of {self.expected:.3g}{y} rms{times}; 95 % of the parameter sets stay below"
-        text += (
-            f" {self.worst:.3g}{y}. What the model leaves unexplained, {self.unexplained:.3g}{y} rms, is part of it."
-        )
-        text += f" The input changes by up to {self.steepest:.3g}{u} per sample."
+        text = f"Expected: an error of {self.expected:.3g}{of_y} rms{times}; 95 % of the parameter sets stay below"
+        left = f"What the model leaves unexplained, {self.unexplained:.3g}{of_y} rms, is part of it."
+        text += f" {self.worst:.3g}{of_y}. {left}"
+        text += f" The input changes by up to {self.steepest:.3g}{of_u} per sample."
         return f"{'Go' if self.go else 'No go'}. {text}{''.join(f' {reason}.' for reason in self.against)}"
 
 
@@ -120,7 +120,7 @@ def commission(
         Where the reference cannot be followed at all.
     """
     model = law.model
-    if model.channels or model.lead:
+    if model.channels or model.input != u:
         raise ModelError(
             "Commissioning needs a law from a model of the output with one input; use Python for this one."
         )
@@ -179,7 +179,12 @@ def write_commissioning(found: Commissioning, path: Path) -> None:
 
 
 def _without(model: Model, r: Array, limits: tuple[float, float] | None) -> float:
-    """Return the rms error [unit of the output] where the straight line through the records is inverted."""
+    """Return the rms error where the line through the records is inverted [unit of y]; inf where it diverges."""
     offset, slope = model.info.line or (0.0, 1.0)
+    if slope == 0:
+        return np.inf
     m = np.clip((r - offset) / slope, *(limits or (-np.inf, np.inf)))
-    return float(np.sqrt(np.mean((simulate(model, m, r[0], u0=float(m[0]), warn=False) - r) ** 2)))
+    try:
+        return float(np.sqrt(np.mean((simulate(model, m, r[0], u0=float(m[0]), warn=False) - r) ** 2)))
+    except Diverged:
+        return np.inf

@@ -42,6 +42,14 @@ def test_a_slow_lag_keeps_its_pole():
     assert np.abs(np.roots([1, *(-float(c) for c in coefficients)])).max() == pytest.approx(0.99, abs=0.003)
 
 
+def test_a_sensor_that_drifts_does_not_integrate():
+    y = np.zeros(N)
+    for k, x in enumerate(force(0)[:-1], 1):
+        y[k] = 0.9 * y[k - 1] + 0.1 * x
+    record = ns.Record.from_arrays(force(0), y + 3 * np.arange(N) / N, Ts=TS)
+    assert not ns.identify(record, base="linear").constraints
+
+
 def test_two_clocks_are_one_sampling_time():
     u = force(0)
     records = [ns.Record.from_arrays(u, axis(u), Ts=Ts, name=str(Ts)) for Ts in (TS, TS * 1.00002)]

@@ -110,3 +110,10 @@ def test_a_law_with_a_channel_is_refused():
     law = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "w[k-1]"], channels=["w"]).fit(record).compensator()
     with pytest.raises(ns.ModelError, match="one input"):
         law.commission(np.zeros(50), record)
+
+
+def test_the_law_of_an_inverse_model_is_refused():
+    record = log(0)
+    model = ns.identify_inverse(record.smoothed(0.1), lead=1, n_terms=2)
+    with pytest.raises(ns.ModelError, match="model of the output"):
+        model.compensator().commission(GOAL, record)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...data.record import Record
 from ...errors import FitError
+from ...fit.bases.integrating import DRIVEN, driven, slowest, slowest_seen
 from ...models.extend import Variant
 from ...models.model import NARX, Model
 from ...symbolic.signals import samples
@@ -21,7 +22,6 @@ from .verdict import price
 Array = np.ndarray
 POWER, PER_CYCLE, LEAST, MOST, SHORT = 0.999, 10, 1200, 6000, 40  # of the working rate [samples]
 INTEGRATES = 25.0  # times the mean square without a pole at 1: less, and the pole only imitates a slow or bent response
-DRIVEN = 0.5  # of the output's spread that passes through that pole: less, and it is that of a drift, not of an axis
 LOOKS = 4  # shapes from which a fit is begun
 HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
@@ -108,7 +108,7 @@ class Search:
         self.frames: dict[Any, Frame] = {}
         self.rows: list[Row] = []
         self.integrating = False
-        self.slow = float(np.exp(-4 / max(len(r) for r in self.records)))
+        self.slow = slowest_seen(self.records)
 
     # -- frames ----------------------------------------------------------------------------------------------------
 
@@ -206,17 +206,14 @@ class Search:
 
     def _runs_away(self, core: Core, x: Array) -> bool:
         """Whether a pole has moved to 1, as far as the record tells: it imitates a drift."""
-        return not (core.given or core.integrating) and slowest(x, core) > self.slow
+        return not (core.given or core.integrating) and slowest(x[: core.n_y]) > self.slow
 
     def _driven(self, row: Row) -> float:
         """Return how much of the output's spread the input sends through the slowest pole of a core."""
         core, x = row.hypothesis.core, row.values
         assert self.largest is not None
-        found = poles(x, core)
-        others = np.delete(found, np.argmax(np.abs(found)))
-        gain = x[self.largest.n_y : self.largest.n_y + core.n_u].sum() / np.prod(1 - others).real
-        moved = [np.std(gain * np.cumsum(r.u - r.u.mean())) for r in self.records]
-        return float(max(moved)) / row.frame.problem.spread
+        b = x[self.largest.n_y : self.largest.n_y + core.n_u]
+        return driven(x[: core.n_y], b, self.records) / row.frame.problem.spread
 
     def judge(self, row: Row) -> Row:
         """Score a row on held-out blocks."""
@@ -281,16 +278,6 @@ class Search:
         best = self.tuned(self.fitted(row.hypothesis, row.values, steps) or row, steps)
         self.rows.append(self.judge(best))
         return best
-
-
-def slowest(x: Array, core: Core) -> float:
-    """Return the size of the largest pole."""
-    return float(np.abs(poles(x, core)).max(initial=0.0))
-
-
-def poles(x: Array, core: Core) -> Array:
-    """Return the poles of a core at some values of the unknowns."""
-    return np.asarray(np.roots(np.concatenate([[1.0], -x[: core.n_y]])))
 
 
 def family_of(given: Model) -> str:
