@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from .options import (
+    Column,
     DataFiles,
     Input,
+    Limits,
     Missing,
     ModelFile,
     Output,
+    Rate,
     Rows,
     Seed,
+    Share,
     Time,
     Ts,
     Units,
@@ -30,14 +34,10 @@ def commission(
     model_file: ModelFile,
     data: DataFiles,
     reference: Annotated[Path, typer.Option("--reference", help="CSV with the wanted output.")],
-    column: Annotated[
-        str | None, typer.Option("--column", help="Column of the reference (default: the only one).")
-    ] = None,
-    limits: Annotated[
-        tuple[float, float] | None, typer.Option("--limits", metavar="LO HI", help="Range of the actuator's input.")
-    ] = None,
-    rate: Annotated[float | None, typer.Option("--rate", help="Largest change of the input per sample.")] = None,
-    share: Annotated[str, typer.Option("--share", help="As in compensate: auto, none, or a number.")] = "auto",
+    column: Column = None,
+    limits: Limits = None,
+    rate: Rate = None,
+    share: Share = "auto",
     draws: Annotated[int, typer.Option(min=20, max=10_000, help="Parameter sets of the Monte Carlo.")] = 200,
     plot: Annotated[Path, typer.Option("--plot", help="Picture of input, output and error with their bands.")] = Path(
         "commission.png"
@@ -69,8 +69,8 @@ def commission(
     if pace := other_pace(model, step, "the reference has"):
         note(pace)
     with working("Running the law and the models that the records allow"):
+        part: Any = None if share == "none" else share
         law = model.compensator()
-        part = None if share == "none" else law.share(share)
         found = run(law, goal, measured, limits=limits, rate=rate, share=part, draws=draws, seed=seed)
     console().print(found.sentence(names), markup=False)
     if json:

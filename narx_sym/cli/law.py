@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import DataError
-from .options import ModelFile, Rows, Time, Ts, Units, check_targets, unit_names
+from .options import Column, Limits, ModelFile, Rate, Rows, Share, Time, Ts, Units, check_targets, unit_names
 from .printing import console, note, working
 
 if TYPE_CHECKING:
@@ -30,18 +30,11 @@ def compensate(
     ] = None,
     reference: Annotated[Path | None, typer.Option("--reference", help="CSV with the wanted output.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="CSV for the compensated input.")] = None,
-    column: Annotated[
-        str | None, typer.Option("--column", help="Column of the reference (default: the only one).")
-    ] = None,
+    column: Column = None,
     m0: Annotated[float | None, typer.Option("--m0", help="Input before the start.")] = None,
-    limits: Annotated[
-        tuple[float, float] | None, typer.Option("--limits", metavar="LO HI", help="Range of the actuator's input.")
-    ] = None,
-    rate: Annotated[float | None, typer.Option("--rate", help="Largest change of the input per sample.")] = None,
-    share: Annotated[
-        str,
-        typer.Option("--share", help="Part of the way to go in a sample: auto (a law that rings), none, or a number."),
-    ] = "auto",
+    limits: Limits = None,
+    rate: Rate = None,
+    share: Share = "auto",
     clip: Annotated[
         bool, typer.Option("--clip", help="Come as near as possible where the reference cannot be reached.")
     ] = False,

@@ -38,6 +38,14 @@ Units = Annotated[
 ]
 MaxEffects = Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")]
+Column = Annotated[str | None, typer.Option("--column", help="Column of the reference (default: the only one).")]
+Limits = Annotated[
+    tuple[float, float] | None, typer.Option("--limits", metavar="LO HI", help="Range of the actuator's input.")
+]
+Rate = Annotated[float | None, typer.Option("--rate", help="Largest change of the input per sample.")]
+Share = Annotated[
+    str, typer.Option("--share", help="Part of the way to go in a sample: auto (a law that rings), none, or a number.")
+]
 Resume = Annotated[
     Path | None, typer.Option("--resume", help="Keep results here; an interrupted run goes on from them.")
 ]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +12,16 @@ import numpy as np
 from ..data.coverage import beyond
 from ..data.units import said_first
 from ..errors import Diverged, ModelError
-from ..files.atomic import write_text
-from ..fit.bootstrap import block_bootstrap, block_length, moving_blocks
+from ..fit.bootstrap import block_bootstrap, moving_blocks
 from ..fit.identify import prepare
 from ..fit.laws.damping import Share
 from ..fit.least_squares import describe
 from ..fit.simulate import Records, free_run, simulate
 from ..inversion.compensator import Compensator
-from ..models.model import Model
+from ..models.info import Info
 from ..symbolic.signals import u
 from .compensate import Followed, caution, follow
-from .result_file import finite
+from .result_file import write_plain
 
 Array = np.ndarray
 LEVEL = 0.95  # of the band, and of what is called worst
@@ -42,7 +41,7 @@ class Commissioning:
     low, high : (N,) arrays, the band of the tracking error, 95 % at each sample [unit of the output]
     errors : (draws,) array, rms tracking error of each parameter set with what its model leaves unexplained
     unexplained : rms of what the model leaves on its records, part of every error [unit of the output]
-    without : rms error where the straight line through the records is inverted instead [unit of the output]
+    without : median of the same errors where the straight line through the records is inverted [unit of the output]
     steepest : largest change of the input [its unit per sample]
     at_limits : share of the time at a limit of the input
     against : what speaks against it, in sentences
@@ -58,7 +57,7 @@ class Commissioning:
     without: float
     steepest: float
     at_limits: float
-    against: tuple[str, ...]
+    against: tuple[str, ...] = ()
 
     @property
     def expected(self) -> float:
@@ -124,48 +123,46 @@ def commission(
         raise ModelError(
             "Commissioning needs a law from a model of the output with one input; use Python for this one."
         )
-    listed = prepare(records, model.info.units)
-    r = np.asarray(reference, dtype=float)
-    run = follow(law, r, m0, limits=limits, rate=rate, share=law.share(share))
+    listed, r, share = prepare(records, model.info.units), np.asarray(reference, dtype=float), law.share(share)
+    run = follow(law, r, m0, limits=limits, rate=rate, share=share)
     left = np.concatenate([s.y - free_run(model, s) for one in listed for s in one.segments()])
     drawn = block_bootstrap(model, listed, draws, seed=seed)
-    rng = np.random.default_rng(seed)
-    size, many = block_length(left, left.size // 4), -(-r.size // left.size)
-    gaps, diverged = [], 0
-    for theta in drawn.thetas:
-        try:
-            got = simulate(model.replace(theta=theta.tolist()), run.m, r[0], u0=run.start, warn=False)
-        except Diverged:
-            diverged += 1
-            continue
-        gaps.append(got - r + moving_blocks(left, size, many, rng).ravel()[: r.size])
-    if not gaps:
+    pieces = moving_blocks(left, drawn.block, draws * -(-r.size // left.size), np.random.default_rng(seed))
+    noise = pieces.reshape(draws, -1)[:, : r.size]
+
+    def missed(m: Array, start: float) -> Array:
+        """Return y - r under an input for each parameter set that does not run away, (sets, N)."""
+        found = []
+        for theta, more in zip(drawn.thetas, noise, strict=True):
+            with suppress(Diverged):
+                found.append(simulate(model.replace(theta=theta.tolist()), m, r[0], u0=start, warn=False) - r + more)
+        return np.array(found)
+
+    gaps = missed(run.m, run.start)
+    if not gaps.size:
         raise ModelError(
             "The model diverges under the input of the law for every parameter set that the records allow."
         )
-    found = np.array(gaps)
     # Of few sets the outermost are no bounds: this estimate is unbiased (Weibull 1939).
-    low, high = np.quantile(found, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0, method="weibull")
-    errors = np.sqrt(np.mean(found**2, axis=1))
-    steps = np.abs(np.diff(run.m, prepend=run.start))
-    at_limits = float(np.mean((run.m <= limits[0]) | (run.m >= limits[1]))) if limits else 0.0
-    seen = describe(model, listed, model.info.method, bool(model.info.converged))
-    without = _without(seen, r, limits)
-    info, Ts = seen.info, model.Ts
-    against = [*beyond(info, "u", "input", [run.m], Ts), *beyond(info, "y", "reference", [r], Ts)]
-    if said := caution(law, share):
-        against.append(said.rstrip("."))
-    if diverged:
-        against.append(f"{diverged} of {draws} parameter sets that the records allow run away")
-    if at_limits > RESTS:
-        against.append(f"The input is at a limit for {100 * at_limits:.2g} % of the time")
-    if np.quantile(errors, LEVEL) >= without:
-        against.append(f"Without the law the error would be {without:.3g} rms, which is no worse than what may come")
-    left_rms = float(np.sqrt(np.mean(left**2)))
-    against = [said[0].upper() + said[1:] for said in against]
-    return Commissioning(
-        law, r, run, low, high, errors, left_rms, without, float(steps.max()), at_limits, tuple(against)
-    )
+    low, high = np.quantile(gaps, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0, method="weibull")
+    seen = describe(model, listed, model.info.method, bool(model.info.converged)).info
+    plain = _line(seen, r, limits)
+    bare = missed(plain, float(plain[0]))
+    found = Commissioning(
+        law, r, run, low, high,
+        errors=rms(gaps), unexplained=float(rms(left)), without=float(np.median(rms(bare))) if bare.size else np.inf,
+        steepest=float(np.abs(np.diff(run.m, prepend=run.start)).max()),
+        at_limits=float(np.mean((run.m <= limits[0]) | (run.m >= limits[1]))) if limits else 0.0,
+    )  # fmt: skip
+    said = [*beyond(seen, "u", "input", [run.m], model.Ts), *beyond(seen, "y", "reference", [r], model.Ts)]
+    said += filter(None, [caution(law, share).rstrip(".")])
+    if len(gaps) < draws:
+        said.append(f"{draws - len(gaps)} of {draws} parameter sets that the records allow run away")
+    if found.at_limits > RESTS:
+        said.append(f"the input is at a limit for {100 * found.at_limits:.2g} % of the time")
+    if found.worst >= found.without:
+        said.append(f"without the law the error would be {found.without:.3g} rms, which is no worse than what may come")
+    return replace(found, against=tuple(text[0].upper() + text[1:] for text in said))
 
 
 def write_commissioning(found: Commissioning, path: Path) -> None:
@@ -175,16 +172,16 @@ def write_commissioning(found: Commissioning, path: Path) -> None:
         "unexplained": found.unexplained, "steepest": found.steepest, "at_limits": found.at_limits,
         "against": list(found.against), "sentence": found.sentence({}),
     }  # fmt: skip
-    write_text(path, json.dumps(finite(rows), indent=1, sort_keys=True, allow_nan=False) + "\n")
+    write_plain(rows, path)
 
 
-def _without(model: Model, r: Array, limits: tuple[float, float] | None) -> float:
-    """Return the rms error where the line through the records is inverted [unit of y]; inf where it diverges."""
-    offset, slope = model.info.line or (0.0, 1.0)
-    if slope == 0:
-        return np.inf
-    m = np.clip((r - offset) / slope, *(limits or (-np.inf, np.inf)))
-    try:
-        return float(np.sqrt(np.mean((simulate(model, m, r[0], u0=float(m[0]), warn=False) - r) ** 2)))
-    except Diverged:
-        return np.inf
+def _line(info: Info, r: Array, limits: tuple[float, float] | None) -> Array:
+    """Return the input that the straight line through the records gives, (N,) [unit of the input]."""
+    offset, slope = info.line or (0.0, 1.0)
+    along = (r - offset) / slope if slope else np.zeros_like(r)
+    return np.clip(along, *(limits or (-np.inf, np.inf)))
+
+
+def rms(x: Array) -> Array:
+    """Return the root of the mean square along the last axis."""
+    return np.asarray(np.sqrt(np.mean(x**2, axis=-1)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -14,12 +13,11 @@ from ..data.units import in_units
 from ..diagnosis.misfit import Misfit, misfit_of
 from ..diagnosis.refit import period_noise
 from ..errors import FitError, NarxError
-from ..files.atomic import write_text
 from ..fit.alignment import Aligned, aligned, described
 from ..fit.simulate import Errors, arrays, evaluate, extrapolates, free_run
 from ..models.model import Model
 from ..symbolic.signals import u
-from .result_file import finite
+from .result_file import write_plain
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +83,7 @@ def where_it_fails(model: Model, records: Sequence[Record]) -> tuple[Misfit | No
 def write_errors(found: Compared, path: Path) -> None:
     """Write the errors as JSON; null stands for those of a run that diverges."""
     rows = [{"record": name, **asdict(e)} for name, e in found.errors]
-    plain = finite({"schema": 1, "errors": rows, "free_run_after_the_first_part": described(found.fair)})
-    write_text(path, json.dumps(plain, indent=1, sort_keys=True, allow_nan=False) + "\n")
+    write_plain({"schema": 1, "errors": rows, "free_run_after_the_first_part": described(found.fair)}, path)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A diagnosis as JSON in the published schema."""
+"""What the commands found as JSON: a diagnosis in the published schema, and plain figures."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ def write_json(found: Diagnosis, path: Path, experiment: str | None) -> None:
     seconds = plain.pop("seconds")
     text = json.dumps(plain, indent=1, sort_keys=True, allow_nan=False)
     write_text(path, f'{text[:-2]},\n "seconds": {json.dumps(seconds)}\n}}\n')
+
+
+def write_plain(rows: dict[str, Any], path: Path) -> None:
+    """Write plain data: sorted keys, null for what is not finite."""
+    write_text(path, json.dumps(finite(rows), indent=1, sort_keys=True, allow_nan=False) + "\n")
 
 
 def finite(value: Any) -> Any:

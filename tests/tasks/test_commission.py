@@ -59,6 +59,12 @@ def test_nothing_speaks_against_a_good_law(found):
     )
 
 
+def test_with_and_without_the_law_are_measured_alike():
+    record = log(0)
+    one = law_from(record).commission(np.full(N, 0.3), record, draws=60)
+    assert one.go and one.without > one.unexplained  # what the model leaves unexplained is part of both
+
+
 @pytest.mark.parametrize(
     ("options", "scale", "word"),
     (
