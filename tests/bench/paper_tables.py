@@ -148,7 +148,7 @@ def structure(records: list[Record]) -> tuple[bool, bool]:
     picks = select(continuum_pool(), records, n_terms=5).picks[:5]
     wanted = direct().terms
     as_set = set(picks) == set(wanted[1:])
-    return as_set, picks == wanted[1:]
+    return as_set, picks == list(wanted[1:])
 
 
 def parallel(function: Callable[..., Any], calls: list[tuple[Any, ...]], jobs: int, what: str) -> list[Any]:
