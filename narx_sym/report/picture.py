@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from ..files.atomic import csv_text
 from .plots import new_axes
 from .svg import svg
 
+Array = np.ndarray
 NARROW, WIDE = (3.9, 2.9), (8.8, 2.6)  # [inch]
 
 
@@ -28,6 +31,8 @@ class Picture:
     columns : mapping from a name to (N,) numbers or texts
         The numbers behind it, as drawn.
     size : (width, height) [inch]
+    clickable : bool
+        Whether `draw` returns places that the page can click, [(number, x, y), ...] in the coordinates of the data.
     """
 
     key: str
@@ -36,17 +41,27 @@ class Picture:
     draw: Callable[[Any], Any]
     columns: Mapping[str, Any]
     size: tuple[float, float] = NARROW
-
-    def figure(self) -> Any:
-        """Return a new matplotlib figure."""
-        figure, ax = new_axes(figsize=self.size)
-        self.draw(ax)
-        return figure
+    clickable: bool = False
 
     @cached_property
+    def _drawn(self) -> tuple[str, dict[int, Array]]:
+        """The `<svg>` element and the places in it: where they are is known once it is laid out."""
+        figure, ax = new_axes(figsize=self.size)
+        drawn = self.draw(ax)
+        places = drawn if self.clickable else ()
+        text = svg(figure, self.key, self.alt)
+        scale, up = np.array([100, -100]) / figure.bbox.size, np.array([0, 100])
+        return text, {number: ax.transData.transform((x, y)) * scale + up for number, x, y in places}
+
+    @property
     def svg(self) -> str:
         """The picture as an `<svg>` element with a text alternative; its colours follow the page (`svg.stylesheet`)."""
-        return svg(self.figure(), self.key, self.alt)
+        return self._drawn[0]
+
+    @property
+    def places(self) -> dict[int, Array]:
+        """From the number of a place to how far it is from the left and from the top, (2,) [% of the picture]."""
+        return self._drawn[1]
 
     @property
     def csv(self) -> str:

@@ -19,7 +19,7 @@ PER_EFFECT = 0.27  # an effect is picked among 25: ln 25 / 12 blocks (extended B
 MOST = 0.9  # fewer effects win if they remove this share of the rms error that more of them remove
 ALIKE = 0.1  # difference of log errors that counts as none, whatever its standard error
 HELPS = 0.3  # share of the removable error: what removes less, or a base's structure below it, explains nothing
-LEFT = 0.1  # share of the winner's error that follows from the signals: more, and something else is missing too
+LEFT = 0.1  # of the winner's error follows from the signals, and rms beside what it removes: more, and it is not all
 LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
 VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library", "closed_loop")
 
@@ -115,6 +115,6 @@ def verdict(found: bool, seen: bool, structure: float, share: float, left: float
         return "outside_library" if structure > HELPS else "nothing_detectable"
     if share < HELPS:
         return "outside_library"
-    if left > LEFT and share < 1 - LEFT / 2:
+    if left > LEFT and share < 1 - LEFT**2:  # shares are of mean squares: a tenth of the rms that was removable
         return "helps_but_incomplete"
     return "confused" if names > 1 else "named"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 from ...diagnosis.procedure import Diagnosis
 from ...files.atomic import PathLike
@@ -14,6 +14,7 @@ from ...symbolic.registered import load_registered
 from ..comparison import Comparison, Units
 from ..picture import Picture
 
+Made = TypeVar("Made")
 # Which model a part is about, where a user adds one effect after the other.
 LAST, WAY, TAKEN = "what the last model still lacks", "from the base to the last model", "the model to take away"
 
@@ -50,14 +51,19 @@ class Material:
         return Subject(self.diagnosis.model)
 
     @cached_property
-    def _drawn(self) -> dict[str, list[Picture]]:
+    def _made(self) -> dict[Callable[[Material], Any], Any]:
         return {}
+
+    def once(self, make: Callable[[Material], Made]) -> Made:
+        """Return what a function makes of this material; it is called once."""
+        if make not in self._made:
+            self._made[make] = make(self)
+        made: Made = self._made[make]
+        return made
 
     def pictures(self, key: str) -> list[Picture]:
         """Return the pictures of a part."""
-        if key not in self._drawn:
-            self._drawn[key] = panels()[key].draws(self)
-        return self._drawn[key]
+        return self.once(panels()[key].draws)
 
 
 @dataclass(frozen=True)

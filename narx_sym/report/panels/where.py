@@ -11,7 +11,7 @@ from ...diagnosis.bases import words
 from ...diagnosis.misfit import Panel
 from ..comparison import Units, draw_region, spans
 from ..picture import Picture, drawing
-from ..plots import draw_panel, label, new_axes, reach
+from ..plots import draw_panel, label, reach
 from .registry import Material, panel
 
 SHOWN, LEAST = 4, 0.02  # variables that are shown, and the share that each must explain
@@ -80,7 +80,7 @@ def failures(material: Material, most: int = SHOWN) -> list[Failure]:
 def _panel(key: str, title: str, of: Panel, floor: float | None, top: float, units: Units) -> Picture:
     what = {"spectrum": "rms in a bin"}.get(of.name, "mean")
 
-    def draw(ax: Any) -> list[tuple[int, float]]:
+    def draw(ax: Any) -> list[tuple[int, float, float]]:
         drawn = draw_panel(ax, of, floor, dict(units))
         ax.set_title("", loc="left")
         ax.set_ylabel(label(f"{what} {'error' if 'error' in key else 'missing input'}", units.get("y", "")))
@@ -92,41 +92,36 @@ def _panel(key: str, title: str, of: Panel, floor: float | None, top: float, uni
                 marks.values(), marks.keys(), loc="lower left", bbox_to_anchor=(-0.1, 1), ncols=2, fontsize=8,
                 frameon=False, borderaxespad=0.2,
             )  # fmt: skip
-        return drawn
+        return [(cell, place, of.mean[cell]) for cell, place in drawn]
 
     low, high = np.atleast_2d(of.low.T), np.atleast_2d(of.high.T)
     columns = {f"{side} {i + 1}" if len(low) > 1 else side: x for side, b in (("from", low), ("to", high))
                for i, x in enumerate(b)}  # fmt: skip
     columns |= {what: of.mean, "standard error": of.error, "samples": of.count}
     alt = f"{title}. It explains {100 * of.share:.0f} % of the variance; {of.where(units)}."
-    return Picture(key, title, alt, draw, columns)
+    return Picture(key, title, alt, draw, columns, clickable=True)
 
 
 def cells(picture: Picture, of: Panel, residual: np.ndarray) -> list[Cell]:
     """Return the cells of a panel's picture, for the page to zoom to."""
     if not of.cell.size:
         return []
-    figure, ax = new_axes(figsize=picture.size)
-    drawn = picture.draw(ax)
-    figure.draw_without_rendering()
-    width, height = figure.bbox.size
     found = []
-    for cell, place in drawn:
+    for cell, (left, top) in picture.places.items():
         parts = spans(of.cell == cell)
         if parts:
             a, b = max(parts, key=lambda part: float(np.abs(residual[part[0] : part[1]]).sum()))
-            across, up = ax.transData.transform((place, of.mean[cell]))
             stretch = max(0, 2 * a - b), min(residual.size, 2 * b - a)
-            found.append(Cell(100 * across / width, 100 - 100 * up / height, stretch, cell == of.worst))
+            found.append(Cell(left, top, stretch, cell == of.worst))
     return found
 
 
 def pictures(material: Material) -> list[Picture]:
     """Return the pictures of all that is shown."""
-    return [p for f in failures(material) for p in f.pictures]
+    return [p for f in material.once(failures) for p in f.pictures]
 
 
 @panel("Where the model fails", order=40, draws=pictures, live=60)
 def where(material: Material) -> dict[str, Any]:
     """Tell what each variable explains, and where it is worst."""
-    return {"failures": failures(material)}
+    return {"failures": material.once(failures)}
