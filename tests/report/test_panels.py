@@ -71,13 +71,17 @@ def test_keys_of_pictures_are_unique_on_the_page(material):
     assert len(keys) == len(set(keys)) > 10
 
 
+def only(monkeypatch, *keys):
+    """Leave some parts registered."""
+    monkeypatch.setattr(registry, "_PANELS", {key: part for key, part in panels().items() if key in keys})
+
+
 def test_one_more_part_is_on_page_and_live_page(stage_diagnosis, monkeypatch):
     """One function is all that a new part takes; without a template of its own it shows its pictures."""
     from narx_sym.app.story import shown
     from narx_sym.tasks.revise import Revision
 
-    panels()
-    monkeypatch.setattr(registry, "_PANELS", dict(registry._PANELS))
+    only(monkeypatch, "candidates", "where")
 
     def draws(material):
         error = material.diagnosis.misfit.residual
@@ -87,7 +91,7 @@ def test_one_more_part_is_on_page_and_live_page(stage_diagnosis, monkeypatch):
     def spread(material):
         return {}
 
-    made = page.sections(stage_diagnosis, STAGE_UNITS, scripts=False, keys=["candidates", "spread", "where"])
+    made = page.sections(stage_diagnosis, STAGE_UNITS, scripts=False)
     assert [s.key for s in made] == ["where", "spread", "candidates"]
     assert made[1].title == "How the error is spread" and "How the error is spread." in made[1].html
     live = shown((), Revision("linear base", stage_diagnosis, stage_diagnosis.model), STAGE_UNITS)
@@ -105,10 +109,12 @@ def test_the_live_page_shows_every_live_part():
     assert set(results.BEFORE) | set(results.AFTER) <= set(keys)
 
 
-def test_the_experiment_is_told_without_scripts_in_its_markup(stage_diagnosis):
+def test_the_experiment_is_told_without_scripts_in_its_markup(stage_diagnosis, monkeypatch):
     """A diagnosis that leaves two effects proposes an experiment, which can be zoomed too."""
     from narx_sym.app.story import shown
     from narx_sym.tasks.revise import Revision
+
+    only(monkeypatch, "compare", "experiment")
 
     assert stage_diagnosis.verdict == "confused"
     made = shown((), Revision("linear base", stage_diagnosis, stage_diagnosis.model), {"u": "rad", "y": "mm"})
