@@ -7,7 +7,7 @@
 # | verdict | it means |
 # |---|---|
 # | `nothing_detectable` | no effect of the catalogue improves the base by more than chance would; others are not excluded |
-# | `named` | one effect explains the error down to the noise floor, on data that were not used for fitting |
+# | `named` | what one effect leaves no longer follows from the signals, or is less than a tenth of what it removes (rms), on data that were not used for fitting. It is the best of the catalogue; something outside of it may draw the same curve |
 # | `confused` | several effects explain it equally well; an input that would tell them apart is proposed (`next.csv`). `base` in the set means the base's own velocity term: at one speed it and a friction law are one signal |
 # | `helps_but_incomplete` | the best effect helps, and something else is missing too. Where two effects hide each other they are added together (`together` in the JSON): raise `--max-effects` |
 # | `outside_library` | no effect of the catalogue explains it; look at where the model fails |

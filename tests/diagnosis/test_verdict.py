@@ -79,3 +79,12 @@ def test_the_five_verdicts():
     assert said == list(VERDICTS[:5])
     assert verdict(True, True, 0.9, 0.2, 0.0, 1) == "outside_library"
     assert verdict(True, False, 0.1, 0.9, 0.0, 1) == "nothing_detectable"
+
+
+def test_what_leaves_a_tenth_of_the_rms_is_not_all():
+    """A relative of the truth removes most as well; what it leaves still follows from the signals."""
+    assert verdict(True, True, 0.9, 0.97, 0.4, 1) == "helps_but_incomplete"
+    assert verdict(True, True, 0.9, 0.97, 0.05, 1) == "named"
+    assert (
+        verdict(True, True, 0.9, 0.995, 0.4, 1) == "named"
+    )  # all but a tenth of its rms, on a record with little noise
