@@ -47,6 +47,7 @@ import narx_sym as ns
 from narx_sym.diagnosis.steps import Step
 from narx_sym.diagnosis.table.rounds import Table as Hypotheses
 from narx_sym.diagnosis.table.verdict import cheapest
+from narx_sym.fit.simulate import free_run
 from narx_sym.models.effects import EFFECTS, Catalogue
 
 HERE = Path(__file__).resolve().parent
@@ -54,7 +55,13 @@ GROUPS = ("in", "off", "null", "removed", "pair")
 MOST = 3  # effects added to a pair
 REMOVED = 2  # seeds of the group `removed`
 SHOWN = 8  # candidates kept per case
+WORSE = 1.2  # times the error that was shown, that a saved model may have on the whole record
 Row = dict[str, Any]
+
+
+def rms(x: np.ndarray) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(x**2)))
 
 
 # ---- one case -------------------------------------------------------------------------------------------------------
@@ -113,6 +120,7 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
         "floor": floor2**0.5, "estimated_floor": step.floor, "before": before2**0.5,
         "after": float(np.sqrt((step.chosen or step.base).mean_square(held))),
         "last": float(np.sqrt(last.mean_square(held))),
+        "saved": rms(record.y - free_run(found.model, record)),
         "seconds": [round(s, 3) for s in seconds],
     }  # fmt: skip
     if task in ("in", "off") and row["visible"]:
@@ -352,6 +360,8 @@ def figures(rows: Sequence[Row]) -> Table:
             false = [any(name not in truth(r) for _, _, names in r["steps"] for name in names) for r in good]
             table.share(group, "something else added", false)
             table.number(group, "error after adding / true floor (median)", [r["last"] / r["floor"] for r in good])
+        saved = [r["saved"] <= WORSE * r["last"] for r in own if "saved" in r]
+        table.share(group, f"free run of the saved model within {WORSE:g} of what was shown", saved)
         table.seconds(group, own)
     return table
 
