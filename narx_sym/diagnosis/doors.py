@@ -11,4 +11,5 @@ class DiagnosisDoors:
     plot_ladder = door("report.plots.diagnosis", "plot_ladder")
     plot_candidates = door("report.plots.diagnosis", "plot_candidates")
     plot_where_it_fails = door("report.comparison", "plot_where_it_fails")
-    _repr_html_ = door("report.notebook", "diagnosis_html")
+    live = door("report.notebook.live", "live")
+    _repr_html_ = door("report.notebook.shown", "diagnosis_html")

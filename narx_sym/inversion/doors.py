@@ -21,7 +21,7 @@ class CompensatorDoors:
     damping = door("fit.laws.damping", "damping")
     share = door("fit.laws.damping", "share_of")
     rest_state = door("fit.interop", "law_rest_state")
-    _repr_html_ = door("report.notebook", "law_html")
+    _repr_html_ = door("report.notebook.shown", "law_html")
 
 
 class InternalDynamicsDoors:

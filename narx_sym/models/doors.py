@@ -29,7 +29,7 @@ class ModelDoors:
     add = door("diagnosis.add", "add")
     plot_quasi_static = door("report.plots.sets", "plot_quasi_static")
     plot_comparison = door("report.plots.run", "plot_comparison")
-    _repr_html_ = door("report.notebook", "model_html")
+    _repr_html_ = door("report.notebook.shown", "model_html")
 
 
 class QuasiStaticDoors:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from html import escape
 from typing import Any
 
-from ..diagnosis.procedure import Diagnosis
-from ..inversion.compensator import Compensator
-from ..models.info import acts
-from ..models.model import Model
-from ..symbolic.mathml import from_latex, marked
-from ..tasks.compensate import ahead
-from .panels import candidates, ladder
-from .svg import stylesheet
-from .words import headline, number, removed
+from ...diagnosis.procedure import Diagnosis
+from ...inversion.compensator import Compensator
+from ...models.info import acts
+from ...models.model import Model
+from ...symbolic.mathml import from_latex, marked
+from ...tasks.compensate import ahead
+from ..panels import candidates, ladder
+from ..svg import stylesheet
+from ..words import headline, number, removed
 
 LEFT = "text-align: left"
 
