@@ -120,10 +120,12 @@ class Step:
         best = self.candidates[0]
         share = f"{100 * best.share:.0f} % of the removable error on data never used for fitting"
         what = f"{best.variant.effect.sentence.rstrip('.')} ({best.effect})"
+        others = ", ".join(e for e in self.confusion_set if e not in (best.effect, BASE))
         if self.verdict == "helps_but_incomplete":
-            return f"{what} explains {share}, but not all that is missing. {sizes}."
+            text = f"{what} explains {share}, but not all that is missing. {sizes}."
+            text += f" As well it could be {others}." if others else ""
+            return f"{text} {self.experiment.sentence}" if self.experiment else text
         if self.verdict == "confused":
-            others = ", ".join(e for e in self.confusion_set if e not in (best.effect, BASE))
             text = f"One of several effects is missing: {best.effect}, or as well {others}. {sizes}. "
             if BASE in self.confusion_set:
                 names = f"{best.effect}, or as well {others}" if others else best.effect
@@ -216,7 +218,7 @@ def step(table: Table, known: Row, room: int = 1) -> tuple[Step, Row]:
         made.verdict = "helps_but_incomplete"
         ids = tuple(v.id for v in best.beyond(known))
         made.pair = Pair(ids, chosen, best.held * chosen.problem.spread**2, share)  # type: ignore[arg-type]
-    if made.verdict == "confused":
+    if len(made.confusion_set) > 1 and not pair:
         table.report("looking for an experiment that separates them")
         models = {c.effect: c.model for c in made.candidates if c.effect in made.confusion_set}
         made.experiment = propose(models, list(base.split.records), made.floor, table.seed)

@@ -107,7 +107,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if first.pair is not None:
         return f"Two effects are probably missing: {' and '.join(map(spaced, first.pair.effects))}."
     if first.verdict == "helps_but_incomplete":
-        return f"{spaced(first.candidates[0].effect).capitalize()} helps, but something else is missing too."
+        listed = [n for n in names if n != BASE] or [spaced(first.candidates[0].effect)]
+        return f"{' or '.join(listed)} helps, but something else is missing too.".capitalize()
     if BASE in names:
         found = f"{' or '.join(n for n in names if n != BASE)} may be missing: one speed cannot tell."
         return found[0].upper() + found[1:]

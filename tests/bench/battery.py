@@ -49,6 +49,7 @@ from narx_sym.diagnosis.table.rounds import Table as Hypotheses
 from narx_sym.diagnosis.table.verdict import cheapest
 from narx_sym.fit.simulate import free_run
 from narx_sym.models.effects import EFFECTS, Catalogue
+from narx_sym.tasks.finish import finish
 
 HERE = Path(__file__).resolve().parent
 GROUPS = ("in", "off", "null", "removed", "pair")
@@ -120,7 +121,7 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
         "floor": floor2**0.5, "estimated_floor": step.floor, "before": before2**0.5,
         "after": float(np.sqrt((step.chosen or step.base).mean_square(held))),
         "last": float(np.sqrt(last.mean_square(held))),
-        "saved": rms(record.y - free_run(found.model, record)),
+        "saved": rms(record.y - free_run(finish(found, [record])[0].model, record)),
         "seconds": [round(s, 3) for s in seconds],
     }  # fmt: skip
     if task in ("in", "off") and row["visible"]:

@@ -1,12 +1,13 @@
 """Every part of the report has a row here: what it tells of the stage with play, and how many pictures it draws."""
 
 import pickle
+from dataclasses import replace
 
 import pytest
 
 from narx_sym.data.examples import STAGE_UNITS
 from narx_sym.fit.alignment import aligned
-from narx_sym.report import page
+from narx_sym.report import page, words
 from narx_sym.report.panels import registry
 from narx_sym.report.panels.ladder import fair
 from narx_sym.report.panels.registry import LAST, TAKEN, WAY, Material, panels
@@ -128,3 +129,12 @@ def test_a_diagnosis_goes_to_another_process(stage_diagnosis):
     assert (
         came.to_dict() == stage_diagnosis.to_dict() and came.best.model.equation == stage_diagnosis.best.model.equation
     )
+
+
+def test_what_helps_but_has_rivals_says_so_and_keeps_its_experiment(stage_diagnosis):
+    first = replace(stage_diagnosis.steps[0], verdict="helps_but_incomplete")
+    both, (one, other) = replace(stage_diagnosis, steps=[first]), first.confusion_set
+    assert f"As well it could be {other}." in first.sentence({}) and first.experiment.sentence in first.sentence({})
+    assert words.headline(both).lower().startswith(f"{words.spaced(one)} or {words.spaced(other)} helps, but")
+    (made,) = page.sections(both, STAGE_UNITS, scripts=False, keys=["verdict"])
+    assert 'href="#experiment"' in made.html
