@@ -222,25 +222,20 @@ class Frame:
         Errors are in standard deviations of y, `count` is 1 for all samples or BLOCKS. Nothing as long as the records
         is kept; NaN where the run diverges.
         """
-        problem, n, p = self.problem, self.size, self.problem.free
-        r, g, G = np.zeros(count), np.zeros((count, n)), np.zeros((count, n, n))
-        theta = problem.theta(x)
+        problem, n, theta = self.problem, self.size, self.problem.theta(x)
+        sums = np.zeros((count, n + 1, n + 1))  # of the slopes and, last, the error
         for i, (data, blocks) in enumerate(zip(problem.data, self.cuts[count], strict=True)):
-            own = problem.own(i)
+            own = np.arange(n)[problem.own(i)]
             simulated, slopes = problem.moved(i, theta, x[own])
-            error = simulated - data[problem.name]
+            columns = np.vstack([slopes.T, simulated - data[problem.name]])
+            at = np.concatenate([np.arange(problem.free), own, [n]])
+            products = np.zeros((count, at.size, at.size))
             for b, rows in blocks:
-                e, J = error[rows], slopes[rows]
-                square, gradient = J.T @ J, J.T @ e
-                r[b] += e @ e
-                g[b, :p] += gradient[:p]
-                g[b, own] += gradient[p:]
-                G[b, :p, :p] += square[:p, :p]
-                G[b, :p, own] += square[:p, p:]
-                G[b, own, :p] += square[p:, :p]
-                G[b, own, own] += square[p:, p:]
-        scale = problem.spread**2
-        return r / scale, g / scale, G / scale
+                part = columns[:, rows]
+                products[b] += part @ part.T
+            sums[:, at[:, None], at] += products
+        sums /= problem.spread**2
+        return sums[:, n, n], sums[:, :n, n], sums[:, :n, :n]
 
     def _stopped(self, x: Array, T: Array, g: Array) -> list[int]:
         """Return the directions in which the error falls, but a bound is in the way."""
