@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from typing import Any
 
 from ..data.units import in_header
-from ..errors import DataError
+from ..errors import DataError, NarxError
 
 OPTIONS = {"input": "Input", "output": "Output", "time": "Time", "ts": "Sampling time", "rows": "Rows", "units": "Unit"}
 OPTIONS |= {"channels": "Channels"}  # what the options of the command line are called in the page
@@ -65,3 +66,19 @@ def guessed(columns: list[str]) -> Choice:
         if not getattr(found, field_) and left:
             setattr(found, field_, left.pop(0))
     return found
+
+
+class Said:
+    """Turns what a user may see into the one message of a workbench; everything else passes."""
+
+    def __init__(self, bench: Any):
+        self.bench = bench
+
+    def __enter__(self) -> None:
+        self.bench.error, self.bench.notes = "", ()
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> bool:
+        if isinstance(error, NarxError):
+            self.bench.error = in_the_page(str(error))
+            return True
+        return False

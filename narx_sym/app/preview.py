@@ -1,11 +1,15 @@
-"""A picture of what was read."""
+"""The pictures that only the live page has: what was read, and what stays in sight."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
 
 from ..data.record import Record
-from ..report.plots import BLUE, GREEN, label, new_axes, thin
+from ..diagnosis.refit import Fitted
+from ..report.plots import BLACK, BLUE, GREEN, ORANGE, PINK, label, new_axes, thin
 from ..report.svg import svg
 
 
@@ -20,3 +24,41 @@ def signals_svg(record: Record, units: Mapping[str, str]) -> str:
     axes[1].set_xlabel("time [s]")
     alt = f"Input from {record.u.min():.4g} to {record.u.max():.4g} and output from {record.y.min():.4g} to "
     return svg(figure, "preview", f"{alt}{record.y.max():.4g} over {record.t[-1] - record.t[0]:.4g} s.")
+
+
+def sight_svg(
+    part: slice, before: Fitted | None, now: Fitted, candidates: Sequence[Fitted | None], units: Mapping[str, str]
+) -> str:
+    """Return a stretch of the longest segment over time and as a loop, as an `<svg>` element.
+
+    Parameters
+    ----------
+    part : slice of samples
+    before, now : the model before the last step, where there is one, and the last
+    candidates : what each candidate would make of it; the page shows one at a time (`sight-candidate_<i>_...`)
+    """
+    i = int(np.argmax([len(r) for r in now.split.records]))
+    record = now.split.records[i]
+    t, u, y = record.t[part], record.u[part], record.y[part]
+    runs = {"measured": y, "before": before and y - before.errors[i][part], "now": y - now.errors[i][part]}
+    looks: dict[str, dict[str, Any]] = {
+        "measured": {"color": BLACK, "lw": 2.2}, "before": {"color": ORANGE, "lw": 1.5, "ls": "--"},
+        "now": {"color": BLUE, "lw": 1.6},
+    }  # fmt: skip
+    drawn = {name: run for name, run in runs.items() if run is not None}
+    figure, _ = new_axes(figsize=(9.6, 2.9))
+    figure.clear()
+    for ax, where, x in zip(figure.subplots(1, 2, width_ratios=(3, 2)), ("time", "loop"), (t, u), strict=True):
+        for name, run in drawn.items():
+            ax.plot(x, run, label=name, **looks[name])
+        ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
+        for k, fitted in enumerate(candidates):
+            if fitted is not None:
+                ax.plot(x, y - fitted.errors[i][part], color=PINK, lw=2.0, ls="-.", gid=f"candidate_{k}_{where}")
+        ax.set(xlabel="time [s]" if where == "time" else label("u", units.get("u", "")))
+    left = figure.axes[0]
+    left.margins(x=0)
+    left.set_ylabel(label("y", units.get("y", "")))
+    left.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, fontsize=10, frameon=False, borderaxespad=0.2)
+    rms = ", ".join(f"{name} {np.std(run - y):.2g}" for name, run in drawn.items() if name != "measured")
+    return svg(figure, "sight", f"Output over time and over the input from {t[0]:.4g} to {t[-1]:.4g} s; error: {rms}.")

@@ -11,9 +11,13 @@ from typing import Any
 from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.steps import Step
 from ..models.model import Model
+from ..report import words
+from ..report.comparison import Comparison
 from ..report.page import sections
 from ..report.panels.registry import LAST, TAKEN, WAY, panels
+from ..report.panels.try_it import fitted_of
 from ..tasks.revise import Revision
+from .preview import sight_svg
 
 SCRIPT = re.compile(r"<script[^>]*>(.*?)</script>", re.DOTALL)
 
@@ -70,12 +74,16 @@ class Shown(Revision):
 
     Attributes
     ----------
-    html : mapping from the keys of the report's parts to HTML, without scripts
+    html : mapping from the keys of the report's parts to HTML, without scripts; "sight": the picture that stays
+    headline, fall : str
+        What is still missing, and how far the error fell.
     script : what draws the pictures that can be zoomed
     """
 
     html: Mapping[str, str] = field(default_factory=dict)
     script: str = ""
+    headline: str = ""
+    fall: str = ""
 
     def bare(self) -> Revision:
         """Return the revision alone: little to send to a process."""
@@ -94,4 +102,10 @@ def shown(before: Sequence[Revision], made: Revision, units: Mapping[str, str]) 
     ]
     script = "\n".join(script for part in parts for script in SCRIPT.findall(part.html))
     html = {part.key: SCRIPT.sub("", part.html) for part in parts}
-    return Shown(**{f.name: getattr(made, f.name) for f in fields(Revision)}, html=html, script=script)
+    before_it = before[-1].base if before else None
+    candidates = [fitted_of(c) for c in made.found.candidates]
+    html["sight"] = sight_svg(Comparison.of(stories[WAY]).worst, before_it, made.base, candidates, units)
+    return Shown(
+        **{f.name: getattr(made, f.name) for f in fields(Revision)}, html=html, script=script,
+        headline=words.headline(stories[LAST]), fall=words.fall(stories[WAY], units),
+    )  # fmt: skip

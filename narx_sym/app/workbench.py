@@ -24,8 +24,9 @@ from ..report.page import page
 from ..symbolic.signals import plain_name
 from ..tasks.base import check_kind, read_base, what_to_know
 from ..tasks.compensate import Law
-from .choice import Choice, guessed, in_the_page, number, shortened
+from .choice import Choice, Said, guessed, in_the_page, number, shortened
 from .downloads import written
+from .history import History, State
 from .jobs import added, derived, diagnosed, edited, relabelled
 from .preview import signals_svg
 from .story import Shown, Story
@@ -33,6 +34,7 @@ from .worker import Worker
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
 LIMIT = 50_000_000  # bytes of an upload
+BUSY = "Something is under way: wait for it, or cancel it."
 PAUSE = 0.05  # seconds between looks at the process, where nothing else waits
 
 
@@ -54,6 +56,8 @@ class Workbench:
         The models so far; the last one is shown.
     law : Law or None
         Of the last revision, where it was asked for.
+    history : History
+        Every state since the data were chosen, for undo and redo.
     error, notes : one message, and what was changed in silence
     """
 
@@ -77,6 +81,7 @@ class Workbench:
         self.preview = ""
         self.revisions: list[Shown] = []
         self.law: Law | None = None
+        self.history = History()
 
     # -- data --------------------------------------------------------------------------------------------------
 
@@ -144,12 +149,13 @@ class Workbench:
             self._begin(lambda made: self._relabelled(made, law), relabelled, bare, (record,), record.units)
 
     def _relabelled(self, revisions: list[Shown], law: Law | None) -> None:
-        self._put(revisions)
-        self.law = law
+        state = self.history.states[self.history.at]
+        self.history.update(replace(state, revisions=tuple(revisions), units=self._measured.units))
+        self.revisions, self.law = revisions, law
 
     def _take_record(self) -> None:
         self.cancel()
-        self.record, self.revisions, self.law = None, [], None
+        self.record, self.revisions, self.law, self.history = None, [], None, History()
         record = self._read()
         prepare(record)
         self.preview = signals_svg(record, said_first(record.units, self.choice.units))
@@ -215,7 +221,8 @@ class Workbench:
             needed = [n for n in base.channels if n not in record.channels] if isinstance(base, Model) else []
             if needed:
                 raise ModelError(f"The model needs the channel {needed[0]!r}: choose it among the columns.")
-            self._begin(lambda made: self._put([made]), diagnosed, base, (record,), record.units)
+            name = self.base_name
+            self._begin(lambda made: self._put([made], base, name), diagnosed, base, (record,), record.units)
 
     def add(self, effect: str) -> None:
         """Begin to add an effect to the model."""
@@ -234,8 +241,10 @@ class Workbench:
             raise ModelError("Diagnose a base first.")
         before = tuple(self.revisions)
         bare = tuple(r.bare() for r in before)
-        record = self._measured
-        self._begin(lambda made: self._put([*before, made]), work, *what, bare, (record,), record.units)
+        record, of = self._measured, self.history.states[self.history.at]
+        self._begin(
+            lambda made: self._put([*before, made], of.base, of.base_name), work, *what, bare, (record,), record.units
+        )
 
     @property
     def _last(self) -> Shown:
@@ -249,21 +258,43 @@ class Workbench:
             raise DataError("Choose the data first.")
         return replace(self.record, units=said_first(self.record.units, self.choice.units))
 
-    def _put(self, revisions: list[Shown]) -> None:
-        self.revisions, self.law = revisions, None
-        self.notes = revisions[-1].notes
+    def _put(self, revisions: list[Shown], base: str | Model, base_name: str) -> None:
+        units, notes = self._measured.units, revisions[-1].notes
+        self.history.put(State(tuple(revisions), base, base_name, units, notes=notes))
+        self.revisions, self.law, self.notes = revisions, None, notes
 
-    def back(self) -> None:
-        """Take the last step back."""
+    def undo(self) -> None:
+        """Go back to the state before; nothing is computed anew."""
+        self.go(self.history.at - 1)
+
+    def redo(self) -> None:
+        """Go again to the state that was left by `undo`."""
+        self.go(self.history.at + 1)
+
+    def go(self, index: int) -> None:
+        """Show a state of the history as it was; where the units have changed since, it is drawn again."""
         with self._said():
-            if len(self.revisions) < 2:
-                raise ModelError("There is no step to take back.")
-            self._put(self.revisions[:-1])
+            if not 0 <= index < len(self.history.states):
+                raise ModelError(f"There is no step to {'take back' if index < 0 else 'do again'}.")
+            if self.worker.busy:
+                raise NarxError(BUSY)
+            state, self.history.at = self.history.states[index], index
+            self.base, self.base_name = state.base, state.base_name
+            self.revisions, self.law = list(state.revisions), state.law
+            if state.units != self._measured.units:
+                self._label()
+        if not self.error:
+            self.notes = state.notes
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
         """Name and free-run NRMSE on training and on held-out samples of each revision."""
         return [{"name": r.name, **r.errors} for r in self.revisions]
+
+    @property
+    def unit(self) -> str:
+        """The unit of the output, in words where it is not known."""
+        return self._measured.units.get("y") or "(unit of y)"
 
     @property
     def floor(self) -> float:
@@ -294,12 +325,13 @@ class Workbench:
 
     def _show_law(self, law: Law) -> None:
         self.law = law
+        self.history.update(replace(self.history.states[self.history.at], law=law))
 
     # -- the process -------------------------------------------------------------------------------------------
 
     def _begin(self, take: Callable[[Any], None], work: Callable[..., Any], *arguments: Any) -> None:
         if self.worker.busy:
-            raise NarxError("Something is under way: wait for it, or cancel it.")
+            raise NarxError(BUSY)
         self._take = take
         self.worker.start(work, *arguments)
 
@@ -344,8 +376,8 @@ class Workbench:
         """Take the message away."""
         self.error = ""
 
-    def _said(self) -> _Said:
-        return _Said(self)
+    def _said(self) -> Said:
+        return Said(self)
 
     def download(self, kind: str) -> tuple[str, str | bytes]:
         """Return name and content of a file; see `downloads.written`."""
@@ -359,19 +391,3 @@ class Workbench:
         settings = {"base": self.base_name or str(self.base), "rows": choice.rows or "all"}
         settings["channels"] = ", ".join(choice.channels) or "none"
         return page(Story.of(self.revisions), self._measured.units, [self.path] if self.path else [], settings)
-
-
-class _Said:
-    """Turns what a user may see into the workbench's one message; everything else passes."""
-
-    def __init__(self, bench: Workbench):
-        self.bench = bench
-
-    def __enter__(self) -> None:
-        self.bench.error, self.bench.notes = "", ()
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> bool:
-        if isinstance(error, NarxError):
-            self.bench.error = in_the_page(str(error))
-            return True
-        return False

@@ -198,7 +198,7 @@ def test_a_column_called_like_markup_is_a_channel_with_a_plain_name(bench, data)
 def test_nothing_begins_before_what_it_needs(bench):
     for do, why in (
         (bench.diagnose, "data"), (lambda: bench.add("backlash"), "Diagnose"), (lambda: bench.edit("", "1"), "Diagnose"),
-        (bench.back, "no step"), (bench.open_law, "Diagnose"), (lambda: bench.choose(u="u"), "Drop a data file"),
+        (bench.undo, "no step"), (bench.redo, "no step"), (bench.open_law, "Diagnose"), (lambda: bench.choose(u="u"), "Drop a data file"),
         (lambda: bench.choose_base("cubic"), "Unknown base"),
     ):  # fmt: skip
         do()
@@ -218,10 +218,41 @@ def test_the_error_falls_and_a_step_back_brings_it_back(climbed):
     base, added = (r["validation"] for r in climbed.ladder)
     assert climbed.ladder[1]["name"] == "+ dead_zone" and added < 0.2 * base and added < 1.2 * climbed.floor
     revisions = list(climbed.revisions)
-    climbed.back()
-    assert climbed.revisions == revisions[:1] and not climbed.error
+    climbed.undo()
+    assert climbed.revisions == revisions[:1] and not climbed.error and not climbed.busy
     assert any(c.effect == "dead_zone" for c in climbed.current.found.candidates)
-    climbed.revisions = revisions
+    climbed.undo()
+    assert "no step to take back" in climbed.error and climbed.revisions == revisions[:1]
+    climbed.redo()
+    assert climbed.revisions == revisions and not climbed.error and not climbed.busy
+    climbed.redo()
+    assert "no step to do again" in climbed.error and climbed.revisions == revisions
+
+
+@pytest.mark.long
+def test_a_state_comes_back_with_its_base_and_law_and_a_new_step_forgets_what_was_undone(climbed):
+    revisions, history = list(climbed.revisions), list(climbed.history.states)
+    climbed.open_law()
+    climbed.wait()
+    law = climbed.law
+    climbed.choose_base("static")
+    climbed.diagnose()
+    climbed.wait()
+    assert not climbed.error and len(climbed.revisions) == 1 and climbed.current is not revisions[0]
+    climbed.undo()
+    assert climbed.revisions == revisions and climbed.law is law and climbed.base_name == "base.json"
+    climbed.redo()
+    assert climbed.base == "static" and climbed.law is None and not climbed.busy
+    climbed.go(1)
+    climbed.choose(units={"u": "V", "y": "um"})
+    climbed.wait()
+    climbed.undo()  # its pictures have the unit of before: they are drawn again, nothing is fitted
+    climbed.wait()
+    assert not climbed.error and climbed.current.found is not None and "[um]" in climbed.current.html["ladder"]
+    climbed.redo()
+    climbed.choose(units={"u": "V", "y": "mm"})
+    climbed.wait()
+    assert climbed.law is law and len(climbed.history.states) == len(history) + 1
 
 
 @pytest.mark.long
@@ -251,7 +282,7 @@ def test_a_term_given_as_text_is_fitted(climbed):
         climbed.ladder[-1]["validation"] > climbed.ladder[-2]["validation"] and "y[k-3]" in climbed.ladder[-1]["name"]
     )
     assert "<html" in climbed.download("report.html")[1]  # the report tells this way too
-    climbed.back()
+    climbed.undo()
     assert climbed.revisions == revisions
 
 

@@ -22,6 +22,43 @@
     if (there && window.Bokeh) draw();
     else if (left) setTimeout(() => window.narxDraw(draw, left - 1), 100);
   };
+  // Tabs: a click, or the arrows.
+  const choose = (tab) => {
+    for (const one of tab.parentElement.querySelectorAll("[role=tab]")) {
+      const chosen = one === tab;
+      one.setAttribute("aria-selected", String(chosen));
+      one.tabIndex = chosen ? 0 : -1;
+      document.getElementById(one.getAttribute("aria-controls")).hidden = !chosen;
+    }
+  };
+  const tabOf = (event) => event.target.closest?.("[role=tab]");
+  document.addEventListener("click", (event) => tabOf(event) && choose(tabOf(event)));
+  document.addEventListener("keydown", (event) => {
+    const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key], tab = tabOf(event);
+    if (by && tab) {
+      const all = [...tab.parentElement.querySelectorAll("[role=tab]")];
+      const next = all[(all.indexOf(tab) + by + all.length) % all.length];
+      choose(next);
+      next.focus();
+    }
+    // In a field the keys belong to its text.
+    if (!(event.ctrlKey || event.metaKey) || event.altKey || event.target.closest?.("input:not([type=radio]), textarea")) return;
+    const key = event.key.toLowerCase(), what = key === "y" || (key === "z" && event.shiftKey) ? "redo" : key === "z" ? "undo" : "";
+    if (!what) return;
+    event.preventDefault();
+    emitEvent(what, {});
+  });
+  // A candidate that is pointed at or has the focus is seen in the picture that stays.
+  const preview = (event) => {
+    const one = event.target.closest?.("[data-candidate]"), seen = document.querySelector(".seen");
+    if (!seen) return;
+    const lines = one ? [...seen.querySelectorAll(`[id^="sight-candidate_${one.dataset.candidate}_"]`)] : [];
+    for (const line of seen.querySelectorAll('[id^="sight-candidate_"]')) line.classList.toggle("on", lines.includes(line));
+    const text = !one ? "" : lines.length ? `Dash-dotted: with ${one.dataset.name}.` : `There is no run of ${one.dataset.name} on these samples.`;
+    const place = seen.querySelector(".previewed");
+    if (place.textContent !== text) place.textContent = text;
+  };
+  for (const kind of ["pointerover", "focusin"]) document.addEventListener(kind, preview);
   document.addEventListener("click", async (event) => {
     const button = event.target.closest?.("button[data-copy]");
     if (!button) return;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from ...report.page import style
 from ...report.svg import stylesheet
 from ..workbench import SUFFIXES, Workbench
 from . import results
-from .widgets import drop, figure, heading, said, section
+from .widgets import details, drop, figure, heading, said, section, tab_panel, tabs
 
 HERE = Path(__file__).parent
 BEAT = 0.2  # seconds between looks at the workbench
@@ -65,18 +66,78 @@ class Page:
         with ui.element("div").classes("main"):
             with ui.element("div").classes("dock"):  # in sight wherever the page is
                 self.parts = [Part(lambda: (bench.error,), self.message), Part(lambda: bench.busy, self.progress)]
+            with ui.element("div").classes("bench"):
+                self.rail()
+                self.work()
+        ui.on("undo", bench.undo)
+        ui.on("redo", bench.redo)
+        ui.timer(BEAT, self.look)
+
+    def rail(self) -> None:
+        """Make the rail: data, base, what may be added, and what was done."""
+        bench = self.bench
+        with ui.element("div").classes("rail").props('role=region aria-label="Data, base and steps"'):
+            self.parts += [
+                Part(lambda: (bench.path,), self.data),
+                Part(lambda: (bench.record,), self.samples),
+                Part(lambda: (bench.path, bench.current is None), self.columns),
+                Part(lambda: (bench.base_name, bench.record is None, bench.current is None), self.base),
+                Part(lambda: (bench.current,), lambda: results.candidates(bench)),
+            ]
+            self.history = ui.element("div")
+            with self.history, section("History"):
+                with ui.element("div").classes("undo"):
+                    self.undo = ui.button("Undo", on_click=bench.undo).props("no-caps outline dense")
+                    self.redo = ui.button("Redo", on_click=bench.redo).props("no-caps outline dense")
+                    self.undo.props('title="Ctrl+Z" aria-keyshortcuts="Control+Z"')
+                    self.redo.props('title="Ctrl+Y" aria-keyshortcuts="Control+Y"')
+                seen = Part(lambda: (bench.history.at, len(bench.history.states), bench.current), self.steps)
+            self.parts.append(seen)
+
+    def steps(self) -> None:
+        """Show the history."""
+        results.steps(self.bench)
+
+    def work(self) -> None:
+        """Make what is worked on: the comparison and the ladder, which stay in sight, and the tabs."""
+        bench = self.bench
+        with ui.element("div").classes("work"):
             self.parts += [
                 Part(lambda: bench.notes, self.notes),
-                Part(lambda: (bench.path,), self.data),
-                Part(lambda: (bench.record,), self.preview),
-                Part(lambda: (bench.base_name, bench.record is None), self.base),
+                Part(lambda: (bench.preview, bench.current is None), self.preview),
             ]
-            self.found = Part(lambda: (bench.current,), lambda: results.found(bench))
-            self.parts += [self.found, Part(lambda: (bench.current, bench.law), lambda: results.take_away(bench))]
-        ui.timer(BEAT, self.look)
+            with ui.element("div").classes("sight"):
+                self.found = Part(lambda: (bench.current,), lambda: results.sight(bench))
+            self.parts.append(self.found)
+            self.tabs = ui.element("div").classes("tabs-box")
+            with self.tabs:
+                tabs(results.TABS)
+                for i, name in enumerate(results.TABS):
+                    with tab_panel(name, first=not i):
+                        shown = Part(partial(self.shown, name), partial(results.tab, name, bench))
+                    self.parts.append(shown)
+        self.show()
+
+    def shown(self, tab: str) -> Any:
+        """Return what a tab depends on."""
+        bench = self.bench
+        return (bench.current,) if tab in ("evidence", "model") else (bench.current, bench.law)
+
+    def show(self) -> None:
+        """Show what has something to show, and what may be pressed."""
+        bench = self.bench
+        for box in (self.history, self.tabs):
+            box.set_visibility(bench.current is not None)
+        self.undo.set_enabled(bench.history.can_undo and not bench.busy)
+        self.redo.set_enabled(bench.history.can_redo and not bench.busy)
+        self.start.set_enabled(bench.record is not None and not bench.busy)
+        kind = bench.base if isinstance(bench.base, str) else "file"
+        if self.kinds.value != kind and kind in self.kinds.options:
+            self.kinds.set_value(kind)
 
     def look(self) -> None:
         """Take over what the process has done, and show what has changed."""
+        before = self.bench.current
         self.bench.poll()
         try:
             changed = [part for part in self.parts if part.look()]
@@ -85,9 +146,11 @@ class Page:
             raise
         if self.bench.busy:
             self.doing.text = f"{self.bench.worker.progress} ({self.bench.worker.seconds:.0f} s)"
+        self.show()
         if self.found in changed and self.bench.current is not None:
-            # Who uses a keyboard or a reader is led to the result.
-            ui.run_javascript("document.getElementById('found')?.focus()")
+            results.draw(self.bench)
+            if self.bench.current is not before:  # who uses a keyboard or a reader is led to a new result
+                ui.run_javascript("document.getElementById('found')?.focus()")
 
     def refused(self, text: str) -> None:
         """Show what the page itself refused."""
@@ -113,20 +176,33 @@ class Page:
 
     def data(self) -> None:
         """Show the file, its columns and rows."""
-        bench, choice = self.bench, self.bench.choice
-        with section("1. Measurements"):
-            drop("/data", "data-file", ",".join(SUFFIXES), bench.limit, "Drop a CSV here, or choose one", [
-                f"A header such as t,u,y and numbers below it; at most {bench.limit / 1e6:g} MB. It stays in "
-                "a private folder of this machine until the program ends."
-            ])  # fmt: skip
-            if bench.table is None:
-                with ui.element("p"):
-                    said("No data at hand? ", "span")
-                    ui.button("Take a simulated example", on_click=self.example).props("flat no-caps dense")
+        bench = self.bench
+        with section("Data"):
+            if bench.table is not None:
+                names = [n for n in bench.table.columns if n]
+                rows = max(a.size for a in bench.table.columns.values())
+                said(f"{bench.file}: {rows} rows, columns {', '.join(names)}").classes("file")
                 return
-            names = [n for n in bench.table.columns if n]
-            rows = max(a.size for a in bench.table.columns.values())
-            said(f"{bench.file}: {rows} rows, columns {', '.join(names)}").classes("file")
+            self.drop()
+            with ui.element("p"):
+                said("No data at hand? ", "span")
+                ui.button("Take a simulated example", on_click=self.example).props("flat no-caps dense")
+
+    def drop(self) -> None:
+        """Show the field for a data file."""
+        limit = self.bench.limit
+        drop("/data", "data-file", ",".join(SUFFIXES), limit, "Drop a CSV here, or choose one", [
+            f"A header such as t,u,y and numbers below it; at most {limit / 1e6:g} MB. It stays in "
+            "a private folder of this machine until the program ends."
+        ])  # fmt: skip
+
+    def columns(self) -> None:
+        """Show the choice of columns and rows, and the way to another file."""
+        bench, choice = self.bench, self.bench.choice
+        if bench.table is None:
+            return
+        names = [n for n in bench.table.columns if n]
+        with details("Columns, rows, units", open_=bench.current is None):
             with ui.element("div").classes("fields"):
                 self.select("Input", names, choice.u, "u")
                 self.select("Output", names, choice.y, "y")
@@ -136,6 +212,8 @@ class Page:
                 self.select("Further channels", names, list(choice.channels), "channels", multiple=True)
                 self.unit("Unit of the input", "u")
                 self.unit("Unit of the output", "y")
+        with details("Another file"):
+            self.drop()
 
     def select(self, title: str, options: Any, value: Any, name: str, **more: Any) -> None:
         """Make a field that chooses columns."""
@@ -162,28 +240,36 @@ class Page:
         """Take simulated measurements."""
         await run.io_bound(self.bench.example)
 
-    def preview(self) -> None:
-        """Show what was read."""
+    def samples(self) -> None:
+        """Say what was read."""
         record = self.bench.record
         if record is not None:
             said(f"Read: {len(record)} samples, {record.Ts:.6g} s apart, {record.t[-1] - record.t[0]:.6g} s.")
-            with ui.element("div"):
-                figure(self.bench.preview)
+
+    def preview(self) -> None:
+        """Show what was read, until there is more to see."""
+        bench = self.bench
+        if bench.current is None and bench.record is not None:
+            with section("What was read"):
+                figure(bench.preview)
+        elif bench.current is None:
+            said("Here stands what was read, and then what a simple model of it lacks.").classes("place")
 
     def base(self) -> None:
         """Show the base, and the button that begins."""
         bench = self.bench
-        with section("2. Base"):
-            said("A simple model to begin with. Whatever it lacks is looked for.")
+        with section("Base"):
             options = {**BASES, **({"file": f"Model file {bench.base_name}"} if bench.base_name else {})}
             value = bench.base if isinstance(bench.base, str) else "file"
-            with ui.element("div").props('role=group aria-label="Kind of base"'):
-                ui.radio(options, value=value, on_change=lambda event: self.based(event.value))
-            drop("/model", "model-file", ".json", bench.limit, "or drop a model file (.json)", [])
-            button = ui.button("Diagnose", on_click=bench.diagnose).props("no-caps unelevated").classes("main-button")
-            button.set_enabled(bench.record is not None)
-            if bench.record is None:
-                said("Choose the measurements first.").classes("hint")
+            with details("A simple model to begin with", open_=bench.current is None):
+                with ui.element("div").props('role=group aria-label="Kind of base"'):
+                    self.kinds = ui.radio(options, value=value, on_change=lambda event: self.based(event.value))
+                drop("/model", "model-file", ".json", bench.limit, "or drop a model file (.json)", [])
+                text = "Diagnose" if bench.current is None else "Diagnose with this base"
+                self.start = ui.button(text, on_click=bench.diagnose).props("no-caps unelevated")
+                self.start.classes("main-button").set_enabled(bench.record is not None)
+                if bench.record is None:
+                    said("Choose the measurements first.").classes("hint")
 
     def based(self, kind: str) -> None:
         """Choose a kind of base; that of a file is chosen already."""

@@ -4,52 +4,92 @@ from __future__ import annotations
 
 from functools import partial
 from html import escape
+from typing import Any
 
 from nicegui import ui
 
 from ...models.effects import EFFECTS
 from ...report.panels.registry import panels
-from ...report.words import removed, spaced
+from ...report.words import number, removed, spaced
 from ..downloads import titles
 from ..story import Shown
 from ..workbench import Workbench
-from .widgets import caption, data_cells, equation, head, heading, part, said, section, small
+from .widgets import caption, data_cells, equation, figure, head, heading, part, said, section, small
 
-FIRST = 3  # the number of the first section here
+TABS = {"evidence": "Evidence", "model": "Model", "law": "Law", "export": "Export"}
+TAB_OF = {"model": "model", "derived": "law"}  # of the parts of the report; the others are evidence
 NEXT = {
     "nothing_detectable": "Next: take the model away. Smaller effects show with less noise, a longer record or a wider "
     "input.",
-    "named": "Next: add it below, and watch the error fall.",
+    "named": "Next: add it from the list, and watch the error fall.",
     "confused": "Next: run the experiment below and diagnose its data; or add the one that you know to be there.",
-    "helps_but_incomplete": "Next: add the best one below, and see what is missing then.",
+    "helps_but_incomplete": "Next: add the best one from the list, and see what is missing then.",
     "closed_loop": "Next: record again with the controller in manual, and diagnose that.",
-    "outside_library": "Next: look where the model fails. A term of your own may be put in below.",
+    "outside_library": "Next: look where the model fails. A term of your own may be put in under Model.",
 }
 
 
-def found(bench: Workbench) -> None:
-    """Show every part of the report that is live, each with what may be done there."""
+def tab(name: str, bench: Workbench) -> None:
+    """Show the parts of the report that belong to a tab, each with what may be done there."""
     current = bench.current
     if current is None:
         return
-    for number, (name, title, keys) in enumerate(on_the_page(), FIRST):
-        with section(f"{number}. {title}", name):
+    for key_of_section, title, keys in on_the_page(name):
+        with section(title, key_of_section):
             for key in keys:
-                BEFORE.get(key, nothing)(bench, current)
                 part(current.html.get(key, ""))
                 AFTER.get(key, nothing)(bench, current)
-    ui.run_javascript(f"narxDraw(() => {{ {current.script} }})")
+    MORE.get(name, nothing)(bench, current)
 
 
-def on_the_page() -> list[tuple[str, str, list[str]]]:
-    """Return the sections with parts of the report: name, heading, and the keys of the parts."""
+def draw(bench: Workbench) -> None:
+    """Draw the pictures that can be zoomed, when their places are there."""
+    if bench.current is not None:
+        ui.run_javascript(f"narxDraw(() => {{ {bench.current.script} }})")
+
+
+def on_the_page(tab: str) -> list[tuple[str, str, list[str]]]:
+    """Return the sections of a tab with parts of the report: name, heading, and the keys of the parts."""
     live = sorted((one.live, key, one.live_title) for key, one in panels().items() if one.live is not None)
     sections: list[tuple[str, str, list[str]]] = []
     for _, key, title in live:
-        if title or not sections:
-            sections.append((key if sections else "found", title or key, []))
-        sections[-1][2].append(key)
+        if TAB_OF.get(key, "evidence") == tab:
+            if title or not sections:
+                sections.append((key, title or key, []))
+            sections[-1][2].append(key)
     return sections
+
+
+def sight(bench: Workbench) -> None:
+    """Show what stays in sight: what is missing, the last step in a picture, and the error of each step."""
+    current = bench.current
+    if current is None:
+        return
+    heading(current.headline, 2, "found")
+    if current.fall:
+        said(current.fall).classes("fall")
+    with ui.element("div").classes("seen"):
+        with ui.element("div"):
+            figure(current.html["sight"])
+            ui.html("", tag="p", sanitize=False).classes("previewed").props("role=status")
+        rungs(bench)
+
+
+def rungs(bench: Workbench) -> None:
+    """Show the error of each step as a bar; the last one falls from the one before."""
+    sizes = [(r["name"], r["validation"]) for r in bench.ladder]
+    most = max(size for _, size in sizes)
+    spread, unit = bench.revisions[0].base.problem.spread, bench.unit
+    rows, was = [], 100.0
+    for name, size in [*sizes, ("noise floor", bench.floor)]:
+        width = 100 * size / most
+        look = "floor" if name == "noise floor" else "last" if name == sizes[-1][0] and len(sizes) > 1 else ""
+        rows.append(
+            f'<li><span class="rung">{escape(spaced(name))}</span> <b>{number(size * spread)} {escape(unit)}</b>'
+            f'<span class="bar {look}" style="--was: {was:.1f}%; width: {width:.1f}%"></span></li>'
+        )
+        was = width
+    ui.html("".join(rows), tag="ol", sanitize=False).classes("rungs").props('aria-label="Error of each step, held out"')
 
 
 def nothing(bench: Workbench, current: Shown) -> None:
@@ -61,39 +101,50 @@ def what_next(bench: Workbench, current: Shown) -> None:
     said(NEXT[current.found.verdict]).classes("next-step")
 
 
-def step_back(bench: Workbench, current: Shown) -> None:
-    """Offer the way back to the model before."""
-    if len(bench.revisions) > 1:
-        ui.button(f"Step back from “{current.name}”", on_click=bench.back).props("no-caps outline")
-
-
-def candidates(bench: Workbench, current: Shown) -> None:
+def candidates(bench: Workbench) -> None:
     """Show the candidates, each with its button, and any other effect."""
+    current = bench.current
+    if current is None:
+        return
     rows = current.found.table()
-    if not rows:
-        said("Nothing stands out: no effect of the catalogue would make this model clearly better.")
-    else:
-        said("Share of the removable error on samples never used for fitting. What is marked * cannot be told apart.")
-        titles = ["effect", "where", "share", "95 % interval", "error after", "parameters", ""]
-        with ui.element("table").classes("grid"):
-            caption("Candidates")
-            head(titles)
-            with ui.element("tbody"):
-                for row in rows:
-                    star = " *" if row["in_confusion_set"] else ""
-                    cells = [
-                        spaced(row["effect"]) + star, row["where"], *removed(row), f"{row['nrmse']:.3g}",
-                        row["parameters"],
-                    ]  # fmt: skip
-                    with ui.element("tr"):
-                        data_cells(titles, cells)
-                        with ui.element("td"):
-                            small("Add", f"Add {row['effect']}", partial(bench.add, row["effect"]))
-    others = others_of(bench, {r["effect"] for r in rows})
-    with ui.element("div").classes("fields"):
-        chosen = ui.select(others, label="Another effect").props("outlined dense options-dense")
-        chosen.classes("field")
-        ui.button("Add it", on_click=lambda: bench.add(chosen.value or "")).props("no-caps outline")
+    with section("Add"):
+        if not rows:
+            said("Nothing stands out: no effect of the catalogue would make this model clearly better.").classes("hint")
+        else:
+            said("Share of the removable error; the best are equally good where marked *.").classes("hint")
+            with ui.element("ul").classes("candidates"):
+                for i, row in enumerate(rows):
+                    candidate(bench, i, row)
+        with ui.element("div").classes("other"):
+            others = others_of(bench, {r["effect"] for r in rows})
+            chosen = ui.select(others, label="Another effect").props("outlined dense options-dense").classes("field")
+            ui.button("Add it", on_click=lambda: bench.add(chosen.value or "")).props("no-caps outline")
+
+
+def candidate(bench: Workbench, i: int, row: Any) -> None:
+    """Show one candidate; the page previews its run while it is pointed at or has the focus."""
+    share, interval = removed(row)
+    name = spaced(row["effect"])
+    with ui.element("li").props(f'data-candidate={i} data-name="{escape(name)}"'):
+        ui.html(
+            f'<span class="name">{escape(name)}{" *" if row["in_confusion_set"] else ""}</span> <b>{share}</b>'
+            f'<span class="bar" style="width: {max(0.0, 100 * row["share"]):.1f}%"></span>'
+            f'<span class="hint">95 %: {interval}</span>', tag="div", sanitize=False,
+        )  # fmt: skip
+        small("Add", f"Add {row['effect']}", partial(bench.add, row["effect"]))
+
+
+def steps(bench: Workbench) -> None:
+    """Show what was done; each state may be shown again."""
+    with ui.element("ol").classes("steps"):
+        for i, state in enumerate(bench.history.states):
+            with ui.element("li").classes("undone" if i > bench.history.at else ""):
+                now = i == bench.history.at
+                text = (
+                    f"{spaced(state.name)}: {number(state.error * state.revisions[0].base.problem.spread)} {bench.unit}"
+                )
+                made = ui.button(text, on_click=partial(bench.go, i)).props("no-caps flat dense align=left")
+                made.props('aria-current="step"' if now else "").classes("step")
 
 
 def others_of(bench: Workbench, shown: set[str]) -> list[str]:
@@ -147,13 +198,10 @@ def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
             small("Take out", f"Take out the term of {name}", lambda: bench.edit(name, ""))
 
 
-def take_away(bench: Workbench) -> None:
-    """Show the compensator, and the files to download."""
-    if bench.current is None:
-        return
-    law = bench.law
-    number = FIRST + len(on_the_page())
-    with section(f"{number}. Compensator"):
+def law(bench: Workbench, current: Shown) -> None:
+    """Show the compensator."""
+    found = bench.law
+    with section("Compensator"):
         said("The law that makes the output follow a reference. Limits go into its source.")
         with ui.element("div").classes("fields"):
             fields = [
@@ -163,21 +211,24 @@ def take_away(bench: Workbench) -> None:
             ui.button(
                 "Open the compensator", on_click=lambda: bench.open_law(*(f.value for f in fields))
             ).props("no-caps outline")  # fmt: skip
-        if law is not None and law.why_not:
-            said(f"There is no law: {law.why_not}").classes("verdict")
-        elif law is not None:
-            equation(law.latex, "Compensation law")
+        if found is not None and found.why_not:
+            said(f"There is no law: {found.why_not}").classes("verdict")
+        elif found is not None:
+            equation(found.latex, "Compensation law")
             with ui.element("ul").classes("notes"):
-                for note in law.notes:
+                for note in found.notes:
                     with ui.element("li"):
                         said(note)
-    with section(f"{number + 1}. Take it away"):
-        with ui.element("ul").classes("files"):
-            for name, title in titles(law).items():
-                with ui.element("li"):
-                    ui.html(f'<a href="/download/{name}" download>{escape(title)}</a>', sanitize=False)
 
 
-# What may be done at a part of the report, before and after it.
-BEFORE = {"candidates": candidates}
-AFTER = {"verdict": what_next, "ladder": step_back, "model": model}
+def files(bench: Workbench, current: Shown) -> None:
+    """Show the files to download."""
+    with section("Take it away"), ui.element("ul").classes("files"):
+        for name, title in titles(bench.law).items():
+            with ui.element("li"):
+                ui.html(f'<a href="/download/{name}" download>{escape(title)}</a>', sanitize=False)
+
+
+# What may be done at a part of the report, and what stands at the end of a tab.
+AFTER = {"verdict": what_next, "model": model}
+MORE = {"law": law, "export": files}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from html import escape
 from typing import Any
@@ -79,3 +79,27 @@ def data_cells(titles: list[str], cells: list[str]) -> None:
     """Make the cells of a row, each with its title for narrow screens."""
     for title, cell in zip(titles, cells, strict=False):
         ui.html(escape(cell), tag="td", sanitize=False).props(f'data-title="{escape(title)}"')
+
+
+@contextmanager
+def details(title: str, open_: bool = False) -> Iterator[None]:
+    """Make what may be folded."""
+    with ui.element("details").props("open" if open_ else ""):
+        ui.html(escape(title), tag="summary", sanitize=False)
+        yield
+
+
+def tabs(titles: Mapping[str, str]) -> None:
+    """Make the heads of tabs, of which the first is chosen; the page's script chooses another one."""
+    heads = "".join(
+        f'<button type="button" role="tab" id="tab-{name}" aria-controls="panel-{name}" '
+        f'aria-selected="{str(not i).lower()}" tabindex="{-bool(i)}">{escape(title)}</button>'
+        for i, (name, title) in enumerate(titles.items())
+    )
+    ui.html(heads, sanitize=False).classes("tabs").props('role=tablist aria-label="Parts"')
+
+
+def tab_panel(name: str, first: bool) -> ui.element:
+    """Make the place of a tab's parts."""
+    made = ui.element("div").props(f"role=tabpanel id=panel-{name} aria-labelledby=tab-{name}")
+    return made if first else made.props("hidden")

@@ -54,11 +54,9 @@ def models(diagnosis: Diagnosis) -> list[Tried]:
         first = diagnosis.steps[0].added
         for candidate in diagnosis.candidates:
             if candidate.effect not in first:
-                try:  # a model of averaged samples has another record
-                    fitted = candidate.shown if candidate.averaged == 1 else candidate.fitted
-                except FitError:
-                    continue
-                yield f"With {words(candidate.effect)}", fitted
+                fitted = fitted_of(candidate)
+                if fitted is not None:
+                    yield f"With {words(candidate.effect)}", fitted
 
     found: list[Tried] = []
     for name, fitted in listed():
@@ -66,6 +64,15 @@ def models(diagnosis: Diagnosis) -> list[Tried]:
             found.append(Tried(name, fitted, fitted.model.to_js(f"model{len(found)}")))
         if len(found) == MOST_MODELS:
             break
+    return found
+
+
+def fitted_of(candidate: Any) -> Fitted | None:
+    """Return a candidate's model over the record as it is; None where it cannot be fitted there."""
+    try:  # a model of averaged samples has another record
+        found: Fitted = candidate.shown if candidate.averaged == 1 else candidate.fitted
+    except FitError:
+        return None
     return found
 
 

@@ -1,0 +1,77 @@
+"""What was done, so that it can be undone and done again: every state is kept whole, so nothing is computed anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from ..models.model import Model
+from ..tasks.compensate import Law
+from .story import Shown
+
+MOST = 30  # states that are kept: each has the pictures of its diagnosis
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What the page shows after a step.
+
+    Attributes
+    ----------
+    revisions : the models so far, with their diagnoses; the last one is shown
+    base, base_name : the base that was chosen
+    units : those of the pictures
+    law : of the last model, where it was asked for
+    notes : what was said of it
+    """
+
+    revisions: tuple[Shown, ...]
+    base: str | Model
+    base_name: str
+    units: Mapping[str, str]
+    law: Law | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """What was done to get here."""
+        return self.revisions[-1].name
+
+    @property
+    def error(self) -> float:
+        """The free-run NRMSE on held-out samples."""
+        return self.revisions[-1].errors["validation"]
+
+
+@dataclass
+class History:
+    """The states in the order in which they were made, and the one that is shown.
+
+    Attributes
+    ----------
+    states : list of State
+    at : int
+        Index of the state that is shown, -1 before the first.
+    """
+
+    states: list[State] = field(default_factory=list)
+    at: int = -1
+
+    def put(self, state: State) -> None:
+        """Take a new state; what was undone before is forgotten, and the first where there are too many."""
+        self.states = [*self.states[: self.at + 1], state][-MOST:]
+        self.at = len(self.states) - 1
+
+    def update(self, state: State) -> None:
+        """Replace the state that is shown: the same models, told otherwise."""
+        self.states[self.at] = state
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a state before."""
+        return self.at > 0
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether something was undone."""
+        return self.at + 1 < len(self.states)
