@@ -29,13 +29,13 @@ def signals_svg(record: Record, units: Mapping[str, str]) -> str:
 def sight_svg(
     part: slice, before: Fitted | None, now: Fitted, candidates: Sequence[Fitted | None], units: Mapping[str, str]
 ) -> str:
-    """Return a stretch of the longest segment over time and as a loop, as an `<svg>` element.
+    """Return a stretch of the longest segment over time and as a loop, as two `<svg>` elements.
 
     Parameters
     ----------
     part : slice of samples
     before, now : the model before the last step, where there is one, and the last
-    candidates : what each candidate would make of it; the page shows one at a time (`sight-candidate_<i>_...`)
+    candidates : what each candidate would make of it; the page shows one at a time (`candidate_<i>` in their ids)
     """
     i = int(np.argmax([len(r) for r in now.split.records]))
     record = now.split.records[i]
@@ -46,19 +46,22 @@ def sight_svg(
         "now": {"color": BLUE, "lw": 1.6},
     }  # fmt: skip
     drawn = {name: run for name, run in runs.items() if run is not None}
-    figure, _ = new_axes(figsize=(9.6, 2.9))
-    figure.clear()
-    for ax, where, x in zip(figure.subplots(1, 2, width_ratios=(3, 2)), ("time", "loop"), (t, u), strict=True):
+    times = f"from {t[0]:.4g} to {t[-1]:.4g} s"
+    rms = ", ".join(f"{name} {np.std(run - y):.2g}" for name, run in drawn.items() if name != "measured")
+    found = []
+    for where, x, width in (("time", t, 5.8), ("loop", u, 3.8)):
+        figure, ax = new_axes(figsize=(width, 2.9))
         for name, run in drawn.items():
             ax.plot(x, run, label=name, **looks[name])
+        ax.margins(x=0 if where == "time" else None)
         ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
         for k, fitted in enumerate(candidates):
             if fitted is not None:
-                ax.plot(x, y - fitted.errors[i][part], color=PINK, lw=2.0, ls="-.", gid=f"candidate_{k}_{where}")
-        ax.set(xlabel="time [s]" if where == "time" else label("u", units.get("u", "")))
-    left = figure.axes[0]
-    left.margins(x=0)
-    left.set_ylabel(label("y", units.get("y", "")))
-    left.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, fontsize=10, frameon=False, borderaxespad=0.2)
-    rms = ", ".join(f"{name} {np.std(run - y):.2g}" for name, run in drawn.items() if name != "measured")
-    return svg(figure, "sight", f"Output over time and over the input from {t[0]:.4g} to {t[-1]:.4g} s; error: {rms}.")
+                ax.plot(x, y - fitted.errors[i][part], color=PINK, lw=2.0, ls="-.", gid=f"candidate_{k}")
+        ax.set_xlabel("time [s]" if where == "time" else label("u", units.get("u", "")))
+        ax.set_ylabel(label("y", units.get("y", "")))
+        if where == "time":
+            ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, fontsize=10, frameon=False, borderaxespad=0.2)
+        told = f"error {rms}" if where == "time" else "output against input"
+        found.append(svg(figure, f"sight_{where}", f"Measured and simulated output {times}: {told}."))
+    return "".join(found)

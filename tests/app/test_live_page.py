@@ -126,7 +126,7 @@ def page(browser, server):
     own = (server.url, server.url.replace("http", "ws"), "data:", "blob:")
     made.on("request", lambda r: None if r.url.startswith(own) else made.wrong.append(f"asked for {r.url}"))
     made.goto(server.url)
-    made.get_by_role("heading", name="1. Measurements").wait_for()
+    made.get_by_role("heading", name="Data").wait_for()
     yield made
     made.close()
 
@@ -171,12 +171,14 @@ def test_the_whole_way(page, data, tmp_path):
     start.click()
     page.locator("#found").wait_for()
     assert "Probably missing: dead_zone" in page.locator(".report").first.inner_text()
+    assert page.locator("#found").inner_text() == "Dead zone is probably missing."
     assert page.evaluate("document.activeElement.id") == "found"
     assert serious(page) == [] and fits(page)
     before = ladder(page)
+    previews(page)
     page.get_by_role("button", name="Add dead_zone").click()
-    back = page.get_by_role("button", name="Step back")
-    back.wait_for()
+    page.locator(".steps [aria-current]").get_by_text("+ dead zone").wait_for()
+    stays_in_sight(page)
     after = ladder(page)
     assert len(after) == len(before) + 1 and after[1] < 0.2 * after[0]  # the last row is the noise floor
     page.wait_for_function("document.querySelectorAll('.report .plot canvas, .report .plot > div').length > 0")
@@ -184,6 +186,9 @@ def test_the_whole_way(page, data, tmp_path):
     assert drawn == page.locator("svg.drawn").count() > 5
     assert serious(page) == [] and fits(page)
 
+    page.get_by_role("tab", name="Evidence").focus()
+    page.keyboard.press("ArrowRight")
+    assert page.evaluate("document.activeElement.id") == "tab-model"
     page.get_by_label("A further term").fill("u[k-1]**2+")
     page.get_by_role("button", name="Fit with this term of a new parameter").click()
     alert = page.get_by_role("alert")
@@ -196,8 +201,11 @@ def test_the_whole_way(page, data, tmp_path):
     page.emulate_media(color_scheme="light")
     page.get_by_role("button", name="Close the message").click()
 
+    page.get_by_role("tab", name="Law").click()
     page.get_by_role("button", name="Open the compensator").click()
     page.get_by_text("ahead in the reference.").last.wait_for()
+    assert serious(page) == [] and fits(page)
+    page.get_by_role("tab", name="Export").click()
     page.get_by_role("link", name="Law (C99 source)").wait_for()
     assert serious(page) == [] and fits(page)
 
@@ -224,16 +232,50 @@ def test_the_whole_way(page, data, tmp_path):
     model = load(files["Model (JSON)"])
     assert ns.evaluate(model, ns.read(tmp_path / "new.csv")).free_run_nrmse < 0.1 * before[0] + 0.02
 
-    back.click()
-    back.wait_for(state="detached")
-    assert ladder(page) == before
+    page.get_by_role("tab", name="Evidence").click()
+    undone_and_done_again(page, before, after)
     assert page.wrong == []
+
+
+def previews(page):
+    """A candidate that has the focus is seen in the picture, and no other one; then none."""
+    page.get_by_role("button", name="Add dead_zone").focus()
+    seen = page.locator(".seen [id*='-candidate_']:visible")
+    assert seen.count() == 2 and page.get_by_text("Dash-dotted: with dead zone.").is_visible()
+    page.get_by_role("tab", name="Evidence").focus()
+    assert seen.count() == 0
+
+
+def stays_in_sight(page):
+    """The comparison, the ladder and the heads of the tabs are on the screen wherever the page is."""
+    page.evaluate("window.scrollTo(0, document.documentElement.scrollHeight / 2)")
+    page.wait_for_timeout(200)
+    for part in (".seen figure", ".rungs", "#tab-law", ".rail"):
+        box = page.locator(part).bounding_box()
+        assert 0 <= box["y"] + 1 and box["y"] < 500, part
+    page.evaluate("window.scrollTo(0, 0)")
+
+
+def undone_and_done_again(page, before, after):
+    """Undo and redo by button and by keys bring the ladders back, and nothing is under way meanwhile."""
+    step = page.locator(".steps [aria-current]")
+    undo, redo = (page.get_by_role("button", name=name, exact=True) for name in ("Undo", "Redo"))
+    for undone, redone in (
+        (undo.click, redo.click),
+        (lambda: page.keyboard.press("Control+z"), lambda: page.keyboard.press("Control+y")),
+    ):
+        for do, name, rungs in ((undone, "linear base", before), (redone, "+ dead zone", after)):
+            do()
+            step.get_by_text(name).wait_for()
+            assert ladder(page) == rungs and page.locator(".doing").count() == 0
+            assert undo.is_enabled() == (rungs == after) and redo.is_enabled() == (rungs == before)
+    assert serious(page) == [] and fits(page)
 
 
 def ladder(page):
     """The held-out errors that the page shows, the noise floor last."""
-    rows = page.get_by_role("group", name="Errors, step by step").locator("tbody tr").all()
-    return [float(row.locator("td").nth(1).inner_text()) for row in rows]
+    rows = page.locator("[aria-label='Errors, step by step'] tbody tr").all()
+    return [float(row.locator("td").nth(1).text_content()) for row in rows]
 
 
 @in_browser

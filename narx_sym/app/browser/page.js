@@ -52,8 +52,8 @@
   const preview = (event) => {
     const one = event.target.closest?.("[data-candidate]"), seen = document.querySelector(".seen");
     if (!seen) return;
-    const lines = one ? [...seen.querySelectorAll(`[id^="sight-candidate_${one.dataset.candidate}_"]`)] : [];
-    for (const line of seen.querySelectorAll('[id^="sight-candidate_"]')) line.classList.toggle("on", lines.includes(line));
+    const lines = one ? [...seen.querySelectorAll(`[id$="-candidate_${one.dataset.candidate}"]`)] : [];
+    for (const line of seen.querySelectorAll('[id*="-candidate_"]')) line.classList.toggle("on", lines.includes(line));
     const text = !one ? "" : lines.length ? `Dash-dotted: with ${one.dataset.name}.` : `There is no run of ${one.dataset.name} on these samples.`;
     const place = seen.querySelector(".previewed");
     if (place.textContent !== text) place.textContent = text;

@@ -81,7 +81,7 @@ class Page:
                 Part(lambda: (bench.path,), self.data),
                 Part(lambda: (bench.record,), self.samples),
                 Part(lambda: (bench.path, bench.current is None), self.columns),
-                Part(lambda: (bench.base_name, bench.record is None, bench.current is None), self.base),
+                Part(lambda: (bench.base_name, bench.record is None, bench.revisions[:1]), self.base),
                 Part(lambda: (bench.current,), lambda: results.candidates(bench)),
             ]
             self.history = ui.element("div")
@@ -108,10 +108,12 @@ class Page:
             ]
             with ui.element("div").classes("sight"):
                 self.found = Part(lambda: (bench.current,), lambda: results.sight(bench))
+                self.heads = ui.element("div").classes("tabs-heads")
+                with self.heads:
+                    tabs(results.TABS)
             self.parts.append(self.found)
             self.tabs = ui.element("div").classes("tabs-box")
             with self.tabs:
-                tabs(results.TABS)
                 for i, name in enumerate(results.TABS):
                     with tab_panel(name, first=not i):
                         shown = Part(partial(self.shown, name), partial(results.tab, name, bench))
@@ -126,7 +128,7 @@ class Page:
     def show(self) -> None:
         """Show what has something to show, and what may be pressed."""
         bench = self.bench
-        for box in (self.history, self.tabs):
+        for box in (self.history, self.heads, self.tabs):
             box.set_visibility(bench.current is not None)
         self.undo.set_enabled(bench.history.can_undo and not bench.busy)
         self.redo.set_enabled(bench.history.can_redo and not bench.busy)
@@ -261,7 +263,8 @@ class Page:
         with section("Base"):
             options = {**BASES, **({"file": f"Model file {bench.base_name}"} if bench.base_name else {})}
             value = bench.base if isinstance(bench.base, str) else "file"
-            with details("A simple model to begin with", open_=bench.current is None):
+            title = f"{bench.revisions[0].name.capitalize()}; another one" if bench.revisions else "A simple model"
+            with details(title, open_=bench.current is None):
                 with ui.element("div").props('role=group aria-label="Kind of base"'):
                     self.kinds = ui.radio(options, value=value, on_change=lambda event: self.based(event.value))
                 drop("/model", "model-file", ".json", bench.limit, "or drop a model file (.json)", [])

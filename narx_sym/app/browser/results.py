@@ -111,23 +111,25 @@ def candidates(bench: Workbench) -> None:
         if not rows:
             said("Nothing stands out: no effect of the catalogue would make this model clearly better.").classes("hint")
         else:
-            said("Share of the removable error; the best are equally good where marked *.").classes("hint")
+            tied = len(current.found.steps[0].confusion_set) > 1
+            more = " What is marked * cannot be told apart." if tied else ""
+            said(f"Share of the removable error.{more}").classes("hint")
             with ui.element("ul").classes("candidates"):
                 for i, row in enumerate(rows):
-                    candidate(bench, i, row)
+                    candidate(bench, i, row, tied)
         with ui.element("div").classes("other"):
             others = others_of(bench, {r["effect"] for r in rows})
             chosen = ui.select(others, label="Another effect").props("outlined dense options-dense").classes("field")
             ui.button("Add it", on_click=lambda: bench.add(chosen.value or "")).props("no-caps outline")
 
 
-def candidate(bench: Workbench, i: int, row: Any) -> None:
+def candidate(bench: Workbench, i: int, row: Any, tied: bool) -> None:
     """Show one candidate; the page previews its run while it is pointed at or has the focus."""
     share, interval = removed(row)
     name = spaced(row["effect"])
     with ui.element("li").props(f'data-candidate={i} data-name="{escape(name)}"'):
         ui.html(
-            f'<span class="name">{escape(name)}{" *" if row["in_confusion_set"] else ""}</span> <b>{share}</b>'
+            f'<span class="name">{escape(name)}{" *" if tied and row["in_confusion_set"] else ""}</span> <b>{share}</b>'
             f'<span class="bar" style="width: {max(0.0, 100 * row["share"]):.1f}%"></span>'
             f'<span class="hint">95 %: {interval}</span>', tag="div", sanitize=False,
         )  # fmt: skip
