@@ -103,13 +103,15 @@ print(f"{size / 1e6:.1f} MB")
 # ```
 #
 # opens a page in your browser where the same way is walked with clicks: drop a CSV, choose columns, rows and a base, see
-# the panels of the report, press *Add* beside a candidate and watch the error fall, step back, change a term as text,
-# open the compensator, take away the model, its LaTeX and C, the law and the report. Long work runs in a process of its
+# the panels of the report, point at a candidate to see its run, press *Add* and watch the error fall, undo and redo
+# (Ctrl+Z, Ctrl+Y), change a term as text, open the compensator, take away the model, its LaTeX and C, the law and the
+# report. Long work runs in a process of its
 # own, which *Cancel* ends; everything stays as it was before.
 #
 # The page listens on 127.0.0.1 only, refuses requests with a foreign Host or Origin, asks no other machine for anything
-# and takes uploads up to `--max-mb` (50) into a private folder that is removed at the end (Ctrl-C). Whoever else is
-# logged in on the same machine may open it too. `--port`, `--no-browser`.
+# and takes uploads up to `--max-mb` (50) into a private folder that is removed at the end (Ctrl-C). Every page
+# that is opened has its own data, under an address that is drawn at random; loaded anew, it shows them again. Whoever
+# else is logged in on the same machine may open a page too, and then sees the file named on the command line. `--port`, `--no-browser`.
 
 # %%
 assert found.best.effect == "hysteresis" and "hysteresis" in found.confusion_set

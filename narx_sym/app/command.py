@@ -22,15 +22,20 @@ def app(
     """Serve a page on this machine: see where a model fails, add what is missing, watch the error fall."""
     if find_spec("nicegui") is None:
         raise NarxError('The page needs further packages: pip install "narx-sym[app]"')
-    from .server import serve
+    from .server import Sessions, serve
     from .workbench import Workbench
 
-    bench = Workbench(most * MEGABYTE)
-    try:
+    def begun() -> Workbench:
+        made = Workbench(most * MEGABYTE)
         if data is not None:
-            bench.open(data)
-            if bench.error:
-                raise NarxError(bench.error)
-        serve(bench, port, not no_browser)
+            made.open(data)
+        return made
+
+    sessions = Sessions(begun)
+    try:
+        _, first = sessions.new()
+        if first.error:
+            raise NarxError(first.error)
+        serve(sessions, port, not no_browser)
     finally:
-        bench.close()
+        sessions.close()

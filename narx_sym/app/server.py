@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import secrets
 import signal
 import socket
 import threading
 import webbrowser
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +30,49 @@ RECONNECT = 20.0  # seconds that a page may be silent: a browser may be busy wit
 GRACE = 1  # seconds for open connections when the server ends
 
 
+class Sessions:
+    """A workbench for each page that was opened: none shows what another one has. A page is found again by its key.
+
+    Parameters
+    ----------
+    make : function that returns a new workbench
+    most : int
+        Workbenches that are kept; the one that was opened first and has no page any more goes.
+    """
+
+    def __init__(self, make: Callable[[], Workbench], most: int = 24):
+        self.make, self.most = make, most
+        self.benches: dict[str, Workbench] = {}
+        self.pages: Counter[str] = Counter()
+
+    def new(self) -> tuple[str, Workbench]:
+        """Return a new key with its workbench."""
+        if len(self.benches) >= self.most:
+            left = next((key for key in self.benches if not self.pages[key]), None)
+            if left is None:
+                raise NarxError("Too many pages are open: close one, and load this one again.")
+            self.benches.pop(left).close()
+        key = secrets.token_urlsafe(16)
+        self.benches[key] = self.make()
+        return key, self.benches[key]
+
+    def entered(self, key: str) -> None:
+        """Take note of a page."""
+        self.pages[key] += 1
+
+    def left(self, key: str) -> None:
+        """Take note that a page is gone: without one the process of an idle workbench ends."""
+        self.pages[key] -= 1
+        bench = self.benches.get(key)
+        if bench is not None and not self.pages[key] and not bench.busy:
+            bench.worker.stop()
+
+    def close(self) -> None:
+        """Close every workbench."""
+        while self.benches:
+            self.benches.popitem()[1].close()
+
+
 def listening(port: int | None) -> socket.socket:
     """Return a socket on this machine's loopback; without a wish any free port will do where the usual one is taken."""
     for wanted in [port] if port is not None else [PORT, 0]:
@@ -42,14 +88,16 @@ def listening(port: int | None) -> socket.socket:
     raise DataError(f"The port {port} cannot be used ({reason}); choose another with --port.")
 
 
-def serve(bench: Workbench, port: int | None, browser: bool) -> None:
+def serve(sessions: Sessions, port: int | None, browser: bool) -> None:
     """Serve the page until Ctrl-C."""
-    os.environ.setdefault("NICEGUI_STORAGE_PATH", str(bench.folder / "storage"))  # nothing is left behind
+    first = next(iter(sessions.benches.values()))
+    sessions.entered(next(iter(sessions.benches)))  # it stays: the framework's files are in its folder
+    os.environ.setdefault("NICEGUI_STORAGE_PATH", str(first.folder / "storage"))  # nothing is left behind
     import uvicorn
 
     with listening(port) as own:
         number = own.getsockname()[1]
-        guarded = Guard(application(bench), number, bench.limit)
+        guarded = Guard(application(sessions), number, first.limit)
         config = uvicorn.Config(
             guarded, log_level="error", access_log=False, timeout_graceful_shutdown=GRACE, server_header=False,
             ws_max_size=1_000_000,
@@ -58,7 +106,6 @@ def serve(bench: Workbench, port: int | None, browser: bool) -> None:
         print(f"narx-sym app: {address} (this machine only; Ctrl-C ends it)", flush=True)
         if browser:
             threading.Timer(1.0, webbrowser.open, (address,)).start()
-        bench.worker.warm()
         for number in (signal.SIGINT, signal.SIGTERM):  # both end the server alike: uploads are removed
             signal.signal(number, signal.default_int_handler)
         try:
@@ -66,37 +113,73 @@ def serve(bench: Workbench, port: int | None, browser: bool) -> None:
         except KeyboardInterrupt:
             pass
         finally:
-            bench.close()
+            sessions.close()
     print("narx-sym app: ended; what was uploaded is removed")
 
 
-def application(bench: Workbench) -> Any:
+def application(sessions: Sessions) -> Any:
     """Return the ASGI application: the page, the places for files, and the downloads."""
-    from bokeh.resources import Resources
-    from fastapi import FastAPI, Request
-    from fastapi.concurrency import run_in_threadpool
-    from fastapi.responses import PlainTextResponse, Response
+    from fastapi import FastAPI
     from nicegui import app as framework
     from nicegui import ui
 
     from .browser.page import Page
 
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
+    _files(app, sessions)
 
-    # The annotations of the routes are read when they are made: they name what was imported just above.
+    @ui.page("/")
+    @ui.page("/at/{key}/")
+    def page(key: str = "") -> None:
+        if key not in sessions.benches:
+            try:
+                key, _ = sessions.new()
+            except NarxError as error:
+                ui.label(str(error))
+                return
+        bench, client = sessions.benches[key], ui.context.client
+        sessions.entered(key)
+        client.on_connect(bench.worker.warm)
+        client.on_delete(lambda: sessions.left(key))
+        Page(bench, f"/at/{key}/")
+
+    # The page says what it does; a bar on top that flashes with each request has no name for a screen reader.
+    framework.config.quasar_config["loadingBar"]["skipHijack"] = True
+    ui.run_with(
+        app, title="narx_sym", language="en-US", dark=None, tailwind=False,
+        show_welcome_message=False, reconnect_timeout=RECONNECT,
+    )  # fmt: skip
+    return app
+
+
+def _files(app: Any, sessions: Sessions) -> None:
+    """Add the places for files, and the downloads."""
+    from bokeh.resources import Resources
+    from fastapi import HTTPException, Request
+    from fastapi.concurrency import run_in_threadpool
+    from fastapi.responses import PlainTextResponse, Response
+
+    def bench_of(request: Request) -> Workbench:
+        try:
+            return sessions.benches[request.path_params["key"]]
+        except KeyError:
+            raise HTTPException(404, "This page is no longer known: load it again.") from None
+
     async def take_data(request: Request) -> Response:
+        bench = bench_of(request)
         name, content = request.query_params.get("name", "file"), await request.body()
         await run_in_threadpool(bench.upload, name, content)
         return Response(status_code=204)
 
     async def take_model(request: Request) -> Response:
+        bench = bench_of(request)
         name, content = request.query_params.get("name", "file"), await request.body()
         await run_in_threadpool(bench.upload_model, name, content)
         return Response(status_code=204)
 
     def give(request: Request) -> Response:
         try:
-            name, content = bench.download(request.path_params["kind"])
+            name, content = bench_of(request).download(request.path_params["kind"])
         except NarxError as error:
             return PlainTextResponse(str(error), status_code=404)
         headers = {"content-disposition": f'attachment; filename="{name}"', "cache-control": "no-store"}
@@ -106,18 +189,6 @@ def application(bench: Workbench) -> Any:
         return Response("\n".join(Resources(mode="inline", components=["bokeh"]).js_raw), media_type="text/javascript")
 
     app.add_route("/bokeh.js", bokeh, methods=["GET"])
-    app.add_route("/data", take_data, methods=["POST"])
-    app.add_route("/model", take_model, methods=["POST"])
-    app.add_route("/download/{kind}", give, methods=["GET"])
-
-    @ui.page("/")
-    def page() -> None:
-        Page(bench)
-
-    # The page says what it does; a bar on top that flashes with each request has no name for a screen reader.
-    framework.config.quasar_config["loadingBar"]["skipHijack"] = True
-    ui.run_with(
-        app, title="narx_sym", language="en-US", dark=None, tailwind=False,
-        show_welcome_message=False, reconnect_timeout=RECONNECT,
-    )  # fmt: skip
-    return app
+    app.add_route("/at/{key}/data", take_data, methods=["POST"])
+    app.add_route("/at/{key}/model", take_model, methods=["POST"])
+    app.add_route("/at/{key}/download/{kind}", give, methods=["GET"])

@@ -1,6 +1,7 @@
 """The live page in a real headless Chromium, and its server over raw HTTP."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -42,21 +43,26 @@ def test_only_this_machine_is_listened_to(server):
     assert [address.partition(":")[0] for address in listening] == ["0100007F"]
 
 
+def place(server):
+    """The address of a new page."""
+    return re.search(r"'(/at/[\w-]+/)'", server.ask()[1])[1]
+
+
 def test_a_foreign_host_is_refused(server):
     assert server.ask()[0] == 200
     assert server.ask(Host=f"localhost:{server.port}")[0] == 200
     for host in ("evil.example", f"evil.example:{server.port}", "127.0.0.1", None):
         assert server.ask(Host=host)[0] in (400, 403)
-        assert server.ask(path="/download/model.json", Host=host)[0] in (400, 403)
+        assert server.ask(path=f"{place(server)}download/model.json", Host=host)[0] in (400, 403)
 
 
 def test_a_foreign_origin_changes_nothing(server):
-    body = live.csv(u=[1.0, 2.0], y=[1.0, 2.0])
+    body, own = live.csv(u=[1.0, 2.0], y=[1.0, 2.0]), place(server)
     for origin in ("http://evil.example", "null", None, f"http://127.0.0.1:{server.port + 1}"):
         given = {} if origin is None else {"Origin": origin}
-        assert server.ask("POST", "/data?name=a.csv", body, **given)[0] == 403
+        assert server.ask("POST", f"{own}data?name=a.csv", body, **given)[0] == 403
         assert server.ask("POST", "/_nicegui_ws/socket.io/?EIO=4&transport=polling", b"x", **given)[0] == 403
-    assert "a.csv" not in server.ask()[1]
+    assert "a.csv" not in server.ask(path=own)[1]
 
 
 def test_a_foreign_websocket_is_refused(server):
@@ -69,11 +75,11 @@ def test_a_foreign_websocket_is_refused(server):
 
 
 def test_a_too_large_upload_is_refused(server):
-    own = {"Origin": server.url[:-1]}
-    status, text = server.ask("POST", "/data?name=a.csv", b"x", **own, **{"Content-Length": "1000001"})
+    own, path = {"Origin": server.url[:-1]}, f"{place(server)}data?name=a.csv"
+    status, text = server.ask("POST", path, b"x", **own, **{"Content-Length": "1000001"})
     assert status == 413 and "at most 1 MB" in text
     chunks = b"".join(b"40000\r\n" + b"x" * 0x40000 + b"\r\n" for _ in range(5)) + b"0\r\n\r\n"
-    assert server.ask("POST", "/data?name=a.csv", chunks, **own, **{"Transfer-Encoding": "chunked"})[0] == 413
+    assert server.ask("POST", path, chunks, **own, **{"Transfer-Encoding": "chunked"})[0] == 413
 
 
 def test_no_path_of_a_client_is_followed(server):
@@ -279,6 +285,26 @@ def ladder(page):
 
 
 @in_browser
+def test_two_pages_do_not_see_each_other_and_each_is_found_again(page, browser, server, data):
+    u, y = data
+    other = browser.new_context().new_page()
+    other.goto(server.url)
+    upload(page, "mine.csv", live.csv(u=u[:200], y=y[:200]))
+    page.get_by_text("mine.csv: 200 rows").wait_for()
+    upload(other, "theirs.csv", live.csv(u=u[:300], y=y[:300]))
+    other.get_by_text("theirs.csv: 300 rows").wait_for()
+    assert "theirs" not in page.inner_text("body") and "mine" not in other.inner_text("body")
+    assert page.url != other.url and page.url.startswith(server.url)
+    page.reload()
+    page.get_by_text("mine.csv: 200 rows").wait_for()
+    assert "theirs" not in page.inner_text("body") and page.wrong == []
+    other.context.close()
+    own = {"Origin": server.url[:-1]}
+    assert server.ask("POST", "/at/nobody/data?name=a.csv", b"t,u,y\n", **own)[0] == 404
+    assert server.ask(path="/at/nobody/download/model.json")[0] == 404
+
+
+@in_browser
 def test_a_too_large_file_is_refused_before_it_is_sent(page):
     upload(page, "large.csv", b"t,u,y\n" + b"0,1,2\n" * 200_000)
     page.get_by_role("alert").get_by_text("at most 1 MB").wait_for()
@@ -323,8 +349,6 @@ def test_an_error_of_the_data_is_one_message(page):
 
 def test_what_a_page_asks_for_is_here(server):
     """Every address in the page leads to this server."""
-    import re
-
     text = server.ask()[1]
     found = re.findall(r"""(?:src|href|url\()=?["'(]?(https?://[^"')\s]+)""", text)
     assert [a for a in found if not a.startswith(server.url)] == []

@@ -436,6 +436,31 @@ def test_without_the_extra_the_command_says_what_to_install(run, monkeypatch):
 def test_a_file_that_is_not_there_ends_the_command(run, monkeypatch, tmp_path):
     monkeypatch.setattr(command, "find_spec", lambda name: object())
     monkeypatch.setattr(cli.live, "find_spec", lambda name: object())
-    monkeypatch.setitem(__import__("sys").modules, "narx_sym.app.server", type("none", (), {"serve": None}))
+    monkeypatch.setattr("narx_sym.app.server.serve", None)
     code, _, err = run("app", tmp_path / "nobody.csv")
     assert code == 2 and "no such file" in err and "Traceback" not in err
+
+
+# -- sessions ------------------------------------------------------------------------------------------------------
+
+
+def test_sessions_are_apart_and_the_first_without_a_page_goes():
+    pytest.importorskip("nicegui", reason="the extra narx-sym[app] is not installed")
+    from narx_sym.app.server import Sessions
+
+    sessions = Sessions(Workbench, most=2)
+    try:
+        (one, first), (_, second) = sessions.new(), sessions.new()
+        assert first is not second and first.folder != second.folder
+        sessions.entered(one)
+        three, _ = sessions.new()
+        assert set(sessions.benches) == {one, three} and not second.folder.exists()
+        sessions.entered(three)
+        with pytest.raises(ns.errors.NarxError, match="close one"):
+            sessions.new()
+        sessions.left(three)
+        sessions.new()
+        assert one in sessions.benches and three not in sessions.benches
+    finally:
+        sessions.close()
+    assert not first.folder.exists()

@@ -52,12 +52,14 @@ class Part:
 class Page:
     """One open page; several may look at the same workbench."""
 
-    def __init__(self, bench: Workbench):
+    def __init__(self, bench: Workbench, place: str):
         self.bench = bench
         # The style sheet of the report, for its parts alone.
         ui.add_css(f"{stylesheet()}\n.report {{ {style()} }}\n{(HERE / 'page.css').read_text(encoding='utf-8')}")
         ui.add_head_html('<script src="/bokeh.js"></script>')
-        ui.add_body_html(f"<script>{(HERE / 'page.js').read_text(encoding='utf-8')}</script>")
+        # Here the page is found again when it is loaded anew; what it asks for lies below.
+        script = (HERE / "page.js").read_text(encoding="utf-8")
+        ui.add_body_html(f"<script>history.replaceState(null, '', '{place}');{script}</script>")
         ui.colors(primary="#0b5a94", negative="#a4262c")
         ui.on("refused", lambda event: self.refused(str(event.args)))
         with ui.element("div").classes("head"):
@@ -193,7 +195,7 @@ class Page:
     def drop(self) -> None:
         """Show the field for a data file."""
         limit = self.bench.limit
-        drop("/data", "data-file", ",".join(SUFFIXES), limit, "Drop a CSV here, or choose one", [
+        drop("data", "data-file", ",".join(SUFFIXES), limit, "Drop a CSV here, or choose one", [
             f"A header such as t,u,y and numbers below it; at most {limit / 1e6:g} MB. It stays in "
             "a private folder of this machine until the program ends."
         ])  # fmt: skip
@@ -267,7 +269,7 @@ class Page:
             with details(title, open_=bench.current is None):
                 with ui.element("div").props('role=group aria-label="Kind of base"'):
                     self.kinds = ui.radio(options, value=value, on_change=lambda event: self.based(event.value))
-                drop("/model", "model-file", ".json", bench.limit, "or drop a model file (.json)", [])
+                drop("model", "model-file", ".json", bench.limit, "or drop a model file (.json)", [])
                 text = "Diagnose" if bench.current is None else "Diagnose with this base"
                 self.start = ui.button(text, on_click=bench.diagnose).props("no-caps unelevated")
                 self.start.classes("main-button").set_enabled(bench.record is not None)

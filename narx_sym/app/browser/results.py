@@ -228,7 +228,7 @@ def files(bench: Workbench, current: Shown) -> None:
     with section("Take it away"), ui.element("ul").classes("files"):
         for name, title in titles(bench.law).items():
             with ui.element("li"):
-                ui.html(f'<a href="/download/{name}" download>{escape(title)}</a>', sanitize=False)
+                ui.html(f'<a href="download/{name}" download>{escape(title)}</a>', sanitize=False)
 
 
 # What may be done at a part of the report, and what stands at the end of a tab.
