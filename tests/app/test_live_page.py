@@ -240,6 +240,16 @@ def test_the_whole_way(page, data, tmp_path):
 
     page.get_by_role("tab", name="Evidence").click()
     undone_and_done_again(page, before, after)
+    page.get_by_text("Columns, rows, units").click()
+    rows = page.get_by_label("Rows A:B, counted from 0")
+    rows.fill("0:1500")
+    rows.press("Tab")
+    page.get_by_text("Other columns or rows are other data").wait_for()
+    page.wait_for_timeout(500)  # it fades in
+    assert serious(page) == []
+    page.get_by_role("button", name="Keep them").click()
+    page.get_by_role("dialog").wait_for(state="detached")
+    assert ladder(page) == after and rows.input_value() == ""
     assert page.wrong == []
 
 

@@ -79,10 +79,10 @@ class Page:
         """Make the rail: data, base, what may be added, and what was done."""
         bench = self.bench
         with ui.element("div").classes("rail").props('role=region aria-label="Data, base and steps"'):
+            self.parts += [Part(lambda: (bench.path,), self.data), Part(lambda: (bench.record,), self.samples)]
+            self.chosen = Part(lambda: (bench.path, bench.current is None), self.columns)
             self.parts += [
-                Part(lambda: (bench.path,), self.data),
-                Part(lambda: (bench.record,), self.samples),
-                Part(lambda: (bench.path, bench.current is None), self.columns),
+                self.chosen,
                 Part(lambda: (bench.base_name, bench.record is None, bench.revisions[:1]), self.base),
                 Part(lambda: (bench.current,), lambda: results.candidates(bench)),
             ]
@@ -237,8 +237,23 @@ class Page:
         field.classes("field").on("change", lambda: self.choose(units=self.bench.choice.units | {name: field.value}))
 
     async def choose(self, **changed: Any) -> None:
-        """Read the data with another choice."""
+        """Read the data with another choice; where a diagnosis would go, ask first."""
+        if self.bench.history.states and set(changed) != {"units"} and not await self.sure():
+            self.chosen.fill()  # as it was
+            return
         await run.io_bound(self.bench.choose, **changed)
+
+    async def sure(self) -> bool:
+        """Ask whether the diagnosis may go."""
+        count = len(self.bench.history.states)
+        with ui.dialog().props('persistent aria-label="Change the data?"') as asked, ui.card():
+            said(f"Other columns or rows are other data: the diagnosis and its history ({count}) go.")
+            with ui.element("div").classes("undo"):
+                ui.button("Keep them", on_click=lambda: asked.submit(False)).props("no-caps outline autofocus")
+                ui.button("Change the data", on_click=lambda: asked.submit(True)).props("no-caps outline")
+        answer = bool(await asked)
+        asked.delete()
+        return answer
 
     async def example(self) -> None:
         """Take simulated measurements."""
