@@ -246,7 +246,7 @@ class Page:
     async def sure(self) -> bool:
         """Ask whether the diagnosis may go."""
         count = len(self.bench.history.states)
-        with ui.dialog().props('persistent aria-label="Change the data?"') as asked, ui.card():
+        with ui.dialog().props('persistent transition-duration=0 aria-label="Change the data?"') as asked, ui.card():
             said(f"Other columns or rows are other data: the diagnosis and its history ({count}) go.")
             with ui.element("div").classes("undo"):
                 ui.button("Keep them", on_click=lambda: asked.submit(False)).props("no-caps outline autofocus")
