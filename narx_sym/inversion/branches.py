@@ -79,6 +79,13 @@ def solve_for(
     return found or _searched(G, w, target, values, limits, made)
 
 
+def searched(stage: Solution, values: Mapping[Any, Any]) -> Any:
+    """Return the solution of a stage that is nearest to its last value, by a root finder."""
+    w = sp.Dummy("w", real=True)
+    made = {"unknown": stage.unknown, "target": stage.target, "expr": stage.expr, "last": stage.last}
+    return _searched(stage.expr.xreplace({stage.unknown: w}), w, stage.target, values, (-FAR, FAR), made).value
+
+
 def _searched(
     G: Any, w: Any, target: Any, values: Mapping[Any, Any], limits: tuple[float, float], made: dict[str, Any]
 ) -> Solution:

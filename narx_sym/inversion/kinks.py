@@ -160,7 +160,9 @@ class Piece:
         """
         if self.curve != 0:
             at = self.right if self.left is None else self.left
-            rise, slope = target - sp.expand(self.expr.xreplace({w: at})), self.slope.xreplace({w: at})
+            rise, slope = target - sp.expand(self.expr.xreplace({w: at})), sp.expand(self.slope.xreplace({w: at}))
+            if slope == 0:  # a vertex: the form below would be 0/0 there
+                return at + (1 if at == self.left else -1) * sp.sqrt(sp.Max(0, rise / self.curve))
             return at + 2 * rise / (slope + side * sp.sqrt(sp.Max(0, slope**2 + 4 * self.curve * rise)))
         zero = self.expr.xreplace({w: sp.S.Zero})
         forms = [sp.expand(target - zero) / self.slope if self.slope != 1 else sp.expand(target - zero)]

@@ -19,6 +19,7 @@ from typing import Any
 
 import sympy as sp
 
+from ..symbolic.functions import KINKED
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import signal
 from .kinks import FLAT
@@ -106,7 +107,7 @@ def _plays(G: Any, w: Any, values: Mapping[Any, Any]) -> tuple[Any, Any, list[Pl
             return None
         plays.append(one)
     first = derivative(outer, w)
-    if first.has(w, *names.values()):
+    if first.has(w, *names.values()) or any(n.has(w) for n in outer.atoms(*KINKED)):  # the slope of a sign is zero
         return None
     apart = [number(one.centre - plays[0].centre, values) for one in plays]
     if any(a is None or abs(a) > SAME * max(one.size for one in plays) for a in apart):

@@ -184,12 +184,18 @@ def outcome(seed: int) -> tuple[str, str, int]:
             found = run.follow()
         except NarxError:
             return "runs away", name, N
-        missed = np.abs(run.output(found.m) - run.y) > run.size
+        try:
+            missed = np.abs(run.output(found.m) - run.y) > run.size
+        except NarxError:
+            missed = np.ones(N, dtype=bool)
         if not missed.any():
             return _as_source(run, name)
-        if run.law.staged and run.law.staged.note:
-            return "runs away, as it says", name, int(missed.sum())
-        return ("lost" if run.lost(found.m, int(np.argmax(missed))) else "dead end"), name, int(missed.sum())
+        if not (run.law.staged and run.law.staged.note):
+            if run.lost(found.m, int(np.argmax(missed))):
+                return "lost", name, int(missed.sum())
+            if not found.runs_away:
+                return "dead end", name, int(missed.sum())
+        return "runs away, as it says", name, int(missed.sum())
 
 
 def _as_source(run: Run, name: str) -> tuple[str, str, int]:

@@ -7,19 +7,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
-from ...engines.columns import lambdify
 from ...errors import NarxError
 from ...inversion.compensator import Compensator
-from ...inversion.solution import Solution
-from ...symbolic.signals import lag, r, samples
 from ..simulate import vector
+from .crossings import around, crossings, gaps
 from .damping import damping
-from .run import Following, follow
+from .run import follow
 
 Array = np.ndarray
-POINTS, GRID, TRIAL = 200, 801, 400  # where solutions are counted, on how fine a grid, along a sine of this length
+POINTS, TRIAL = 200, 400  # where solutions are counted, along a sine of this length
 
 
 @dataclass(frozen=True)
@@ -90,14 +87,15 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
         return Check((*proofs, "the law rings, so nothing is counted along a run"), not is_open)
     target = vector(reference, "reference", least=2)
     try:
-        found = follow(law, target, m0, channels, share=None)
+        found = follow(law, target, m0, channels, share=None, back=False)
     except NarxError as error:
         return Check((*proofs, f"it does not run: {error}"), not is_open)
     ahead, n = law.preview, target.size
     chosen = np.unique(np.linspace(2, n - ahead - 1, min(POINTS, n - ahead - 2)).astype(int))
     several = np.zeros(chosen.size, dtype=bool)
     for stage in stages:
-        several |= _count(law, stage, found, target, chosen) > 1
+        reached = found.values[str(stage.unknown.base.label)][:n]
+        several |= crossings(gaps(law, stage, found.values, target, chosen, around(reached)[None, :])).sum(axis=1) > 1
     none = found.missed[chosen + ahead]
     several &= ~none
     first = {
@@ -106,35 +104,3 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
         if mask.any()
     }
     return Check(proofs, not is_open, int(chosen.size), float(none.mean()), float(several.mean()), first)
-
-
-def _count(law: Compensator, stage: Solution, found: Following, target: Array, at: Array) -> Array:
-    """Count the solutions of one stage at some samples of a run: the changes of sign on a grid."""
-    assert law.staged is not None
-    leads = {left.base: -lag(left) for left, _ in law.beside()}
-    delay, names = law.staged.delay, [s for s in samples(stage.expr - stage.target) if s != stage.unknown]
-    held = np.concatenate([target, np.full(delay + 1, target[-1])])
-
-    def along(s: Any) -> Array:
-        """Return a sample at every chosen k."""
-        if s.base == r:  # the law's own past is the model's
-            past = np.concatenate([np.full(delay, target[0]), found.values["y"]])
-            return held[at + delay] if -lag(s) == delay else past[np.maximum(at - lag(s), 0)]
-        if s == stage.target:
-            return found.values[f"{s.base.label}_wanted"][at]
-        column = found.values[str(s.base.label)]
-        place = at - lag(s) - leads.get(s.base, 0)
-        return column[np.clip(place, 0, column.size - 1)]
-
-    base = stage.unknown.base
-    reached = found.values[str(base.label)][: target.size]
-    low, high = float(reached.min()), float(reached.max())
-    wide = 0.5 * (high - low) or 1.0
-    grid = np.linspace(low - wide, high + wide, GRID)
-    plain = [sp.Symbol(f"s{i}", real=True) for i in range(len(names) + 1)]
-    gap = (stage.expr - stage.target).xreplace(law.model.values)
-    gap = gap.xreplace(dict(zip([*names, stage.unknown], plain, strict=True)))
-    columns = [along(s)[:, None] for s in names]
-    found_gap = lambdify([gap], plain)(*columns, grid[None, :])[0]
-    side = np.broadcast_to(found_gap, (at.size, GRID)) > 0
-    return np.asarray((side[:, 1:] != side[:, :-1]).sum(axis=1))

@@ -11,6 +11,7 @@ Both are measured on the law itself: it makes what the model makes of a slow ram
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 from weakref import WeakKeyDictionary
@@ -35,6 +36,7 @@ STEPS, SMALL = 400, 1e-3  # steps of the ramp through the recorded range; the di
 ALTERNATES = 0.5  # of the steps that turn back: a signal that swings by itself
 FORGOTTEN = 0.01  # of a disturbance: what is smaller counts for nothing
 ROUNDS, RESTED = 20, 1e-12  # until a model rests
+TINY, PLACES = 1e-9, 4  # of the input's range: a disturbance; where along a run it is put
 FREE, KICK = signal("m_share"), signal("m_kick")
 _known: WeakKeyDictionary[Model, Damping] = WeakKeyDictionary()
 
@@ -117,6 +119,25 @@ def _measured(law: Compensator) -> Damping:
     tried = [(_forgets(found), -float(a)) for a in SHARES if np.isfinite(found := trial.after(float(a))).all()]
     best, share = min(tried, default=(LASTS, -1.0))
     return Damping(ring, lasts, -share, best) if best < lasts else Damping(ring, lasts)
+
+
+def growth(law: Compensator, target: Array, start: float, channels: Mapping[str, Any], at: int) -> float:
+    """Return by how much a small disturbance of the input grows along a run, at most, until a sample.
+
+    Parameters as for `narx_sym.fit.laws.driven.driven`; `at` is the sample.
+    """
+    compiled = compile(in_order(law.beside(lambda asked: asked + KICK[k]), law.symbols))
+
+    def run(kick: Array) -> Array:
+        with np.errstate(all="ignore"):
+            found = driven(law, compiled, target, start, {**channels, "m_kick": kick}, on_divergence="nan")
+        return found["m"][: at + 1]
+
+    base = run(np.zeros(target.size))
+    kick = TINY * max(float(np.ptp(np.nan_to_num(base[: max(at, 1)]))), abs(start), TINY)
+    places = sorted({at * part // PLACES for part in range(PLACES)})
+    grown = [np.abs(run(kick * (np.arange(target.size) == one)) - base)[one:] / kick for one in places]
+    return max(float(np.nan_to_num(g, nan=np.inf, posinf=np.inf).max(initial=0.0)) for g in grown)
 
 
 class _Trial:

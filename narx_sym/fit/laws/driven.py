@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,62 @@ from ...symbolic.signals import t
 from ..simulate import fitted, rest_states, vector
 
 Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A law's recursion, what it is given with the time before the start in front, and where it starts."""
+
+    compiled: Compiled
+    given: Mapping[str, Array]
+    initial: Mapping[str, float]
+    theta: Any
+
+    @classmethod
+    def of(
+        cls,
+        law: Compensator,
+        compiled: Compiled,
+        target: Array,
+        start: float,
+        channels: Mapping[str, Any],
+        beside: bool = True,
+    ) -> Prepared:
+        """Prepare a run; parameters as for `driven`."""
+        given = _padded(law, compiled, target, channels)
+        first = {name: float(c[0]) for name, c in given.items()}
+        initial = rest_states(law.model, start, float(target[0]), first) if beside else {}
+        initial |= {"m": start, str(law.model.output.label): float(target[0])}
+        return cls(compiled, given, initial, fitted(law.model))
+
+    @property
+    def depth(self) -> int:
+        """How many samples before the start the recursion needs."""
+        return self.compiled.recursion.depth
+
+    def run(
+        self, more: Mapping[str, tuple[Array, float]], before: Mapping[str, Array], begin: int, end: int
+    ) -> dict[str, Array]:
+        """Run from a sample to another, from what stands before the first; NaN from where it diverges.
+
+        Parameters
+        ----------
+        more : further inputs by name: (N,) array, and the value before it
+        before : what an earlier run returned; empty for the first one
+        """
+        start, total = self.depth + begin, self.given["r"].size
+        padded = {
+            name: np.concatenate([np.full(self.depth, first), c, np.full(total - self.depth - c.size, c[-1])])
+            for name, (c, first) in more.items()
+        }
+        stop = min(self.depth + end + self.compiled.recursion.lead, total)
+        given = {name: column[:stop] for name, column in {**self.given, **padded}.items()}
+        initial = {name: column[:start] for name, column in before.items()} or self.initial
+        return self.compiled(given, self.theta, initial, start=start, on_divergence="nan")
+
+    def shown(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Return every sequence, computed and given, from the first sample of the reference on."""
+        return {name: run[self.depth :] for name, run in {**values, **self.given}.items()}
 
 
 def driven(
@@ -33,13 +90,9 @@ def driven(
     start : number, the input before it, at rest [unit of u]
     beside : whether the model runs beside the law
     """
-    given = _padded(law, compiled, target, channels)
-    first = {name: float(c[0]) for name, c in given.items()}
-    initial = rest_states(law.model, start, float(target[0]), first) if beside else {}
-    initial |= {"m": start, str(law.model.output.label): float(target[0])}
-    depth = compiled.recursion.depth
-    runs = compiled(given, fitted(law.model), initial, start=depth, output="m", on_divergence=on_divergence)
-    return {name: run[depth:] for name, run in (runs | given).items()}
+    made = Prepared.of(law, compiled, target, start, channels, beside)
+    runs = compiled(made.given, made.theta, made.initial, start=made.depth, output="m", on_divergence=on_divergence)
+    return made.shown(runs)
 
 
 def _padded(law: Compensator, compiled: Compiled, target: Array, channels: Mapping[str, Any]) -> dict[str, Array]:

@@ -10,18 +10,20 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ...engines.compile import compile
+from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError, Unreachable
 from ...inversion.compensator import Compensator
 from ...symbolic.signals import y
 from ..simulate import fitted, vector
-from .damping import Share, damping, share_of
+from .damping import Share, damping, growth, share_of
 from .driven import driven
 from .excursions import law_warnings, run_away
+from .lookback import INEXACT, right
 from .start import rest_input
 
 Array = np.ndarray
 MISSED = 1e-6  # of the reference's range: more than this off is missed
+RUNS_AWAY = 1e3  # times that a disturbance grows
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,11 @@ class Following:
         Every sequence of the law as the recursion computes it.
     share : float
         Of the change that it asks for, the input goes this part in a sample; 1 where the law is not damped.
+    tried : int
+        How many other choices between several inputs were tried, where the first one missed; see
+        `narx_sym.fit.laws.lookback`.
+    grown : float
+        Where something is missed: by how much a disturbance of the input grows until then.
     """
 
     m: Array
@@ -52,6 +59,26 @@ class Following:
     error: float
     values: Mapping[str, Array]
     share: float = 1.0
+    tried: int = 0
+    grown: float = 0.0
+
+    @property
+    def runs_away(self) -> bool:
+        """Whether what the law misses is its own error, which has grown."""
+        return self.grown >= RUNS_AWAY
+
+    @property
+    def why(self) -> str:
+        """Say what led to the first miss; empty where nothing is known."""
+        if self.runs_away:
+            times = f"{self.grown:.1g} times" if self.grown < np.inf else "beyond all numbers"
+            return f"The law runs away: a disturbance of its input grows {times} until then"
+        if self.tried:
+            return (
+                f"{self.tried} other choices between several inputs that are right for a sample were tried up to "
+                "there: each of them misses some sample later"
+            )
+        return ""
 
     @property
     def report(self) -> list[str]:
@@ -64,7 +91,7 @@ class Following:
         elif self.missed.any():
             found.append(
                 f"the model misses the reference in {self.missed.mean():.1%} of the samples, first at sample "
-                f"{int(np.argmax(self.missed))}, by {self.error:.3g} at most"
+                f"{int(np.argmax(self.missed))}, by {self.error:.3g} at most{f'. {self.why}' if self.why else ''}"
             )
         return found
 
@@ -134,8 +161,16 @@ def follow(
     limits: Sequence[float] | None = None,
     rate: float | None = None,
     share: Share = "auto",
+    back: bool = True,
 ) -> Following:
-    """Compute the compensated input and what the model then does; parameters and errors as for `run_law`."""
+    """Compute the compensated input and what the model then does; parameters and errors as for `run_law`.
+
+    Parameters
+    ----------
+    back : bool
+        Whether a law without limits and damping goes back to an earlier choice where it misses the reference, which a
+        machine cannot; see `narx_sym.fit.laws.lookback`.
+    """
     fitted(law.model)
     target, n = vector(reference, "reference", least=2), len(reference)
     start = rest_input(law, float(target[0]), limits) if m0 is None else float(m0)
@@ -145,12 +180,8 @@ def follow(
     # The model runs beside the law: what acts on the output before the first command arrives is then made up for.
     beside = law.model.input != y or limits is not None or rate is not None
     compiled = compile(law.limited(limits, rate, part) if beside else law.recursion)
-    try:
-        values = driven(law, compiled, target, start, channels or {}, beside)
-    except Diverged as error:
-        depth = compiled.recursion.depth
-        said = " ".join(run_away(law, target, np.asarray(error.trajectory)[depth : max(depth, error.at - 1)], start))
-        raise Diverged(f"{error} {said}".strip(), error.at, error.trajectory) from None
+    free = back and beside and law.model.input != y and limits is None and rate is None and part == 1
+    values, tried = _values(law, compiled, target, start, channels or {}, beside, free)
     command = values["m"][:n]
     last = np.concatenate([[start], command[:-1]])
     asked = values.get("m_wanted", values["m"])[:n]
@@ -164,7 +195,35 @@ def follow(
     gap[:ahead] = 0.0  # no law reaches these
     size = float(np.abs(target).max())
     missed = gap > MISSED * max(float(np.ptp(target)), 1e-3 * size) + 1e-12 * (1.0 + size)
-    return Following(command, reached, held, missed, float(gap.max()), values, part)
+    off = gap > INEXACT * size if free else missed
+    grown = growth(law, target, start, channels or {}, int(np.argmax(off))) if free and off.any() else 0.0
+    return Following(command, reached, held, missed, float(gap.max()), values, part, tried, grown)
+
+
+def _values(
+    law: Compensator,
+    compiled: Compiled,
+    target: Array,
+    start: float,
+    channels: Mapping[str, Any],
+    beside: bool,
+    free: bool,
+) -> tuple[dict[str, Array], int]:
+    """Run a law; a free one goes back where it misses. Return also how many other choices were tried."""
+    diverged, values, tried = None, None, 0
+    try:
+        values = driven(law, compiled, target, start, channels, beside)
+    except Diverged as error:
+        diverged = error
+    if free:
+        values, tried = right(law, target, start, channels, values)
+    if values is None:
+        assert diverged is not None
+        depth = compiled.recursion.depth
+        path = np.asarray(diverged.trajectory)[depth : max(depth, diverged.at - 1)]
+        said = " ".join(run_away(law, target, path, start))
+        raise Diverged(f"{diverged} {said}".strip(), diverged.at, diverged.trajectory) from None
+    return values, tried
 
 
 def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachable:
@@ -172,11 +231,12 @@ def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachab
     at = int(np.argmax(found.missed))
     limit = "at most" if found.y[at] < target[at] else "at least"
     stages = law.staged.stages if law.staged else ()
+    why = f"{found.why}. " if found.why else ""
     known = "; ".join(dict.fromkeys(s.proof for s in stages if s.reach != (-sp.oo, sp.oo) or s.needs or s.notes))
     return Unreachable(
         f"The reference cannot be reached at sample {at}: r = {target[at]:.6g}, the model gives {limit} "
         f"{found.y[at]:.6g} there{f' ({known})' if known else ''}. {int(found.missed.sum())} of {target.size} samples "
-        f"are missed, by {found.error:.3g} at most. Shrink or shift the reference, or come as near as possible with "
-        "clip=True (--clip).",
+        f"are missed, by {found.error:.3g} at most. {why}Shrink or shift the reference, or come as near as possible "
+        "with clip=True (--clip).",
         at,
     )

@@ -1,0 +1,67 @@
+"""Where a stage of a law has solutions, along a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import sympy as sp
+
+from ...engines.columns import lambdify
+from ...inversion.compensator import Compensator
+from ...inversion.solution import Solution
+from ...symbolic.signals import lag, r, samples
+
+Array = np.ndarray
+GRID = 801  # points of a grid
+
+
+def around(reached: Array, more: float = 0.5) -> Array:
+    """Return a grid over what was reached and this part of it more to each side."""
+    low, high = float(reached.min()), float(reached.max())
+    wide = more * (high - low) or 1.0
+    return np.linspace(low - wide, high + wide, GRID)
+
+
+def crossings(gap: Array) -> Array:
+    """Return between which points of a grid a stage has solutions, (K, G - 1) bool, by its gap there."""
+    side = gap > 0
+    return side[:, 1:] != side[:, :-1]
+
+
+def gaps(
+    law: Compensator, stage: Solution, values: Mapping[str, Array], target: Array, at: Array, points: Array
+) -> Array:
+    """Return what is left of a stage's equation at some values of its unknown.
+
+    Parameters
+    ----------
+    values : what a run has computed, from the first sample on
+    at : (K,) array of samples
+    points : (1 or K, G) array, values of the unknown
+
+    Returns
+    -------
+    (K, G) array
+    """
+    assert law.staged is not None
+    leads = {left.base: -lag(left) for left, _ in law.beside()}
+    delay, names = law.staged.delay, [s for s in samples(stage.expr - stage.target) if s != stage.unknown]
+    held = np.concatenate([target, np.full(delay + 1, target[-1])])
+
+    def along(s: sp.Indexed) -> Array:
+        """Return a sample at every chosen k."""
+        if s.base == r:  # the law's own past is the model's
+            past = np.concatenate([np.full(delay, target[0]), values["y"]])
+            return held[at + delay] if -lag(s) == delay else past[np.maximum(at - lag(s), 0)]
+        if s == stage.target:
+            return values[f"{s.base.label}_wanted"][at]
+        column = values[str(s.base.label)]
+        place = at - lag(s) - leads.get(s.base, 0)
+        return column[np.clip(place, 0, column.size - 1)]
+
+    plain = [sp.Symbol(f"s{i}", real=True) for i in range(len(names) + 1)]
+    gap = (stage.expr - stage.target).xreplace(law.model.values)
+    gap = gap.xreplace(dict(zip([*names, stage.unknown], plain, strict=True)))
+    columns = [along(s)[:, None] for s in names]
+    return np.broadcast_to(lambdify([gap], plain)(*columns, points)[0], (at.size, points.shape[1]))

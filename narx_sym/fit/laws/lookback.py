@@ -1,0 +1,205 @@
+"""Of several inputs that are right for a sample a law takes one; where that leaves none later, it goes back.
+
+The run returns to where a stage had a further solution, the latest first, takes that one, and runs on from there
+(backtracking; of the runs at hand the one that came furthest is changed next). A machine cannot do so: what it meets
+is not known to it beforehand.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import count
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ...engines.compile import compile
+from ...errors import Diverged
+from ...inversion.branches import searched
+from ...inversion.compensator import Compensator
+from ...inversion.solution import Solution
+from ...inversion.stages import guarded, in_order
+from ...symbolic.recursion import Recursion
+from ...symbolic.signals import k, signal
+from ..simulate import simulate
+from .crossings import around, crossings, gaps
+from .driven import Prepared
+
+Array = np.ndarray
+TRIES, BACK, ON = 200, 100, 200  # runs; how far back of a miss a choice is changed; how far a run goes on at first
+WIDER = 1.0  # of what a sequence has been: a solution further beyond is not looked for
+INEXACT = 1e-9  # of the largest reference: what is further off is missed
+FREE = 1e300  # a hint that is none
+Hints = Mapping[str, Mapping[int, float]]
+
+
+def open_stages(law: Compensator) -> list[Solution]:
+    """Return the stages that may leave a choice."""
+    return [s for s in (law.staged.stages if law.staged else ()) if s.needs or not s.proved]
+
+
+def steered(law: Compensator) -> Recursion:
+    """Return a law with the model beside it whose open stages take the solution nearest to a hint, where it is given.
+
+    The hint of a sequence s is the channel s_hint.
+    """
+    staged = law.staged
+    assert staged is not None
+    swapped = {}
+    for stage in open_stages(law):
+        hint = _hint(stage)[k]
+        swapped[stage.unknown] = sp.Piecewise((searched(replace(stage, last=hint), law.model.values), hint < FREE))
+    updates = tuple(
+        (left, sp.Piecewise(*swapped[left].args, (right, True)) if left in swapped else right)
+        for left, right in staged.updates
+    )
+    return in_order(guarded(replace(staged, updates=updates), lambda asked: asked), law.symbols)
+
+
+def right(
+    law: Compensator, target: Array, start: float, channels: Mapping[str, Any], values: dict[str, Array] | None
+) -> tuple[dict[str, Array] | None, int]:
+    """Return a run that misses nothing, if a law has one, and how many further solutions were tried.
+
+    Parameters
+    ----------
+    values : what the law's own run computed; None where it diverged
+    """
+    if not open_stages(law):
+        return values, 0
+    runs = Lookback(law, target, start, channels)
+    if values is not None:
+        values = runs.own(values)
+        if runs.missed(values["y"]) is None:
+            return values, 0
+    found = runs.best()
+    return (values if found is None else found), runs.tried
+
+
+def _hint(stage: Solution) -> Any:
+    return signal(f"{stage.unknown.base.label}_hint")
+
+
+@dataclass
+class _Path:
+    """A run with some hints, right up to a sample, and the further solutions on its way."""
+
+    values: dict[str, Array]
+    missed: int | None
+    begin: int = 0  # the first sample that may still be changed
+    hints: Hints = field(default_factory=dict)
+    tried: int = 0
+    ways: Iterator[tuple[str, int, float]] | None = None
+
+
+class Lookback:
+    """The runs of a law over one reference.
+
+    Attributes
+    ----------
+    tried : int
+        How many further solutions were tried.
+    """
+
+    def __init__(self, law: Compensator, target: Array, start: float, channels: Mapping[str, Any]):
+        self.law, self.target, self.start, self.channels = law, target, start, channels
+        assert law.staged is not None
+        self.delay, self.tried = law.staged.delay, 0
+        self.n = target.size - self.delay
+        self.size = INEXACT * float(np.abs(target).max())
+
+    def missed(self, reached: Array) -> int | None:
+        """Return the first input whose output is not the reference."""
+        n = min(reached.size, self.n)
+        wrong = np.flatnonzero(~(np.abs(reached[:n] - self.target[self.delay :][:n]) <= self.size))
+        return int(wrong[0]) if wrong.size else None
+
+    def own(self, values: dict[str, Array]) -> dict[str, Array]:
+        """Put what the model makes of the input by itself in the place of what it makes beside the law.
+
+        The last digits are others, and a sign of a step may turn with them. Where the model does not rest until the
+        first input arrives, nothing is changed.
+        """
+        command = values["m"][: self.target.size]
+        if not np.isfinite(command).all():
+            return values
+        first = float(self.target[0])
+        try:
+            made = simulate(self.law.model, command, first, self.channels, u0=self.start, warn=False)
+        except Diverged as error:
+            depth = max(1, self.law.model.recursion.depth)
+            made = np.concatenate([np.asarray(error.trajectory)[depth : error.at], np.full(command.size, np.nan)])
+            made = made[: command.size]
+        rests = np.all(np.abs(made[: self.delay] - first) <= self.size)
+        return values | {"y": np.concatenate([made[self.delay :], values["y"][self.n :]])} if rests else values
+
+    def best(self) -> dict[str, Array] | None:
+        """Return every sequence of a run that misses nothing; None where none was found."""
+        self.prepared = Prepared.of(self.law, compile(steered(self.law)), self.target, self.start, self.channels)
+        order = count()
+        waiting = [(0, next(order), self._run(_Path({}, None), {}, 0))]
+        while waiting and self.tried < TRIES:
+            path = heapq.heappop(waiting)[2]
+            if path.missed is None:
+                return self.prepared.shown(path.values)
+            path.ways = path.ways or self._ways(path)
+            way = next(path.ways, None)
+            if way is None:
+                continue
+            self.tried += 1
+            path.tried += 1
+            name, at, hint = way
+            hints = {n: dict(held) for n, held in path.hints.items()}
+            hints.setdefault(name, {})[at] = hint
+            for one in (path, self._run(path, hints, at)):
+                came = self.n if one.missed is None else one.missed
+                heapq.heappush(waiting, (one.tried - came, next(order), one))
+        return None
+
+    def _run(self, before: _Path, hints: Hints, at: int) -> _Path:
+        """Run on from a sample of a run; first a stretch, then to the end."""
+        values, begin, changed = before.values, at, at + 1 if hints else 0
+        names = [str(_hint(s).label) for s in open_stages(self.law)]
+        more = {n: (self._column(hints.get(n, {})), FREE) for n in names}
+        for end in (self.n,) if before.missed is None else (min(self.n, before.missed + ON), self.n):
+            values = self.prepared.run(more, values, begin, end + self.delay)
+            missed = self.missed(values["y"][self.prepared.depth :])
+            if missed is not None:
+                return _Path(values, missed, changed, hints)
+            begin = end
+        return _Path(values, self.missed(self.own(self.prepared.shown(values))["y"]), changed, hints)
+
+    def _column(self, hints: Mapping[int, float]) -> Array:
+        column = np.full(self.target.size, FREE)
+        column[list(hints)] = list(hints.values())
+        return column
+
+    def _ways(self, path: _Path) -> Iterator[tuple[str, int, float]]:
+        """Return the further solutions on the way to a miss, the latest first: sequence, sample, and where."""
+        assert path.missed is not None
+        at = np.arange(max(path.begin, path.missed - BACK), path.missed + 1)
+        if not at.size:
+            return
+        shown = {name: column[: path.missed + 1] for name, column in self.prepared.shown(path.values).items()}
+        found: list[tuple[int, float, str, float]] = []
+        for stage in open_stages(self.law):
+            name, hint = str(stage.unknown.base.label), str(_hint(stage).label)
+            grid = around(shown[name][: max(path.missed, 1)], WIDER)
+            taken, last = shown[f"{name}_wanted"][at], shown[name][np.maximum(at - 1, 0)]
+            # The last value is where a step turns, so often where the gap has a kink: between a pair of roots.
+            points = np.sort(np.column_stack([np.broadcast_to(grid, (at.size, grid.size)), last]), axis=1)
+            gap = gaps(self.law, stage, shown, self.target, at, points)
+            rests = np.abs(gap) <= INEXACT * np.abs(gap).max(axis=1, keepdims=True)
+            more = [(row, last[row], 0.0) for row in np.flatnonzero((rests & (points == last[:, None])).any(axis=1))]
+            for row, cell in np.argwhere(crossings(gap)):
+                low, high = points[row, cell : cell + 2]
+                more.append((row, (low + high) / 2, high - low))
+            for row, place, width in more:
+                away = abs(place - taken[row])
+                if away > max(width, INEXACT * abs(place)) or at[row] == path.missed:
+                    found.append((-int(at[row]), float(away), hint, float(place)))
+        for place, _, name, where in sorted(found):
+            yield name, -place, where
