@@ -6,7 +6,9 @@ Random models with one or two effects of the catalogue, in every place, are driv
 the law must then make the model's own output from the same state, and its C and its Structured Text (where gcc and
 blark are at hand) must give the same input, within limits that never act. Where it misses, every input is tried: "lost" means
 that some input would have given the wanted output, "dead end" that an earlier choice between two inputs, both right,
-left none. A proof ("exactly one") is refuted where a search over inputs finds none or two. Nothing is tuned.
+left none. "Runs away, as it says" means that the law says that it is unstable there, "last digits decide" that it follows,
+but that what differs between languages are last digits that grow, or turn a sign. A proof ("exactly one") is refuted where a search over inputs finds none
+or two. Nothing is tuned.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import narx_sym as ns
 from narx_sym.errors import NarxError, NotInvertible
+from narx_sym.fit.laws.damping import growth
+from narx_sym.fit.laws.run import RUNS_AWAY
 from narx_sym.models.extend import Variant, extend, variants
 from narx_sym.symbolic.signals import u, y
 
@@ -207,6 +211,8 @@ def _as_source(run: Run, name: str) -> tuple[str, str, int]:
     except NotInvertible:
         return "follows", name, 0  # no closed form
     apart = [language for language, gap in gaps.items() if not gap <= SAME]
+    if apart and growth(run.law, run.y, run.u0, run.channels, N - 1) >= RUNS_AWAY:
+        return "follows, last digits decide", name, 0
     return ("follows", name, 0) if not apart else (f"{' and '.join(apart)} differ", name, 0)
 
 

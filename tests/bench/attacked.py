@@ -28,8 +28,8 @@ class Given(Subject):
     """A law that reads what it is given."""
 
     def waves(self, n: int) -> Any:
-        """What the law reads, by name."""
-        return self.initial
+        """What the law reads, by name, in the order in which the sources take it."""
+        return {str(base.label): self.initial[str(base.label)] for base in self.recursion.inputs}
 
     def rests(self, source: str) -> list[float]:
         """Where the law starts, in the order of its C source."""
