@@ -93,6 +93,11 @@ class Following:
                 f"the model misses the reference in {self.missed.mean():.1%} of the samples, first at sample "
                 f"{int(np.argmax(self.missed))}, by {self.error:.3g} at most{f'. {self.why}' if self.why else ''}"
             )
+        elif self.tried:
+            found.append(
+                "where several inputs are right for a sample the law went back to earlier choices, the reference being "
+                "known; computed sample by sample on a machine it misses some"
+            )
         return found
 
 

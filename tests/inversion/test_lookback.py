@@ -1,0 +1,91 @@
+"""Where an earlier choice leaves no input later, the run goes back; what cannot be mended so is said."""
+
+import warnings
+
+import numpy as np
+import pytest
+import sympy as sp
+from bench.attack import Run, bases, drawn, with_effect
+
+from narx_sym.errors import Unreachable
+from narx_sym.inversion.branches import solve_for
+from narx_sym.models.extend import variants
+from narx_sym.symbolic.signals import k, m, r
+
+
+def attacked(seed):
+    """Return the run of a random model."""
+    rng = np.random.default_rng(seed)
+    return Run(drawn(rng, 1 + seed % 2)[1], rng)
+
+
+def missed(run, found):
+    return np.abs(run.output(found.m) - run.y) > run.size
+
+
+def follow(run, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return run.law.follow(run.y, run.u0, run.channels, share=None, **options)
+
+
+# A drag that turns back, a sticking valve, a friction that two inputs overcome, a hysteresis that turns.
+SEEDS = (7212, pytest.param(7099, marks=pytest.mark.long), pytest.param(7100, marks=pytest.mark.long), 31065)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_follow_goes_back_to_where_two_inputs_were_right(seed):
+    run = attacked(seed)
+    ahead = follow(run, back=False)
+    assert missed(run, ahead).any() and not ahead.tried
+    found = follow(run)
+    assert found.tried and not found.missed.any() and not missed(run, found).any()
+    assert "went back to earlier choices" in found.report[-1]
+
+
+def test_what_no_choice_reaches_stays_missed():
+    """A reference beyond the reach of a model, at which no earlier input helps."""
+    base = bases()["static"]
+    listed = [v for v in variants(base, []) if (v.id, v.where, v.effect.form) == ("saturation", "input", "hard")]
+    model = with_effect(base, listed[0], np.random.default_rng(0))
+    model = model.replace(theta=[1.5, 1.0, 0.25])
+    target = 2.0 + np.sin(np.arange(60) / 8)
+    found = model.compensator().follow(target, 0.4)
+    assert found.missed.any() and not found.runs_away
+
+
+def test_a_law_that_runs_away_says_so():
+    """Its own error grows from sample to sample until nothing reaches the reference."""
+    run = attacked(31010)
+    found = follow(run)
+    assert missed(run, found).any() and found.runs_away and "runs away" in found.report[-1]
+    with pytest.raises(Unreachable, match="The law runs away: a disturbance of its input grows"):
+        run.law.run(run.y, run.u0, run.channels, share=None)
+
+
+def test_a_law_that_forgets_does_not_run_away():
+    """Seen from what it misses: the same reference, which it reaches in part."""
+    model = bases()["first order"]
+    listed = [v for v in variants(model, []) if (v.id, v.where, v.effect.form) == ("saturation", "input", "hard")]
+    model = with_effect(model, listed[0], np.random.default_rng(0)).replace(theta=[0.6, 0.4, 1.0, 0.25])
+    found = model.compensator().follow(np.sin(np.arange(60) / 8), 0.0, share=None)
+    assert found.missed.any() and not found.runs_away and found.grown < 10
+
+
+def test_a_sign_beside_plays_is_no_sum_of_plays():
+    """The slope of a sign is zero, but it is not constant."""
+    w, last = m[k], m[k - 1]
+    radii = {1: sp.Rational(1, 10), 2: sp.Rational(1, 5)}
+    plays = sp.Add(*(sp.Max(w - a, sp.Min(w + a, r[k - n])) for n, a in radii.items()))
+    together = {r: sp.S.Zero}
+    plain = solve_for(w + plays, w, r[k], last, {sp.Symbol("a"): 1.0}, together=together)
+    assert plain.how == "plays"
+    beside = solve_for(w + plays + sp.sign(w - last), w, r[k], last, {sp.Symbol("a"): 1.0}, together=together)
+    assert beside.how != "plays"
+
+
+def test_a_square_is_solved_at_its_vertex():
+    """At rest the way there is zero over zero."""
+    found = solve_for((m[k] - m[k - 1]) * sp.Abs(m[k] - m[k - 1]) / 4, m[k], r[k], m[k - 1], {sp.Symbol("a"): 1.0})
+    for target, wanted in ((0.0, 0.3), (0.25, 1.3), (-1.0, -1.7)):
+        assert float(found.value.xreplace({r[k]: sp.Float(target), m[k - 1]: sp.Float(0.3)})) == pytest.approx(wanted)
