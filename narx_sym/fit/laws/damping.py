@@ -127,6 +127,8 @@ def growth(law: Compensator, target: Array, start: float, channels: Mapping[str,
     Parameters as for `narx_sym.fit.laws.driven.driven`; `at` is the sample.
     """
     compiled = compile(in_order(law.beside(lambda asked: asked + KICK[k]), law.symbols))
+    stop = at + 1 + compiled.recursion.lead
+    target, channels = target[:stop], {name: np.asarray(c)[:stop] for name, c in channels.items()}
 
     def run(kick: Array) -> Array:
         with np.errstate(all="ignore"):

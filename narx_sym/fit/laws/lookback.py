@@ -70,12 +70,13 @@ def right(
     """
     if not open_stages(law):
         return values, 0
-    runs = Lookback(law, target, start, channels)
+    runs, missed = Lookback(law, target, start, channels), None
     if values is not None:
         values = runs.own(values)
-        if runs.missed(values["y"]) is None:
+        missed = runs.missed(values["y"])
+        if missed is None:
             return values, 0
-    found = runs.best()
+    found = runs.best(missed)
     return (values if found is None else found), runs.tried
 
 
@@ -136,11 +137,14 @@ class Lookback:
         rests = np.all(np.abs(made[: self.delay] - first) <= self.size)
         return values | {"y": np.concatenate([made[self.delay :], values["y"][self.n :]])} if rests else values
 
-    def best(self) -> dict[str, Array] | None:
-        """Return every sequence of a run that misses nothing; None where none was found."""
+    def best(self, missed: int | None = None) -> dict[str, Array] | None:
+        """Return every sequence of a run that misses nothing; None where none was found.
+
+        `missed` is the first input after which the law's own run misses, where that is known.
+        """
         self.prepared = Prepared.of(self.law, compile(steered(self.law)), self.target, self.start, self.channels)
         order = count()
-        waiting = [(0, next(order), self._run(_Path({}, None), {}, 0))]
+        waiting = [(0, next(order), self._run(_Path({}, missed), {}, 0))]
         while waiting and self.tried < TRIES:
             path = heapq.heappop(waiting)[2]
             if path.missed is None:
