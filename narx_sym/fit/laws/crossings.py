@@ -30,13 +30,19 @@ def crossings(gap: Array) -> Array:
 
 
 def gaps(
-    law: Compensator, stage: Solution, values: Mapping[str, Array], target: Array, at: Array, points: Array
+    law: Compensator,
+    stage: Solution,
+    values: Mapping[str, Array],
+    target: Array,
+    at: Array,
+    points: Array,
+    front: int = 0,
 ) -> Array:
     """Return what is left of a stage's equation at some values of its unknown.
 
     Parameters
     ----------
-    values : what a run has computed, from the first sample on
+    values : what a run has computed, with `front` samples before the first one
     at : (K,) array of samples
     points : (1 or K, G) array, values of the unknown
 
@@ -52,12 +58,12 @@ def gaps(
     def along(s: sp.Indexed) -> Array:
         """Return a sample at every chosen k."""
         if s.base == r:  # the law's own past is the model's
-            past = np.concatenate([np.full(delay, target[0]), values["y"]])
+            past = np.concatenate([np.full(delay, target[0]), values["y"][front:]])
             return held[at + delay] if -lag(s) == delay else past[np.maximum(at - lag(s), 0)]
         if s == stage.target:
-            return values[f"{s.base.label}_wanted"][at]
+            return values[f"{s.base.label}_wanted"][at + front]
         column = values[str(s.base.label)]
-        place = at - lag(s) - leads.get(s.base, 0)
+        place = at + front - lag(s) - leads.get(s.base, 0)
         return column[np.clip(place, 0, column.size - 1)]
 
     plain = [sp.Symbol(f"s{i}", real=True) for i in range(len(names) + 1)]

@@ -187,15 +187,17 @@ class Lookback:
         at = np.arange(max(path.begin, path.missed - BACK), path.missed + 1)
         if not at.size:
             return
-        shown = {name: column[: path.missed + 1] for name, column in self.prepared.shown(path.values).items()}
+        depth = self.prepared.depth
+        columns = {n: c[: depth + path.missed + 1] for n, c in {**path.values, **self.prepared.given}.items()}
         found: list[tuple[int, float, str, float]] = []
         for stage in open_stages(self.law):
             name, hint = str(stage.unknown.base.label), str(_hint(stage).label)
-            grid = around(shown[name][: max(path.missed, 1)], WIDER)
-            taken, last = shown[f"{name}_wanted"][at], shown[name][np.maximum(at - 1, 0)]
+            column = columns[name][depth - 1 :]  # from the value before the first one on
+            grid, last = around(column[: path.missed + 1], WIDER), column[at]
+            taken = columns[f"{name}_wanted"][depth + at]
             # The last value is where a step turns, so often where the gap has a kink: between a pair of roots.
             points = np.sort(np.column_stack([np.broadcast_to(grid, (at.size, grid.size)), last]), axis=1)
-            gap = gaps(self.law, stage, shown, self.target, at, points)
+            gap = gaps(self.law, stage, columns, self.target, at, points, depth)
             rests = np.abs(gap) <= INEXACT * np.abs(gap).max(axis=1, keepdims=True)
             more = [(row, last[row], 0.0) for row in np.flatnonzero((rests & (points == last[:, None])).any(axis=1))]
             for row, cell in np.argwhere(crossings(gap)):
