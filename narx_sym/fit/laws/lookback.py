@@ -192,7 +192,8 @@ class Lookback:
         found: list[tuple[int, float, str, float]] = []
         for stage in open_stages(self.law):
             name, hint = str(stage.unknown.base.label), str(_hint(stage).label)
-            column = columns[name][depth - 1 :]  # from the value before the first one on
+            before = columns[name][max(depth - 1, 0) :][:1]
+            column = np.concatenate([before, columns[name][depth:]])  # from the value before the first one on
             grid, last = around(column[: path.missed + 1], WIDER), column[at]
             taken = columns[f"{name}_wanted"][depth + at]
             # The last value is where a step turns, so often where the gap has a kink: between a pair of roots.
