@@ -101,13 +101,13 @@ def test_one_more_part_is_on_page_and_live_page(stage_diagnosis, monkeypatch):
 
 def test_the_live_page_shows_every_live_part():
     results = pytest.importorskip("narx_sym.app.browser.results")
-    sections = results.on_the_page()
+    sections = [one for tab in results.TABS for one in results.on_the_page(tab)]
     keys = [key for _, _, listed in sections for key in listed]
     assert sorted(keys) == sorted(key for key, one in panels().items() if one.live is not None)
     titles = [title for _, title, _ in sections]
     usual = ["What was found", "What may be missing", "Measured and simulated", "Where the model fails", "The model"]
     assert [title for title in titles if title in usual] == usual and len(set(titles)) == len(titles)
-    assert set(results.BEFORE) | set(results.AFTER) <= set(keys)
+    assert set(results.AFTER) | set(results.TAB_OF) <= set(keys)
 
 
 def test_the_experiment_is_told_without_scripts_in_its_markup(stage_diagnosis, monkeypatch):

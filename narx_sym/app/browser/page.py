@@ -154,7 +154,7 @@ class Page:
         if self.found in changed and self.bench.current is not None:
             results.draw(self.bench)
             if self.bench.current is not before:  # who uses a keyboard or a reader is led to a new result
-                ui.run_javascript("document.getElementById('found')?.focus()")
+                ui.run_javascript("document.getElementById('found')?.focus({preventScroll: innerWidth > 1000})")
 
     def refused(self, text: str) -> None:
         """Show what the page itself refused."""
