@@ -344,6 +344,7 @@ def test_names_from_data_are_text(page, data):
     u, y = data
     upload(page, f"{EVIL}.csv", live.csv(f'"u","y","t","{EVIL}"', u=y, y=live.np.arange(len(u)) * live.TS, c=u))
     page.get_by_text(f"columns u, y, t, {EVIL}").wait_for()
+    page.locator(".part figure").first.wait_for()  # what is drawn behind an open list may close it
     page.get_by_label("Further channels").click()
     page.get_by_role("option", name=EVIL).click()
     page.keyboard.press("Escape")
