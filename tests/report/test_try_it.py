@@ -28,8 +28,8 @@ def browser():
         opened.close()
 
 
-@pytest.fixture
-def opened(browser, stage_report):
+@pytest.fixture(scope="module")
+def opened_once(browser, stage_report):
     """Open the report; afterwards nothing must have been complained of, or asked for."""
     said, asked = [], []
     context = browser.new_context(viewport={"width": 1280, "height": 900}, offline=True)
@@ -39,9 +39,26 @@ def opened(browser, stage_report):
     page.on("request", lambda r: asked.append(r.url))
     page.goto(stage_report.as_uri())
     page.wait_for_function("() => document.getElementById('try_it').dataset.rms")
-    yield page
+    yield page, state(page)
     context.close()
     assert not said and [a for a in asked if not a.startswith("data:")] == [stage_report.as_uri()]
+
+
+@pytest.fixture
+def opened(opened_once):
+    """The report as it was opened: what a test has moved is put back."""
+    page, first = opened_once
+    for switch in page.locator('input[name="try-model"]').all():
+        switch.check()
+        page.click("#try-reset")
+    page.check(f'input[name="try-model"][value="{first["model"]}"]')
+    page.locator("#try-time").dblclick()
+    page.locator("#try-point").press("Home")
+    now = state(page)
+    assert {n: v for n, v in now.items() if n not in ("law", "point")} == {
+        n: v for n, v in first.items() if n not in ("law", "point")
+    }
+    return page
 
 
 @pytest.fixture(scope="module")
