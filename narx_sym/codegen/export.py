@@ -15,7 +15,7 @@ from ..engines.compile import compile
 from ..errors import ModelError
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import samples
-from .layout import newest
+from .layout import newest, plain
 from .registry import ROUNDINGS, Example, Request, target
 
 CHECKED, LONGEST_CHECK = 48, 200  # samples of a self-test; a long delay adds its own
@@ -42,7 +42,7 @@ def written(
     starts = _starts(recursion, initial or {})
     return one.write(
         Request(
-            recursion, numbers, name, single, returned, starts, _notes(Ts),
+            recursion, numbers, name, single, returned, starts, _notes(recursion, returned, Ts, units or {}),
             lambda sampled: _example(recursion, numbers, returned, starts, ranges or {}, single, sampled),
             False, Ts, ranges or {}, rest or {}, units or {},
         )
@@ -184,8 +184,17 @@ def _starts(recursion: Recursion, initial: Mapping[Any, Any]) -> dict[Any, Any]:
     return found
 
 
-def _notes(Ts: float | None) -> list[str]:
-    return [] if Ts is None else [f"Sampling time: {Ts:.10g} s."]
+def _notes(recursion: Recursion, returned: Any, Ts: float | None, units: Mapping[str, str]) -> list[str]:
+    """Return what the comment on top says: the sampling time, and units of what is taken and returned."""
+    said = [
+        f"{plain(base)} in {plain(units[str(base.label)])}"
+        for base in (*recursion.inputs, returned)
+        if units.get(str(base.label))
+    ]
+    return [
+        *([] if Ts is None else [f"Sampling time: {Ts:.10g} s."]),
+        *([f"Units: {', '.join(said)}."] if said else []),
+    ]
 
 
 def _example(

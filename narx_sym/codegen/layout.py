@@ -19,6 +19,7 @@ from ..symbolic.signals import k, lag, samples, signal
 from .registry import Request
 
 WIDTH = 108  # of a line
+ASCII = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "²": "^2", "³": "^3", "·": " "})  # of units
 
 
 @dataclass(frozen=True)
@@ -137,8 +138,8 @@ def newest(recursion: Recursion, sampled: bool = False) -> dict[Any, int]:
 
 
 def plain(one: Any) -> str:
-    """Return the name of a signal or a parameter, with dots for what could end a comment."""
-    return re.sub(r"[^A-Za-z0-9_ .,;:()=+-]", ".", str(getattr(one, "label", one)))[:60]
+    """Return the name of a signal or a parameter, or a unit, in ASCII, with dots for what could end a comment."""
+    return re.sub(r"[^A-Za-z0-9_ .,;:()=+/%^-]", ".", str(getattr(one, "label", one)).translate(ASCII))[:60]
 
 
 def shortened(name: str, longest: int) -> str:

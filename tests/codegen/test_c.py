@@ -110,6 +110,18 @@ def test_random_recursions_agree(tmp_path, made):
 
 
 @needs_gcc
+def test_units_stand_in_the_comment_and_cannot_end_it(tmp_path):
+    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 0.4], Ts=0.01).compensator()
+    told = law.export("c", units={"u": "V", "y": "µm/s²"})
+    assert "Units: r in um/s^2, m in V." in told and "Units" not in law.to_c()
+    for end in ("*/ int x = 1 /", "*) x := 1; (*", "V\n#error", "\\", "??/"):
+        for language in ("c", "st", "js"):
+            plain, hostile = (law.export(language, units={"u": label, "y": "mm"}) for label in ("V", end))
+            assert plain.replace("m in V.", "") == re.sub(r"m in [^\n]*\.(?=\n)", "", hostile), hostile[:900]
+    built(tmp_path, law.export("c", units={"u": "*/ int x = 1 /"}), "-DLAW_SELF_TEST")
+
+
+@needs_gcc
 def test_awkward_names_agree_too(tmp_path):
     """All signals rest alike and move alike, but by another factor each: a mixed-up pair would show."""
     subject = SUBJECTS["awkward"]
