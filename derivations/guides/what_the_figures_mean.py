@@ -59,7 +59,9 @@ print(ns.nsavi(m, r), np.abs(np.diff(m)).sum() / np.abs(np.diff(r)).sum())
 # The *noise floor* is an estimate of what no model could explain. The *share* of an effect is how much of the removable
 # error (that of the base beyond the floor) it removes on blocks that were not used for fitting; its 95 % interval comes
 # from resampling those blocks. It can leave 0 ... 100 %, because both ends of the scale are estimates.
-# What *could not have been seen* is computed effect by effect, for the base, the noise and the input of this record.
+# What *could not have been seen* is computed effect by effect, for the base, the noise and the input of this record: the
+# rms by which an effect must move the output to be seen in about 80 % of such records. It must pass the test and be worth
+# its price, with what a refit of the base leaves of it. How far that holds: "When an effect is named".
 
 # %%
 found = ns.diagnose(model, record)

@@ -18,7 +18,7 @@ from scipy.signal import oaconvolve
 from scipy.stats import chi2
 
 Array = np.ndarray
-DRAWS, LEVEL = 999, 0.05
+DRAWS, LEVEL, POWER = 999, 0.05, 0.8416  # the last: standard normal quantile of 80 %
 LONGEST = 120  # lags of the noise model at most
 TRIALS = 6
 MOST, CLEAR = 12, 18.0  # columns that the noise is freed of at most, and the gain (in variances) of each at least
@@ -44,7 +44,7 @@ class Scores:
     critical : float
         The log p-value below which 5 % of the records without any effect fall.
     detectable : (groups,) array
-        rms of the smallest contribution that would be seen [unit of y].
+        rms by which an effect moves the output that is seen in about 80 % of such records [unit of y].
     filter, variance : the noise model
     basis, owner : orthonormal whitened directions without what a refit absorbs, and the group of each
     """
@@ -233,6 +233,7 @@ def score(
     seed: int = 0,
     lines: Sequence[slice] = (),
     measured: Sequence[Array] = (),
+    costs: Sequence[float] | None = None,
 ) -> Scores:
     """Score groups of directions against a residual.
 
@@ -250,6 +251,7 @@ def score(
     lines : slices of the columns that are sharp spectral lines
         An autoregressive model would take them for noise.
     measured : pieces of the noise itself, from repeated periods, where there are any
+    costs : per group, by how much it must lower the logarithm of the mean square to be worth its price; default 0
     """
     white = whitened(residual, own, directions, edges, rows, lines, measured)
     e, P, D = white.e, white.own, white.directions
@@ -289,9 +291,16 @@ def score(
     p_value = (1 + int(np.sum(lowest <= best))) / (DRAWS + 1)
     critical = float(np.quantile(lowest, LEVEL))
     for i, columns in enumerate(groups):
-        detectable[i] = _detectable(
-            D[:, columns], level_D[:, columns], variance, critical - np.log(searched[i]), freedoms[i]
+        white_size, left, whole = (
+            float(np.linalg.norm(of)) for of in (D[:, columns], level_D[:, columns], level_energy[columns] ** 0.5)
         )
+        if freedoms[i] and white_size > 0 and left > 0:
+            tested = _needed(variance, critical - np.log(searched[i]), freedoms[i]) * left / white_size
+            paid = np.sqrt(total * np.expm1(costs[i] if costs else 0.0))
+            # Both in what a refit leaves of the effect; of what it moves before that, more.
+            detectable[i] = max(tested, paid) * whole / left / np.sqrt(len(level_e))
+        else:
+            detectable[i] = np.inf
     return Scores(share, gain, log_p, absorbed, p_value, critical, detectable, white.a, variance, basis, owner)
 
 
@@ -312,12 +321,6 @@ def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float]
     return lowest
 
 
-def _detectable(D: Array, level: Array, variance: float, log_p: float, freedom: int) -> float:
-    """Return the rms contribution whose expected gain passes the critical value in 90 % of the cases."""
-    if not freedom:
-        return float("inf")
-    white, seen = np.linalg.norm(D), np.linalg.norm(level)
-    if white == 0:
-        return float("inf")
-    needed = (np.sqrt(chi2.isf(np.exp(max(log_p, -700.0)), freedom)) + 1.2816) * np.sqrt(variance)
-    return float(needed * seen / white / np.sqrt(len(D)))
+def _needed(variance: float, log_p: float, freedom: int) -> float:
+    """Return the whitened size of a contribution whose gain passes the critical value in 80 % of the cases."""
+    return float((np.sqrt(chi2.isf(np.exp(max(log_p, -700.0)), freedom)) + POWER) * np.sqrt(variance))

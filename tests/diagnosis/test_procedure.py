@@ -300,3 +300,24 @@ def test_motor_saturates():
     record = ns.read(SHARED / "hydraulic_motor_rotation" / "run.csv")
     d = ns.diagnose(ns.identify(record, base="linear"), record)
     assert "saturation" in d.confusion_set
+
+
+def test_an_effect_is_seen_at_the_promised_size_and_not_at_half_of_it():
+    """In the rms by which it moves the output; more effects and machines: tests/bench/power.py."""
+    rng = np.random.default_rng(3)
+    u, y, bent = np.zeros(900), np.zeros(900), np.zeros(900)
+    for k, w in enumerate(rng.standard_normal(899), 1):
+        u[k] = 0.9 * u[k - 1] + 0.6 * w
+        y[k], bent[k] = 0.8 * y[k - 1] + 0.2 * u[k - 1], 0.8 * bent[k - 1] + 0.2 * u[k - 1] ** 2
+    y += 0.02 * rng.standard_normal(900)
+    bent = (bent - bent.mean()) / np.std(bent)
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "1"])
+    few = Catalogue({name: EFFECTS[name] for name in ("quadratic_gain", "cubic_gain", "backlash")})
+
+    def diagnosed(rms):
+        record = ns.Record.from_arrays(u, y + rms * bent, 0.01)
+        return ns.diagnose(base.fit(record, method="free_run"), record, catalogue=few)
+
+    size = diagnosed(0.0).steps[0].smallest_detectable["quadratic_gain"]
+    assert diagnosed(size).confusion_set == ["quadratic_gain"]
+    assert diagnosed(size / 2).verdict == "nothing_detectable"

@@ -17,6 +17,7 @@ from .. import gate
 from ..blackbox import predictable
 from ..directions import Direction, Linearised
 from ..refit import Fitted
+from .verdict import price
 
 Array = np.ndarray
 EFFECTS_TRIED, FORMS_TRIED, HALF = 8, 2, 0.5  # effects that are fitted; forms of each that explain half of its best
@@ -67,6 +68,7 @@ def score(fitted: Fitted, channels: Iterable[str], catalogue: Catalogue, seed: i
     scores = gate.score(
         line.residual, line.own, matrix, [d.columns for d in directions], [d.searched for d in directions],
         line.problem.edges, rows, seed, [d.columns for d in directions if d.line], fitted.split.noise,
+        [price(1.0, d.columns.stop - d.columns.start + len(d.variant.shape), 1) for d in directions],
     )  # fmt: skip
     return Scored(fitted, line, tuple(channels), directions, matrix, scores, rows)
 
@@ -101,7 +103,7 @@ def shortlist(scored: Scored, family: str) -> dict[Variant, list[tuple[float, ..
 
 
 def detectable(scored: Scored) -> dict[str, float]:
-    """Return per effect the rms contribution that would have been seen [unit of y]."""
+    """Return per effect the rms by which it moves the output where about 80 % of such records show it [unit of y]."""
     found: dict[str, list[float]] = {}
     for direction, size in zip(scored.directions, scored.scores.detectable, strict=True):
         if np.isfinite(size):
