@@ -247,6 +247,9 @@ def test_a_law_that_cannot_run():
     unstable = NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, 3.0])  # m[k] = ... - 3 m[k-1]
     with pytest.raises(Diverged, match="m diverges"):
         unstable.compensator().run(reference(900), 0.1, share=None)
+    without_gain = NARX.from_terms(["y[k-1]", "u[k-1]*y[k-1]"], [0.5, 0.4])
+    with pytest.raises(Diverged, match=r"sample 6 .* needs theta_2\*r\[k\] != 0, which does not hold there"):
+        without_gain.compensator().run([1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 1.0], 1.0)
     with pytest.raises(ModelError, match="no parameter values"):
         BENCH.model().compensator().run([1.0, 2.0])
     for bad in ([1.0], [1.0, np.nan], []):
