@@ -145,7 +145,7 @@ def floor(diagnosis: Diagnosis) -> float:
 
 
 def fall(diagnosis: Diagnosis, units: Units) -> str:
-    """Say how far the error falls with what was added; an empty text where nothing was."""
+    """Say how far the error falls with what was added, and with both of a pair; an empty text where nothing was."""
     rungs = diagnosis.ladder
     if len(rungs) < 2:
         return ""
@@ -154,7 +154,11 @@ def fall(diagnosis: Diagnosis, units: Units) -> str:
     ratio = before / max(after, 1e-300)
     change = f"{number(ratio, 2)} times smaller" if ratio > 1 else f"{number(1 / ratio, 2)} times larger"
     floor = f", at the noise floor of {number(diagnosis.floor)} {unit}" if after <= AT_FLOOR * diagnosis.floor else ""
-    return f"The error falls from {number(before)} to {number(after)} {unit}: {change}{floor}."
+    pair = diagnosis.steps[0].pair
+    if pair is None or set(pair.effects) <= {e for step in diagnosis.steps for e in step.added}:
+        return f"The error falls from {number(before)} to {number(after)} {unit}: {change}{floor}."
+    both = f"{number(float(np.sqrt(pair.mean_square)))} with both"
+    return f"With {_added(diagnosis)} the error falls from {number(before)} to {number(after)} {unit}, to {both}."
 
 
 def detectable(step: Step, units: Units) -> list[Row]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from narx_sym.data.examples import STAGE_UNITS
+from narx_sym.diagnosis.table.candidates import Pair
 from narx_sym.fit.alignment import aligned
 from narx_sym.report import page, words
 from narx_sym.report.panels import registry
@@ -138,3 +139,10 @@ def test_what_helps_but_has_rivals_says_so_and_keeps_its_experiment(stage_diagno
     assert words.headline(both).lower().startswith(f"{words.spaced(one)} or {words.spaced(other)} helps, but")
     (made,) = page.sections(both, STAGE_UNITS, scripts=False, keys=["verdict"])
     assert 'href="#experiment"' in made.html
+
+
+def test_of_a_pair_it_is_said_how_far_one_of_them_goes_and_how_far_both(stage_diagnosis):
+    first = stage_diagnosis.steps[0]
+    pair = Pair((first.candidates[0].effect, "creep"), first.chosen, 0.25, 0.9)
+    said = words.fall(replace(stage_diagnosis, steps=[replace(first, pair=pair)]), STAGE_UNITS)
+    assert said.startswith("With backlash the error falls from ") and said.endswith(" mm, to 0.500 with both.")
