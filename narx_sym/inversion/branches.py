@@ -65,8 +65,11 @@ def solve_for(
         if slope == 0 or size == 0 or (size is not None and abs(size) < 1e-300):
             raise NotInvertible(f"{text(unknown)} does not matter: its coefficient is zero.")
         gap = target - G.xreplace({w: sp.S.Zero})
-        needs = (sp.Ne(slope, 0),) if samples(slope) else ()
-        return Solution(how="linear", branches=(Branch(sp.true, gap / slope, expr),), needs=needs, **made)
+        solved = Branch(sp.true, gap / slope, expr)
+        if not samples(slope):
+            return Solution(how="linear", branches=(solved,), **made)
+        still = Branch(sp.Eq(slope, 0), last)  # where it does not act, it stays: nothing is divided by zero
+        return Solution(how="linear", branches=(still, solved), needs=(sp.Ne(slope, 0),), **made)
     if not values:
         raise NotInvertible(f"{text(unknown)} is not alone in a linear term: a law needs the parameters' values.")
     if kinks:

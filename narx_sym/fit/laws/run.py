@@ -13,8 +13,7 @@ import sympy as sp
 from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError, Unreachable
 from ...inversion.compensator import Compensator
-from ...symbolic.printing import text
-from ...symbolic.signals import lag, r, samples, y
+from ...symbolic.signals import y
 from ..simulate import fitted, vector
 from .damping import Share, damping, growth, share_of
 from .driven import driven
@@ -227,21 +226,9 @@ def _values(
         assert diverged is not None
         depth = compiled.recursion.depth
         path = np.asarray(diverged.trajectory)[depth : max(depth, diverged.at - 1)]
-        said = " ".join([*_needed(law, target, diverged.at - depth), *run_away(law, target, path, start)])
+        said = " ".join(run_away(law, target, path, start))
         raise Diverged(f"{diverged} {said}".strip(), diverged.at, diverged.trajectory) from None
     return values, tried
-
-
-def _needed(law: Compensator, target: Array, at: int) -> list[str]:
-    """Say what a law needs of the reference, such as what it divides by, and does not have at a sample."""
-    for need in (n for stage in (law.staged.stages if law.staged else ()) for n in stage.needs):
-        read = samples(need)
-        if {s.base for s in read} == {r}:
-            there = {s: sp.Float(target[min(max(0, at - lag(s)), target.size - 1)]) for s in read}
-            if need.xreplace({**there, **law.model.values}) == sp.false:
-                shown = f"{text(need.lhs)} {need.rel_op} {text(need.rhs)}"
-                return [f"The law needs {shown}, which does not hold there: no input moves the output."]
-    return []
 
 
 def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachable:
