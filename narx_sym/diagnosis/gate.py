@@ -270,7 +270,8 @@ def score(
     level_D = level_D - Q0 @ (Q0.T @ level_D)
 
     count = len(groups)
-    share, gain, log_p, absorbed, detectable = (np.zeros(count) for _ in range(5))
+    share, gain, log_p, absorbed = (np.zeros(count) for _ in range(4))
+    detectable = np.full(count, np.inf)
     bases, owners, freedoms = [], [], np.zeros(count, dtype=int)
     total = float(level_e @ level_e) or 1.0
     for i, columns in enumerate(groups):
@@ -291,16 +292,12 @@ def score(
     p_value = (1 + int(np.sum(lowest <= best))) / (DRAWS + 1)
     critical = float(np.quantile(lowest, LEVEL))
     for i, columns in enumerate(groups):
-        white_size, left, whole = (
-            float(np.linalg.norm(of)) for of in (D[:, columns], level_D[:, columns], level_energy[columns] ** 0.5)
-        )
+        white_size, left = float(np.linalg.norm(D[:, columns])), float(np.linalg.norm(level_D[:, columns]))
         if freedoms[i] and white_size > 0 and left > 0:
-            tested = _needed(variance, critical - np.log(searched[i]), freedoms[i]) * left / white_size
-            paid = np.sqrt(total * np.expm1(costs[i] if costs else 0.0))
-            # Both in what a refit leaves of the effect; of what it moves before that, more.
-            detectable[i] = max(tested, paid) * whole / left / np.sqrt(len(level_e))
-        else:
-            detectable[i] = np.inf
+            tested = _needed(variance, critical - np.log(searched[i]), freedoms[i]) / white_size
+            paid = np.sqrt(total * np.expm1(costs[i] if costs else 0.0)) / left
+            # Times the rms of the whole direction, of which a refit leaves a part.
+            detectable[i] = max(tested, paid) * np.sqrt(level_energy[columns].sum() / len(level_e))
     return Scores(share, gain, log_p, absorbed, p_value, critical, detectable, white.a, variance, basis, owner)
 
 
