@@ -81,6 +81,25 @@ def data_cells(titles: list[str], cells: list[str]) -> None:
         ui.html(escape(cell), tag="td", sanitize=False).props(f'data-title="{escape(title)}"')
 
 
+class Fault(ui.label):
+    """What is wrong with a field, below it, for a reader its description; a field that is folded away is opened."""
+
+    def __init__(self, field: Any, bench: Any, name: str):
+        self.field = field.without_auto_validation().props("hide-bottom-space")
+        with field.add_slot("error"):
+            super().__init__()
+        self.props(f"id=wrong-{field.id} role=alert").bind_text_from(bench, "faults", lambda all_: all_.get(name, ""))
+
+    def _handle_text_change(self, text: str) -> None:
+        super()._handle_text_change(text)
+        if text:
+            self.field.props(f"error aria-invalid=true aria-describedby=wrong-{self.field.id}")
+            # It may be folded away.
+            self.client.run_javascript(f"getHtmlElement({self.field.id})?.closest('details')?.setAttribute('open', '')")
+        else:
+            self.field.props(remove="error aria-invalid aria-describedby")
+
+
 @contextmanager
 def details(title: str, open_: bool = False) -> Iterator[None]:
     """Make what may be folded."""
