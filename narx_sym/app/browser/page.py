@@ -7,10 +7,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from nicegui import run, ui
+from nicegui import ElementFilter, run, ui
 
+from ...diagnosis.progress import Told
 from ...report.page import style
 from ...report.svg import stylesheet
+from ...report.words import spaced
 from ..workbench import SUFFIXES, Workbench
 from . import results
 from .widgets import Fault, details, drop, figure, heading, said, section, tab_panel, tabs
@@ -55,7 +57,7 @@ class Page:
     """One open page; several may look at the same workbench."""
 
     def __init__(self, bench: Workbench, place: str):
-        self.bench = bench
+        self.bench, self.faults = bench, bench.faults
         # The style sheet of the report, for its parts alone.
         ui.add_css(f"{stylesheet()}\n.report {{ {style()} }}\n{(HERE / 'page.css').read_text(encoding='utf-8')}")
         ui.add_head_html('<script src="/bokeh.js"></script>')
@@ -154,8 +156,12 @@ class Page:
         except Exception as error:
             self.bench.refuse(f"Internal error, {type(error).__name__}: {error}. Please report it.")
             raise
+        if self.bench.faults != self.faults:
+            self.faults = self.bench.faults
+            for one in ElementFilter(kind=Fault):
+                one.look()
         if self.bench.busy:
-            self.doing.text = f"{self.bench.worker.progress} ({self.bench.worker.seconds:.0f} s)"
+            self.tell()
         self.show()
         if self.found in changed and self.bench.current is not None:
             results.draw(self.bench)
@@ -314,8 +320,22 @@ class Page:
 
     def progress(self) -> None:
         """Show what is under way, and how to end it."""
-        with ui.element("div").classes("doing" if self.bench.busy else "idle").props("role=status"):
+        with ui.element("div").classes("doing" if self.bench.busy else "idle"):
+            with ui.element("div").props("role=status"):
+                self.doing = said("Starting" if self.bench.busy else "")
             if self.bench.busy:
-                self.doing = said("starting")
-                ui.linear_progress(show_value=False).props('indeterminate aria-label="Working"')
-                ui.button("Cancel", on_click=self.bench.cancel).props("no-caps outline")
+                self.bar = ui.linear_progress(0.0, show_value=False).props('indeterminate aria-label="Working"')
+                with ui.element("div").classes("done"):
+                    self.count = said("")
+                    ui.button("Cancel", on_click=self.bench.cancel).props("no-caps outline")
+
+    def tell(self) -> None:
+        """Tell what is under way: a reader hears of stages and of what was found, not of each second."""
+        now, seconds = self.bench.worker.progress, f"{self.bench.worker.seconds:.0f} s"
+        if not isinstance(now, Told):
+            self.doing.text, self.count.text = now[:1].upper() + now[1:], seconds
+            return
+        found = f" So far: {spaced(now.found)}." if now.found else ""
+        self.doing.text = f"Step {now.stage} of {now.stages}: {now.what}.{found}"
+        self.count.text = f"{now.done} of {now.of}, {seconds}" if now.of else seconds
+        self.bar.props(remove="indeterminate").set_value(max(self.bar.value, round(now.fraction, 3)))

@@ -82,20 +82,26 @@ def data_cells(titles: list[str], cells: list[str]) -> None:
 
 
 class Fault(ui.label):
-    """What is wrong with a field, below it, for a reader its description; a field that is folded away is opened."""
+    """What is wrong with a field, below it, for a reader its description; `look` shows what has changed."""
 
     def __init__(self, field: Any, bench: Any, name: str):
-        self.field = field.without_auto_validation().props("hide-bottom-space")
+        self.field, self.bench, self.name = field.without_auto_validation().props("hide-bottom-space"), bench, name
         with field.add_slot("error"):
             super().__init__()
-        self.props(f"id=wrong-{field.id} role=alert").bind_text_from(bench, "faults", lambda all_: all_.get(name, ""))
+        self.props(f"id=wrong-{field.id} role=alert")
+        self.shown = ""
+        self.look()
 
-    def _handle_text_change(self, text: str) -> None:
-        super()._handle_text_change(text)
+    def look(self) -> None:
+        """Show what is wrong now; a field that is folded away is opened."""
+        text = self.bench.faults.get(self.name, "")
+        if text == self.shown:
+            return
+        self.shown = text
+        self.set_text(text)
         if text:
             self.field.props(f"error aria-invalid=true aria-describedby=wrong-{self.field.id}")
-            # It may be folded away.
-            self.client.run_javascript(f"getHtmlElement({self.field.id})?.closest('details')?.setAttribute('open', '')")
+            ui.run_javascript(f"getHtmlElement({self.field.id})?.closest('details')?.setAttribute('open', '')")
         else:
             self.field.props(remove="error aria-invalid aria-describedby")
 
