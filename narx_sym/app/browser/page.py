@@ -200,7 +200,8 @@ class Page:
             if bench.table is not None:
                 names = [n for n in bench.table.columns if n]
                 rows = max(a.size for a in bench.table.columns.values())
-                said(f"{bench.file}: {rows} rows, columns {', '.join(names)}").classes("file")
+                text = f"{bench.file}: {rows} rows, columns {', '.join(names)}"
+                said(text).classes("file").props["title"] = text
                 return
             self.drop()
             with ui.element("p"):
@@ -222,23 +223,27 @@ class Page:
             return
         names = [n for n in bench.table.columns if n]
         units = {"u": "Unit of the input", "y": "Unit of the output"}
-        with ui.element("div").classes("columns"), details("Columns, rows, units", open_=bench.current is None):
-            with ui.element("div").classes("fields"):
-                self.fields = {
-                    "u": self.select("Input", names, choice.u),
-                    "y": self.select("Output", names, choice.y),
-                    "t": self.select("Time [s]", {"": "none", **{n: n for n in names}}, choice.t),
-                    "Ts": self.typed("Sampling time [s]", choice.Ts),
-                    "rows": self.typed("Rows A:B, counted from 0", choice.rows),
-                    "channels": self.select("Further channels", names, list(choice.channels), multiple=True),
-                    **{f"unit {n}": self.typed(title, choice.units[n], "maxlength=12") for n, title in units.items()},
-                }
-                for name, field in self.fields.items():
-                    Fault(field, bench, name)
-                    # A text is read when it is left.
-                    field.on("change" if isinstance(field, ui.input) else "update:model-value", self.choose)
-        with details("Another file"):
-            self.drop()
+        with ui.element("div").classes("folded"):
+            with ui.element("div").classes("columns"), details("Columns, rows, units", open_=bench.current is None):
+                with ui.element("div").classes("fields"):
+                    self.fields: dict[str, Any] = {
+                        "u": self.select("Input", names, choice.u),
+                        "y": self.select("Output", names, choice.y),
+                        "t": self.select("Time [s]", {"": "none", **{n: n for n in names}}, choice.t),
+                        "Ts": self.typed("Sampling time [s]", choice.Ts),
+                        "rows": self.typed("Rows A:B, counted from 0", choice.rows),
+                        "channels": self.select("Further channels", names, list(choice.channels), multiple=True),
+                        **{
+                            f"unit {n}": self.typed(title, choice.units[n], "maxlength=12")
+                            for n, title in units.items()
+                        },
+                    }
+                    for name, field in self.fields.items():
+                        Fault(field, bench, name)
+                        # A text is read when it is left.
+                        field.on("change" if isinstance(field, ui.input) else "update:model-value", self.choose)
+            with details("Another file"):
+                self.drop()
 
     def select(self, title: str, options: Any, value: Any, **more: Any) -> ui.select:
         """Make a field that chooses columns."""
