@@ -55,7 +55,7 @@ def _bar(shown: Any, what: str) -> Iterator[Callable[[str], None]]:
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
     from rich.table import Column
 
-    text = TextColumn("{task.description}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"))
+    text = TextColumn("{task.description}", table_column=Column(ratio=1))
     columns = (SpinnerColumn(), BarColumn(bar_width=16), TimeElapsedColumn(), text)
     with Progress(*columns, console=shown, transient=True, expand=True) as bars:
         one = bars.add_task(escape(what), total=None)

@@ -291,7 +291,8 @@ class Page:
         """Say what was read."""
         record = self.bench.record
         if record is not None:
-            said(f"Read: {len(record)} samples, {record.Ts:.6g} s apart, {record.t[-1] - record.t[0]:.6g} s.")
+            length = record.t[-1] - record.t[0]
+            said(f"Read: {len(record)} samples, {record.Ts:.6g} s apart, {length:.6g} s").classes("file")
 
     def preview(self) -> None:
         """Show what was read, until there is more to see."""
