@@ -182,6 +182,7 @@ def test_the_whole_way(page, data, tmp_path):
     assert page.evaluate("document.activeElement.id") == "found"
     assert serious(page) == [] and fits(page)
     before = ladder(page)
+    assert page.locator(".report .ladder figure").is_hidden()  # the bars in sight say it
     previews(page)
     page.get_by_role("button", name="Add dead_zone").click()
     page.locator(".steps [aria-current]").get_by_text("+ dead zone").wait_for()
@@ -383,6 +384,25 @@ def test_an_error_stands_at_its_field_until_that_is_right(page, data):
     rows.press("Tab")
     page.get_by_text("Read: 200 samples").wait_for()
     assert not described(rows) and page.wrong == [] and fits(page)
+
+
+@in_browser
+def test_progress_is_told_in_steps(page, data):
+    """A bar and counts for who looks; a reader hears of the steps alone."""
+    u, y = data
+    upload(page, "stage.csv", live.csv(u=u[:600], y=y[:600]))
+    page.get_by_text("Read: 600 samples").wait_for()
+    assert all(page.locator(".rail .file").nth(i).bounding_box()["height"] < 30 for i in range(2))  # a line each
+    page.get_by_role("button", name="Diagnose").click()
+    page.get_by_text(re.compile(r"Step [34] of 8: ")).wait_for()
+    bar = page.get_by_role("progressbar", name="Working")
+    assert 2 / 8 <= float(bar.get_attribute("aria-valuenow")) < 1
+    heard = page.locator(".doing [role=status]").inner_text()
+    assert re.fullmatch(r"Step \d of 8: .*\.", heard) and not re.search(r"\d s\b", heard)
+    assert re.search(r"\d s\b", page.locator(".done").inner_text()) and serious(page) == []
+    page.get_by_role("button", name="Cancel").click()
+    page.locator(".doing").wait_for(state="detached")
+    assert page.wrong == []
 
 
 @in_browser
