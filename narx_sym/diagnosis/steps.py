@@ -237,9 +237,9 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     if seen or scored.structure > HELPS:
         table.singles(known)
     at, alone = table.held(lambda: won([r for r in table.beside(known) if len(r.beyond(known)) <= 1], known))
-    # What the best single effect leaves, of what there was: too much, and two effects may hide each other.
     if alone is not None:
         table.course.say(", and what the best one leaves")
+    # What the best single effect leaves, of what there was: too much, and two effects may hide each other.
     left = table.screened(alone).missing * alone.held / at.held if alone is not None else 1.0
     if scored.structure > HELPS and left > LEFT / 2:
         table.pairs(known)
