@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
-from ..data.units import in_header
-from ..errors import DataError, NarxError
+from ..data.record import Record, read
+from ..data.tables import Table
+from ..data.timegrid import check_step
+from ..data.units import in_header, in_units
+from ..errors import DataError, ModelError, NarxError
+from ..fit.identify import prepare
+from ..models.model import Model
+from ..symbolic.signals import plain_name
 
 OPTIONS = {"input": "Input", "output": "Output", "time": "Time", "ts": "Sampling time", "rows": "Rows", "units": "Unit"}
 OPTIONS |= {"channels": "Channels"}  # what the options of the command line are called in the page
@@ -28,13 +39,26 @@ class Choice:
 
 def in_the_page(message: str) -> str:
     """Name the fields of the page in the place of options of the command line."""
-    return re.sub(r"--(\w+)", lambda found: OPTIONS.get(found[1], found[0]), message)
+    return re.sub(r"--(\w+)(?: \(\w+=\))?", lambda found: OPTIONS.get(found[1], found[0]), message)
 
 
 def shortened(name: str) -> str:
     """Return a file name to show: its last part, without control characters, at most 80 characters."""
     last = re.split(r"[/\\]", name)[-1]
     return "".join(c for c in last if c.isprintable())[-80:] or "file"
+
+
+def kept(folder: Path, shown: str, suffix: str, content: bytes) -> Path:
+    """Write an upload into a folder of its own; of its name only letters, digits and underscores are kept."""
+    path = Path(tempfile.mkdtemp(dir=folder)) / f"{plain_name(Path(shown).stem)}{suffix}"
+    path.write_bytes(content)
+    return path
+
+
+def dropped(folder: Path, path: Path | None) -> None:
+    """Remove an upload; a file of the user's own stays."""
+    if path is not None and folder in path.parents:
+        shutil.rmtree(path.parent, ignore_errors=True)
 
 
 def number(text: str, what: str) -> float | None:
@@ -68,17 +92,112 @@ def guessed(columns: list[str]) -> Choice:
     return found
 
 
+class Refused(NarxError):  # noqa: N818
+    """What was wrong is said at its field already."""
+
+
 class Said:
-    """Turns what a user may see into the one message of a workbench; everything else passes."""
+    """Turns what a user may see into the messages of a workbench; everything else passes.
+
+    A message stands at the field that was read when it was refused, else at "". It goes when the field is read again.
+    """
 
     def __init__(self, bench: Any):
         self.bench = bench
+        self.read = {""}
+        self.wrong: dict[str, str] = {}
 
-    def __enter__(self) -> None:
-        self.bench.error, self.bench.notes = "", ()
+    def __enter__(self) -> Said:
+        self.bench.understood()
+        self.bench.notes = ()
+        return self
+
+    @contextmanager
+    def field(self, name: str, file: str = "") -> Iterator[None]:
+        """Read a field: what is refused meanwhile stands there, where the name of the file is known.
+
+        Other fields may be read before `stop`.
+        """
+        self.read.add(name)
+        try:
+            yield
+        except NarxError as error:
+            text = in_the_page(str(error)).removeprefix(f"{file}: ")
+            self.wrong[name] = text[:1].upper() + text[1:]
+
+    def stop(self) -> None:
+        """Go no further where a field was refused."""
+        if self.wrong:
+            raise Refused("; ".join(self.wrong.values()))
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> bool:
-        if isinstance(error, NarxError):
-            self.bench.error = in_the_page(str(error))
-            return True
-        return False
+        if isinstance(error, NarxError) and not isinstance(error, Refused):
+            self.wrong[""] = in_the_page(str(error))
+        left = {name: text for name, text in self.bench.faults.items() if name not in self.read}
+        self.bench.faults = left | self.wrong
+        return isinstance(error, NarxError)
+
+
+def measured(said: Said, path: Path, shown: str, table: Table, choice: Choice) -> Record:
+    """Read a file as it was chosen; in messages it is called `shown`."""
+    with said.field("u"):
+        if not choice.u:
+            raise DataError("Choose the column of the input.")
+    with said.field("y"):
+        if not choice.y:
+            raise DataError("Choose the column of the output.")
+        if choice.u == choice.y:
+            raise DataError(f"Input and output are the same column {choice.u!r}.")
+    with said.field("Ts"):
+        Ts = number(choice.Ts, "Sampling time")
+        if Ts is not None:
+            check_step(Ts)
+        elif not choice.t:
+            raise DataError("Give the sampling time, or choose the column of the time.")
+    rows = choice.rows.strip() or None
+    with said.field("rows", shown):
+        if rows:
+            table.cut(rows)
+    said.read.add("channels")
+    said.stop()
+    channels = [n for n in choice.channels if n not in (choice.u, choice.y, choice.t)]
+    try:
+        made = read(path, u=choice.u, y=choice.y, t=choice.t or None, Ts=Ts, rows=rows, channels=channels)
+    except NarxError as error:
+        raise DataError(str(error).replace(str(path), shown)) from None
+    record = replace(made, name=Path(shown).stem)
+    prepare(record)
+    return record
+
+
+def suits(said: Said, model: Model, record: Record) -> None:
+    """Refuse measurements whose units do not convert to the model's, or without a channel of the model."""
+    for signal in ("u", "y"):
+        with said.field(f"unit {signal}"):
+            in_units([record], {n: label for n, label in model.info.units.items() if n == signal})
+    with said.field("channels"):
+        needed = [n for n in model.channels if n not in record.channels]
+        if needed:
+            raise ModelError(f"The model needs the channel {needed[0]!r}: choose it here.")
+    said.stop()
+
+
+def limits_of(said: Said, low: str, high: str, rate: str) -> tuple[tuple[float, float] | None, float | None]:
+    """Read the limits of the input, and of its change per sample."""
+    with said.field("low"):
+        a = number(low, "The lower limit")
+    with said.field("high"):
+        b = number(high, "The upper limit")
+    with said.field("rate"):
+        largest = number(rate, "The largest change")
+        if largest is not None and largest <= 0:
+            raise DataError("The largest change must be positive.")
+    said.stop()
+    with said.field("high"):
+        limits = None if a is None or b is None else (a, b)
+        if limits is None and a is not b:
+            raise DataError("Give both limits, or none.")
+        if limits and not limits[0] < limits[1]:
+            raise DataError("The lower limit must be below the upper one.")
+    said.stop()
+    return limits, largest

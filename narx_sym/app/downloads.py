@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from ..codegen.registry import exports, files
+from ..data.units import said_first
 from ..errors import ModelError
 from ..files.store import to_text
 from ..inversion.analyses import document
 from ..models.model import Model
+from ..report.page import page
 from ..tasks.compensate import Law
+from .story import Story
 
 
 def written(kind: str, model: Model, law: Law | None, report: Callable[[], str]) -> str | bytes:
@@ -51,3 +55,12 @@ def titles(law: Law | None) -> dict[str, str]:
         found["law.tex"] = "Law (LaTeX)"
         found |= {f"law{ending}": f"Law ({sources[ending]})" for ending in law.sources}
     return found
+
+
+def report_of(bench: Any) -> str:
+    """Return the report of what a workbench shows, as a page."""
+    choice = bench.choice
+    settings = {"base": bench.base_name or str(bench.base), "rows": choice.rows or "all"}
+    settings["channels"] = ", ".join(choice.channels) or "none"
+    units = said_first(bench.record.units, choice.units)
+    return page(Story.of(bench.revisions), units, [bench.path] if bench.path else [], settings)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from ..data.record import Record
+from ..diagnosis.progress import Told, inside
 from ..models.model import Model
 from ..tasks.compensate import Law, law_of
-from ..tasks.revise import Progress, Revision, begin, with_effect, with_term
+from ..tasks.revise import STAGES, Progress, Revision, begin, with_effect, with_term
 from .story import Shown, shown
 
 Units = Mapping[str, str]
@@ -15,14 +17,14 @@ Units = Mapping[str, str]
 
 def diagnosed(base: str | Model, records: Sequence[Record], units: Units, progress: Progress) -> Shown:
     """Identify a base, unless it is a model already, and diagnose it."""
-    return _drawn((), begin(base, records, progress), units, progress)
+    return _drawn((), partial(begin, base, records), units, progress)
 
 
 def added(
     effect: str, before: Sequence[Revision], records: Sequence[Record], units: Units, progress: Progress
 ) -> Shown:
     """Add an effect to the last of the revisions before."""
-    return _drawn(before, with_effect(before[-1], effect, records, progress), units, progress)
+    return _drawn(before, partial(with_effect, before[-1], effect, records), units, progress)
 
 
 def edited(
@@ -30,7 +32,7 @@ def edited(
     progress: Progress,
 ) -> Shown:  # fmt: skip
     """Fit a model whose term with the parameter `name` is new."""
-    return _drawn(before, with_term(model, name, what, records, progress), units, progress)
+    return _drawn(before, partial(with_term, model, name, what, records), units, progress)
 
 
 def derived(model: Model, limits: tuple[float, float] | None, rate: float | None, progress: Progress) -> Law:
@@ -40,10 +42,14 @@ def derived(model: Model, limits: tuple[float, float] | None, rate: float | None
 
 def relabelled(every: Sequence[Revision], records: Sequence[Record], units: Units, progress: Progress) -> list[Shown]:
     """Show all revisions again, with other units."""
-    progress("drawing")
-    return [shown(every[:i], made, units) for i, made in enumerate(every)]
+    found = []
+    for i, made in enumerate(every):
+        progress(Told("drawing", done=i + 1, of=len(every), part=i / len(every)))
+        found.append(shown(every[:i], made, units))
+    return found
 
 
-def _drawn(before: Sequence[Revision], made: Revision, units: Units, progress: Progress) -> Shown:
-    progress("drawing")
+def _drawn(before: Sequence[Revision], make: Callable[[Progress], Revision], units: Units, progress: Progress) -> Shown:
+    made = make(inside(progress, after=1))
+    progress(Told("drawing", STAGES + 1, STAGES + 1))
     return shown(before, made, units)

@@ -4,32 +4,33 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ..data.examples import PLAY, STAGE_UNITS, stage
 from ..data.readers import load as load_table
-from ..data.record import Record, read
+from ..data.record import Record
 from ..data.tables import Table
 from ..data.units import said_first
 from ..errors import DataError, ModelError, NarxError
 from ..files.atomic import write_csv
-from ..fit.identify import prepare
+from ..models.extend import find
 from ..models.model import Model
 from ..models.rewrite import rewritten, written_terms
-from ..report.page import page
 from ..symbolic.signals import plain_name
 from ..tasks.base import check_kind, read_base, what_to_know
 from ..tasks.compensate import Law
-from .choice import Choice, Said, guessed, in_the_page, number, shortened
-from .downloads import written
+from .choice import Choice, Said, dropped, guessed, in_the_page, kept, limits_of, measured, shortened, suits
+from .downloads import report_of, written
 from .history import History, State
 from .jobs import added, derived, diagnosed, edited, relabelled
 from .preview import signals_svg
-from .story import Shown, Story
+from .story import Shown
 from .worker import Worker
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
@@ -58,18 +59,24 @@ class Workbench:
         Of the last revision, where it was asked for.
     history : History
         Every state since the data were chosen, for undo and redo.
-    error, notes : one message, and what was changed in silence
+    faults : mapping from fields to messages
+        What is wrong, each at the field that was refused, else at "".
+    notes : what was changed in silence
+    shown : lock
+        Held while what the page shows changes: a page that holds it sees all of a change or nothing.
     """
 
     def __init__(self, limit: int = LIMIT) -> None:
         self.limit = limit
         self.worker = Worker()
         self.folder = Path(tempfile.mkdtemp(prefix="narx_sym_app_"))  # mode 0700
-        self.error = ""
+        self.faults: dict[str, str] = {}
+        self.shown = threading.RLock()
+        self._reading = threading.Lock()  # data are read in threads, one after the other
         self.notes: tuple[str, ...] = ()
         self.base: str | Model = "linear"
         self.base_name = ""
-        self._take: Callable[[Any], None] = lambda made: None
+        self._done: Callable[[Any], None] = lambda made: None
         self._forget()
 
     def _forget(self) -> None:
@@ -82,6 +89,12 @@ class Workbench:
         self.revisions: list[Shown] = []
         self.law: Law | None = None
         self.history = History()
+        self.faults = {}
+
+    @property
+    def error(self) -> str:
+        """The last message, at whatever field it stands."""
+        return next(reversed(self.faults.values()), "")
 
     # -- data --------------------------------------------------------------------------------------------------
 
@@ -89,22 +102,11 @@ class Workbench:
         """Take a data file; its name is only shown, never used as a path."""
         suffix = Path(name).suffix.lower()
         shown = shortened(name)
-        with self._said():
+        with self._reading, Said(self) as said:
             if suffix not in SUFFIXES:
                 raise DataError(f"{shown}: drop a text file with columns ({', '.join(SUFFIXES)}).")
             self._check_size(len(content), shown)
-            self._open(self._keep(shown, suffix, content), shown)
-
-    def _keep(self, shown: str, suffix: str, content: bytes) -> Path:
-        """Write an upload into a folder of its own; of its name only letters, digits and underscores are kept."""
-        path = Path(tempfile.mkdtemp(dir=self.folder)) / f"{plain_name(Path(shown).stem)}{suffix}"
-        path.write_bytes(content)
-        return path
-
-    def _drop(self, path: Path | None) -> None:
-        """Remove an upload; a file of the user's own stays."""
-        if path is not None and self.folder in path.parents:
-            shutil.rmtree(path.parent, ignore_errors=True)
+            self._open(said, kept(self.folder, shown, suffix, content), shown)
 
     def _check_size(self, size: int, name: str) -> None:
         if size > self.limit:
@@ -112,33 +114,63 @@ class Workbench:
 
     def open(self, path: Path) -> None:
         """Take a data file that the user of this machine named."""
-        with self._said():
-            self._open(path, shortened(path.name))
+        with self._reading, Said(self) as said:
+            self._open(said, path, shortened(path.name))
 
-    def _open(self, path: Path, shown: str) -> None:
+    def _open(self, said: Said, path: Path, shown: str, units: Mapping[str, str] | None = None) -> None:
         try:
             table = load_table(path)
         except NarxError as error:
-            self._drop(path)
+            dropped(self.folder, path)
             raise DataError(str(error).replace(str(path), shown)) from None
         table.path = shown
-        self.cancel()
-        self._drop(self.path)
-        self._forget()
-        self.file, self.path, self.table = shown, path, table
-        self.choice = guessed([n for n in table.columns if n])
-        if self.choice.t:  # all is clear: no click is needed
-            self._take_record()
+        choice = guessed([n for n in table.columns if n])
+        choice.units |= units or {}
+        made, refused = None, None
+        try:
+            if choice.t:  # all is clear: no click is needed
+                made = self._read(said, path, shown, table, choice)
+        except NarxError as error:
+            refused = error
+        with self.shown:
+            self.cancel()
+            dropped(self.folder, self.path)
+            self._forget()
+            self.file, self.path, self.table, self.choice = shown, path, table, choice
+            if made is not None:
+                self._take(*made)
+        if refused is not None:
+            raise refused
 
     def choose(self, **changed: Any) -> None:
         """Change the choice of columns and rows, and read the record; units are labels, which change nothing else."""
-        for name, value in changed.items():
-            setattr(self.choice, name, value)
-        with self._said():
+        with self._reading, Said(self) as said:
+            for name, value in changed.items():
+                setattr(self.choice, name, value)
             if set(changed) == {"units"} and self.record is not None:
+                said.read |= {"unit u", "unit y"}
                 self._label()
-            else:
-                self._take_record()
+                return
+            if self.path is None or self.table is None:
+                raise DataError("Drop a data file first.")
+            try:
+                made = self._read(said, self.path, self.file, self.table, self.choice)
+            except NarxError:
+                self._take(None)
+                raise
+            self._take(*made)
+
+    def _read(self, said: Said, path: Path, shown: str, table: Table, choice: Choice) -> tuple[Record, str]:
+        record = measured(said, path, shown, table, choice)
+        return record, signals_svg(record, said_first(record.units, choice.units))
+
+    def _take(self, record: Record | None, preview: str = "") -> None:
+        """Take over what was read; all that was made of other data goes."""
+        with self.shown:
+            self.cancel()
+            self.revisions, self.law, self.history = [], None, History()
+            self.record, self.preview = record, preview
+            self.notes = tuple(what_to_know(record)) if record is not None else ()
 
     def _label(self) -> None:
         """Show everything with other units."""
@@ -153,59 +185,31 @@ class Workbench:
         self.history.update(replace(state, revisions=tuple(revisions), units=self._measured.units))
         self.revisions, self.law = revisions, law
 
-    def _take_record(self) -> None:
-        self.cancel()
-        self.record, self.revisions, self.law, self.history = None, [], None, History()
-        record = self._read()
-        prepare(record)
-        self.preview = signals_svg(record, said_first(record.units, self.choice.units))
-        self.record, self.notes = record, tuple(what_to_know(record))
-
-    def _read(self) -> Record:
-        c = self.choice
-        if self.path is None:
-            raise DataError("Drop a data file first.")
-        if not c.u or not c.y:
-            raise DataError("Choose the columns of input and output.")
-        if c.u == c.y:
-            raise DataError(f"Input and output are the same column {c.u!r}.")
-        channels = [n for n in c.channels if n not in (c.u, c.y, c.t)]
-        try:
-            made = read(
-                self.path, u=c.u, y=c.y, t=c.t or None, Ts=number(c.Ts, "Sampling time"), rows=c.rows.strip() or None,
-                channels=channels,
-            )  # fmt: skip
-            return replace(made, name=Path(self.file).stem)
-        except NarxError as error:
-            raise DataError(str(error).replace(str(self.path), self.file)) from None
-
     def example(self) -> None:
         """Take simulated measurements of a stage behind a gear with play."""
-        with self._said():
+        with self._reading, Said(self) as said:
             record = stage(PLAY)
-            path = Path(tempfile.mkdtemp(dir=self.folder)) / "simulated_stage.csv"
+            path = kept(self.folder, "simulated_stage.csv", ".csv", b"")
             write_csv(path, {"t": record.t, "u": record.u, "y": record.y})
-            self._open(path, path.name)
-            self.choice.units = dict(STAGE_UNITS)
-            self._take_record()
+            self._open(said, path, path.name, STAGE_UNITS)
 
     # -- base --------------------------------------------------------------------------------------------------
 
     def choose_base(self, base: str) -> None:
         """Choose a kind of base."""
-        with self._said():
+        with Said(self):
             self.base, self.base_name = check_kind(base), ""
 
     def upload_model(self, name: str, content: bytes) -> None:
         """Take a model file as the base."""
         shown = shortened(name)
-        with self._said():
+        with Said(self):
             self._check_size(len(content), shown)
-            path = self._keep(shown, ".json", content)
+            path = kept(self.folder, shown, ".json", content)
             try:
                 self.base, self.base_name = read_base(path, shown), shown
             finally:
-                self._drop(path)
+                dropped(self.folder, path)
 
     # -- steps -------------------------------------------------------------------------------------------------
 
@@ -216,23 +220,28 @@ class Workbench:
 
     def diagnose(self) -> None:
         """Begin to identify the base and to diagnose it; what was added before goes when that is done."""
-        with self._said():
+        with Said(self) as said:
             record, base = self._measured, self.base
-            needed = [n for n in base.channels if n not in record.channels] if isinstance(base, Model) else []
-            if needed:
-                raise ModelError(f"The model needs the channel {needed[0]!r}: choose it among the columns.")
+            if isinstance(base, Model):
+                suits(said, base, record)
             name = self.base_name
             self._begin(lambda made: self._put([made], base, name), diagnosed, base, (record,), record.units)
 
     def add(self, effect: str) -> None:
         """Begin to add an effect to the model."""
-        with self._said():
+        with Said(self) as said:
+            with said.field("effect"):
+                find(effect)
+            said.stop()
             self._climb(added, effect)
 
     def edit(self, name: str, text: str) -> None:
         """Begin to fit the model with one term given as text: "" as name puts one in, "" as text takes it out."""
-        with self._said():
-            model = rewritten(self._last.base.model, name, text, self._measured.channels)
+        with Said(self) as said:
+            last, channels = self._last.base.model, self._measured.channels
+            with said.field(f"term {name}"):
+                model = rewritten(last, name, text, channels)
+            said.stop()
             what = f"{name or 'new term'}: {text.strip()}" if text.strip() else f"without {name}"
             self._climb(edited, model, name, what)
 
@@ -262,6 +271,7 @@ class Workbench:
         units, notes = self._measured.units, revisions[-1].notes
         self.history.put(State(tuple(revisions), base, base_name, units, notes=notes))
         self.revisions, self.law, self.notes = revisions, None, notes
+        self.faults = {}  # their fields are made anew
 
     def undo(self) -> None:
         """Go back to the state before; nothing is computed anew."""
@@ -273,7 +283,7 @@ class Workbench:
 
     def go(self, index: int) -> None:
         """Show a state of the history as it was; where the units have changed since, it is drawn again."""
-        with self._said():
+        with Said(self):
             if not 0 <= index < len(self.history.states):
                 raise ModelError(f"There is no step to {'take back' if index < 0 else 'do again'}.")
             if self.worker.busy:
@@ -281,10 +291,9 @@ class Workbench:
             state, self.history.at = self.history.states[index], index
             self.base, self.base_name = state.base, state.base_name
             self.revisions, self.law = list(state.revisions), state.law
+            self.notes, self.faults = state.notes, {}
             if state.units != self._measured.units:
                 self._label()
-        if not self.error:
-            self.notes = state.notes
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
@@ -310,17 +319,9 @@ class Workbench:
 
     def open_law(self, low: str = "", high: str = "", rate: str = "") -> None:
         """Begin to derive the compensation law; limits of the input and of its change per sample go into the source."""
-        with self._said():
+        with Said(self) as said:
             model = self._last.model
-            a, b = number(low, "The lower limit"), number(high, "The upper limit")
-            if (a is None) != (b is None):
-                raise DataError("Give both limits, or none.")
-            limits = None if a is None or b is None else (a, b)
-            if limits and not limits[0] < limits[1]:
-                raise DataError("The lower limit must be below the upper one.")
-            largest = number(rate, "The largest change")
-            if largest is not None and largest <= 0:
-                raise DataError("The largest change must be positive.")
+            limits, largest = limits_of(said, low, high, rate)
             self._begin(self._show_law, derived, model, limits, largest)
 
     def _show_law(self, law: Law) -> None:
@@ -332,7 +333,7 @@ class Workbench:
     def _begin(self, take: Callable[[Any], None], work: Callable[..., Any], *arguments: Any) -> None:
         if self.worker.busy:
             raise NarxError(BUSY)
-        self._take = take
+        self._done = take
         self.worker.start(work, *arguments)
 
     @property
@@ -345,9 +346,11 @@ class Workbench:
         outcome = self.worker.poll()
         if outcome is None:
             return
-        self.error = in_the_page(outcome.error)
-        if not outcome.error:
-            self._take(outcome.result)
+        self.understood()
+        if outcome.error:
+            self.faults = {**self.faults, "": in_the_page(outcome.error)}
+        else:
+            self._done(outcome.result)
             self.notes = (*self.notes, *outcome.notes)
 
     def wait(self) -> None:
@@ -369,25 +372,16 @@ class Workbench:
 
     def refuse(self, message: str) -> None:
         """Say what the page refused before it came here."""
-        with self._said():
+        with Said(self):
             raise DataError(message)
 
     def understood(self) -> None:
-        """Take the message away."""
-        self.error = ""
-
-    def _said(self) -> Said:
-        return Said(self)
+        """Take the message of no field away."""
+        self.faults = {name: text for name, text in self.faults.items() if name}
 
     def download(self, kind: str) -> tuple[str, str | bytes]:
         """Return name and content of a file; see `downloads.written`."""
         if self.current is None:
             raise ModelError("There is no model yet: diagnose a base first.")
-        content = written(kind, self.current.model, self.law, self._page)
+        content = written(kind, self.current.model, self.law, partial(report_of, self))
         return f"{plain_name(Path(self.file).stem)}_{kind}", content
-
-    def _page(self) -> str:
-        choice = self.choice
-        settings = {"base": self.base_name or str(self.base), "rows": choice.rows or "all"}
-        settings["channels"] = ", ".join(choice.channels) or "none"
-        return page(Story.of(self.revisions), self._measured.units, [self.path] if self.path else [], settings)

@@ -33,21 +33,39 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
     """Show on stderr that something longer is going on; the function it yields tells what exactly."""
     shown = console(stderr=True)
     if shown.is_terminal:
-        from rich.markup import escape
-
-        with shown.status(escape(what)) as status:
-            yield lambda now: status.update(escape(f"{what}: {now}"))
+        with _bar(shown, what) as tell:
+            yield tell
         return
     print(f"{what} ...", file=sys.stderr, flush=True)
-    said = time.monotonic()
+    begin = said = time.monotonic()
 
     def progress(now: str) -> None:
         nonlocal said
         if time.monotonic() - said > PACE:
-            print(f"{what}: {now} ...", file=sys.stderr, flush=True)
             said = time.monotonic()
+            print(f"{what}, {said - begin:.0f} s: {now} ...", file=sys.stderr, flush=True)
 
     yield progress
+
+
+@contextmanager
+def _bar(shown: Any, what: str) -> Iterator[Callable[[str], None]]:
+    """Show one line with the time and, where the stages are known, a bar."""
+    from rich.markup import escape
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.table import Column
+
+    text = TextColumn("{task.description}", table_column=Column(ratio=1))
+    columns = (SpinnerColumn(), BarColumn(bar_width=16), TimeElapsedColumn(), text)
+    with Progress(*columns, console=shown, transient=True, expand=True) as bars:
+        one = bars.add_task(escape(what), total=None)
+
+        def tell(now: str) -> None:
+            fraction = getattr(now, "fraction", None)  # of work whose stages are known
+            total = None if fraction is None else 1.0
+            bars.update(one, description=escape(f"{what}: {now}"), total=total, completed=fraction or 0.0)
+
+        yield tell
 
 
 def note(message: str) -> None:

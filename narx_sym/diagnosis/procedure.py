@@ -22,6 +22,7 @@ from ..models.model import Model
 from .doors import DiagnosisDoors
 from .experiment import Experiment
 from .misfit import Misfit, misfit_of
+from .progress import BASE, ROUND, Course
 from .refit import Fitted, repeated
 from .steps import Step, looped, step
 from .table.candidates import Candidate
@@ -177,7 +178,7 @@ def diagnose(
     catalogue : Catalogue
         The effects that are tried.
     report : callable
-        Told what is going on.
+        Told what is going on: a text, which is also a `narx_sym.diagnosis.progress.Told`.
 
     Returns
     -------
@@ -204,7 +205,8 @@ def diagnose(
     named = [n for n in (measured if channels == "all" else channels) if n not in SETPOINTS]
     start = model.fit(listed) if model.theta is None else model
     with one_blas_thread():
-        table = Table(start, listed, named, catalogue, seed, report)
+        course = Course(report, [BASE, *ROUND * max_effects])
+        table = Table(start, listed, named, catalogue, seed, course)
         steps: list[Step] = []
         known, loop = table.base, closed_loop(listed)
         if loop is not None:

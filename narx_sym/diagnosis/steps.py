@@ -18,6 +18,7 @@ from ..symbolic import printing
 from . import gate
 from .bases import BASE
 from .experiment import Experiment, propose
+from .progress import JUDGE, WAYS
 from .refit import Fitted, prune
 from .table.candidates import Candidate, Pair
 from .table.rounds import Table
@@ -187,6 +188,7 @@ def step(table: Table, known: Row, room: int = 1) -> tuple[Step, Row]:
     `room` is how many effects may be added.
     """
     known, best = _filled(table, known)
+    table.course.reach(JUDGE)
     base, scored = table.own(known), table.screened(known)
     repeats = base.split.noise
     floor = float(np.mean(np.concatenate(repeats) ** 2)) if repeats else base.mean_square(base.split.held)
@@ -219,21 +221,24 @@ def step(table: Table, known: Row, room: int = 1) -> tuple[Step, Row]:
         ids = tuple(v.id for v in best.beyond(known))
         made.pair = Pair(ids, chosen, best.held * chosen.problem.spread**2, share)  # type: ignore[arg-type]
     if len(made.confusion_set) > 1 and not pair:
-        table.report("looking for an experiment that separates them")
+        table.course.say(": looking for an experiment that separates them")
         models = {c.effect: c.model for c in made.candidates if c.effect in made.confusion_set}
         made.experiment = propose(models, list(base.split.records), made.floor, table.seed)
-    table.report("deleting what became redundant")
+    table.course.say(": deleting what became redundant")
     made.chosen = prune(chosen if made.pair is None or room > 1 else made.candidates[0].fitted, base)
     return made, best
 
 
 def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     """Fill the table beside a row; return the base, and the hypothesis that wins over it."""
+    table.course.reach(WAYS)
     scored = table.screened(known)
     seen = scored.scores.p_value <= gate.LEVEL or float(scored.scores.share.max()) >= LARGE
     if seen or scored.structure > HELPS:
         table.singles(known)
     at, alone = table.held(lambda: won([r for r in table.beside(known) if len(r.beyond(known)) <= 1], known))
+    if alone is not None:
+        table.course.say(", and what the best one leaves")
     # What the best single effect leaves, of what there was: too much, and two effects may hide each other.
     left = table.screened(alone).missing * alone.held / at.held if alone is not None else 1.0
     if scored.structure > HELPS and left > LEFT / 2:

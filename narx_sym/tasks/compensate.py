@@ -10,6 +10,7 @@ import numpy as np
 
 from ..codegen.registry import exports, files
 from ..data.metrics import nsavi
+from ..diagnosis.progress import Told
 from ..errors import ModelError, NarxError, NotInvertible
 from ..fit.laws.damping import Share
 from ..fit.laws.excursions import operating_range
@@ -68,7 +69,7 @@ def law_of(
     ----------
     limits, rate, share : of the actuator's input and of its change per sample, for the source; as in `Compensator.run`
     """
-    progress("deriving the compensation law")
+    progress(Told("deriving the compensation law", 1, 2))
     try:
         law = compensator(model)
     except (NotInvertible, ModelError) as error:
@@ -78,7 +79,7 @@ def law_of(
     if ranges:
         notes.append(f"It was identified for {' and '.join(ranges)}: beyond that nothing was measured.")
     if law.staged:
-        progress("counting the solutions of each stage")
+        progress(Told("counting the solutions of each stage", 2, 2))
         notes.append(f"Checked: {law.checked}.")
     notes += filter(None, [caution(law, share)])
     sources, lacking = _sources(law, limits=limits, rate=rate, share=share)

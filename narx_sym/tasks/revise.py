@@ -9,6 +9,7 @@ from typing import Any
 from ..data.record import Record
 from ..diagnosis.add import Addition
 from ..diagnosis.procedure import Diagnosis, diagnose
+from ..diagnosis.progress import ROUND, Told, inside
 from ..diagnosis.refit import Fitted, prune
 from ..errors import FitError
 from ..models.effects import EFFECTS
@@ -17,6 +18,7 @@ from .base import identify_base, other_pace
 from .finish import fit_on_all
 
 Progress = Callable[[str], Any]
+STAGES = 1 + 1 + len(ROUND) + 1  # what is new, the base, a round of a diagnosis, and the fit on all samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +58,10 @@ class Revision:
 def begin(base: str | Model, records: Sequence[Record], progress: Progress) -> Revision:
     """Identify a base, unless it is a model already, and diagnose it."""
     if isinstance(base, Model):
+        progress(Told("taking the model from its file", 1, STAGES))
         pace = other_pace(base, records[0].Ts, "The data have")
         return revised("model file", base, records, progress, notes=[f"{pace}."] if pace else [])
-    progress(f"identifying a {base} base from {sum(map(len, records))} samples")
+    progress(Told(f"identifying a {base} base from {sum(map(len, records))} samples", 1, STAGES))
     return revised(f"{base} base", identify_base(base, records), records, progress)
 
 
@@ -66,12 +69,13 @@ def with_effect(before: Revision, effect: str, records: Sequence[Record], progre
     """Add an effect: a candidate of the diagnosis as it was fitted there, or any other of the catalogue."""
     step = before.found.steps[0]
     candidate = next((c for c in step.candidates if c.effect == effect), None)
+    progress(Told(f"adding {effect}", 1, STAGES))
     if candidate is None:
-        model = Addition(before.base.model, effect, None, EFFECTS).fit(list(records), progress=progress)
+        addition = Addition(before.base.model, effect, None, EFFECTS)
+        model = addition.fit(list(records), progress=lambda now: progress(Told(f"adding it: {now}", 1, STAGES)))
     elif step.chosen is not None and candidate is step.candidates[0]:
         model = step.chosen.model
     else:
-        progress("deleting what became redundant")
         model = prune(candidate.fitted, before.base).model
     return revised(f"+ {effect}", model, records, progress, effect)
 
@@ -81,6 +85,7 @@ def with_term(model: Model, name: str, what: str, records: Sequence[Record], pro
     starts = [model.theta]
     if model.theta is not None and name:  # the old value may be a bad one for the new term
         starts.append([0.0 if str(s) == name else v for s, v in zip(model.symbols, model.theta, strict=True)])
+    progress(Told("taking the new term", 1, STAGES))
     for start in starts[:-1]:
         try:
             return revised(what, model.replace(theta=start), records, progress)
@@ -98,8 +103,8 @@ def revised(
     notes: Sequence[str] = (),
 ) -> Revision:
     """Diagnose a model, and fit it on all samples."""
-    found = diagnose(model, list(records), report=progress)
-    progress("fitting on all samples")
+    found = diagnose(model, list(records), report=inside(progress, before=1, after=1))
+    progress(Told("fitting on all samples", STAGES, STAGES))
     base = found.steps[0].base
     final = fit_on_all(base.model, records, base.limits, max(found.steps[0].nrmse(base).values()))
     kept = [f"{final.note[0].upper()}{final.note[1:]}."] if final.note else []

@@ -182,6 +182,7 @@ def test_the_whole_way(page, data, tmp_path):
     assert page.evaluate("document.activeElement.id") == "found"
     assert serious(page) == [] and fits(page)
     before = ladder(page)
+    assert page.locator(".report .ladder figure").is_hidden()  # the bars in sight say it
     previews(page)
     page.get_by_role("button", name="Add dead_zone").click()
     page.locator(".steps [aria-current]").get_by_text("+ dead zone").wait_for()
@@ -196,17 +197,16 @@ def test_the_whole_way(page, data, tmp_path):
     page.get_by_role("tab", name="Evidence").focus()
     page.keyboard.press("ArrowRight")
     assert page.evaluate("document.activeElement.id") == "tab-model"
-    page.get_by_label("A further term").fill("u[k-1]**2+")
+    term = page.get_by_label("A further term")
+    term.fill("u[k-1]**2+")
     page.get_by_role("button", name="Fit with this term of a new parameter").click()
-    alert = page.get_by_role("alert")
-    alert.get_by_text("Cannot read").wait_for()
-    assert "Traceback" not in alert.inner_text() and ladder(page) == after
+    page.get_by_role("alert").get_by_text("Cannot read").wait_for()
+    assert "Cannot read" in described(term) and term.input_value() == "u[k-1]**2+" and ladder(page) == after
     assert serious(page) == [] and fits(page)
     page.emulate_media(color_scheme="dark")
     page.wait_for_timeout(300)
     assert serious(page) == []
     page.emulate_media(color_scheme="light")
-    page.get_by_role("button", name="Close the message").click()
 
     page.get_by_role("tab", name="Law").click()
     page.get_by_role("button", name="Open the compensator").click()
@@ -252,6 +252,13 @@ def test_the_whole_way(page, data, tmp_path):
     page.get_by_role("dialog").wait_for(state="detached")
     assert ladder(page) == after and rows.input_value() == ""
     assert page.wrong == []
+
+
+def described(field):
+    """The message that stands at a field; "" where nothing is wrong."""
+    if field.get_attribute("aria-invalid") != "true":
+        return ""
+    return field.page.locator(f"#{field.get_attribute('aria-describedby')}").inner_text()
 
 
 def previews(page):
@@ -344,12 +351,58 @@ def test_names_from_data_are_text(page, data):
     u, y = data
     upload(page, f"{EVIL}.csv", live.csv(f'"u","y","t","{EVIL}"', u=y, y=live.np.arange(len(u)) * live.TS, c=u))
     page.get_by_text(f"columns u, y, t, {EVIL}").wait_for()
-    page.locator(".part figure").first.wait_for()  # what is drawn behind an open list may close it
     page.get_by_label("Further channels").click()
-    page.get_by_role("option", name=EVIL).click()
+    option = page.get_by_role("option", name=EVIL)
+    option.click()
+    page.get_by_text("is the channel").wait_for()  # drawn behind the list, which stays open
+    assert option.get_attribute("aria-selected") == "true" and option.is_visible()
     page.keyboard.press("Escape")
-    page.get_by_text("is the channel").wait_for()
     assert page.title() == "narx_sym" and page.wrong == []
+
+
+@in_browser
+def test_an_error_stands_at_its_field_until_that_is_right(page, data):
+    u, y = data
+    upload(page, "stage.csv", live.csv(u=u[:300], y=y[:300]))
+    page.get_by_text("Read: 300 samples").wait_for()
+    rows, Ts = page.get_by_label("Rows A:B, counted from 0"), page.get_by_label("Sampling time [s]")
+    Ts.fill("fast")
+    Ts.press("Tab")
+    page.get_by_text("must be a number").wait_for()
+    assert "must be a number" in described(Ts) and described(rows) == "" and page.locator(".wrong").count() == 0
+    assert rows.evaluate("it => it === document.activeElement") and serious(page) == []
+    rows.fill("all")
+    rows.press("Tab")
+    page.get_by_text("Cannot read the rows").wait_for()
+    assert described(rows) and described(Ts) and (rows.input_value(), Ts.input_value()) == ("all", "fast")
+    assert page.get_by_role("button", name="Diagnose").is_disabled()
+    Ts.fill("")
+    Ts.press("Tab")
+    page.get_by_text("must be a number").wait_for(state="detached")
+    assert described(rows) and not described(Ts)
+    rows.fill("0:200")
+    rows.press("Tab")
+    page.get_by_text("Read: 200 samples").wait_for()
+    assert not described(rows) and page.wrong == [] and fits(page)
+
+
+@in_browser
+def test_progress_is_told_in_steps(page, data):
+    """A bar and counts for who looks; a reader hears of the steps alone."""
+    u, y = data
+    upload(page, "stage.csv", live.csv(u=u[:600], y=y[:600]))
+    page.get_by_text("Read: 600 samples").wait_for()
+    assert all(page.locator(".rail .file").nth(i).bounding_box()["height"] < 30 for i in range(2))  # a line each
+    page.get_by_role("button", name="Diagnose").click()
+    page.get_by_text(re.compile(r"Step [34] of 8: ")).wait_for()
+    bar = page.get_by_role("progressbar", name="Working")
+    assert 2 / 8 <= float(bar.get_attribute("aria-valuenow")) < 1
+    heard = page.locator(".doing [role=status]").inner_text()
+    assert re.fullmatch(r"Step \d of 8: .*\.", heard) and not re.search(r"\d s\b", heard)
+    assert re.search(r"\d s\b", page.locator(".done").inner_text()) and serious(page) == []
+    page.get_by_role("button", name="Cancel").click()
+    page.locator(".doing").wait_for(state="detached")
+    assert page.wrong == []
 
 
 @in_browser

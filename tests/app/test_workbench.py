@@ -3,6 +3,7 @@
 import asyncio
 import os
 import stat
+import threading
 import time
 from pathlib import Path
 
@@ -10,12 +11,13 @@ import live
 import pytest
 
 import narx_sym as ns
-from narx_sym.app import command
+from narx_sym.app import command, workbench
 from narx_sym.app.choice import guessed, shortened
 from narx_sym.app.guard import Guard
 from narx_sym.app.workbench import Workbench
 from narx_sym.app.worker import Worker
 from narx_sym.cli import main as cli
+from narx_sym.files.store import to_text
 
 
 def gone(pid):
@@ -169,14 +171,15 @@ def test_a_file_of_the_user_stays(bench, data, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "changed, why",
+    "changed, field, why",
     [
-        ({"u": "y"}, "same column"), ({"u": ""}, "Choose the columns"), ({"rows": "5:3"}, "row"),
-        ({"rows": "a"}, "Rows A:B"), ({"Ts": "fast"}, "Sampling time must be a number"), ({"Ts": "-1"}, "positive|> 0"),
-        ({"y": "word"}, "has text"), ({"t": ""}, "Sampling time"), ({"u": "nobody"}, "no column"),
+        ({"u": "y"}, "y", "same column"), ({"u": ""}, "u", "Choose the column"), ({"rows": "5:3"}, "rows", "row"),
+        ({"rows": "a"}, "rows", "Rows A:B"), ({"Ts": "fast"}, "Ts", "Sampling time must be a number"),
+        ({"Ts": "-1"}, "Ts", "positive"), ({"t": ""}, "Ts", "ampling time"),
+        ({"y": "word"}, "", "has text"), ({"u": "nobody"}, "", "no column"),
     ],
 )  # fmt: skip
-def test_a_choice_that_cannot_be_read_is_one_message(bench, data, changed, why):
+def test_a_choice_that_cannot_be_read_is_one_message_at_its_field(bench, data, changed, field, why):
     import re
 
     u, y = data
@@ -185,7 +188,61 @@ def test_a_choice_that_cannot_be_read_is_one_message(bench, data, changed, why):
     bench.upload("stage.csv", text.encode())
     bench.choose(**changed)
     assert re.search(why, bench.error), bench.error
+    assert (list(bench.faults) == [field] and not bench.error.startswith("stage.csv")) or not field
     assert bench.record is None and "--" not in bench.error and str(bench.folder) not in bench.error
+
+
+def test_each_field_keeps_its_message_until_it_is_right(bench, data):
+    u, y = data
+    bench.upload("stage.csv", live.csv(u=u, y=y))
+    bench.choose(rows="all", Ts="fast")
+    assert set(bench.faults) == {"rows", "Ts"}
+    bench.choose_base("cubic")
+    assert set(bench.faults) == {"rows", "Ts", ""}
+    bench.choose(rows="0:500")
+    assert set(bench.faults) == {"Ts"} and bench.record is None and bench.choice.Ts == "fast"
+    bench.choose(Ts="")
+    assert not bench.faults and len(bench.record) == 500
+
+
+def test_a_choice_waits_until_the_file_is_read(bench, data, monkeypatch):
+    """All that an upload brings is there at once; what is chosen meanwhile is not lost."""
+    u, y = data
+    drawing, go = threading.Event(), threading.Event()
+    drawn = workbench.signals_svg
+
+    def slowly(*what):
+        drawing.set()
+        assert go.wait(30)
+        return drawn(*what)
+
+    bench.upload("first.csv", live.csv(u=u, y=y))
+    monkeypatch.setattr(workbench, "signals_svg", slowly)
+    threads = [threading.Thread(target=bench.upload, args=("second.csv", live.csv("t,u,y,c", u=u, y=y, c=u)))]
+    threads[0].start()
+    assert drawing.wait(30)
+    assert bench.file == "first.csv" and bench.record.name == "first"
+    threads.append(threading.Thread(target=bench.choose, kwargs={"channels": ["c"]}))
+    threads[1].start()
+    threads[1].join(0.2)
+    assert threads[1].is_alive()
+    go.set()
+    for thread in threads:
+        thread.join(30)
+    assert not bench.faults and bench.record.name == "second" and list(bench.record.channels) == ["c"]
+
+
+def test_units_that_do_not_convert_are_said_at_their_field(bench, data):
+    u, y = data
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"])
+    record = ns.Record.from_arrays(u, y, Ts=live.TS, units={"u": "V", "y": "mm"})
+    bench.upload("stage.csv", live.csv(u=u, y=y))
+    bench.upload_model("m.json", to_text(model.fit(record)).encode())
+    bench.choose(units={"u": "V", "y": "K"})
+    bench.diagnose()
+    assert list(bench.faults) == ["unit y"] and "mm" in bench.error and not bench.busy
+    bench.choose(units={"u": "V", "y": "um"})
+    assert not bench.faults
 
 
 def test_a_column_called_like_markup_is_a_channel_with_a_plain_name(bench, data):
@@ -268,7 +325,8 @@ def test_bad_text_changes_nothing_and_starts_nothing(climbed):
     revisions = list(climbed.revisions)
     for text in ("u[k-1]**2+", "__import__('os').system('true')", "open('/etc/passwd')"):
         climbed.edit("", text)
-        assert climbed.error and "\n" not in climbed.error and not climbed.busy and climbed.revisions == revisions
+        assert list(climbed.faults) == ["term "] and "\n" not in climbed.error
+        assert not climbed.busy and climbed.revisions == revisions
 
 
 @pytest.mark.long
@@ -312,9 +370,11 @@ def test_the_law_and_its_limits(climbed):
     climbed.open_law()
     climbed.wait()
     assert climbed.law.sources[".c"] != limited
-    for fields in (("1", ""), ("2", "1"), ("a", "b"), ("", "", "-1")):
+    for fields, wrong in (
+        (("1", ""), {"high"}), (("2", "1"), {"high"}), (("a", "b"), {"low", "high"}), (("", "", "-1"), {"rate"}),
+    ):  # fmt: skip
         climbed.open_law(*fields)
-        assert climbed.error and not climbed.busy
+        assert set(climbed.faults) == wrong and not climbed.busy
 
 
 @pytest.mark.long

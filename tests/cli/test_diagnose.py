@@ -1,7 +1,9 @@
 """The commands about effects: diagnose, add, effects, and where a model fails; files, errors, and the same twice."""
 
 import hashlib
+import io
 import json
+import re
 import sys
 
 import numpy as np
@@ -89,6 +91,21 @@ def diagnosed(files):
         sys.argv = old
     assert not stop.value.code, err.getvalue()
     return out.getvalue(), err.getvalue()
+
+
+def test_a_terminal_shows_the_step_whole_and_nothing_of_it_is_markup(monkeypatch):
+    from rich.console import Console
+
+    from narx_sym.cli import printing
+    from narx_sym.diagnosis.progress import Told
+
+    shown = Console(file=io.StringIO(), force_terminal=True, width=60)
+    monkeypatch.setattr(printing, "console", lambda stderr=False: shown)
+    with printing.working("Diagnosing") as tell:
+        tell("a plain [text]")
+        tell(Told("trying each effect alone", 3, 5, 12, 40, "backlash removes 82 % of the squared error", 0.3))
+    text = " ".join(re.sub(r"\x1b\[[0-9;?]*\w", " ", shown.file.getvalue()).split())
+    assert "Step 3 of 5:" in text and "12 of 40" in text and "squared error)" in text and "0:00:0" in text
 
 
 def test_names_the_hidden_effect(files, diagnosed):

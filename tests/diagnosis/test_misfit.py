@@ -10,6 +10,7 @@ from narx_sym import plots
 from narx_sym.diagnosis.misfit import Misfit, missing_input, reversals, where_it_fails
 from narx_sym.diagnosis.misfit.variables import VARIABLES
 from narx_sym.errors import DataError, NarxError
+from narx_sym.report.plots import draw_panel, new_axes
 
 N, TS = 5000, 0.01
 T = TS * np.arange(N)
@@ -97,6 +98,10 @@ def test_amplitude_and_frequency():
     assert found.share > 0.5
     assert found.low.shape == found.high.shape == (found.mean.size, 2)
     assert "amplitude in [" in found.where(UNITS) and "Hz" in found.where(UNITS)
+    figure, ax = new_axes()
+    draw_panel(ax, found, None, UNITS)
+    figure.canvas.draw()
+    assert ax.get_legend().get_window_extent().y0 > ax.get_window_extent().y1  # above the picture, not over it
 
 
 def test_white_noise_is_found_nowhere():

@@ -122,7 +122,7 @@ ALLOWED = {
     ("cli/main.py", "open"),  # /dev/null
     ("cli/diagnose.py", "save"),  # Experiment.save, by write_csv
     ("report/svg.py", "savefig"),  # into a buffer
-    ("app/workbench.py", "write_bytes"), ("app/command.py", "open"),  # an upload, into a folder of its own; a method
+    ("app/choice.py", "write_bytes"), ("app/command.py", "open"),  # an upload, into a folder of its own; a method
 }  # fmt: skip
 
 

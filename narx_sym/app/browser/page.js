@@ -8,12 +8,16 @@
       refuse(`${file.name} has ${(file.size / 1e6).toFixed(1)} MB; at most ${most / 1e6} MB are taken.`);
       return;
     }
+    const title = input.closest(".drop").querySelector(".what"), before = title.textContent;
+    title.textContent = `Reading ${file.name} ...`;
     try {
       const target = `${input.dataset.to}?name=${encodeURIComponent(file.name)}`;
       const answer = await fetch(target, { method: "POST", body: file });
       if (!answer.ok) refuse(await answer.text());
     } catch (error) {
       refuse("The file did not arrive: is narx-sym still running?");
+    } finally {
+      title.textContent = before;
     }
   }
   // Pictures that can be zoomed are drawn when their places are there.

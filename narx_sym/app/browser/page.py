@@ -7,16 +7,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from nicegui import run, ui
+from nicegui import ElementFilter, run, ui
 
+from ...diagnosis.progress import Told
 from ...report.page import style
 from ...report.svg import stylesheet
+from ...report.words import spaced
 from ..workbench import SUFFIXES, Workbench
 from . import results
-from .widgets import details, drop, figure, heading, said, section, tab_panel, tabs
+from .widgets import Fault, details, drop, figure, heading, said, section, tab_panel, tabs
 
 HERE = Path(__file__).parent
 BEAT = 0.2  # seconds between looks at the workbench
+# The choice of data has done its work; who is in it stays there.
+FOLD = "document.querySelector('.columns:not(:focus-within) > details')?.removeAttribute('open')"
 BASES = {
     "linear": "Linear: a difference equation, its orders and delay are chosen",
     "static": "Static: a polynomial of the input",
@@ -53,7 +57,7 @@ class Page:
     """One open page; several may look at the same workbench."""
 
     def __init__(self, bench: Workbench, place: str):
-        self.bench = bench
+        self.bench, self.faults = bench, bench.faults
         # The style sheet of the report, for its parts alone.
         ui.add_css(f"{stylesheet()}\n.report {{ {style()} }}\n{(HERE / 'page.css').read_text(encoding='utf-8')}")
         ui.add_head_html('<script src="/bokeh.js"></script>')
@@ -67,7 +71,10 @@ class Page:
             said("See where a model fails, add what is missing, watch the error fall. Nothing leaves this machine.")
         with ui.element("div").classes("main"):
             with ui.element("div").classes("dock"):  # in sight wherever the page is
-                self.parts = [Part(lambda: (bench.error,), self.message), Part(lambda: bench.busy, self.progress)]
+                self.parts = [
+                    Part(lambda: bench.faults.get("", ""), self.message),
+                    Part(lambda: bench.busy, self.progress),
+                ]
             with ui.element("div").classes("bench"):
                 self.rail()
                 self.work()
@@ -80,10 +87,9 @@ class Page:
         bench = self.bench
         with ui.element("div").classes("rail").props('role=region aria-label="Data, base and steps"'):
             self.parts += [Part(lambda: (bench.path,), self.data), Part(lambda: (bench.record,), self.samples)]
-            self.chosen = Part(lambda: (bench.path, bench.current is None), self.columns)
             self.parts += [
-                self.chosen,
-                Part(lambda: (bench.base_name, bench.record is None, bench.revisions[:1]), self.base),
+                Part(lambda: bench.path, self.columns),
+                Part(lambda: (bench.base_name, bench.revisions[:1]), self.base),
                 Part(lambda: (bench.current,), lambda: results.candidates(bench)),
             ]
             self.history = ui.element("div")
@@ -135,6 +141,7 @@ class Page:
         self.undo.set_enabled(bench.history.can_undo and not bench.busy)
         self.redo.set_enabled(bench.history.can_redo and not bench.busy)
         self.start.set_enabled(bench.record is not None and not bench.busy)
+        self.first.set_visibility(bench.record is None)
         kind = bench.base if isinstance(bench.base, str) else "file"
         if self.kinds.value != kind and kind in self.kinds.options:
             self.kinds.set_value(kind)
@@ -144,15 +151,22 @@ class Page:
         before = self.bench.current
         self.bench.poll()
         try:
-            changed = [part for part in self.parts if part.look()]
+            with self.bench.shown:
+                changed = [part for part in self.parts if part.look()]
         except Exception as error:
             self.bench.refuse(f"Internal error, {type(error).__name__}: {error}. Please report it.")
             raise
+        if self.bench.faults != self.faults:
+            self.faults = self.bench.faults
+            for one in ElementFilter(kind=Fault):
+                one.look()
         if self.bench.busy:
-            self.doing.text = f"{self.bench.worker.progress} ({self.bench.worker.seconds:.0f} s)"
+            self.tell()
         self.show()
         if self.found in changed and self.bench.current is not None:
             results.draw(self.bench)
+            if before is None:
+                ui.run_javascript(FOLD)
             if self.bench.current is not before:  # who uses a keyboard or a reader is led to a new result
                 ui.run_javascript("document.getElementById('found')?.focus({preventScroll: innerWidth > 1000})")
 
@@ -164,9 +178,10 @@ class Page:
 
     def message(self) -> None:
         """Show one message where something went wrong."""
-        with ui.element("div").props("role=alert").classes("wrong" if self.bench.error else "idle"):
-            if self.bench.error:
-                said(self.bench.error)
+        text = self.bench.faults.get("", "")
+        with ui.element("div").props("role=alert").classes("wrong" if text else "idle"):
+            if text:
+                said(text)
                 close = ui.button("Close", on_click=self.bench.understood).props("no-caps flat dense")
                 close.props('aria-label="Close the message"')
 
@@ -185,7 +200,8 @@ class Page:
             if bench.table is not None:
                 names = [n for n in bench.table.columns if n]
                 rows = max(a.size for a in bench.table.columns.values())
-                said(f"{bench.file}: {rows} rows, columns {', '.join(names)}").classes("file")
+                text = f"{bench.file}: {rows} rows, columns {', '.join(names)}"
+                said(text).classes("file").props["title"] = text
                 return
             self.drop()
             with ui.element("p"):
@@ -206,42 +222,54 @@ class Page:
         if bench.table is None:
             return
         names = [n for n in bench.table.columns if n]
-        with details("Columns, rows, units", open_=bench.current is None):
-            with ui.element("div").classes("fields"):
-                self.select("Input", names, choice.u, "u")
-                self.select("Output", names, choice.y, "y")
-                self.select("Time [s]", {"": "none", **{n: n for n in names}}, choice.t, "t")
-                self.typed("Sampling time [s]", choice.Ts, "Ts")
-                self.typed("Rows A:B, counted from 0", choice.rows, "rows")
-                self.select("Further channels", names, list(choice.channels), "channels", multiple=True)
-                self.unit("Unit of the input", "u")
-                self.unit("Unit of the output", "y")
-        with details("Another file"):
-            self.drop()
+        units = {"u": "Unit of the input", "y": "Unit of the output"}
+        with ui.element("div").classes("folded"):
+            with ui.element("div").classes("columns"), details("Columns, rows, units", open_=bench.current is None):
+                with ui.element("div").classes("fields"):
+                    self.fields: dict[str, Any] = {
+                        "u": self.select("Input", names, choice.u),
+                        "y": self.select("Output", names, choice.y),
+                        "t": self.select("Time [s]", {"": "none", **{n: n for n in names}}, choice.t),
+                        "Ts": self.typed("Sampling time [s]", choice.Ts),
+                        "rows": self.typed("Rows A:B, counted from 0", choice.rows),
+                        "channels": self.select("Further channels", names, list(choice.channels), multiple=True),
+                        **{
+                            f"unit {n}": self.typed(title, choice.units[n], "maxlength=12")
+                            for n, title in units.items()
+                        },
+                    }
+                    for name, field in self.fields.items():
+                        Fault(field, bench, name)
+                        # A text is read when it is left.
+                        field.on("change" if isinstance(field, ui.input) else "update:model-value", self.choose)
+            with details("Another file"):
+                self.drop()
 
-    def select(self, title: str, options: Any, value: Any, name: str, **more: Any) -> None:
+    def select(self, title: str, options: Any, value: Any, **more: Any) -> ui.select:
         """Make a field that chooses columns."""
-        ui.select(
-            options, label=title, value=value if value in options or more else None,
-            on_change=lambda event: self.choose(**{name: event.value}), **more,
-        ).props("outlined dense options-dense").classes("field")  # fmt: skip
+        made = ui.select(options, label=title, value=value if value in options or more else None, **more)
+        return made.props("outlined dense options-dense").classes("field")
 
-    def typed(self, title: str, value: str, name: str) -> None:
-        """Make a field with a text, read when it is left."""
-        field = ui.input(title, value=value).props("outlined dense").classes("field")
-        field.on("change", lambda: self.choose(**{name: field.value}))
+    def typed(self, title: str, value: str, props: str = "") -> ui.input:
+        """Make a field with a text."""
+        return ui.input(title, value=value).props(f"outlined dense {props}").classes("field")
 
-    def unit(self, title: str, name: str) -> None:
-        """Make the field of one unit."""
-        field = ui.input(title, value=self.bench.choice.units[name]).props("outlined dense maxlength=12")
-        field.classes("field").on("change", lambda: self.choose(units=self.bench.choice.units | {name: field.value}))
-
-    async def choose(self, **changed: Any) -> None:
+    async def choose(self) -> None:
         """Read the data with another choice; where a diagnosis would go, ask first."""
-        if self.bench.history.states and set(changed) != {"units"} and not await self.sure():
-            self.chosen.fill()  # as it was
-            return
-        await run.io_bound(self.bench.choose, **changed)
+        choice, now = self.bench.choice, {name: field.value for name, field in self.fields.items()}
+        now["units"] = {n: now.pop(f"unit {n}") for n in choice.units}
+        changed = {name: value for name, value in now.items() if value != getattr(choice, name)}
+        if self.bench.history.states and set(changed) - {"units"} and not await self.sure():
+            self.as_it_was()
+        elif changed:
+            await run.io_bound(self.bench.choose, **changed)
+
+    def as_it_was(self) -> None:
+        """Show the choice again."""
+        choice = self.bench.choice
+        for name, field in self.fields.items():
+            of, _, signal = name.partition(" ")
+            field.set_value(choice.units[signal] if of == "unit" else getattr(choice, name))
 
     async def sure(self) -> bool:
         """Ask whether the diagnosis may go."""
@@ -263,7 +291,8 @@ class Page:
         """Say what was read."""
         record = self.bench.record
         if record is not None:
-            said(f"Read: {len(record)} samples, {record.Ts:.6g} s apart, {record.t[-1] - record.t[0]:.6g} s.")
+            length = record.t[-1] - record.t[0]
+            said(f"Read: {len(record)} samples, {record.Ts:.6g} s apart, {length:.6g} s").classes("file")
 
     def preview(self) -> None:
         """Show what was read, until there is more to see."""
@@ -288,8 +317,7 @@ class Page:
                 text = "Diagnose" if bench.current is None else "Diagnose with this base"
                 self.start = ui.button(text, on_click=bench.diagnose).props("no-caps unelevated")
                 self.start.classes("main-button").set_enabled(bench.record is not None)
-                if bench.record is None:
-                    said("Choose the measurements first.").classes("hint")
+                self.first = said("Choose the measurements first.").classes("hint")
 
     def based(self, kind: str) -> None:
         """Choose a kind of base; that of a file is chosen already."""
@@ -298,8 +326,22 @@ class Page:
 
     def progress(self) -> None:
         """Show what is under way, and how to end it."""
-        with ui.element("div").classes("doing" if self.bench.busy else "idle").props("role=status"):
+        with ui.element("div").classes("doing" if self.bench.busy else "idle"):
+            with ui.element("div").props("role=status"):
+                self.doing = said("Starting" if self.bench.busy else "")
             if self.bench.busy:
-                self.doing = said("starting")
-                ui.linear_progress(show_value=False).props('indeterminate aria-label="Working"')
-                ui.button("Cancel", on_click=self.bench.cancel).props("no-caps outline")
+                self.bar = ui.linear_progress(0.0, show_value=False).props('indeterminate aria-label="Working"')
+                with ui.element("div").classes("done"):
+                    self.count = said("")
+                    ui.button("Cancel", on_click=self.bench.cancel).props("no-caps outline")
+
+    def tell(self) -> None:
+        """Tell what is under way: a reader hears of stages and of what was found, not of each second."""
+        now, seconds = self.bench.worker.progress, f"{self.bench.worker.seconds:.0f} s"
+        if not isinstance(now, Told):
+            self.doing.text, self.count.text = now[:1].upper() + now[1:], seconds
+            return
+        found = f" So far: {spaced(now.found)}." if now.found else ""
+        self.doing.text = f"Step {now.stage} of {now.stages}: {now.what}.{found}"
+        self.count.text = f"{now.done} of {now.of}, {seconds}" if now.of else seconds
+        self.bar.props(remove="indeterminate").set_value(max(self.bar.value, round(now.fraction, 3)))

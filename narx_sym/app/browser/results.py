@@ -14,7 +14,7 @@ from ...report.words import number, removed, spaced
 from ..downloads import titles
 from ..story import Shown
 from ..workbench import Workbench
-from .widgets import caption, data_cells, equation, figure, head, heading, part, said, section, small
+from .widgets import Fault, caption, data_cells, equation, figure, head, heading, part, said, section, small
 
 TABS = {"evidence": "Evidence", "model": "Model", "law": "Law", "export": "Export"}
 TAB_OF = {"model": "model", "derived": "law"}  # of the parts of the report; the others are evidence
@@ -120,6 +120,7 @@ def candidates(bench: Workbench) -> None:
         with ui.element("div").classes("other"):
             others = others_of(bench, {r["effect"] for r in rows})
             chosen = ui.select(others, label="Another effect").props("outlined dense options-dense").classes("field")
+            Fault(chosen, bench, "effect")
             ui.button("Add it", on_click=lambda: bench.add(chosen.value or "")).props("no-caps outline")
 
 
@@ -193,6 +194,7 @@ def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
     with ui.element("td").props(f'data-title="{titles[3]}"'):
         what = f"Term of {name}" if name else "A further term, such as u[k-2]"
         field = ui.input(what, value=own or "").props("outlined dense maxlength=500").classes("term")
+        Fault(field, bench, f"term {name}")
     whose = name or "a new parameter"
     with ui.element("td"):
         small("Fit", f"Fit with this term of {whose}", lambda: bench.edit(name, field.value or ""))
@@ -206,10 +208,10 @@ def law(bench: Workbench, current: Shown) -> None:
     with section("Compensator"):
         said("The law that makes the output follow a reference. Limits go into its source.")
         with ui.element("div").classes("fields"):
-            fields = [
-                ui.input(title).props("outlined dense").classes("field")
-                for title in ("Smallest input", "Largest input", "Largest change per sample")
-            ]
+            of = {"low": "Smallest input", "high": "Largest input", "rate": "Largest change per sample"}
+            fields = [ui.input(title).props("outlined dense").classes("field") for title in of.values()]
+            for name, field in zip(of, fields, strict=True):
+                Fault(field, bench, name)
             ui.button(
                 "Open the compensator", on_click=lambda: bench.open_law(*(f.value for f in fields))
             ).props("no-caps outline")  # fmt: skip

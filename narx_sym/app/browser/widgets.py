@@ -81,6 +81,31 @@ def data_cells(titles: list[str], cells: list[str]) -> None:
         ui.html(escape(cell), tag="td", sanitize=False).props(f'data-title="{escape(title)}"')
 
 
+class Fault(ui.label):
+    """What is wrong with a field, below it, for a reader its description; `look` shows what has changed."""
+
+    def __init__(self, field: Any, bench: Any, name: str):
+        self.field, self.bench, self.name = field.without_auto_validation().props("hide-bottom-space"), bench, name
+        with field.add_slot("error"):
+            super().__init__()
+        self.props(f"id=wrong-{field.id} role=alert")
+        self.shown = ""
+        self.look()
+
+    def look(self) -> None:
+        """Show what is wrong now; a field that is folded away is opened."""
+        text = self.bench.faults.get(self.name, "")
+        if text == self.shown:
+            return
+        self.shown = text
+        self.set_text(text)
+        if text:
+            self.field.props(f"error aria-invalid=true aria-describedby=wrong-{self.field.id}")
+            ui.run_javascript(f"getHtmlElement({self.field.id})?.closest('details')?.setAttribute('open', '')")
+        else:
+            self.field.props(remove="error aria-invalid aria-describedby")
+
+
 @contextmanager
 def details(title: str, open_: bool = False) -> Iterator[None]:
     """Make what may be folded."""

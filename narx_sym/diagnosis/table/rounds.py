@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -15,6 +16,7 @@ from ...models.effects import Catalogue
 from ...models.extend import Variant, variants
 from ...models.model import Model
 from ..directions import Linearised
+from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted, Split, settle
 from .hypotheses import Hypothesis, linear_in_signals, written
 from .screening import Scored, score, shortlist, whole
@@ -43,10 +45,10 @@ class Table:
         channels: Sequence[str],
         catalogue: Catalogue,
         seed: int,
-        report: Callable[[str], Any],
+        course: Course,
     ):
         self.given, self.records = given, list(records)
-        self.channels, self.catalogue, self.seed, self.report = tuple(channels), catalogue, seed, report
+        self.channels, self.catalogue, self.seed, self.course = tuple(channels), catalogue, seed, course
         work, self.factor = working(self.records) if family_of(given) in ("linear", "static") else (self.records, 1)
         self.search = Search(given if self.factor == 1 else given.replace(Ts=work[0].Ts), work)
         self._screened: dict[int, Scored] = {}
@@ -55,7 +57,7 @@ class Table:
         self._own: dict[int, Fitted] = {}
         delay = int(getattr(given, "delay", 0) or 0)
         near = {max(0, delay - 1), delay, delay + 1} if self.factor == 1 else {delay // self.factor}
-        report("fitting the base in free run")
+        course.reach(BASE)
         rows = self.search.bases(sorted({0, 1, 2, 3, *near}))
         ordered = sorted(rows, key=lambda r: (not r.hypothesis.core.given, r.memory, r.price))
         held = next(filter(self.holds, ordered), None)
@@ -93,7 +95,6 @@ class Table:
     def screened(self, row: Row) -> Scored:
         """Return what the directions say at a row."""
         if id(row) not in self._screened:
-            self.report("deriving the directions of all effects")
             self._screened[id(row)] = score(self.fitted(row), self.channels, self.catalogue, self.seed)
         return self._screened[id(row)]
 
@@ -101,25 +102,30 @@ class Table:
 
     def singles(self, base: Row) -> None:
         """Fit every effect beside the effects of a row, with every core; the best to the end."""
-        for given in (True, False):
+        self.course.reach(ALONE)
+        kinds = [g for g in (True, False) if any(r.ids == base.ids and r.hypothesis.core.given == g for r in self.rows)]
+        for turn, given in enumerate(kinds):
             bases = [r for r in self.rows if r.ids == base.ids and r.hypothesis.core.given == given]
             at = base if base in bases else next(filter(self.settles, sorted(bases, key=lambda r: r.price)), None)
             if at is None:
                 continue
             line = self._line(at)
             tried = [v for v in self._ways(line.model, given) if v.id not in base.ids]
-            self._fit(bases, {v: line.grid(v) for v in tried}, line)
+            tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
+            self._fit(bases, {v: line.grid(v) for v in tried}, line, tell)
 
     def pairs(self, base: Row) -> None:
         """Fit pairs: the best effects, and what the directions show beside each of them."""
+        self.course.reach(PAIRS)
         listed = [r for r in cheapest(self.rows) if len(r.beyond(base)) == 1 and np.isfinite(r.price)]
-        for first in islice(filter(self.settles, listed), PARTNERS):
+        for turn, first in enumerate(islice(filter(self.settles, listed), PARTNERS)):
             scored = self.screened(first)
             kind = "given" if first.hypothesis.core.given else self.search.family
             others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids}
             bases = self._cores.get((first.hypothesis.effects, first.hypothesis.core.given), [])
             bases = [first, *(r for r in bases if r.hypothesis.core != first.hypothesis.core)]
-            self._fit(bases, others, scored.line, TOGETHER)
+            tell = partial(self._tell, base, f", one of them {first.ids[-1]}", turn, PARTNERS)
+            self._fit(bases, others, scored.line, tell, TOGETHER)
 
     def _line(self, row: Row) -> Linearised:
         """Return a row linearised along its free run: the scales of shapes are read from it."""
@@ -135,19 +141,21 @@ class Table:
         return [v for v in open_ones if not linear_in_signals(model, v)]
 
     def _fit(
-        self, bases: Sequence[Row], shapes: Mapping[Variant, Any], line: Linearised, most: int | None = None
-    ) -> None:
+        self, bases: Sequence[Row], shapes: Mapping[Variant, Any], line: Linearised, tell: Callable[[int, int], None],
+        most: int | None = None,
+    ) -> None:  # fmt: skip
         """Look at effects beside rows; fit each form in its best place with every core, the best core to the end.
 
-        At most so many effects, all of them without a number.
+        At most so many effects, all of them without a number. `tell` hears how many fits of how many are done.
         """
         search, looks = self.search, []
+        count = len(shapes) + min(len({v.id for v in shapes}), most or len(shapes))
 
         def best(rows: Sequence[Row]) -> float:
             return rows[0].before_judged
 
-        for variant, points in shapes.items():
-            self.report(f"looking at {' + '.join([*map(str, bases[0].hypothesis.effects), str(variant)])}")
+        for done, (variant, points) in enumerate(shapes.items()):
+            tell(done, count)
             search.limits[variant] = line.ranges(variant)
             looks.append(search.look(bases, variant, points))
             search.rest()
@@ -160,8 +168,8 @@ class Table:
         for rows in looks:
             if rows and rows not in kept:
                 search.forget(rows[0].hypothesis)
-        for forms in chosen:
-            self.report(f"fitting {forms[0][0].hypothesis}")
+        for done, forms in enumerate(chosen, count - len(chosen)):
+            tell(done, count)
             closer = sorted((search.one_more(bases, rows) for rows in forms), key=best)
             for rows in closer:
                 self._cores[rows[0].hypothesis.effects, rows[0].hypothesis.core.given] = rows
@@ -169,6 +177,17 @@ class Table:
             for row in closer[0][1 : 1 + SMALLER]:
                 search.finish(row, 15)
             search.rest()
+        tell(count, count)
+
+    def _tell(self, base: Row, more: str, turn: int, turns: int, done: int, of: int) -> None:
+        """Tell how far a round is, and what the best row so far does to the error of the base."""
+        rows = [r for r in self.beside(base) if r.beyond(base) and r.held < base.held]
+        if rows:
+            best = min(rows, key=lambda r: r.price)
+            names = " and ".join(v.id for v in best.beyond(base))
+            verb = "remove" if len(best.beyond(base)) > 1 else "removes"
+            self.course.found = f"{names} {verb} {100 * (1 - best.held / base.held):.0f} % of the squared error"
+        self.course.say(more, done, of, turn, turns)
 
     # -- at the record's own rate ------------------------------------------------------------------------------------
 

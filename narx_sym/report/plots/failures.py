@@ -150,6 +150,8 @@ def _draw_grid(ax: Any, panel: Panel, units: dict[str, str]) -> list[tuple[int, 
     own = [(h, t) for h, t in zip(*ax.get_legend_handles_labels(), strict=True) if t.endswith("\u2009")]
     if len(own) > 1:
         ax.legend(
-            *zip(*own, strict=True), fontsize=7, title=names[other], title_fontsize=7, ncols=len(own), framealpha=0.7
-        )
+            *zip(*own, strict=True), fontsize=7, title=names[other], title_fontsize=7, ncols=len(own), frameon=False,
+            loc="lower left", bbox_to_anchor=(-0.1, 1), borderaxespad=0.2, alignment="left", columnspacing=1.0,
+            handletextpad=0.2,
+        )  # fmt: skip
     return drawn

@@ -1,0 +1,86 @@
+"""How far work with known stages is: a text for who reads it, and its numbers for who draws a bar."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+BASE, WAYS, ALONE = "fitting the base and its delay", "deriving how each effect would act", "trying each effect alone"
+PAIRS, JUDGE = "trying pairs of effects", "judging what was found"
+ROUND = (WAYS, ALONE, PAIRS, JUDGE)  # the stages of each step of a diagnosis, after the base
+
+
+class Told(str):
+    """What work says of itself: "Step 3 of 5: trying each effect alone, 12 of 85 (so far: ...)".
+
+    Attributes
+    ----------
+    what : str
+        The stage in plain words.
+    stage, stages : int
+        Which stage of how many, from 1.
+    done, of : int
+        How many of how many within the stage; 0 of 0 where that is not known.
+    found : str
+        What is known so far; "" before anything is.
+    part : float
+        Share of the stage that is done.
+    """
+
+    what: str
+    stage: int
+    stages: int
+    done: int
+    of: int
+    found: str
+    part: float
+
+    def __new__(
+        cls, what: str, stage: int = 1, stages: int = 1, done: int = 0, of: int = 0, found: str = "", part: float = 0.0
+    ) -> Told:
+        """Put the text together."""
+        count = f", {done} of {of}" if of else ""
+        more = f" (so far: {found})" if found else ""
+        made = super().__new__(cls, f"Step {stage} of {stages}: {what}{count}{more}")
+        made.what, made.stage, made.stages, made.done, made.of = what, stage, stages, done, of
+        made.found, made.part = found, part
+        return made
+
+    def __getnewargs__(self) -> tuple[Any, ...]:
+        return self.what, self.stage, self.stages, self.done, self.of, self.found, self.part
+
+    @property
+    def fraction(self) -> float:
+        """Share of all stages that is done."""
+        return (self.stage - 1 + self.part) / self.stages
+
+
+def inside(tell: Callable[[str], Any], before: int = 0, after: int = 0) -> Callable[[str], Any]:
+    """Return a listener for work that is a part of other work, with so many stages before and after it."""
+
+    def retell(now: str) -> Any:
+        if not isinstance(now, Told):
+            return tell(now)
+        stage, stages = now.stage + before, now.stages + before + after
+        return tell(Told(now.what, stage, stages, now.done, now.of, now.found, now.part))
+
+    return retell
+
+
+class Course:
+    """Tells one stage after the other: a stage that is not needed is passed over, and none is gone back to."""
+
+    def __init__(self, tell: Callable[[str], Any], stages: Sequence[str]):
+        self.tell, self.stages = tell, tuple(stages)
+        self.at, self.part, self.found = -1, 0.0, ""
+
+    def reach(self, stage: str) -> None:
+        """Begin the next stage of this name."""
+        self.at, self.part = self.stages.index(stage, self.at + 1), 0.0
+        self.say()
+
+    def say(self, more: str = "", done: int = 0, of: int = 0, turn: int = 0, turns: int = 1) -> None:
+        """Tell how far a stage is: so many of so many, in this turn of so many."""
+        self.part = max(self.part, (turn + done / max(1, of)) / turns)
+        what = f"{self.stages[self.at]}{more}"
+        self.tell(Told(what, self.at + 1, len(self.stages), done, of, self.found, self.part))

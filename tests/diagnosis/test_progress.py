@@ -1,0 +1,55 @@
+"""How far a diagnosis is: stages that are never gone back to, as a text and as numbers."""
+
+import pickle
+
+import live
+import pytest
+
+import narx_sym as ns
+from narx_sym.diagnosis.procedure import diagnose
+from narx_sym.diagnosis.progress import BASE, ROUND, Course, Told, inside
+from narx_sym.models.effects import EFFECTS, Catalogue
+
+
+def test_what_is_told_is_a_text_that_keeps_its_numbers():
+    told = Told("trying each effect alone", 3, 6, 12, 40, "backlash removes 82 %", 0.3)
+    assert told == "Step 3 of 6: trying each effect alone, 12 of 40 (so far: backlash removes 82 %)"
+    again = pickle.loads(pickle.dumps(told))
+    assert again == told and vars(again) == vars(told) and again.fraction == pytest.approx(2.3 / 6)
+
+
+def test_work_inside_other_work_counts_with_it():
+    heard = []
+    tell = inside(heard.append, before=1, after=2)
+    tell(Told("b", 1, 2, 3, 4, "x", 0.5))
+    tell("a plain text")
+    assert heard[0] == "Step 2 of 5: b, 3 of 4 (so far: x)" and heard[0].fraction == pytest.approx(1.5 / 5)
+    assert heard[1] == "a plain text"
+
+
+def test_a_stage_may_be_passed_over_and_a_second_turn_does_not_go_back():
+    heard = []
+    course = Course(heard.append, ["a", "b", "c"])
+    course.reach("a")
+    course.reach("c")
+    course.say(done=3, of=4)
+    course.say(done=0, of=2)
+    course.say(done=1, of=2, turn=1, turns=2)
+    assert [h.stage for h in heard] == [1, 3, 3, 3, 3] and [h.part for h in heard] == [0, 0, 0.75, 0.75, 0.75]
+
+
+@pytest.mark.parametrize("rounds", [1, 2])
+def test_a_diagnosis_tells_its_stages_and_what_it_has_found(rounds):
+    u, y = live.hidden(800)
+    model = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "1"])
+    few = Catalogue({name: EFFECTS[name] for name in ("dead_zone", "cubic_gain", "saturation")})
+    heard = []
+    found = diagnose(
+        model, ns.Record.from_arrays(u, y, Ts=live.TS), catalogue=few, max_effects=rounds, report=heard.append
+    )
+    fractions = [h.fraction for h in heard]
+    assert fractions == sorted(fractions) and 0 <= fractions[0] and fractions[-1] <= 1
+    assert {h.stages for h in heard} == {1 + len(ROUND) * rounds} and all(h.done <= h.of for h in heard)
+    assert heard[0].what == BASE and heard[0].stage == 1 and len({h.stage for h in heard}) >= 4
+    assert found.best.effect == "dead_zone" and "dead_zone removes" in heard[-1].found
+    assert not any(h.found for h in heard if h.stage < 3)
