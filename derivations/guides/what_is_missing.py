@@ -28,6 +28,8 @@ from pathlib import Path
 
 import narx_sym as ns
 from narx_sym import plants
+from narx_sym.tasks.compensate import track
+from narx_sym.tasks.reference import sine, usual
 
 volts = plants.filtered_noise(N=5000, Ts=0.01, cutoff=0.5, peak=75.0, seed=5)
 record = ns.Record.from_arrays(volts, plants.bouc_wen(volts, Ts=0.01), Ts=0.01)
@@ -104,13 +106,27 @@ print(f"{size / 1e6:.1f} MB")
 #
 # opens a page in your browser where the same way is walked with clicks: drop a CSV, choose columns, rows and a base, see
 # the panels of the report, point at a candidate to see its run, press *Add* and watch the error fall, undo and redo
-# (Ctrl+Z, Ctrl+Y), change a term as text, open the compensator, take away the model, its LaTeX and C, the law and the
-# report. What is wrong with a field stands at that field, which keeps what was typed, until it is right.
+# (Ctrl+Z, Ctrl+Y), change a term as text, move a parameter with the sliders of the report, open the
+# compensator, take away the model, its LaTeX and C, the law and the report. What is wrong with a field stands at that field, which keeps what was typed, until it is right.
 #
 # Long work runs in a process of its own, which *Cancel* ends; everything stays as it was before. A bar shows the step of
 # how many, and beside it stands what the best row so far removes of the squared error; the terminal shows the same line.
 # In Python, `report=` hears it: each text has the attributes `stage`, `stages`, `done`, `of`, `found` and `fraction`.
 #
+# Under *Law* the law runs over a reference: the measured output or its first seconds, a sine, a staircase, or a column of
+# a CSV, within limits of the input and of its change per sample. Shown are the reference, the model's output with the law
+# and without (there the straight line through the data is inverted, within the same limits), the input, the errors as
+# rms and largest value, and in how many samples limits hold the input; time, reference, input and output are a CSV to
+# take away. A run belongs to its model: it goes with an undo, and comes back with a redo. In Python:
+
+# %%
+piece = usual(record)
+reference = sine(record.Ts, piece.offset, piece.amplitude, piece.frequency, seconds=2 / piece.frequency)
+run = track(better.compensator(), reference, limits=(float(record.u.min()), float(record.u.max())))
+for name, (rms, largest) in run.errors.items():
+    print(f"{name}: {rms:.3g} um rms, {largest:.3g} um at most")
+
+# %% [markdown]
 # The page listens on 127.0.0.1 only, refuses requests with a foreign Host or Origin, asks no other machine for anything
 # and takes uploads up to `--max-mb` (50) into a private folder that is removed at the end (Ctrl-C). Every page
 # that is opened has its own data, under an address that is drawn at random; loaded anew, it shows them again. Whoever
@@ -120,3 +136,4 @@ print(f"{size / 1e6:.1f} MB")
 assert found.best.effect == "hysteresis" and "hysteresis" in found.confusion_set
 assert after.free_run_mape < before.free_run_mape / 10
 assert 100_000 < size < 5_000_000 and live >= 2
+assert run.errors["with the law"][0] < run.errors["without"][0]

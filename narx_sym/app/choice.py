@@ -1,15 +1,18 @@
-"""What a user chose and typed: columns and rows, numbers, names; and messages in the words of the page."""
+"""What a user chose and typed: columns and rows, a reference, numbers, names; and messages in the words of the page."""
 
 from __future__ import annotations
 
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..data.record import Record, read
 from ..data.tables import Table
@@ -19,9 +22,12 @@ from ..errors import DataError, ModelError, NarxError
 from ..fit.identify import prepare
 from ..models.model import Model
 from ..symbolic.signals import plain_name
+from ..tasks.reference import PERIODS, STEPS, Reference, from_file, sine, staircase, usual
+from ..tasks.reference import measured as first_of
 
 OPTIONS = {"input": "Input", "output": "Output", "time": "Time", "ts": "Sampling time", "rows": "Rows", "units": "Unit"}
-OPTIONS |= {"channels": "Channels"}  # what the options of the command line are called in the page
+OPTIONS |= {"channels": "Channels", "column": "Column of the reference"}  # options of the command line, in the page
+SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
 
 
 @dataclass
@@ -37,6 +43,80 @@ class Choice:
     units: dict[str, str] = field(default_factory=lambda: {"u": "", "y": ""})
 
 
+@dataclass
+class Wanted:
+    """What a law shall follow, and within which limits; texts as a user types them.
+
+    Attributes
+    ----------
+    kind : "measured", "sine", "staircase" or "file"
+    low, high, rate : limits of the input and of its change per sample
+    first : seconds of the measurement
+    offset, amplitude, frequency, seconds, steps, hold : of sine and staircase
+    column : of the file
+    file, path : the file's name to show, and where it is
+    """
+
+    kind: str = "measured"
+    low: str = ""
+    high: str = ""
+    rate: str = ""
+    first: str = ""
+    offset: str = ""
+    amplitude: str = ""
+    frequency: str = ""
+    seconds: str = ""
+    steps: str = str(STEPS)
+    hold: str = ""
+    column: str = ""
+    file: str = ""
+    path: Path | None = None
+
+    @classmethod
+    def of(cls, record: Record, before: Wanted) -> Wanted:
+        """Return the usual fields for a record: the measured output; a file that was given stays."""
+        found = usual(record)
+        digits = 2 - int(np.floor(np.log10(found.amplitude)))  # of the offset too: a far level costs none
+        return cls(
+            offset=f"{round(found.offset, digits):.10g}", amplitude=f"{found.amplitude:.3g}",
+            frequency=f"{found.frequency:.3g}", seconds=f"{PERIODS / found.frequency:.3g}", hold=f"{found.hold:.3g}",
+            file=before.file, path=before.path,
+        )  # fmt: skip
+
+    def made(self, said: Said, record: Record, unit: str) -> Callable[[], Reference]:
+        """Return what makes the reference; a field that cannot be read is said there.
+
+        Parameters
+        ----------
+        record : what was measured
+        unit : of the output
+        """
+        if self.kind == "measured":
+            with said.field("first"):
+                seconds = number(self.first, "The time")
+            said.stop()
+            return partial(first_of, record, seconds)
+        if self.kind == "file":
+            if self.path is None:
+                raise DataError("Drop a file with the reference first.")
+            return partial(from_file, self.path, self.file, self.column.strip() or None, unit)
+        make, names = (sine, ("frequency", "seconds")) if self.kind == "sine" else (staircase, ("steps", "hold"))
+        given = [self._given(said, name) for name in ("offset", "amplitude", *names)]
+        said.stop()
+        return partial(make, record.Ts, *given)
+
+    def _given(self, said: Said, name: str) -> float:
+        what, value = (
+            {"seconds": "duration", "steps": "number of steps", "hold": "time of a step"}.get(name, name),
+            None,
+        )
+        with said.field(name):
+            value = number(getattr(self, name), f"The {what}")
+            if value is None:
+                raise DataError(f"The {what} is missing.")
+        return value or 0.0
+
+
 def in_the_page(message: str) -> str:
     """Name the fields of the page in the place of options of the command line."""
     return re.sub(r"--(\w+)(?: \(\w+=\))?", lambda found: OPTIONS.get(found[1], found[0]), message)
@@ -46,6 +126,21 @@ def shortened(name: str) -> str:
     """Return a file name to show: its last part, without control characters, at most 80 characters."""
     last = re.split(r"[/\\]", name)[-1]
     return "".join(c for c in last if c.isprintable())[-80:] or "file"
+
+
+def check_size(limit: int, size: int, name: str) -> None:
+    """Refuse an upload above the limit, in bytes."""
+    if size > limit:
+        raise DataError(f"{name} has {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB are taken.")
+
+
+def kept_text(folder: Path, name: str, content: bytes, limit: int) -> tuple[Path, str]:
+    """Keep an upload with columns; return where it is, and its name to show. It is never used as a path."""
+    shown, suffix = shortened(name), Path(name).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise DataError(f"{shown}: drop a text file with columns ({', '.join(SUFFIXES)}).")
+    check_size(limit, len(content), shown)
+    return kept(folder, shown, suffix, content), shown
 
 
 def kept(folder: Path, shown: str, suffix: str, content: bytes) -> Path:

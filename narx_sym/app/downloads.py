@@ -9,22 +9,26 @@ from typing import Any
 from ..codegen.registry import exports, files
 from ..data.units import said_first
 from ..errors import ModelError
+from ..files.atomic import columns_text
 from ..files.store import to_text
 from ..inversion.analyses import document
 from ..models.model import Model
 from ..report.page import page
 from ..tasks.compensate import Law
+from .browser.preview import Ran
 from .story import Story
 
 
-def written(kind: str, model: Model, law: Law | None, report: Callable[[], str]) -> str | bytes:
+def written(kind: str, model: Model, law: Law | None, run: Ran | None, report: Callable[[], str]) -> str | bytes:
     """Return the content of a file.
 
     Parameters
     ----------
     kind : str
-        "report.html", "model.json", "model.tex", "model.c" and the other exports, and with a law "law.tex", "law.c"...
+        "report.html", "model.json", "model.tex", "model.c" and the other exports, with a law "law.tex", "law.c"... and
+        with a run of it "law_run.csv".
     law : Law, optional
+    run : Ran, optional
     report : function that makes the page
 
     Raises
@@ -41,12 +45,14 @@ def written(kind: str, model: Model, law: Law | None, report: Callable[[], str])
     if law is not None and not law.why_not:
         makers["law.tex"] = lambda: f"\\[\n{law.latex}\n\\]\n"
         makers |= {f"law{ending}": partial(law.sources.__getitem__, ending) for ending in law.sources}
+    if run is not None:
+        makers["law_run.csv"] = lambda: columns_text(run.tracked.columns(run.units), "law_run.csv")
     if kind not in makers:
         raise ModelError(f"There is no {kind[:40]!r}; there are {', '.join(makers)}.")
     return makers[kind]()
 
 
-def titles(law: Law | None) -> dict[str, str]:
+def titles(law: Law | None, run: Ran | None) -> dict[str, str]:
     """Return what there is to take away, and what it is called."""
     sources = {ending: exports()[name].title for ending, name in files().items()}
     found = {"report.html": "Report (HTML)", "model.json": "Model (JSON)", "model.tex": "Derivation (LaTeX)"}
@@ -54,6 +60,8 @@ def titles(law: Law | None) -> dict[str, str]:
     if law is not None and not law.why_not:
         found["law.tex"] = "Law (LaTeX)"
         found |= {f"law{ending}": f"Law ({sources[ending]})" for ending in law.sources}
+    if run is not None:
+        found["law_run.csv"] = "Run of the law (CSV)"
     return found
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from ..models.model import Model
 from ..tasks.compensate import Law
+from .browser.preview import Ran
 from .story import Shown
 
 MOST = 30  # states that are kept: each has the pictures of its diagnosis
@@ -22,6 +23,7 @@ class State:
     base, base_name : the base that was chosen
     units : those of the pictures
     law : of the last model, where it was asked for
+    run : of that law, where it was asked for
     notes : what was said of it
     """
 
@@ -30,6 +32,7 @@ class State:
     base_name: str
     units: Mapping[str, str]
     law: Law | None = None
+    run: Ran | None = None
     notes: tuple[str, ...] = ()
 
     @property

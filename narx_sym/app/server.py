@@ -9,11 +9,12 @@ import socket
 import threading
 import webbrowser
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 from ..errors import DataError, NarxError
+from ..report import notebook
 from .guard import Guard
 from .workbench import Workbench
 
@@ -26,6 +27,7 @@ TYPES = {
     ".csv": "text/csv",
     ".fmu": "application/zip",
 }
+FRAME = Path(notebook.__file__).with_name("live.js")  # what shows the sliders in a frame
 RECONNECT = 20.0  # seconds that a page may be silent: a browser may be busy with drawing
 GRACE = 1  # seconds for open connections when the server ends
 
@@ -165,17 +167,14 @@ def _files(app: Any, sessions: Sessions) -> None:
         except KeyError:
             raise HTTPException(404, "This page is no longer known: load it again.") from None
 
-    async def take_data(request: Request) -> Response:
-        bench = bench_of(request)
-        name, content = request.query_params.get("name", "file"), await request.body()
-        await run_in_threadpool(bench.upload, name, content)
-        return Response(status_code=204)
+    def taking(take: Callable[[Workbench, str, bytes], None]) -> Callable[[Request], Awaitable[Response]]:
+        async def taken(request: Request) -> Response:
+            bench = bench_of(request)
+            name, content = request.query_params.get("name", "file"), await request.body()
+            await run_in_threadpool(take, bench, name, content)
+            return Response(status_code=204)
 
-    async def take_model(request: Request) -> Response:
-        bench = bench_of(request)
-        name, content = request.query_params.get("name", "file"), await request.body()
-        await run_in_threadpool(bench.upload_model, name, content)
-        return Response(status_code=204)
+        return taken
 
     def give(request: Request) -> Response:
         try:
@@ -188,7 +187,18 @@ def _files(app: Any, sessions: Sessions) -> None:
     def bokeh(request: Request) -> Response:
         return Response("\n".join(Resources(mode="inline", components=["bokeh"]).js_raw), media_type="text/javascript")
 
+    def sliders(request: Request) -> Response:
+        current = bench_of(request).current
+        # As text: it is shown in a frame of its own origin only.
+        return PlainTextResponse(current.live if current else "", headers={"cache-control": "no-store"})
+
+    def frame(request: Request) -> Response:
+        return Response(FRAME.read_text(encoding="utf-8"), media_type="text/javascript")
+
     app.add_route("/bokeh.js", bokeh, methods=["GET"])
-    app.add_route("/at/{key}/data", take_data, methods=["POST"])
-    app.add_route("/at/{key}/model", take_model, methods=["POST"])
+    app.add_route("/live.js", frame, methods=["GET"])
+    app.add_route("/at/{key}/live", sliders, methods=["GET"])
+    takers = {"data": Workbench.upload, "model": Workbench.upload_model, "reference": Workbench.upload_reference}
+    for name, take in takers.items():
+        app.add_route(f"/at/{{key}}/{name}", taking(take), methods=["POST"])
     app.add_route("/at/{key}/download/{kind}", give, methods=["GET"])

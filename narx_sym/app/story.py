@@ -13,11 +13,12 @@ from ..diagnosis.steps import Step
 from ..models.model import Model
 from ..report import words
 from ..report.comparison import Comparison
+from ..report.notebook.live import framed
 from ..report.page import sections
 from ..report.panels.registry import LAST, TAKEN, WAY, panels
 from ..report.panels.try_it import fitted_of
 from ..tasks.revise import Revision
-from .preview import sight_svg
+from .browser.preview import sight_svg
 
 SCRIPT = re.compile(r"<script[^>]*>(.*?)</script>", re.DOTALL)
 
@@ -78,10 +79,12 @@ class Shown(Revision):
     headline, fall : str
         What is still missing, and how far the error fell.
     script : what draws the pictures that can be zoomed
+    live : the page with the sliders, for a frame; "" where no model can run in a browser
     """
 
     html: Mapping[str, str] = field(default_factory=dict)
     script: str = ""
+    live: str = ""
     headline: str = ""
     fall: str = ""
 
@@ -107,5 +110,5 @@ def shown(before: Sequence[Revision], made: Revision, units: Mapping[str, str]) 
     html["sight"] = sight_svg(Comparison.of(stories[WAY]).worst, before_it, made.base, candidates, units)
     return Shown(
         **{f.name: getattr(made, f.name) for f in fields(Revision)}, html=html, script=script,
-        headline=words.headline(stories[LAST]), fall=words.fall(stories[WAY], units),
+        live=framed(stories[WAY], units), headline=words.headline(stories[LAST]), fall=words.fall(stories[WAY], units),
     )  # fmt: skip

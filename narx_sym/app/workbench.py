@@ -25,21 +25,34 @@ from ..models.rewrite import rewritten, written_terms
 from ..symbolic.signals import plain_name
 from ..tasks.base import check_kind, read_base, what_to_know
 from ..tasks.compensate import Law
-from .choice import Choice, Said, dropped, guessed, in_the_page, kept, limits_of, measured, shortened, suits
+from .browser.preview import Ran, signals_svg
+from .choice import (
+    Choice,
+    Said,
+    Wanted,
+    check_size,
+    dropped,
+    guessed,
+    in_the_page,
+    kept,
+    kept_text,
+    measured,
+    shortened,
+    suits,
+)  # fmt: skip
+from .compensation import Compensation
 from .downloads import report_of, written
 from .history import History, State
-from .jobs import added, derived, diagnosed, edited, relabelled
-from .preview import signals_svg
+from .jobs import added, diagnosed, edited, relabelled
 from .story import Shown
 from .worker import Worker
 
-SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
 LIMIT = 50_000_000  # bytes of an upload
 BUSY = "Something is under way: wait for it, or cancel it."
 PAUSE = 0.05  # seconds between looks at the process, where nothing else waits
 
 
-class Workbench:
+class Workbench(Compensation):
     """Every state that the page shows, and what may be done in it. Nothing here knows of a browser.
 
     Long work goes to a process: `poll` takes over what it made, `wait` waits for that, `cancel` ends it. Whatever fails
@@ -55,8 +68,10 @@ class Workbench:
         "static", "linear", "narx", or a model from a file, called `base_name`.
     revisions : list of Shown
         The models so far; the last one is shown.
-    law : Law or None
-        Of the last revision, where it was asked for.
+    law, run : Law or None, Ran or None
+        Of the last revision, where they were asked for.
+    wanted : Wanted
+        What a law shall follow, and within which limits.
     history : History
         Every state since the data were chosen, for undo and redo.
     faults : mapping from fields to messages
@@ -88,6 +103,8 @@ class Workbench:
         self.preview = ""
         self.revisions: list[Shown] = []
         self.law: Law | None = None
+        self.run: Ran | None = None
+        self.wanted = Wanted()
         self.history = History()
         self.faults = {}
 
@@ -100,17 +117,8 @@ class Workbench:
 
     def upload(self, name: str, content: bytes) -> None:
         """Take a data file; its name is only shown, never used as a path."""
-        suffix = Path(name).suffix.lower()
-        shown = shortened(name)
         with self._reading, Said(self) as said:
-            if suffix not in SUFFIXES:
-                raise DataError(f"{shown}: drop a text file with columns ({', '.join(SUFFIXES)}).")
-            self._check_size(len(content), shown)
-            self._open(said, kept(self.folder, shown, suffix, content), shown)
-
-    def _check_size(self, size: int, name: str) -> None:
-        if size > self.limit:
-            raise DataError(f"{name} has {size / 1e6:.1f} MB; at most {self.limit / 1e6:g} MB are taken.")
+            self._open(said, *kept_text(self.folder, name, content, self.limit))
 
     def open(self, path: Path) -> None:
         """Take a data file that the user of this machine named."""
@@ -135,6 +143,7 @@ class Workbench:
         with self.shown:
             self.cancel()
             dropped(self.folder, self.path)
+            dropped(self.folder, self.wanted.path)
             self._forget()
             self.file, self.path, self.table, self.choice = shown, path, table, choice
             if made is not None:
@@ -168,8 +177,10 @@ class Workbench:
         """Take over what was read; all that was made of other data goes."""
         with self.shown:
             self.cancel()
-            self.revisions, self.law, self.history = [], None, History()
+            self.revisions, self.law, self.run, self.history = [], None, None, History()
             self.record, self.preview = record, preview
+            if record is not None:
+                self.wanted = Wanted.of(record, self.wanted)
             self.notes = tuple(what_to_know(record)) if record is not None else ()
 
     def _label(self) -> None:
@@ -177,13 +188,16 @@ class Workbench:
         record = self._measured
         self.preview = signals_svg(record, record.units)
         if self.revisions and not self.worker.busy:
-            bare, law = tuple(r.bare() for r in self.revisions), self.law
-            self._begin(lambda made: self._relabelled(made, law), relabelled, bare, (record,), record.units)
+            bare, run = tuple(r.bare() for r in self.revisions), self.run and self.run.tracked
+            self._begin(lambda made: self._relabelled(*made), relabelled, bare, run, (record,), record.units)
 
-    def _relabelled(self, revisions: list[Shown], law: Law | None) -> None:
-        state = self.history.states[self.history.at]
-        self.history.update(replace(state, revisions=tuple(revisions), units=self._measured.units))
-        self.revisions, self.law = revisions, law
+    def _relabelled(self, revisions: list[Shown], run: Ran | None) -> None:
+        self.revisions, self.run = revisions, run
+        self._update(revisions=tuple(revisions), run=run, units=self._measured.units)
+
+    def _update(self, **changed: Any) -> None:
+        """Change the state that is shown: the same models, told otherwise."""
+        self.history.update(replace(self.history.states[self.history.at], **changed))
 
     def example(self) -> None:
         """Take simulated measurements of a stage behind a gear with play."""
@@ -204,7 +218,7 @@ class Workbench:
         """Take a model file as the base."""
         shown = shortened(name)
         with Said(self):
-            self._check_size(len(content), shown)
+            check_size(self.limit, len(content), shown)
             path = kept(self.folder, shown, ".json", content)
             try:
                 self.base, self.base_name = read_base(path, shown), shown
@@ -270,7 +284,7 @@ class Workbench:
     def _put(self, revisions: list[Shown], base: str | Model, base_name: str) -> None:
         units, notes = self._measured.units, revisions[-1].notes
         self.history.put(State(tuple(revisions), base, base_name, units, notes=notes))
-        self.revisions, self.law, self.notes = revisions, None, notes
+        self.revisions, self.law, self.run, self.notes = revisions, None, None, notes
         self.faults = {}  # their fields are made anew
 
     def undo(self) -> None:
@@ -290,7 +304,7 @@ class Workbench:
                 raise NarxError(BUSY)
             state, self.history.at = self.history.states[index], index
             self.base, self.base_name = state.base, state.base_name
-            self.revisions, self.law = list(state.revisions), state.law
+            self.revisions, self.law, self.run = list(state.revisions), state.law, state.run
             self.notes, self.faults = state.notes, {}
             if state.units != self._measured.units:
                 self._label()
@@ -314,19 +328,6 @@ class Workbench:
     def terms(self) -> dict[str, str]:
         """Terms that may be edited, as text by their parameters."""
         return written_terms(self.revisions[-1].base.model) if self.revisions else {}
-
-    # -- compensator -------------------------------------------------------------------------------------------
-
-    def open_law(self, low: str = "", high: str = "", rate: str = "") -> None:
-        """Begin to derive the compensation law; limits of the input and of its change per sample go into the source."""
-        with Said(self) as said:
-            model = self._last.model
-            limits, largest = limits_of(said, low, high, rate)
-            self._begin(self._show_law, derived, model, limits, largest)
-
-    def _show_law(self, law: Law) -> None:
-        self.law = law
-        self.history.update(replace(self.history.states[self.history.at], law=law))
 
     # -- the process -------------------------------------------------------------------------------------------
 
@@ -383,5 +384,5 @@ class Workbench:
         """Return name and content of a file; see `downloads.written`."""
         if self.current is None:
             raise ModelError("There is no model yet: diagnose a base first.")
-        content = written(kind, self.current.model, self.law, partial(report_of, self))
+        content = written(kind, self.current.model, self.law, self.run, partial(report_of, self))
         return f"{plain_name(Path(self.file).stem)}_{kind}", content

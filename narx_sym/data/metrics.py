@@ -76,6 +76,13 @@ def correlation_length(x: Vector) -> int:
     return int(below[0]) if below.size else x.size
 
 
+def half_cycle(x: Vector) -> int:
+    """Return how long a signal stays on one side of its median, as a rule: half a cycle of it [samples]."""
+    n, level = x.size, x > np.median(x)
+    turns = np.diff(np.flatnonzero(level[1:] != level[:-1]))
+    return int(np.clip(np.median(turns) if turns.size else n, min(20, n), max(20, n // 3)))
+
+
 def _pair(a: ArrayLike, b: ArrayLike, metric: str, name_a: str, name_b: str) -> tuple[Vector, Vector]:
     """Both signals as finite (N,) arrays of one length."""
     first, second = _vector(a, metric, name_a), _vector(b, metric, name_b)

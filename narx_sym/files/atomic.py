@@ -18,16 +18,21 @@ PathLike = str | os.PathLike[str]
 
 def write_csv(path: PathLike, columns: Mapping[str, Any]) -> None:
     """Write (N,) columns with 10 significant digits; the file appears whole or not at all."""
+    write_text(path, columns_text(columns, os.fspath(path)))
+
+
+def columns_text(columns: Mapping[str, Any], name: str) -> str:
+    """Return (N,) columns of numbers with 10 significant digits as CSV; `name` stands in errors."""
     arrays = {n: np.asarray(a, dtype=np.float64).reshape(-1) for n, a in columns.items()}
     if len({a.size for a in arrays.values()}) != 1:
         raise DataError(
-            f"{os.fspath(path)}: the columns must have equal lengths, not "
+            f"{name}: the columns must have equal lengths, not "
             + ", ".join(f"{n}: {a.size}" for n, a in arrays.items())
         )
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow(arrays)
     np.savetxt(text, np.column_stack(list(arrays.values())), fmt="%.10g", delimiter=",")
-    write_text(path, text.getvalue())
+    return text.getvalue()
 
 
 def csv_text(columns: Mapping[str, Any]) -> str:

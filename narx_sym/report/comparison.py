@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.metrics import half_cycle
 from ..data.units import said_first
 from ..diagnosis.bases import words
 from ..diagnosis.misfit import Misfit
@@ -89,10 +90,7 @@ class Comparison:
     @cached_property
     def worst(self) -> slice:
         """Half a cycle of the output to either side of where the base fails most."""
-        level = self.y > np.median(self.y)
-        turns = np.diff(np.flatnonzero(level[1:] != level[:-1]))
-        n = self.y.size
-        half = int(np.clip(np.median(turns) if turns.size else n, min(20, n), max(20, n // 3)))
+        n, half = self.y.size, half_cycle(self.y)
         power = np.convolve(self.errors["base"] ** 2, np.ones(half), mode="same")
         centre = int(np.clip(np.argmax(power), half, max(half, n - half)))
         return slice(max(0, centre - half), min(n, centre + half))

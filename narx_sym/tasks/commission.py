@@ -18,9 +18,8 @@ from ..fit.laws.damping import Share
 from ..fit.least_squares import describe
 from ..fit.simulate import Records, free_run, simulate
 from ..inversion.compensator import Compensator
-from ..models.info import Info
 from ..symbolic.signals import u
-from .compensate import Followed, caution, follow
+from .compensate import Followed, caution, follow, straight
 from .result_file import write_plain
 
 Array = np.ndarray
@@ -146,7 +145,7 @@ def commission(
     # Of few sets the outermost are no bounds: this estimate is unbiased (Weibull 1939).
     low, high = np.quantile(gaps, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0, method="weibull")
     seen = describe(model, listed, model.info.method, bool(model.info.converged)).info
-    plain = _line(seen, r, limits)
+    plain = straight(seen, r, limits)
     bare = missed(plain, float(plain[0]))
     found = Commissioning(
         law, r, run, low, high,
@@ -173,13 +172,6 @@ def write_commissioning(found: Commissioning, path: Path) -> None:
         "against": list(found.against), "sentence": found.sentence({}),
     }  # fmt: skip
     write_plain(rows, path)
-
-
-def _line(info: Info, r: Array, limits: tuple[float, float] | None) -> Array:
-    """Return the input that the straight line through the records gives, (N,) [unit of the input]."""
-    offset, slope = info.line or (0.0, 1.0)
-    along = (r - offset) / slope if slope else np.zeros_like(r)
-    return np.clip(along, *(limits or (-np.inf, np.inf)))
 
 
 def rms(x: Array) -> Array:

@@ -11,11 +11,16 @@ import numpy as np
 from ..codegen.registry import exports, files
 from ..data.metrics import nsavi
 from ..diagnosis.progress import Told
-from ..errors import ModelError, NarxError, NotInvertible
+from ..errors import Diverged, ModelError, NarxError, NotInvertible
 from ..fit.laws.damping import Share
 from ..fit.laws.excursions import operating_range
+from ..fit.laws.run import told
+from ..fit.simulate import simulate
 from ..inversion.compensator import Compensator, compensator
+from ..models.info import Info
 from ..models.model import Model
+from .base import other_pace
+from .reference import Reference
 
 Array = np.ndarray
 
@@ -125,8 +130,116 @@ def follow(law: Compensator, r: Array, m0: float | None = None, **options: Any) 
         Input before the start; what keeps the model at the first sample of the reference by default.
     options : limits, rate, share, clip, as `Compensator.run` takes them
     """
-    if law.model.channels:
-        raise ModelError(f"The law needs the channel {law.model.channels[0]!r}; use Python for this one.")
+    _alone(law)
     start = law.rest_input(r[0], options.get("limits")) if m0 is None else m0
     m = law.run(r, start, **options)
     return Followed(m, start, nsavi(m, r) if np.ptp(r) > 0 else None)
+
+
+def _alone(law: Compensator) -> None:
+    """Refuse a law that needs more than a reference."""
+    if law.model.channels:
+        raise ModelError(f"The law needs the channel {law.model.channels[0]!r}; use Python for this one.")
+
+
+def straight(info: Info, r: Array, limits: tuple[float, float] | None = None, rate: float | None = None) -> Array:
+    """Return what goes in without a law: the input that the straight line through the records gives, within limits.
+
+    Of a model that knows no records it is the reference itself.
+
+    Parameters
+    ----------
+    r : (N,) array, the reference [unit of the output]
+    limits, rate : as in `Compensator.run`
+
+    Returns
+    -------
+    (N,) array [unit of the input]
+    """
+    offset, slope = info.line or (0.0, 1.0)
+    along = np.clip((r - offset) / slope if slope else np.zeros_like(r), *(limits or (-np.inf, np.inf)))
+    for k in range(1, along.size if rate is not None else 0):
+        along[k] = min(max(along[k], along[k - 1] - rate), along[k - 1] + rate)
+    return along
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """What the model makes of a reference, with the law and without it.
+
+    Attributes
+    ----------
+    t, r : (N,) arrays, the reference [s, unit of the output]
+    m, y : (N,) arrays, the input of the law and the model's output [units of input and output]
+    plain, bare : (N,) arrays, the same where the straight line through the records is inverted
+        See `straight`; NaN where the model runs away.
+    held : (N,) bool array
+        Where limits hold the input of the law.
+    limits : of the input, or None
+    holds : str
+        In how many samples limits hold the input, in words; "" where they never do.
+    notes : what a user should know of this run
+    """
+
+    t: Array
+    r: Array
+    m: Array
+    y: Array
+    plain: Array
+    bare: Array
+    held: Array
+    limits: tuple[float, float] | None
+    holds: str
+    notes: tuple[str, ...]
+
+    @property
+    def errors(self) -> dict[str, tuple[float, float]]:
+        """The rms and the largest error with the law and without it [unit of the output]; rounding counts as 0."""
+        least = 1e-12 * float(np.abs(self.r).max())
+        gaps = {"with the law": self.y - self.r, "without": self.bare - self.r}
+        sizes = {name: (float(np.sqrt(np.mean(gap**2))), float(np.abs(gap).max())) for name, gap in gaps.items()}
+        return {name: (0.0, 0.0) if found[1] <= least else found for name, found in sizes.items()}
+
+    def columns(self, units: Mapping[str, str]) -> dict[str, Array]:
+        """Return time, reference, input and model output by name and unit."""
+        named = {"t": (self.t, "s"), "r": (self.r, units.get("y")), "m": (self.m, units.get("u"))}
+        named["y"] = (self.y, units.get("y"))
+        return {f"{name} [{unit}]" if unit else name: values for name, (values, unit) in named.items()}
+
+
+def track(
+    law: Compensator,
+    reference: Reference,
+    limits: tuple[float, float] | None = None,
+    rate: float | None = None,
+    share: Share = "auto",
+) -> Tracked:
+    """Run a law over a reference, from rest, and the model behind it; where it cannot follow, it comes near.
+
+    Parameters
+    ----------
+    limits, rate, share : as in `Compensator.run`
+
+    Raises
+    ------
+    Diverged
+        Where the law runs away.
+    ModelError
+        Where the law needs more than a reference.
+    """
+    _alone(law)
+    r, model = reference.r, law.model
+    start = law.rest_input(r[0], limits)
+    found, said = told(law, r, start, limits=limits, rate=rate, share=share, clip=True)
+    y = simulate(model, found.m, r[0], u0=start, warn=False)
+    plain = straight(model.info, r, limits, rate)
+    try:
+        bare = simulate(model, plain, r[0], u0=float(plain[0]), warn=False)
+    except Diverged:
+        bare = np.full(r.size, np.nan)
+    pace = other_pace(model, reference.Ts, "the reference has")
+    notes = [*filter(None, [pace]), *(text for text in said if text != found.holds)]
+    return Tracked(
+        reference.t, r, found.m, y, plain, bare, found.held, limits, found.holds,
+        tuple(text[0].upper() + text[1:] for text in notes),
+    )  # fmt: skip

@@ -11,7 +11,10 @@ import live
 import pytest
 
 import narx_sym as ns
+from narx_sym.engines.compile import compile
 from narx_sym.files.store import load
+from narx_sym.report.panels.try_it import unpacked
+from narx_sym.report.words import number
 
 pytest.importorskip("nicegui", reason="the extra narx-sym[app] is not installed")
 reason = live.why_no_browser()
@@ -207,10 +210,13 @@ def test_the_whole_way(page, data, tmp_path):
     page.wait_for_timeout(300)
     assert serious(page) == []
     page.emulate_media(color_scheme="light")
+    moved = moves_a_slider(page)
 
     page.get_by_role("tab", name="Law").click()
     page.get_by_role("button", name="Open the compensator").click()
-    page.get_by_text("ahead in the reference.").last.wait_for()
+    page.get_by_text("It was identified for").wait_for()
+    page.locator(".doing").wait_for(state="detached")
+    ran = runs_the_law(page, tmp_path)
     assert serious(page) == [] and fits(page)
     page.get_by_role("tab", name="Export").click()
     page.get_by_role("link", name="Law (C99 source)").wait_for()
@@ -237,6 +243,8 @@ def test_the_whole_way(page, data, tmp_path):
     made = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
     assert made.returncode == 0, made.stderr
     model = load(files["Model (JSON)"])
+    check_slider(moved, model)
+    check_run(ran, model)
     assert ns.evaluate(model, ns.read(tmp_path / "new.csv")).free_run_nrmse < 0.1 * before[0] + 0.02
 
     page.get_by_role("tab", name="Evidence").click()
@@ -259,6 +267,73 @@ def described(field):
     if field.get_attribute("aria-invalid") != "true":
         return ""
     return field.page.locator(f"#{field.get_attribute('aria-describedby')}").inner_text()
+
+
+def moves_a_slider(page):
+    """Move a parameter in the frame; return what it says, and what it computes with."""
+    page.locator("[data-live]").scroll_into_view_if_needed()
+    frame = page.frame_locator("[data-live] iframe")
+    frame.locator("#try-rms").get_by_text(".").wait_for()
+    slider = frame.locator(".sliders:not([hidden]) fieldset input[type=range]").first
+    slider.focus()
+    before = frame.locator("#try_it").evaluate("e => e.dataset.rms")
+    for _ in range(5):
+        slider.press("ArrowRight")
+    page.wait_for_timeout(100)
+    assert serious(page) == [] and serious(page.frames[-1]) == []
+    found = frame.locator("#try_it").evaluate("e => ({...e.dataset})")
+    told = json.loads(frame.locator("#try-data").text_content())
+    assert float(found["rms"]) > float(before) and fits(page)
+    return found, told
+
+
+def check_slider(moved, model):
+    """The error that the frame shows is what Python computes with the parameters that it says."""
+    found, told = moved
+    y, u = (unpacked(one) for one in told["signals"])
+    one = told["models"][int(found["model"])]
+    start = dict(zip((str(b.label) for b in model.recursion.states), one["start"], strict=True))
+    error = y - compile(model.recursion)({"u": u}, json.loads(found["theta"]), start)["y"]
+    error[: one["skip"]] = 0.0
+    assert float(found["rms"]) == pytest.approx(float(live.np.sqrt(live.np.mean(error**2))), rel=1e-9)
+
+
+def runs_the_law(page, folder):
+    """A wrong number is one line; then a sine within limits: return the sentence, and the file with the run."""
+    page.get_by_role("radio", name="Sine").click()
+    fields = {"Offset": "0.1", "Amplitude": "1", "Frequency": "fast", "Duration": "4"}
+    for title, text in ({"Smallest input": "-1.5", "Largest input": "1.5"} | fields).items():
+        page.get_by_role("textbox", name=title).fill(text)
+    run = page.get_by_role("button", name="Run the law")
+    run.click()
+    page.get_by_text("The frequency must be a number, not 'fast'.").wait_for()
+    assert described(page.get_by_role("textbox", name="Frequency")).startswith("The frequency must be")
+    assert page.locator(".ran").count() == 0
+    page.get_by_role("textbox", name="Frequency").fill("0.5")
+    run.click()
+    page.locator(".ran").wait_for()
+    assert page.get_by_role("img", name="Run of the law").is_visible()
+    assert page.get_by_role("textbox", name="Frequency").input_value() == "0.5"  # what was typed stays
+    with page.expect_download() as waiting:
+        page.get_by_role("link", name="Run of the law (CSV)").first.click()
+    waiting.value.save_as(folder / "run.csv")
+    return page.locator(".ran").inner_text(), folder / "run.csv"
+
+
+def check_run(ran, model):
+    """The figures and the file are what Python gives for the same reference."""
+    said, path = ran
+    r = 0.1 - live.np.cos(live.np.pi * live.np.arange(400) * live.TS)
+    law, limits = model.compensator(), (-1.5, 1.5)
+    with pytest.warns(UserWarning, match="limits of the actuator"):
+        m = law.run(r, limits=limits)
+    y = model.simulate(m, r[0], u0=law.rest_input(r[0], limits), warn=False)
+    held = law.follow(r, limits=limits).held.mean()
+    rms, most = (number(float(x)) for x in (live.np.sqrt(live.np.mean((y - r) ** 2)), abs(y - r).max()))
+    assert f"with the law {rms} rms, {most} at most" in said and f"in {held:.1%} of the samples" in said
+    columns = live.np.loadtxt(path, delimiter=",", skiprows=1).T
+    for found, expected in zip(columns[1:], (r, m, y), strict=True):
+        assert live.np.allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 def previews(page):
@@ -292,6 +367,7 @@ def undone_and_done_again(page, before, after):
             do()
             step.get_by_text(name).wait_for()
             assert ladder(page) == rungs and page.locator(".doing").count() == 0
+            assert page.locator(".ran").count() == (rungs == after)  # a run belongs to its model
             assert undo.is_enabled() == (rungs == after) and redo.is_enabled() == (rungs == before)
     assert serious(page) == [] and fits(page)
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import re
 import stat
 import threading
 import time
@@ -140,8 +141,6 @@ def test_names_of_files_are_shown_and_never_followed(bench, data, tmp_path):
     ],
 )  # fmt: skip
 def test_a_file_that_is_no_data_is_one_message(bench, data, name, content, why):
-    import re
-
     bench.upload("good.csv", live.csv(u=data[0], y=data[1]))
     bench.upload(name, content)
     assert re.search(why, bench.error) and str(bench.folder) not in bench.error and "\n" not in bench.error
@@ -180,8 +179,6 @@ def test_a_file_of_the_user_stays(bench, data, tmp_path):
     ],
 )  # fmt: skip
 def test_a_choice_that_cannot_be_read_is_one_message_at_its_field(bench, data, changed, field, why):
-    import re
-
     u, y = data
     lines = live.csv(u=u, y=y).decode().splitlines()
     text = "\n".join([lines[0] + ",word", *(line + ",a" for line in lines[1:])])
@@ -363,18 +360,74 @@ def test_cancel_ends_the_work_and_leaves_everything(climbed):
 
 @pytest.mark.long
 def test_the_law_and_its_limits(climbed):
-    climbed.open_law("-3", "3", "0.5")
+    climbed.open_law(low="-3", high="3", rate="0.5")
     climbed.wait()
     assert not climbed.error and climbed.law.sources[".c"] and "m_{k}" in climbed.law.latex and climbed.law.lines
     limited = climbed.law.sources[".c"]
-    climbed.open_law()
+    climbed.open_law(low="", high="", rate="")
     climbed.wait()
     assert climbed.law.sources[".c"] != limited
     for fields, wrong in (
-        (("1", ""), {"high"}), (("2", "1"), {"high"}), (("a", "b"), {"low", "high"}), (("", "", "-1"), {"rate"}),
+        (("1", "", ""), {"high"}), (("2", "1", ""), {"high"}), (("a", "b", ""), {"low", "high"}), (("", "", "-1"), {"rate"}),
     ):  # fmt: skip
-        climbed.open_law(*fields)
+        climbed.open_law(**dict(zip(("low", "high", "rate"), fields, strict=True)))
         assert set(climbed.faults) == wrong and not climbed.busy
+
+
+@pytest.mark.long
+def test_the_law_runs_over_a_reference_and_the_run_belongs_to_its_model(climbed):
+    climbed.run_law(kind="sine", low="-1", high="1", rate="", frequency="0.5", seconds="4")
+    climbed.wait()
+    run = climbed.run
+    assert not climbed.error and run.tracked.r.size == 400 and "hold the input" in run.sentence
+    assert "mm rms" in run.sentence and "[mm]" in run.figure and run.tracked.limits == (-1, 1)
+    name, text = climbed.download("law_run.csv")
+    assert name == "stage_law_run.csv" and text.startswith("t [s],r [mm],m [V],y [mm]\n0,") and text.count("\n") == 401
+    climbed.undo()
+    assert climbed.run is None
+    with pytest.raises(ns.errors.ModelError):
+        climbed.download("law_run.csv")
+    climbed.redo()
+    assert climbed.run is run
+    climbed.choose(units={"u": "V", "y": "um"})
+    climbed.wait()
+    assert "um rms" in climbed.run.sentence and "[um]" in climbed.run.figure
+    climbed.choose(units={"u": "V", "y": "mm"})
+    climbed.wait()
+
+
+@pytest.mark.long
+def test_references_of_every_kind(climbed):
+    before = climbed.wanted
+    for kind, more in (("measured", {"first": "3"}), ("staircase", {}), ("file", {"column": "b"})):
+        if kind == "file":
+            climbed.upload_reference(
+                "../../r.csv", b"t,a,b\n" + b"".join(b"%g,0,%g\n" % (k / 100, k) for k in range(9))
+            )
+            assert (
+                not climbed.error and climbed.wanted.file == "r.csv" and climbed.folder in climbed.wanted.path.parents
+            )
+        climbed.run_law(kind=kind, low="-9", high="9", rate="", **more)
+        climbed.wait()
+        assert not climbed.error, climbed.error
+        size = {"measured": 300, "file": 9}.get(kind)
+        assert size is None or climbed.run.tracked.r.size == size
+    run = climbed.run
+    for more, why in (
+        ({"column": "nobody"}, "r.csv: no column 'nobody'|r.csv.*nobody"), ({"column": ""}, "which column"),
+        ({"kind": "sine", "amplitude": ""}, "amplitude is missing"), ({"kind": "sine", "frequency": "1e9"}, "too fast"),
+        ({"kind": "staircase", "steps": "0"}, "whole number"), ({"kind": "measured", "first": "1e-9"}, "samples"),
+        ({"kind": "sine", "low": "1", "high": "-1"}, "below"), ({"kind": "file", "rate": "0"}, "positive"),
+    ):  # fmt: skip
+        climbed.run_law(
+            **{"kind": "file", "low": "", "high": "", "rate": "", "amplitude": "1", "frequency": "1"} | more
+        )
+        climbed.wait()
+        assert re.search(why, climbed.error), climbed.error
+        assert climbed.run is run and "\n" not in climbed.error and str(climbed.folder) not in climbed.error
+    climbed.upload_reference("r.exe", b"")
+    assert "text file" in climbed.error and climbed.wanted.file == "r.csv"
+    climbed.wanted = before
 
 
 @pytest.mark.long

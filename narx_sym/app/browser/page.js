@@ -26,6 +26,21 @@
     if (there && window.Bokeh) draw();
     else if (left) setTimeout(() => window.narxDraw(draw, left - 1), 100);
   };
+  // The sliders stand in a frame of their own, which is fetched when its place comes into sight.
+  const framed = new Map();
+  const inSight = new IntersectionObserver((entries) => {
+    for (const { isIntersecting, target } of entries) if (isIntersecting) { inSight.unobserve(target); frame(target); }
+  }, { rootMargin: "400px" });
+  async function frame(el) {
+    const [{ default: live }, answer] = await Promise.all([import("/live.js"), fetch(el.dataset.live)]);
+    const page = await answer.text();
+    if (!answer.ok) refuse(page);
+    else framed.set(el, live.render({ el, model: { get: () => page, set() {}, save_changes() {} } }));
+  }
+  new MutationObserver(() => {
+    for (const [el, end] of framed) if (!el.isConnected) { end(); framed.delete(el); }
+    for (const el of document.querySelectorAll("[data-live]:not([data-known])")) { el.dataset.known = ""; inSight.observe(el); }
+  }).observe(document.body, { childList: true, subtree: true });
   // Tabs: a click, or the arrows.
   const choose = (tab) => {
     for (const one of tab.parentElement.querySelectorAll("[role=tab]")) {

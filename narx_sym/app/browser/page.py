@@ -13,7 +13,8 @@ from ...diagnosis.progress import Told
 from ...report.page import style
 from ...report.svg import stylesheet
 from ...report.words import spaced
-from ..workbench import SUFFIXES, Workbench
+from ..choice import SUFFIXES
+from ..workbench import Workbench
 from . import results
 from .widgets import Fault, details, drop, figure, heading, said, section, tab_panel, tabs
 
@@ -131,7 +132,7 @@ class Page:
     def shown(self, tab: str) -> Any:
         """Return what a tab depends on."""
         bench = self.bench
-        return (bench.current,) if tab in ("evidence", "model") else (bench.current, bench.law)
+        return (bench.current,) if tab in ("evidence", "model") else (bench.current, *bench.of_law)
 
     def show(self) -> None:
         """Show what has something to show, and what may be pressed."""

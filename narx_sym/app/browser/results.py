@@ -14,7 +14,8 @@ from ...report.words import number, removed, spaced
 from ..downloads import titles
 from ..story import Shown
 from ..workbench import Workbench
-from .widgets import Fault, caption, data_cells, equation, figure, head, heading, part, said, section, small
+from . import law
+from .widgets import Fault, caption, data_cells, figure, head, heading, link, part, said, section, small
 
 TABS = {"evidence": "Evidence", "model": "Model", "law": "Law", "export": "Export"}
 TAB_OF = {"model": "model", "derived": "law"}  # of the parts of the report; the others are evidence
@@ -185,6 +186,13 @@ def model(bench: Workbench, current: Shown) -> None:
                 editable(bench, titles, "", "")
 
 
+def sliders(bench: Workbench, current: Shown) -> None:
+    """Make the place of the sliders; the page's script fetches them when it comes into sight."""
+    if current.live:
+        with section("Try it"):
+            ui.html('<div data-live="live"></div>', sanitize=False)
+
+
 def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
     """Two cells: a term as text, and the buttons that fit the model with it."""
     own = bench.terms.get(name)
@@ -202,37 +210,14 @@ def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
             small("Take out", f"Take out the term of {name}", lambda: bench.edit(name, ""))
 
 
-def law(bench: Workbench, current: Shown) -> None:
-    """Show the compensator."""
-    found = bench.law
-    with section("Compensator"):
-        said("The law that makes the output follow a reference. Limits go into its source.")
-        with ui.element("div").classes("fields"):
-            of = {"low": "Smallest input", "high": "Largest input", "rate": "Largest change per sample"}
-            fields = [ui.input(title).props("outlined dense").classes("field") for title in of.values()]
-            for name, field in zip(of, fields, strict=True):
-                Fault(field, bench, name)
-            ui.button(
-                "Open the compensator", on_click=lambda: bench.open_law(*(f.value for f in fields))
-            ).props("no-caps outline")  # fmt: skip
-        if found is not None and found.why_not:
-            said(f"There is no law: {found.why_not}").classes("verdict")
-        elif found is not None:
-            equation(found.latex, "Compensation law")
-            with ui.element("ul").classes("notes"):
-                for note in found.notes:
-                    with ui.element("li"):
-                        said(note)
-
-
 def files(bench: Workbench, current: Shown) -> None:
     """Show the files to download."""
     with section("Take it away"), ui.element("ul").classes("files"):
-        for name, title in titles(bench.law).items():
+        for name, title in titles(bench.law, bench.run).items():
             with ui.element("li"):
-                ui.html(f'<a href="download/{name}" download>{escape(title)}</a>', sanitize=False)
+                link(name, title)
 
 
 # What may be done at a part of the report, and what stands at the end of a tab.
 AFTER = {"verdict": what_next, "model": model}
-MORE = {"law": law, "export": files}
+MORE = {"model": sliders, "law": law.law, "export": files}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from html import escape
 from typing import Any
@@ -56,6 +56,19 @@ def equation(latex: str, means: str) -> None:
 def figure(markup: str) -> None:
     """Show a picture; one that is wider than the screen may be scrolled."""
     ui.html(markup, tag="figure", sanitize=False).classes("preview").props("tabindex=0")
+
+
+def listed(notes: Iterable[str]) -> None:
+    """Show notes as a list."""
+    with ui.element("ul").classes("notes"):
+        for note in notes:
+            with ui.element("li"):
+                said(note)
+
+
+def link(name: str, title: str) -> None:
+    """Make a link to a file."""
+    ui.html(f'<a href="download/{name}" download>{escape(title)}</a>', sanitize=False)
 
 
 def small(text: str, means: str, do: Callable[[], Any]) -> None:

@@ -81,11 +81,16 @@ class Following:
         return ""
 
     @property
+    def holds(self) -> str:
+        """Say in how many samples limits hold the input; empty where they never do."""
+        if not self.held.any():
+            return ""
+        return f"the limits of the actuator hold the input in {self.held.mean():.1%} of the samples"
+
+    @property
     def report(self) -> list[str]:
         """What is held and missed, in words; empty where nothing is."""
-        found = []
-        if self.held.any():
-            found.append(f"the limits of the actuator hold the input in {self.held.mean():.1%} of the samples")
+        found = [self.holds] if self.holds else []
         if self.share < 1:
             found.append(f"damped, the model stays within {self.error:.3g} of the reference")
         elif self.missed.any():
@@ -144,6 +149,23 @@ def run_law(
     Unreachable
         Where no input gives the wanted output: the first sample, and how near the model comes.
     """
+    found, said = told(law, reference, m0, channels, limits, rate, clip, share)
+    for warning in said:
+        warnings.warn(warning, stacklevel=2)
+    return found.m
+
+
+def told(
+    law: Compensator,
+    reference: Any,
+    m0: Any = None,
+    channels: Mapping[str, Any] | None = None,
+    limits: Sequence[float] | None = None,
+    rate: float | None = None,
+    clip: bool = False,
+    share: Share = "auto",
+) -> tuple[Following, list[str]]:
+    """Run a law, and return what `run_law` warns of; parameters and errors as there."""
     fitted(law.model)
     target = vector(reference, "reference", least=2)
     start = rest_input(law, float(target[0]), limits) if m0 is None else float(m0)
@@ -153,9 +175,7 @@ def run_law(
     if found.missed.any() and limits is None and rate is None and found.share == 1 and not clip:
         raise _unreachable(law, found, target)
     rings = [damping(law).sentence] if share == "auto" and found.share < 1 else []
-    for warning in [*rings, *found.report, *known]:
-        warnings.warn(warning, stacklevel=2)
-    return found.m
+    return found, [*rings, *found.report, *known]
 
 
 def follow(

@@ -1,4 +1,4 @@
-"""The live part of the report as a widget of Jupyter and marimo: the same page, the same JavaScript."""
+"""The live part of the report as a widget of Jupyter and marimo, and for a frame: the same page and JavaScript."""
 
 from __future__ import annotations
 
@@ -35,8 +35,15 @@ def live(diagnosis: Diagnosis, units: Mapping[str, str] | None = None) -> Live:
         from .widget import Live
     except ImportError:
         raise ModelError('anywidget is not installed: pip install "narx-sym[notebook]"') from None
+    page = framed(diagnosis, units)
+    if not page:
+        raise ModelError("None of these models can run in a browser, so there is nothing to move.")
+    return Live(page, [one.fitted.model for one in models(diagnosis)])
+
+
+def framed(diagnosis: Diagnosis, units: Mapping[str, str] | None = None) -> str:
+    """Return the live part as a page of its own, for the frame of `live.js`; "" where no model can run in a browser."""
     made = sections(diagnosis, units, keys=["try_it"])
     if not made:
-        raise ModelError("None of these models can run in a browser, so there is nothing to move.")
-    page = templates().get_template("notebook.html").render(part=made[0], colours=stylesheet(), style=style())
-    return Live(page, [one.fitted.model for one in models(diagnosis)])
+        return ""
+    return str(templates().get_template("notebook.html").render(part=made[0], colours=stylesheet(), style=style()))

@@ -12,7 +12,7 @@ from ...data.units import in_units, said_first
 from ...fit.simulate import arrays, free_run, simulate
 from ...models.model import Model
 from ...tasks.commission import Commissioning
-from .style import BLACK, BLUE, GREEN, ORANGE, SKY, label, new_axes, thin
+from .style import BLACK, BLUE, GREEN, ORANGE, RED, SKY, label, new_axes, thin
 
 
 def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[str, str] | None = None) -> Any:
@@ -99,30 +99,45 @@ def plot_reversal_curves(
     return ax.figure
 
 
-def plot_compensation(t: Any, r: Any, m: Any, outputs: dict[str, Any], units: dict[str, str] | None = None) -> Any:
-    """Draw the compensated input, the responses, the tracking errors and the loops r against y.
+def plot_compensation(
+    t: Any,
+    r: Any,
+    m: Any,
+    outputs: dict[str, Any],
+    units: dict[str, str] | None = None,
+    limits: tuple[float, float] | None = None,
+) -> Any:
+    """Draw responses and compensated input over time, the tracking errors, and the loops r against y.
 
     Parameters
     ----------
     outputs : mapping from a name ("compensated", "without") to the (N,) plant output
+    limits : (lowest, highest) input, optional
+        They are marked.
     """
     units = units or {}
     figure, axes = new_axes(2, 2, figsize=(11, 7))
     colours = (ORANGE, SKY, GREEN)
-    r, m = np.asarray(r, dtype=float), np.asarray(m, dtype=float)
-    keep = thin(r)
-    axes[0, 0].plot(np.asarray(t)[keep], m[keep], color=BLUE, lw=1.2, label="compensated input m")
-    axes[0, 0].set(xlabel="time [s]", ylabel=label("m", units.get("u", "")))
-    axes[0, 1].plot(np.asarray(t)[keep], r[keep], color=BLACK, lw=1.6, label="reference r")
-    for (name, values), colour in zip(outputs.items(), colours, strict=False):
-        axes[0, 1].plot(np.asarray(t)[keep], values[keep], color=colour, lw=1.1, ls="--", label=name)
-        axes[1, 0].plot(np.asarray(t)[keep], (r - values)[keep], color=colour, lw=1.0, label=name)
+    t, r, m = (np.asarray(x, dtype=float) for x in (t, r, m))
+    told = [r, m, *(r - y for y in outputs.values())]
+    keep = np.unique(np.concatenate([thin(x, 4000 // len(told)) for x in told]))
+    axes[0, 0].plot(t[keep], r[keep], color=BLACK, lw=1.6, label="reference r")
+    axes[1, 0].plot(t[keep], m[keep], color=BLUE, lw=1.2, label="compensated input m")
+    for limit in limits or ():
+        axes[1, 0].axhline(limit, color=RED, lw=1.0, ls=":", label="limits" if limit == max(limits or ()) else None)
+    for (name, values), colour in reversed(list(zip(outputs.items(), colours, strict=False))):
+        axes[0, 0].plot(t[keep], values[keep], color=colour, lw=1.1, ls="--", label=name)
+        axes[0, 1].plot(t[keep], (r - values)[keep], color=colour, lw=1.0, label=name)
         axes[1, 1].plot(r[keep], values[keep], color=colour, lw=1.1, label=name)
-    axes[0, 1].set(xlabel="time [s]", ylabel=label("y", units.get("y", "")))
-    axes[1, 0].set(xlabel="time [s]", ylabel=label("r - y", units.get("y", "")))
+    axes[0, 0].set(xlabel="time [s]", ylabel=label("y", units.get("y", "")))
+    axes[0, 1].set(xlabel="time [s]", ylabel=label("r - y", units.get("y", "")))
+    axes[1, 0].set(xlabel="time [s]", ylabel=label("m", units.get("u", "")))
     axes[1, 1].set(xlabel=label("r", units.get("y", "")), ylabel=label("y", units.get("y", "")))
     for ax in axes.flat:
-        ax.legend(loc="best", fontsize=8)
+        if ax is not axes[1, 1]:
+            ax.margins(x=0)
+        columns = len(outputs) + 1
+        ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=columns, fontsize=9, frameon=False, borderaxespad=0.2)
     return figure
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..data.record import Record
-from ..diagnosis.refit import Fitted
-from ..report.plots import BLACK, BLUE, GREEN, ORANGE, PINK, label, new_axes, thin
-from ..report.svg import svg
+from ...data.record import Record
+from ...diagnosis.refit import Fitted
+from ...report.plots import BLACK, BLUE, GREEN, ORANGE, PINK, label, new_axes, plot_compensation, thin
+from ...report.svg import svg
+from ...report.words import number
+from ...tasks.compensate import Tracked
 
 
 def signals_svg(record: Record, units: Mapping[str, str]) -> str:
@@ -65,3 +68,41 @@ def sight_svg(
         told = f"error {rms}" if where == "time" else "output against input"
         found.append(svg(figure, f"sight_{where}", f"Measured and simulated output {times}: {told}."))
     return "".join(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Ran:
+    """A run of a law as the page shows it.
+
+    Attributes
+    ----------
+    tracked : Tracked
+    figure : its picture, an `<svg>` element
+    sentence : its errors, and how long limits hold the input
+    notes : what to know of it
+    units : those of both
+    """
+
+    tracked: Tracked
+    figure: str
+    sentence: str
+    notes: tuple[str, ...]
+    units: Mapping[str, str]
+
+
+def ran(tracked: Tracked, units: Mapping[str, str]) -> Ran:
+    """Draw a run of a law, and say how near the model comes."""
+    unit = f" {units['y']}" if units.get("y") else ""
+    said = [
+        f"{name} {number(rms)}{unit} rms, {number(most)}{unit} at most" if np.isfinite(rms) else f"{name} it runs away"
+        for name, (rms, most) in tracked.errors.items()
+    ]
+    told = f"Error of the model's output against the reference: {'; '.join(said)}."
+    holds = f"{tracked.holds[0].upper()}{tracked.holds[1:]}." if tracked.holds else "No limit holds the input."
+    outputs = {"with the law": tracked.y, "without": tracked.bare}
+    picture = plot_compensation(tracked.t, tracked.r, tracked.m, outputs, dict(units), tracked.limits)
+    notes = [*tracked.notes]
+    for name, known in units.items():
+        notes = [text.replace(f"[unit of {name}]", known) for text in notes] if known else notes
+    drawn = svg(picture, "law_run", f"Run of the law. {told}")
+    return Ran(tracked, drawn, f"{told} {holds}", tuple(notes), units)

@@ -1,0 +1,95 @@
+"""The Law tab: the limits of the actuator, the law, and a run of it over a reference."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from ..choice import SUFFIXES
+from ..story import Shown
+from ..workbench import Workbench
+from .widgets import Fault, drop, equation, figure, link, listed, said, section
+
+LIMITS = {"low": "Smallest input", "high": "Largest input", "rate": "Largest change per sample"}
+KINDS = {"measured": "Measured output", "sine": "Sine", "staircase": "Staircase", "file": "A file"}
+FIELDS = {
+    "measured": {"first": "First seconds (empty: all) [s]"},
+    "sine": {"offset": "Offset", "amplitude": "Amplitude", "frequency": "Frequency [Hz]", "seconds": "Duration [s]"},
+    "staircase": {"offset": "Offset", "amplitude": "Amplitude", "steps": "Steps up", "hold": "Time of a step [s]"},
+    "file": {"column": "Column of the reference (empty: r, or the only one)"},
+}
+OF_OUTPUT = ("offset", "amplitude")
+
+
+class LawTab:
+    """What is typed here is kept in the workbench, whatever is made anew."""
+
+    def __init__(self, bench: Workbench):
+        self.bench = bench
+        with section("Compensator"):
+            said("The law that makes the output follow a reference. Limits go into its source, and hold in its run.")
+            with ui.element("div").classes("fields"):
+                for name, title in LIMITS.items():
+                    self.field(name, title)
+                ui.button("Open the compensator", on_click=self.open).props("no-caps outline")
+            self.law()
+        with section("Run it over a reference"):
+            said("What the model makes of it with the law, and without: from the straight line through the data alone.")
+            with ui.element("div").props('role=group aria-label="Reference"'):
+                kinds = ui.radio(KINDS, value=bench.wanted.kind, on_change=lambda event: self.choose(event.value))
+                kinds.props("inline")
+            self.chosen = ui.element("div")
+            self.choose(bench.wanted.kind)
+            ui.button("Run the law", on_click=self.run).props("no-caps outline")
+            self.ran()
+
+    def field(self, name: str, title: str) -> None:
+        """Make a field; what is typed is kept."""
+        made = ui.input(title, value=getattr(self.bench.wanted, name)).props("outlined dense maxlength=80")
+        made.classes("field").on_value_change(lambda event: setattr(self.bench.wanted, name, event.value or ""))
+        Fault(made, self.bench, name)
+
+    def choose(self, kind: str) -> None:
+        """Show the fields of a kind of reference."""
+        bench = self.bench
+        bench.wanted.kind = kind
+        self.chosen.clear()
+        with self.chosen:
+            if kind == "file":
+                file = bench.wanted.file
+                taken = f"Taken: {file}." if file else "A header such as t,r and numbers below it."
+                title = "Drop a CSV with the reference, or choose one"
+                drop("reference", "reference-file", ",".join(SUFFIXES), bench.limit, title, [taken])
+            with ui.element("div").classes("fields"):
+                for name, title in FIELDS[kind].items():
+                    self.field(name, f"{title} [{bench.unit.strip('()')}]" if name in OF_OUTPUT else title)
+
+    def open(self) -> None:
+        """Derive the law."""
+        self.bench.open_law()
+
+    def run(self) -> None:
+        """Run it."""
+        self.bench.run_law()
+
+    def law(self) -> None:
+        """Show the law, and what to know before it runs."""
+        found = self.bench.law
+        if found is not None and found.why_not:
+            said(f"There is no law: {found.why_not}").classes("verdict")
+        elif found is not None:
+            equation(found.latex, "Compensation law")
+            listed(found.notes)
+
+    def ran(self) -> None:
+        """Show a run, and what to know of it."""
+        run = self.bench.run
+        if run is not None:
+            said(run.sentence).classes("ran")
+            figure(run.figure)
+            listed(run.notes)
+            link("law_run.csv", "Run of the law (CSV)")
+
+
+def law(bench: Workbench, current: Shown) -> None:
+    """Show the tab."""
+    LawTab(bench)
