@@ -165,4 +165,4 @@ def test_a_revision_knows_what_was_done(monkeypatch):
     assert "the model was identified at 0.02 s" in asked[-1][1]["notes"][0]
     said = []
     revise.begin("static", [simulated(0.1)], said.append)
-    assert asked[-1][0][0] == "static base" and said == ["identifying a static base from 600 samples"]
+    assert asked[-1][0][0] == "static base" and said == ["Step 1 of 7: identifying a static base from 600 samples"]

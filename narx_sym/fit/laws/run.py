@@ -149,7 +149,10 @@ def run_law(
     Unreachable
         Where no input gives the wanted output: the first sample, and how near the model comes.
     """
-    found, said = told(law, reference, m0, channels, limits, rate, clip, share)
+    fitted(law.model)
+    target = vector(reference, "reference", least=2)
+    start = rest_input(law, float(target[0]), limits) if m0 is None else float(m0)
+    found, said = told(law, target, start, channels, limits, rate, clip, share)
     for warning in said:
         warnings.warn(warning, stacklevel=2)
     return found.m
@@ -157,18 +160,15 @@ def run_law(
 
 def told(
     law: Compensator,
-    reference: Any,
-    m0: Any = None,
+    target: Array,
+    start: float,
     channels: Mapping[str, Any] | None = None,
     limits: Sequence[float] | None = None,
     rate: float | None = None,
     clip: bool = False,
     share: Share = "auto",
 ) -> tuple[Following, list[str]]:
-    """Run a law, and return what `run_law` warns of; parameters and errors as there."""
-    fitted(law.model)
-    target = vector(reference, "reference", least=2)
-    start = rest_input(law, float(target[0]), limits) if m0 is None else float(m0)
+    """Run a law from an input before the start, and return what `run_law` warns of; errors as there."""
     found = follow(law, target, start, channels, limits, rate, share)
     # A law that runs away misses too: the cause is said first.
     known = law_warnings(law, target, found.m, start, found.share < 1)
