@@ -384,10 +384,12 @@ def test_the_law_runs_over_a_reference_and_the_run_belongs_to_its_model(climbed)
     name, text = climbed.download("law_run.csv")
     assert name == "stage_law_run.csv" and text.startswith("t [s],r [mm],m [V],y [mm]\n0,") and text.count("\n") == 401
     climbed.undo()
+    climbed.wait()  # the pictures of that step have the unit of before
     assert climbed.run is None
     with pytest.raises(ns.errors.ModelError):
         climbed.download("law_run.csv")
     climbed.redo()
+    climbed.wait()
     assert climbed.run is run
     climbed.choose(units={"u": "V", "y": "um"})
     climbed.wait()
