@@ -106,10 +106,8 @@ class Wanted:
         return partial(make, record.Ts, *given)
 
     def _given(self, said: Said, name: str) -> float:
-        what, value = (
-            {"seconds": "duration", "steps": "number of steps", "hold": "time of a step"}.get(name, name),
-            None,
-        )
+        what = {"seconds": "duration", "steps": "number of steps", "hold": "time of a step"}.get(name, name)
+        value = None
         with said.field(name):
             value = number(getattr(self, name), f"The {what}")
             if value is None:

@@ -48,6 +48,11 @@ def nsavi(m: ArrayLike, r: ArrayLike) -> float:
     return float(np.sum(np.abs(np.diff(a))) / np.sum(np.abs(np.diff(b))))
 
 
+def rms(x: ArrayLike) -> Vector:
+    """Return the root of the mean square along the last axis; NaN where one is inside."""
+    return np.asarray(np.sqrt(np.mean(np.square(x), axis=-1)))
+
+
 def rmse(y: ArrayLike, y_hat: ArrayLike) -> float:
     """Root of the mean squared error of two (N,) arrays, in the unit of `y`."""
     a, b = _pair(y, y_hat, "rmse", "y", "y_hat")

@@ -90,6 +90,11 @@ def in_header(text: str) -> tuple[str, str]:
     return found[1], label
 
 
+def headed(name: str, label: str | None) -> str:
+    """Return a name with its unit, where one is known: what `in_header` splits."""
+    return f"{name} [{label}]" if label else name
+
+
 def said_first(known: Mapping[str, str], said: Mapping[str, str] | None = None) -> dict[str, str]:
     """Return units by name: what the user says, else what is known."""
     return {**known, **{name: label for name, label in (said or {}).items() if label}}

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..data.coverage import beyond
+from ..data.metrics import rms
 from ..data.units import said_first
 from ..errors import Diverged, ModelError
 from ..fit.bootstrap import block_bootstrap, moving_blocks
@@ -172,8 +173,3 @@ def write_commissioning(found: Commissioning, path: Path) -> None:
         "against": list(found.against), "sentence": found.sentence({}),
     }  # fmt: skip
     write_plain(rows, path)
-
-
-def rms(x: Array) -> Array:
-    """Return the root of the mean square along the last axis."""
-    return np.asarray(np.sqrt(np.mean(x**2, axis=-1)))

@@ -7,10 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import sympy as sp
 
 from ..codegen.registry import exports, files
-from ..data.metrics import nsavi
+from ..data.metrics import nsavi, rms
+from ..data.units import headed
 from ..diagnosis.progress import Told
+from ..engines.compile import compile
 from ..errors import Diverged, ModelError, NarxError, NotInvertible
 from ..fit.laws.damping import Share
 from ..fit.laws.excursions import operating_range
@@ -19,6 +22,9 @@ from ..fit.simulate import simulate
 from ..inversion.compensator import Compensator, compensator
 from ..models.info import Info
 from ..models.model import Model
+from ..symbolic.functions import follows
+from ..symbolic.recursion import Recursion
+from ..symbolic.signals import k, m, u
 from .base import other_pace
 from .reference import Reference
 
@@ -158,9 +164,10 @@ def straight(info: Info, r: Array, limits: tuple[float, float] | None = None, ra
     """
     offset, slope = info.line or (0.0, 1.0)
     along = np.clip((r - offset) / slope if slope else np.zeros_like(r), *(limits or (-np.inf, np.inf)))
-    for k in range(1, along.size if rate is not None else 0):
-        along[k] = min(max(along[k], along[k - 1] - rate), along[k - 1] + rate)
-    return along
+    if rate is None:
+        return along
+    limited = Recursion(((m[k], follows(u[k], m[k - 1], sp.Float(rate))),))
+    return compile(limited)({"u": along}, initial={"m": along[0]})["m"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,14 +204,14 @@ class Tracked:
         """The rms and the largest error with the law and without it [unit of the output]; rounding counts as 0."""
         least = 1e-12 * float(np.abs(self.r).max())
         gaps = {"with the law": self.y - self.r, "without": self.bare - self.r}
-        sizes = {name: (float(np.sqrt(np.mean(gap**2))), float(np.abs(gap).max())) for name, gap in gaps.items()}
+        sizes = {name: (float(rms(gap)), float(np.abs(gap).max())) for name, gap in gaps.items()}
         return {name: (0.0, 0.0) if found[1] <= least else found for name, found in sizes.items()}
 
     def columns(self, units: Mapping[str, str]) -> dict[str, Array]:
         """Return time, reference, input and model output by name and unit."""
         named = {"t": (self.t, "s"), "r": (self.r, units.get("y")), "m": (self.m, units.get("u"))}
         named["y"] = (self.y, units.get("y"))
-        return {f"{name} [{unit}]" if unit else name: values for name, (values, unit) in named.items()}
+        return {headed(name, unit): values for name, (values, unit) in named.items()}
 
 
 def track(

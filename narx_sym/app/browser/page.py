@@ -16,7 +16,7 @@ from ...report.words import spaced
 from ..choice import SUFFIXES
 from ..workbench import Workbench
 from . import results
-from .widgets import Fault, details, drop, figure, heading, said, section, tab_panel, tabs
+from .widgets import Fault, details, drop, figure, heading, listed, said, section, tab_panel, tabs
 
 HERE = Path(__file__).parent
 BEAT = 0.2  # seconds between looks at the workbench
@@ -189,10 +189,7 @@ class Page:
     def notes(self) -> None:
         """Show what was changed or kept in silence."""
         if self.bench.notes:
-            with ui.element("ul").classes("notes"):
-                for note in self.bench.notes:
-                    with ui.element("li"):
-                        said(note)
+            listed(self.bench.notes)
 
     def data(self) -> None:
         """Show the file, its columns and rows."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...data.units import headed
 from ...diagnosis.bases import words
 from ...diagnosis.procedure import Diagnosis
 from ...diagnosis.refit import Fitted
@@ -172,7 +173,7 @@ def content(diagnosis: Diagnosis, listed: Sequence[Tried], c: Comparison, units:
 
 
 def _axis(name: str, units: Units) -> str:
-    return f"{name} [{units[name]}]" if units.get(name) else name
+    return headed(name, units.get(name))
 
 
 @panel("Try it", order=15, about=WAY)

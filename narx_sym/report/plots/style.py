@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ...data.units import headed
+
 # Okabe & Ito (2008): distinguishable without colour vision.
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PINK = (
     "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
@@ -26,7 +28,7 @@ def new_axes(rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]
 def label(name: str, unit: str = "") -> str:
     """Axis label with its unit, where one is known."""
     # A dollar sign would start a formula.
-    return (f"{name} [{unit}]" if unit else name).replace("$", r"\$")
+    return headed(name, unit).replace("$", r"\$")
 
 
 def thin(x: np.ndarray, most: int = 4000) -> np.ndarray:
