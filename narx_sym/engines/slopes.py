@@ -27,15 +27,20 @@ class Walk:
     ----------
     states : dict of (N,) arrays
         Their first samples are the start; the run fills the rest.
-    slopes : (N, directions) array
-        The derivatives of the output.
+    columns : (N, directions + 1) array
+        The derivatives of the output, and a column to spare: what is put there has its products with them at once.
     run : callable
         run(theta) fills both; NaN from where it diverges.
     """
 
     states: dict[str, Array]
-    slopes: Array
+    columns: Array
     run: Callable[[Array], None]
+
+    @property
+    def slopes(self) -> Array:
+        """The derivatives of the output, (N, directions)."""
+        return self.columns[:, :-1]
 
 
 class Tangents:
@@ -71,7 +76,7 @@ class Tangents:
                     carried[row, lane] = shape[self.layout.depth - back]
         states = {name: np.empty(n) for name in self.layout.states}
         move = self.compiled.over(inputs, initial, states, (slopes, carried))
-        return Walk(states, slopes[:, : self.directions], move)
+        return Walk(states, slopes[:, : self.directions + 1], move)
 
 
 class Extended:
@@ -90,7 +95,7 @@ class Extended:
         states = {name: np.empty(n) for name in self.compiled.layout.states}
         move = self.compiled.over(inputs, {**initial, **start}, states)
         columns = [(j, states[str(d[self.output].label)]) for j, d in enumerate(self.moved) if self.output in d]
-        slopes = np.zeros((n, len(self.moved)))
+        slopes = np.zeros((n, len(self.moved) + 1))
 
         def run(theta: Array) -> None:
             move(theta)

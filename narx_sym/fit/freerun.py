@@ -170,8 +170,14 @@ class FreeRun:
 
         Both are used again by the next call; NaN from where the run diverges.
         """
-        run, slopes = self._move(i, theta, shifts)
-        return run, slopes
+        run, columns = self._move(i, theta, shifts)
+        return run, columns[:, :-1]
+
+    def compared(self, i: int, theta: Array, shifts: Array) -> Array:
+        """Return the derivatives along segment i and, last, simulated minus measured: (N, columns), used again."""
+        run, columns = self._move(i, theta, shifts)
+        np.subtract(run, self.data[i][self.name], out=columns[:, -1])
+        return np.asarray(columns)
 
     def own(self, i: int) -> slice:
         """Return where the shifts of segment i stand among the unknowns."""
@@ -215,7 +221,7 @@ class FreeRun:
                 for name in group:
                     walk.states[name][: self.depth] += shift * shape
             walk.run(np.ascontiguousarray(theta, dtype=float))
-            return walk.states[self.name], walk.slopes
+            return walk.states[self.name], walk.columns
 
         return move
 
@@ -232,13 +238,13 @@ class FreeRun:
             d, depth = self.data[i], self.depth
             n, p = d[self.name].size, len(terms)
             run = compiled(d, theta, self.shifted(i, shifts), on_divergence="nan")[self.name]
-            moved = np.zeros((n, p + len(shifts)), order="F")
+            moved = np.zeros((n, p + len(shifts) + 1), order="F")
             if not np.all(np.isfinite(run)):
                 moved[:] = np.nan
                 return run, moved
             values = {**d, self.name: run}
             moved[depth:, :p] = psi.block(values, depth, n)
-            moved[:depth, p:] = np.column_stack([s.shape(depth) for s in self.starts])
+            moved[:depth, p:-1] = np.column_stack([s.shape(depth) for s in self.starts])
             known = dict(zip(model.symbols, theta, strict=True))
             slopes = np.zeros((len(orders), n))
             for column, slope in zip(slopes, gradients, strict=True):

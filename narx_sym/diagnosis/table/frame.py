@@ -73,6 +73,10 @@ class Frame:
         self._free: dict[Any, tuple[Array, Array]] = {}
         self._delay = 0
         self.cuts = {count: self._cut(count) for count in (1, BLOCKS)}
+        # Where the columns of each segment stand: the parameters, its own starts, and last the error.
+        own = [np.arange(self.size)[self.problem.own(i)] for i in range(len(self.problem.data))]
+        each = [np.concatenate([np.arange(self.problem.free), at, [self.size]]) for at in own]
+        self._at: list[Any] = [np.ix_(at, at) if len(each) > 1 else ... for at in each]
         self.weights = np.zeros(BLOCKS)
         for b, rows in itertools.chain(*self.cuts[BLOCKS]):
             self.weights[b] += rows.stop - rows.start
@@ -196,6 +200,8 @@ class Frame:
                     H[c], H[:, c], g[c] = 0.0, 0.0, 0.0
                 for _ in range(TRIALS):
                     w = -np.linalg.solve(H + (damping + RIDGE) * np.eye(g.size), g)
+                    if -(2 * g + H @ w) @ w < GAIN * cost:  # as far as it is linear, nothing is gained
+                        return x, cost
                     new = np.clip(x + T @ (w / size), self.low, self.high)
                     now, gradient, G, every = self._squares(new, use)
                     if now < cost and determined(new, np.sqrt(G.diagonal())):
@@ -212,7 +218,8 @@ class Frame:
         """Return the mean square of the errors, J'r and J'J on the blocks that count, and J'J on all."""
         if use is None:
             r, g, G = self.sums(x, 1)
-            return float(r[0] / self.weights.sum()), g[0], G[0], G[0]
+            all_of = G[0]
+            return float(r[0] / self.weights.sum()), g[0], all_of, all_of
         r, g, G = self.sums(x, BLOCKS)
         return float(r[use].sum() / self.weights[use].sum()), g[use].sum(axis=0), G[use].sum(axis=0), G.sum(axis=0)
 
@@ -224,16 +231,11 @@ class Frame:
         """
         problem, n, theta = self.problem, self.size, self.problem.theta(x)
         sums = np.zeros((count, n + 1, n + 1))  # of the slopes and, last, the error
-        for i, (data, blocks) in enumerate(zip(problem.data, self.cuts[count], strict=True)):
-            own = np.arange(n)[problem.own(i)]
-            simulated, slopes = problem.moved(i, theta, x[own])
-            columns = np.vstack([slopes.T, simulated - data[problem.name]])
-            at = np.concatenate([np.arange(problem.free), own, [n]])
-            products = np.zeros((count, at.size, at.size))
+        for i, (blocks, at) in enumerate(zip(self.cuts[count], self._at, strict=True)):
+            columns = problem.compared(i, theta, x[problem.own(i)])
             for b, rows in blocks:
-                part = columns[:, rows]
-                products[b] += part @ part.T
-            sums[:, at[:, None], at] += products
+                part = columns[rows]
+                sums[b][at] += part.T @ part
         sums /= problem.spread**2
         return sums[:, n, n], sums[:, :n, n], sums[:, :n, :n]
 

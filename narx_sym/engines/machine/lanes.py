@@ -34,7 +34,7 @@ class Lanes:
     keys : tuple of (state, lag)
         The tangents that are carried from sample to sample.
     width : int
-        Lanes, filled up to whole vectors.
+        Lanes and one to spare, filled up to whole vectors.
     output : int
         The state whose tangents are kept.
     """
@@ -65,7 +65,7 @@ class Lanes:
             for state, back, _ in row:
                 longest[state] = max(longest.get(state, 0), back)
         keys = tuple((state, back) for state in sorted(longest) for back in range(1, longest[state] + 1))
-        return cls(Plan.of(recursion, tuple(numbers)), slopes, forced, keys, -(-max(lanes, 1) // WIDE) * WIDE, output)
+        return cls(Plan.of(recursion, tuple(numbers)), slopes, forced, keys, -(-(lanes + 1) // WIDE) * WIDE, output)
 
     @property
     def kind(self) -> ir.VectorType:
