@@ -21,7 +21,7 @@ from ..refit import Fitted, Split, settle
 from .hypotheses import Hypothesis, linear_in_signals, written
 from .screening import Scored, score, shortlist, whole
 from .search import Row, Search, family_of, working
-from .verdict import cheapest
+from .verdict import PER_EFFECT, cheapest
 
 Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
@@ -74,6 +74,12 @@ class Table:
         """Return the rows that have all effects of another."""
         return [r for r in self.rows if set(known.ids) <= set(r.ids)]
 
+    def judge_alone(self, known: Row, effect: str) -> None:
+        """Judge an effect of a pair by itself, which need not be worth its price."""
+        for row in self.beside(known):
+            if [v.id for v in row.beyond(known)] == [effect]:
+                self.search.judge(row)
+
     def model(self, row: Row) -> Model:
         """Return the model of a row at the working rate."""
         made = written(row.hypothesis, self.search.given)
@@ -112,7 +118,7 @@ class Table:
             line = self._line(at)
             tried = [v for v in self._ways(line.model, given) if v.id not in base.ids]
             tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
-            self._fit(bases, {v: line.grid(v) for v in tried}, line, tell)
+            self._fit(bases, {v: line.grid(v) for v in tried}, line, tell, base.price)
 
     def pairs(self, base: Row) -> None:
         """Fit pairs: the best effects, and what the directions show beside each of them."""
@@ -125,7 +131,8 @@ class Table:
             bases = self._cores.get((first.hypothesis.effects, first.hypothesis.core.given), [])
             bases = [first, *(r for r in bases if r.hypothesis.core != first.hypothesis.core)]
             tell = partial(self._tell, base, f", one of them {first.ids[-1]}", turn, PARTNERS)
-            self._fit(bases, others, scored.line, tell, TOGETHER)
+            worth = cheapest(self.rows)[0].price + PER_EFFECT  # dearer ones neither win nor are taken for the winner
+            self._fit(bases, others, scored.line, tell, worth, TOGETHER)
 
     def _line(self, row: Row) -> Linearised:
         """Return a row linearised along its free run: the scales of shapes are read from it."""
@@ -142,11 +149,12 @@ class Table:
 
     def _fit(
         self, bases: Sequence[Row], shapes: Mapping[Variant, Any], line: Linearised, tell: Callable[[int, int], None],
-        most: int | None = None,
+        worth: float, most: int | None = None,
     ) -> None:  # fmt: skip
         """Look at effects beside rows; fit each form in its best place with every core, the best core to the end.
 
-        At most so many effects, all of them without a number. `tell` hears how many fits of how many are done.
+        At most so many effects, all of them without a number; judged is what may cost less than `worth`. `tell` hears
+        how many fits of how many are done.
         """
         search, looks = self.search, []
         count = len(shapes) + min(len({v.id for v in shapes}), most or len(shapes))
@@ -173,9 +181,9 @@ class Table:
             closer = sorted((search.one_more(bases, rows) for rows in forms), key=best)
             for rows in closer:
                 self._cores[rows[0].hypothesis.effects, rows[0].hypothesis.core.given] = rows
-                search.finish(rows[0])
+                search.finish(rows[0], worth=worth)
             for row in closer[0][1 : 1 + SMALLER]:
-                search.finish(row, 15)
+                search.finish(row, 15, worth)
             search.rest()
         tell(count, count)
 

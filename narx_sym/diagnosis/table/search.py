@@ -39,7 +39,7 @@ class Row:
         Mean squared free-run error where it was fitted, over the variance of y.
     parameters : int
     blocks : (BLOCKS,) array
-        The error on each block where the other folds fitted it.
+        The error on each block where the other folds fitted it; empty where it was not judged.
     memory : bool
         Whether its core remembers, although the base is static.
     """
@@ -93,7 +93,7 @@ class Search:
     Attributes
     ----------
     rows : list of Row
-        The table, judged.
+        The table; what cannot be worth its price is not judged.
     limits : of the shape parameters of each effect
     integrating : bool
         Whether the axis integrates: its free run is started again at block edges.
@@ -273,10 +273,14 @@ class Search:
                 break
         return row
 
-    def finish(self, row: Row, steps: int = 40) -> Row:
-        """Fit a row to the end, with its delay tuned, judge it, and put it into the table."""
+    def finish(self, row: Row, steps: int = 40, worth: float = np.inf) -> Row:
+        """Fit a row to the end, with its delay tuned, and put it into the table.
+
+        It is judged where it may cost less than `worth`: at its minimum no error on held-out blocks is below that where
+        it was fitted.
+        """
         best = self.tuned(self.fitted(row.hypothesis, row.values, steps) or row, steps)
-        self.rows.append(self.judge(best))
+        self.rows.append(self.judge(best) if best.before_judged < worth else best)
         return best
 
 
