@@ -61,6 +61,16 @@ def read(rows: list[Any], accept: set[str]) -> Read:
     return Read(" + ".join(sorted(names)), bool(names) and names <= accept, bool(alike & accept))
 
 
+def records_of(only: str) -> dict[str, Any]:
+    """Return the records, or those whose names are listed."""
+    names = set(filter(None, only.split(",")))
+    return {
+        name: ns.read(SHARED / file, channels=[])[rows]
+        for name, (file, rows, _) in RECORDS.items()
+        if not names or name in names
+    }
+
+
 def changes() -> Iterator[tuple[str, float]]:
     """Yield each constant with each value; MOST is a share: what it leaves is halved and doubled."""
     yield "as it is", 0.0
@@ -75,15 +85,12 @@ def main() -> None:
     parser.add_argument("--only", default="", help="names of records, comma-separated")
     parser.add_argument("--markdown", type=Path)
     options = parser.parse_args()
-    only = set(filter(None, options.only.split(",")))
     warnings.simplefilter("ignore")
     tables = {}
-    for name, (file, rows, accept) in RECORDS.items():
-        if only and name not in only:
-            continue
-        record = ns.read(SHARED / file, channels=[])[rows]
+    for name, record in records_of(options.only).items():
+        accept = RECORDS[name][2]
         found = ns.diagnose(ns.identify(record, base="linear"), record)
-        tables[name] = (found.hypotheses, accept)
+        tables[name] = ([row.judged() for row in found.hypotheses], accept)  # at other prices others may be worth it
         print(name, found.verdict, found.confusion_set, read(*tables[name]), f"{found.seconds:.0f} s", flush=True)
     lines = ["| constant | value | " + " | ".join(tables) + " | right | in the set |", "|---" * (len(tables) + 4) + "|"]
     for name, value in changes():

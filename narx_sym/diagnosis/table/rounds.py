@@ -78,7 +78,7 @@ class Table:
         """Judge an effect of a pair by itself, which need not be worth its price."""
         for row in self.beside(known):
             if [v.id for v in row.beyond(known)] == [effect]:
-                self.search.judge(row)
+                row.judged()
 
     def model(self, row: Row) -> Model:
         """Return the model of a row at the working rate."""

@@ -73,6 +73,13 @@ class Row:
         """Return the effects that another row does not have."""
         return self.hypothesis.effects[len(known.hypothesis.effects) :]
 
+    def judged(self) -> Row:
+        """Score it on held-out blocks, once, and return it."""
+        if not self.blocks.size:
+            self.frame.late(self.hypothesis.core.delay)
+            self.blocks = self.frame.held_out(self.values, self.hypothesis.core, 6)
+        return self
+
     @property
     def price(self) -> float:
         """The one price: logarithm of the held-out mean square, plus what parameters and effects cost."""
@@ -162,14 +169,14 @@ class Search:
         FitError
             Where no core follows the data.
         """
-        every = [self.judge(r) for r in self.cored(delays, any_pole=True)]
+        every = [r.judged() for r in self.cored(delays, any_pole=True)]
         found = [r for r in every if not self._runs_away(r.hypothesis.core, r.values)]
         kept = min((r.held for r in found), default=np.inf)
         away = min((r for r in every if r not in found), key=lambda r: r.held, default=None)
         if away is not None and kept > INTEGRATES * away.held and self._driven(away) > DRIVEN:
             self.integrating = True
             self.__dict__.pop("largest", None)
-            found = [self.judge(r) for r in self.cored(delays)]
+            found = [r.judged() for r in self.cored(delays)]
         if not found:
             raise FitError("The base model cannot follow these data in free run: choose another base.")
         self.rows += found
@@ -214,13 +221,6 @@ class Search:
         assert self.largest is not None
         b = x[self.largest.n_y : self.largest.n_y + core.n_u]
         return driven(x[: core.n_y], b, self.records) / row.frame.problem.spread
-
-    def judge(self, row: Row) -> Row:
-        """Score a row on held-out blocks."""
-        if not row.blocks.size:
-            row.frame.late(row.hypothesis.core.delay)
-            row.blocks = row.frame.held_out(row.values, row.hypothesis.core, 6)
-        return row
 
     # -- with one more effect -----------------------------------------------------------------------------------------
 
@@ -280,7 +280,7 @@ class Search:
         it was fitted.
         """
         best = self.tuned(self.fitted(row.hypothesis, row.values, steps) or row, steps)
-        self.rows.append(self.judge(best) if best.before_judged < worth else best)
+        self.rows.append(best.judged() if best.before_judged < worth else best)
         return best
 
 
