@@ -423,6 +423,19 @@ def test_a_file_is_dropped(page, data):
 
 
 @in_browser
+def test_the_units_of_the_header_stand_in_their_fields(page, data):
+    u, y = (x[:400] for x in data)
+    upload(page, "units.csv", live.csv("t,u [V],y [mm],w [<b>K</b>]", u=u, y=y, w=u))
+    page.locator("input[placeholder='mm']").wait_for()
+    output = page.get_by_role("textbox", name="Unit of the output")
+    assert output.get_attribute("placeholder") == "mm" and output.input_value() == ""
+    page.get_by_role("combobox", name="Output").click()
+    page.get_by_role("option", name="w [").click()
+    page.locator("input[placeholder='<b>K</b>']").wait_for()
+    assert page.wrong == []
+
+
+@in_browser
 def test_names_from_data_are_text(page, data):
     u, y = data
     upload(page, f"{EVIL}.csv", live.csv(f'"u","y","t","{EVIL}"', u=y, y=live.np.arange(len(u)) * live.TS, c=u))

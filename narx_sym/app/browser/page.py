@@ -232,10 +232,11 @@ class Page:
                         "rows": self.typed("Rows A:B, counted from 0", choice.rows),
                         "channels": self.select("Further channels", names, list(choice.channels), multiple=True),
                         **{
-                            f"unit {n}": self.typed(title, choice.units[n], "maxlength=12")
+                            f"unit {n}": self.typed(title, choice.units[n], "maxlength=12 stack-label")
                             for n, title in units.items()
                         },
                     }
+                    self.in_header()
                     for name, field in self.fields.items():
                         Fault(field, bench, name)
                         # A text is read when it is left.
@@ -261,6 +262,14 @@ class Page:
             self.as_it_was()
         elif changed:
             await run.io_bound(self.bench.choose, **changed)
+            self.in_header()
+
+    def in_header(self) -> None:
+        """Show the units that the file says where none is typed."""
+        for n in self.bench.choice.units:
+            field = self.fields[f"unit {n}"]
+            field.props["placeholder"] = self.bench.record.units.get(n, "") if self.bench.record else ""
+            field.update()
 
     def as_it_was(self) -> None:
         """Show the choice again."""
