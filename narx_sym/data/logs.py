@@ -40,6 +40,7 @@ def load_mdf(name: str, wanted: Collection[str] | None) -> Table:
         if not raw.read(8).startswith((b"MDF ", b"UnFinMF")):
             raise DataError(f"{name}: is no MDF file; check its ending")
     with readable(name, "MDF"):
+        file: Any  # its types say less than it has
         with MDF(name) as file:
 
             def reader(group: int, index: int) -> Callable[[], tuple[Any, Any]]:
