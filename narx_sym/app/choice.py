@@ -25,7 +25,11 @@ from ..symbolic.signals import plain_name
 from ..tasks.reference import PERIODS, STEPS, Reference, from_file, sine, staircase, usual
 from ..tasks.reference import measured as first_of
 
-OPTIONS = {"input": "Input", "output": "Output", "time": "Time", "ts": "Sampling time", "rows": "Rows", "units": "Unit"}
+OPTIONS = {
+    "input": "Input", "output": "Output", "time": "Time", "ts": "Sampling time", "rows": "Rows", "units": "Unit",
+    "missing": "Missing values:",
+}  # fmt: skip
+MISSING = {"refuse": "refuse", "drop": "leave the rows out"}
 OPTIONS |= {"channels": "Channels", "column": "Column of the reference"}  # options of the command line, in the page
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
 
@@ -40,6 +44,7 @@ class Choice:
     Ts: str = ""
     channels: list[str] = field(default_factory=list)
     rows: str = ""
+    missing: str = "refuse"
     units: dict[str, str] = field(default_factory=lambda: {"u": "", "y": ""})
 
 
@@ -117,6 +122,7 @@ class Wanted:
 
 def in_the_page(message: str) -> str:
     """Name the fields of the page in the place of options of the command line."""
+    message = re.sub(r"--missing (\w+)", lambda found: f"--missing {MISSING.get(found[1], found[1])}", message)
     return re.sub(r"--(\w+)(?: \(\w+=\))?", lambda found: OPTIONS.get(found[1], found[0]), message)
 
 
@@ -255,7 +261,8 @@ def measured(said: Said, path: Path, shown: str, table: Table, choice: Choice) -
     said.stop()
     channels = [n for n in choice.channels if n not in (choice.u, choice.y, choice.t)]
     try:
-        made = read(path, u=choice.u, y=choice.y, t=choice.t or None, Ts=Ts, rows=rows, channels=channels)
+        columns: Any = {"u": choice.u, "y": choice.y, "t": choice.t or None, "channels": channels}
+        made = read(path, **columns, Ts=Ts, rows=rows, missing=choice.missing)
     except NarxError as error:
         raise DataError(str(error).replace(str(path), shown)) from None
     record = replace(made, name=Path(shown).stem)

@@ -202,6 +202,16 @@ def test_each_field_keeps_its_message_until_it_is_right(bench, data):
     assert not bench.faults and len(bench.record) == 500
 
 
+def test_missing_values_are_left_out_where_it_is_chosen(bench, data):
+    u, y = data
+    lines = live.csv(u=u[:300], y=y[:300]).decode().splitlines()
+    lines[50] = lines[50].rpartition(",")[0] + ","
+    bench.upload("stage.csv", "\n".join(lines).encode())
+    assert "drop them with Missing values: leave the rows out" in bench.error and bench.record is None
+    bench.choose(missing="drop")
+    assert not bench.error and bench.record is not None and any("dropped" in note for note in bench.notes), bench.notes
+
+
 def test_a_choice_waits_until_the_file_is_read(bench, data, monkeypatch):
     """All that an upload brings is there at once; what is chosen meanwhile is not lost."""
     u, y = data

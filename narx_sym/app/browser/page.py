@@ -13,7 +13,7 @@ from ...diagnosis.progress import Told
 from ...report.page import style
 from ...report.svg import stylesheet
 from ...report.words import spaced
-from ..choice import SUFFIXES
+from ..choice import MISSING, SUFFIXES
 from ..workbench import Workbench
 from . import results
 from .widgets import Fault, details, drop, figure, heading, listed, said, section, tab_panel, tabs
@@ -230,6 +230,7 @@ class Page:
                         "t": self.select("Time [s]", {"": "none", **{n: n for n in names}}, choice.t),
                         "Ts": self.typed("Sampling time [s]", choice.Ts),
                         "rows": self.typed("Rows A:B, counted from 0", choice.rows),
+                        "missing": self.select("Missing values", MISSING, choice.missing),
                         "channels": self.select("Further channels", names, list(choice.channels), multiple=True),
                         **{
                             f"unit {n}": self.typed(title, choice.units[n], "maxlength=12 stack-label")
