@@ -23,6 +23,7 @@ class Entry:
     held: float
     parameters: int = 3
     wobble: float = 0.0
+    becomes: frozenset = frozenset()
     blocks: np.ndarray = field(init=False)
 
     def __post_init__(self):
@@ -66,6 +67,15 @@ def test_what_cannot_be_told_apart():
     near, far, rich = Entry(("b",), 0.105), Entry(("c",), 0.2), Entry(("d",), 0.101, 5)
     uneven = Entry(("e",), 0.13, wobble=0.99)
     assert [r.ids for r in alike([best, near, far, rich, uneven], best)] == [("a",), ("b",), ("e",)]
+
+
+def test_what_becomes_the_best_at_a_limit_is_no_rival():
+    best, wider = Entry(("a",), 0.01, 4), Entry(("b",), 0.01, 5, becomes=frozenset("a"))
+    assert alike([best, wider], best) == [best]
+    assert alike([best, Entry(("b",), 0.01, 5)], best)[1:] and alike([best, Entry(("b",), 0.01, 4)], best)[1:]
+    assert alike([best, wider], wider) == [wider, best]  # the simpler one stays a rival of it
+    pair = Entry(("c", "a"), 0.01, 6)
+    assert alike([pair, Entry(("c", "b"), 0.01, 7, becomes=frozenset("a"))], pair) == [pair]
 
 
 def test_the_five_verdicts():

@@ -8,13 +8,15 @@ import pytest
 import sympy as sp
 
 import narx_sym as ns
+from narx_sym.engines.compile import compile
 from narx_sym.errors import ModelError
 from narx_sym.models.effects import DETECTED, EFFECTS, PLACES, Catalogue, Scan, effect, load_effects, text_effect
 from narx_sym.models.effects._effect import SEQUENCES
 from narx_sym.models.extend import extend, find, variants
 from narx_sym.symbolic.grammar import parse
 from narx_sym.symbolic.mathml import mathml
-from narx_sym.symbolic.signals import k, samples, u, x
+from narx_sym.symbolic.recursion import Recursion
+from narx_sym.symbolic.signals import k, samples, signal, u, x
 
 IDS = (
     "hysteresis", "backlash", "coulomb_friction", "stribeck_friction", "quadratic_drag", "inertia", "dead_zone",
@@ -87,6 +89,34 @@ def test_prints(one):
         shown = ns.latex(expr)
         assert shown.count("{") == shown.count("}") and "Piecewise" not in shown and "**" not in shown
         assert mathml(expr).startswith("<math")
+
+
+def along(one, shape):
+    """What an effect contributes along a random way of what drives it."""
+    rng = np.random.default_rng(3)
+    seen = {name: np.cumsum(rng.standard_normal(400)) for name in SEQUENCES}
+    form = form_of(one)
+    out = signal("out")
+    updates = [(s.left, s.right) for s in form.states] + [(out[k], form.z[0])]
+    known = {s: shape[s.name] for _, right in updates for s in right.free_symbols if getattr(s, "name", "") in shape}
+    run = compile(Recursion(tuple((left, sp.sympify(right).xreplace(known)) for left, right in updates)))
+    start = {
+        str(s.left.base.label): float(seen["x"][0]) if samples(sp.sympify(s.initial)) else 0.0 for s in form.states
+    }
+    return run(seen, initial=start)["out"][4:]
+
+
+@pytest.mark.parametrize("one", [e for e in ALL if e.limit], ids=named)
+def test_at_its_limit_it_is_another_effect(one):
+    name, value, other = one.limit
+    shape = {p: sp.Float(0.7) for p in one.shape}
+    shape[name] = sp.Float({0.0: 1e-12, np.inf: 1e9}[value])
+    found = along(one, shape)
+    simpler = [e for e in EFFECTS[other] if len(e.shape) < len(one.shape) and set(e.places) & set(one.places)]
+    gaps = [np.abs(found - along(e, {p: sp.Float(0.7) for p in e.shape})).max() for e in simpler]
+    assert min(gaps) < 1e-9 and np.abs(found).max() > 0.5
+    shape[name] = sp.Float(0.5)
+    assert np.abs(along(one, shape) - found).max() > 1e-3
 
 
 # ---------------------------------------------------------------- one's own, from Python

@@ -65,6 +65,11 @@ class Row:
         return self.hypothesis.ids
 
     @property
+    def becomes(self) -> frozenset[str]:
+        """The ids of effects that one of its own is at a limit of its shape."""
+        return frozenset(v.effect.limit[2] for v in self.hypothesis.effects if v.effect.limit)
+
+    @property
     def count(self) -> int:
         """How many effects it has; the memory of a core counts as one where the base has none."""
         return len(self.hypothesis.effects) + self.memory

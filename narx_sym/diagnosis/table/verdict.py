@@ -39,6 +39,10 @@ class Entry(Protocol):
         """How many effects."""
 
     @property
+    def becomes(self) -> frozenset[str]:
+        """Effects that one of its own is at a limit of its shape."""
+
+    @property
     def ids(self) -> tuple[str, ...]:
         """Which effects."""
 
@@ -85,10 +89,13 @@ def alike(rows: Sequence[E], best: E) -> list[E]:
 
     As many effects or none more, at most one parameter more, block by block an error within its standard error, and on
     all blocks no dearer than by the price of one effect: with few blocks a standard error may be as large as any gap.
+    What becomes the best at a limit, and needs more parameters, is no rival: no data could ever speak against it.
     """
     found = [best]
     for row in cheapest(rows):
         if set(row.ids) == set(best.ids) or row.count > best.count or row.parameters > best.parameters + 1:
+            continue
+        if row.parameters > best.parameters and set(best.ids) <= {*row.ids, *row.becomes}:
             continue
         if row.price > best.price + PER_EFFECT:
             continue

@@ -83,6 +83,8 @@ class Effect:
         Whether a coefficient of 1 is the whole effect (a complete dead zone): more than that means something else.
     centred : bool
         Whether it matters where zero is: then it is tried around zero and around the operating point.
+    limit : (shape parameter, value, id), or nothing
+        At this value of a shape parameter it is another effect, which needs one parameter less.
     """
 
     id: str
@@ -97,6 +99,7 @@ class Effect:
     centred: bool = False
     full: bool = False
     family: str = ""
+    limit: tuple[str, float, str] | tuple[()] = ()
     formula: str = field(default="", compare=False)
 
     @property
@@ -213,6 +216,7 @@ def effect(
     centred: bool = False,
     full: bool = False,
     sentence: str = "",
+    limit: tuple[str, float, str] | tuple[()] = (),
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Turn a function into an effect and put it into the catalogue.
@@ -222,6 +226,7 @@ def effect(
     where : place, list of places, or mapping from places to drivers
     driver : drivers at every place, where `where` is no mapping
     scan : a Scan for every shape parameter of the function
+    limit : at which value of a shape parameter it is another effect: (parameter, value, id)
     register : bool
         False keeps it out of the catalogue.
 
@@ -256,6 +261,7 @@ def effect(
             centred,
             full,
             (function.__module__ or "").rpartition(".")[2],
+            limit,
         )
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:

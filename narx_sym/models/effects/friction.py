@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any
 
 import sympy as sp
@@ -95,6 +96,7 @@ def held(d: Any, before: Any, r: Any, e: Any) -> tuple[Any, State]:
     full=True,
     unit={"r": "unit of the driver per sample", "e": "unit of the driver per sample"},
     source="Stribeck 1902; implicit Euler step (Moreau 1988)",
+    limit=("e", 0.0, "coulomb_friction"),
 )
 def stiction(x: Any, y: Any, r: Any, e: Any) -> Form:
     """Friction that holds: to break loose takes more than to go on, so that it moves by sticking and slipping."""
@@ -111,6 +113,7 @@ def stiction(x: Any, y: Any, r: Any, e: Any) -> Form:
     id="stiction",
     form="of a valve",
     source="Choudhury, Thornhill & Shah 2005; He et al. 2007",
+    limit=("e", 0.0, "backlash"),
 )
 def valve_stiction(x: Any, r: Any, e: Any) -> Form:
     """Friction that holds: to break loose takes more than to go on, so that it moves by sticking and slipping."""
@@ -143,7 +146,13 @@ def smooth_channel_friction(channel: Any, x: Any, s: Any) -> list[Any]:
     return [side, channel[k] * side]
 
 
-@effect(MOVING, scan={"s": SPEED}, unit={"s": "unit of the driver per sample"}, source="Stribeck 1902, Tustin 1947")
+@effect(
+    MOVING,
+    scan={"s": SPEED},
+    unit={"s": "unit of the driver per sample"},
+    source="Stribeck 1902, Tustin 1947",
+    limit=("s", inf, "coulomb_friction"),
+)
 def stribeck_friction(x: Any, s: Any) -> Any:
     """Stiction: friction that is largest at rest and falls as the motion gets faster."""
     return sp.exp(-((step(x) / s) ** 2)) * sp.sign(step(x))
