@@ -100,8 +100,13 @@ print(f"on the machine itself: {100 * np.abs(tracked - reference).mean() / np.pt
 # One loop of one size does not tell the widths of plays from a curve: both bend it. Of all weights that explain the first
 # loop the even ones are the start of the fit. One frequency does not tell a lag from a delay; the smallest delay is taken.
 # Where most of the error on a new record is an offset of its sensor, `compare` says so, and `--align` estimates it on
-# the first second. `--base auto` tries `static`, `linear`, `narx`, `play` and `bouc-wen` on held-out samples, at a price
-# of 0.1 in ln(mean square) per parameter, and says why it chose.
+# the first second.
+#
+# `--base auto` tries `static`, `linear`, `narx`, `play` and `bouc-wen` on held-out samples, at a price of 0.1 in ln(mean
+# square) per parameter, and says why it chose. What was measured before a held-out block is given to every base, so that
+# one that remembers need not guess, and an offset of the sensor is estimated for each. Still a record can only tell what
+# it asks: of a measured piezo stage on one sine `narx` is taken (0.0093 with 9 parameters, beside plays 0.0106 with 16),
+# with an amplitude that grows and falls the plays are (0.018, beside `narx` 0.043).
 
 # %%
 bouc_wen = ns.identify(record, base="bouc-wen")

@@ -1,5 +1,7 @@
 """Bases that remember where the input turned."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -7,7 +9,7 @@ from places import SHARED, needs_shared
 
 import narx_sym as ns
 from narx_sym.errors import FitError, ModelError
-from narx_sym.fit.bases.choice import choose_base
+from narx_sym.fit.bases.choice import _split, choose_base
 from narx_sym.fit.bases.play import Shape, branch_after, identify_play
 from narx_sym.symbolic.signals import k, u
 
@@ -146,6 +148,46 @@ def test_auto_takes_the_best_free_run_on_blocks_that_no_fit_saw_at_a_price():
     assert seen[0] == ("static", [150, 300, 150]) and seen[-1] == ("static", [N])
     with pytest.raises(FitError, match="does not follow"):
         choose_base([record], lambda base, records: identified("narx", records))
+
+
+def test_an_offset_of_the_sensor_decides_for_no_base():
+    """A model with Sigma_y = 1 takes the offset of the next record along; one that forgets its start cannot."""
+    first, later = (ns.Record.from_arrays(U, 0.5 * U + moved, Ts=TS) for moved in (0.0, 0.3))
+    forms = {"static": (["u[k]"], [0.5]), "narx": (["y[k-1]", "phi1[k]"], [1.0, 0.47])}
+
+    def identified(base, records):
+        if base not in forms:
+            raise FitError("does not follow")
+        return ns.NARX.from_terms(*forms[base], Ts=TS)
+
+    assert choose_base([first, later], identified).info.selection.base == "static"
+
+
+def test_a_block_in_which_nothing_moves_stops_no_base():
+    still = np.concatenate([np.full(N // 5, U[0]), U])  # the first of six blocks
+
+    def identified(base, records):
+        assert all(np.ptp(r.u) for r in records)
+        return ns.NARX.from_terms(["u[k]"], [0.5], Ts=TS)
+
+    assert choose_base([ns.Record.from_arrays(still, 0.5 * still, Ts=TS)], identified).info.selection.base == "static"
+
+
+def test_what_is_held_out_stands_behind_what_was_measured_before():
+    """Where the input turned before is known: a base that remembers it is asked without having to guess."""
+    rows = np.arange(N, dtype=float)
+    whole = ns.Record.from_arrays(rows, rows, Ts=TS)
+    _, held, first = _split([whole])
+    assert [(r.u[0], r.u[-1]) for r in held] == [(0, 299), (450, 749)] and first == pytest.approx(150 * TS)
+    _, held, _ = _split([replace(whole, breaks=(5, 100, 140, 640, 742))])  # nothing is run across a break
+    assert [(r.u[0], r.u[-1]) for r in held] == [(140, 299), (560, 639), (640, 741)]  # and 8 rows judge nothing
+
+
+@needs_shared
+@pytest.mark.long
+def test_auto_takes_plays_where_a_real_piezo_turns_inside_its_range():
+    record = ns.read(SHARED / "piezo_dbo" / "test_varying_amplitude.csv", rows=slice(20, 5000))
+    assert ns.identify(record, base="auto").info.selection.base == "play"
 
 
 @pytest.mark.long

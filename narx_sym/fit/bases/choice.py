@@ -1,4 +1,8 @@
-"""Which base: each is fitted on some blocks and judged in free run on others, at one price per parameter."""
+"""Which base: each is fitted on some blocks and judged in free run on others, at one price per parameter.
+
+By how much the sensor has moved in the meantime is estimated for every base. A model with Sigma_y = 1 keeps what it
+starts from and takes an offset along for nothing, while one that forgets its start would pay for it.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,9 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import groupby, pairwise
+
+import numpy as np
 
 from ...data.record import Record
 from ...errors import NarxError
@@ -15,13 +21,13 @@ from ..alignment import aligned
 
 BASES = ("static", "linear", "narx", "play", "bouc-wen")
 BLOCKS, HELD = 6, (1, 4)  # of one record, and which of them are held out
-START = 0.1  # of each block that is held out: there the start of the run is estimated
+START = 0.1  # of a record that is held out: there the start of the run and the sensor's offset are estimated
 PRICE = 0.1  # of a parameter, in ln(mean square): it must buy 5 % of the rms error
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A base and what it is worth: its free-run NRMSE on held-out samples, and the price of its parameters."""
+    """A base and what it is worth: its aligned free-run NRMSE on held-out samples, and the price of its parameters."""
 
     base: str
     error: float
@@ -48,7 +54,7 @@ def choose_base(records: Sequence[Record], identified: Callable[[str, list[Recor
     NarxError
         What stopped the last base, where none follows the data.
     """
-    train, held = _split(list(records))
+    train, held, first = _split(list(records))
     found: list[Judged] = []
     last: NarxError | None = None
     with warnings.catch_warnings():
@@ -56,8 +62,7 @@ def choose_base(records: Sequence[Record], identified: Callable[[str, list[Recor
         for base in BASES:
             try:
                 model = identified(base, train)
-                first = START * min(len(s) * s.Ts for r in held for s in r.segments())
-                error = aligned(model, held, first).started
+                error = aligned(model, held, first).aligned
             except NarxError as problem:
                 last = problem
                 continue
@@ -76,14 +81,41 @@ def choose_base(records: Sequence[Record], identified: Callable[[str, list[Recor
     )
 
 
-def _split(records: list[Record]) -> tuple[list[Record], list[Record]]:
-    """Hold out the last record, or some blocks of the only one: what drifts slowly is then in both parts."""
+def _split(records: list[Record]) -> tuple[list[Record], list[Record], float]:
+    """Hold out the last record, or some blocks of the only one: what drifts slowly is then in both parts.
+
+    No base is identified from a block in which nothing moves. Each block that is held out stands behind what was
+    measured before it: where the input turned earlier is known, and a base that remembers it need not guess.
+
+    Returns
+    -------
+    train, held : lists of Record
+    first : float
+        The part of each record of `held` that is there for its start; of none more than half [s].
+    """
     if len(records) > 1:
-        return records[:-1], records[-1:]
-    n = len(records[0])
+        held = _long(records[-1].segments())
+        return records[:-1], held, START * min(len(s) * s.Ts for s in held)
+    (record,), n = records, len(records[0])
     edges = [n * i // BLOCKS for i in range(BLOCKS + 1)]
-    parts: tuple[list[Record], list[Record]] = ([], [])
-    for held, group in groupby(range(BLOCKS), key=HELD.__contains__):
+    train, held = [], []
+    for out, group in groupby(range(BLOCKS), key=HELD.__contains__):
         blocks = list(group)
-        parts[held].append(records[0][edges[blocks[0]] : edges[blocks[-1] + 1]])
-    return parts
+        a, b = edges[blocks[0]], edges[blocks[-1] + 1]
+        if out:
+            held += _with_history(record, a, b)
+        elif min(np.ptp(record.u[a:b]), np.ptp(record.y[a:b])) > 0:
+            train.append(record[a:b])
+    return train or records, _long(held), n * record.Ts / BLOCKS
+
+
+def _with_history(record: Record, a: int, b: int) -> list[Record]:
+    """Return the contiguous pieces from row a to b, each behind as many rows before it, where they are contiguous."""
+    breaks = (0, *record.breaks)
+    inside = [a, *(i for i in breaks if a < i < b), b]
+    return [record[max(p - (q - p), *(i for i in breaks if i <= p)) : q] for p, q in pairwise(inside) if q - p >= 2]
+
+
+def _long(pieces: list[Record]) -> list[Record]:
+    """Return the pieces that are long enough to be judged, beside the longest."""
+    return [s for s in pieces if len(s) >= START * max(map(len, pieces))]
