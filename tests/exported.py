@@ -132,6 +132,8 @@ def subjects():
     )
     plays = Shape((0.3, 0.7), (0.2,), 1).model({u: 0.5}, [0.6, 1.0, 0.8, 0.4, 0.1, -0.2])
     p, q, v, w = (signal(name) for name in "pqvw")
+    # Each side of the vertex, targets that are not reached, and a curve whose sign the reference turns.
+    roots = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**2", "y[k-1]*u[k-1]**2"], [0.6, 0.5, 0.15, 0.4])
     # A law by branches: which root is taken hangs on a sign, and one branch divides by what is zero in the other.
     branches = Recursion(
         (
@@ -177,6 +179,7 @@ def subjects():
         ),
         "plays": of(plays),
         "law of plays": of(plays.compensator(), rest={"z1": -0.2, "z2": -0.2}),  # the plays rest at m - 0.5
+        "law by roots": of(roots.compensator(), size=0.8),
         "branches": Subject(branches, {a: 0.98, b: 0.1, c: 0.05}),
         "functions": Subject(Recursion(((y[k], functions / 9),)), {}),
         "long delay": Subject(Recursion(((y[k], y[k - 1] / 2 + y[k - 40] / 4 + u[k - 3] - u[k - 100]),)), {}),

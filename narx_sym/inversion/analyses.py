@@ -233,9 +233,10 @@ def assumptions(subject: Subject) -> Finding:
 
 @analysis(90, "Compensation law", "Compensation law")
 def law(subject: Subject) -> Finding:
-    """Derive the law in closed form."""
+    """Derive the law, after the polynomials whose roots it takes where there are any."""
     lines = [f"{shown(left)} = {shown(right)}" for left, right in subject.law.updates]
-    return Finding(lines, [subject.law.latex()])
+    lines += [f"{shown(p.unknown)} is a root of {p}: {p.choice}" for p in subject.law.polynomials]
+    return Finding(lines, [*subject.law.latex_polynomials(), subject.law.latex()])
 
 
 @analysis(100, title="Grouping into A(q), B(q) and f")

@@ -109,7 +109,10 @@ def _searched(
 
 
 def _quadratic(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: dict[str, Any]) -> Any:
-    """Solve a quadratic equation: the root on the side of the vertex where the last value is."""
+    """Solve a quadratic equation: the root on the side of the vertex where the last value is, which is the nearest one.
+
+    Source: arXiv 2011.12246 for inputs as roots of a polynomial; see `narx_sym.inversion.solution.Polynomial`.
+    """
     a = derivative(derivative(G, w), w) / 2
     if a.has(w) or not G.is_polynomial(w) or number(a, values) == 0:
         return None
@@ -130,12 +133,15 @@ def _quadratic(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: dic
     decided = {c: sp.true if _holds(c, values) else sp.false for _, c, _ in cases if _holds(c, values) is not None}
     form = made["expr"]
     listed = [Branch(sp.And(side, decided.get(c, c)), solution, form) for side, c, solution in cases]
+    if size is None:  # a coefficient that samples turn: it may be zero, and which targets are reached hangs on its sign
+        away, off = Branch(b**2 + 4 * a * gap < 0, -b / (2 * a)), Branch(sp.And(sp.Eq(a, 0), sp.Eq(b, 0)), last)
+        listed = [away, off, *listed]
     branches = tuple(x for x in listed if x.condition != sp.false)
     vertex = G.xreplace({w: -b / (2 * a)})
     reach = (-sp.oo, sp.oo)
     if size is not None:
         reach = (vertex, sp.oo) if size > 0 else (-sp.oo, vertex)
-    note = f"of two roots the one on the side of {text(last)}"
+    note = f"of two roots the one nearest to {text(last)}, which is on its side of the vertex"
     return Solution(how="quadratic", branches=branches, reach=reach, notes=(note,), **made)
 
 

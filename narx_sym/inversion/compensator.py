@@ -1,12 +1,13 @@
 """Section 4 of the paper: compensation laws by algebraic inversion, and from an identified inverse.
 
 A law is a recursion for m[k] in past m and (future) r; putting it back into the model gives r[k + tau_d] identically.
-Models beyond Assumption A1 are inverted in stages (`stages`), each of them by branches (`branches`).
+Models beyond Assumption A1 are inverted in stages (`stages`), each of them by branches (`branches`); where m[k] stands
+in powers it is a root of a polynomial (arXiv 2011.12246; `solution.Polynomial` says which).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -25,7 +26,7 @@ from ..symbolic.signals import k, lag, m, r, samples, shift, swap, u, y
 from ..symbolic.smoothing import smoothed, widths
 from .doors import CompensatorDoors
 from .grouping import offending, polynomials, q, why_not
-from .solution import Branch
+from .solution import Branch, Polynomial
 from .stability import InternalDynamics, internal_dynamics
 from .stages import Staged, guarded, in_order, stages_of, wanted
 
@@ -150,9 +151,19 @@ class Compensator(CompensatorDoors):
         """Return the law with numbers in the place of the parameters."""
         return sp.Eq(m[k], self.law.xreplace(self.model.values), evaluate=False)
 
+    @property
+    def polynomials(self) -> tuple[Polynomial, ...]:
+        """Of each stage whose unknown is a root of a polynomial that polynomial, from the output to the input."""
+        found = (s.polynomial for s in (self.staged.stages if self.staged else ()))
+        return tuple(p for p in found if p is not None)
+
     def lines(self, numbers: bool = False) -> list[str]:
-        """Return each equation of the law as a text, in the order of the stages."""
+        """Return each equation of the law as a text, in the order of the stages, then which roots they take."""
         values = self.model.values if numbers else {}
+        taken = (f"{printing.text(p.unknown)} is a root of {p.held(values)}: {p.choice}" for p in self.polynomials)
+        return [*self._equations(values), *taken]
+
+    def _equations(self, values: Mapping[Any, Any]) -> list[str]:
         return [f"{printing.text(left)} = {printing.text(right.xreplace(values))}" for left, right in self.updates]
 
     def residual(self) -> Any:
@@ -199,6 +210,10 @@ class Compensator(CompensatorDoors):
         opening = rf"&= \frac{{1}}{{{printing.latex(gain.xreplace(values))}}} \Big[ "
         return body.replace("&= ", opening, 1).replace("\n\\end{aligned}", " \\Big]\n\\end{aligned}")
 
+    def latex_polynomials(self, numbers: bool = False) -> list[str]:
+        """LaTeX of the polynomials whose roots the law takes."""
+        return [p.held(self.model.values if numbers else {}).latex() for p in self.polynomials]
+
     def latex_grouping(self) -> list[str]:
         """LaTeX of A(q), B(q) and f, the linear regressors and the rest; empty for an identified inverse."""
         if self.A is None:
@@ -237,7 +252,7 @@ class Compensator(CompensatorDoors):
         return f"$\\displaystyle {self.latex()}$"
 
     def __repr__(self) -> str:
-        return f"Compensator({'; '.join(self.lines(numbers=True))})"
+        return f"Compensator({'; '.join(self._equations(self.model.values))})"
 
 
 def compensator(model: Model) -> Compensator:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import sympy as sp
 
 from ..symbolic.identities import vanishes
-from ..symbolic.printing import text
+from ..symbolic.printing import latex_sum, text
 from ..symbolic.sensitivity import derivative
 
 STILL = sp.Float(1e-13)  # of what is added up: a gap below it is one of rounding
@@ -47,6 +47,74 @@ class Branch:
     condition: Any
     solution: Any
     form: Any = None
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """0 = c_n w^n + ... + c_1 w + c_0 with n of at least 2: its real roots are the w that reach the target.
+
+    So a NARX model that is a polynomial in its newest input gives its compensation inputs as roots, among which one has
+    to be chosen (arXiv 2011.12246, Nonlinear Dynamics 2021; read in its abstract, which does not say how it is chosen).
+    Here the root nearest to the value before is taken: the input moves as little as it can, and stays on its side of a
+    fold. The roots of a quadratic equation lie even to both sides of its vertex, so that the nearest one is the one on
+    the same side. Where no root is real, w goes where the polynomial is nearest to zero: to the vertex of a quadratic.
+
+    Attributes
+    ----------
+    unknown, last : expressions
+        w, and its value before.
+    coefficients : tuple of expressions, from c_n to c_0
+    """
+
+    unknown: Any
+    last: Any
+    coefficients: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, gap: Any, unknown: Any, last: Any) -> Polynomial | None:
+        """Return the polynomial that an expression is in an unknown; None where it is none, or of the first degree."""
+        w = sp.Dummy("w", real=True)
+        left = gap.xreplace({unknown: w})
+        if not left.is_polynomial(w):
+            return None
+        left = sp.expand(left)
+        found: list[Any] = []
+        while left != 0:  # Taylor's, at zero
+            found.append(sp.expand(left.xreplace({w: sp.S.Zero}) / sp.factorial(len(found))))
+            left = sp.expand(derivative(left, w))
+        return cls(unknown, last, tuple(reversed(found))) if len(found) > 2 else None
+
+    @property
+    def degree(self) -> int:
+        """The highest power of the unknown."""
+        return len(self.coefficients) - 1
+
+    @property
+    def terms(self) -> list[tuple[Any, Any]]:
+        """(coefficient, power of the unknown) pairs, the highest power first, without those that are not there."""
+        powers = range(self.degree, -1, -1)
+        return [(c, self.unknown**n) for c, n in zip(self.coefficients, powers, strict=True) if c != 0]
+
+    def held(self, values: Mapping[Any, Any]) -> Polynomial:
+        """Return the polynomial with numbers in the place of parameters."""
+        return replace(self, coefficients=tuple(c.xreplace(dict(values)) for c in self.coefficients))
+
+    @property
+    def choice(self) -> str:
+        """Say which root is taken, in words."""
+        said = f"of its {self.degree} roots the real one nearest to {text(self.last)}"
+        if self.degree % 2:
+            return said
+        least = "the vertex" if self.degree == 2 else "where it comes nearest to zero"
+        return f"{said}; where none is real, {least}"
+
+    def __str__(self) -> str:
+        shown = [(f"({text(c)})" if c.is_Add else text(c), "" if t == 1 else f"*{text(t)}") for c, t in self.terms]
+        return " + ".join(f"{c}{t}" for c, t in shown).replace("+ -", "- ") + " = 0"
+
+    def latex(self) -> str:
+        """LaTeX of the equation: the coefficients, then the powers of the unknown."""
+        return latex_sum(sp.S.Zero, self.terms)
 
 
 @dataclass(frozen=True)
@@ -98,6 +166,11 @@ class Solution:
                 if not _rounded(gap) and not vanishes(gap):
                     return gap
         return sp.S.Zero
+
+    @property
+    def polynomial(self) -> Polynomial | None:
+        """The polynomial whose root the unknown is; None where it is not of degree 2 or more."""
+        return Polynomial.of(self.expr - self.target, self.unknown, self.last)
 
     @property
     def closed_form(self) -> bool:

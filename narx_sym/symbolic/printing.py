@@ -132,7 +132,8 @@ def _sum(terms: list[tuple[Any, Any]], per_line: int) -> str:
         negative = sp.sympify(coefficient).could_extract_minus_sign()
         size = -coefficient if negative else coefficient
         unit = size.is_number and float(size) == 1 and term != 1
-        product = "" if unit else rf"\left({latex(size)}\right)" if size.is_Add and term != 1 else latex(size)
+        held = size.is_Add and (term != 1 or negative)  # one sign for all of a sum
+        product = "" if unit else rf"\left({latex(size)}\right)" if held else latex(size)
         shown = product if term == 1 else (product + r"\," if product else "") + _factors(term)
         pieces.append(("- " if negative else "+ ") + shown)
     if not pieces:
