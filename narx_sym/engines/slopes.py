@@ -131,7 +131,7 @@ def with_slopes(
         from .machine.native import coded
 
         at = recursion.states.index(output)
-        lanes = Lanes.of(plain, Tangent.of(plain, parameters), directions, at)
+        lanes = Lanes.of(plain, Tangent.of(plain, parameters), groups, at)
         return (Layout.of(lanes.plan).plain, lanes.keys, lanes.width), *coded(lanes.plan, lanes)
 
     found = kept(f"with slopes of {output.label} {len(groups)} {fixed} {written(plain)}", make)
