@@ -268,6 +268,17 @@ def test_what_waits_for_values_starts_as_measured():
         assert all(np.isfinite(value).all() for value in initial_values(late, data, 2).values()), model.effects
 
 
+def test_a_tank_that_spills_over_remembers_its_level_by_itself():
+    """Its level at the start is unknown and is fitted, as that of any other memory."""
+    (form,) = (e for e in EFFECTS["end_stop"] if "spilling" in e.form)
+    base, record = BASES["linear"], RECORDS["linear"]
+    variant = next(w for w in variants(base) if w.effect is form)
+    model = extend(base, variant).model
+    assert [str(s.left) for s in model.memory] == ["w[k]"]
+    problem = FreeRun(model.replace(theta=[*base.theta, 1.0, 0.5, 0.3, 0.05]), record, [])
+    assert problem.starts[-1].states == (model.memory[0].left.base,)
+
+
 def test_the_same_effect_twice_gets_numbers():
     base, record = BASES["linear"], RECORDS["linear"]
     variant = first(base, "backlash", "input")

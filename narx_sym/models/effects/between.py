@@ -80,6 +80,6 @@ def lower_stop_of_a_lag(x: Any, r: Any, tau: Any, Ts: Any) -> Form:
 def spilling_lag(x: Any, r: Any, tau: Any, Ts: Any) -> Form:
     """A first tank that overflows at r; a share c2 of what leaves it so reaches the next one at once."""
     w, f = signal("w"), signal("f")
-    free = State(f[k], w[k - 1] + (x[k] - w[k - 1]) / (1 + tau / Ts), x[k])
+    level = first_lag(x, w, tau, Ts)  # written out in both: what the tank remembers is w alone, from a free start
     spilled = sp.Max(f[k] - r, 0) * (1 + tau / Ts)  # as a flow, in the unit of x
-    return Form((w[k] - x[k], spilled), (free, State(w[k], sp.Min(f[k], r), x[k])))
+    return Form((w[k] - x[k], spilled), (State(f[k], level.right, x[k]), State(w[k], sp.Min(level.right, r), x[k])))
