@@ -181,8 +181,9 @@ class Linearised:
             return list(scan.values), 1.0
         if scan.of == "peaks":
             return self._peaks(len(scan.values))
-        if scan.of == "amplitude":
-            unit = float(np.quantile(np.abs(x), 0.98)) or 1.0
+        if scan.of in ("amplitude", "depth"):
+            below = -float(np.quantile(x, 0.02)) if scan.of == "depth" else 0.0
+            unit = max(below, 0.0) or float(np.quantile(np.abs(x), 0.98)) or 1.0
         elif scan.of == "speed":
             moving = np.abs(np.concatenate([np.diff(s[driver]) for s in self.seen]))
             unit = float(np.sqrt(np.mean(moving**2))) or 1.0

@@ -70,3 +70,13 @@ def test_a_disturbance_is_none_at_the_frequencies_of_the_input():
 def test_a_few_cycles_are_no_disturbance():
     duration = 4000 * Ts
     assert all(f * duration >= CYCLES for f in disturbed(3.5 / duration))
+
+
+def test_an_outlet_is_sought_below_the_lowest_level():
+    """However high the level goes above the operating point: the outlet is where the tank was not emptied."""
+    (sqrt,) = EFFECTS["sqrt_outflow"]
+    u = np.where(t % 2 < 1.8, -0.5, 4.0)
+    record = ns.Record.from_arrays(u, 0.9 * u + noise, Ts)
+    fitted = settle(ns.NARX.from_terms(["y[k-1]", "u[k]", "1"], Ts=Ts).fit(record), Split.of([record]))
+    line, variant = line_of(fitted), Variant(sqrt, "inside", "y")
+    assert 0.45 < min(a for (a,) in line.grid(variant)) < 0.55 < 0.2 * record.y.max()

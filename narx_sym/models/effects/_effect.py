@@ -31,10 +31,11 @@ COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
 class Scan:
     """Where the search for a shape parameter starts: `values` times a scale of the driving signal.
 
-    `of` is "amplitude" (half the range of the driver), "speed" (rms step of the driver), "time" (log-spaced between a
-    few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the line
-    through the data), "peaks" (of the residual's periodogram) or "steps" (whole samples, not refined). The fit may
-    leave the grid upwards by the factor `beyond`, and downwards by four.
+    `of` is "amplitude" (half the range of the driver), "depth" (how far the driver falls below the operating point),
+    "speed" (rms step of the driver), "time" (log-spaced between a few samples and a fraction of the record), "ratio" (a
+    plain number of either sign), "gain" (slope of the line through the data), "peaks" (of the residual's periodogram)
+    or "steps" (whole samples, not refined). The fit may leave the grid upwards by the factor `beyond`, and downwards by
+    four.
     """
 
     of: str

@@ -142,7 +142,7 @@ def rigid_lower_stop(x: Any, y: Any, r: Any) -> Any:
 @effect(
     "inside",
     driver="y",
-    scan={"a": Scan("amplitude", (1.1, 1.5, 2.5), beyond=1.5)},
+    scan={"a": Scan("depth", (1.05, 1.4, 2.2, 4.0), beyond=1.5)},
     sign=1,
     unit={"a": "unit of the driver"},
     source="Torricelli 1643; laminar below a hundredth of a",
