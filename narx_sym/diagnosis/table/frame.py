@@ -81,6 +81,7 @@ class Frame:
         for b, rows in itertools.chain(*self.cuts[BLOCKS]):
             self.weights[b] += rows.stop - rows.start
         self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        self._near()
 
     def _cut(self, blocks: int) -> list[list[tuple[int, slice]]]:
         """Return, per segment, which of its samples are in which of so many blocks of all."""
@@ -92,6 +93,17 @@ class Frame:
             found.append([(b, slice(*pair)) for b, pair in enumerate(itertools.pairwise(cut)) if pair[0] < pair[1]])
             begin += n
         return found
+
+    def _near(self) -> None:
+        """Bound the starts of outputs: the true one is no farther from the measured one than the output ever goes.
+
+        Where its own block is held out a start may run away to where a limit hides it, and no step leads back.
+        """
+        for i, data in enumerate(self.problem.data):
+            own, far = self.problem.own(i), float(np.ptp(data[self.problem.name]))
+            for at, start in enumerate(self.problem.starts, own.start):
+                if far and start.back is not None:
+                    self.low[at], self.high[at] = -far, far
 
     def limit(self, ranges: Sequence[Mapping[str, tuple[float, float]]], most: float) -> None:
         """Bound shapes and the coefficients whose sign means the effect."""
