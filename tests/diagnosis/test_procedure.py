@@ -296,6 +296,15 @@ def test_seal_at_one_speed_is_confused_with_the_velocity_term_of_the_base():
 
 @pytest.mark.bench
 @needs_shared
+def test_tanks_flow_over_and_drain_by_the_root_of_the_level():
+    record = ns.read(SHARED / "cascaded_tanks" / "train.csv")
+    first = ns.diagnose(ns.identify(record, base="linear"), record).steps[0]
+    assert first.pair.effects == ("end_stop", "sqrt_outflow")
+    assert "spilling over" in first.pair.fitted.model.effects[0].form
+
+
+@pytest.mark.bench
+@needs_shared
 def test_motor_saturates():
     record = ns.read(SHARED / "hydraulic_motor_rotation" / "run.csv")
     d = ns.diagnose(ns.identify(record, base="linear"), record)

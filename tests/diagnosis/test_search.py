@@ -58,6 +58,29 @@ def test_the_fit_reaches_the_truth_and_the_noise(linear):
     assert not search.integrating
 
 
+def test_a_start_stays_where_the_output_goes(linear):
+    """What a held-out block would tell of its start may be hidden by a limit: no step leads back from far away."""
+    record, base = linear
+    frame = Frame(base, LARGEST, [COULOMB], [record])
+    x = np.zeros(frame.size)
+    x[0], x[2], x[6], x[7] = 0.9, 0.1, 0.01, 0.1
+    at = [i for i, s in enumerate(frame.problem.starts, frame.problem.free) if s.back is not None]
+    x[at] = 1e3
+    late = np.arange(12) > 5
+    found, _ = frame.fit(x, Core(2, 3), 1, use=late)
+    assert np.abs(found[at]).max() <= np.ptp(record.y)
+
+
+def test_a_partner_is_looked_at_beside_the_best_core(linear):
+    record, base = linear
+    search = Search(base, [record])
+    rows = search.bases([1])
+    best = sorted(rows, key=lambda r: r.parameters)[1]
+    search.limits[COULOMB] = dict.fromkeys(COULOMB.shape, (1e-3, 1.0))
+    looks = search.look(rows, COULOMB, [(0.1,) * len(COULOMB.shape)], best)
+    assert best.size in {r.size for r in looks}
+
+
 def test_an_integrating_axis_is_recognised_and_kept():
     y = np.cumsum(lagged(u - 1.0, 0.8, 0.02))
     record = ns.Record.from_arrays(u - 1.0, y + 1e-4 * np.random.default_rng(2).standard_normal(N), Ts)

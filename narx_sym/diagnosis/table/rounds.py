@@ -123,16 +123,21 @@ class Table:
     def pairs(self, base: Row) -> None:
         """Fit pairs: the best effects, and what the directions show beside each of them."""
         self.course.reach(PAIRS)
-        listed = [r for r in cheapest(self.rows) if len(r.beyond(base)) == 1 and np.isfinite(r.price)]
+        # What is half of a pair bends to what the other half does, in each fold otherwise: where it was fitted counts.
+        alone = [r for r in self.rows if len(r.beyond(base)) == 1 and np.isfinite(r.price)]
+        best: dict[tuple[str, ...], Row] = {}
+        for row in sorted(alone, key=lambda r: r.before_judged):
+            best.setdefault(row.ids, row)
+        listed = list(best.values())
         for turn, first in enumerate(islice(filter(self.settles, listed), PARTNERS)):
             scored = self.screened(first)
             kind = "given" if first.hypothesis.core.given else self.search.family
             others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids}
             bases = self._cores.get((first.hypothesis.effects, first.hypothesis.core.given), [])
-            bases = [first, *(r for r in bases if r.hypothesis.core != first.hypothesis.core)]
+            bases = [first, *(r for r in bases if r.size != first.size)]
             tell = partial(self._tell, base, f", one of them {first.ids[-1]}", turn, PARTNERS)
             worth = cheapest(self.rows)[0].price + PER_EFFECT  # dearer ones neither win nor are taken for the winner
-            self._fit(bases, others, scored.line, tell, worth, TOGETHER)
+            self._fit(bases, others, scored.line, tell, worth, first)
 
     def _line(self, row: Row) -> Linearised:
         """Return a row linearised along its free run: the scales of shapes are read from it."""
@@ -149,14 +154,14 @@ class Table:
 
     def _fit(
         self, bases: Sequence[Row], shapes: Mapping[Variant, Any], line: Linearised, tell: Callable[[int, int], None],
-        worth: float, most: int | None = None,
+        worth: float, first: Row | None = None,
     ) -> None:  # fmt: skip
         """Look at effects beside rows; fit each form in its best place with every core, the best core to the end.
 
-        At most so many effects, all of them without a number; judged is what may cost less than `worth`. `tell` hears
-        how many fits of how many are done.
+        All effects, but beside the `first` one of a pair only a few; judged is what may cost less than `worth`. `tell`
+        hears how many fits of how many are done.
         """
-        search, looks = self.search, []
+        search, looks, most = self.search, [], TOGETHER if first is not None else None
         count = len(shapes) + min(len({v.id for v in shapes}), most or len(shapes))
 
         def best(rows: Sequence[Row]) -> float:
@@ -165,7 +170,7 @@ class Table:
         for done, (variant, points) in enumerate(shapes.items()):
             tell(done, count)
             search.limits[variant] = line.ranges(variant)
-            looks.append(search.look(bases, variant, points))
+            looks.append(search.look(bases, variant, points, first))
             search.rest()
         places: dict[str, dict[str, list[Row]]] = {}
         for rows in sorted(filter(None, looks), key=best):

@@ -70,6 +70,11 @@ class Row:
         return frozenset(v.effect.limit[2] for v in self.hypothesis.effects if v.effect.limit)
 
     @property
+    def size(self) -> Core:
+        """Its core without the delay, which is tuned for each."""
+        return replace(self.hypothesis.core, delay=0)
+
+    @property
     def count(self) -> int:
         """How many effects it has; the memory of a core counts as one where the base has none."""
         return len(self.hypothesis.effects) + self.memory
@@ -229,10 +234,15 @@ class Search:
 
     # -- with one more effect -----------------------------------------------------------------------------------------
 
-    def look(self, bases: Sequence[Row], variant: Variant, shapes: Sequence[Sequence[float]]) -> list[Row]:
-        """Fit an effect briefly from shapes over its grid, beside the smallest, a middle and the richest base."""
+    def look(
+        self, bases: Sequence[Row], variant: Variant, shapes: Sequence[Sequence[float]], best: Row | None = None
+    ) -> list[Row]:
+        """Fit an effect briefly from shapes over its grid, beside the smallest and the richest base and one more.
+
+        That is the best one where it is known, else a middle one.
+        """
         listed = sorted(bases, key=lambda r: r.parameters)
-        few = {id(listed[i]): listed[i] for i in (0, len(listed) // 2, -1)}
+        few = {id(r): r for r in (listed[0], best or listed[len(listed) // 2], listed[-1])}
         spread = sorted({round(i * (len(shapes) - 1) / (LOOKS - 1)) for i in range(LOOKS)}) if shapes else []
         found = [self._beside(base, variant, shapes[i], 3) for base in few.values() for i in spread]
         return self._cheapest(r for r in found if r is not None)
