@@ -116,7 +116,8 @@ class Table:
             if at is None:
                 continue
             line = self._line(at)
-            tried = [v for v in self._ways(line.model, given) if v.id not in base.ids]
+            taken = {(v.id, v.where) for v in base.hypothesis.effects}  # elsewhere the same effect may act again
+            tried = [v for v in self._ways(line.model, given) if (v.id, v.where) not in taken]
             tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
             self._fit(bases, {v: line.grid(v) for v in tried}, line, tell, base.price)
 
