@@ -38,7 +38,7 @@ RECORDS: dict[str, tuple[str, slice, set[str]]] = {
     "seal 3 bar": ("pneumatic_seal_friction/Oring_3bar.csv", slice(None), FRICTION),
     "motor": ("hydraulic_motor_rotation/run.csv", slice(None), {"saturation", "hysteresis", "backlash"}),
     "piezo": ("piezo_dbo/train_1Hz_full_range.csv", slice(20, None), {"hysteresis", "backlash"}),
-    "tanks": ("cascaded_tanks/train.csv", slice(None), {"sqrt_outflow", "saturation", "output_limit"}),
+    "tanks": ("cascaded_tanks/train.csv", slice(None), {"sqrt_outflow", "end_stop", "saturation", "output_limit"}),
 }
 
 
