@@ -110,3 +110,25 @@ def test_the_working_rate_keeps_what_moves():
     assert found.y[7] == pytest.approx(slow.y[7 * factor : 8 * factor].mean())
     fast = ns.Record.from_arrays(u, np.random.default_rng(0).standard_normal(N), Ts)
     assert working([fast])[1] == 1
+
+
+def slack(x, r):
+    p = x.copy()
+    for i in range(1, len(x)):
+        p[i] = max(x[i] - r, min(x[i] + r, p[i - 1]))
+    return p
+
+
+def test_an_effect_is_found_again_where_it_acts_elsewhere():
+    """A slack before the actuator and one behind it."""
+    rng, n = np.random.default_rng(4), 1500
+    u = np.interp(np.arange(n), np.arange(0, n + 25, 25), rng.uniform(-2, 2, n // 25 + 1))
+    v, x = slack(u, 0.4), np.zeros(n)
+    for i in range(1, n):
+        x[i] = 0.85 * x[i - 1] + 0.15 * v[i - 1]
+    record = ns.Record.from_arrays(u, slack(x, 0.25) + 0.005 * rng.standard_normal(n), 0.01)
+    few = Catalogue({name: ns.EFFECTS[name] for name in ("backlash", "dead_zone")})
+    found = ns.diagnose(ns.identify(record, base="linear"), record, catalogue=few, max_effects=2)
+    assert [(e.effect, e.where) for e in found.model.effects] == [("backlash", "input"), ("backlash", "output")]
+    widths = [v for s, v in found.model.values.items() if str(s).startswith("r_")]
+    assert widths == pytest.approx([0.4, 0.25], rel=0.1)
