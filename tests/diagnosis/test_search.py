@@ -10,7 +10,7 @@ from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
 from narx_sym.diagnosis.table.search import MOST, Search, working
 from narx_sym.fit.bases.integrating import slowest
 from narx_sym.fit.simulate import free_run
-from narx_sym.models.effects import EFFECTS
+from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.models.extend import Variant
 
 N, Ts = 1500, 0.01
