@@ -125,7 +125,7 @@ class Table:
         """Fit pairs: the best effects, and what the directions show beside each of them."""
         self.course.reach(PAIRS)
         # What is half of a pair bends to what the other half does, in each fold otherwise: where it was fitted counts.
-        alone = [r for r in self.rows if len(r.beyond(base)) == 1 and np.isfinite(r.price)]
+        alone = [r for r in self.rows if len(r.beyond(base)) == 1 and (np.isfinite(r.held) or not r.blocks.size)]
         best: dict[tuple[str, ...], Row] = {}
         for row in sorted(alone, key=lambda r: r.before_judged):
             best.setdefault(row.ids, row)
