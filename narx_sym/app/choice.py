@@ -261,8 +261,10 @@ def measured(said: Said, path: Path, shown: str, table: Table, choice: Choice) -
     said.stop()
     channels = [n for n in choice.channels if n not in (choice.u, choice.y, choice.t)]
     try:
-        columns: Any = {"u": choice.u, "y": choice.y, "t": choice.t or None, "channels": channels}
-        made = read(path, **columns, Ts=Ts, rows=rows, missing=choice.missing)
+        made = read(
+            path, u=choice.u, y=choice.y, t=choice.t or None, Ts=Ts, rows=rows, channels=channels,
+            missing=choice.missing,
+        )  # fmt: skip
     except NarxError as error:
         raise DataError(str(error).replace(str(path), shown)) from None
     record = replace(made, name=Path(shown).stem)

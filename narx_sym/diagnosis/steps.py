@@ -265,10 +265,11 @@ def new_effect(row: Row, known: Row) -> str:
 
 def _candidates(table: Table, known: Row, best: Row, found: Sequence[Row], lowest: float) -> list[Candidate]:
     """Return the hypotheses with one effect more, the best of each: the confusion set first."""
-    for variant in best.beyond(known):
+    both = best.beyond(known)
+    for variant in both if len(both) > 1 else ():
         table.judge_alone(known, variant.id)
     listed = [r for r in cheapest(table.beside(known)) if len(r.beyond(known)) == 1 and r.blocks.size]
-    members = {new_effect(r, known) for r in found} | {v.id for v in best.beyond(known)}
+    members = {new_effect(r, known) for r in found} | {v.id for v in both}
     listed.sort(key=lambda r: new_effect(r, known) not in members)
     listed.sort(key=lambda r: r is not best)
     scored = table.screened(known)

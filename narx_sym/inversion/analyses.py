@@ -235,7 +235,7 @@ def assumptions(subject: Subject) -> Finding:
 def law(subject: Subject) -> Finding:
     """Derive the law, after the polynomials whose roots it takes where there are any."""
     lines = [f"{shown(left)} = {shown(right)}" for left, right in subject.law.updates]
-    lines += [f"{shown(p.unknown)} is a root of {p}: {p.choice}" for p in subject.law.polynomials]
+    lines += [p.sentence for p in subject.law.polynomials]
     return Finding(lines, [*subject.law.latex_polynomials(), subject.law.latex()])
 
 

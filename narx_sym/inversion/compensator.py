@@ -160,8 +160,7 @@ class Compensator(CompensatorDoors):
     def lines(self, numbers: bool = False) -> list[str]:
         """Return each equation of the law as a text, in the order of the stages, then which roots they take."""
         values = self.model.values if numbers else {}
-        taken = (f"{printing.text(p.unknown)} is a root of {p.held(values)}: {p.choice}" for p in self.polynomials)
-        return [*self._equations(values), *taken]
+        return [*self._equations(values), *(p.held(values).sentence for p in self.polynomials)]
 
     def _equations(self, values: Mapping[Any, Any]) -> list[str]:
         return [f"{printing.text(left)} = {printing.text(right.xreplace(values))}" for left, right in self.updates]

@@ -108,6 +108,11 @@ class Polynomial:
         least = "the vertex" if self.degree == 2 else "where it comes nearest to zero"
         return f"{said}; where none is real, {least}"
 
+    @property
+    def sentence(self) -> str:
+        """Say which equation the unknown solves, and which of its roots it is."""
+        return f"{text(self.unknown)} is a root of {self}: {self.choice}"
+
     def __str__(self) -> str:
         shown = [(f"({text(c)})" if c.is_Add else text(c), "" if t == 1 else f"*{text(t)}") for c, t in self.terms]
         return " + ".join(f"{c}{t}" for c, t in shown).replace("+ -", "- ") + " = 0"

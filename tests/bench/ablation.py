@@ -17,7 +17,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from sensitivity import RECORDS, read, records_of
+from sensitivity import RECORDS, publish, read, records_of
 
 import narx_sym as ns
 from narx_sym.diagnosis.steps import won
@@ -101,10 +101,7 @@ def main() -> None:
         counts = f"{sum(r.right for r in said)} | {sum(r.in_set for r in said)} | {error:.3g} | {seconds:.0f}"
         lines.append(f"| {part} | " + " | ".join(cells) + f" | {counts} |")
         print(lines[-1], flush=True)
-    text = "\n".join(lines) + "\n"
-    if options.markdown:
-        options.markdown.write_text(text)
-    print(text)
+    publish(lines, options.markdown)
 
 
 if __name__ == "__main__":

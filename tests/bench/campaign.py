@@ -60,7 +60,6 @@ class Machine:
         self.Y, self.V = float(np.std(bare)), float(np.std(np.diff(bare))) / plant.h
         target = float(np.exp(rng.uniform(*np.log(SIZE))))
         alone = self.simulated(self.first, None)
-        self.strength = 0.0
         self.strength = truths._calibrate(
             lambda s: float(np.std(self.simulated(self.first, s) - alone) / np.std(alone)),
             target,
@@ -115,7 +114,7 @@ def told(kind: str, seed: int, experiments: int) -> dict[str, Any] | None:
     else:
         end = f"{found.verdict}, {'with' if names & accept else 'without'} the truth"
     first = "with" if set(sets[0]) & accept else "without"
-    return {"kind": kind, "seed": seed, "sets": sets, "end": end, "records": len(records), "first": first}
+    return {"kind": kind, "seed": seed, "sets": sets, "end": end, "first": first}
 
 
 def main() -> int:

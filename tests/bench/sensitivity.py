@@ -71,6 +71,14 @@ def records_of(only: str) -> dict[str, Any]:
     }
 
 
+def publish(lines: list[str], path: Path | None) -> None:
+    """Print a table, and write it where a file is named."""
+    text = "\n".join(lines) + "\n"
+    if path:
+        path.write_text(text)
+    print(text)
+
+
 def changes() -> Iterator[tuple[str, float]]:
     """Yield each constant with each value; MOST is a share: what it leaves is halved and doubled."""
     yield "as it is", 0.0
@@ -102,10 +110,7 @@ def main() -> None:
             setattr(verdict, name, before)
         counts = f"{sum(s.right for s in said)} | {sum(s.in_set for s in said)}"
         lines.append(f"| {name} | {value:g} | " + " | ".join(s.named for s in said) + f" | {counts} |")
-    text = "\n".join(lines) + "\n"
-    if options.markdown:
-        options.markdown.write_text(text)
-    print(text)
+    publish(lines, options.markdown)
 
 
 if __name__ == "__main__":

@@ -126,10 +126,7 @@ class Table:
         self.course.reach(PAIRS)
         # What is half of a pair bends to what the other half does, in each fold otherwise: where it was fitted counts.
         alone = [r for r in self.rows if len(r.beyond(base)) == 1 and (np.isfinite(r.held) or not r.blocks.size)]
-        best: dict[tuple[str, ...], Row] = {}
-        for row in sorted(alone, key=lambda r: r.before_judged):
-            best.setdefault(row.ids, row)
-        listed = list(best.values())
+        listed = cheapest(alone, by=lambda r: r.before_judged)
         for turn, first in enumerate(islice(filter(self.settles, listed), PARTNERS)):
             scored = self.screened(first)
             kind = "given" if first.hypothesis.core.given else self.search.family

@@ -207,9 +207,8 @@ class Search:
                 A, B = self.largest.n_y, self.largest.n_u
                 x[: core.n_y], x[A : A + core.n_u], x[A + B] = start[: core.n_y], start[core.n_y : -1], start[-1]
             row = self.fitted(Hypothesis(core), x, 15, any_pole)
-            size = replace(core, delay=0)
-            if row is not None and (size not in best or row.fitted < 0.999 * best[size].fitted):
-                best[size] = row
+            if row is not None and (row.size not in best or row.fitted < 0.999 * best[row.size].fitted):
+                best[row.size] = row
         return [self.fitted(r.hypothesis, r.values, 40, any_pole) or r for r in best.values()]
 
     def fitted(self, hypothesis: Hypothesis, x: Array, steps: int, any_pole: bool = False) -> Row | None:

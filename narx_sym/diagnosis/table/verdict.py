@@ -6,7 +6,7 @@ costs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -59,10 +59,10 @@ def price(error: float, parameters: int, effects: int) -> float:
     return float(np.log(max(error, 1e-300)) + PER_PARAMETER * parameters + PER_EFFECT * effects)
 
 
-def cheapest(rows: Sequence[E]) -> list[E]:
+def cheapest(rows: Sequence[E], by: Callable[[E], Any] = lambda r: (r.price, r.parameters)) -> list[E]:
     """Return the cheapest row of each set of effects, cheapest first."""
     best: dict[tuple[str, ...], E] = {}
-    for row in sorted(rows, key=lambda r: (r.price, r.parameters)):
+    for row in sorted(rows, key=by):
         best.setdefault(tuple(sorted(row.ids)), row)
     return list(best.values())
 
