@@ -8,7 +8,7 @@ import narx_sym as ns
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
 from narx_sym.diagnosis.table.search import MOST, Search, working
-from narx_sym.fit.bases.integrating import slowest
+from narx_sym.fit.bases.integrating import at_one, slowest
 from narx_sym.fit.simulate import free_run
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.models.extend import Variant
@@ -132,3 +132,21 @@ def test_an_effect_is_found_again_where_it_acts_elsewhere():
     assert [(e.effect, e.where) for e in found.model.effects] == [("backlash", "input"), ("backlash", "output")]
     widths = [v for s, v in found.model.values.items() if str(s).startswith("r_")]
     assert widths == pytest.approx([0.4, 0.25], rel=0.1)
+
+
+def test_a_bent_response_to_a_sine_is_no_axis_that_integrates():
+    # Two poles that swing without damping imitate the third harmonic: they lie on the unit circle, but not at 1.
+    sine = np.sin(2 * np.pi * 0.3 * Ts * np.arange(N))
+    y = lagged(2 * np.tanh(sine / 2)) + 2e-3 * np.random.default_rng(3).standard_normal(N)
+    record = ns.Record.from_arrays(sine, y, Ts)
+    search = Search(ns.identify(record, base="linear"), [record])
+    search.bases([0, 1, 2, 3])
+    assert not search.integrating
+
+
+def test_poles_at_one():
+    assert at_one(np.array([1.0]), 0.998) and at_one(np.array([1.9, -0.9]), 0.998)
+    assert at_one(np.array([2 * 0.9999, -(0.9999**2) - 1e-6]), 0.998)  # one swing is longer than the record
+    swings = np.exp([0.05j, -0.05j])
+    assert not at_one(-np.poly(swings)[1:].real, 0.998) and not at_one(np.array([0.9]), 0.998)
+    assert not at_one(np.array([-1.0]), 0.998)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...data.record import Record
 from ...errors import FitError
-from ...fit.bases.integrating import DRIVEN, driven, slowest, slowest_seen
+from ...fit.bases.integrating import DRIVEN, at_one, driven, slowest, slowest_seen
 from ...models.extend import Variant
 from ...models.model import NARX, Model
 from ...symbolic.signals import samples
@@ -182,7 +182,7 @@ class Search:
         every = [r.judged() for r in self.cored(delays, any_pole=True)]
         found = [r for r in every if not self._runs_away(r.hypothesis.core, r.values)]
         kept = min((r.held for r in found), default=np.inf)
-        away = min((r for r in every if r not in found), key=lambda r: r.held, default=None)
+        away = min((r for r in every if r not in found and self._at_one(r)), key=lambda r: r.held, default=None)
         if away is not None and kept > INTEGRATES * away.held and self._driven(away) > DRIVEN:
             self.integrating = True
             self.__dict__.pop("largest", None)
@@ -221,11 +221,14 @@ class Search:
         return Row(hypothesis, frame, x, cost, frame.parameters(hypothesis.core), memory=memory)
 
     def _runs_away(self, core: Core, x: Array) -> bool:
-        """Whether a pole has moved to 1, as far as the record tells: it imitates a drift."""
+        """Whether a pole has moved to the unit circle, as far as the record tells: it imitates a drift, or a line."""
         return not (core.given or core.integrating) and slowest(x[: core.n_y]) > self.slow
 
+    def _at_one(self, row: Row) -> bool:
+        return at_one(row.values[: row.hypothesis.core.n_y], self.slow)
+
     def _driven(self, row: Row) -> float:
-        """Return how much of the output's spread the input sends through the slowest pole of a core."""
+        """Return how much of the output's spread the input sends through the pole at 1 of a core."""
         core, x = row.hypothesis.core, row.values
         assert self.largest is not None
         b = x[self.largest.n_y : self.largest.n_y + core.n_u]

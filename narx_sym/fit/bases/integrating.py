@@ -30,14 +30,24 @@ def slowest(a: Array) -> float:
     return float(np.abs(poles(a)).max(initial=0.0))
 
 
+def at_one(a: Array, slow: float) -> bool:
+    """Whether a pole is at 1: as slow as `slow` (`slowest_seen`), and it does not swing within the record.
+
+    A pair that swings without damping imitates a line of the output's spectrum, such as the third harmonic of a bent
+    response to a sine; no axis integrates there.
+    """
+    near = [p for p in poles(a) if abs(np.angle(p)) <= 1 - slow]
+    return max(map(abs, near), default=0.0) > slow
+
+
 def driven(a: Array, b: Array, records: Sequence[Record]) -> float:
-    """Return how far the input moves the output through the slowest pole: a standard deviation [unit of the output].
+    """Return how far the input moves the output through the pole at 1: a standard deviation [unit of the output].
 
     Parameters
     ----------
     a, b : (n,) and (m,) arrays, the coefficients of older outputs and of inputs
     """
     found = poles(a)
-    others = np.delete(found, np.argmax(np.abs(found)))
+    others = np.delete(found, np.argmin(np.abs(found - 1)))
     gain = np.sum(b) / np.prod(1 - others).real
     return float(max(np.std(gain * np.cumsum(s.u - s.u.mean())) for r in records for s in r.segments()))
