@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from ..data.record import Record
 from ..diagnosis.add import FINAL
 from ..diagnosis.procedure import Diagnosis
-from ..diagnosis.refit import Split, settle
+from ..diagnosis.refit import Fitted, Split, settle
 from ..errors import FitError
 from ..fit.least_squares import describe, unfinished
 from ..fit.simulate import Errors, evaluate
@@ -29,10 +29,17 @@ class Finished:
     model : Model
     note : str
         Why the parameters are those of before; "" where the fit went well.
+    nrmse : float
+        Of the free run over all samples, each segment from the start that the fit found: as the ladder judges. From
+        the measured start (`evaluate`) it is larger by what the noise of the first samples does.
+    shown : float
+        What the ladder said of this model; infinite where it said nothing.
     """
 
     model: Model
     note: str = ""
+    nrmse: float = np.nan
+    shown: float = np.inf
 
 
 def fit_on_all(
@@ -52,11 +59,11 @@ def fit_on_all(
         made = settle(model, Split.whole(listed), limits=limits, steps=FINAL)
     except FitError as error:
         return Finished(describe(model, listed, "free_run", True), f"the fit on all samples failed ({error}); {kept}")
-    after = float(np.sqrt(made.mean_square(made.split.train))) / made.problem.spread
+    after = _over_all(made)
     if not after <= WORSE * shown:
         note = f"the fit on all samples ends at a free-run NRMSE of {after:.3g} instead of {shown:.3g}; {kept}"
         return Finished(describe(model, listed, "free_run", True), note)
-    return Finished(unfinished(describe(made.model, listed, "free_run", made.converged)))
+    return Finished(unfinished(describe(made.model, listed, "free_run", made.converged)), nrmse=after, shown=shown)
 
 
 def finish(found: Diagnosis, records: Sequence[Record]) -> tuple[Finished, list[tuple[str, Errors]]]:
@@ -71,14 +78,22 @@ def finish(found: Diagnosis, records: Sequence[Record]) -> tuple[Finished, list[
     errors = [("base", base)] if len(rungs) > 1 else []
     while True:
         fitted, what = rungs.pop(), " ".join(names[: len(rungs) + 1])
+        shown = max(found.steps[0].nrmse(fitted).values())
         errors.append((f"{what}, fitted on the training blocks", evaluate(fitted.model, listed)))
-        made = fit_on_all(fitted.model, listed, fitted.limits, max(found.steps[0].nrmse(fitted).values()))
+        made = fit_on_all(fitted.model, listed, fitted.limits, shown)
+        if made.note:
+            made = replace(made, nrmse=_over_all(fitted), shown=shown)
         notes += [made.note] if made.note else []
         whole = evaluate(made.model, listed)
         errors.append((f"{what}, fitted on all samples", whole))
         if not rungs or whole.free_run_nrmse < base.free_run_nrmse:
-            return Finished(made.model, "; ".join(notes)), errors
+            return replace(made, note="; ".join(notes)), errors
         notes.append(
             f"with {what} the free run over whole records is no better than that of the base (NRMSE "
             f"{whole.free_run_nrmse:.3g}, {base.free_run_nrmse:.3g}): the model before it is taken"
         )
+
+
+def _over_all(fitted: Fitted) -> float:
+    """Return the NRMSE of the free run over all samples, from the starts that the fit found."""
+    return float(np.sqrt(fitted.mean_square(Split.whole(fitted.split.records).train))) / fitted.problem.spread
