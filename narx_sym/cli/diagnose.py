@@ -16,6 +16,7 @@ from .options import (
     DataFiles,
     EffectFiles,
     Input,
+    Limits,
     MaxEffects,
     Missing,
     Output,
@@ -50,6 +51,7 @@ def diagnose(
     ] = None,
     max_effects: MaxEffects = 1,
     seed: Seed = 0,
+    limits: Limits = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write everything as JSON.")] = None,
     save: Annotated[Path | None, typer.Option("--save", help="Write the model with its effects.")] = None,
     plot: Annotated[
@@ -95,7 +97,9 @@ def diagnose(
     with resuming(resume) if resume else nullcontext() as journal:
         start = _begin(model or base, measured, delay)
         with working("Diagnosing") as progress:
-            found = run(start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, report=progress)
+            found = run(
+                start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, limits=limits, report=progress
+            )
     say_resumed(journal, resume)
     settings = {
         "base": base,
@@ -148,8 +152,11 @@ class Targets:
 
     @property
     def paths(self) -> list[Path | None]:
-        """All that were asked for."""
-        return [self.json_file, self.save, self.plot, self.where, self.experiment, self.report]
+        """All that may be written."""
+        from ..diagnosis.experiment import wider_file
+
+        wider = self.next_input and wider_file(self.next_input)
+        return [self.json_file, self.save, self.plot, self.where, self.next_input, wider, self.report]
 
     def write(
         self,

@@ -20,7 +20,7 @@ from ..fit.simulate import Records
 from ..models.effects import EFFECTS, Catalogue
 from ..models.model import Model
 from .doors import DiagnosisDoors
-from .experiment import Experiment
+from .experiment import Experiment, check_limits
 from .misfit import Misfit, misfit_of
 from .progress import BASE, ROUND, Course
 from .refit import Fitted, repeated
@@ -161,6 +161,7 @@ def diagnose(
     channels: Sequence[str] | str = "all",
     catalogue: Catalogue = EFFECTS,
     seed: int = 0,
+    limits: tuple[float, float] | None = None,
     report: Callable[[str], Any] = lambda what: None,
 ) -> Diagnosis:
     """Compare a model with measurements and name the physical effect that is missing.
@@ -177,6 +178,8 @@ def diagnose(
         Which further measured signals may act.
     catalogue : Catalogue
         The effects that are tried.
+    limits : (low, high), optional
+        How far the input of a proposed experiment may go [unit of u]; by default as far as in the records.
     report : callable
         Told what is going on: a text, which is also a `narx_sym.diagnosis.progress.Told`.
 
@@ -192,6 +195,7 @@ def diagnose(
     begin = time.perf_counter()
     if max_effects < 1:
         raise ModelError("max_effects must be at least 1.")
+    check_limits(limits)
     listed = prepare(records, model.info.units)
     measured = [n for n in listed[0].channels if all(n in r.channels for r in listed)]
     unknown = [] if channels == "all" else [n for n in channels if n not in measured]
@@ -212,7 +216,7 @@ def diagnose(
         if loop is not None:
             steps.append(looped(table.own(known), loop, listed))
         while loop is None and len(known.hypothesis.effects) < max_effects:
-            made, known = step(table, known, max_effects - len(known.hypothesis.effects))
+            made, known = step(table, known, max_effects - len(known.hypothesis.effects), limits)
             steps.append(made)
             if made.chosen is None:
                 break

@@ -17,7 +17,7 @@ from ..models.model import NARX
 from ..symbolic import printing
 from . import gate
 from .bases import BASE
-from .experiment import Experiment, propose
+from .experiment import Experiment, propose, wider_file
 from .progress import JUDGE, WAYS
 from .refit import Fitted, prune
 from .table.candidates import Candidate, Pair
@@ -171,6 +171,10 @@ class Step:
             "experiment": self.experiment and {
                 "separates": list(self.experiment.separates), "file": experiment_file,
                 "sentence": self.experiment.sentence,
+                "wider": self.experiment.wider and {
+                    "limits": list(self.experiment.wider.limits), "separation": self.experiment.wider.separation,
+                    "file": experiment_file and str(wider_file(experiment_file)),
+                },
             },
         }  # fmt: skip
 
@@ -182,10 +186,10 @@ def looped(base: Fitted, loop: Feedback, records: Sequence[Record]) -> Step:
     return Step(base, "closed_loop", [], [], error, "not estimated", 1.0, {}, [], loop=loop, valves=valves)
 
 
-def step(table: Table, known: Row, room: int = 1) -> tuple[Step, Row]:
+def step(table: Table, known: Row, room: int = 1, limits: tuple[float, float] | None = None) -> tuple[Step, Row]:
     """Run one round: what may be missing beside the effects of a row, and a verdict; also the row that it ends at.
 
-    `room` is how many effects may be added.
+    `room` is how many effects may be added, `limits` how far the input of the next experiment may go.
     """
     known, best = _filled(table, known)
     table.course.reach(JUDGE)
@@ -223,7 +227,7 @@ def step(table: Table, known: Row, room: int = 1) -> tuple[Step, Row]:
     if len(made.confusion_set) > 1 and not pair:
         table.course.say(": looking for an experiment that separates them")
         models = {c.effect: c.model for c in made.candidates if c.effect in made.confusion_set}
-        made.experiment = propose(models, list(base.split.records), made.floor, table.seed)
+        made.experiment = propose(models, list(base.split.records), made.floor, table.seed, limits=limits)
     table.course.say(": deleting what became redundant")
     made.chosen = prune(chosen if made.pair is None or room > 1 else made.candidates[0].fitted, base)
     return made, best

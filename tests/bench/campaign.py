@@ -1,9 +1,10 @@
 """Does the proposed experiment decide? Machines whose first record cannot tell effects apart, measured again as proposed.
 
-    python tests/bench/campaign.py [--cases 40] [--seed 0] [--jobs 2] [--experiments 2]
+    python tests/bench/campaign.py [--cases 40] [--seed 0] [--jobs 2] [--experiments 2] [--reach 1]
 
 A machine of `truths` with one hidden effect is driven by a slow sine of one size. Where the verdict is `confused`, the
-proposed input is run on the same machine, and both records are diagnosed together; so up to `--experiments` times. Right
+proposed input is run on the same machine, and both records are diagnosed together; so up to `--experiments` times.
+`--reach 2` is a user whose actuator may go twice as far as in the first record. Right
 is a case that ends `named` with what is hidden (or another id that `truths` accepts for it). Nothing is tuned.
 """
 
@@ -90,7 +91,7 @@ class Machine:
         return ns.Record.from_arrays(u, y + NOISE * self.scale * self.rng.standard_normal(y.size), TS, name=name)
 
 
-def told(kind: str, seed: int, experiments: int) -> dict[str, Any] | None:
+def told(kind: str, seed: int, experiments: int, reach: float) -> dict[str, Any] | None:
     """Run the campaign of one machine: the verdicts, and whether it ends right; None where its first one is decided."""
     warnings.simplefilter("ignore")
     try:
@@ -98,7 +99,8 @@ def told(kind: str, seed: int, experiments: int) -> dict[str, Any] | None:
     except RuntimeError:  # no strength of the effect has the wanted size
         return None
     records = [machine.measured(machine.first, "first")]
-    found = ns.diagnose(ns.identify(records[0], base="linear"), records)
+    limits = (-reach * machine.amplitude, reach * machine.amplitude) if reach > 1 else None
+    found = ns.diagnose(ns.identify(records[0], base="linear"), records, limits=limits)
     if found.verdict != "confused":
         return None
     sets, accept = [list(found.confusion_set)], truths._ACCEPT[kind]
@@ -106,7 +108,7 @@ def told(kind: str, seed: int, experiments: int) -> dict[str, Any] | None:
         if found.verdict != "confused" or found.experiment is None:
             break
         records.append(machine.measured(np.asarray(found.experiment.u), f"experiment {i + 1}"))
-        found = ns.diagnose(ns.identify(records, base="linear"), records)
+        found = ns.diagnose(ns.identify(records, base="linear"), records, limits=limits)
         sets.append(list(found.confusion_set))
     names = set(found.confusion_set)
     if found.verdict == "named":
@@ -124,12 +126,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--experiments", type=int, default=2)
+    parser.add_argument("--reach", type=float, default=1.0)
     options = parser.parse_args()
     ends: Counter[str] = Counter()
     tried, confused = 0, 0
     drawn = ((kind, seed) for seed in count(options.seed) for kind in KINDS)
     run = Parallel(n_jobs=options.jobs, return_as="generator_unordered", pre_dispatch=options.jobs)
-    for row in run(delayed(told)(kind, seed, options.experiments) for kind, seed in drawn):
+    for row in run(delayed(told)(kind, seed, options.experiments, options.reach) for kind, seed in drawn):
         tried += 1
         if row is None:
             continue

@@ -217,3 +217,31 @@ def test_what_cannot_be_decided(loops):
         propose({"backlash": models["backlash"], "hysteresis": inverse}, record, NOISE)
     with pytest.raises(ModelError, match="fit"):
         propose({"backlash": models["backlash"], "offset": NARX([u[k]])}, record, NOISE)
+
+
+def test_twice_the_range_is_looked_at_where_this_one_does_not_decide():
+    """A cubic comes near a tanh, and leaves it beyond the range; limits that are given are kept."""
+    u_ = np.sin(2 * np.pi * 0.4 * T)
+    x = static()
+    models = {
+        "saturation": with_effect(x, "saturation", "input", [1.0, 2.0], "soft"),
+        "cubic_gain": with_effect(x, "cubic_gain", "input", [-0.04]),
+    }
+    record = Record.from_arrays(u_, models["saturation"].simulate(u_, 0.0), TS)
+    models = {name: fitted(model, record) for name, model in models.items()}
+    found = propose(models, record, 1e-4, units=UNITS)
+    assert not found.clear and found.wider.clear and found.wider.separation > 3 * found.separation
+    assert np.allclose(found.wider.limits, (-2, 2), atol=0.01) and "twice as far (-2 ... 2 V)" in found.sentence
+    again = propose(models, record, 1e-4, units=UNITS, limits=(-2, 2))
+    assert again.clear and again.wider is None and 1.8 < again.u.max() <= 2
+    assert again.separation == pytest.approx(found.wider.separation, rel=1e-2)
+    kept(Limits.of([record], (-2, 2)), again.u)
+    near = propose(models, record, 1e-4, limits=(-0.5, 0.5))
+    assert np.abs(near.u).max() <= 0.5 and near.wider is None
+    assert "No input within -0.5 ... 0.5 at the present rate" in near.sentence
+
+
+@pytest.mark.parametrize("limits", [(1.0, 1.0), (2.0, -2.0), (0.0, np.inf), (np.nan, 1.0)])
+def test_limits_that_are_none(loops, limits):
+    with pytest.raises(ModelError, match="two finite numbers"):
+        propose(*loops, NOISE, limits=limits)

@@ -6,7 +6,7 @@ A discriminating design (Hunter & Reiner 1965), judged by the two models that co
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 
@@ -21,7 +21,7 @@ from ...fit.freerun import FreeRun
 from ...fit.simulate import Records, fitted, free_run, segments, simulate
 from ...models.model import Model
 from ...symbolic.signals import u as input_sequence
-from .proposal import Experiment, threshold
+from .proposal import CLEARLY, Experiment, threshold
 from .signals import SHORTEST, Limits, family
 
 Array = np.ndarray
@@ -38,6 +38,7 @@ def propose(
     seed: int = 0,
     longest: int = 8000,
     units: Mapping[str, str] | None = None,
+    limits: tuple[float, float] | None = None,
 ) -> Experiment | None:
     """Choose the input that separates fitted models best.
 
@@ -54,6 +55,9 @@ def propose(
     longest : int
         Most samples.
     units : mapping of "u" and "y" to texts, optional
+    limits : (low, high), optional
+        How far the input may go [unit of u]; by default as far as in the records. Then, where no input within them
+        decides, twice that range is looked at too (`Experiment.wider`).
 
     Returns
     -------
@@ -62,8 +66,9 @@ def propose(
     Raises
     ------
     ModelError
-        For a model that was not fitted, or an inverse one.
+        For a model that was not fitted, or an inverse one; for limits that are none.
     """
+    check_limits(limits)
     if len(models) < 2:
         return None
     if any(m.input != input_sequence for m in models.values()):
@@ -72,20 +77,52 @@ def propose(
         fitted(model)
     parts = segments(records)
     bench = _Bench.of(parts)
-    limits = Limits.of(parts)
+    allowed = Limits.of(parts, limits)
     n = min(longest, sum(len(p) for p in parts))
-    if limits.half <= 0 or limits.rate <= 0 or n < 2 * SHORTEST:
+    if allowed.half <= 0 or allowed.rate <= 0 or n < 2 * SHORTEST:
         return None
     given = units or {}
-    tried = [
-        (name, u, outputs)
-        for name, u in family(limits, n, parts[0].Ts, seed, given.get("u", ""))
-        if (outputs := bench.simulated(models, u)) is not None
-    ]
+    now = {name: _as_measured(model, parts) for name, model in models.items()}
+
+    def best(within: Limits) -> Experiment | None:
+        drawn = family(within, n, parts[0].Ts, seed, given.get("u", ""))
+        found = _best(models, bench, now, drawn, floor)
+        return found and replace(found, units=dict(given), limits=(within.low, within.high), given=limits is not None)
+
+    found = best(allowed)
+    if found is None or found.clear or limits is not None:
+        return found
+    further = best(Limits.of(parts, allowed.twice))
+    better = further is not None and further.clear and further.separation > CLEARLY * found.separation
+    return replace(found, wider=further if better else None)
+
+
+def check_limits(limits: tuple[float, float] | None) -> None:
+    """Refuse limits of the input that are none.
+
+    Raises
+    ------
+    ModelError
+    """
+    if limits is not None and not (np.isfinite(limits).all() and limits[0] < limits[1]):
+        raise ModelError(
+            "The limits of the input must be two finite numbers, the smaller one first, not "
+            f"{limits[0]:g} and {limits[1]:g}."
+        )
+
+
+def _best(
+    models: Mapping[str, Model],
+    bench: _Bench,
+    now: Mapping[str, list[Record]],
+    drawn: Iterable[tuple[str, Array]],
+    floor: float,
+) -> Experiment | None:
+    """Return the signal that separates the models best; None where they do not all survive one."""
+    tried = [(name, u, outputs) for name, u in drawn if (outputs := bench.simulated(models, u)) is not None]
     if not tried:
         return None
     runs = {name: [bench.record(u, outputs[name]) for _, u, outputs in tried] for name in models}
-    now = {name: _as_measured(model, parts) for name, model in models.items()}
     pairs = list(combinations(models, 2))
     apart, present = _distances(models, runs, now)
     usable = np.flatnonzero(np.isfinite(apart).all(axis=0))
@@ -98,9 +135,8 @@ def propose(
     best = int(usable[np.argmax(worst[usable])])
     name, u, outputs = tried[best]
     return Experiment(
-        list(models), name, parts[0].Ts * np.arange(n), u, float(worst[best]), float(present[chosen].min()),
-        float(floor), outputs, units=dict(given),
-        together=[p for p, c in zip(pairs, possible, strict=True) if not c],
+        list(models), name, bench.Ts * np.arange(u.size), u, float(worst[best]), float(present[chosen].min()),
+        float(floor), outputs, together=[p for p, c in zip(pairs, possible, strict=True) if not c],
     )  # fmt: skip
 
 

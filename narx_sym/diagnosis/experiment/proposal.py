@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -27,7 +28,7 @@ class Experiment:
     name : str
         The signal in words.
     t, u : (N,) arrays
-        Time [s] and input [its unit], within the range and the rate of the present records.
+        Time [s] and input [its unit], within `limits` and the rate of the present records.
     separation : float
         Smallest pairwise rms distance between the candidates' outputs, after a refit [unit of y].
     present : float
@@ -41,6 +42,12 @@ class Experiment:
     units : mapping of "u" and "y" to texts
     together : list of pairs of ids
         No signal of the family separates these; where other pairs can be separated, the distances are of those.
+    limits : (low, high)
+        Of the input [its unit].
+    given : bool
+        Whether the user gave them; else they are the range of the present records.
+    wider : Experiment, optional
+        The best one over twice the range, where this one hardly decides and that one does.
     """
 
     separates: list[str]
@@ -54,6 +61,9 @@ class Experiment:
     file: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
     together: list[tuple[str, str]] = field(default_factory=list)
+    limits: tuple[float, float] = (-np.inf, np.inf)
+    given: bool = False
+    wider: Experiment | None = None
 
     @property
     def ratio(self) -> float:
@@ -86,9 +96,10 @@ class Experiment:
         where = f" ({self.file})" if self.file else ""
         noise = f", {self.ratio:.2g} times the noise" if np.isfinite(self.ratio) else ""
         if not self.visible:
+            within = f"{self._range(self.limits)} at the present rate" if self.given else "the present range and rate"
             return (
-                f"No input within the present range and rate tells {between} apart: after a refit they say the same "
-                f"even on the best one found ({self.name})."
+                f"No input within {within} tells {between} apart: after a refit they say the same "
+                f"even on the best one found ({self.name}).{self._further}"
             )
         said = (
             f"To decide between {between}: run this {self.duration:.3g} s input{where}: {self.name}. "
@@ -97,7 +108,7 @@ class Experiment:
         if not self.clear:
             said += (
                 f" This is hardly better than the present record ({self._y(self.present)}): deciding needs a wider "
-                "range or faster moves than that record has."
+                f"range or faster moves than that record has.{self._further}"
             )
         elif self.ratio < 1:
             said += " Repeat it and average: one sample's noise is larger than the difference."
@@ -105,12 +116,33 @@ class Experiment:
             said += f" No input of this kind tells {words(a)} and {words(b)} apart."
         return said
 
+    def _range(self, limits: tuple[float, float]) -> str:
+        return with_unit(limits[0], "") + " ... " + with_unit(limits[1], self.units.get("u", ""))
+
+    @property
+    def _further(self) -> str:
+        """What twice the range would show, with a space before it."""
+        if self.wider is None:
+            return ""
+        where = f", {wider_file(self.file).name}" if self.file else ""
+        return (
+            f" If the actuator may go twice as far ({self._range(self.wider.limits)}{where}), they differ by "
+            f"{self._y(self.wider.separation)} rms."
+        )
+
     def save(self, path: PathLike = FILE) -> None:
-        """Write the columns t [s] and u [its unit] as CSV."""
+        """Write the columns t [s] and u [its unit] as CSV; the input of twice the range beside it (`wider_file`)."""
         write_csv(path, {"t": self.t, "u": self.u})
+        if self.wider is not None:
+            self.wider.save(wider_file(path))
 
     def _y(self, value: float) -> str:
         return with_unit(value, self.units.get("y", ""), 2)
+
+
+def wider_file(path: PathLike) -> Path:
+    """Return where the input of twice the range is written: next_wider.csv beside next.csv."""
+    return Path(path).with_stem(f"{Path(path).stem}_wider")
 
 
 def threshold(floor: float, outputs: Iterable[Array]) -> float:

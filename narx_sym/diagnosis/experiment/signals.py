@@ -1,4 +1,4 @@
-"""Inputs to choose from: ramps, triangles, stairs, sines, fast moves, noise and rest, within the present limits."""
+"""Inputs to choose from: ramps, triangles, stairs, sines, fast moves, noise and rest, within limits."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SMALLEST = 0.1  # share of half the range; a signal that the rate limit makes sm
 
 @dataclass(frozen=True)
 class Limits:
-    """What the present records show the input may do.
+    """What the input may do: what the present records show, or a range that is given.
 
     Attributes
     ----------
@@ -42,15 +42,26 @@ class Limits:
     rate: float
 
     @classmethod
-    def of(cls, parts: Sequence[Record]) -> Limits:
-        """Read the limits; the rate is the 99.9 % quantile of the steps, the largest step where the input jumps."""
+    def of(cls, parts: Sequence[Record], given: tuple[float, float] | None = None) -> Limits:
+        """Read the limits; the rate is the 99.9 % quantile of the steps, the largest step where the input jumps.
+
+        Parameters
+        ----------
+        given : (low, high), optional
+            The range instead of the records' [unit of u].
+        """
         values = np.concatenate([p.u for p in parts])
         steps = np.abs(np.concatenate([np.diff(p.u) for p in parts]))
         low, high, largest = float(values.min()), float(values.max()), float(steps.max())
         # Rests with jumps between them: the quantile would see the rests only.
         jumps = np.count_nonzero(steps > largest / 2) >= 3 and np.median(steps) < 0.01 * largest
         rate = largest if jumps and largest > 0.05 * (high - low) else float(np.quantile(steps, 0.999))
-        return cls(low, high, rate or largest)
+        return cls(*(given or (low, high)), rate or largest)
+
+    @property
+    def twice(self) -> tuple[float, float]:
+        """Twice the range about its centre (low, high) [unit of u]."""
+        return self.centre - 2 * self.half, self.centre + 2 * self.half
 
     @property
     def centre(self) -> float:

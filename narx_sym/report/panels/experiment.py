@@ -62,5 +62,5 @@ def experiment(material: Material) -> dict[str, Any] | None:
     drawn = material.pictures("experiment")
     live = [(name, p, Markup(part)) for (name, part), p in zip(elements.items(), drawn, strict=False)]
     looks = zip(map(words, e.outputs), interactive.LOOKS, interactive.DASHES, strict=False)
-    csv = csv_text({"t": e.t, "u": e.u})
-    return {"e": e, "csv": csv, "script": Markup(script), "live": live, "looks": list(looks)}
+    files = {one: csv_text({"t": of.t, "u": of.u}) for one, of in {"next": e, "next_wider": e.wider}.items() if of}
+    return {"e": e, "files": files, "script": Markup(script), "live": live, "looks": list(looks)}
