@@ -150,3 +150,19 @@ def test_poles_at_one():
     swings = np.exp([0.05j, -0.05j])
     assert not at_one(-np.poly(swings)[1:].real, 0.998) and not at_one(np.array([0.9]), 0.998)
     assert not at_one(np.array([-1.0]), 0.998)
+
+
+def test_a_resonance_that_hardly_decays_is_no_line_of_the_spectrum():
+    # Its poles lie where those of an imitated line do, but the output follows the input from rest too.
+    a, noise = np.array([2 * 0.9985 * np.cos(0.2), -(0.9985**2)]), 0.02
+    y = np.zeros(N)
+    for i in range(2, N):
+        y[i] = a @ y[[i - 1, i - 2]] + 0.04 * u[i - 1]
+    record = ns.Record.from_arrays(u, y + noise * np.random.default_rng(4).standard_normal(N), Ts)
+    base = ns.identify(record, base="linear", n_y=2, n_u=1, delay=1)
+    search = Search(base, [record])
+    best = min(search.bases([0, 1, 2]), key=lambda r: r.price)
+    assert slowest(a) > search.slow and search.swings and not search.integrating
+    assert np.sqrt(best.held) * np.std(record.y) == pytest.approx(noise, rel=0.1)
+    found = ns.diagnose(base, record)
+    assert found.verdict == "nothing_detectable"

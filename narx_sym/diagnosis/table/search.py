@@ -11,7 +11,7 @@ import numpy as np
 
 from ...data.record import Record
 from ...errors import FitError
-from ...fit.bases.integrating import DRIVEN, at_one, driven, slowest, slowest_seen
+from ...fit.bases.integrating import DRIVEN, at_one, driven, slowest, slowest_seen, undriven
 from ...models.extend import Variant
 from ...models.model import NARX, Model
 from ...symbolic.signals import samples
@@ -22,6 +22,7 @@ from .verdict import price
 Array = np.ndarray
 POWER, PER_CYCLE, LEAST, MOST, SHORT = 0.999, 10, 1200, 6000, 40  # of the working rate [samples]
 INTEGRATES = 25.0  # times the mean square without a pole at 1: less, and the pole only imitates a slow or bent response
+SWINGS = 4.0  # times the mean square, where nothing drives a pole that hardly decays: more, and it is a resonance
 LOOKS = 4  # shapes from which a fit is begun
 HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
@@ -112,6 +113,8 @@ class Search:
     rows : list of Row
         The table; what cannot be worth its price is not judged.
     limits : of the shape parameters of each effect
+    swings : bool
+        Whether the input excites a resonance that hardly decays within the record.
     integrating : bool
         Whether the axis integrates: its free run is started again at block edges.
     """
@@ -124,7 +127,7 @@ class Search:
         self.limits: dict[Variant, Mapping[str, tuple[float, float]]] = {}
         self.frames: dict[Any, Frame] = {}
         self.rows: list[Row] = []
-        self.integrating = False
+        self.integrating = self.swings = False
         self.slow = slowest_seen(self.records)
 
     # -- frames ----------------------------------------------------------------------------------------------------
@@ -180,6 +183,7 @@ class Search:
             Where no core follows the data.
         """
         every = [r.judged() for r in self.cored(delays, any_pole=True)]
+        self.swings = any(self._answers(r) for r in every if self._runs_away(r.hypothesis.core, r.values))
         found = [r for r in every if not self._runs_away(r.hypothesis.core, r.values)]
         kept = min((r.held for r in found), default=np.inf)
         away = min((r for r in every if r not in found and self._at_one(r)), key=lambda r: r.held, default=None)
@@ -222,7 +226,18 @@ class Search:
 
     def _runs_away(self, core: Core, x: Array) -> bool:
         """Whether a pole has moved to the unit circle, as far as the record tells: it imitates a drift, or a line."""
-        return not (core.given or core.integrating) and slowest(x[: core.n_y]) > self.slow
+        if core.given or core.integrating:
+            return False
+        a = x[: core.n_y]
+        return slowest(a) >= 1 or at_one(a, self.slow) if self.swings else slowest(a) > self.slow
+
+    def _answers(self, row: Row) -> bool:
+        """Whether the input drives the poles of a core that hardly decay, and that are not at 1."""
+        core, a = row.hypothesis.core, row.values[: row.hypothesis.core.n_y]
+        if slowest(a) >= 1 or self._at_one(row):
+            return False
+        left = undriven(a, core.n_u, core.delay, self.records, self.slow) / row.frame.problem.spread**2
+        return left > SWINGS * row.held
 
     def _at_one(self, row: Row) -> bool:
         return at_one(row.values[: row.hypothesis.core.n_y], self.slow)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.signal import lfilter
 
 from ...data.record import Record
 
@@ -38,6 +39,31 @@ def at_one(a: Array, slow: float) -> bool:
     """
     near = [p for p in poles(a) if abs(np.angle(p)) <= 1 - slow]
     return max(map(abs, near), default=0.0) > slow
+
+
+def undriven(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: float) -> float:
+    """Return the mean square that A y = B u leaves where the input does not drive the poles that hardly decay.
+
+    They keep their free response, and the input the other poles: least squares in each segment [unit of y squared].
+    A line of the spectrum, which no input makes, is described as well without a drive; a resonance is not.
+
+    Parameters
+    ----------
+    a : (n,) array, the coefficients of older outputs
+    n_u, delay : int, of the inputs
+    slow : float, the pole from which on one hardly decays
+    """
+    found = poles(a)
+    lasting = np.abs(found) > slow
+    left = []
+    for s in (s for r in records for s in r.segments()):
+        k = np.arange(len(s))
+        u = lfilter([1.0], np.poly(found[~lasting]).real, s.u - s.u.mean())
+        columns = [np.where(k < delay + i, 0.0, np.roll(u, delay + i)) for i in range(n_u + 2)]
+        columns += [part(p**k) for p in found for part in (np.real, np.imag)]
+        matrix = np.column_stack([*columns, np.ones(len(s))])
+        left.append(s.y - matrix @ np.linalg.lstsq(matrix, s.y, rcond=None)[0])
+    return float(np.mean(np.concatenate(left) ** 2))
 
 
 def driven(a: Array, b: Array, records: Sequence[Record]) -> float:
