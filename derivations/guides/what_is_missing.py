@@ -74,6 +74,13 @@ print(f"free-run error of the record's range: {before.free_run_mape:.3g} % befor
 # explain most together are fitted too. What the new effect makes redundant is deleted. How often all this is right, and where it is not:
 # [](../results/named.md).
 #
+# ## The next experiment
+# Where several effects explain a record, some 30 inputs are simulated with each of them: ramps, triangles, stairs, sines,
+# fast moves, noise, rest. Proposed is the one on which the two that come closest differ most after a refit. It keeps the
+# range and the rate of the record; `limits=(-5, 5)`, on the command line `--limits -5 5`, says what the actuator may do.
+# Some pairs differ only further out: a cubic and a saturation are one curve until they bend. Where the present range does
+# not decide, twice that range is looked at: the sentence says what it would show, and `next_wider.csv` has the input.
+#
 # ## Show it
 # One HTML file tells the story: what was found and what to do next, measured and simulated, the error step by step,
 # where the model fails, the candidates, the model before and after, what follows from it, the next experiment, and
