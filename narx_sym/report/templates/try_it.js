@@ -1,5 +1,5 @@
 "use strict";
-// Stands behind `models`, the recursions as JavaScript, in one function.
+// Stands behind `models`, the recursions as JavaScript, and `picture.js`, in one function.
 const told = JSON.parse(document.getElementById("try-data").textContent);
 const n = told.n, panel = document.getElementById("try_it");
 const element = name => document.getElementById(`try-${name}`);
@@ -52,14 +52,6 @@ function compute() {
 
 // ---- words -------------------------------------------------------------------------------------------------------
 
-function number(value, digits = 3) {
-  const size = Math.abs(value);
-  if (!Number.isFinite(value)) return "–";
-  if (!value) return "0";
-  if (size < 1e-3 || size >= 1e5) return value.toExponential(digits - 1);
-  return value.toFixed(Math.max(0, digits - 1 - Math.floor(Math.log10(Number(size.toPrecision(digits))))));
-}
-
 const united = value => `${number(value)} ${told.units[1]}`.trim();
 const percentOf = share => `${number(100 * share, 2)} %`;
 const percent = value => percentOf(value / told.spread);
@@ -88,7 +80,6 @@ function say() {
 const COARSE = 10000;  // points of a loop while something moves
 const LAP = 12000;  // the point runs through what is shown [ms]
 const CREST = 1.25;  // periods, to the first crest of full height
-const MARGIN = {left: 58, right: 8, top: 8, bottom: 36};
 
 function extent(list, from, to) {
   let low = Infinity, high = -Infinity;
@@ -100,109 +91,8 @@ function extent(list, from, to) {
   return [low - room, high + room];
 }
 
-function ticks(low, high, most) {
-  const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map(f => f * power).find(s => s >= rough), found = [];
-  for (let i = Math.ceil(low / step); i * step <= high; i++) found.push(i * step);
-  return {step, found};
-}
-
-class Picture {
-  constructor(name, xLabel, yLabel) {
-    Object.assign(this, {canvas: element(name), xLabel, yLabel});
-    this.pen = this.canvas.getContext("2d");
-  }
-
-  begin(x, y, box, scale) {
-    const pen = this.pen;
-    const width = Math.round(box.width * scale), height = Math.round(box.height * scale);
-    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, {width, height});
-    pen.setTransform(scale, 0, 0, scale, 0, 0);
-    pen.clearRect(0, 0, box.width, box.height);
-    Object.assign(this, {x, y, left: MARGIN.left, right: box.width - MARGIN.right, top: MARGIN.top,
-      bottom: box.height - (this.xLabel ? MARGIN.bottom : MARGIN.top)});
-    this.axes();
-  }
-
-  across(value) { return this.left + (value - this.x[0]) / (this.x[1] - this.x[0]) * (this.right - this.left); }
-
-  up(value) {  // what leaves the picture stops a little outside
-    const at = this.bottom - (value - this.y[0]) / (this.y[1] - this.y[0]) * (this.bottom - this.top);
-    return Math.min(Math.max(at, -50), this.bottom + 50);
-  }
-
-  // What stays while a parameter moves is drawn once: the axes, and `rest`.
-  background(key, x, y, rest) {
-    const box = this.canvas.getBoundingClientRect(), scale = window.devicePixelRatio || 1;
-    const whole = [key, x, y, box.width, box.height, scale, shown.from, shown.to].join();
-    if (whole !== this.key) {
-      this.begin(x, y, box, scale);
-      rest();
-      const kept = this.kept = this.kept || document.createElement("canvas");
-      Object.assign(kept, {width: this.canvas.width, height: this.canvas.height});
-      kept.getContext("2d").drawImage(this.canvas, 0, 0);
-      this.key = whole;
-    }
-    this.pen.setTransform(1, 0, 0, 1, 0, 0);
-    this.pen.clearRect(0, 0, this.canvas.width, this.canvas.height);
-    this.pen.drawImage(this.kept, 0, 0);
-    this.pen.setTransform(scale, 0, 0, scale, 0, 0);
-  }
-
-  axes() {
-    const pen = this.pen, {left, right, top, bottom} = this;
-    pen.font = "12px system-ui, sans-serif";
-    pen.lineWidth = 1;
-    const label = (value, step) => Number(value.toPrecision(12)).toLocaleString("en", {useGrouping: false,
-      maximumFractionDigits: Math.min(12, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)))});
-    const plain = step => step < 1e-5 || Math.max(...this.y.map(Math.abs)) >= 1e6;
-    const apart = Math.max(14, Math.min(35, (bottom - top) / 5));
-    const vertical = ticks(...this.y, (bottom - top) / apart);
-    pen.textAlign = "right";
-    pen.textBaseline = "middle";
-    for (const value of vertical.found) {
-      this.rule(left, this.up(value), right, this.up(value));
-      pen.fillStyle = colours.ink;
-      pen.fillText(plain(vertical.step) ? value.toExponential(1) : label(value, vertical.step), left - 5, this.up(value));
-    }
-    const horizontal = ticks(...this.x, Math.max(5, (right - left) / 70));
-    pen.textAlign = "center";
-    pen.textBaseline = "top";
-    for (const value of horizontal.found) {
-      this.rule(this.across(value), top, this.across(value), bottom);
-      pen.fillStyle = colours.ink;
-      if (this.xLabel) pen.fillText(label(value, horizontal.step), this.across(value), bottom + 4);
-    }
-    if (this.xLabel) pen.fillText(this.xLabel, (left + right) / 2, bottom + 19);
-    pen.save();
-    pen.translate(9, (top + bottom) / 2);
-    pen.rotate(-Math.PI / 2);
-    pen.textBaseline = "middle";
-    pen.fillText(this.yLabel, 0, 0);
-    pen.restore();
-  }
-
-  rule(x0, y0, x1, y1) {
-    const pen = this.pen;
-    pen.strokeStyle = colours.rule;
-    pen.globalAlpha = 0.5;
-    pen.beginPath();
-    pen.moveTo(Math.round(x0) + 0.5, Math.round(y0) + 0.5);
-    pen.lineTo(Math.round(x1) + 0.5, Math.round(y1) + 0.5);
-    pen.stroke();
-    pen.globalAlpha = 1;
-  }
-
-  clipped(draw) {
-    const pen = this.pen;
-    pen.save();
-    pen.beginPath();
-    pen.rect(this.left, this.top, this.right - this.left, this.bottom - this.top);
-    pen.clip();
-    draw(pen);
-    pen.restore();
-  }
-
+// Over the record.
+class Run extends Picture {
   // Over time: where there are several samples for a pixel, from their lowest to their highest value.
   trace(values, colour, width) {
     this.clipped(pen => {
@@ -231,17 +121,6 @@ class Picture {
     });
   }
 
-  curve(values, colour, width, dash = []) {
-    this.clipped(pen => {
-      pen.strokeStyle = colour;
-      pen.lineWidth = width;
-      pen.setLineDash(dash);
-      pen.beginPath();
-      for (let k = 0; k < values.length; k++) pen.lineTo(this.across(k * told.Ts), this.up(values[k]));
-      pen.stroke();
-    });
-  }
-
   // Against the input: points that fall on the pixel before are left out, while something moves others too.
   loop(values, colour, width, most = Infinity) {
     this.clipped(pen => {
@@ -261,32 +140,25 @@ class Picture {
   }
 }
 
-const [uLabel, yLabel, errorLabel] = told.axes;
+const [uLabel, yLabel, errorLabel] = told.axes, colours = {};
 const pictures = {
-  time: new Picture("time", "", yLabel), error: new Picture("error", "time [s]", errorLabel),
-  loop: new Picture("loop", uLabel, yLabel),
+  time: new Run(element("time"), colours, "", yLabel), error: new Run(element("error"), colours, "time [s]", errorLabel),
+  loop: new Run(element("loop"), colours, uLabel, yLabel),
 };
-let colours = {};
 
 function readColours() {
-  const style = getComputedStyle(panel), read = name => style.getPropertyValue(`--${name}`).trim();
-  colours = Object.fromEntries(["ink", "rule", "yellow", "measured", "before", "after"].map(name => [name, read(name)]));
+  Object.assign(colours, coloursOf(panel, ["ink", "rule", "yellow", "measured", "before", "after"]));
 }
 
 function draw(fine) {
   const {from, to, run} = shown, {time: over, error: beside, loop} = pictures;
   const colour = shown.model ? colours.after : colours.before;
-  const across = [time[from], time[to - 1]], span = shown.span;
-  over.background(colours.ink, across, span.y, () => over.trace(measured, colours.measured, 2));
+  const across = [time[from], time[to - 1]], span = shown.span, key = [colours.ink, from, to];
+  over.background(key, across, span.y, () => over.trace(measured, colours.measured, 2));
   over.trace(run, colour, 1.4);
-  beside.background(colours.ink, across, span.error, () => beside.clipped(pen => {
-    const [top, bottom] = [beside.up(told.floor), beside.up(-told.floor)];
-    pen.fillStyle = colours.yellow;
-    pen.globalAlpha = 0.35;
-    pen.fillRect(beside.left, top, beside.right - beside.left, bottom - top);
-  }));
+  beside.background(key, across, span.error, () => beside.band([-told.floor, told.floor], colours.yellow));
   beside.trace(error, colour, 1.2);
-  loop.background(colours.ink, span.u, span.y, () => loop.loop(measured, colours.measured, 2));
+  loop.background(key, span.u, span.y, () => loop.loop(measured, colours.measured, 2));
   loop.loop(run, colour, 1.3, fine ? Infinity : COARSE);
 }
 
@@ -335,8 +207,9 @@ player.input.addEventListener("input", () => {
 // ---- the law ------------------------------------------------------------------------------------------------------
 
 const asked = told.law && {amplitude: element("amplitude"), period: element("period"), r: new Float64Array(told.law.n + told.law.ahead),
-  picture: new Picture("reference", "time [s]", `r${told.axes[1].slice(1)}`),
-  input: new Picture("input", "time [s]", told.axes[0])};
+  t: Float64Array.from({length: told.law.n}, (_, k) => k * told.Ts),
+  picture: new Picture(element("reference"), colours, "time [s]", `r${told.axes[1].slice(1)}`),
+  input: new Picture(element("input"), colours, "time [s]", told.axes[0])};
 
 function follow() {
   const one = told.law, {r} = asked, amplitude = one.amplitude * asked.amplitude.value / 100;
@@ -354,18 +227,17 @@ function follow() {
     if (Number.isNaN(input[k])) bad++;
     else if (input[k] < limits[0] || input[k] > limits[1]) beyond++;
   }
-  const span = limits[1] - limits[0] || 1, box = picture => [picture.canvas.getBoundingClientRect(), window.devicePixelRatio || 1];
-  const across = [0, one.n * told.Ts], {picture, input: below} = asked;
-  picture.begin(across, [one.middle - 2.2 * one.amplitude, one.middle + 2.2 * one.amplitude], ...box(picture));
-  picture.curve(r.subarray(0, one.n), colours.after, 1.6);
+  const span = limits[1] - limits[0] || 1, across = [0, one.n * told.Ts], {picture, input: below, t} = asked;
+  picture.begin(across, [one.middle - 2.2 * one.amplitude, one.middle + 2.2 * one.amplitude]);
+  picture.curve(t, r.subarray(0, one.n), colours.after, 1.6);
   const x = picture.across((lead + CREST * period) * told.Ts), y = picture.up(one.middle + amplitude);
   picture.pen.fillStyle = colours.after;
   picture.pen.beginPath();
   picture.pen.arc(x, y, 7, 0, 2 * Math.PI);
   picture.pen.fill();
-  below.begin(across, [limits[0] - 0.4 * span, limits[1] + 0.4 * span], ...box(below));
-  for (const limit of limits) below.curve([limit, ...Array(one.n).fill(limit)], colours.ink, 1, [6, 5]);
-  below.curve(input.subarray(0, one.n), colours.after, 1.6);
+  below.begin(across, [limits[0] - 0.4 * span, limits[1] + 0.4 * span]);
+  for (const limit of limits) below.curve(across, [limit, limit], colours.ink, 1, [6, 5]);
+  below.curve(t, input.subarray(0, one.n), colours.after, 1.6);
   const unit = told.units[0], shownAt = value => `${number(value)} ${unit}`.trim();
   element("amplitude-said").textContent = `${number(amplitude)} ${told.units[1]}`.trim();
   element("period-said").textContent = `${number(period * told.Ts)} s`;
@@ -378,21 +250,14 @@ function follow() {
 }
 
 function dragged(event) {
-  const {picture} = asked, box = picture.canvas.getBoundingClientRect(), one = told.law;
-  const share = (event.clientX - box.left - picture.left) / (picture.right - picture.left);
-  const level = picture.y[1] - (event.clientY - box.top - picture.top) / (picture.bottom - picture.top) * (picture.y[1] - picture.y[0]);
+  const one = told.law, [t, level] = asked.picture.at(event);
   asked.amplitude.value = Math.round(100 * Math.abs(level - one.middle) / one.amplitude);
-  asked.period.value = Math.round(100 * (share * one.n - one.lead) / CREST / one.period);
+  asked.period.value = Math.round(100 * (t / told.Ts - one.lead) / CREST / one.period);
   later();
 }
 
 if (asked) {
-  const canvas = asked.picture.canvas;
-  canvas.addEventListener("pointerdown", event => {
-    canvas.setPointerCapture(event.pointerId);
-    dragged(event);
-  });
-  canvas.addEventListener("pointermove", event => { if (canvas.hasPointerCapture(event.pointerId)) dragged(event); });
+  followed(asked.picture.canvas, {begin: dragged, move: dragged, end() {}});
   for (const slider of [asked.amplitude, asked.period]) slider.addEventListener("input", later);
 }
 
@@ -475,7 +340,7 @@ document.addEventListener("click", event => {  // a cell of the maps of errors
 
 for (const picture of [pictures.time, pictures.error]) {
   const canvas = picture.canvas, mark = document.createElement("span");
-  let begun = null;
+  let begun = 0;
   mark.className = "try-mark";
   canvas.parentElement.append(mark);
   const at = event => event.clientX - canvas.getBoundingClientRect().left;
@@ -483,24 +348,19 @@ for (const picture of [pictures.time, pictures.error]) {
     const share = (x - picture.left) / (picture.right - picture.left);
     return Math.round(shown.from + Math.min(1, Math.max(0, share)) * (shown.to - shown.from));
   };
-  const hide = () => { begun = null; mark.style.display = "none"; };
-  canvas.addEventListener("pointerdown", event => {
-    if (event.button) return;
-    begun = at(event);
-    canvas.setPointerCapture(event.pointerId);
+  const swept = event => [begun, at(event)].sort((p, q) => p - q);
+  followed(canvas, {
+    begin(event) { begun = at(event); },
+    move(event) {
+      const [a, b] = swept(event);
+      Object.assign(mark.style, {display: "block", left: `${a}px`, width: `${b - a}px`});
+    },
+    end(event, lost) {
+      const [a, b] = swept(event);
+      mark.style.display = "none";
+      if (!lost && b - a > 4) look(sample(a), sample(b));
+    },
   });
-  canvas.addEventListener("pointermove", event => {
-    if (begun === null) return;
-    const [a, b] = [begun, at(event)].sort((p, q) => p - q);
-    Object.assign(mark.style, {display: "block", left: `${a}px`, width: `${b - a}px`});
-  });
-  canvas.addEventListener("pointerup", event => {
-    if (begun === null) return;
-    const [a, b] = [begun, at(event)].sort((p, q) => p - q);
-    hide();
-    if (b - a > 4) look(sample(a), sample(b));
-  });
-  canvas.addEventListener("pointercancel", hide);
   canvas.addEventListener("dblclick", () => look(0, n));
 }
 
