@@ -120,8 +120,13 @@ print(f"{size / 1e6:.1f} MB")
 # how many, and beside it stands what the best row so far removes of the squared error; the terminal shows the same line.
 # In Python, `report=` hears it: each text has the attributes `stage`, `stages`, `done`, `of`, `found` and `fraction`.
 #
-# Under *Law* the law runs over a reference: the measured output or its first seconds, a sine, a staircase, or a column of
-# a CSV, within limits of the input and of its change per sample. Shown are the reference, the model's output with the law
+# Under *Law* the law runs over a reference: the measured output or its first seconds, a sine, a staircase, a drawing, or a
+# column of a CSV, within limits of the input and of its change per sample. A drawing is made in a picture where the
+# identified range of the output is shaded: press and draw, click for a point, drag a point; or go from point to point with
+# Tab and move it with the arrows, Enter sets a point, Delete takes it away, Ctrl+Z takes back. Its points stand below as
+# text, which may be typed or pasted: a time and a level in each line. It is sampled as often as the record, straight
+# between points, level before the first and after the last (`drawn` in `narx_sym.tasks.reference`). Where the
+# compensator was opened with limits of the input, dashed lines mark where the model rests at them. Shown are the reference, the model's output with the law
 # and without (there the straight line through the data is inverted, within the same limits), the input, the errors as
 # rms and largest value, and in how many samples limits hold the input; time, reference, input and output are a CSV to
 # take away. A run belongs to its model: it goes with an undo, and comes back with a redo. In Python:

@@ -20,8 +20,8 @@ class Compensation:
 
     @property
     def of_law(self: Any) -> tuple[Any, ...]:
-        """What the law's part of the page depends on."""
-        return self.law, self.run, self.wanted.file
+        """What there is to take away beside a model."""
+        return self.law, self.run
 
     def open_law(self: Any, **wanted: Any) -> None:
         """Begin to derive the compensation law; `wanted` changes the fields of the same names.

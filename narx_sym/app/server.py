@@ -161,6 +161,8 @@ def _files(app: Any, sessions: Sessions) -> None:
     from fastapi.concurrency import run_in_threadpool
     from fastapi.responses import PlainTextResponse, Response
 
+    from .browser.drawn import script
+
     def bench_of(request: Request) -> Workbench:
         try:
             return sessions.benches[request.path_params["key"]]
@@ -195,8 +197,12 @@ def _files(app: Any, sessions: Sessions) -> None:
     def frame(request: Request) -> Response:
         return Response(FRAME.read_text(encoding="utf-8"), media_type="text/javascript")
 
+    def drawn(request: Request) -> Response:
+        return Response(script(), media_type="text/javascript")
+
     app.add_route("/bokeh.js", bokeh, methods=["GET"])
     app.add_route("/live.js", frame, methods=["GET"])
+    app.add_route("/drawn.js", drawn, methods=["GET"])
     app.add_route("/at/{key}/live", sliders, methods=["GET"])
     takers = {"data": Workbench.upload, "model": Workbench.upload_model, "reference": Workbench.upload_reference}
     for name, take in takers.items():

@@ -18,6 +18,7 @@ from ..errors import Diverged, ModelError, NarxError, NotInvertible
 from ..fit.laws.damping import Share
 from ..fit.laws.excursions import operating_range
 from ..fit.laws.run import told
+from ..fit.laws.start import rests_at
 from ..fit.simulate import simulate
 from ..inversion.compensator import Compensator, compensator
 from ..models.info import Info
@@ -43,6 +44,9 @@ class Law:
     sources : mapping from the endings of files (".c") to the law as source, where it has one
     why_not : str
         "" where there is a law.
+    limits : of the input, or None
+    rests : the outputs at which the model rests with the input held at either limit, or None
+        See `narx_sym.fit.laws.start.rests_at`.
     """
 
     lines: tuple[str, ...] = ()
@@ -51,6 +55,8 @@ class Law:
     notes: tuple[str, ...] = ()
     sources: Mapping[str, str | bytes] = field(default_factory=dict)
     why_not: str = ""
+    limits: tuple[float, float] | None = None
+    rests: tuple[float, float] | None = None
 
 
 def ahead(law: Compensator) -> str:
@@ -93,8 +99,20 @@ def law_of(
         progress(Told("counting the solutions of each stage", 2, 2))
         notes.append(f"Checked: {law.checked}.")
     notes += filter(None, [caution(law, share)])
+    rests = rests_at(model, limits) if limits else None
+    if limits and rests:
+        ends = (f"{level:.4g} with {held:.4g}" for level, held in zip(rests, limits, strict=True))
+        notes.append(f"Held at a limit, the input lets the model rest at {' and at '.join(ends)}.")
     sources, lacking = _sources(law, limits=limits, rate=rate, share=share)
-    return Law(tuple(law.lines(numbers=True)), law.latex(numbers=True), law.latex(), (*notes, *lacking), sources)
+    return Law(
+        tuple(law.lines(numbers=True)),
+        law.latex(numbers=True),
+        law.latex(),
+        (*notes, *lacking),
+        sources,
+        limits=limits,
+        rests=rests,
+    )
 
 
 def _sources(law: Compensator, **options: Any) -> tuple[dict[str, str | bytes], list[str]]:

@@ -1,7 +1,8 @@
-"""References for a law to follow: a piece of a measurement, a sine, a staircase, a column of a file."""
+"""References for a law to follow: a piece of a measurement, a sine, a staircase, points, a column of a file."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from ..errors import DataError
 
 Array = np.ndarray
 MOST = 200_000  # samples of a reference
+MOST_POINTS = 200  # of a drawn one: each can be moved by hand
 PERIODS, STEPS = 4, 4  # of the usual sine, of the usual staircase
 
 
@@ -79,7 +81,7 @@ def sine(Ts: float, offset: float, amplitude: float, frequency: float, seconds: 
     _positive(frequency, "The frequency")
     if frequency * Ts > 0.5:
         raise DataError(f"A frequency of {frequency:g} Hz is too fast for Ts = {Ts:g} s: at most {0.5 / Ts:.4g} Hz.")
-    t = np.arange(_count(seconds, Ts, "The duration")) * Ts
+    t = np.arange(lasting(seconds, Ts)) * Ts
     return Reference(t, offset - amplitude * np.cos(2 * np.pi * frequency * t), Ts)
 
 
@@ -104,6 +106,38 @@ def staircase(Ts: float, offset: float, amplitude: float, steps: float, hold: fl
     _count(hold * levels.size, Ts, "The staircase")
     r = np.repeat(levels, _count(hold, Ts, "A step", least=1))
     return Reference(np.arange(r.size) * Ts, r, Ts)
+
+
+def drawn(Ts: float, points: Sequence[tuple[float, float]], seconds: float) -> Reference:
+    """Return a reference through points: straight from each to the next, level before the first and after the last.
+
+    Parameters
+    ----------
+    Ts, seconds : sampling time and duration [s]
+    points : times and levels [s, unit of the output]
+
+    Raises
+    ------
+    DataError
+        For no points or too many, what is not finite, times that do not rise or lie outside the duration, and for a
+        duration that is too long.
+    """
+    t = np.arange(lasting(seconds, Ts)) * Ts
+    if not 1 <= len(points) <= MOST_POINTS:
+        raise DataError(f"There are {len(points)} points: from 1 to {MOST_POINTS} are taken. A file may have more.")
+    times, levels = np.array(points, dtype=float).T
+    if not np.all(np.isfinite(points)):
+        raise DataError("Times and levels of points must be finite.")
+    for i in np.flatnonzero(np.diff(times) <= 0)[:1]:
+        raise DataError(f"Times must rise: behind the point at {times[i]:.6g} s stands one at {times[i + 1]:.6g} s.")
+    for time in times[(times < 0) | (times > seconds)][:1]:
+        raise DataError(f"The point at {time:.6g} s lies outside of the duration, 0 to {seconds:.6g} s.")
+    return Reference(t, np.interp(t, times, levels), Ts)
+
+
+def lasting(seconds: float, Ts: float) -> int:
+    """Return how many samples a duration has [s]; one that is too short or too long is refused."""
+    return _count(seconds, Ts, "The duration")
 
 
 def from_file(path: Path, shown: str, column: str | None = None, unit: str = "") -> Reference:

@@ -411,7 +411,10 @@ def test_the_law_runs_over_a_reference_and_the_run_belongs_to_its_model(climbed)
 @pytest.mark.long
 def test_references_of_every_kind(climbed):
     before = climbed.wanted
-    for kind, more in (("measured", {"first": "3"}), ("staircase", {}), ("file", {"column": "b"})):
+    for kind, more in (
+        ("measured", {"first": "3"}), ("staircase", {}), ("drawn", {"points": "0 0\n1 1", "seconds": "2"}),
+        ("file", {"column": "b"}),
+    ):  # fmt: skip
         if kind == "file":
             climbed.upload_reference(
                 "../../r.csv", b"t,a,b\n" + b"".join(b"%g,0,%g\n" % (k / 100, k) for k in range(9))
@@ -422,7 +425,7 @@ def test_references_of_every_kind(climbed):
         climbed.run_law(kind=kind, low="-9", high="9", rate="", **more)
         climbed.wait()
         assert not climbed.error, climbed.error
-        size = {"measured": 300, "file": 9}.get(kind)
+        size = {"measured": 300, "drawn": 200, "file": 9}.get(kind)
         assert size is None or climbed.run.tracked.r.size == size
     run = climbed.run
     for more, why in (

@@ -5,8 +5,9 @@ import pytest
 
 import narx_sym as ns
 from narx_sym.errors import DataError, ModelError
-from narx_sym.tasks.compensate import straight, track
-from narx_sym.tasks.reference import MOST, from_file, measured, sine, staircase, usual
+from narx_sym.fit.laws.start import rests_at
+from narx_sym.tasks.compensate import law_of, straight, track
+from narx_sym.tasks.reference import MOST, MOST_POINTS, drawn, from_file, measured, sine, staircase, usual
 
 TS = 0.01
 
@@ -37,6 +38,24 @@ def test_a_staircase_goes_up_and_down():
     assert made.r.tolist() == [-1] * 3 + [0] * 3 + [1] * 3 + [0] * 3 + [-1] * 3
 
 
+def test_a_drawn_one_is_straight_between_its_points_and_level_beyond_them():
+    made = drawn(TS, [(0.02, 1.0), (0.06, 3.0), (0.07, 0.0)], 0.1)
+    assert made.r == pytest.approx([1, 1, 1, 1.5, 2, 2.5, 3, 0, 0, 0]) and made.t == pytest.approx(TS * np.arange(10))
+    assert drawn(TS, [(0.0, 2.0)], 0.05).r.tolist() == [2] * 5
+
+
+def test_where_limits_let_a_model_rest(record, law):
+    """The gain at rest is 0.2 / (1 - 0.9); an integrator rests nowhere."""
+    model = law.model
+    slope, offset = model.theta[1] / (1 - model.theta[0]), model.theta[2] / (1 - model.theta[0])
+    assert rests_at(model, (-1.0, 3.0)) == pytest.approx((offset - slope, offset + 3 * slope), rel=1e-6)
+    found = law_of(model, (-1.0, 3.0))
+    assert found.limits == (-1.0, 3.0) and found.rests == rests_at(model, (-1.0, 3.0)) and "rest at" in found.notes[-1]
+    assert law_of(model).rests is None
+    integrator = model.replace(theta=[1.0, 0.2, 0.0])
+    assert rests_at(integrator, (-1.0, 3.0)) is None
+
+
 def test_the_measured_output_begins_at_0_and_may_be_cut(record):
     assert np.array_equal(measured(record).r, record.y) and measured(record).t[0] == 0
     assert np.array_equal(measured(record, 1.5).r, record.y[:150])
@@ -58,6 +77,11 @@ def test_the_usual_reference_is_within_the_outputs(record):
         (lambda: staircase(TS, 0, 1, 0, 1), "whole number"), (lambda: staircase(TS, 0, 1, 4, 1e9), "staircase would"),
         (lambda: staircase(TS, 0, 1, float("nan"), 1), "whole number"),
         (lambda: staircase(TS, 0, 1, 4, 0.004), "A step would"),
+        (lambda: drawn(TS, [], 1), "0 points"), (lambda: drawn(TS, [(k, 0) for k in range(MOST_POINTS + 1)], 1e3), "to 200"),
+        (lambda: drawn(TS, [(0, 0), (0.5, float("inf"))], 1), "finite"), (lambda: drawn(TS, [(0, 0)], 1e9), "duration would"),
+        (lambda: drawn(TS, [(float("nan"), 0)], 1), "finite"), (lambda: drawn(TS, [(0, 1), (0, 2)], 1), "Times must rise"),
+        (lambda: drawn(TS, [(0.5, 1), (0.2, 2)], 1), "behind the point at 0.5 s"),
+        (lambda: drawn(TS, [(-0.1, 1)], 1), "at -0.1 s lies outside"), (lambda: drawn(TS, [(0, 1), (2, 1)], 1), "at 2 s"),
     ],
 )  # fmt: skip
 def test_a_reference_that_cannot_be_is_one_message(make, why):

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from nicegui import ui
 
 from ..choice import SUFFIXES
 from ..story import Shown
 from ..workbench import Workbench
-from .widgets import Fault, drop, equation, figure, link, listed, said, section
+from .drawn import drawing
+from .widgets import BEAT, Fault, Part, details, drop, equation, figure, link, listed, said, section
 
 LIMITS = {"low": "Smallest input", "high": "Largest input", "rate": "Largest change per sample"}
-KINDS = {"measured": "Measured output", "sine": "Sine", "staircase": "Staircase", "file": "A file"}
+KINDS = {"measured": "Measured output", "sine": "Sine", "staircase": "Staircase", "drawn": "Drawn", "file": "A file"}
 FIELDS = {
     "measured": {"first": "First seconds (empty: all) [s]"},
     "sine": {"offset": "Offset", "amplitude": "Amplitude", "frequency": "Frequency [Hz]", "seconds": "Duration [s]"},
     "staircase": {"offset": "Offset", "amplitude": "Amplitude", "steps": "Steps up", "hold": "Time of a step [s]"},
+    "drawn": {"seconds": "Duration [s]"},
     "file": {"column": "Column of the reference (empty: r, or the only one)"},
 }
 OF_OUTPUT = ("offset", "amplitude")
@@ -24,36 +28,49 @@ class LawTab:
     """What is typed here is kept in the workbench, whatever is made anew."""
 
     def __init__(self, bench: Workbench):
-        self.bench = bench
+        self.bench, self.current = bench, bench.current
         with section("Compensator"):
             said("The law that makes the output follow a reference. Limits go into its source, and hold in its run.")
             with ui.element("div").classes("fields"):
                 for name, title in LIMITS.items():
                     self.field(name, title)
                 ui.button("Open the compensator", on_click=self.open).props("no-caps outline")
-            self.law()
+            laws = Part(lambda: bench.law, self.law)
         with section("Run it over a reference"):
             said("What the model makes of it with the law, and without: from the straight line through the data alone.")
             with ui.element("div").props('role=group aria-label="Reference"'):
                 kinds = ui.radio(KINDS, value=bench.wanted.kind, on_change=lambda event: self.choose(event.value))
                 kinds.props("inline")
-            self.chosen = ui.element("div")
-            self.choose(bench.wanted.kind)
+            self.fields = Part(lambda: (bench.wanted.kind, bench.wanted.file, bench.law), self.chosen)
             ui.button("Run the law", on_click=self.run).props("no-caps outline")
-            self.ran()
+            runs = Part(lambda: bench.run, self.ran)
+        # Each by itself: who has pressed a button, or draws, stays where he is.
+        self.parts = (laws, self.fields, runs)
+        ui.timer(BEAT, self.look)
 
-    def field(self, name: str, title: str) -> None:
+    def look(self) -> None:
+        """Show what has changed of this model; with another one the tab is made anew."""
+        with self.bench.shown:
+            for one in self.parts if self.bench.current is self.current else ():
+                one.look()
+
+    def field(self, name: str, title: str, make: Any = ui.input, props: str = "maxlength=80") -> None:
         """Make a field; what is typed is kept."""
-        made = ui.input(title, value=getattr(self.bench.wanted, name)).props("outlined dense maxlength=80")
-        made.classes("field").on_value_change(lambda event: setattr(self.bench.wanted, name, event.value or ""))
+        made = make(title, value=getattr(self.bench.wanted, name)).props(f"outlined dense {props}")
+        made.classes(f"field field-{name}").on_value_change(
+            lambda event: setattr(self.bench.wanted, name, event.value or "")
+        )
         Fault(made, self.bench, name)
 
     def choose(self, kind: str) -> None:
-        """Show the fields of a kind of reference."""
-        bench = self.bench
-        bench.wanted.kind = kind
-        self.chosen.clear()
-        with self.chosen:
+        """Choose a kind of reference."""
+        self.bench.wanted.kind = kind
+        self.fields.look()
+
+    def chosen(self) -> None:
+        """Show the fields of the kind of reference."""
+        bench, kind = self.bench, self.bench.wanted.kind
+        with ui.element("div").classes(f"of-{kind}"):
             if kind == "file":
                 file = bench.wanted.file
                 taken = f"Taken: {file}." if file else "A header such as t,r and numbers below it."
@@ -62,6 +79,10 @@ class LawTab:
             with ui.element("div").classes("fields"):
                 for name, title in FIELDS[kind].items():
                     self.field(name, f"{title} [{bench.unit.strip('()')}]" if name in OF_OUTPUT else title)
+            if kind == "drawn":
+                drawing(bench)
+                with details("The points as text"):
+                    self.field("points", f"Time [s] and level [{bench.unit.strip('()')}] in each line", ui.textarea, "")
 
     def open(self) -> None:
         """Derive the law."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,10 +15,9 @@ from ...report.words import spaced
 from ..choice import MISSING, SUFFIXES
 from ..workbench import Workbench
 from . import results
-from .widgets import Fault, details, drop, figure, heading, listed, said, section, tab_panel, tabs
+from .widgets import BEAT, Fault, Part, details, drop, figure, heading, listed, said, section, tab_panel, tabs
 
 HERE = Path(__file__).parent
-BEAT = 0.2  # seconds between looks at the workbench
 # The choice of data has done its work; who is in it stays there.
 FOLD = "document.querySelector('.columns:not(:focus-within) > details')?.removeAttribute('open')"
 BASES = {
@@ -27,31 +25,6 @@ BASES = {
     "static": "Static: a polynomial of the input",
     "narx": "NARX: the paper's hysteresis terms",
 }
-
-
-class Part:
-    """A part of the page that is made anew when its key has changed."""
-
-    def __init__(self, key: Callable[[], Any], build: Callable[[], None]):
-        self.key, self.build = key, build
-        self.box = ui.element("div").classes("part")
-        self.seen: Any = key()
-        self.fill()
-
-    def fill(self) -> None:
-        """Make it anew."""
-        self.box.clear()
-        with self.box:
-            self.build()
-
-    def look(self) -> bool:
-        """Make it anew where the key has changed."""
-        now = self.key()
-        changed = bool(now != self.seen)
-        if changed:
-            self.seen = now
-            self.fill()
-        return changed
 
 
 class Page:
@@ -132,7 +105,7 @@ class Page:
     def shown(self, tab: str) -> Any:
         """Return what a tab depends on."""
         bench = self.bench
-        return (bench.current,) if tab in ("evidence", "model") else (bench.current, *bench.of_law)
+        return (bench.current, *bench.of_law) if tab == "export" else (bench.current,)
 
     def show(self) -> None:
         """Show what has something to show, and what may be pressed."""

@@ -11,6 +11,33 @@ from nicegui import ui
 
 from ...symbolic.mathml import from_latex
 
+BEAT = 0.2  # seconds between looks at the workbench
+
+
+class Part:
+    """A part of the page that is made anew when its key has changed."""
+
+    def __init__(self, key: Callable[[], Any], build: Callable[[], None]):
+        self.key, self.build = key, build
+        self.box = ui.element("div").classes("part")
+        self.seen: Any = key()
+        self.fill()
+
+    def fill(self) -> None:
+        """Make it anew."""
+        self.box.clear()
+        with self.box:
+            self.build()
+
+    def look(self) -> bool:
+        """Make it anew where the key has changed."""
+        now = self.key()
+        changed = bool(now != self.seen)
+        if changed:
+            self.seen = now
+            self.fill()
+        return changed
+
 
 @contextmanager
 def section(title: str, name: str = "") -> Iterator[None]:

@@ -1,4 +1,4 @@
-"""Where a law starts: the input before the first sample, at rest."""
+"""Where a law starts: the input before the first sample, at rest; and where limits of the input let the model rest."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from ...errors import NarxError
 from ...inversion.compensator import Compensator
 from ...models.model import Model
 from ...symbolic.signals import y
-from ..simulate import rest_states, simulate
+from ..simulate import rest_output, rest_states, simulate
 
 HELD, STAYS = 50, 1e-9  # samples over which an input is held; of the outputs' range: what moves less rests
+LONGEST = 100_000  # samples in which a model comes to rest, or does not
 
 
 def law_start(law: Compensator, output: float, m0: float | None = None) -> dict[str, float]:
@@ -79,3 +80,33 @@ def _inside(value: float, limits: Sequence[float] | None) -> float:
 def _both(seen: Sequence[float], limits: Sequence[float] | None) -> tuple[float, float]:
     """Return what two ranges have in common; the nearer limit where that is nothing."""
     return _inside(seen[0], limits), _inside(seen[1], limits)
+
+
+def rests_at(model: Model, limits: Sequence[float]) -> tuple[float, float] | None:
+    """Return the outputs at which a model rests when its input goes from the middle to either limit and stays there.
+
+    Parameters
+    ----------
+    limits : (lowest, highest) input [unit of u]
+
+    Returns
+    -------
+    (output at the lowest, output at the highest input) [unit of y]; None where it does not come to rest, and for a
+    model that was not fitted to records, or needs a channel.
+    """
+    seen = model.info.ranges.get(str(model.output.label))
+    if seen is None or model.channels:
+        return None
+    middle, size = float(np.mean(limits)), STAYS * (seen[1] - seen[0])
+    found: list[float] = []
+    n = HELD
+    while len(found) < 2 and n <= LONGEST:
+        try:
+            run = simulate(model, np.full(n, limits[len(found)]), rest_output(model, middle), u0=middle, warn=False)
+        except NarxError:
+            return None
+        if np.ptp(run[n // 2 :]) <= size:
+            found.append(float(run[-1]))
+        else:
+            n *= 2
+    return (found[0], found[1]) if len(found) == 2 else None

@@ -30,7 +30,7 @@ MOST_MODELS, MOST_SAMPLES = 5, 200_000
 STEPS = 200  # of a slider to either side of its optimum
 REACH = 12.0  # standard errors to either side, at least
 LONGEST = 4000  # samples of a reference
-SCRIPTS = [Path(__file__).parent.parent / "templates" / name for name in ("picture.js", "try_it.js")]
+PICTURE, SCRIPT = (Path(__file__).parent.parent / "templates" / name for name in ("picture.js", "try_it.js"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +189,9 @@ def try_it(material: Material) -> dict[str, Any] | None:
     told["law"] = law and reference(law, listed, material.compared)
     sources = "\n".join([*(one.source for one in listed), law.to_js("law") if law else "const law = null;"])
     names = ", ".join(f"model{i}" for i in range(len(listed)))
-    script = "\n".join([sources, f"const models = [{names}];", *(s.read_text(encoding="utf-8") for s in SCRIPTS)])
+    script = "\n".join(
+        [sources, f"const models = [{names}];", *(one.read_text(encoding="utf-8") for one in (PICTURE, SCRIPT))]
+    )
     return {
         "told": told, "models": listed,
         "chosen": next((i for i, one in enumerate(listed) if one.fitted.model is d.model), 0),

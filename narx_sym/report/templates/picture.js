@@ -39,10 +39,11 @@ class Picture {
     return Math.min(Math.max(at, -50), this.bottom + 50);
   }
 
+  along(at) { return this.x[0] + (at - this.left) / (this.right - this.left) * (this.x[1] - this.x[0]); }
+
   at(event) {  // the values where a pointer is, also beside the picture
-    const box = this.canvas.getBoundingClientRect(), {x, y, left, right, top, bottom} = this;
-    return [x[0] + (event.clientX - box.left - left) / (right - left) * (x[1] - x[0]),
-      y[1] - (event.clientY - box.top - top) / (bottom - top) * (y[1] - y[0])];
+    const box = this.canvas.getBoundingClientRect(), {y, top, bottom} = this;
+    return [this.along(event.clientX - box.left), y[1] - (event.clientY - box.top - top) / (bottom - top) * (y[1] - y[0])];
   }
 
   // What stays while a parameter moves is drawn once: the axes, and `rest`.
