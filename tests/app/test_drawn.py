@@ -265,6 +265,19 @@ def test_it_fits_and_is_accessible(page, width, scheme):
 
 @long
 @in_browser
+def test_another_kind_and_back_keeps_the_drawing(page):
+    drawn = text(page)
+    page.get_by_role("radio", name="A file").click()
+    upload = {"name": "wanted.csv", "mimeType": "text/csv", "buffer": b"t,r\n0,0\n0.01,1\n"}
+    page.set_input_files("#reference-file", files=[upload])
+    page.get_by_text("Taken: wanted.csv.").wait_for()
+    page.get_by_role("radio", name="Drawn").click()
+    page.get_by_role("slider").first.wait_for()
+    assert text(page) == drawn and page.get_by_role("slider").count() == len(points_of(drawn))
+
+
+@long
+@in_browser
 def test_what_the_laws_limits_hold_is_marked_and_a_drawing_is_found_again(page):
     assert page.get_by_text("let the model rest").count() == 0
     page.get_by_role("button", name="Open the compensator").click()
