@@ -1,4 +1,5 @@
-// A reference that is drawn: the picture shows the points of the text beside it, and writes them there. Behind picture.js.
+// A reference that is drawn: the picture shows the points of the text beside it, and writes them there.
+// Stands behind `picture.js`, in one module.
 const MOST = 200;  // points; more the server refuses
 const NEAR = 1.5;  // pixels that a point may lie beside the line that was drawn, to be left out
 const STEPS = 100;  // of a key, over the height or the length of the picture
@@ -150,7 +151,10 @@ class Drawing {
     this.group.append(dot);
   }
 
-  worded([t, r]) { return `${number(r, 4)} ${this.told.unit} at ${number(t, 4)} s`.replace("  ", " "); }
+  worded(point) {
+    const [t, r] = this.near(...point);
+    return [r, this.told.unit, "at", t, "s"].filter(word => word !== "").join(" ");
+  }
 
   say() {
     const {points, told: {y}, duration} = this, i = this.dots.indexOf(document.activeElement);

@@ -48,7 +48,8 @@ def markup(told: str, label: str, rests: Sequence[float]) -> str:
     return (
         f'<div class="drawing" data-drawn="{escape(told)}"><div class="drawing-picture">'
         f'<canvas role="img" aria-label="{escape(alt)}"></canvas>'
-        '<div class="drawing-points" role="group" aria-label="Points of the reference" aria-describedby="drawing-keys"></div></div>'
+        '<div class="drawing-points" role="group" aria-label="Points of the reference" aria-describedby="drawing-keys">'
+        "</div></div>"
         '<div class="drawing-foot"><p class="drawing-said"></p><p class="drawing-buttons">'
         '<button type="button" data-do="back">Take back</button> '
         '<button type="button" data-do="again">Do again</button>'

@@ -1,14 +1,6 @@
 // What pictures share that move with the hand: axes and curves on a canvas, and where a pointer is in them.
 const MARGIN = {left: 58, right: 8, top: 8, bottom: 36};
 
-function number(value, digits = 3) {
-  const size = Math.abs(value);
-  if (!Number.isFinite(value)) return "–";
-  if (!value) return "0";
-  if (size < 1e-3 || size >= 1e5) return value.toExponential(digits - 1);
-  return value.toFixed(Math.max(0, digits - 1 - Math.floor(Math.log10(Number(size.toPrecision(digits))))));
-}
-
 function ticks(low, high, most) {
   const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map(f => f * power).find(s => s >= rough), found = [];

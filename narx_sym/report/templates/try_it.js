@@ -52,6 +52,14 @@ function compute() {
 
 // ---- words -------------------------------------------------------------------------------------------------------
 
+function number(value, digits = 3) {
+  const size = Math.abs(value);
+  if (!Number.isFinite(value)) return "–";
+  if (!value) return "0";
+  if (size < 1e-3 || size >= 1e5) return value.toExponential(digits - 1);
+  return value.toFixed(Math.max(0, digits - 1 - Math.floor(Math.log10(Number(size.toPrecision(digits))))));
+}
+
 const united = value => `${number(value)} ${told.units[1]}`.trim();
 const percentOf = share => `${number(100 * share, 2)} %`;
 const percent = value => percentOf(value / told.spread);
