@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 def diagnose(
     data: DataFiles,
-    base: Annotated[str, typer.Option(help="narx, linear, static, bouc-wen, auto, or a model file.")] = "linear",
+    base: Annotated[str, typer.Option(help="narx, linear, static, play, bouc-wen, auto, or a model file.")] = "linear",
     delay: Annotated[
         int | None, typer.Option(min=0, max=10_000, help="Dead time in samples; found by default.")
     ] = None,
@@ -87,11 +87,7 @@ def diagnose(
     check_targets([*targets.paths, resume], *data, *(effects or []), file)
     check_format(plot)
     catalogue = with_own(effects or [])
-    model = _read(file) if file else None
-    if model is not None and delay is not None:
-        raise DataError(
-            f"{file}: the model has its own delay ({model.delay}); --delay is for a base that is identified."
-        )
+    model = _read(file, delay) if file else None
     named = with_columns(channels, model.channels if model else ())
     measured = records(data, u, y, t, ts, named, rows, missing, units, model)
     with resuming(resume) if resume else nullcontext() as journal:
@@ -111,10 +107,15 @@ def diagnose(
     targets.write(found, measured, found.units, data, settings)
 
 
-def _read(file: Path) -> Model:
+def _read(file: Path, delay: int | None) -> Model:
     from ..tasks.base import read_base
 
-    return read_base(file)
+    model = read_base(file)
+    if delay is not None:
+        raise DataError(
+            f"{file}: the model has its own delay ({model.delay}); --delay is for a base that is identified."
+        )
+    return model
 
 
 def _begin(base: Model | str, measured: list[Record], delay: int | None) -> Model:

@@ -89,7 +89,7 @@ def oracle(step: Step, model: ns.Model, record: ns.Record, right: frozenset[str]
         channels = sorted({name.partition(":")[2] for name in right} - {""})
         table = Hypotheses(model, [record], channels, only, seed, Course(lambda what: None, [BASE, *ROUND]))
         table.singles(table.base)
-        fits = [table.own(row) for row in cheapest(table.rows) if row.count][:1]
+        fits = [table.own(row) for row in cheapest(table.rows) if row.count and table.holds(row)][:1]
     return float(np.sqrt(min(f.mean_square(step.base.split.held) for f in fits))) if fits else None
 
 
