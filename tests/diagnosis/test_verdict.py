@@ -64,9 +64,10 @@ def test_the_same_effects_in_any_order_are_one():
 
 def test_what_cannot_be_told_apart():
     best = Entry(("a",), 0.10)
-    near, far, rich = Entry(("b",), 0.105), Entry(("c",), 0.2), Entry(("d",), 0.101, 5)
-    uneven = Entry(("e",), 0.13, wobble=0.99)
-    assert [r.ids for r in alike([best, near, far, rich, uneven], best)] == [("a",), ("b",), ("e",)]
+    near, far, uneven = Entry(("b",), 0.105), Entry(("c",), 0.2), Entry(("e",), 0.13, wobble=0.99)
+    rich, richer = Entry(("d",), 0.101, 5), Entry(("f",), 0.101, 6)  # parameters cost; their number alone bars none
+    found = alike([best, near, far, rich, richer, uneven], best)
+    assert [r.ids for r in found] == [("a",), ("b",), ("d",), ("e",)]
 
 
 def test_what_becomes_the_best_at_a_limit_is_no_rival():

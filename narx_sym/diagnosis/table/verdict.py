@@ -87,13 +87,13 @@ def winner(rows: Sequence[E], base: E) -> E | None:
 def alike(rows: Sequence[E], best: E) -> list[E]:
     """Return the hypotheses that these data cannot tell from the best, the best first.
 
-    As many effects or none more, at most one parameter more, block by block an error within its standard error, and on
-    all blocks no dearer than by the price of one effect: with few blocks a standard error may be as large as any gap.
+    As many effects or none more, block by block an error within its standard error, and on all blocks no dearer than by
+    the price of one effect: with few blocks a standard error may be as large as any gap.
     What becomes the best at a limit, and needs more parameters, is no rival: no data could ever speak against it.
     """
     found = [best]
     for row in cheapest(rows):
-        if set(row.ids) == set(best.ids) or row.count > best.count or row.parameters > best.parameters + 1:
+        if set(row.ids) == set(best.ids) or row.count > best.count:
             continue
         if row.parameters > best.parameters and set(best.ids) <= {*row.ids, *row.becomes}:
             continue
