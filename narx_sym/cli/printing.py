@@ -203,11 +203,10 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
     from ..report.words import removed
 
     step = found.steps[0]
-    before = step.nrmse(step.base)["validation"]
     rows = [
         [
             f"{row['effect']}{' ' + MARK if row['in_confusion_set'] else ''}", row["where"],
-            *removed(row), before,
+            *removed(row), row["before"],
             row["nrmse"], row["parameters"],
         ]
         for row in found.table()
@@ -234,7 +233,10 @@ def print_detectable(step: Any, units: dict[str, str]) -> None:
     sizes = sorted(seen.items(), key=lambda p: (p[1], p[0]))
     shown = sizes if len(sizes) <= 2 * FEW else [*sizes[:FEW], ("...", None), *sizes[-FEW:]]
     spread, unit = step.base.problem.spread, f" [{units['y']}]" if units.get("y") else ""
-    rows = [[n, "" if v is None else v, "" if v is None else f"{100 * v / spread:.2g} %"] for n, v in shown]
+    rows = [
+        [n, "", "" if v is None else "> 100 %"] if v is None or v >= spread else [n, v, f"{100 * v / spread:.2g} %"]
+        for n, v in shown
+    ]
     if rows:
         table(
             "What could not have been seen: an effect that moves the output by less",

@@ -153,17 +153,21 @@ def fall(diagnosis: Diagnosis, units: Units) -> str:
     before, after = (rungs[i]["validation"] * spread for i in (0, -1))
     ratio = before / max(after, 1e-300)
     change = f"{number(ratio, 2)} times smaller" if ratio > 1 else f"{number(1 / ratio, 2)} times larger"
+    moves = "falls" if ratio > 1 else "rises"
     floor = f", at the noise floor of {number(diagnosis.floor)} {unit}" if after <= AT_FLOOR * diagnosis.floor else ""
     pair = diagnosis.steps[0].pair
     if pair is None or set(pair.effects) <= {e for step in diagnosis.steps for e in step.added}:
-        return f"The error falls from {number(before)} to {number(after)} {unit}: {change}{floor}."
+        return f"The error {moves} from {number(before)} to {number(after)} {unit}: {change}{floor}."
     both = f"{number(float(np.sqrt(pair.mean_square)))} with both"
-    return f"With {_added(diagnosis)} the error falls from {number(before)} to {number(after)} {unit}, to {both}."
+    return f"With {_added(diagnosis)} the error {moves} from {number(before)} to {number(after)} {unit}, to {both}."
 
 
 def detectable(step: Step, units: Units) -> list[Row]:
-    """Return the rows of what could not have been seen, smallest first."""
+    """Return the rows of what could not have been seen, smallest first; beyond the whole output no size is said."""
     spread = step.base.problem.spread
     seen = sorted((size, name) for name, size in step.smallest_detectable.items() if name not in step.absorbed)
-    return [{"effect": spaced(n), "size": f"{number(s, 2)} {units.get('y', '')}", "share": percent(s / spread)}
-            for s, n in seen]  # fmt: skip
+    said = [
+        (n, f"{number(s, 2)} {units.get('y', '')}", percent(s / spread)) if s < spread else (n, "", "> 100 %")
+        for s, n in seen
+    ]
+    return [{"effect": spaced(n), "size": size, "share": share} for n, size, share in said]
