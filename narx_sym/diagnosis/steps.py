@@ -100,14 +100,16 @@ class Step:
             if self.unexplained:
                 return (
                     f"No effect of the catalogue is seen in what is left. {sizes}; the sensor's noise is about "
-                    f"{self.sensor:.3g}{unit}, {self.unexplained}; seen would have been {shown} rms."
+                    f"{self.sensor:.3g}{unit}, {self.unexplained}; these data would have shown {shown} rms."
                 )
-            return f"Nothing is missing that these data can show. {sizes}; seen would have been {shown} rms."
+            return f"Nothing is missing that these data can show. {sizes}; these data would have shown {shown} rms."
         if self.loop is not None:
             said = [f"{v.record.name}: {v.sentence}." for v in self.valves]
             return " ".join([*said, f"{self.loop.sentence}. {sizes}."])
         sizes += f"; the noise floor is about {self.floor:.3g}{unit}"
-        sizes += f" (of the sensor alone {self.sensor:.2g}{unit})" if self.sensor else ""
+        if self.sensor:
+            alone = f"of the sensor alone {self.sensor:.2g}{unit}"
+            sizes += f" ({alone if self.sensor < self.floor else 'all of it the noise of the sensor'})"
         if self.verdict == "outside_library":
             return (
                 f"Something is missing that the catalogue does not know. {sizes}. Look at where the model fails, and "
@@ -127,9 +129,10 @@ class Step:
             text += f" As well it could be {others}." if others else ""
             return f"{text} {self.experiment.sentence}" if self.experiment else text
         if self.verdict == "confused":
-            text = f"One of several effects is missing: {best.effect}, or as well {others}. {sizes}. "
+            text = "One of these is probably missing, and these data cannot tell which: "
+            text += f"{best.effect}, {others}. {sizes}. "
             if BASE in self.confusion_set:
-                names = f"{best.effect}, or as well {others}" if others else best.effect
+                names = f"{best.effect} or {others}" if others else best.effect
                 text = f"Perhaps missing: {names}; at one speed it and the base's velocity are one signal. {sizes}. "
             text += f"Adding {best.effect} removes {share}."
             return f"{text} {self.experiment.sentence}" if self.experiment else text

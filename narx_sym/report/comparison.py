@@ -89,7 +89,7 @@ class Comparison:
 
     @cached_property
     def worst(self) -> slice:
-        """Half a cycle of the output to either side of where the base fails most."""
+        """Half a cycle of the output to either side of where the error of the base is largest."""
         n, half = self.y.size, half_cycle(self.y)
         power = np.convolve(self.errors["base"] ** 2, np.ones(half), mode="same")
         centre = int(np.clip(np.argmax(power), half, max(half, n - half)))
@@ -114,17 +114,24 @@ def draw_time(ax: Any, c: Comparison, run: str, units: Units) -> None:
 
 
 def draw_worst(ax: Any, c: Comparison, units: Units) -> None:
-    """Draw where the base fails most: measured, before and after; what is gained is shaded."""
-    part = c.worst
-    t, y = c.t[part], c.y[part]
-    runs = [(name, run[part]) for name, run in c.runs.items()]
-    ax.plot(t, y, color=BLACK, lw=2.2, label="measured")
-    ax.fill_between(t, runs[0][1], runs[-1][1] if len(runs) > 1 else y, color=YELLOW, alpha=0.45, lw=0)
-    for (name, run), style in zip(runs, ("--", "-"), strict=False):
-        ax.plot(t, run, color=_colour(c, name), lw=1.6, ls=style, label="before" if name == "base" else "after")
-    ax.set(xlabel="time [s]", ylabel=label("y", units.get("y", "")))
+    """Draw where the error is largest: measured and simulated, before and after; below what is left of each."""
+    part, unit = c.worst, units.get("y", "")
+    t, single = c.t[part], len(c.runs) == 1
+    grid = ax.get_subplotspec().subgridspec(2, 1, height_ratios=(3, 2), hspace=0.05)
+    ax.set_subplotspec(grid[0])
+    below = ax.figure.add_subplot(grid[1], sharex=ax)
+    ax.plot(t, c.y[part], color=BLACK, lw=2.2, label="measured")
+    below.axhspan(-c.floor, c.floor, color=YELLOW, alpha=0.45, lw=0, label="noise floor (± rms)")
+    for (name, run), style in zip(c.runs.items(), ("--", "-"), strict=False):
+        said = "simulated" if single else "before" if name == "base" else "after"
+        ax.plot(t, run[part], color=_colour(c, name), lw=1.6, ls=style, label=said)
+        below.plot(t, c.errors[name][part], color=_colour(c, name), lw=1.4, ls=style)
+    ax.set(ylabel=label("y", unit))
+    ax.tick_params(labelbottom=False)
+    below.set(xlabel="time [s]", ylabel=label("error", unit))
     ax.margins(x=0)
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, fontsize=9, frameon=False, borderaxespad=0.2)
+    for one, columns in ((ax, 3), (below, 1)):
+        one.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=columns, fontsize=9, frameon=False, borderaxespad=0.2)
 
 
 def draw_loop(ax: Any, c: Comparison, run: str, units: Units) -> None:

@@ -49,11 +49,13 @@ def parameters(before: Model, after: Model, units: Units, shapes: Mapping[str, s
     """
     rows = [{_meaning(model, r): r for r in model.table()} for model in (before, after)]
     known = [coefficient_units(model, units, shapes) for model in (before, after)]  # theta_4 may be another one in each
+    taken = {r["symbol"] for r in rows[1].values()}
     found = []
     for key in [*rows[0], *(n for n in rows[1] if n not in rows[0])]:
         values = [None if key not in r else (r[key]["theta"], r[key]["standard_error"] or 0.0) for r in rows]
         row, own = next((r[key], of) for r, of in zip(reversed(rows), reversed(known), strict=True) if key in r)
-        found.append(Parameter(row["symbol"], row["term"], own.get(row["symbol"], ""), *values))
+        name = row["symbol"] if key in rows[1] or row["symbol"] not in taken else f"{row['symbol']} of the base"
+        found.append(Parameter(name, row["term"], own.get(row["symbol"], ""), *values))
     return found
 
 
@@ -102,7 +104,9 @@ def moved(rows: Iterable[Parameter]) -> str:
         for r in rows
         if r.status == "moved" and r.before and r.after
     ]
-    gone = [r.name for r in rows if r.status == "deleted"]
+    gone = [r.term or r.name for r in rows if r.status == "deleted"]
     said = f"Moved by more than {MOVED:.0f} standard errors: {', '.join(changed)}. " if changed else ""
-    said += "They had been compensating for what was missing. " if changed else ""
-    return said + (f"Deleted, because the effect made them redundant: {', '.join(gone)}." if gone else "")
+    who = "It" if len(changed) == 1 else "They"
+    said += f"{who} had been compensating for what was missing. " if changed else ""
+    why = "Deleted, because the effect and the orders that go with it make them redundant"
+    return said + (f"{why}: {', '.join(gone)}." if gone else "")

@@ -46,6 +46,11 @@ def spaced(name: str) -> str:
     return name.replace("_", " ")
 
 
+def without_ids(text: str) -> str:
+    """Return a sentence with the ids of effects as words."""
+    return re.sub(r"\b[a-z]+(_[a-z]+)+\b", lambda found: spaced(found[0]), text)
+
+
 def number(value: float, digits: int = 3) -> str:
     """Return a number with a few significant digits, without an exponent where it is of usual size."""
     if value == 0 or not np.isfinite(value):
@@ -113,7 +118,7 @@ def headline(diagnosis: Diagnosis) -> str:
         found = f"{' or '.join(n for n in names if n != BASE)} may be missing: one speed cannot tell."
         return found[0].upper() + found[1:]
     if first.verdict == "confused":
-        return f"{', '.join(names[:-1])} or {names[-1]} is missing; these data cannot tell which.".capitalize()
+        return f"{', '.join(names[:-1])} or {names[-1]} is probably missing; these data cannot tell which.".capitalize()
     return f"{names[0].capitalize()} is probably missing."
 
 
@@ -163,9 +168,13 @@ def fall(diagnosis: Diagnosis, units: Units) -> str:
 
 
 def detectable(step: Step, units: Units) -> list[Row]:
-    """Return the rows of what could not have been seen, smallest first; beyond the whole output no size is said."""
+    """Return the rows of what could not have been seen, smallest first.
+
+    What was found is none of them, and beyond the whole output no size is said.
+    """
     spread = step.base.problem.spread
-    seen = sorted((size, name) for name, size in step.smallest_detectable.items() if name not in step.absorbed)
+    found = {*step.absorbed, *step.confusion_set}
+    seen = sorted((size, name) for name, size in step.smallest_detectable.items() if name not in found)
     said = [
         (n, f"{number(s, 2)} {units.get('y', '')}", percent(s / spread)) if s < spread else (n, "", "> 100 %")
         for s, n in seen

@@ -73,7 +73,7 @@ class Benchmark:
         Of the figures; how many of them are one unit of y.
     missing : what its source says that a linear model lacks
     published : method with source, and its figure on each test, "" where none is known; best first
-    tests : names of the tests where their data are not at hand
+    tests : names of the tests, in the order of the loader
     """
 
     title: str
@@ -311,7 +311,7 @@ def main() -> None:
         for row in rows(loaded, benchmark.scale, options.effects) if loaded else []:
             found.append(row)
             print(name, row, file=sys.stderr, flush=True)
-        tables.append(table(benchmark, found, [t.name for t in loaded[1]] if loaded else benchmark.tests))
+        tables.append(table(benchmark, found, benchmark.tests))
     page = "\n".join([HEAD, *tables])
     print(page)
     if options.out:

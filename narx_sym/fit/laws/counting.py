@@ -51,7 +51,7 @@ class Check:
     def __str__(self) -> str:
         said = "; ".join(self.proofs)
         if not self.points:
-            return said if self.proved else f"{said}. Not counted: give a reference to check(reference)"
+            return said if self.proved else f"{said}. Not counted: no reference was given"
         counted = f"{said}. Counted at {self.points} points of a run: "
         if self.good:
             return counted + "exactly one solution at each"

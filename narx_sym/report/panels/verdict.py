@@ -16,26 +16,27 @@ if TYPE_CHECKING:
 
 
 def picture(c: Comparison, units: Units) -> Picture:
-    """Return where the base fails most, zoomed, before and after."""
+    """Return where the error of the base is largest, zoomed, before and after."""
     part = c.worst
     times = f"{words.number(c.t[part][0])} to {words.number(c.t[part][-1])} s"
     rms = {name: float((e[part] ** 2).mean() ** 0.5) for name, e in c.errors.items()}
     falls = ", then ".join(f"{words.number(e)} {units.get('y', '')}".rstrip() for e in rms.values())
-    alt = f"Measured and simulated output from {times}, where the base fails most: rms error {falls}."
+    alt = f"Measured and simulated output from {times}, where the error is largest: rms error {falls}."
     columns = {"t": c.t[part], "u": c.u[part], "measured": c.y[part], **{n: r[part] for n, r in c.runs.items()}}
-    return Picture("worst", "Where the base fails most", alt, drawing(draw_worst, c, units), columns, (5.6, 3.4))
+    return Picture("worst", "Where the error is largest", alt, drawing(draw_worst, c, units), columns, (5.6, 4.4))
 
 
 @panel("What was found", order=10, live=10, draws=lambda material: [picture(material.compared, material.units)])
 def verdict(material: Material) -> dict[str, Any]:
     """Tell the verdict."""
     d, units = material.diagnosis, material.units
-    rows = [r for r in d.misfit.table(units) if max(r["share"], r["share_missing"] or 0) > 0.05]
+    rows = [] if d.verdict == "nothing_detectable" else d.misfit.table(units)
+    rows = [r for r in rows if max(r["share"], r["share_missing"] or 0) > 0.05]
     return {
         "badge": words.BADGES[d.verdict], "fall": words.fall(d, units), "bars": bars(d, units),
         "added": added(d, units),
-        "sentence": d.sentence(units), "next": words.what_next(d),
-        "worst": rows[0] if rows else None, "steps": [s.sentence(units) for s in d.steps[1:]],
+        "sentence": words.without_ids(d.sentence(units)), "next": words.what_next(d), "notes": d.data_notes,
+        "worst": rows[0] if rows else None, "steps": [words.without_ids(s.sentence(units)) for s in d.steps[1:]],
     }  # fmt: skip
 
 
