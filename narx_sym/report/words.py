@@ -100,6 +100,8 @@ def headline(diagnosis: Diagnosis) -> str:
     first = diagnosis.steps[0]
     names = [spaced(e) for e in first.confusion_set]
     if first.verdict == "nothing_detectable":
+        if follows_nothing(first):
+            return "The base does not follow the output: what is missing cannot be told from it."
         if first.unexplained:
             return "No effect of the catalogue is seen in what is left, which is more than the sensor's noise."
         return "Nothing is missing that these data can show."
@@ -122,10 +124,23 @@ def headline(diagnosis: Diagnosis) -> str:
     return f"{names[0].capitalize()} is probably missing."
 
 
+def follows_nothing(step: Step) -> bool:
+    """Whether the free run of the base is no better than a constant."""
+    return step.nrmse(step.base)["validation"] >= 1
+
+
 def what_next(diagnosis: Diagnosis) -> str:
     """Say what to do next, after the last step."""
     last = next((s for s in reversed(diagnosis.steps) if s.chosen is not None), diagnosis.steps[0])
     chosen = diagnosis.steps[0] if diagnosis.steps[0].verdict == "confused" else last
+    if chosen.verdict == "nothing_detectable" and follows_nothing(chosen):
+        return (
+            "Choose another base, or record with an input that moves the output: a constant does as well as this model."
+        )
+    if chosen.verdict == "nothing_detectable" and chosen.unexplained:
+        return (
+            "Look for what disturbs the machine, or for a signal that was not recorded: the input alone tells no more."
+        )
     return NEXT[chosen.verdict].format(best=_added(diagnosis))
 
 

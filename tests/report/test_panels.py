@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -146,3 +147,20 @@ def test_of_a_pair_it_is_said_how_far_one_of_them_goes_and_how_far_both(stage_di
     pair = Pair((first.candidates[0].effect, "creep"), first.chosen, 0.25, 0.9)
     said = words.fall(replace(stage_diagnosis, steps=[replace(first, pair=pair)]), STAGE_UNITS)
     assert said.startswith("With backlash the error falls from ") and said.endswith(" mm, to 0.500 with both.")
+
+
+@pytest.mark.parametrize(
+    "error, unexplained, title, advice",
+    [
+        (0.1, "", "Nothing is missing", "Keep the model"),
+        (0.4, "more", "No effect of the catalogue", "what disturbs the machine"),
+        (1.1, "more", "The base does not follow the output", "another base"),
+    ],
+)
+def test_nothing_found_is_three_things(error, unexplained, title, advice):
+    step = SimpleNamespace(
+        verdict="nothing_detectable", confusion_set=[], unexplained=unexplained, base=None, chosen=None,
+        nrmse=lambda base: {"validation": error},
+    )  # fmt: skip
+    found = SimpleNamespace(steps=[step], rungs=["base"])
+    assert words.headline(found).startswith(title) and advice in words.what_next(found)
