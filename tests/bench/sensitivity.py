@@ -1,9 +1,10 @@
 """Which names change when a constant of the verdict is halved or doubled? Real records, each searched once.
 
-    python tests/bench/sensitivity.py [--only emps,tanks] [--markdown FILE]
+    python tests/bench/sensitivity.py [--only emps,tanks] [--search] [--markdown FILE]
 
 The verdict is a function of the table of hypotheses: the table is filled once per record, and read again with each
-constant of `diagnosis/table/verdict.py` halved and doubled. A name is right where the source of the record says so.
+constant of `diagnosis/table/verdict.py` halved and doubled. With `--search` it is filled again for each of the constants
+that decide what is tried. A name is right where the source of the record says so.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import argparse
 import sys
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,11 @@ from narx_sym.diagnosis.steps import new_effect, won
 from narx_sym.diagnosis.table import verdict
 
 CHANGED = ("PER_PARAMETER", "PER_EFFECT", "MOST", "ALIKE")  # those that the names depend on
+SEARCHED = (
+    ("table.verdict", "HELPS"), ("table.verdict", "LEFT"), ("table.verdict", "LARGE"), ("table.search", "INTEGRATES"),
+    ("table.search", "SWINGS"), ("table.search", "DRIVEN"), ("table.screening", "EFFECTS_TRIED"),
+    ("table.rounds", "PARTNERS"), ("table.rounds", "TOGETHER"), ("gate", "LEVEL"),
+)  # fmt: skip
 FRICTION = {"coulomb_friction", "stribeck_friction", "stiction"}
 RECORDS: dict[str, tuple[str, slice, set[str]]] = {
     "emps": ("emps/train.csv", slice(None), FRICTION),
@@ -88,20 +95,56 @@ def changes() -> Iterator[tuple[str, float]]:
             yield name, 1 - (1 - value) * factor if name == "MOST" else value * factor
 
 
+@contextmanager
+def changed(module: str, name: str, factor: float) -> Iterator[float]:
+    """Change a constant wherever the diagnosis has it by its name."""
+    value = getattr(sys.modules[f"narx_sym.diagnosis.{module}"], name)
+    new = type(value)(value * factor)
+    held = [
+        m for full, m in sys.modules.items()
+        if full.startswith("narx_sym.diagnosis") and getattr(m, name, None) is value
+    ]  # fmt: skip
+    for one in held:
+        setattr(one, name, new)
+    try:
+        yield new
+    finally:
+        for one in held:
+            setattr(one, name, value)
+
+
+def searched(records: dict[str, Any]) -> Iterator[str]:
+    """Yield a line of the table for each constant of the search, halved and doubled: the tables are filled again."""
+    for module, name in SEARCHED:
+        for factor in (0.5, 2.0):
+            with changed(module, name, factor) as value:
+                found = {n: ns.diagnose(ns.identify(r, base="linear"), r) for n, r in records.items()}
+                said = {n: read(f.hypotheses, RECORDS[n][2]) for n, f in found.items()}
+            cells = [f"{s.named} ({found[n].verdict})" for n, s in said.items()]
+            counts = f"{sum(s.right for s in said.values())} | {sum(s.in_set for s in said.values())}"
+            line = f"| {name} | {value:g} | {' | '.join(cells)} | {counts} |"
+            print(line, flush=True)
+            yield line
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="names of records, comma-separated")
+    parser.add_argument("--search", action="store_true", help="the constants that decide what is tried")
     parser.add_argument("--markdown", type=Path)
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     tables = {}
-    for name, record in records_of(options.only).items():
+    records = records_of(options.only)
+    for name, record in records.items():
         accept = RECORDS[name][2]
         found = ns.diagnose(ns.identify(record, base="linear"), record)
         tables[name] = ([row.judged() for row in found.hypotheses], accept)  # at other prices others may be worth it
         print(name, found.verdict, found.confusion_set, read(*tables[name]), f"{found.seconds:.0f} s", flush=True)
     lines = ["| constant | value | " + " | ".join(tables) + " | right | in the set |", "|---" * (len(tables) + 4) + "|"]
-    for name, value in changes():
+    if options.search:
+        lines += searched(records)
+    for name, value in () if options.search else changes():
         before = getattr(verdict, name, None)
         if before is not None:
             setattr(verdict, name, value)
