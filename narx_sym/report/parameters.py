@@ -88,12 +88,12 @@ def shape_unit(said: str, driver: str, units: Units) -> str:
     return "" if said == "1" else said.replace(" / ", "/")
 
 
-def candidate_parameters(candidate: Candidate, units: Units, values: Mapping[str, float] | None = None) -> str:
-    """Return the parameters of a candidate with their units; `values` are those of a model that has been made of it."""
+def candidate_parameters(candidate: Candidate, units: Units) -> str:
+    """Return the parameters of a candidate with the units of its shape."""
     effect, driver = candidate.variant.effect, candidate.variant.driver
     return ", ".join(
         f"{n} = {number(v, 4)} {shape_unit(effect.unit.get(n, ''), driver, units)}".rstrip()
-        for n, v in (candidate.parameters if values is None else values).items()
+        for n, v in candidate.parameters.items()
     )
 
 

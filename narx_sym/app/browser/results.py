@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from ...models.effects import EFFECTS
+from ...report import words
 from ...report.panels.registry import panels
 from ...report.words import number, removed, spaced
 from ..downloads import titles
@@ -20,8 +21,6 @@ from .widgets import Fault, caption, data_cells, figure, head, heading, link, pa
 TABS = {"evidence": "Evidence", "model": "Model", "law": "Law", "export": "Export"}
 TAB_OF = {"model": "model", "derived": "law"}  # of the parts of the report; the others are evidence
 NEXT = {
-    "nothing_detectable": "Next: take the model away. Smaller effects show with less noise, a longer record or a wider "
-    "input.",
     "named": "Next: add it from the list, and watch the error fall.",
     "confused": "Next: run the experiment below and diagnose its data; or add the one that you know to be there.",
     "helps_but_incomplete": "Next: add the best one from the list, and see what is missing then.",
@@ -99,7 +98,8 @@ def nothing(bench: Workbench, current: Shown) -> None:
 
 def what_next(bench: Workbench, current: Shown) -> None:
     """Say what to do next."""
-    said(NEXT[current.found.verdict]).classes("next-step")
+    found = current.found
+    said(NEXT.get(found.verdict) or f"Next: {words.what_next(found)}").classes("next-step")
 
 
 def candidates(bench: Workbench) -> None:

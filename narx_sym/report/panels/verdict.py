@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ...data.units import coefficient_units
 from ...models.extend import newer
 from .. import words
 from ..comparison import Comparison, Units, draw_worst
-from ..parameters import candidate_parameters
+from ..parameters import shape_units
 from ..picture import Picture, drawing
 from .registry import Material, panel
 
@@ -49,10 +50,14 @@ def bars(d: Diagnosis, units: Units) -> list[tuple[str, str, str, float]]:
 
 def added(d: Diagnosis, units: Units) -> list[str]:
     """Return each effect of the last model with the values that it has there."""
-    values = d.model.values
-    known = {c.effect: c for s in d.steps for c in s.candidates}
+    own = {
+        n: "" if unit == "1" else unit for n, unit in coefficient_units(d.model, units, shape_units(d, units)).items()
+    }
     return [
         f"{words.spaced(e.effect)}: "
-        + candidate_parameters(known[e.effect], units, {n: float(values[s]) for n, s in e.symbols.items()})
-        for e in newer(d.model, d.steps[0].base.model) if e.effect in known
-    ]  # fmt: skip
+        + ", ".join(
+            f"{n} = {words.number(float(d.model.values[s]), 4)} {own.get(str(s), '')}".rstrip()
+            for n, s in e.symbols.items()
+        )
+        for e in newer(d.model, d.steps[0].base.model)
+    ]
