@@ -79,9 +79,11 @@ def diagnose(
     Without a model file the base is identified first. The same data and seed give the same JSON; only its last field,
     `seconds`, differs.
     """
+    from ..diagnosis.experiment import check_limits
     from ..diagnosis.procedure import diagnose as run
     from ..files.journal import resuming
 
+    check_limits(limits)
     targets = Targets(json_file, save, plot, experiment, report, -1 if quiet else int(verbose))
     file = Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
     check_targets([*targets.paths, resume], *data, *(effects or []), file)
