@@ -9,7 +9,7 @@ import typer
 
 from ..errors import DataError
 from .options import Column, Limits, ModelFile, Rate, Rows, Share, Time, Ts, Units, check_targets, unit_names
-from .printing import console, note, working
+from .printing import console, note, table, working
 
 if TYPE_CHECKING:
     from ..inversion.compensator import Compensator
@@ -46,7 +46,7 @@ def compensate(
     """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
     from ..codegen.registry import exports, target_of
     from ..data.record import read_signal
-    from ..data.units import said_first
+    from ..data.units import coefficients_latex, said_first
     from ..files.atomic import write_bytes, write_text
     from ..files.store import load
 
@@ -60,7 +60,9 @@ def compensate(
     part = None if share == "none" else law.share(share)
     _tell(law, "auto" if share == "auto" else part, names)
     if latex:
-        write_text(latex, f"\\[\n{law.latex(numbers=True)}\n\\]\n")
+        listed = coefficients_latex(law.coefficients(names, latex=True))
+        shown = [law.latex(numbers=True), *[listed] * bool(listed)]
+        write_text(latex, "".join(f"\\[\n{one}\n\\]\n" for one in shown))
         console().print(f"LaTeX written to {latex}")
     for name, path in sources:
         made = law.export(name, limits=limits, rate=rate, units=names, share=part)
@@ -73,6 +75,7 @@ def compensate(
 
 def _tell(law: Compensator, share: Any, known: dict[str, str]) -> None:
     """Print a law, and what to know before it runs."""
+    from ..data.units import by_unit
     from ..tasks.compensate import ahead, caution
 
     units = {name: known[own] for name, own in (("m", "u"), ("r", "y")) if own in known}
@@ -81,6 +84,8 @@ def _tell(law: Compensator, share: Any, known: dict[str, str]) -> None:
         console().print(f"  {line}", markup=False)
     if units:
         console().print(f"  with {', '.join(f'{name} in {label}' for name, label in units.items())}", markup=False)
+    if listed := by_unit(law.coefficients(known)):
+        table("Units of its coefficients", ["coefficients", "unit"], [list(row) for row in listed])
     console().print(ahead(law))
     if law.staged:
         with working("Counting the solutions of each stage"):

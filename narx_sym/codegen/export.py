@@ -16,7 +16,7 @@ from ..errors import ModelError
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import samples
 from .layout import newest, plain
-from .registry import ROUNDINGS, Example, Request, target
+from .registry import ROUNDINGS, Coefficients, Example, Request, target
 
 CHECKED, LONGEST_CHECK = 48, 200  # samples of a self-test; a long delay adds its own
 TELLING = 1e-3  # a self-test that rounding may move by more than this says nothing
@@ -35,6 +35,7 @@ def written(
     Ts: float | None = None,
     rest: Mapping[str, float] | None = None,
     units: Mapping[str, str] | None = None,
+    coefficients: Coefficients = lambda equations: (),
 ) -> Any:
     """Return a recursion for another place; `to` names a target of `narx_sym.codegen.registry`, see `to_c`."""
     one = target(to)
@@ -44,7 +45,7 @@ def written(
         Request(
             recursion, numbers, name, single, returned, starts, _notes(recursion, returned, Ts, units or {}),
             lambda sampled: _example(recursion, numbers, returned, starts, ranges or {}, single, sampled),
-            False, Ts, ranges or {}, rest or {}, units or {},
+            False, Ts, ranges or {}, rest or {}, units or {}, coefficients,
         )
     )  # fmt: skip
 

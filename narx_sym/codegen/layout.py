@@ -16,10 +16,12 @@ from ..engines.writer import indented
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import k, lag, samples, signal
-from .registry import Request
+from .registry import Coefficients, Request
 
 WIDTH = 108  # of a line
-ASCII = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "²": "^2", "³": "^3", "·": " "})  # of units
+ASCII = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "·": " "})  # of units
+RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⋅", "0123456789-."
+POWERS = str.maketrans(*RAISED)
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class Layout:
     parameters : mapping from parameters without a number to identifiers
     newest : mapping from inputs to numbers
         The lag of the sample of each input that a step takes; a preview is negative.
+    coefficients : function from equations to rows (coefficients as a text, their unit)
     """
 
     recursion: Recursion
@@ -47,6 +50,7 @@ class Layout:
     labels: Mapping[Any, str]
     parameters: Mapping[Any, str]
     newest: Mapping[Any, int]
+    coefficients: Coefficients
 
     @classmethod
     def of(cls, request: Request, label: Callable[[str, set[str]], str], taken: Iterable[str]) -> Layout:
@@ -62,7 +66,8 @@ class Layout:
             names[one] = label(str(getattr(one, "label", one)), used)
             used.add(names[one])
         parameters = {p: names.pop(p) for p in kept}
-        return cls(recursion, values, request.returned, initial, names, parameters, newest(recursion, request.instance))
+        latest = newest(recursion, request.instance)
+        return cls(recursion, values, request.returned, initial, names, parameters, latest, request.coefficients)
 
     @cached_property
     def plan(self) -> Plan:
@@ -107,14 +112,14 @@ class Layout:
         return e.xreplace({s: plain[s.base] for s in samples(e)}), {plain[b]: shown for b, shown in names.items()}
 
     def comment(self, *sentences: str) -> list[str]:
-        """Return what stands above the code: the equations in its identifiers, an empty line, some sentences.
+        """Return what stands above the code: the equations in its identifiers, an empty line, units, some sentences.
 
         It also says which identifiers are not the names of their signals, without what could end a comment.
         """
         named = {b: signal(label) for b, label in self.labels.items()}
-        equations = []
+        equations, written = [], self.recursion.subs(self.values).updates
         plain_symbols = {p: sp.Symbol(label, real=True) for p, label in self.parameters.items()}
-        for pair in self.recursion.subs(self.values).updates:
+        for pair in written:
             known = [plain_symbols | {s: named[s.base][s.indices[0]] for s in samples(e)} for e in pair]
             left, right = (e.xreplace(of) for e, of in zip(pair, known, strict=True))
             equations.append(f"{text(left)} = {text(right)}")
@@ -123,7 +128,10 @@ class Layout:
             for one, label in (*self.labels.items(), *self.parameters.items())
             if (shown := plain(one)) != label
         ]
-        return [line[4:] for line in (*wrapped(equations), "", *wrapped([*sentences, *renamed]))]
+        rows = ((harmless(listed), unit) for listed, unit in self.coefficients(written))
+        told = "; ".join(f"{one} (pure)" if unit == "1" else f"{one} in {plain(unit)}" for one, unit in rows)
+        units = [f"Units of the coefficients: {told}."] if told else []
+        return [line[4:] for line in (*wrapped(equations), "", *wrapped([*units, *sentences, *renamed]))]
 
     def when(self, base: Any) -> str:
         """Return the sample of an input that a step takes, such as `r[k+1]`."""
@@ -139,7 +147,13 @@ def newest(recursion: Recursion, sampled: bool = False) -> dict[Any, int]:
 
 def plain(one: Any) -> str:
     """Return the name of a signal or a parameter, or a unit, in ASCII, with dots for what could end a comment."""
-    return re.sub(r"[^A-Za-z0-9_ .,;:()=+/%^-]", ".", str(getattr(one, "label", one)).translate(ASCII))[:60]
+    return harmless(str(getattr(one, "label", one)))[:60]
+
+
+def harmless(said: str) -> str:
+    """Return a text in ASCII, with dots for what could end a comment."""
+    raised = re.sub(f"[{RAISED[0]}]+", lambda found: f"^{found[0].translate(POWERS)}", said)
+    return re.sub(r"[^A-Za-z0-9_ .,;:()=+/%^-]", ".", raised.translate(ASCII))
 
 
 def shortened(name: str, longest: int) -> str:

@@ -10,6 +10,7 @@ from ..errors import ModelError
 from ..symbolic.recursion import Recursion
 from ..symbolic.registered import load_registered
 
+Coefficients = Callable[[Sequence[tuple[Any, Any]]], Sequence[tuple[str, str]]]
 TOLERANCE = {False: 1e-12, True: 1e-4}  # of a self-test, relative; double and single
 ROUNDINGS = 30  # a self-test allows as many times what the last bits of the numbers do to a run
 
@@ -56,6 +57,7 @@ class Request:
         takes every input at time k (or the last sample of its preview), also where older samples alone are read.
     Ts : sampling time [s], None where nobody said it
     ranges, rest, units : mappings from names of signals to (low, high), a number at rest, a unit
+    coefficients : function from equations to rows (coefficients as a text, their unit), for the comment on top
     """
 
     recursion: Recursion
@@ -71,6 +73,7 @@ class Request:
     ranges: Mapping[str, Sequence[float]] = field(default_factory=dict)
     rest: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    coefficients: Coefficients = lambda equations: ()
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from ..errors import ModelError, NotInvertible
@@ -22,9 +23,10 @@ def export_model(
     `units` such as {"u": "V", "y": "um"}, by default those of the records that the model was fitted to, stand where a
     target has a place for them.
     """
+    labels = {**model.info.units, **(units or {})}
     return written(
         to, model.recursion, model.values, name, single, model.output, model.starts, model.usual, model.Ts,
-        _rest(model), {**model.info.units, **(units or {})},
+        _rest(model), labels, partial(model.units_told, units=labels),
     )  # fmt: skip
 
 
@@ -102,9 +104,10 @@ def export_law(
     def own(of: Mapping[str, Any]) -> dict[str, Any]:
         return {**of, **{a: of[b] for a, b in (("m", driven), ("r", "y")) if b in of}}
 
+    labels = {**law.model.info.units, **(units or {})}
     return written(
         to, recursion, law.model.values, name, single, m, None, own(law.model.usual), law.model.Ts,
-        own(_rest(law.model)), own({**law.model.info.units, **(units or {})}),
+        own(_rest(law.model)), own(labels), partial(law.model.units_told, units=labels),
     )  # fmt: skip
 
 

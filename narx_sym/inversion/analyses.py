@@ -159,10 +159,13 @@ def _escape(message: str) -> str:
 
 @analysis(10, "Model")
 def equation(subject: Subject) -> Finding:
-    """Show the equation as it is, and the values of its parameters."""
+    """Show the equation as it is, and the values of its parameters, with units where those of the signals are known."""
     model = subject.model
     numbers = [] if model.theta is None else model.theta
-    return Finding([*model.lines(), *(f"{s} = {v:.6g}" for s, v in zip(model.symbols, numbers, strict=False))])
+    units = model.coefficient_units() if model.info.units else {}
+    said = [f" {unit}" if (unit := units.get(str(s), "1")) != "1" else "" for s in model.symbols]
+    listed = zip(model.symbols, numbers, said, strict=False)
+    return Finding([*model.lines(), *(f"{s} = {v:.6g}{unit}".rstrip() for s, v, unit in listed)])
 
 
 @analysis(20, "In your units")

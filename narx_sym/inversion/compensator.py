@@ -209,6 +209,15 @@ class Compensator(CompensatorDoors):
         opening = rf"&= \frac{{1}}{{{printing.latex(gain.xreplace(values))}}} \Big[ "
         return body.replace("&= ", opening, 1).replace("\n\\end{aligned}", " \\Big]\n\\end{aligned}")
 
+    def grouped(self, numbers: bool = False) -> list[tuple[Any, Any]]:
+        """Return the equations as `latex` shows them: the gain stands beside m[k], and nothing is multiplied out."""
+        values = self.model.values if numbers else {}
+        if self.staged:
+            return [(left, right.xreplace(values)) for left, right in self.updates]
+        numerator, gain = (self.law, sp.S.One) if self.A is None else self._fraction()
+        parts = (sp.Mul(c.xreplace(values), term, evaluate=False) for c, term in self._grouped(numerator))
+        return [(sp.Mul(gain.xreplace(values), m[k], evaluate=False), sp.Add(*parts, evaluate=False))]
+
     def latex_polynomials(self, numbers: bool = False) -> list[str]:
         """LaTeX of the polynomials whose roots the law takes."""
         return [p.held(self.model.values if numbers else {}).latex() for p in self.polynomials]

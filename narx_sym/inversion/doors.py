@@ -7,6 +7,7 @@ class CompensatorDoors:
     """Each line is one function of the room that does it; it takes the law first."""
 
     export = door("codegen.targets", "export_law")
+    coefficients = door("data.units.derived", "coefficients")
     to_c = door("codegen.targets", "law_to_c")
     to_st = door("codegen.targets", "law_to_st")
     to_fmu = door("codegen.targets", "law_to_fmu")

@@ -13,6 +13,8 @@ class ModelDoors:
     check = door("models.analysis", "check")
     save = door("files.store", "save")
     compensator = door("inversion.compensator", "compensator")
+    coefficient_units = door("data.units.derived", "coefficient_units")
+    units_told = door("data.units.derived", "units_told")
     export = door("codegen.targets", "export_model")
     to_c = door("codegen.targets", "model_to_c")
     to_st = door("codegen.targets", "model_to_st")

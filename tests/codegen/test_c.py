@@ -116,7 +116,10 @@ def test_units_stand_in_the_comment_and_cannot_end_it(tmp_path):
     assert "Units: r in um/s^2, m in V." in told and "Units" not in law.to_c()
     for end in ("*/ int x = 1 /", "*) x := 1; (*", "V\n#error", "\\", "??/"):
         for language in ("c", "st", "js"):
-            plain, hostile = (law.export(language, units={"u": label, "y": "mm"}) for label in ("V", end))
+            both = [law.export(language, units={"u": label, "y": "mm"}) for label in ("V", end)]
+            lines = [re.findall(r"(?m)^(?: \*)? +Units of the coefficients:(.*)\n", one) for one in both]
+            assert all(re.fullmatch(r"[A-Za-z0-9_ .,;:()=+/%^-]+\.", one) for (one,) in lines), lines
+            plain, hostile = (one.replace(line, "") for one, (line,) in zip(both, lines, strict=True))
             assert plain.replace("m in V.", "") == re.sub(r"m in [^\n]*\.(?=\n)", "", hostile), hostile[:900]
     built(tmp_path, law.export("c", units={"u": "*/ int x = 1 /"}), "-DLAW_SELF_TEST")
 

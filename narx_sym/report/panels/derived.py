@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...data.units import by_unit
 from ...errors import ModelError, NarxError, NotInvertible
 from ...inversion.analyses import derived as every
 from ...models.model import Model
@@ -40,7 +41,7 @@ def pictures(material: Material) -> list[Picture]:
 
 @panel("What follows from the model", order=70, draws=pictures, about=TAKEN, live=80)
 def derived(material: Material) -> dict[str, Any]:
-    """Tell every analysis, and the law with numbers."""
+    """Tell every analysis, and the law with numbers and their units."""
     parts = every(material.subject)
     try:
         law = material.subject.law
@@ -48,6 +49,7 @@ def derived(material: Material) -> dict[str, Any]:
         return {"derived": parts, "law": None}
     shown = {
         "latex": law.latex(), "numbers": law.latex(numbers=True), "lines": law.lines(numbers=True),
+        "units": by_unit(law.coefficients(material.units, latex=True)),
         "ahead": ahead(law), "checked": law.checked, "caution": caution(law),
     }  # fmt: skip
     return {"derived": parts, "law": shown}

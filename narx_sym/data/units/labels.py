@@ -1,4 +1,4 @@
-"""Units of signals: where a file says them, whether two convert, and what they make of a parameter.
+"""Units of signals: where a file says them, and whether two convert.
 
 A label that pint does not know ("%", "inc") is a unit of its own: it cancels against itself and converts to nothing
 else.
@@ -9,18 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache, reduce
-from operator import mul
-from typing import TYPE_CHECKING, Any, TypeVar
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any, TypeVar
 
-import sympy as sp
-
-from ..errors import DataError
-from ..symbolic.functions import row_of
-from ..symbolic.signals import free, phi1, phi2, sensed, t, u, v, x, y
-
-if TYPE_CHECKING:
-    from ..models.model import Model
+from ...errors import DataError
 
 Measured = TypeVar("Measured", bound=Any)  # a Record: that module uses this one
 LONGEST = 40  # characters of a label
@@ -30,7 +23,6 @@ FACTOR = rf"\(*{NAME}(?:(?:\*\*|\^)?-?[1-9]|[²³])?\)*"
 LABEL = re.compile(rf"(?:1 ?/ ?)?{FACTOR}(?:(?: ?[*/·] ?| ){FACTOR})*")
 HEADER = re.compile(r"(.*\S)\s*(?:\[([^][]*)\]|\(([^()]*)\))")
 PURE = ("1", "-")  # how files say that a signal has no unit
-UNKNOWN = {"u": "?u", "y": "?y"}  # what cancels although nobody said what it is
 
 
 # -- labels ----------------------------------------------------------------------------------------------------
@@ -65,6 +57,22 @@ def _known(label: str) -> Any:
         return _registry().Unit(re.sub(rf"({NAME})(-?\d)", r"\1**\2", label))
     except Exception:  # pint has many kinds of errors for a name that it does not know
         return None
+
+
+def powers(label: str) -> dict[str, Fraction]:
+    """Return the power of each name in a unit; nothing for a pure number."""
+    return {
+        name: Fraction(power).limit_denominator(100)
+        for name, power in _registry().Quantity(1, unit(label)).unit_items()
+    }
+
+
+def product(of: Mapping[str, Fraction]) -> Any:
+    """Return the unit of which `powers` returns this."""
+    found = _registry().Unit("")
+    for name, power in of.items():
+        found *= _registry().Unit(name) ** (int(power) if power.denominator == 1 else float(power))
+    return found
 
 
 def shown(of: Any, labels: Iterable[str]) -> str:
@@ -156,70 +164,3 @@ def _converted(record: Measured, wanted: Mapping[str, str], whose: str) -> Measu
         record, u=made.pop("u", record.u), y=made.pop("y", record.y), channels={**record.channels, **made},
         units={**record.units, **other}, notes=(*record.notes, *notes),
     )  # fmt: skip
-
-
-# -- parameters ------------------------------------------------------------------------------------------------
-
-
-def coefficient_units(
-    model: Model, units: Mapping[str, str], shapes: Mapping[str, str] | None = None
-) -> dict[str, str]:
-    """Return the unit of each parameter by its name: of a coefficient, that of the equation over that of its term.
-
-    Parameters
-    ----------
-    units : mapping such as {"u": "V", "y": "um"}, and of channels
-    shapes : mapping from shape parameters to their units, which equations do not tell
-    """
-    given = {n: label for n, label in (shapes or {}).items() if label}
-    known = _signals(units) | {n: unit(label.removesuffix(" per sample")) for n, label in given.items()}
-    for state in (*model.states, *model.states):  # twice: one may read another that comes later
-        name = str(state.left.base.label)
-        if known.get(name) is None:
-            known[name] = _dimension(state.right, known)
-    found = {
-        str(s): _left_over(left, c / s * term, known, units)
-        for left, listed in model.system()
-        for c, term in listed
-        for s in model.symbols
-        if c.has(s) and not (c / s).has(s)
-    }
-    return {**found, **given}
-
-
-def _signals(units: Mapping[str, str]) -> dict[str, Any]:
-    """Return the units of all signals that have none of their own: the inner ones have those of what they stand for."""
-    labels = UNKNOWN | {n: label for n, label in units.items() if label}
-    meant = {str(b.label): n for n, bases in (("u", (u, v, phi1)), ("y", (y, x, free, sensed))) for b in bases}
-    labels |= {name: labels[n] for name, n in meant.items()} | {str(t.label): "s", str(phi2.label): "1"}
-    return {name: unit(label) for name, label in labels.items()}
-
-
-def _left_over(left: Any, term: Any, known: Mapping[str, Any], units: Mapping[str, str]) -> str:
-    whole, part = _dimension(left, known), _dimension(term, known)
-    if whole is None or part is None:
-        return ""
-    found = shown(whole / part, [*UNKNOWN.values(), *filter(None, units.values())])
-    return "" if any(label in found for label in UNKNOWN.values()) else found
-
-
-def _dimension(expr: Any, known: Mapping[str, Any]) -> Any:
-    """Return the unit of an expression; None where it is not known."""
-    if isinstance(expr, (sp.Indexed, sp.Symbol)):
-        return known.get(str(expr.base.label if isinstance(expr, sp.Indexed) else expr))
-    row = row_of(expr)
-    if expr.is_number or (row and row.dimension in ("none", "sign")):
-        return unit("1")
-    if expr.is_Mul:
-        parts = [_dimension(a, known) for a in expr.args]
-        return None if any(p is None for p in parts) else reduce(mul, parts)
-    if expr.is_Pow and expr.exp.is_Rational:
-        part = _dimension(expr.base, known)
-        power = int(expr.exp) if expr.exp.is_Integer else float(expr.exp)
-        return None if part is None else part**power
-    if expr.is_Add and not expr.has(sp.Indexed) and any(a.is_number for a in expr.args):
-        return unit("1")  # as in 1 + tau/Ts, where Ts is a number
-    if expr.is_Add or (row and row.dimension == "kept"):
-        parts = [d for a in expr.args if not a.is_number and (d := _dimension(a, known)) is not None]
-        return parts[0] if parts and all(p == parts[0] for p in parts) else None
-    return None
