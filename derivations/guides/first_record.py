@@ -139,6 +139,10 @@ print(f"a, b, c, d = {np.round(bouc_wen.theta, 4)}, simulated with 0.7, 0.008, 0
 # (of the input, the output, and channels by name) wins. The unit of a parameter follows from the term that it multiplies. A
 # record in mV is converted for a model in V, and that is said; one in A is refused. A unit that is not known, such as `%` or
 # `inc`, is a label that converts to nothing else.
+#
+# The numbers of a law get their units in the same way: what is added up has one unit, every equation is an equation for
+# units too, and what these leave open has none. `law.coefficients()` has them, a table after the law and a line in the
+# comment of exported C and Structured Text tell them.
 
 # %%
 log = None
@@ -167,7 +171,12 @@ try:
 except ns.DataError as error:
     print(error)
 
+stage = ns.NARX.from_terms(["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]"]).fit(volts_in, ["continuum"])
+stage_law = stage.compensator()
+print(*stage_law.lines(numbers=True), *((c.values, c.unit) for c in stage_law.coefficients()), sep="\n")
+
 # %%
+assert {c.unit for c in stage_law.coefficients()} == {"V/um", "1/V"}
 assert log is None or log.units == {"u": "V", "y": "um"}
 assert np.isclose(ns.evaluate(gain, milli).free_run_nrmse, ns.evaluate(gain, volts_in).free_run_nrmse)
 assert log is None or (np.array_equal(log.u, volts) and abs(log.channels["Temperature"][10] - 20.002) < 1e-9)

@@ -21,8 +21,6 @@ from .comparison import Units
 from .panels.registry import Material, panels
 from .svg import stylesheet
 
-DIGITS = 4
-
 
 @dataclass(frozen=True)
 class Section:
@@ -48,7 +46,7 @@ def templates() -> Any:
     )
     made.filters |= {
         "spaced": words.spaced, "number": words.number, "percent": words.percent, "plus_minus": words.plus_minus,
-        "math": lambda text: Markup(from_latex(text, DIGITS)), "download": download,
+        "math": lambda text: Markup(from_latex(text, words.DIGITS)), "download": download,
     }  # fmt: skip
     return made
 

@@ -16,6 +16,7 @@ from ..diagnosis.steps import Step
 
 Units = Mapping[str, str]
 Row = dict[str, Any]
+DIGITS = 4  # of the numbers in equations
 NEXT = {
     "nothing_detectable": "Keep the model. Smaller effects show with less noise, a longer record or a wider input: "
     "the sizes below say how small.",

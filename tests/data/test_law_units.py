@@ -16,6 +16,7 @@ from narx_sym.data.units.labels import powers, product
 from narx_sym.engines.compile import compile
 from narx_sym.inversion.solution import Root
 from narx_sym.models.extend import extend, variants
+from narx_sym.report.page import sections
 from narx_sym.symbolic.recursion import Recursion, State
 
 u, y, k, phi1, phi2 = ns.u, ns.y, ns.k, ns.phi1, ns.phi2
@@ -200,6 +201,13 @@ def test_a_product_of_two_unknowns_has_no_unit_and_its_neighbours_have():
     assert coefficient_units(model, UNITS) == {"a": "", "b": "", "c": "1"}
 
 
+def test_a_parameter_is_no_signal_of_its_name():
+    names = sp.symbols("m r t v", real=True)
+    terms = (y[k - 1], u[k - 1], phi1[k - 1] ** 2, sp.S.One)
+    model = ns.Model(sum(a * b for a, b in zip(names, terms, strict=True)), names, [0.5, 0.25, 0.125, 3.0])
+    assert list(coefficient_units(model, UNITS).values()) == ["1", "um/V", "um/V²", "um"]
+
+
 def test_an_exponent_and_a_wrong_argument_are_no_error():
     model = ns.NARX([y[k - 1], sp.exp(u[k - 1]), sp.tanh(3 * y[k - 1])])
     assert list(coefficient_units(model, UNITS).values()) == ["1", "um", "um"]
@@ -260,6 +268,18 @@ def test_sources_have_them_in_their_comment_and_nothing_else_changes(to):
     assert "Units" not in bare and f"Units of the coefficients: {said}." in told
     assert re.sub(r"(?m)^.*Units[^\n]*\n", "", told) == bare
     assert "Units of the coefficients" in LINEAR.export(to, units=UNITS) and "Units" not in LINEAR.export(to)
+
+
+def test_the_report_has_them_in_the_digits_of_its_equation():
+    steps, noise = np.random.default_rng(3).standard_normal((2, 300))
+    moved = np.cumsum(steps) / 10
+    record = ns.Record.from_arrays(moved, LINEAR.simulate(moved, 0.0) + 0.01 * noise, Ts=0.01)
+    some = ns.effects.Catalogue({"dead_zone": ns.EFFECTS["dead_zone"]})
+    found = ns.diagnose(LINEAR, record, catalogue=some, channels=[])
+    bare, told = (sections(found, units=units, keys=["derived"])[0].html for units in ({}, {"u": "V", "y": "um"}))
+    rows = dict(re.findall(r"<td[^>]*>([\d.]+)</td><td[^>]*>([^<]+)</td>", told))
+    assert "coefficients of the law" not in bare and sorted(rows.values()) == ["1", "um/V"]
+    assert all(f"<mn>{number}</mn>" in bare for number in rows)
 
 
 def test_powers_are_readable_in_ascii():

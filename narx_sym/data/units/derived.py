@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from ...symbolic.printing import latex, text
-from ...symbolic.signals import expand_phi, free, k, m, r, samples, sensed, t, v, x, y
+from ...symbolic.signals import expand_phi, free, k, m, r, samples, sensed, t, u, v, x, y
 from .dimensions import Dimensions, Powers
 from .labels import powers, product, shown
 
@@ -55,7 +55,7 @@ def coefficient_units(
     if not labels:
         return given
     found = _of_model(model, labels, {n: powers(label.removesuffix(" per sample")) for n, label in given.items()})
-    own = {str(s): found.unit(found.named(str(s))) for s in model.symbols}
+    own = {str(s): found.unit(found.named(s)) for s in model.symbols}
     return {n: _spelled(of, labels) for n, of in own.items()} | given
 
 
@@ -100,7 +100,7 @@ def numbers_told(
             unit = _spelled(found.unit(own), labels)
             if unit and (abs(value), unit) != (1.0, "1"):  # that says nothing
                 groups.setdefault(unit, set()).add(abs(value))
-        whole = _spelled(found.unit(found.named(str(left.base.label))), labels)
+        whole = _spelled(found.unit(found.named(left.base)), labels)
         told += [Coefficients(left, whole, tuple(sorted(each)), unit) for unit, each in groups.items()]
     return tuple(told)
 
@@ -111,14 +111,15 @@ def _labels(units: Mapping[str, str]) -> dict[str, str]:
 
 def _of_model(model: Model, labels: Mapping[str, str], given: Mapping[str, Powers]) -> Dimensions:
     """Return what a model's equations say; m is an input and r an output."""
-    driven = "u" if model.input == y else str(model.input.label)
+    driven = u if model.input == y else model.input
     known = {name: powers(label) for name, label in labels.items()} | {str(t.label): {"second": Fraction(1)}}
-    known |= {str(own.label): known[n] for own, n in ((m, driven), (r, "y")) if n in known}
-    found = Dimensions({**known, **given})
+    outer = {str(m.label): str(driven.label), str(r.label): str(y.label)}
+    known |= {own: known[name] for own, name in outer.items() if name in known}
+    found = Dimensions(known, given)
     for left, right in (*((s.left, s.right) for s in model.states), (model.output[k], model.F)):
         found.equal(left, expand_phi(right))
-    for base, outer in ((m, driven), (v, driven), (r, "y"), (x, "y"), (free, "y"), (sensed, "y")):
-        found.alike(str(base.label), outer)
+    for base, other in ((m, driven), (v, driven), (r, y), (x, y), (free, y), (sensed, y)):
+        found.alike(base, other)
     return found
 
 

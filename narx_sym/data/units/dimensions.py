@@ -47,11 +47,12 @@ class Dimensions:
 
     Parameters
     ----------
-    known : mapping from names of signals and parameters to powers of units
+    signals, parameters : mappings from their names to powers of units, as far as they are known
     """
 
-    def __init__(self, known: Mapping[str, Powers]):
-        self.known = dict(known)
+    def __init__(self, signals: Mapping[str, Powers], parameters: Mapping[str, Powers]):
+        self.known = {Unknown("signal", n): of for n, of in signals.items()}
+        self.known |= {Unknown("parameter", n): of for n, of in parameters.items()}
         self.hard: list[tuple[int, Powers]] = []  # (group, what must be no unit): a group is left out as a whole
         self.soft: list[list[Powers]] = []  # each list as far as nothing contradicts
         self.numbers: list[tuple[float, Powers]] = []  # each decimal number where it stands
@@ -64,18 +65,20 @@ class Dimensions:
         """Take an equation."""
         self._same([self.walk(left), self.walk(right)])
 
-    def alike(self, name: str, other: str) -> None:
-        """Believe that two have one unit where nothing contradicts it."""
-        self.soft.append([plus(self.named(name), self.named(other), -1)])
+    def alike(self, base: Any, other: Any) -> None:
+        """Believe that two signals have one unit where nothing contradicts it."""
+        self.soft.append([plus(self.named(base), self.named(other), -1)])
 
-    def named(self, name: str) -> Powers:
+    def named(self, one: Any) -> Powers:
         """Return the powers of a signal or a parameter."""
-        return self.known.get(name) or ({} if name in self.known else {Unknown("name", name): Fraction(1)})
+        signal = isinstance(one, sp.IndexedBase)
+        own = Unknown("signal" if signal else "parameter", str(one.label if signal else one))
+        return self.known.get(own, {own: Fraction(1)})
 
     def walk(self, e: Any) -> Powers:
         """Return the powers of an expression, and take in what it says about its parts."""
         if isinstance(e, (sp.Indexed, sp.Symbol)):
-            return self.named(str(e.base.label if isinstance(e, sp.Indexed) else e))
+            return self.named(e.base if isinstance(e, sp.Indexed) else e)
         if e.is_Number or e.is_NumberSymbol:
             return self._number(e)
         if e.is_Add:

@@ -13,6 +13,7 @@ from ...tasks.compensate import ahead, caution
 from ..comparison import Units
 from ..picture import Picture
 from ..plots import new_axes, plot_quasi_static
+from ..words import DIGITS
 from .registry import TAKEN, Material, panel
 
 
@@ -49,7 +50,7 @@ def derived(material: Material) -> dict[str, Any]:
         return {"derived": parts, "law": None}
     shown = {
         "latex": law.latex(), "numbers": law.latex(numbers=True), "lines": law.lines(numbers=True),
-        "units": by_unit(law.coefficients(material.units, latex=True)),
+        "units": by_unit(law.coefficients(material.units, latex=True), f"{{:.{DIGITS}g}}".format),
         "ahead": ahead(law), "checked": law.checked, "caution": caution(law),
     }  # fmt: skip
     return {"derived": parts, "law": shown}
