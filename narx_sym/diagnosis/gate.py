@@ -259,6 +259,7 @@ def score(
     if measured:
         pieces = np.concatenate([oaconvolve(m, white.a, mode="valid") for m in measured])
         variance = float(np.mean(pieces**2))
+    variance = variance or float(np.finfo(float).tiny)  # a base that follows the data exactly leaves nothing to explain
     Q = orthonormal(P)
     e = e - Q @ (Q.T @ e)
     energy = np.einsum("ij,ij->j", D, D)

@@ -24,7 +24,7 @@ from .table.candidates import Candidate, Pair
 from .table.rounds import Table
 from .table.screening import absorbed, detectable
 from .table.search import Row
-from .table.verdict import HELPS, LARGE, LEFT, alike, cheapest, verdict, winner
+from .table.verdict import HELPS, LARGE, LEFT, ROUNDING, alike, cheapest, verdict, winner
 
 SHOWN = 6  # candidates at most, and the confusion set
 
@@ -205,7 +205,8 @@ def step(table: Table, known: Row, room: int = 1, limits: tuple[float, float] | 
     )  # fmt: skip
     seen = scored.scores.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
     if best is None or not seen:
-        made.verdict = verdict(False, seen, scored.structure, 0.0, 0.0, 0)
+        structure = scored.structure if known.held > ROUNDING**2 else 0.0
+        made.verdict = verdict(False, seen, structure, 0.0, 0.0, 0)
         return made, known
     left = table.screened(best).missing
     lowest = best.held * (1 - left)
@@ -240,6 +241,8 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     """Fill the table beside a row; return the base, and the hypothesis that wins over it."""
     table.course.reach(WAYS)
     scored = table.screened(known)
+    if known.held <= ROUNDING**2:
+        return known, None
     seen = scored.scores.p_value <= gate.LEVEL or float(scored.scores.share.max()) >= LARGE
     if seen or scored.structure > HELPS:
         table.singles(known)

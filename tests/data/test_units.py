@@ -238,7 +238,7 @@ def test_every_elementary_function_has_its_rule(row):
 def test_a_name_that_means_another_term_in_each_model_has_the_unit_of_its_own():
     before, after = (ns.NARX.from_terms(["y[k-1]", term], [0.9, 0.1]) for term in ("1", "u[k-1]"))
     rows = {r.term: r for r in parameters.parameters(before, after, UNITS, {})}
-    assert rows["1"].name == rows["u[k-1]"].name == "theta_2"
+    assert rows["1"].name == "theta_2 of the base" and rows["u[k-1]"].name == "theta_2"
     assert (rows["1"].status, rows["1"].unit, rows["u[k-1]"].unit) == ("deleted", "um", "um/V")
 
 

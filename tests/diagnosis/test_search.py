@@ -166,3 +166,17 @@ def test_a_resonance_that_hardly_decays_is_no_line_of_the_spectrum():
     assert np.sqrt(best.held) * np.std(record.y) == pytest.approx(noise, rel=0.1)
     found = ns.diagnose(base, record)
     assert found.verdict == "nothing_detectable"
+
+
+@pytest.mark.parametrize("kind", ["gain", "lag", "late"])
+@pytest.mark.parametrize("n", [300, 1000])
+def test_a_base_that_follows_exactly_misses_nothing(kind, n):
+    """What rounding leaves is not an effect, and the gate does not divide by it."""
+    v = np.random.default_rng(0).standard_normal(n)
+    y = {"gain": 2 * v, "lag": np.zeros(n), "late": np.r_[0.0, v[:-1]]}[kind]
+    for i in range(1, n if kind == "lag" else 0):
+        y[i] = 0.5 * y[i - 1] + 0.5 * v[i - 1]
+    record = ns.Record.from_arrays(v, y, Ts)
+    found = ns.diagnose(ns.identify(record, base="linear"), record)
+    assert found.verdict == "nothing_detectable" and not found.confusion_set
+    assert all(np.isfinite(size) for size in found.steps[0].smallest_detectable.values())
