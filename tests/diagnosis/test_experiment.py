@@ -219,7 +219,7 @@ def test_what_cannot_be_decided(loops):
         propose({"backlash": models["backlash"], "offset": NARX([u[k]])}, record, NOISE)
 
 
-def test_twice_the_range_is_looked_at_where_this_one_does_not_decide():
+def test_twice_the_range_is_looked_at_where_this_one_does_not_decide(tmp_path):
     """A cubic comes near a tanh, and leaves it beyond the range; limits that are given are kept."""
     u_ = np.sin(2 * np.pi * 0.4 * T)
     x = static()
@@ -232,6 +232,8 @@ def test_twice_the_range_is_looked_at_where_this_one_does_not_decide():
     found = propose(models, record, 1e-4, units=UNITS)
     assert not found.clear and found.wider.clear and found.wider.separation > 3 * found.separation
     assert np.allclose(found.wider.limits, (-2, 2), atol=0.01) and "twice as far (-2 ... 2 V)" in found.sentence
+    found.save(tmp_path / "next.csv")
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["next.csv", "next_wider.csv"]
     again = propose(models, record, 1e-4, units=UNITS, limits=(-2, 2))
     assert again.clear and again.wider is None and 1.8 < again.u.max() <= 2
     assert again.separation == pytest.approx(found.wider.separation, rel=1e-2)

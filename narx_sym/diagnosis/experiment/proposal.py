@@ -134,7 +134,7 @@ class Experiment:
         """Write the columns t [s] and u [its unit] as CSV; the input of twice the range beside it (`wider_file`)."""
         write_csv(path, {"t": self.t, "u": self.u})
         if self.wider is not None:
-            self.wider.save(wider_file(path))
+            write_csv(wider_file(path), {"t": self.wider.t, "u": self.wider.u})
 
     def _y(self, value: float) -> str:
         return with_unit(value, self.units.get("y", ""), 2)
