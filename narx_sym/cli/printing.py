@@ -229,8 +229,7 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
 
 def print_detectable(step: Any, units: dict[str, str]) -> None:
     """Print which effects these data would have shown, and which a refit hides."""
-    seen = {n: v for n, v in step.smallest_detectable.items() if n not in (*step.absorbed, *step.confusion_set)}
-    sizes = sorted(seen.items(), key=lambda p: (p[1], p[0]))
+    sizes = step.unseen
     shown = sizes if len(sizes) <= 2 * FEW else [*sizes[:FEW], ("...", None), *sizes[-FEW:]]
     spread, unit = step.base.problem.spread, f" [{units['y']}]" if units.get("y") else ""
     rows = [

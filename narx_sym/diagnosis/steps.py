@@ -82,6 +82,13 @@ class Step:
         }
 
     @property
+    def unseen(self) -> list[tuple[str, float]]:
+        """Effects that were not found, and that no refit absorbs, with the rms that would show; smallest first."""
+        hidden = {*self.absorbed, *self.confusion_set}
+        listed = ((size, name) for name, size in self.smallest_detectable.items() if name not in hidden)
+        return [(name, size) for size, name in sorted(listed)]
+
+    @property
     def unexplained(self) -> str:
         """What of the last error the sensor cannot make, in words; an empty text where it can."""
         last = self.chosen or self.base
@@ -95,8 +102,7 @@ class Step:
         percent = float(f"{100 * error / spread:.2g}")
         sizes = f"The error is {error:.3g}{unit} rms ({percent:g} % of the output's standard deviation)"
         if self.verdict == "nothing_detectable":
-            seen = sorted(self.smallest_detectable.items(), key=lambda p: p[1])
-            shown = ", ".join(f"{name} above {size:.2g}{unit}" for name, size in seen[:3])
+            shown = ", ".join(f"{name} above {size:.2g}{unit}" for name, size in self.unseen[:3])
             if self.unexplained:
                 return (
                     f"No effect of the catalogue is seen in what is left. {sizes}; the sensor's noise is about "

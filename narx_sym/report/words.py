@@ -189,10 +189,8 @@ def detectable(step: Step, units: Units) -> list[Row]:
     What was found is none of them, and beyond the whole output no size is said.
     """
     spread = step.base.problem.spread
-    found = {*step.absorbed, *step.confusion_set}
-    seen = sorted((size, name) for name, size in step.smallest_detectable.items() if name not in found)
     said = [
         (n, f"{number(s, 2)} {units.get('y', '')}", percent(s / spread)) if s < spread else (n, "", "> 100 %")
-        for s, n in seen
+        for n, s in step.unseen
     ]
     return [{"effect": spaced(n), "size": size, "share": share} for n, size, share in said]
