@@ -287,7 +287,8 @@ def _candidates(table: Table, known: Row, best: Row, found: Sequence[Row], lowes
     listed = [r for r in cheapest(table.beside(known)) if len(r.beyond(known)) == 1 and r.blocks.size]
     members = {new_effect(r, known) for r in found} | {v.id for v in both}
     listed.sort(key=lambda r: new_effect(r, known) not in members)
-    listed.sort(key=lambda r: r is not best)
+    own = {v.id for v in both} if len(both) > 1 else set()
+    listed.sort(key=lambda r: not (r is best or new_effect(r, known) in own))  # of a pair its own effects
     scored = table.screened(known)
     made: list[Candidate] = []
     for row in listed:

@@ -269,6 +269,15 @@ def test_one_speed_is_confused_and_gives_an_experiment(one_speed):
 
 @pytest.mark.bench
 @needs_shared
+def test_of_a_pair_one_of_its_own_is_added_first():
+    # One effect alone, hysteresis, explains this damper nearly as well; it is no part of the pair.
+    record = ns.read(SHARED / "friction_damper_brfd" / "d1_0.5Hz_35lb.csv")
+    first = ns.diagnose(ns.identify(record, base="linear"), record).steps[0]
+    assert set(first.pair.effects) == {"coulomb_friction", "backlash"}
+    assert first.candidates[0].effect in first.pair.effects and set(first.added) < set(first.pair.effects)
+
+
+@needs_shared
 def test_boucwen_benchmark_has_hysteresis_inside():
     record = ns.read(SHARED / "boucwen" / "train_multisine.csv")[: 3 * 8192]
     d = ns.diagnose(ns.identify(record, base="linear", n_y=2, n_u=2), record)
