@@ -277,6 +277,7 @@ def test_of_a_pair_one_of_its_own_is_added_first():
     assert first.candidates[0].effect in first.pair.effects and set(first.added) < set(first.pair.effects)
 
 
+@pytest.mark.bench
 @needs_shared
 def test_boucwen_benchmark_has_hysteresis_inside():
     record = ns.read(SHARED / "boucwen" / "train_multisine.csv")[: 3 * 8192]
