@@ -180,7 +180,7 @@ def test_the_whole_way(page, data, tmp_path):
     assert page.locator("#found").count() == 0
     start.click()
     page.locator("#found").wait_for()
-    assert "Probably missing: dead_zone" in page.locator(".report").first.inner_text()
+    assert "Probably missing: dead zone" in page.locator(".report").first.inner_text()
     assert page.locator("#found").inner_text() == "Dead zone is probably missing."
     assert page.evaluate("document.activeElement.id") == "found"
     assert serious(page) == [] and fits(page)
