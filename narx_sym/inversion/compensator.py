@@ -197,26 +197,29 @@ class Compensator(CompensatorDoors):
 
     def latex(self, numbers: bool = False) -> str:
         """LaTeX of the law, grouped as in the paper: one bracket over the coefficient of the newest input."""
-        values = self.model.values if numbers else {}
         if self.staged:
-            return printing.latex_law([(a, b.xreplace(values)) for a, b in self.updates])
-        if self.A is None:
-            parts = [(c.xreplace(values), t) for c, t in self._grouped(self.law)]
-            return printing.latex_sum(m[k], parts)
-        numerator, gain = self._fraction()
-        parts = [(c.xreplace(values), t) for c, t in self._grouped(numerator)]
+            return printing.latex_law(self.grouped(numbers))
+        gain, parts = self._bracket(numbers)
         body = printing.latex_sum(m[k], parts)
-        opening = rf"&= \frac{{1}}{{{printing.latex(gain.xreplace(values))}}} \Big[ "
+        if self.A is None:
+            return body
+        opening = rf"&= \frac{{1}}{{{printing.latex(gain)}}} \Big[ "
         return body.replace("&= ", opening, 1).replace("\n\\end{aligned}", " \\Big]\n\\end{aligned}")
 
     def grouped(self, numbers: bool = False) -> list[tuple[Any, Any]]:
         """Return the equations as `latex` shows them: the gain stands beside m[k], and nothing is multiplied out."""
-        values = self.model.values if numbers else {}
         if self.staged:
+            values = self.model.values if numbers else {}
             return [(left, right.xreplace(values)) for left, right in self.updates]
+        gain, parts = self._bracket(numbers)
+        terms = (sp.Mul(c, term, evaluate=False) for c, term in parts)
+        return [(sp.Mul(gain, m[k], evaluate=False), sp.Add(*terms, evaluate=False))]
+
+    def _bracket(self, numbers: bool) -> tuple[Any, list[tuple[Any, Any]]]:
+        """Return the coefficient of the newest input, and the grouped terms that are divided by it."""
+        values = self.model.values if numbers else {}
         numerator, gain = (self.law, sp.S.One) if self.A is None else self._fraction()
-        parts = (sp.Mul(c.xreplace(values), term, evaluate=False) for c, term in self._grouped(numerator))
-        return [(sp.Mul(gain.xreplace(values), m[k], evaluate=False), sp.Add(*parts, evaluate=False))]
+        return gain.xreplace(values), [(c.xreplace(values), term) for c, term in self._grouped(numerator)]
 
     def latex_polynomials(self, numbers: bool = False) -> list[str]:
         """LaTeX of the polynomials whose roots the law takes."""

@@ -6,7 +6,7 @@ A discriminating design (Hunter & Reiner 1965), judged by the two models that co
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 
@@ -83,10 +83,11 @@ def propose(
         return None
     given = units or {}
     now = {name: _as_measured(model, parts) for name, model in models.items()}
+    present = _distances(models, lambda model, truth: _on_all(model, now[truth]))[:, 0]
 
     def best(within: Limits) -> Experiment | None:
         drawn = family(within, n, parts[0].Ts, seed, given.get("u", ""))
-        found = _best(models, bench, now, drawn, floor)
+        found = _best(models, bench, present, drawn, floor)
         return found and replace(found, units=dict(given), limits=(within.low, within.high), given=limits is not None)
 
     found = best(allowed)
@@ -114,17 +115,20 @@ def check_limits(limits: tuple[float, float] | None) -> None:
 def _best(
     models: Mapping[str, Model],
     bench: _Bench,
-    now: Mapping[str, list[Record]],
+    present: Array,
     drawn: Iterable[tuple[str, Array]],
     floor: float,
 ) -> Experiment | None:
-    """Return the signal that separates the models best; None where they do not all survive one."""
+    """Return the signal that separates the models best; None where they do not all survive one.
+
+    `present`, (pairs,), is how far they are apart on the present records [unit of y].
+    """
     tried = [(name, u, outputs) for name, u in drawn if (outputs := bench.simulated(models, u)) is not None]
     if not tried:
         return None
     runs = {name: [bench.record(u, outputs[name]) for _, u, outputs in tried] for name in models}
     pairs = list(combinations(models, 2))
-    apart, present = _distances(models, runs, now)
+    apart = _distances(models, lambda model, truth: _on_each(model, runs[truth]))
     usable = np.flatnonzero(np.isfinite(apart).all(axis=0))
     if not usable.size:
         return None
@@ -215,32 +219,29 @@ def _as_measured(model: Model, parts: Sequence[Record]) -> list[Record]:
     return found
 
 
-def _distances(
-    models: Mapping[str, Model], runs: Mapping[str, list[Record]], now: Mapping[str, list[Record]]
-) -> tuple[Array, Array]:
-    """Return the rms distance of each pair on each proposed signal, and on the present records [unit of y].
+def _distances(models: Mapping[str, Model], left: Callable[[Model, str], list[float]]) -> Array:
+    """Return the rms distances of each pair of models [unit of y], (pairs, n), as `itertools.combinations` orders them.
 
-    One model plays the truth, the other is refitted to it: to first order what its slopes explain is absorbed.
-
-    Returns
-    -------
-    (pairs, signals) and (pairs,) arrays, pairs as `itertools.combinations` orders them; NaN where a run diverges
+    One model plays the truth, the other is refitted to it: to first order what its slopes explain is absorbed. `left`
+    returns the n distances that stay of one model from the truth of that name; NaN where a run diverges.
     """
-    count = len(next(iter(runs.values())))
-    apart: dict[tuple[str, str], list[float]] = {}
-    present: dict[tuple[str, str], float] = {}
     with np.errstate(all="ignore"), one_blas_thread():
-        for one, truth in permutations(models, 2):
-            blocks = [runs[truth][i : i + TOGETHER] for i in range(0, count, TOGETHER)]
-            problems = (_run(models[one], block) for block in blocks)  # one at a time: their slopes are large
-            apart[one, truth] = [_left(p, i, i + 1) for p in problems for i in range(len(p.data))]
-            present[one, truth] = float("nan")
-            if now[truth]:
-                problem = _run(models[one], now[truth])
-                present[one, truth] = _left(problem, 0, len(problem.data))
-    pairs = list(combinations(models, 2))
-    each = np.array([np.minimum(apart[a, b], apart[b, a]) for a, b in pairs])
-    return each, np.array([np.minimum(present[a, b], present[b, a]) for a, b in pairs])
+        found = {(one, truth): left(models[one], truth) for one, truth in permutations(models, 2)}
+    return np.array([np.minimum(found[a, b], found[b, a]) for a, b in combinations(models, 2)])
+
+
+def _on_each(model: Model, records: Sequence[Record]) -> list[float]:
+    """Return what a refit leaves on each of some proposed signals; their slopes are large: a few at a time."""
+    blocks = (list(records[i : i + TOGETHER]) for i in range(0, len(records), TOGETHER))
+    return [_left(p, i, i + 1) for p in (_run(model, block) for block in blocks) for i in range(len(p.data))]
+
+
+def _on_all(model: Model, records: list[Record]) -> list[float]:
+    """Return what one refit leaves on the present records; NaN where there are none."""
+    if not records:
+        return [float("nan")]
+    problem = _run(model, records)
+    return [_left(problem, 0, len(problem.data))]
 
 
 def _run(model: Model, records: list[Record]) -> FreeRun:
