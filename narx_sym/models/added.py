@@ -82,14 +82,43 @@ def starts(model: Any) -> dict[Any, Any]:
 
 
 def _inner(beside: Any, base: Any, output: Any) -> Any:
-    """Solve y = x + beside(x) for x at one sample; its own past is as it is."""
+    """Solve y = x + beside(x) for x at one sample; its own past is as it is.
+
+    What a sensor bends is solved piece by piece, first where it shows all. A piece that rises by less than half hides
+    more of x than it tells (noise would be more than doubled): there, what the sensor shows is taken for x.
+    """
     at = sp.Dummy("x", real=True)
     held = beside.xreplace(dict.fromkeys(samples(beside, base), at))
-    slope = derivative(held, at)
-    if slope.has(at):  # only sensors are bent, and show what they see there, or its size
-        return output - held.xreplace({at: output})
-    rest = output - held.xreplace({at: sp.S.Zero})
-    return rest if slope == 0 else rest / (1 + slope)
+    found, hidden = [], output - held.xreplace({at: output})
+    for piece, inside in _pieces(held, at):
+        slope, shown = 1 + derivative(piece, at), output - piece.xreplace({at: sp.S.Zero})
+        if slope.has(at):  # not linear: the first step of an iteration from x = y
+            return hidden
+        if not inside:
+            return shown / slope
+        inner = shown / sp.Max(slope, sp.S.Half)
+        found.append((slope != 1, inner, sp.And(slope >= sp.S.Half, *(e.xreplace({at: inner}) >= 0 for e in inside))))
+    solved = [(inner, taken) for _, inner, taken in sorted(found, key=lambda one: one[0])]
+    return sp.Piecewise(*solved, (hidden, True))
+
+
+def _pieces(expr: Any, at: Any) -> list[tuple[Any, list[Any]]]:
+    """Return the linear pieces of an expression in `at`, each with what is not negative there."""
+    bent = next((e for e in sp.postorder_traversal(expr) if isinstance(e, sp.Abs | sp.Max | sp.Min) and e.has(at)), None)
+    if bent is None:
+        return [(expr, [])]
+    chosen: list[tuple[Any, list[Any]]] = []
+    if isinstance(bent, sp.Abs):
+        (inner,) = bent.args
+        chosen = [(inner, [inner]), (-inner, [-inner])]
+    else:
+        sign = 1 if isinstance(bent, sp.Max) else -1
+        chosen = [(a, [sign * (a - b) for b in bent.args if b != a]) for a in bent.args]
+    return [
+        (piece, [*inside, *more])
+        for value, inside in chosen
+        for piece, more in _pieces(expr.xreplace({bent: value}), at)
+    ]
 
 
 def measured(model: Any, right: Any) -> Any:

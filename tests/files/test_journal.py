@@ -219,7 +219,7 @@ def test_diagnose_resumes(run, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(journal.Journal, "keep", stopped)
         code, _, err = diagnosed("b.json", "--resume", tmp_path / "j")
-    assert code == 130 and "interrupted" in err and not (tmp_path / "b.json").exists()
+    assert code == 130 and not (tmp_path / "b.json").exists()  # the line about it is the process's own: test_atomic.py
     code, found, err = diagnosed("b.json", "--resume", tmp_path / "j")
     assert code == 0 and found == expected
     assert int(re.search(r"(\d+) results were taken from", err)[1]) >= 4  # one may be asked for more than once

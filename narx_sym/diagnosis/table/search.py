@@ -21,6 +21,7 @@ from .verdict import price
 
 Array = np.ndarray
 POWER, PER_CYCLE, LEAST, MOST, SHORT = 0.999, 10, 1200, 6000, 40  # of the working rate [samples]
+STRETCHES = 3  # of a record that is still too long
 INTEGRATES = 25.0  # times the mean square without a pole at 1: less, and the pole only imitates a slow or bent response
 SWINGS = 4.0  # times the mean square, where nothing drives a pole that hardly decays: more, and it is a resonance
 LOOKS = 4  # shapes from which a fit is begun
@@ -332,13 +333,26 @@ def working(records: Sequence[Record]) -> tuple[list[Record], int]:
     """Return records at their working rate, and how many samples became one.
 
     About ten samples per cycle of the frequency below which 99.9 % of the output's power lies, and no fewer than
-    `LEAST` samples; of what is still longer than `MOST` the beginning.
+    `LEAST` samples; of what is still longer than `MOST` the beginning, the middle and the end: what shows in large
+    swings only, or late, is there.
     """
     factors = [min(_ratio(r.y) / PER_CYCLE, sum(map(len, records)) / LEAST) for r in records]
     factor = max(1, int(min(factors)))
     found = [_averaged(r, factor) for r in records for r in r.segments()]
-    room = max(LEAST, MOST // len(found))
-    return [r[:room] for r in found if len(r) > SHORT] or found, factor
+    room, left = MOST, MOST
+    for i, length in enumerate(sorted(map(len, found))):  # what short ones leave is there for long ones
+        room = left // (len(found) - i)
+        left -= min(length, room)
+    room = max(LEAST, room)
+    return [part for r in found if len(r) > SHORT for part in _spread(r, room)] or found, factor
+
+
+def _spread(record: Record, room: int) -> list[Record]:
+    """Return a record that is no longer than `room`, or as many samples of it in three stretches."""
+    if len(record) <= room:
+        return [record]
+    part = room // STRETCHES
+    return [record[i : i + part] for i in np.linspace(0, len(record) - part, STRETCHES).astype(int)]
 
 
 def _ratio(y: Array) -> float:
