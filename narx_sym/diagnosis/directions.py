@@ -187,6 +187,9 @@ class Linearised:
         elif scan.of == "speed":
             moving = np.abs(np.concatenate([np.diff(s[driver]) for s in self.seen]))
             unit = float(np.sqrt(np.mean(moving**2))) or 1.0
+        elif scan.of == "stroke":
+            way = [np.cumsum(s[driver] - s[driver].mean()) * Ts for s in self.seen]
+            unit = max(float(np.ptp(w)) for w in way) / 2 or 1.0
         elif scan.of == "time":
             low, high = 3 * Ts, max(n * Ts / 4, 30 * Ts)
             return [low * (high / low) ** v for v in scan.values], 1.0

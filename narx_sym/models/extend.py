@@ -101,9 +101,9 @@ def variants(model: Model, channels: Iterable[str] = (), catalogue: Catalogue = 
             for driver in drivers:
                 if not model.n_y and (where == "motion" or (where == "inside" and driver != "y")):
                     continue  # without memory inside and output are one, and what holds the motion is a play
-                # A sensor has one zero; what acts on the machine may be centred where it works.
-                about = (True,) if where == "sensor" else (False, True)
-                centred = one.centred and origin(model, driver) != 0
+                # A sensor and a speed have one zero; what acts on the machine may be centred where it works.
+                about = (True,) if where == "sensor" or one.standing else (False, True)
+                centred = (one.centred or one.standing) and origin(model, driver) != 0
                 moved = "u" in driver and where != "input" and model.delay
                 for lag in {0, model.delay} if moved else {0}:
                     for raw in about if centred else (False,):
@@ -133,7 +133,7 @@ def sequences(model: Model, variant: Variant) -> dict[str, Any]:
             return free[i] - model.inner[i - 1]
         return {"output": x, "sensor": sensed}.get(variant.where, model.inner)[i - later] + offset
 
-    meant = {"u": source, "y": lambda i: model.inner[i], "t": lambda i: t[i]}
+    meant = {"u": source, "y": lambda i: model.inner[i] + offset, "t": lambda i: t[i]}
     meant["x"] = inner if variant.driver == "y" else source
     if variant.channel:
         meant["channel"] = lambda i: signal(variant.channel or "")[i]

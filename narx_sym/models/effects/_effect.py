@@ -32,7 +32,7 @@ class Scan:
     """Where the search for a shape parameter starts: `values` times a scale of the driving signal.
 
     `of` is "amplitude" (half the range of the driver), "depth" (how far the driver falls below the operating point),
-    "speed" (rms step of the driver), "time" (log-spaced between a few samples and a fraction of the record), "ratio" (a
+    "speed" (rms step of the driver), "stroke" (half the way that a driver which is a speed covers), "time" (log-spaced between a few samples and a fraction of the record), "ratio" (a
     plain number of either sign), "gain" (slope of the line through the data), "peaks" (of the residual's periodogram)
     or "steps" (whole samples, not refined). The fit may leave the grid upwards by the factor `beyond`, and downwards by
     four.
@@ -84,6 +84,8 @@ class Effect:
         Whether a coefficient of 1 is the whole effect (a complete dead zone): more than that means something else.
     centred : bool
         Whether it matters where zero is: then it is tried around zero and around the operating point.
+    standing : bool
+        Whether its driver is a speed: zero is where the part stands, wherever the operating point is.
     limit : (shape parameter, value, id), or nothing
         At this value of a shape parameter it is another effect, which needs one parameter less.
     """
@@ -101,6 +103,7 @@ class Effect:
     full: bool = False
     family: str = ""
     limit: tuple[str, float, str] | tuple[()] = ()
+    standing: bool = False
     formula: str = field(default="", compare=False)
 
     @property
@@ -218,6 +221,7 @@ def effect(
     full: bool = False,
     sentence: str = "",
     limit: tuple[str, float, str] | tuple[()] = (),
+    standing: bool = False,
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Turn a function into an effect and put it into the catalogue.
@@ -263,6 +267,7 @@ def effect(
             full,
             (function.__module__ or "").rpartition(".")[2],
             limit,
+            standing,
         )
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:

@@ -1,4 +1,7 @@
-"""Friction and drag: forces that depend on the velocity of the moving part."""
+"""Friction and drag: forces that depend on the velocity of the moving part.
+
+Of a signal that is a position the velocity is its step; the forms "of a speed" are for a signal that is one.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,8 @@ from ...symbolic.signals import k, signal
 from ._effect import SLOW_SPEED, SPEED, Form, Scan, clip, effect, step
 
 MOVING = {"inside": "y", "output": "u"}
+OF_A_SPEED = "of a speed"
+SLOW = Scan("amplitude", (0.01, 0.03, 0.1, 0.3), beyond=1.0)  # well below the speed: tanh reaches its plateau
 
 
 @effect(MOVING, source="Coulomb 1785")
@@ -33,6 +38,26 @@ def smooth_coulomb_friction(x: Any, s: Any) -> Any:
     return sp.tanh(step(x) / s)
 
 
+@effect(MOVING, id="coulomb_friction", form=OF_A_SPEED, standing=True, source="Coulomb 1785")
+def coulomb_friction_of_speed(x: Any) -> Any:
+    """Dry friction: a constant force against the motion, whatever the speed."""
+    return sp.sign(x[k])
+
+
+@effect(
+    {"output": "u"},
+    scan={"s": SLOW},
+    unit={"s": "unit of the driver"},
+    id="coulomb_friction",
+    form=f"smooth, {OF_A_SPEED}",
+    standing=True,
+    source="Coulomb 1785, smoothed by tanh",
+)
+def smooth_coulomb_friction_of_speed(x: Any, s: Any) -> Any:
+    """Dry friction: a constant force against the motion, whatever the speed."""
+    return sp.tanh(x[k] / s)
+
+
 @effect(
     {"output": "u"},
     scan={"n": Scan("steps", (4, 10)), "s": Scan("speed", (0.5, 2.0), beyond=1.0)},
@@ -46,6 +71,12 @@ def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:
     return sp.tanh((x[k] - x[k - n]) / s)
 
 
+def dahl(d: Any, r: Any) -> Form:
+    """Return the share p of the force that dry friction has reached: it turns round over the way r."""
+    p, side = signal("p"), sp.sign(d)
+    return Form((p[k],), (State(p[k], side + (p[k - 1] - side) * sp.exp(-sp.Abs(d) / r), 0),))
+
+
 @effect(
     MOVING,
     scan={"r": Scan("amplitude", (0.01, 0.03, 0.1), beyond=1.0)},
@@ -56,10 +87,22 @@ def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:
 )
 def dahl_friction(x: Any, r: Any) -> Form:
     """Dry friction: a constant force against the motion, whatever the speed."""
-    p, d = signal("p"), step(x)
-    side = sp.sign(d)
     # Over a long way r this is Bouc-Wen hysteresis: the grid ends where friction is no longer the word for it.
-    return Form((p[k],), (State(p[k], side + (p[k - 1] - side) * sp.exp(-sp.Abs(d) / r), 0),))
+    return dahl(step(x), r)
+
+
+@effect(
+    MOVING,
+    scan={"r": Scan("stroke", (0.01, 0.03, 0.1), beyond=1.0)},
+    unit={"r": "unit of the driver times s"},
+    id="coulomb_friction",
+    form=f"Dahl, {OF_A_SPEED}",
+    standing=True,
+    source="Dahl 1968 (presliding), exact for a path that is straight between samples",
+)
+def dahl_friction_of_speed(x: Any, r: Any, Ts: Any) -> Form:
+    """Dry friction: a constant force against the motion, whatever the speed."""
+    return dahl(x[k] * Ts, r)
 
 
 @effect(
@@ -76,6 +119,23 @@ def holding_friction(x: Any, r: Any) -> Any:
     """Dry friction: a constant force against the motion, whatever the speed."""
     # y[k] = y[k-1] + soft(d, r) of the step d that the core would make: it rests until more than r pushes.
     return -clip(x[k], r)
+
+
+@effect(
+    {"motion": "y"},
+    scan={"r": Scan("amplitude", (0.03, 0.1, 0.3), beyond=2.0)},
+    sign=1,
+    full=True,
+    unit={"r": "unit of the driver"},
+    id="coulomb_friction",
+    form=f"holding, {OF_A_SPEED}",
+    standing=True,
+    source="Coulomb 1785; implicit Euler step (Moreau 1988), soft(w, r) = w - clip(w, r)",
+)
+def holding_friction_of_speed(x: Any, y: Any, r: Any) -> Any:
+    """Dry friction: a constant force against the motion, whatever the speed."""
+    # y[k] = soft(w, r) of the speed w that the core would reach: it stands until more than r pushes.
+    return -clip(y[k - 1] + x[k], r)
 
 
 def held(d: Any, before: Any, r: Any, e: Any) -> tuple[Any, State]:
@@ -156,6 +216,27 @@ def smooth_channel_friction(channel: Any, x: Any, s: Any) -> list[Any]:
 def stribeck_friction(x: Any, s: Any) -> Any:
     """Stiction: friction that is largest at rest and falls as the motion gets faster."""
     return sp.exp(-((step(x) / s) ** 2)) * sp.sign(step(x))
+
+
+@effect(
+    MOVING,
+    scan={"s": Scan("amplitude", (0.1, 0.3, 0.8))},
+    unit={"s": "unit of the driver"},
+    id="stribeck_friction",
+    form=OF_A_SPEED,
+    standing=True,
+    source="Stribeck 1902, Tustin 1947",
+    limit=("s", inf, "coulomb_friction"),
+)
+def stribeck_friction_of_speed(x: Any, s: Any) -> Any:
+    """Stiction: friction that is largest at rest and falls as the motion gets faster."""
+    return sp.exp(-((x[k] / s) ** 2)) * sp.sign(x[k])
+
+
+@effect(MOVING, id="quadratic_drag", form=OF_A_SPEED, standing=True, source="Rayleigh 1876")
+def quadratic_drag_of_speed(x: Any) -> Any:
+    """Drag that grows with the square of the speed, as in a fluid."""
+    return x[k] * sp.Abs(x[k])
 
 
 @effect(MOVING, source="Rayleigh 1876")
