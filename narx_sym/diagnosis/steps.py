@@ -233,7 +233,7 @@ def step(table: Table, known: Row, room: int = 1, limits: tuple[float, float] | 
     if pair:
         made.verdict = "helps_but_incomplete"
         ids = tuple(v.id for v in best.beyond(known))
-        made.pair = Pair(ids, chosen, best.held * chosen.problem.spread**2, share)  # type: ignore[arg-type]
+        made.pair = Pair(ids, chosen, chosen.mean_square(base.split.held), share)  # type: ignore[arg-type]
     if len(made.confusion_set) > 1 and not pair:
         table.course.say(": looking for an experiment that separates them")
         models = {c.effect: c.model for c in made.candidates if c.effect in made.confusion_set}
@@ -296,7 +296,7 @@ def _candidates(table: Table, known: Row, best: Row, found: Sequence[Row], lowes
         if len(made) == max(SHOWN, len(members)):
             break
         likely = variant.id in members
-        if not (likely or row.held < known.held) or not (table.holds(row) if likely else table.settles(row)):
+        if not (row.held < known.held or (likely and np.isfinite(row.held))) or not (table.holds(row) if likely else table.settles(row)):
             continue
         tests = [i for i, d in enumerate(scored.directions) if d.variant.id == variant.id]
         p = min((scored.scores.corrected(i) for i in tests), default=1.0)

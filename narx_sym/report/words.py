@@ -179,8 +179,11 @@ def fall(diagnosis: Diagnosis, units: Units) -> str:
     pair = diagnosis.steps[0].pair
     if pair is None or set(pair.effects) <= {e for step in diagnosis.steps for e in step.added}:
         return f"The error {moves} from {number(before)} to {number(after)} {unit}: {change}{floor}."
-    both = f"{number(float(np.sqrt(pair.mean_square)))} with both"
-    return f"With {_added(diagnosis)} the error {moves} from {number(before)} to {number(after)} {unit}, to {both}."
+    both = number(float(np.sqrt(pair.mean_square)))
+    if ratio <= 1:
+        alone = f"with {_added(diagnosis)} alone it is {number(after)}"
+        return f"Only both help: the error falls from {number(before)} to {both} {unit}; {alone}."
+    return f"With {_added(diagnosis)} the error falls from {number(before)} to {number(after)} {unit}, to {both} with both."
 
 
 def detectable(step: Step, units: Units) -> list[Row]:

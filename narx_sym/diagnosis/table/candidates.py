@@ -159,7 +159,7 @@ class Pair:
     fitted : Fitted
         The model that has both.
     mean_square : float
-        Held-out free-run error [unit of y squared].
+        Held-out free-run error, as of the ladder [unit of y squared].
     share : float
         Of the removable error on held-out data.
     """

@@ -215,13 +215,23 @@ class Table:
         return self._own[id(row)]
 
     def held(self, choose: Callable[[], tuple[Row, Row | None]]) -> tuple[Row, Row | None]:
-        """Return the first base and winner that can both be held at both rates; others leave the table."""
+        """Return the first base and winner that can both be held at both rates; others leave the table.
+
+        So does a winner that does not lower the error at the records' own rate, of all samples.
+        """
         while True:
-            chosen = choose()
-            lost = [r for r in chosen if r is not None and not self.holds(r)]
+            base, best = choose()
+            lost = [r for r in (base, best) if r is not None and not self.holds(r)]
+            if not lost and best is not None and not self._lower(best, base):
+                lost = [best]
             if not lost:
-                return chosen
+                return base, best
             self.rows.remove(lost[0])
+
+    def _lower(self, row: Row, base: Row) -> bool:
+        """Whether a row has a lower error than another over all samples, both at the records' own rate."""
+        errors = [np.concatenate(fitted.errors) for fitted in map(self.own, (row, base))]
+        return bool(np.mean(errors[0] ** 2) < np.mean(errors[1] ** 2))
 
     def holds(self, row: Row) -> bool:
         """Whether the free run of a row can be held at the working rate and at the records' own."""

@@ -16,7 +16,7 @@ from ._effect import SLOW_SPEED, SPEED, Form, Scan, clip, effect, step
 
 MOVING = {"inside": "y", "output": "u"}
 OF_A_SPEED = "of a speed"
-SLOW = Scan("amplitude", (0.01, 0.03, 0.1, 0.3), beyond=1.0)  # well below the speed: tanh reaches its plateau
+SLOW = Scan("amplitude", (0.01, 0.03, 0.1), beyond=1.0)  # well below the speed: tanh reaches its plateau
 
 
 @effect(MOVING, source="Coulomb 1785")
@@ -216,27 +216,6 @@ def smooth_channel_friction(channel: Any, x: Any, s: Any) -> list[Any]:
 def stribeck_friction(x: Any, s: Any) -> Any:
     """Stiction: friction that is largest at rest and falls as the motion gets faster."""
     return sp.exp(-((step(x) / s) ** 2)) * sp.sign(step(x))
-
-
-@effect(
-    MOVING,
-    scan={"s": Scan("amplitude", (0.1, 0.3, 0.8))},
-    unit={"s": "unit of the driver"},
-    id="stribeck_friction",
-    form=OF_A_SPEED,
-    standing=True,
-    source="Stribeck 1902, Tustin 1947",
-    limit=("s", inf, "coulomb_friction"),
-)
-def stribeck_friction_of_speed(x: Any, s: Any) -> Any:
-    """Stiction: friction that is largest at rest and falls as the motion gets faster."""
-    return sp.exp(-((x[k] / s) ** 2)) * sp.sign(x[k])
-
-
-@effect(MOVING, id="quadratic_drag", form=OF_A_SPEED, standing=True, source="Rayleigh 1876")
-def quadratic_drag_of_speed(x: Any) -> Any:
-    """Drag that grows with the square of the speed, as in a fluid."""
-    return x[k] * sp.Abs(x[k])
 
 
 @effect(MOVING, source="Rayleigh 1876")
