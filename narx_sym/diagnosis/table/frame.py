@@ -7,19 +7,23 @@ coefficients at zero, an integrating core keeps their sum at one, a delay shifts
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import sympy as sp
 from scipy.signal import lfilter
 
 from ...data.record import Record
+from ...engines.numpy import lambdify
 from ...fit.constraints import Elimination, constraint_equations
 from ...fit.freerun import FreeRun, determined
 from ...models.extend import Variant, extend
 from ...models.model import NARX, Model
+from ...symbolic.sensitivity import derivative
+from ...symbolic.signals import k, lag, samples, signal
 from .hypotheses import Core, linear
 
 Array = np.ndarray
@@ -122,6 +126,24 @@ class Frame:
             if symbol is not None and np.isfinite([self.low[i], self.high[i]]).any():
                 found[symbol] = (float(self.low[i]), float(self.high[i]))
         return found
+
+    def linearised(self, x: Array, core: Core) -> Array:
+        """Return the coefficients of older outputs of a core with what its effects add to them, on the mean, (n_y,).
+
+        A tank whose outflow is the effect is an integrator without it, and no integrator with it.
+        """
+        a = x[: core.n_y].copy()
+        model = self.problem.model
+        measured = np.concatenate([d[self.problem.name] for d in self._data[0]])
+        for variant, (cs, shapes) in zip(self.effects, self.added, strict=True):
+            if variant.where != "inside" or variant.driver != "y":
+                continue
+            offset = 0.0 if variant.raw else float(model.operating_point.get(model.output, 0.0))
+            for i, z in enumerate(_slopes(variant)):
+                for j, slope in enumerate(z[: core.n_y]):
+                    with np.errstate(all="ignore"):
+                        a[j] += x[cs[i]] * float(np.mean(slope(measured - offset, *x[shapes])))
+        return a
 
     def late(self, delay: int) -> None:
         """Let the input come later by some samples."""
@@ -271,6 +293,29 @@ class Frame:
                 with np.errstate(all="ignore"):
                     losses[held] = self.sums(found, BLOCKS)[0][held] / np.maximum(self.weights[held], 1)
         return np.where(np.isfinite(losses), losses, np.inf)
+
+
+@lru_cache(maxsize=256)
+def _slopes(variant: Variant) -> list[list[Callable[..., Array]]]:
+    """Return how far each contribution of an effect without memory follows its driver, for older and older samples.
+
+    Functions of the driver and the shape parameters; of an effect that remembers there is none.
+    """
+    driver, names = signal("x"), [sp.Symbol(p, positive=True) for p in variant.shape]
+    form = variant.effect.equations(**dict(variant.fixed))
+    found: list[list[Callable[..., Array]]] = []
+    for z in form.z if not form.states else ():
+        read = sorted(samples(z, driver), key=lag)
+        found.append([])
+        for at in range(max(map(lag, read), default=-1) + 1):
+            slope = derivative(z, driver[k - at])
+            level = sp.Symbol("level", real=True)
+            found[-1].append(_array(lambdify([slope.xreplace(dict.fromkeys(read, level))], [level, *names])))
+    return found
+
+
+def _array(function: Callable[..., Any]) -> Callable[..., Array]:
+    return lambda level, *shape: np.broadcast_to(np.asarray(function(level, *shape)[0], dtype=float), level.shape)
 
 
 def _extended(model: Model, effects: Sequence[Variant]) -> tuple[Model, Places]:

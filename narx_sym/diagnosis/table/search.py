@@ -21,6 +21,7 @@ from .verdict import price
 
 Array = np.ndarray
 POWER, PER_CYCLE, LEAST, MOST, SHORT = 0.999, 10, 1200, 6000, 40  # of the working rate [samples]
+HIGHER = (5, 7, 9)  # orders of further cores, tried in turn
 STRETCHES = 3  # of a record that is still too long
 INTEGRATES = 25.0  # times the mean square without a pole at 1: less, and the pole only imitates a slow or bent response
 SWINGS = 4.0  # times the mean square, where nothing drives a pole that hardly decays: more, and it is a resonance
@@ -128,6 +129,7 @@ class Search:
         self.limits: dict[Variant, Mapping[str, tuple[float, float]]] = {}
         self.frames: dict[Any, Frame] = {}
         self.rows: list[Row] = []
+        self.higher: list[tuple[int, int]] = []
         self.integrating = self.swings = False
         self.slow = slowest_seen(self.records)
 
@@ -147,7 +149,10 @@ class Search:
         """Return the cores that are compared."""
         if self.sizes is not None and self.family != "given":
             return [Core(a, b, d, self.integrating) for a, b in self.sizes for d in delays]
-        return ladder(self.given, self.family, self.integrating, delays)
+        return [
+            *ladder(self.given, self.family, self.integrating, delays),
+            *(Core(a, b, d, self.integrating) for a, b in self.higher for d in delays),
+        ]
 
     @cached_property
     def largest(self) -> Core | None:
@@ -194,8 +199,27 @@ class Search:
             found = [r.judged() for r in self.cored(delays)]
         if not found:
             raise FitError("The base model cannot follow these data in free run: choose another base.")
+        found = self._climbed(found, delays)
         self.rows += found
         return found
+
+    def _climbed(self, found: list[Row], delays: Sequence[int]) -> list[Row]:
+        """Fit larger cores too, as long as each is the cheapest: a structure may have several resonances."""
+        for n in HIGHER if self.family == "linear" and self.sizes is None and not self.integrating else ():
+            frames, before = self.frames, list(self.higher)
+            self._grow([*before, (n, n)])
+            made = [r.judged() for r in self.cored(delays)]
+            if min(made, key=lambda r: r.price, default=found[0]).size != self.largest:
+                self._grow(before)
+                self.frames = frames
+                break
+            found = made
+        return found
+
+    def _grow(self, higher: list[tuple[int, int]]) -> None:
+        """Let larger cores stand among the others: all frames hold the largest."""
+        self.higher, self.frames = higher, {}
+        self.__dict__.pop("largest", None)
 
     def cored(self, delays: Sequence[int], any_pole: bool = False) -> list[Row]:
         """Fit every core, each with its best delay; not judged yet."""
@@ -220,7 +244,7 @@ class Search:
         """Fit one hypothesis from one start; None where it diverges, or integrates where the axis does not."""
         frame = self.frame(hypothesis.effects, hypothesis.core.given)
         x, cost = frame.fit(x, hypothesis.core, steps)
-        if not np.isfinite(cost) or not (any_pole or not self._runs_away(hypothesis.core, x)):
+        if not np.isfinite(cost) or not (any_pole or self._keeps(hypothesis, frame, x)):
             return None
         memory = self.family == "static" and (hypothesis.core.n_y, hypothesis.core.n_u) != (0, 1)
         return Row(hypothesis, frame, x, cost, frame.parameters(hypothesis.core), memory=memory)
@@ -231,6 +255,13 @@ class Search:
             return False
         a = x[: core.n_y]
         return slowest(a) >= 1 or at_one(a, self.slow) if self.swings else slowest(a) > self.slow
+
+    def _keeps(self, hypothesis: Hypothesis, frame: Frame, x: Array) -> bool:
+        """Whether no pole has moved to the unit circle, or the effects hold what the core alone would let go."""
+        core = hypothesis.core
+        if not self._runs_away(core, x):
+            return True
+        return bool(hypothesis.effects) and not self._runs_away(core, frame.linearised(x, core))
 
     def _answers(self, row: Row) -> bool:
         """Whether the input drives the poles of a core that hardly decay, and that are not at 1."""
