@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..files.atomic import csv_text
-from .plots import new_axes
+from .figures.describe import Panel
+from .figures.still import new_axes
 from .svg import svg
 
 Array = np.ndarray
@@ -33,6 +34,7 @@ class Picture:
     size : (width, height) [inch]
     clickable : bool
         Whether `draw` returns places that the page can click, [(number, x, y), ...] in the coordinates of the data.
+    zoomable : the same with more points, for a page with scripts
     """
 
     key: str
@@ -42,6 +44,7 @@ class Picture:
     columns: Mapping[str, Any]
     size: tuple[float, float] = NARROW
     clickable: bool = False
+    zoomable: Panel | None = None
 
     @cached_property
     def _drawn(self) -> tuple[str, dict[int, Array]]:
@@ -55,7 +58,7 @@ class Picture:
 
     @property
     def svg(self) -> str:
-        """The picture as an `<svg>` element with a text alternative; its colours follow the page (`svg.stylesheet`)."""
+        """The picture as an `<svg>` element with a text alternative; its colours follow the page."""
         return self._drawn[0]
 
     @property
@@ -67,8 +70,3 @@ class Picture:
     def csv(self) -> str:
         """The numbers as CSV."""
         return csv_text(self.columns)
-
-
-def drawing(draw: Callable[..., None], *more: Any) -> Callable[[Any], None]:
-    """Return a function of axes alone: `draw` with all that it needs besides."""
-    return lambda ax: draw(ax, *more)

@@ -151,7 +151,7 @@ def test_the_numbers_behind_the_pictures(stage_diagnosis, page):
     rows = list(csv.DictReader(io.StringIO(files["ladder.csv"])))
     assert [row["model"] for row in rows] == [*stage_diagnosis.rungs, "noise floor"]
     assert float(rows[0]["held out"]) == pytest.approx(stage_diagnosis.ladder[0]["validation"], rel=1e-4)
-    time = np.genfromtxt(io.StringIO(files["time_0.csv"]), delimiter=",", names=True)
+    time = np.genfromtxt(io.StringIO(files["time.csv"]), delimiter=",", names=True)
     record = stage_diagnosis.steps[0].base.split.records[0]
     assert time["measured"].max() == pytest.approx(record.y.max(), rel=1e-4)
     assert time["measured"].min() == pytest.approx(record.y.min(), rel=1e-4)

@@ -9,9 +9,10 @@ import numpy as np
 
 from ...diagnosis.bases import words
 from ...diagnosis.misfit import Panel
-from ..comparison import Units, draw_region, spans
-from ..picture import Picture, drawing
-from ..plots import draw_panel, label, reach
+from ..comparison import Units, region, spans
+from ..figures.still import drawing, label
+from ..picture import Picture
+from ..plots import draw_panel, reach
 from .registry import Material, panel
 
 SHOWN, LEAST = 4, 0.02  # variables that are shown, and the share that each must explain
@@ -66,10 +67,10 @@ def failures(material: Material, most: int = SHOWN) -> list[Failure]:
         of_missing = name in missing and (missing[name].share > errors[name].share or errors[name].worst is None)
         worst = missing[name].where(units).replace("error", "missing input") if of_missing else row["worst"]
         if name != "spectrum":
-            region = misfit.region(name, of_missing)
-            columns = {"t": c.t[c.keep], "error": c.errors["base"][c.keep], "in the worst region": region[c.keep]}
+            inside = misfit.region(name, of_missing)[c.keep]
+            columns = {"t": c.still.t, "error": c.still.errors["base"], "in the worst region": inside}
             alt = f"Error of the base over time; marked: {worst}."
-            draw = drawing(draw_region, c, region, units)
+            draw = drawing(region(c.still, inside, units))
             made.append(Picture(f"where_{i + 1}_time", f"The worst region in time: {words(name)}", alt, draw, columns))
         told = places[f"where_{i + 1}_{'missing' if of_missing else 'error'}"]
         stretch = next((cell.stretch for cell in told if cell.worst), None)

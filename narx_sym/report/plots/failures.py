@@ -10,7 +10,7 @@ import numpy as np
 from ...diagnosis.misfit import Misfit, Panel
 from ...errors import NarxError
 from ...files.atomic import write_figure
-from .style import BLACK, BLUE, GREEN, PINK, RED, YELLOW, label, new_axes
+from ..figures.still import BLACK, BLUE, GREEN, PINK, RED, YELLOW, label, new_axes
 
 
 def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[str, str] | None = None) -> Any:
@@ -34,9 +34,8 @@ def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[s
     names = sorted(best, key=lambda name: -best[name])[:4]
     if not names:
         raise NarxError("Nothing varies in these data, so there is no panel to draw.")
-    figure, _ = new_axes(figsize=(1 + 5 * len(columns), 1 + 2.4 * len(names)))
-    figure.clear()
-    axes = figure.subplots(len(names), len(columns), sharex="row", squeeze=False)
+    size = (1 + 5 * len(columns), 1 + 2.4 * len(names))
+    figure, axes = new_axes(len(names), len(columns), size, sharex="row", squeeze=False)
     for column, (word, panels) in enumerate(columns):
         found = {panel.name: panel for panel in panels}
         floor = misfit.floor if panels is misfit.panels else None
