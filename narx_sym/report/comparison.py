@@ -139,15 +139,17 @@ def _aside(fitted: Fitted, i: int) -> tuple[Area, ...]:
 
 def response(c: Comparison, units: Units, *runs: str) -> Panel:
     """Describe measured and simulated output over time."""
-    return traces(TIME, c.t, _y(units), _told(c, runs), *c.aside, y_range=c.span, also={_u(units): c.u})
+    return traces(TIME, c.t, _said("y", units), _told(c, runs), *c.aside, y_range=c.span, also={_said("u", units): c.u})
 
 
 def loop(c: Comparison, units: Units, *runs: str) -> Panel:
     """Describe measured and simulated output against the input."""
-    return traces(_u(units), c.u, _y(units), _told(c, runs), y_range=c.span, height=1.15, also={TIME: c.t})
+    return traces(
+        _said("u", units), c.u, _said("y", units), _told(c, runs), y_range=c.span, height=1.15, also={TIME: c.t}
+    )
 
 
-def error(c: Comparison, units: Units) -> Panel:
+def errors(c: Comparison, units: Units) -> Panel:
     """Describe the free-run errors over time, before and after, with the noise floor."""
     told = {words(name): (c.role(name), e) for name, e in c.errors.items()}
     y = headed("measured - simulated", units.get("y"))
@@ -159,17 +161,14 @@ def worst(c: Comparison, units: Units) -> tuple[Panel, Panel]:
     part = c.at(c.worst)
     said = {n: "simulated" if len(c.runs) == 1 else "before" if n == "base" else "after" for n in c.runs}
     runs, errors = ({said[n]: (c.role(n), x) for n, x in of.items()} for of in (part.runs, part.errors))
-    above = traces(TIME, part.t, _y(units), {"measured": ("measured", part.y), **runs}, *part.aside)
+    above = traces(TIME, part.t, _said("y", units), {"measured": ("measured", part.y), **runs}, *part.aside)
     return above, traces(TIME, part.t, headed("error", units.get("y")), errors, *part.aside, c.band, height=0.67)
 
 
 def region(c: Comparison, inside: Array, units: Units) -> Panel:
     """Describe the error of the base over time, with the samples of a region, (N,) bool, marked."""
     error = c.errors["base"]
-    told = {
-        "error of the base": ("recorded", error),
-        "in the worst region": ("region", np.where(inside, error, np.nan)),
-    }
+    told = {"the base": ("recorded", error), "worst region": ("region", np.where(inside, error, np.nan))}
     return traces(TIME, c.t, headed("error", units.get("y")), told, c.band)
 
 
@@ -177,12 +176,8 @@ def _told(c: Comparison, runs: Sequence[str]) -> dict[str, tuple[str, Array]]:
     return {"measured": ("measured", c.y)} | {words(n): (c.role(n), c.runs[n]) for n in runs}
 
 
-def _u(units: Units) -> str:
-    return headed("u", units.get("u"))
-
-
-def _y(units: Units) -> str:
-    return headed("y", units.get("y"))
+def _said(name: str, units: Units) -> str:
+    return headed(name, units.get(name))
 
 
 def plot_before_after(diagnosis: Diagnosis, axes: Any = None, units: Units | None = None) -> Any:
@@ -204,7 +199,7 @@ def plot_before_after(diagnosis: Diagnosis, axes: Any = None, units: Units | Non
     if len(axes) != 2 * len(c.runs) + 1:
         raise NarxError(f"Give {2 * len(c.runs) + 1} axes, not {len(axes)}.")
     pictures = [panel for run in c.runs for panel in (response(c.still, units, run), loop(c.still, units, run))]
-    for ax, panel in zip(axes, [*pictures, error(c.still, units)], strict=True):
+    for ax, panel in zip(axes, [*pictures, errors(c.still, units)], strict=True):
         draw(ax, panel)
     return axes[-1].figure
 

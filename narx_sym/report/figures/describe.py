@@ -43,11 +43,11 @@ class Look:
 _DASHED, _DOTTED, _MIXED = (4.0, 1.6), (1.2, 1.6), (6.0, 1.6, 1.2, 1.6)
 SEVERAL = tuple(f"several-{i}" for i in range(1, 7))  # roles of things that stand beside each other
 LOOKS = {
-    "measured": Look("black", 2.3), "recorded": Look("black", 0.9), "reference": Look("black", 2.3),
+    "measured": Look("black", 2.0), "recorded": Look("black", 0.9), "reference": Look("black", 2.0),
     "before": Look("orange", 1.4, _DASHED), "after": Look("blue"), "candidate": Look("pink", 2.0, _MIXED),
     "input": Look("blue"), "estimate": Look("orange", 1.6, _DASHED), "limit": Look("red", 1.0, _DOTTED),
-    "zero": Look("black", 0.6), "region": Look("red", 0.0, dot=3.0), "start": Look("black", 0.0, dot=4.0),
-    "floor": Look("yellow", 0.0, alpha=0.45), "range": Look("sky", 0.0, alpha=0.45),
+    "setpoint": Look("red", 1.0, _DOTTED), "zero": Look("black", 0.6), "region": Look("red", 0.0, dot=5.0),
+    "start": Look("black", 0.0, dot=4.0), "floor": Look("yellow", 0.0, alpha=0.45), "range": Look("sky", 0.0, alpha=0.45),
     "held-out": Look("grey", 0.0, alpha=0.24), "sealed": Look("grey", 0.0, alpha=0.1),
 } | dict(zip(SEVERAL, (
     Look("blue"), Look("orange", 1.4, _DASHED), Look("green", 1.4, _MIXED), Look("pink", 1.6, _DOTTED),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
+
+import numpy as np
 
 from ...data.units import headed
 from .describe import COLOURS, LOOKS, Area, Line, Panel
@@ -44,15 +46,15 @@ def split(ax: Any, heights: Sequence[float]) -> list[Any]:
 
 def draw(ax: Any, *panels: Panel) -> Any:
     """Draw a panel, or several one above the other; return the figure."""
-    said: set[str] = set()
-    for one, panel in zip(split(ax, [panel.height for panel in panels]), panels, strict=True):
+    axes = split(ax, [panel.height for panel in panels])
+    for i, (one, panel) in enumerate(zip(axes, panels, strict=True)):
         for mark in panel.marks:
             _mark(one, mark)
         one.set(xlabel=label(panel.x), ylabel=label(panel.y))
         if panel.y_range:
             one.set_ylim(*panel.y_range)
         one.margins(x=0 if panel.along else None)
-        rows = legend(one, said)
+        rows = legend(one, named(*axes[:i]))
         if panel.title:
             one.set_title(label(panel.title), loc="left", fontsize=10, pad=6 + 15 * rows)
     return ax.figure
@@ -81,17 +83,27 @@ def _mark(ax: Any, mark: Line | Area) -> None:
         ax.fill(mark.x, mark.y, **area)
 
 
-def legend(ax: Any, said: set[str], size: float = 9) -> int:
+def named(*axes: Any) -> dict[str, Any]:
+    """Return the words of axes, each with the first thing that has it."""
+    found: dict[str, Any] = {}
+    for ax in axes:
+        for handle, word in zip(*ax.get_legend_handles_labels(), strict=True):
+            found.setdefault(word, handle)
+    return found
+
+
+def legend(ax: Any, said: Collection[str] = (), size: float = 9) -> int:
     """Put words above the axes that were not said yet, as many in a row as there is room for; return how many rows."""
-    named: dict[str, Any] = {}
-    for handle, word in zip(*ax.get_legend_handles_labels(), strict=True):
-        if word not in said:
-            named.setdefault(word, handle)
-    said.update(named)
-    # Of the axes before they are laid out: [inch]
+    keys = {word: handle for word, handle in named(ax).items() if word not in said}
+    if not keys:
+        return 0
+    widths = 0.055 * size + 0.0072 * size * np.array([len(word) for word in keys])
+    # Of the axes before they are laid out [inch].
     room = 1.25 * ax.get_position().width * ax.figure.get_figwidth() - 0.5
-    columns = max(1, min(len(named), int(room / (0.5 + 0.0065 * size * max(map(len, named), default=0)))))
-    if named:
-        place = {"loc": "lower left", "bbox_to_anchor": (0, 1), "borderaxespad": 0.2}
-        ax.legend(named.values(), named.keys(), ncols=columns, fontsize=size, frameon=False, **place)
-    return -(-len(named) // columns)
+    fits = (n for n in range(len(keys), 1, -1) if sum(max(w) for w in np.array_split(widths, n)) < room)
+    columns = next(fits, 1)
+    ax.legend(
+        keys.values(), keys.keys(), loc="lower left", bbox_to_anchor=(0, 1), ncols=columns, fontsize=size,
+        frameon=False, borderaxespad=0.2,
+    )  # fmt: skip
+    return -(-len(keys) // columns)

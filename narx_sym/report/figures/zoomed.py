@@ -70,7 +70,7 @@ class _Shared:
             axis.axis_label_text_font_style = "normal"
             axis.axis_line_color = axis.major_tick_line_color = FRAME
             axis.minor_tick_line_color = None
-        made.grid.grid_line_alpha = 0.25
+        made.grid.grid_line_color, made.grid.grid_line_alpha = FRAME, 0.2
         drawn = {id(mark): self.mark(made, mark) for mark in panel.marks}
         values = {panel.x: lines[0].x, **panel.also, **{line.name or panel.y: line.y for line in lines}}
         self.hover(made, values, drawn[id(lines[0])], "vline" if panel.along else "mouse")
@@ -90,7 +90,7 @@ class _Shared:
         if width:
             return made.add_layout(Span(location=mark.low, dimension="height" if mark.upright else "width", **line))
         sides = ("left", "right") if mark.upright else ("bottom", "top")
-        box = BoxAnnotation(fill_color=colour, fill_alpha=alpha, line_alpha=0)
+        box = BoxAnnotation(fill_color=colour, fill_alpha=alpha, line_alpha=0, level="underlay")
         box.update(**dict(zip(sides, (mark.low, mark.high), strict=True)))
         return made.add_layout(box)
 

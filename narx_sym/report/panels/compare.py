@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...diagnosis.bases import words
-from ..comparison import error, loop, response
+from ..comparison import errors, loop, response
 from ..figures.still import drawing
 from ..picture import NARROW, WIDE, Picture
 from .registry import WAY, Material, panel
@@ -20,12 +20,12 @@ def pictures(material: Material) -> list[Picture]:
     sizes = ", ".join(f"{words(n)} {size:.2g}" for n, size in rms.items())
     relative = ", ".join(f"{words(n)} {size:.2g}" for n, size in c.nrmse.items())
     both, columns = len(c.runs) > 1, c.still.columns
-    errors = {"t": c.still.t, **{f"error of {n}": e for n, e in c.still.errors.items()}}
+    left = {"t": c.still.t, **{f"error of {n}": e for n, e in c.still.errors.items()}}
     listed = [
         ("time", "Time response", f"Measured output and free runs over time, {c.t[-1] - c.t[0]:.3g} s. The free-run "
          f"errors are, over the output's standard deviation: {relative}.", response, tuple(c.runs), columns, WIDE),
         ("errors", "Error before and after" if both else "Error", "Free-run error over time; rms "
-         f"[{units.get('y') or 'unit of y'}]: {sizes}; noise floor {c.floor:.2g}.", error, (), errors, WIDE),
+         f"[{units.get('y') or 'unit of y'}]: {sizes}; noise floor {c.floor:.2g}.", errors, (), left, WIDE),
     ]  # fmt: skip
     for i, (run, when) in enumerate(zip(c.runs, (" before", " after") if both else ("",), strict=True)):
         alt = f"Loop of output against input, measured and free run of {words(run)}."

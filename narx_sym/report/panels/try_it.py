@@ -22,7 +22,7 @@ from ...inversion.analyses import Subject
 from ...inversion.compensator import Compensator
 from ...models.extend import newer
 from ...symbolic.signals import r, t, y
-from ..comparison import Comparison, Units, spans
+from ..comparison import Comparison, Units, errors, spans
 from ..figures import describe
 from ..parameters import parameters, shape_units
 from .registry import WAY, Material, panel
@@ -193,8 +193,9 @@ def try_it(material: Material) -> dict[str, Any] | None:
     sources = "\n".join(
         [describe.script(), *(one.source for one in listed), law.to_js("law") if law else "const law = null;"]
     )
-    legend = {"measured": "measured", "before": "free run", "after": "free run", "floor": "noise floor (± rms)"}
-    legend |= {one.role: one.name for one in material.compared.aside}
+    marks = errors(material.compared, material.units).marks
+    legend = {"measured": "measured"} | {mark.role: mark.name for mark in marks}
+    legend |= dict.fromkeys(("before", "after"), "free run")
     names = ", ".join(f"model{i}" for i in range(len(listed)))
     script = "\n".join(
         [sources, f"const models = [{names}];", *(one.read_text(encoding="utf-8") for one in (PICTURE, SCRIPT))]

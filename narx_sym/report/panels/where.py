@@ -10,7 +10,7 @@ import numpy as np
 from ...diagnosis.bases import words
 from ...diagnosis.misfit import Panel
 from ..comparison import Units, region, spans
-from ..figures.still import drawing, label
+from ..figures.still import drawing, legend
 from ..picture import Picture
 from ..plots import draw_panel, reach
 from .registry import Material, panel
@@ -82,17 +82,10 @@ def _panel(key: str, title: str, of: Panel, floor: float | None, top: float, uni
     what = {"spectrum": "rms in a bin"}.get(of.name, "mean")
 
     def draw(ax: Any) -> list[tuple[int, float, float]]:
-        drawn = draw_panel(ax, of, floor, dict(units))
+        drawn = draw_panel(ax, of, floor, dict(units), "error" if "error" in key else "missing input", top)
         ax.set_title("", loc="left")
-        ax.set_ylabel(label(f"{what} {'error' if 'error' in key else 'missing input'}", units.get("y", "")))
-        ax.set_ylim(*((0, None) if of.name == "spectrum" else (-top, top)))
-        marks = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-        marks = {n: h for n, h in marks.items() if not n.endswith("\u2009")}
         if of.low.ndim == 1:
-            ax.legend(
-                marks.values(), marks.keys(), loc="lower left", bbox_to_anchor=(-0.1, 1), ncols=2, fontsize=8,
-                frameon=False, borderaxespad=0.2,
-            )  # fmt: skip
+            legend(ax, size=8)
         return [(cell, place, of.mean[cell]) for cell, place in drawn]
 
     low, high = np.atleast_2d(of.low.T), np.atleast_2d(of.high.T)

@@ -25,7 +25,7 @@ def plot_valve(valve: Sticking, path: str | Path | None = None, units: dict[str,
     """
     record, unit = valve.record, said_first(valve.record.units, units)
     op, pv, wanted = headed("OP", unit.get("u")), headed("PV", unit.get("y")), setpoint(record)
-    came = {"PV": ("recorded", record.y)} | ({} if wanted is None else {"setpoint": ("limit", wanted)})
+    came = {"PV": ("recorded", record.y)} | ({} if wanted is None else {"setpoint": ("setpoint", wanted)})
     asked, loops = {"OP": ("input", record.u)}, [Line(record.u, record.y, "PV over OP", "input")]
     if valve.band:
         asked["valve, as estimated"] = ("estimate", valve.position)
