@@ -18,12 +18,11 @@ from ..diagnosis.refit import Fitted
 from ..errors import NarxError
 from .figures.describe import TIME, Area, Panel, span, thin, traces
 from .figures.still import draw, new_axes
+from .picture import POINTS
 from .plots import where_it_fails
 
 Array = np.ndarray
 Units = Mapping[str, str]
-POINTS = 2000  # of all lines of a still picture together; extremes are kept
-EVERY = 60_000  # samples: up to here a picture that can be zoomed has all of them, five of four bytes each
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,27 +91,15 @@ class Comparison:
 
     @cached_property
     def keep(self) -> Array:
-        """Indices of the samples of still pictures: the extremes of all signals are among them."""
-        return self._extremes(POINTS)
-
-    @cached_property
-    def still(self) -> Comparison:
-        """What still pictures draw."""
-        return self.at(self.keep)
-
-    @cached_property
-    def zoomed(self) -> Comparison:
-        """What pictures draw that can be zoomed: all samples, unless the record is very long."""
-        return self if self.y.size <= EVERY else self.at(self._extremes(EVERY))
-
-    def _extremes(self, points: int) -> Array:
+        """Indices of the samples that a page lists: the extremes of all signals are among them."""
         signals = [self.y, self.u, *self.errors.values()]
-        return np.unique(np.concatenate([thin(x, points // len(signals)) for x in signals]))
+        return np.unique(np.concatenate([thin(x, POINTS // len(signals)) for x in signals]))
 
     @cached_property
     def columns(self) -> dict[str, Array]:
-        """The samples by name: t, u, measured, and each run."""
-        return {"t": self.t, "u": self.u, "measured": self.y, **self.runs}
+        """Those samples by name: t, u, measured, and each run."""
+        listed = {"t": self.t, "u": self.u, "measured": self.y, **self.runs}
+        return {name: x[self.keep] for name, x in listed.items()}
 
     @cached_property
     def worst(self) -> slice:
@@ -198,8 +185,8 @@ def plot_before_after(diagnosis: Diagnosis, axes: Any = None, units: Units | Non
         axes.append(figure.add_subplot(grid[-1, :]))
     if len(axes) != 2 * len(c.runs) + 1:
         raise NarxError(f"Give {2 * len(c.runs) + 1} axes, not {len(axes)}.")
-    pictures = [panel for run in c.runs for panel in (response(c.still, units, run), loop(c.still, units, run))]
-    for ax, panel in zip(axes, [*pictures, errors(c.still, units)], strict=True):
+    pictures = [panel for run in c.runs for panel in (response(c, units, run), loop(c, units, run))]
+    for ax, panel in zip(axes, [*pictures, errors(c, units)], strict=True):
         draw(ax, panel)
     return axes[-1].figure
 

@@ -85,7 +85,9 @@ def sections(
         content = part.tell(material) if keys is None or key in keys else None
         if content is not None:
             template = templates().select_template([f"panels/{key}.html", "pictures.html"])
-            panels_ = {p.key: p.zoomable for p in material.pictures(key) if p.zoomable and scripts}
+            panels_ = {
+                p.key: p.draw[0] for p in material.pictures(key) if p.zoomable and scripts and not callable(p.draw)
+            }
             script, live = zoomed.zoomed(panels_)
             given = {
                 "pictures": material.pictures(key), "live": live, "script": script,

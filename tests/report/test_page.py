@@ -23,6 +23,7 @@ from narx_sym.report import page as report
 from narx_sym.report import parameters, words
 from narx_sym.report.panels import derived
 from narx_sym.report.panels.registry import panels
+from narx_sym.report.picture import POINTS
 from narx_sym.report.plots import thin
 from narx_sym.symbolic.mathml import from_latex, marked, mathml
 
@@ -198,7 +199,7 @@ def test_a_long_record_is_thinned_for_all_lines_together():
     t, y = np.arange(n) * 1e-3, np.cumsum(rng.standard_normal(n))
     runs = {"base": y + rng.standard_normal(n), "base + drift": y + 0.1 * rng.standard_normal(n)}
     c = traces.Comparison(t, rng.standard_normal(n), y, runs, {"base": 1.0, "base + drift": 0.1}, 0.1, "long", None)
-    assert c.keep.size <= traces.POINTS + 10
+    assert c.keep.size <= POINTS + 10
     for error in c.errors.values():
         assert np.abs(error[c.keep]).max() == np.abs(error).max()
 

@@ -10,7 +10,7 @@ import numpy as np
 from ...data.record import Record
 from ...data.units import headed
 from ...diagnosis.refit import Fitted
-from ...report.figures.describe import TIME, Line, span, thin, traces
+from ...report.figures.describe import TIME, Line, span, traces
 from ...report.figures.still import draw, new_axes
 from ...report.plots import plot_compensation
 from ...report.svg import svg
@@ -21,9 +21,8 @@ from ...tasks.compensate import Tracked
 def signals_svg(record: Record, units: Mapping[str, str]) -> str:
     """Return input and output over time as an `<svg>` element."""
     figure, ax = new_axes(figsize=(8.8, 3.4))
-    keep = np.union1d(thin(record.u), thin(record.y))
-    signals = (("u", "input", record.u[keep]), ("y", "recorded", record.y[keep]))
-    draw(ax, *(traces(TIME, record.t[keep], headed(n, units.get(n)), {"": (role, x)}) for n, role, x in signals))
+    signals = (("u", "input", record.u), ("y", "recorded", record.y))
+    draw(ax, *(traces(TIME, record.t, headed(n, units.get(n)), {"": (role, x)}) for n, role, x in signals))
     alt = f"Input from {record.u.min():.4g} to {record.u.max():.4g} and output from {record.y.min():.4g} to "
     return svg(figure, "preview", f"{alt}{record.y.max():.4g} over {record.t[-1] - record.t[0]:.4g} s.")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -47,8 +47,9 @@ LOOKS = {
     "before": Look("orange", 1.4, _DASHED), "after": Look("blue"), "candidate": Look("pink", 2.0, _MIXED),
     "input": Look("blue"), "estimate": Look("orange", 1.6, _DASHED), "limit": Look("red", 1.0, _DOTTED),
     "setpoint": Look("red", 1.0, _DOTTED), "zero": Look("black", 0.6), "region": Look("red", 0.0, dot=5.0),
-    "start": Look("black", 0.0, dot=4.0), "floor": Look("yellow", 0.0, alpha=0.45), "range": Look("sky", 0.0, alpha=0.45),
-    "held-out": Look("grey", 0.0, alpha=0.24), "sealed": Look("grey", 0.0, alpha=0.1),
+    "start": Look("black", 0.0, dot=4.0), "floor": Look("yellow", 0.0, alpha=0.45),
+    "range": Look("sky", 0.0, alpha=0.45), "held-out": Look("grey", 0.0, alpha=0.24),
+    "sealed": Look("grey", 0.0, alpha=0.1),
 } | dict(zip(SEVERAL, (
     Look("blue"), Look("orange", 1.4, _DASHED), Look("green", 1.4, _MIXED), Look("pink", 1.6, _DOTTED),
     Look("black", 0.8), Look("red", 2.0, _DASHED),
@@ -122,6 +123,25 @@ def thin(x: Array, most: int = 4000) -> Array:
     edges = np.linspace(0, x.size, most // 2 + 1).astype(int)
     picks = [i for a, b in itertools.pairwise(edges) for i in (a + np.argmin(x[a:b]), a + np.argmax(x[a:b]))]
     return np.unique([0, *picks, x.size - 1])
+
+
+def thinned(most: int, *panels: Panel) -> list[Panel]:
+    """Return panels with fewer points: longer arrays of one length keep the same samples, with the extremes of all."""
+    lines = [mark for panel in panels for mark in panel.marks if isinstance(mark, Line)]
+    every = {id(a): a for line in lines for a in (line.x, line.y)}
+    kept: dict[int, Any] = {}
+    for n in {a.size for a in every.values()}:
+        alike = [np.nan_to_num(a) for a in every.values() if a.size == n > most]
+        kept[n] = np.unique([i for a in alike for i in thin(a, most // len(alike))]) if alike else slice(None)
+    less = {id(a): a[kept[a.size]] for a in [*every.values(), *(a for panel in panels for a in panel.also.values())]}
+
+    def drawn(mark: Line | Area) -> Line | Area:
+        return replace(mark, x=less[id(mark.x)], y=less[id(mark.y)]) if isinstance(mark, Line) else mark
+
+    return [
+        replace(panel, marks=[*map(drawn, panel.marks)], also={word: less[id(a)] for word, a in panel.also.items()})
+        for panel in panels
+    ]
 
 
 # -- for pages -------------------------------------------------------------------------------------------------

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
 
 from ...data.units import headed
-from .describe import COLOURS, LOOKS, Area, Line, Panel
+from .describe import COLOURS, LOOKS, Area, Line, Panel, thinned
 
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PINK = (
     COLOURS[name][0] for name in ("black", "orange", "sky", "green", "yellow", "blue", "red", "pink")
@@ -44,10 +44,10 @@ def split(ax: Any, heights: Sequence[float]) -> list[Any]:
     return axes
 
 
-def draw(ax: Any, *panels: Panel) -> Any:
-    """Draw a panel, or several one above the other; return the figure."""
+def draw(ax: Any, *panels: Panel, most: int = 12_000) -> Any:
+    """Draw a panel, or several one above the other, and return the figure; see `thinned`."""
     axes = split(ax, [panel.height for panel in panels])
-    for i, (one, panel) in enumerate(zip(axes, panels, strict=True)):
+    for i, (one, panel) in enumerate(zip(axes, thinned(most, *panels), strict=True)):
         for mark in panel.marks:
             _mark(one, mark)
         one.set(xlabel=label(panel.x), ylabel=label(panel.y))
@@ -58,11 +58,6 @@ def draw(ax: Any, *panels: Panel) -> Any:
         if panel.title:
             one.set_title(label(panel.title), loc="left", fontsize=10, pad=6 + 15 * rows)
     return ax.figure
-
-
-def drawing(*panels: Panel) -> Callable[[Any], Any]:
-    """Return a function of axes that draws panels."""
-    return lambda ax: draw(ax, *panels)
 
 
 def _mark(ax: Any, mark: Line | Area) -> None:

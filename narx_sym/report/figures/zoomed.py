@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from .describe import COLOURS, LOOKS, Area, Array, Line, Panel, span
+from .describe import COLOURS, LOOKS, Area, Array, Line, Panel, span, thinned
 
 USUAL, TOOLS = 280, "pan,box_zoom,wheel_zoom,reset,save"  # height [px]
 FRAME = COLOURS["black"][2]
+MOST = 60_000  # samples: up to here there are all of them, each signal in four bytes a sample
 
 
 def bundle() -> str:
@@ -31,8 +32,9 @@ def zoomed(panels: Mapping[str, Panel]) -> tuple[str, dict[str, str]]:
 
     if not panels:
         return "", {}
-    shared = _Shared()
-    script, elements = components({name: shared.figure(panel) for name, panel in panels.items()}, wrap_script=True)
+    shared, less = _Shared(), thinned(MOST, *panels.values())
+    made = {name: shared.figure(panel) for name, panel in zip(panels, less, strict=True)}
+    script, elements = components(made, wrap_script=True)
     return str(script), dict(elements)
 
 

@@ -9,10 +9,8 @@ import numpy as np
 from ...data.units import headed
 from ...diagnosis.bases import words
 from ...files.atomic import csv_text
-from ..comparison import POINTS
 from ..figures.describe import SEVERAL, TIME, thin, traces
-from ..figures.still import drawing
-from ..picture import WIDE, Picture
+from ..picture import POINTS, WIDE, Picture
 from .registry import Material, panel
 
 
@@ -22,19 +20,18 @@ def pictures(material: Material) -> list[Picture]:
     if e is None:
         return []
     mean = np.mean(list(e.outputs.values()), axis=0)
-    keep = np.unique(np.concatenate([thin(x, POINTS // 2) for x in (e.u, *(y - mean for y in e.outputs.values()))]))
-    t, u, outputs = e.t[keep], e.u[keep], {name: y[keep] for name, y in e.outputs.items()}
-    told = {words(n): (role, y - mean[keep]) for role, (n, y) in zip(SEVERAL, outputs.items(), strict=False)}
+    told = {words(n): (role, y - mean) for role, (n, y) in zip(SEVERAL, e.outputs.items(), strict=False)}
     u_name, y_name = headed("u", units.get("u")), headed("y - mean of all", units.get("y"))
-    first = traces(TIME, t, u_name, {"": ("input", u)}, height=0.8)
-    second = traces(TIME, t, y_name, told, height=0.8, also={u_name: u})
+    first = traces(TIME, e.t, u_name, {"": ("input", e.u)}, height=0.8)
+    second = traces(TIME, e.t, y_name, told, height=0.8, also={u_name: e.u})
     alt = f"Input over {e.duration:.3g} s: {e.name}."
     said = f"What the candidates say differs by {e.separation:.2g} {units.get('y', '')} rms or more after a refit."
+    keep = np.unique(np.concatenate([thin(y, POINTS // 2) for y in e.outputs.values()]))
+    columns = {"t": e.t[keep], **{n: y[keep] for n, y in e.outputs.items()}}
     return [
-        Picture("next_input", "Input", alt, drawing(first), {"t": e.t, "u": e.u}, WIDE, zoomable=first),
-        Picture("next_outputs", "What the candidates say", said, drawing(second), {"t": t, **outputs}, WIDE,
-                zoomable=second),
-    ]  # fmt: skip
+        Picture("next_input", "Input", alt, [first], {"t": e.t, "u": e.u}, WIDE, zoomable=True),
+        Picture("next_outputs", "What the candidates say", said, [second], columns, WIDE, zoomable=True),
+    ]
 
 
 @panel("The next experiment", order=80, draws=pictures, live=40, live_title="")

@@ -8,7 +8,6 @@ from ...data.units import coefficient_units
 from ...models.extend import newer
 from .. import words
 from ..comparison import Comparison, Units, worst
-from ..figures.still import drawing
 from ..parameters import shape_units
 from ..picture import Picture
 from .registry import Material, panel
@@ -24,7 +23,7 @@ def picture(c: Comparison, units: Units) -> Picture:
     rms = {name: float((e**2).mean() ** 0.5) for name, e in part.errors.items()}
     falls = ", then ".join(f"{words.number(e)} {units.get('y', '')}".rstrip() for e in rms.values())
     alt = f"Measured and simulated output from {times}, where the error is largest: rms error {falls}."
-    return Picture("worst", "Where the error is largest", alt, drawing(*worst(c, units)), part.columns, (5.6, 4.4))
+    return Picture("worst", "Where the error is largest", alt, worst(c, units), part.columns, (5.6, 4.4))
 
 
 @panel("What was found", order=10, live=10, draws=lambda material: [picture(material.compared, material.units)])

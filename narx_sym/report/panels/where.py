@@ -10,7 +10,7 @@ import numpy as np
 from ...diagnosis.bases import words
 from ...diagnosis.misfit import Panel
 from ..comparison import Units, region, spans
-from ..figures.still import drawing, legend
+from ..figures.still import legend
 from ..picture import Picture
 from ..plots import draw_panel, reach
 from .registry import Material, panel
@@ -67,10 +67,11 @@ def failures(material: Material, most: int = SHOWN) -> list[Failure]:
         of_missing = name in missing and (missing[name].share > errors[name].share or errors[name].worst is None)
         worst = missing[name].where(units).replace("error", "missing input") if of_missing else row["worst"]
         if name != "spectrum":
-            inside = misfit.region(name, of_missing)[c.keep]
-            columns = {"t": c.still.t, "error": c.still.errors["base"], "in the worst region": inside}
+            inside = misfit.region(name, of_missing)
+            listed = {"t": c.t, "error": c.errors["base"], "in the worst region": inside}
+            columns = {column: values[c.keep] for column, values in listed.items()}
             alt = f"Error of the base over time; marked: {worst}."
-            draw = drawing(region(c.still, inside, units))
+            draw = [region(c, inside, units)]
             made.append(Picture(f"where_{i + 1}_time", f"The worst region in time: {words(name)}", alt, draw, columns))
         told = places[f"where_{i + 1}_{'missing' if of_missing else 'error'}"]
         stretch = next((cell.stretch for cell in told if cell.worst), None)

@@ -13,8 +13,8 @@ from .sets import orientation, plot_quasi_static
 from .valve import plot_valve
 
 __all__ = [
-    "BLACK", "BLUE", "GREEN", "ORANGE", "PINK", "RED", "SKY", "YELLOW", "draw_panel", "label", "new_axes", "orientation",
-    "plot_candidates", "plot_commissioning", "plot_comparison", "plot_compensation", "plot_diagnosis", "plot_internal",
-    "plot_ladder", "plot_quasi_static", "plot_reversal_curves", "plot_valve", "reach", "reversal_curves", "thin",
-    "where_it_fails",
+    "BLACK", "BLUE", "GREEN", "ORANGE", "PINK", "RED", "SKY", "YELLOW", "draw_panel", "label", "new_axes",
+    "orientation", "plot_candidates", "plot_commissioning", "plot_comparison", "plot_compensation", "plot_diagnosis",
+    "plot_internal", "plot_ladder", "plot_quasi_static", "plot_reversal_curves", "plot_valve", "reach",
+    "reversal_curves", "thin", "where_it_fails",
 ]  # fmt: skip

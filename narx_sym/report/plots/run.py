@@ -12,7 +12,7 @@ from ...data.units import headed, in_units, said_first
 from ...fit.simulate import arrays, free_run, simulate
 from ...models.model import Model
 from ...tasks.commission import Commissioning
-from ..figures.describe import SEVERAL, TIME, Area, Line, Panel, thin, traces
+from ..figures.describe import SEVERAL, TIME, Area, Line, Panel, traces
 from ..figures.still import draw, new_axes, split
 
 
@@ -35,14 +35,13 @@ def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[
     simulated = np.concatenate([free_run(model, part) for part in parts])
     measured, driver = (np.concatenate([d[name] for d in listed]) for name in (output, source))
     time = np.concatenate([part.t[: d[output].size] for part, d in zip(parts, listed, strict=True)])
-    keep = np.union1d(thin(measured), thin(measured - simulated))
-    t, driver, error = time[keep], driver[keep], (measured - simulated)[keep]
-    told = {"measured": ("measured", measured[keep]), "free run": ("before", simulated[keep])}
+    told = {"measured": ("measured", measured), "free run": ("before", simulated)}
     share = rmse(measured, simulated) / float(np.std(measured) or 1.0)
     title = f"{record.name}: free-run NRMSE {share:.3g}"
     y, u = (headed(name, units.get(name)) for name in (output, source))
-    draw(axes[0], traces(TIME, t, y, told, title=title))
-    draw(axes[1], Panel(TIME, f"error of {y}", [Area(0, 0, role="zero"), Line(t, error, role="before")], along=True))
+    left = {"": ("before", measured - simulated)}
+    draw(axes[0], traces(TIME, time, y, told, title=title))
+    draw(axes[1], traces(TIME, time, f"error of {y}", left, Area(0, 0, role="zero")))
     return draw(axes[2], traces(u, driver, y, told))
 
 
@@ -110,10 +109,7 @@ def plot_compensation(
         headed(name, units.get(of)) for name, of in (("r", "y"), ("m", "u"), ("y", "y"), ("r - y", "y"))
     )
     t, r, m = (np.asarray(x, dtype=float) for x in (t, r, m))
-    told = [r, m, *(r - y for y in outputs.values())]
-    keep = np.unique(np.concatenate([thin(x, 4000 // len(told)) for x in told]))
-    t, r, m = t[keep], r[keep], m[keep]
-    runs = {name: (role, y[keep]) for role, (name, y) in zip(SEVERAL, outputs.items(), strict=False)}
+    runs = {name: (role, np.asarray(y, dtype=float)) for role, (name, y) in zip(SEVERAL, outputs.items(), strict=False)}
     errors = {name: (role, r - y) for name, (role, y) in runs.items()}
     held = [Area(limit, limit, "limits", "limit") for limit in limits or ()]
     panels = (
@@ -124,7 +120,7 @@ def plot_compensation(
     )
     figure, axes = new_axes(2, 2, figsize=(11, 7))
     for ax, panel in zip(axes.flat, panels, strict=True):
-        draw(ax, panel)
+        draw(ax, panel, most=4000)
     return figure
 
 
@@ -140,13 +136,11 @@ def plot_commissioning(found: Commissioning, units: dict[str, str] | None = None
     t = TIME if found.law.model.Ts else "time [samples]"
     verdict, unit = "Go" if found.go else "No go", f" {units['y']}" if units.get("y") else ""
     title = f"{verdict}: error {found.expected:.3g}{unit} rms, without the law {found.without:.3g}{unit}"
-    keep = np.unique(np.concatenate([thin(x) for x in (found.r, found.run.m, found.low, found.high)]))
-    r, m, low, high, time = (x[keep] for x in (found.r, found.run.m, found.low, found.high, time))
-    way = np.concatenate([time, time[::-1]]), np.concatenate([low, high[::-1]])
+    way = np.concatenate([time, time[::-1]]), np.concatenate([found.low, found.high[::-1]])
     band = Line(*way, "95 % of what the records allow", "range")
     return draw(
         new_axes(figsize=(10, 7.5))[1],
-        Panel(t, headed("reference", units.get("y")), [Line(time, r, role="reference")], title, along=True),
-        Panel(t, headed("input of the law", units.get("u")), [Line(time, m, role="input")], along=True),
+        Panel(t, headed("reference", units.get("y")), [Line(time, found.r, role="reference")], title, along=True),
+        Panel(t, headed("input of the law", units.get("u")), [Line(time, found.run.m, role="input")], along=True),
         Panel(t, headed("y - r", units.get("y")), [band, Area(0, 0, role="zero")], along=True),
     )
