@@ -65,7 +65,7 @@ class Comparison:
             name = " ".join(diagnosis.rungs)
             runs[name], nrmse[name] = record.y - last.errors[i], diagnosis.ladder[-1]["validation"]
         return cls(
-            record.t, record.u, record.y, runs, nrmse, diagnosis.floor, record.name, diagnosis.misfit, _aside(base, i)
+            record.t, record.u, record.y, runs, nrmse, diagnosis.floor, record.name, diagnosis.misfit, kept_back(base, i)
         )  # fmt: skip
 
     @cached_property
@@ -115,7 +115,7 @@ class Comparison:
         return span(self.y, *self.runs.values())
 
 
-def _aside(fitted: Fitted, i: int) -> tuple[Area, ...]:
+def kept_back(fitted: Fitted, i: int) -> tuple[Area, ...]:
     """Return what of segment i is held out, where errors are taken, and what is sealed, which decides nothing."""
     split, t = fitted.split, fitted.split.records[i].t
     kinds = (("held out", "held-out", split.held[i]), ("sealed", "sealed", split.test[i]))
@@ -147,9 +147,9 @@ def worst(c: Comparison, units: Units) -> tuple[Panel, Panel]:
     """Describe where the error is largest: measured and simulated, before and after; below what is left of each."""
     part = c.at(c.worst)
     said = {n: "simulated" if len(c.runs) == 1 else "before" if n == "base" else "after" for n in c.runs}
-    runs, errors = ({said[n]: (c.role(n), x) for n, x in of.items()} for of in (part.runs, part.errors))
+    runs, left = ({said[n]: (c.role(n), x) for n, x in of.items()} for of in (part.runs, part.errors))
     above = traces(TIME, part.t, _said("y", units), {"measured": ("measured", part.y), **runs}, *part.aside)
-    return above, traces(TIME, part.t, headed("error", units.get("y")), errors, *part.aside, c.band, height=0.67)
+    return above, traces(TIME, part.t, headed("error", units.get("y")), left, *part.aside, c.band, height=0.67)
 
 
 def region(c: Comparison, inside: Array, units: Units) -> Panel:
