@@ -64,8 +64,9 @@ class Comparison:
         if last is not None:
             name = " ".join(diagnosis.rungs)
             runs[name], nrmse[name] = record.y - last.errors[i], diagnosis.ladder[-1]["validation"]
+        found = kept_back(base, i)
         return cls(
-            record.t, record.u, record.y, runs, nrmse, diagnosis.floor, record.name, diagnosis.misfit, kept_back(base, i)
+            record.t, record.u, record.y, runs, nrmse, diagnosis.floor, record.name, diagnosis.misfit, found
         )  # fmt: skip
 
     @cached_property

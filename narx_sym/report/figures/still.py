@@ -56,7 +56,7 @@ def draw(ax: Any, *panels: Panel, most: int = 12_000) -> Any:
         one.margins(x=0 if panel.along else None)
         rows = legend(one, named(*axes[:i]))
         if panel.title:
-            one.set_title(label(panel.title), loc="left", fontsize=10, pad=6 + 15 * rows)
+            one.set_title(label(panel.title), loc="left", fontsize=10, pad=8 + 15 * rows)
     return ax.figure
 
 
