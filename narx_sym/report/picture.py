@@ -16,7 +16,7 @@ from .svg import svg
 
 Array = np.ndarray
 NARROW, WIDE = (3.9, 2.9), (8.8, 2.6)  # [inch]
-POINTS = 2000  # of all lines of a picture together; extremes are kept
+POINTS = 1600  # of all lines of a picture together; extremes are kept
 
 
 @dataclass(frozen=True, eq=False)
