@@ -74,7 +74,8 @@ class _Shared:
             axis.minor_tick_line_color = None
         made.grid.grid_line_color, made.grid.grid_line_alpha = FRAME, 0.2
         drawn = {id(mark): self.mark(made, mark) for mark in panel.marks}
-        values = {panel.x: lines[0].x, **panel.also, **{line.name or panel.y: line.y for line in lines}}
+        x = lines[0].x
+        values = {panel.x: x, **panel.also, **{line.name or panel.y: line.y for line in lines if line.x is x}}
         self.hover(made, values, drawn[id(lines[0])], "vline" if panel.along else "mouse")
         return made
 
