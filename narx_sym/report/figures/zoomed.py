@@ -54,7 +54,7 @@ class _Shared:
         return self.columns[id(x)]
 
     def figure(self, panel: Panel) -> Any:
-        from bokeh.models import DataRange1d, PlainText, Range1d
+        from bokeh.models import DataRange1d, HoverTool, PlainText, Range1d
         from bokeh.plotting import figure
 
         lines = [mark for mark in panel.marks if isinstance(mark, Line)]
@@ -75,8 +75,14 @@ class _Shared:
         made.grid.grid_line_color, made.grid.grid_line_alpha = FRAME, 0.2
         drawn = {id(mark): self.mark(made, mark) for mark in panel.marks}
         x = lines[0].x
-        values = {panel.x: x, **panel.also, **{line.name or panel.y: line.y for line in lines if line.x is x}}
-        self.hover(made, values, drawn[id(lines[0])], "vline" if panel.along else "mouse")
+        read = {panel.x: x, **panel.also, **{line.name or panel.y: line.y for line in lines if line.x is x}}
+        columns = {word: f"@{self.column(values)}" for word, values in read.items()}
+        hover = HoverTool(
+            tooltips=[(word, f"{column}{{%.5g}}") for word, column in columns.items()],  # whatever their size
+            formatters=dict.fromkeys(columns.values(), "printf"), renderers=[drawn[id(lines[0])]],
+            mode="vline" if panel.along else "mouse", point_policy="snap_to_data",
+        )  # fmt: skip
+        made.add_tools(hover)
         return made
 
     def mark(self, made: Any, mark: Line | Area) -> Any:
@@ -96,14 +102,3 @@ class _Shared:
         box = BoxAnnotation(fill_color=colour, fill_alpha=alpha, line_alpha=0, level="underlay")
         box.update(**dict(zip(sides, (mark.low, mark.high), strict=True)))
         return made.add_layout(box)
-
-    def hover(self, made: Any, values: Mapping[str, Array], glyph: Any, mode: str) -> None:
-        """Show values to five digits, whatever their size."""
-        from bokeh.models import HoverTool
-
-        read = [(name, f"@{self.column(x)}") for name, x in values.items()]
-        tips = [(name, f"{column}{{%.5g}}") for name, column in read]
-        formats = dict.fromkeys((column for _, column in read), "printf")
-        made.add_tools(
-            HoverTool(tooltips=tips, formatters=formats, renderers=[glyph], mode=mode, point_policy="snap_to_data")
-        )

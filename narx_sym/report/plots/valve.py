@@ -10,7 +10,7 @@ from ...data.evidence.stiction import Sticking
 from ...data.units import headed, said_first
 from ...files.atomic import write_figure
 from ..figures.describe import TIME, Line, Panel, traces
-from ..figures.still import draw, new_axes
+from ..figures.still import draw, label, new_axes
 
 
 def plot_valve(valve: Sticking, path: str | Path | None = None, units: dict[str, str] | None = None) -> Any:
@@ -33,9 +33,7 @@ def plot_valve(valve: Sticking, path: str | Path | None = None, units: dict[str,
     figure, axes = new_axes(1, 2, figsize=(12.5, 5.0), width_ratios=(3, 2))
     draw(axes[0], traces(TIME, record.t, pv, came), traces(TIME, record.t, op, asked))
     draw(axes[1], Panel(op, pv, loops))
-    figure.suptitle(
-        f"{record.name}: {'the valve sticks' if valve.found else 'no valve that sticks'}".replace("$", r"\$")
-    )
+    figure.suptitle(label(f"{record.name}: {'the valve sticks' if valve.found else 'no valve that sticks'}"))
     if path is not None:
         write_figure(figure, path)
     return figure
