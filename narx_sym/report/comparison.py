@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..data.metrics import half_cycle
-from ..data.units import said_first
+from ..data.units import headed, said_first
 from ..diagnosis.bases import words
 from ..diagnosis.misfit import Misfit
 from ..diagnosis.procedure import Diagnosis
+from ..diagnosis.refit import Fitted
 from ..errors import NarxError
-from .plots import BLACK, BLUE, ORANGE, RED, SKY, YELLOW, label, new_axes, thin, where_it_fails
+from .figures.describe import TIME, Area, Panel, span, thin, traces
+from .figures.still import draw, new_axes
+from .picture import POINTS
+from .plots import where_it_fails
 
 Array = np.ndarray
 Units = Mapping[str, str]
-POINTS = 2000  # of all lines of a still picture together; extremes are kept
-EVERY = 60_000  # samples: up to here a picture that can be zoomed has all of them, five of four bytes each
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,8 @@ class Comparison:
         rms of the noise [unit of y].
     name : str
     misfit : Misfit
-        Where the base fails along the same samples.
+        Where the base fails along the whole segment.
+    aside : stretches of time that are not fitted
     """
 
     t: Array
@@ -48,6 +51,7 @@ class Comparison:
     floor: float
     name: str
     misfit: Misfit
+    aside: tuple[Area, ...] = ()
 
     @classmethod
     def of(cls, diagnosis: Diagnosis) -> Comparison:
@@ -60,30 +64,41 @@ class Comparison:
         if last is not None:
             name = " ".join(diagnosis.rungs)
             runs[name], nrmse[name] = record.y - last.errors[i], diagnosis.ladder[-1]["validation"]
-        return cls(record.t, record.u, record.y, runs, nrmse, diagnosis.floor, record.name, diagnosis.misfit)
+        found = kept_back(base, i)
+        return cls(
+            record.t, record.u, record.y, runs, nrmse, diagnosis.floor, record.name, diagnosis.misfit, found
+        )  # fmt: skip
 
-    @property
+    @cached_property
     def errors(self) -> dict[str, Array]:
         """Measured minus simulated, (N,) arrays [unit of y]."""
         return {name: self.y - run for name, run in self.runs.items()}
 
+    @property
+    def band(self) -> Area:
+        """The noise floor."""
+        return Area(-self.floor, self.floor, "noise floor (± rms)")
+
+    def role(self, run: str) -> str:
+        """Return the role of a run in pictures."""
+        return "before" if run == next(iter(self.runs)) else "after"
+
+    def at(self, samples: Array | slice) -> Comparison:
+        """Return it at some samples."""
+        t, runs = self.t[samples], {name: run[samples] for name, run in self.runs.items()}
+        inside = (replace(a, low=max(a.low, t[0]), high=min(a.high, t[-1])) for a in self.aside)
+        aside = tuple(a for a in inside if a.low < a.high)
+        return replace(self, t=t, u=self.u[samples], y=self.y[samples], runs=runs, aside=aside)
+
     @cached_property
     def keep(self) -> Array:
-        """Indices of the samples of still pictures: the extremes of all signals are among them."""
-        return self._extremes(POINTS)
-
-    @cached_property
-    def zoomed(self) -> Array:
-        """Indices of the samples of pictures that can be zoomed: all of them, unless the record is very long."""
-        return np.arange(self.y.size) if self.y.size <= EVERY else self._extremes(EVERY)
-
-    def _extremes(self, points: int) -> Array:
+        """Indices of the samples that a page lists: the extremes of all signals are among them."""
         signals = [self.y, self.u, *self.errors.values()]
-        return np.unique(np.concatenate([thin(x, points // len(signals)) for x in signals]))
+        return np.unique(np.concatenate([thin(x, POINTS // len(signals)) for x in signals]))
 
     @cached_property
-    def drawn(self) -> dict[str, Array]:
-        """The drawn samples by name: t, u, measured, and each run."""
+    def columns(self) -> dict[str, Array]:
+        """Those samples by name: t, u, measured, and each run."""
         listed = {"t": self.t, "u": self.u, "measured": self.y, **self.runs}
         return {name: x[self.keep] for name, x in listed.items()}
 
@@ -98,72 +113,59 @@ class Comparison:
     @cached_property
     def span(self) -> tuple[float, float]:
         """The range of all outputs, so that before and after have the same axes [unit of y]."""
-        every = [self.y, *self.runs.values()]
-        low, high = min(float(x.min()) for x in every), max(float(x.max()) for x in every)
-        room = 0.05 * (high - low) or 1.0
-        return low - room, high + room
+        return span(self.y, *self.runs.values())
 
 
-def draw_time(ax: Any, c: Comparison, run: str, units: Units) -> None:
-    """Draw measured and simulated output over time."""
-    ax.plot(c.drawn["t"], c.drawn["measured"], color=BLACK, lw=1.5, label="measured")
-    ax.plot(c.drawn["t"], c.drawn[run], color=_colour(c, run), lw=1.1, ls="--", label=f"free run of {words(run)}")
-    ax.set(xlabel="time [s]", ylabel=label("y", units.get("y", "")), ylim=c.span)
-    ax.margins(x=0)
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, fontsize=9, frameon=False, borderaxespad=0.2)
-
-
-def draw_worst(ax: Any, c: Comparison, units: Units) -> None:
-    """Draw where the error is largest: measured and simulated, before and after; below what is left of each."""
-    part, unit = c.worst, units.get("y", "")
-    t, single = c.t[part], len(c.runs) == 1
-    grid = ax.get_subplotspec().subgridspec(2, 1, height_ratios=(3, 2), hspace=0.05)
-    ax.set_subplotspec(grid[0])
-    below = ax.figure.add_subplot(grid[1], sharex=ax)
-    ax.plot(t, c.y[part], color=BLACK, lw=2.2, label="measured")
-    below.axhspan(-c.floor, c.floor, color=YELLOW, alpha=0.45, lw=0, label="noise floor (± rms)")
-    for (name, run), style in zip(c.runs.items(), ("--", "-"), strict=False):
-        said = "simulated" if single else "before" if name == "base" else "after"
-        ax.plot(t, run[part], color=_colour(c, name), lw=1.6, ls=style, label=said)
-        below.plot(t, c.errors[name][part], color=_colour(c, name), lw=1.4, ls=style)
-    ax.set(ylabel=label("y", unit))
-    ax.tick_params(labelbottom=False)
-    below.set(xlabel="time [s]", ylabel=label("error", unit))
-    ax.margins(x=0)
-    for one, columns in ((ax, 3), (below, 1)):
-        one.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=columns, fontsize=9, frameon=False, borderaxespad=0.2)
-
-
-def draw_loop(ax: Any, c: Comparison, run: str, units: Units) -> None:
-    """Draw measured and simulated output against the input."""
-    ax.plot(c.drawn["u"], c.drawn["measured"], color=BLACK, lw=1.2, label="measured")
-    ax.plot(c.drawn["u"], c.drawn[run], color=_colour(c, run), lw=1.0, ls="--", label=f"free run of {words(run)}")
-    ax.set(xlabel=label("u", units.get("u", "")), ylabel=label("y", units.get("y", "")), ylim=c.span)
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=1, fontsize=9, frameon=False, borderaxespad=0.2)
-
-
-def draw_errors(ax: Any, c: Comparison, units: Units) -> None:
-    """Draw the free-run errors over time, before and after, with the noise floor."""
-    ax.axhspan(-c.floor, c.floor, color=YELLOW, alpha=0.45, lw=0, label="noise floor (± rms)")
-    for name, error in c.errors.items():
-        ax.plot(c.drawn["t"], error[c.keep], color=_colour(c, name), lw=0.8, label=f"error of {words(name)}")
-    ax.set(xlabel="time [s]", ylabel=label("measured - simulated", units.get("y", "")))
-    ax.margins(x=0)
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, fontsize=9, frameon=False, borderaxespad=0.2)
-
-
-def draw_region(ax: Any, c: Comparison, region: Array, units: Units) -> None:
-    """Draw the error of the base over time, with the samples of a region marked."""
-    error = c.errors["base"]
-    ax.axhspan(-c.floor, c.floor, color=YELLOW, alpha=0.45, lw=0, label="noise floor (± rms)")
-    ax.plot(c.t[c.keep], error[c.keep], color=SKY, lw=0.8, label="error of the base")
-    inside = c.keep[region[c.keep]]
-    ax.plot(c.t[inside], error[inside], color=RED, ls="none", marker=".", ms=3.0, label="in the worst region")
-    ax.set(xlabel="time [s]", ylabel=label("error", units.get("y", "")))
-    ax.margins(x=0)
-    ax.legend(
-        loc="lower left", bbox_to_anchor=(-0.1, 1), ncols=2, fontsize=8, frameon=False, borderaxespad=0.2, markerscale=3
+def kept_back(fitted: Fitted, i: int) -> tuple[Area, ...]:
+    """Return what of segment i is held out, where errors are taken, and what is sealed, which decides nothing."""
+    split, t = fitted.split, fitted.split.records[i].t
+    kinds = (("held out", "held-out", split.held[i]), ("sealed", "sealed", split.test[i]))
+    return tuple(
+        Area(t[a], t[b - 1], word, role, True) for word, role, mask in kinds for a, b in spans(mask & ~split.train[i])
     )
+
+
+def response(c: Comparison, units: Units, *runs: str) -> Panel:
+    """Describe measured and simulated output over time."""
+    return traces(TIME, c.t, _said("y", units), _told(c, runs), *c.aside, y_range=c.span, also={_said("u", units): c.u})
+
+
+def loop(c: Comparison, units: Units, *runs: str) -> Panel:
+    """Describe measured and simulated output against the input."""
+    return traces(
+        _said("u", units), c.u, _said("y", units), _told(c, runs), y_range=c.span, height=1.15, also={TIME: c.t}
+    )
+
+
+def errors(c: Comparison, units: Units) -> Panel:
+    """Describe the free-run errors over time, before and after, with the noise floor."""
+    told = {words(name): (c.role(name), e) for name, e in c.errors.items()}
+    y = headed("measured - simulated", units.get("y"))
+    return traces(TIME, c.t, y, told, *c.aside, c.band, height=0.8)
+
+
+def worst(c: Comparison, units: Units) -> tuple[Panel, Panel]:
+    """Describe where the error is largest: measured and simulated, before and after; below what is left of each."""
+    part = c.at(c.worst)
+    said = {n: "simulated" if len(c.runs) == 1 else "before" if n == "base" else "after" for n in c.runs}
+    runs, left = ({said[n]: (c.role(n), x) for n, x in of.items()} for of in (part.runs, part.errors))
+    above = traces(TIME, part.t, _said("y", units), {"measured": ("measured", part.y), **runs}, *part.aside)
+    return above, traces(TIME, part.t, headed("error", units.get("y")), left, *part.aside, c.band, height=0.67)
+
+
+def region(c: Comparison, inside: Array, units: Units) -> Panel:
+    """Describe the error of the base over time, with the samples of a region, (N,) bool, marked."""
+    error = c.errors["base"]
+    told = {"the base": ("recorded", error), "worst region": ("region", np.where(inside, error, np.nan))}
+    return traces(TIME, c.t, headed("error", units.get("y")), told, c.band)
+
+
+def _told(c: Comparison, runs: Sequence[str]) -> dict[str, tuple[str, Array]]:
+    return {"measured": ("measured", c.y)} | {words(n): (c.role(n), c.runs[n]) for n in runs}
+
+
+def _said(name: str, units: Units) -> str:
+    return headed(name, units.get(name))
 
 
 def plot_before_after(diagnosis: Diagnosis, axes: Any = None, units: Units | None = None) -> Any:
@@ -177,22 +179,17 @@ def plot_before_after(diagnosis: Diagnosis, axes: Any = None, units: Units | Non
     """
     c, units = Comparison.of(diagnosis), said_first(diagnosis.units, units)
     if axes is None:
-        figure, _ = new_axes(figsize=(12, 2.9 * len(c.runs) + 2.2))
-        figure.clear()
+        figure, whole = new_axes(figsize=(12, 2.9 * len(c.runs) + 2.2))
+        whole.remove()
         grid = figure.add_gridspec(len(c.runs) + 1, 2, width_ratios=(3, 2))
         axes = [figure.add_subplot(grid[i, j]) for i in range(len(c.runs)) for j in (0, 1)]
         axes.append(figure.add_subplot(grid[-1, :]))
     if len(axes) != 2 * len(c.runs) + 1:
         raise NarxError(f"Give {2 * len(c.runs) + 1} axes, not {len(axes)}.")
-    for i, run in enumerate(c.runs):
-        draw_time(axes[2 * i], c, run, units)
-        draw_loop(axes[2 * i + 1], c, run, units)
-    draw_errors(axes[-1], c, units)
+    pictures = [panel for run in c.runs for panel in (response(c, units, run), loop(c, units, run))]
+    for ax, panel in zip(axes, [*pictures, errors(c, units)], strict=True):
+        draw(ax, panel)
     return axes[-1].figure
-
-
-def _colour(c: Comparison, run: str) -> str:
-    return ORANGE if run == next(iter(c.runs)) else BLUE
 
 
 def plot_where_it_fails(diagnosis: Diagnosis, units: Units | None = None) -> Any:

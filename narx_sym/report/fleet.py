@@ -12,8 +12,8 @@ import numpy as np
 
 from ..files.atomic import csv_text, write_bytes, write_text
 from . import words
+from .figures.describe import stylesheet
 from .page import style, templates
-from .svg import stylesheet
 
 Row = dict[str, Any]
 # The time that a record took is in no table: the same records give the same bytes.

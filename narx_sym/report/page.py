@@ -16,10 +16,10 @@ from ..data.units import said_first
 from ..diagnosis.procedure import Diagnosis
 from ..files.atomic import PathLike, write_text
 from ..symbolic.mathml import from_latex
-from . import interactive, words
+from . import words
 from .comparison import Units
+from .figures import describe, zoomed
 from .panels.registry import Material, panels
-from .svg import stylesheet
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def sections(
     files : paths of the data
     settings : mapping of what else was chosen
     scripts : bool
-        Whether the interactive pictures are among them; their script is `interactive.bundle`.
+        Whether the interactive pictures are among them; their script is `zoomed.bundle`.
     keys : keys of panels, optional
         The parts that are wanted.
     """
@@ -85,7 +85,15 @@ def sections(
         content = part.tell(material) if keys is None or key in keys else None
         if content is not None:
             template = templates().select_template([f"panels/{key}.html", "pictures.html"])
-            given = {"pictures": material.pictures(key), "units": units, "d": material.diagnosis, **content}
+            panels_ = {
+                p.key: p.draw[0] for p in material.pictures(key) if p.zoomable and scripts and not callable(p.draw)
+            }
+            script, live = zoomed.zoomed(panels_)
+            given = {
+                "pictures": material.pictures(key), "live": live, "script": script,
+                "keys": describe.keys(*panels_.values()),
+                "units": units, "d": material.diagnosis, **content,
+            }  # fmt: skip
             made.append(Section(key, content.get("title", part.title), template.render(given)))
     return made
 
@@ -101,8 +109,8 @@ def page(
     name = diagnosis.steps[0].base.split.records[0].name
     return str(
         templates().get_template("page.html").render(
-            sections=parts, name=name, headline=words.headline(diagnosis), colours=stylesheet(),
-            style=style(), bokeh=interactive.bundle(),
+            sections=parts, name=name, headline=words.headline(diagnosis), colours=describe.stylesheet(),
+            style=style(), bokeh=zoomed.bundle(),
         )
     )  # fmt: skip
 

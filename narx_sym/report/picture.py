@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from ..files.atomic import csv_text
-from .plots import new_axes
+from .figures.describe import Panel
+from .figures.still import draw, new_axes
 from .svg import svg
 
 Array = np.ndarray
 NARROW, WIDE = (3.9, 2.9), (8.8, 2.6)  # [inch]
+POINTS = 1600  # of all lines of a picture together; extremes are kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,27 +29,30 @@ class Picture:
         Unique among the pictures of a diagnosis; letters, digits and "_".
     title, alt : str
         Heading, and what there is to see, in words and numbers.
-    draw : function of matplotlib axes
+    draw : panels, one above the other, or a function of matplotlib axes
     columns : mapping from a name to (N,) numbers or texts
         The numbers behind it, as drawn.
     size : (width, height) [inch]
     clickable : bool
         Whether `draw` returns places that the page can click, [(number, x, y), ...] in the coordinates of the data.
+    zoomable : bool
+        Whether a page with scripts shows its panel with all points.
     """
 
     key: str
     title: str
     alt: str
-    draw: Callable[[Any], Any]
+    draw: Callable[[Any], Any] | Sequence[Panel]
     columns: Mapping[str, Any]
     size: tuple[float, float] = NARROW
     clickable: bool = False
+    zoomable: bool = False
 
     @cached_property
     def _drawn(self) -> tuple[str, dict[int, Array]]:
         """The `<svg>` element and the places in it: where they are is known once it is laid out."""
         figure, ax = new_axes(figsize=self.size)
-        drawn = self.draw(ax)
+        drawn = self.draw(ax) if callable(self.draw) else draw(ax, *self.draw, most=POINTS)
         places = drawn if self.clickable else ()
         text = svg(figure, self.key, self.alt)
         scale, up = np.array([100, -100]) / figure.bbox.size, np.array([0, 100])
@@ -55,7 +60,7 @@ class Picture:
 
     @property
     def svg(self) -> str:
-        """The picture as an `<svg>` element with a text alternative; its colours follow the page (`svg.stylesheet`)."""
+        """The picture as an `<svg>` element with a text alternative; its colours follow the page."""
         return self._drawn[0]
 
     @property
@@ -67,8 +72,3 @@ class Picture:
     def csv(self) -> str:
         """The numbers as CSV."""
         return csv_text(self.columns)
-
-
-def drawing(draw: Callable[..., None], *more: Any) -> Callable[[Any], None]:
-    """Return a function of axes alone: `draw` with all that it needs besides."""
-    return lambda ax: draw(ax, *more)

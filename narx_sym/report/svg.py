@@ -7,14 +7,9 @@ import re
 from html import escape
 from typing import Any
 
-# Okabe & Ito's colours on white paper, and as light on a dark page.
-COLOURS = {
-    "orange": ("#E69F00", "#F0B030"), "sky": ("#56B4E9", "#56B4E9"), "green": ("#009E73", "#1BBF92"),
-    "yellow": ("#F0E442", "#B8AE20"), "blue": ("#0072B2", "#4DA6E0"), "red": ("#D55E00", "#F07A30"),
-    "pink": ("#CC79A7", "#DB93BB"), "paper": ("#FFFFFF", "#14171C"), "faint": ("#D9D9D9", "#3A3F47"),
-    "rule": ("#CCCCCC", "#4A505A"), "grey": ("#808080", "#8A9099"),
-}  # fmt: skip
-_NAMES = {light.lower(): name for name, (light, _) in COLOURS.items()}
+from .figures.describe import COLOURS
+
+_NAMES = {light.lower(): name for name, (light, _, _) in COLOURS.items() if name != "ink"}
 _OPTIONS: dict[str, Any] = {"svg.fonttype": "none", "path.simplify": True, "path.simplify_threshold": 0.3}
 _UNDATED = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
@@ -73,9 +68,3 @@ def _restyled(style: str) -> str:
 
 def _variable(colour: str) -> str:
     return f"var(--{_NAMES[colour]}, {colour})" if colour in _NAMES else colour
-
-
-def stylesheet(selector: str = ":root") -> str:
-    """Return the CSS variables of the pictures, for light and for dark pages."""
-    light, dark = ("; ".join(f"--{n}: {pair[i]}" for n, pair in COLOURS.items()) for i in (0, 1))
-    return f"{selector} {{ {light} }}\n@media screen and (prefers-color-scheme: dark) {{ {selector} {{ {dark} }} }}\n"

@@ -23,6 +23,7 @@ from narx_sym.report import page as report
 from narx_sym.report import parameters, words
 from narx_sym.report.panels import derived
 from narx_sym.report.panels.registry import panels
+from narx_sym.report.picture import POINTS
 from narx_sym.report.plots import thin
 from narx_sym.symbolic.mathml import from_latex, marked, mathml
 
@@ -151,7 +152,7 @@ def test_the_numbers_behind_the_pictures(stage_diagnosis, page):
     rows = list(csv.DictReader(io.StringIO(files["ladder.csv"])))
     assert [row["model"] for row in rows] == [*stage_diagnosis.rungs, "noise floor"]
     assert float(rows[0]["held out"]) == pytest.approx(stage_diagnosis.ladder[0]["validation"], rel=1e-4)
-    time = np.genfromtxt(io.StringIO(files["time_0.csv"]), delimiter=",", names=True)
+    time = np.genfromtxt(io.StringIO(files["time.csv"]), delimiter=",", names=True)
     record = stage_diagnosis.steps[0].base.split.records[0]
     assert time["measured"].max() == pytest.approx(record.y.max(), rel=1e-4)
     assert time["measured"].min() == pytest.approx(record.y.min(), rel=1e-4)
@@ -198,7 +199,7 @@ def test_a_long_record_is_thinned_for_all_lines_together():
     t, y = np.arange(n) * 1e-3, np.cumsum(rng.standard_normal(n))
     runs = {"base": y + rng.standard_normal(n), "base + drift": y + 0.1 * rng.standard_normal(n)}
     c = traces.Comparison(t, rng.standard_normal(n), y, runs, {"base": 1.0, "base + drift": 0.1}, 0.1, "long", None)
-    assert c.keep.size <= traces.POINTS + 10
+    assert c.keep.size <= POINTS + 10
     for error in c.errors.values():
         assert np.abs(error[c.keep]).max() == np.abs(error).max()
 

@@ -20,7 +20,7 @@ from narx_sym.report.words import number
 CASES = {
     "verdict": ("times smaller", 1),
     "try_it": ("Move a parameter", 0),
-    "compare": ("The free run gets the measured input and nothing else", 5),
+    "compare": ("The free run gets the measured input and nothing else", 4),
     "ladder": ("The noise floor is an estimate", 1),
     "where": ("of the missing input", 12),
     "candidates": ("of the removable error", 1),

@@ -38,7 +38,7 @@ class Drawing {
       words: find(".drawing-said"), warned: find(".drawing-warned"),
       text: around.querySelector("textarea"), seconds: around.querySelector(".field-seconds input"), end: 1});
     this.colours = {};
-    this.picture = new Picture(find("canvas"), this.colours, "time [s]", told.label);
+    this.picture = new Picture(find("canvas"), this.colours, TIME, told.label);
     for (const field of [this.text, this.seconds]) field.addEventListener("input", () => { if (!this.writing) this.read(); });
     this.text.addEventListener("change", () => this.remember("text"));
     followed(this.picture.canvas, {begin: event => this.press(event), move: event => this.pull(event), end: (event, lost) => this.lift(lost)});
@@ -115,13 +115,13 @@ class Drawing {
   show() {
     const {picture, points, told, end, colours} = this;
     if (!picture.canvas.clientWidth) return;
-    Object.assign(colours, coloursOf(this.place, ["ink", "rule", "blue", "sky"]));
+    Object.assign(colours, coloursOf(this.place, ["ink", "rule"]));
     picture.begin([-MARGINS * end, (1 + MARGINS) * end], this.span);
-    picture.band(told.y, colours.sky);
-    for (const level of told.rests) picture.curve(picture.x, [level, level], colours.ink, 1, [6, 5]);
+    picture.band(told.y, "range");
+    for (const level of told.rests) picture.curve(picture.x, [level, level], "limit");
     if (points.length) {
       const times = points.map(([t]) => t), levels = points.map(([, r]) => r);
-      picture.curve([0, ...times, end], [levels[0], ...levels, levels.at(-1)], colours.blue, 2);
+      picture.curve([0, ...times, end], [levels[0], ...levels, levels.at(-1)], "reference");
     }
     this.group.hidden = Boolean(this.stroke);
     if (!this.stroke) this.put_dots();

@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 
 from ...data.units import headed, said_first
+from ...report.figures import describe
 from ...report.panels.try_it import PICTURE
 from ..workbench import Workbench
 from .widgets import part, said
@@ -20,8 +21,8 @@ KEYS = (
 
 
 def script() -> str:
-    """Return the module that fills the picture: the script of the report's pictures, and what is drawn."""
-    return "\n".join(one.read_text(encoding="utf-8") for one in SCRIPTS)
+    """Return the module that fills the picture: looks and script of the report's pictures, and what is drawn."""
+    return "\n".join([describe.script(), *(one.read_text(encoding="utf-8") for one in SCRIPTS)])
 
 
 def drawing(bench: Workbench) -> None:
@@ -44,7 +45,12 @@ def drawing(bench: Workbench) -> None:
 def markup(told: str, label: str, rests: Sequence[float]) -> str:
     """Return the place of the picture; `told` is what the script reads, as JSON."""
     alt = f"Reference {label} over the time in seconds, with the range of the output in which the model was identified"
-    held = '<li><span class="line held"></span>where the law\'s limits of the input let the model rest</li>'
+    legend = {"reference": "reference", "range": "identified range of the output"}
+    legend |= {"limit": "where the law's limits of the input let the model rest"} if rests else {}
+    keys = (
+        f'<li><span class="key" style="{describe.key(role)}"></span>{escape(word)}</li>'
+        for role, word in legend.items()
+    )
     return (
         f'<div class="drawing" data-drawn="{escape(told)}"><div class="drawing-picture">'
         f'<canvas role="img" aria-label="{escape(alt)}"></canvas>'
@@ -54,7 +60,5 @@ def markup(told: str, label: str, rests: Sequence[float]) -> str:
         '<button type="button" data-do="back">Take back</button> '
         '<button type="button" data-do="again">Do again</button>'
         '</p></div><p class="drawing-warned"></p><ul class="legend" aria-label="Colours of the picture">'
-        '<li><span class="line drawing-line"></span>reference</li>'
-        '<li><span class="band drawing-band"></span>identified range of the output</li>'
-        f"{held if rests else ''}</ul></div>"
+        f"{''.join(keys)}</ul></div>"
     )

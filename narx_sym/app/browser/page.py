@@ -9,8 +9,8 @@ from typing import Any
 from nicegui import ElementFilter, run, ui
 
 from ...diagnosis.progress import Told
+from ...report.figures.describe import stylesheet
 from ...report.page import style
-from ...report.svg import stylesheet
 from ...report.words import spaced
 from ..choice import MISSING, SUFFIXES
 from ..workbench import Workbench

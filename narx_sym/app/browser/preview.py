@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...data.record import Record
+from ...data.units import headed
 from ...diagnosis.refit import Fitted
-from ...report.plots import BLACK, BLUE, GREEN, ORANGE, PINK, label, new_axes, plot_compensation, thin
+from ...report.figures.describe import TIME, Line, span, traces
+from ...report.figures.still import draw, new_axes
+from ...report.plots import plot_compensation
 from ...report.svg import svg
 from ...report.words import number
 from ...tasks.compensate import Tracked
@@ -18,13 +20,9 @@ from ...tasks.compensate import Tracked
 
 def signals_svg(record: Record, units: Mapping[str, str]) -> str:
     """Return input and output over time as an `<svg>` element."""
-    figure, axes = new_axes(2, figsize=(8.8, 3.4))
-    for ax, name, values, colour in zip(axes, "uy", (record.u, record.y), (GREEN, BLUE), strict=True):
-        keep = thin(values)
-        ax.plot(record.t[keep], values[keep], color=colour, lw=0.9)
-        ax.set_ylabel(label(name, units.get(name, "")))
-        ax.margins(x=0)
-    axes[1].set_xlabel("time [s]")
+    figure, ax = new_axes(figsize=(8.8, 3.4))
+    signals = (("u", "input", record.u), ("y", "recorded", record.y))
+    draw(ax, *(traces(TIME, record.t, headed(n, units.get(n)), {"": (role, x)}) for n, role, x in signals))
     alt = f"Input from {record.u.min():.4g} to {record.u.max():.4g} and output from {record.y.min():.4g} to "
     return svg(figure, "preview", f"{alt}{record.y.max():.4g} over {record.t[-1] - record.t[0]:.4g} s.")
 
@@ -43,30 +41,23 @@ def sight_svg(
     i = int(np.argmax([len(r) for r in now.split.records]))
     record = now.split.records[i]
     t, u, y = record.t[part], record.u[part], record.y[part]
-    runs = {"measured": y, "before": before and y - before.errors[i][part], "now": y - now.errors[i][part]}
-    looks: dict[str, dict[str, Any]] = {
-        "measured": {"color": BLACK, "lw": 2.2}, "before": {"color": ORANGE, "lw": 1.5, "ls": "--"},
-        "now": {"color": BLUE, "lw": 1.6},
-    }  # fmt: skip
-    drawn = {name: run for name, run in runs.items() if run is not None}
+    runs = {"measured": ("measured", y)}
+    if before is not None:
+        runs["before"] = ("before", y - before.errors[i][part])
+    runs["now"] = ("after", y - now.errors[i][part])
     times = f"from {t[0]:.4g} to {t[-1]:.4g} s"
-    rms = ", ".join(f"{name} {np.std(run - y):.2g}" for name, run in drawn.items() if name != "measured")
+    rms = ", ".join(f"{name} {np.std(run - y):.2g}" for name, (_, run) in runs.items() if name != "measured")
+    reach = span(*(run for _, run in runs.values()))
     found = []
-    for where, x, width in (("time", t, 5.8), ("loop", u, 3.8)):
-        figure, ax = new_axes(figsize=(width, 2.9))
-        for name, run in drawn.items():
-            ax.plot(x, run, label=name, **looks[name])
-        ax.margins(x=0 if where == "time" else None)
-        ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
-        for k, fitted in enumerate(candidates):
-            if fitted is not None:
-                ax.plot(x, y - fitted.errors[i][part], color=PINK, lw=2.0, ls="-.", gid=f"candidate_{k}")
-        ax.set_xlabel("time [s]" if where == "time" else label("u", units.get("u", "")))
-        ax.set_ylabel(label("y", units.get("y", "")))
-        if where == "time":
-            ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, fontsize=10, frameon=False, borderaxespad=0.2)
-        told = f"error {rms}" if where == "time" else "output against input"
-        found.append(svg(figure, f"sight_{where}", f"Measured and simulated output {times}: {told}."))
+    for name, x, axis, said, width in (
+        ("time", t, TIME, f"error {rms}", 5.8), ("loop", u, headed("u", units.get("u")), "output against input", 3.8)
+    ):  # fmt: skip
+        more = [Line(x, y - c.errors[i][part], role="candidate", key=f"candidate_{k}")
+                for k, c in enumerate(candidates) if c is not None]  # fmt: skip
+        panel = traces(axis, x, headed("y", units.get("y")), runs, y_range=reach)
+        _, ax = new_axes(figsize=(width, 2.9))
+        drawn = draw(ax, replace(panel, marks=[*panel.marks, *more]))
+        found.append(svg(drawn, f"sight_{name}", f"Measured and simulated output {times}: {said}."))
     return "".join(found)
 
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from ...diagnosis.procedure import Diagnosis
 from ...errors import ModelError
+from ..figures.describe import stylesheet
 from ..page import sections, style, templates
 from ..panels.try_it import models
-from ..svg import stylesheet
 
 if TYPE_CHECKING:
     from .widget import Live

@@ -11,8 +11,8 @@ from ...models.info import acts
 from ...models.model import Model
 from ...symbolic.mathml import from_latex, marked
 from ...tasks.compensate import ahead
+from ..figures.describe import stylesheet
 from ..panels import candidates, ladder
-from ..svg import stylesheet
 from ..words import headline, number, removed
 
 LEFT = "text-align: left"

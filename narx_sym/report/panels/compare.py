@@ -7,55 +7,33 @@ from typing import Any
 import numpy as np
 
 from ...diagnosis.bases import words
-from .. import interactive
-from ..comparison import draw_errors, draw_loop, draw_time
-from ..picture import WIDE, Picture, drawing
+from ..comparison import errors, loop, response
+from ..picture import WIDE, Picture
 from .registry import WAY, Material, panel
 
 
 def pictures(material: Material) -> list[Picture]:
-    """Return time responses, errors and loops, before and after, on the same axes."""
+    """Return time response, errors and loops, before and after, on the same axes."""
     c, units = material.compared, material.units
-    found = []
-    for i, run in enumerate(c.runs):
-        when = ("before", "after")[i] if len(c.runs) > 1 else ""
-        alt = f"Measured output and free run of {words(run)} over time, {c.t[-1] - c.t[0]:.3g} s. "
-        alt += f"The free-run error is {c.nrmse[run]:.2g} of the output's standard deviation."
-        found.append(
-            Picture(
-                f"time_{i}", f"Time response {when}".rstrip(), alt, drawing(draw_time, c, run, units), c.drawn, WIDE
-            )
-        )
-    rms = {n: float(np.sqrt(np.mean(e**2))) for n, e in c.errors.items()}
-    sizes = ", ".join(f"{words(n)} {size:.2g}" for n, size in rms.items())
-    alt = f"Free-run error over time; rms [{units.get('y') or 'unit of y'}]: {sizes}; noise floor {c.floor:.2g}."
-    drawn = {"t": c.drawn["t"], **{f"error of {n}": e[c.keep] for n, e in c.errors.items()}}
-    found.append(
-        Picture(
-            "errors",
-            "Error before and after" if len(c.runs) > 1 else "Error",
-            alt,
-            drawing(draw_errors, c, units),
-            drawn,
-            WIDE,
-        )
-    )
-    for i, run in enumerate(c.runs):
-        when = ("before", "after")[i] if len(c.runs) > 1 else ""
-        alt = f"Loop of output against input, measured and free run of {words(run)}."
-        found.append(Picture(f"loop_{i}", f"Loop {when}".rstrip(), alt, drawing(draw_loop, c, run, units), c.drawn))
-    return found
+    relative = ", ".join(f"{words(n)} {size:.2g}" for n, size in c.nrmse.items())
+    sizes = ", ".join(f"{words(n)} {np.sqrt(np.mean(e**2)):.2g}" for n, e in c.errors.items())
+    told = f"Measured output and free runs over time, {c.t[-1] - c.t[0]:.3g} s. "
+    told += f"The free-run errors are, over the output's standard deviation: {relative}."
+    left = f"Free-run error over time; rms [{units.get('y') or 'unit of y'}]: {sizes}; noise floor {c.floor:.2g}."
+    numbers = {"t": c.t[c.keep], **{f"error of {n}": e[c.keep] for n, e in c.errors.items()}}
+    title, whens = ("Error before and after", (" before", " after")) if len(c.runs) > 1 else ("Error", ("",))
+    return [
+        Picture("time", "Time response", told, [response(c, units, *c.runs)], c.columns, WIDE, zoomable=True),
+        Picture("errors", title, left, [errors(c, units)], numbers, WIDE, zoomable=True),
+        *(Picture(f"loop_{i}", f"Loop{when}", f"Loop of output against input, measured and free run of {words(run)}.",
+                  [loop(c, units, run)], c.columns, zoomable=True)
+          for i, (run, when) in enumerate(zip(c.runs, whens, strict=True))),
+    ]  # fmt: skip
 
 
 @panel("Measured and simulated", order=20, draws=pictures, about=WAY, live=50)
 def compare(material: Material) -> dict[str, Any]:
-    """Tell which run is which, with pictures that can be zoomed."""
-    from markupsafe import Markup
-
+    """Tell which segment is shown, and what of it is not fitted."""
     c = material.compared
-    script, elements = interactive.comparison(c, material.units) if material.scripts else ("", {})
-    static = {p.key: p for p in material.pictures("compare")}
-    same = {"time": "time_0", "errors": "errors", "loop0": "loop_0", "loop1": "loop_1"}
-    live = [(name, static[same[name]], Markup(element)) for name, element in elements.items()]
-    count = len(material.diagnosis.steps[0].base.split.records)
-    return {"script": Markup(script), "live": live, "runs": list(c.runs), "name": c.name, "count": count}
+    roles = {one.role for one in c.aside}
+    return {"roles": roles, "name": c.name, "count": len(material.diagnosis.steps[0].base.split.records)}

@@ -22,7 +22,8 @@ from ...inversion.analyses import Subject
 from ...inversion.compensator import Compensator
 from ...models.extend import newer
 from ...symbolic.signals import r, t, y
-from ..comparison import Comparison, Units, spans
+from ..comparison import Comparison, Units, errors, spans
+from ..figures import describe
 from ..parameters import parameters, shape_units
 from .registry import WAY, Material, panel
 
@@ -166,7 +167,9 @@ def content(diagnosis: Diagnosis, listed: Sequence[Tried], c: Comparison, units:
         "n": n, "t0": float(record.t[0]), "Ts": float(record.Ts), "steps": STEPS,
         "signals": [packed(np.asarray(every[name][:n])) for name in names], "models": told,
         "spread": float(diagnosis.steps[0].base.problem.spread), "floor": float(diagnosis.floor),
-        "held": spans(base.split.held[i][:n]), "worst": [min(c.worst.start, n - 1), min(c.worst.stop, n)],
+        "held": spans(base.split.held[i][:n]),
+        "aside": [[a.low, a.high, a.role] for a in c.aside],
+        "worst": [min(c.worst.start, n - 1), min(c.worst.stop, n)],
         "axes": [_axis(driving, units), _axis(output, units), _axis("error", {"error": units.get(output, "")})],
         "units": [units.get(driving, ""), units.get(output, "")], "whole": len(record),
     }  # fmt: skip
@@ -187,13 +190,18 @@ def try_it(material: Material) -> dict[str, Any] | None:
         return None
     told, law = content(d, listed, material.compared, material.units), law_of(material.subject, listed)
     told["law"] = law and reference(law, listed, material.compared)
-    sources = "\n".join([*(one.source for one in listed), law.to_js("law") if law else "const law = null;"])
+    sources = "\n".join(
+        [describe.script(), *(one.source for one in listed), law.to_js("law") if law else "const law = null;"]
+    )
+    marks = errors(material.compared, material.units).marks
+    legend = {"measured": "measured"} | {mark.role: mark.name for mark in marks}
+    legend |= dict.fromkeys(("before", "after"), "free run")
     names = ", ".join(f"model{i}" for i in range(len(listed)))
     script = "\n".join(
         [sources, f"const models = [{names}];", *(one.read_text(encoding="utf-8") for one in (PICTURE, SCRIPT))]
     )
     return {
-        "told": told, "models": listed,
+        "told": told, "models": listed, "keys": [(word, role, describe.key(role)) for role, word in legend.items()],
         "chosen": next((i for i, one in enumerate(listed) if one.fitted.model is d.model), 0),
         "data": Markup(json.dumps(told).replace("<", "\\u003c")),
         "script": Markup(f"(() => {{\n{script}}})();"),

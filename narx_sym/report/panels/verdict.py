@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 from ...data.units import coefficient_units
 from ...models.extend import newer
 from .. import words
-from ..comparison import Comparison, Units, draw_worst
+from ..comparison import Comparison, Units, worst
 from ..parameters import shape_units
-from ..picture import Picture, drawing
+from ..picture import Picture
 from .registry import Material, panel
 
 if TYPE_CHECKING:
@@ -18,13 +18,12 @@ if TYPE_CHECKING:
 
 def picture(c: Comparison, units: Units) -> Picture:
     """Return where the error of the base is largest, zoomed, before and after."""
-    part = c.worst
-    times = f"{words.number(c.t[part][0])} to {words.number(c.t[part][-1])} s"
-    rms = {name: float((e[part] ** 2).mean() ** 0.5) for name, e in c.errors.items()}
+    part = c.at(c.worst)
+    times = f"{words.number(part.t[0])} to {words.number(part.t[-1])} s"
+    rms = {name: float((e**2).mean() ** 0.5) for name, e in part.errors.items()}
     falls = ", then ".join(f"{words.number(e)} {units.get('y', '')}".rstrip() for e in rms.values())
     alt = f"Measured and simulated output from {times}, where the error is largest: rms error {falls}."
-    columns = {"t": c.t[part], "u": c.u[part], "measured": c.y[part], **{n: r[part] for n, r in c.runs.items()}}
-    return Picture("worst", "Where the error is largest", alt, drawing(draw_worst, c, units), columns, (5.6, 4.4))
+    return Picture("worst", "Where the error is largest", alt, worst(c, units), part.columns, (5.6, 4.4))
 
 
 @panel("What was found", order=10, live=10, draws=lambda material: [picture(material.compared, material.units)])

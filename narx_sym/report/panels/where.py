@@ -9,9 +9,10 @@ import numpy as np
 
 from ...diagnosis.bases import words
 from ...diagnosis.misfit import Panel
-from ..comparison import Units, draw_region, spans
-from ..picture import Picture, drawing
-from ..plots import draw_panel, label, reach
+from ..comparison import Units, region, spans
+from ..figures.still import legend
+from ..picture import Picture
+from ..plots import draw_panel, reach
 from .registry import Material, panel
 
 SHOWN, LEAST = 4, 0.02  # variables that are shown, and the share that each must explain
@@ -66,10 +67,11 @@ def failures(material: Material, most: int = SHOWN) -> list[Failure]:
         of_missing = name in missing and (missing[name].share > errors[name].share or errors[name].worst is None)
         worst = missing[name].where(units).replace("error", "missing input") if of_missing else row["worst"]
         if name != "spectrum":
-            region = misfit.region(name, of_missing)
-            columns = {"t": c.t[c.keep], "error": c.errors["base"][c.keep], "in the worst region": region[c.keep]}
+            inside = misfit.region(name, of_missing)
+            listed = {"t": c.t, "error": c.errors["base"], "in the worst region": inside}
+            columns = {column: values[c.keep] for column, values in listed.items()}
             alt = f"Error of the base over time; marked: {worst}."
-            draw = drawing(draw_region, c, region, units)
+            draw = [region(c, inside, units)]
             made.append(Picture(f"where_{i + 1}_time", f"The worst region in time: {words(name)}", alt, draw, columns))
         told = places[f"where_{i + 1}_{'missing' if of_missing else 'error'}"]
         stretch = next((cell.stretch for cell in told if cell.worst), None)
@@ -81,17 +83,10 @@ def _panel(key: str, title: str, of: Panel, floor: float | None, top: float, uni
     what = {"spectrum": "rms in a bin"}.get(of.name, "mean")
 
     def draw(ax: Any) -> list[tuple[int, float, float]]:
-        drawn = draw_panel(ax, of, floor, dict(units))
+        drawn = draw_panel(ax, of, floor, dict(units), "error" if "error" in key else "missing input", top)
         ax.set_title("", loc="left")
-        ax.set_ylabel(label(f"{what} {'error' if 'error' in key else 'missing input'}", units.get("y", "")))
-        ax.set_ylim(*((0, None) if of.name == "spectrum" else (-top, top)))
-        marks = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-        marks = {n: h for n, h in marks.items() if not n.endswith("\u2009")}
         if of.low.ndim == 1:
-            ax.legend(
-                marks.values(), marks.keys(), loc="lower left", bbox_to_anchor=(-0.1, 1), ncols=2, fontsize=8,
-                frameon=False, borderaxespad=0.2,
-            )  # fmt: skip
+            legend(ax, size=8)
         return [(cell, place, of.mean[cell]) for cell, place in drawn]
 
     low, high = np.atleast_2d(of.low.T), np.atleast_2d(of.high.T)

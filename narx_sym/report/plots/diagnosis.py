@@ -11,7 +11,7 @@ import numpy as np
 from ...data.units import said_first
 from ...errors import NarxError
 from ...files.atomic import write_figure
-from .style import BLACK, BLUE, ORANGE, SKY, label, new_axes
+from ..figures.still import BLACK, BLUE, ORANGE, SKY, label, new_axes
 from .valve import plot_valve
 
 
@@ -21,9 +21,7 @@ def plot_diagnosis(diagnosis: Any, path: str | Path | None = None, units: dict[s
         return plot_valve(diagnosis.steps[0].valves[0], path, units)
     if not diagnosis.candidates:
         return plot_ladder(diagnosis, path, units)
-    figure, _ = new_axes(figsize=(12.5, _height(diagnosis)))
-    figure.clear()
-    axes = figure.subplots(1, 2, width_ratios=(3, 2))
+    figure, axes = new_axes(1, 2, figsize=(12.5, _height(diagnosis)), width_ratios=(3, 2))
     plot_candidates(diagnosis, ax=axes[0])
     plot_ladder(diagnosis, units=units, ax=axes[1])
     if path is not None:

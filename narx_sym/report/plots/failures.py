@@ -10,7 +10,7 @@ import numpy as np
 from ...diagnosis.misfit import Misfit, Panel
 from ...errors import NarxError
 from ...files.atomic import write_figure
-from .style import BLACK, BLUE, GREEN, PINK, RED, YELLOW, label, new_axes
+from ..figures.still import BLACK, BLUE, GREEN, PINK, RED, YELLOW, label, named, new_axes
 
 
 def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[str, str] | None = None) -> Any:
@@ -34,29 +34,19 @@ def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[s
     names = sorted(best, key=lambda name: -best[name])[:4]
     if not names:
         raise NarxError("Nothing varies in these data, so there is no panel to draw.")
-    figure, _ = new_axes(figsize=(1 + 5 * len(columns), 1 + 2.4 * len(names)))
-    figure.clear()
-    axes = figure.subplots(len(names), len(columns), sharex="row", squeeze=False)
+    size = (1 + 5 * len(columns), 1 + 2.4 * len(names))
+    figure, axes = new_axes(len(names), len(columns), size, sharex="row", squeeze=False)
     for column, (word, panels) in enumerate(columns):
         found = {panel.name: panel for panel in panels}
         floor = misfit.floor if panels is misfit.panels else None
+        top = reach([found[name] for name in names if name != "spectrum"])
+        what = "error" if panels is misfit.panels else "missing input"
         for row, name in enumerate(names):
-            draw_panel(axes[row, column], found[name], floor, units)
-            what = "rms error in a bin" if name == "spectrum" else "mean error"
-            what = what.replace("error", "missing input") if panels is misfit.panels_missing else what
-            axes[row, column].set_ylabel(label(what, units.get("y", "")))
+            draw_panel(axes[row, column], found[name], floor, units, what, top)
         axes[0, column].annotate(
             word, (0.5, 1), (0, 24), "axes fraction", "offset points", ha="center", fontsize=12, weight="bold"
         )
-        # Only the spectrum has another quantity, and so its own range.
-        top = reach([found[name] for name in names if name != "spectrum"])
-        for row, name in enumerate(names):
-            axes[row, column].set_ylim(*((0, None) if name == "spectrum" else (-top, top)))
-    marks: dict[str, Any] = {}
-    for ax in axes.flat:
-        for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
-            if not text.endswith("\u2009"):
-                marks.setdefault(text, handle)
+    marks = {word: handle for word, handle in named(*axes.flat).items() if not word.endswith("\u2009")}
     figure.legend(
         marks.values(), marks.keys(), loc="outside lower center", ncols=2 * len(columns) + 1, fontsize=8, frameon=False
     )
@@ -72,18 +62,29 @@ def reach(panels: list[Panel]) -> float:
     return 1.15 * max((float(np.nanmax(t)) for t in tops), default=0.0) or 1.0
 
 
-def draw_panel(ax: Any, panel: Panel, floor: float | None, units: dict[str, str]) -> list[tuple[int, float]]:
+def draw_panel(
+    ax: Any, panel: Panel, floor: float | None, units: dict[str, str], what: str = "error", top: float | None = None
+) -> list[tuple[int, float]]:
     """Draw one panel: means with two standard errors over the width of their cells.
+
+    Parameters
+    ----------
+    what : what the means are of
+    top : half the range of means
 
     Returns
     -------
     list of (cell, its place along the axis), of those whose mean is drawn at one place
     """
     ax.axhline(0, color=BLACK, lw=0.6, zorder=1)
+    spectrum = panel.name == "spectrum"
+    ax.set_ylabel(label(f"rms {what} in a bin" if spectrum else f"mean {what}", units.get("y", "")))
+    if top and not spectrum:  # which has another quantity
+        ax.set_ylim(-top, top)
     title = {"spectrum": "strongest line in the rest"}.get(panel.name, panel.label.replace(", ", " and "))
     ax.set_title(f"{title}: {100 * panel.share:.0f} % of the variance", loc="left", fontsize=10)
     floor_label = "noise floor (± rms)"
-    if panel.name == "spectrum":
+    if spectrum:
         middle = panel.low + panel.high
         ax.plot(middle / 2, panel.mean, color=BLUE, lw=1.0)
         if floor:  # white noise shares its power among the bins
@@ -96,7 +97,7 @@ def draw_panel(ax: Any, panel: Panel, floor: float | None, units: dict[str, str]
             ax.annotate(
                 f"{top:.3g} Hz", (top, panel.mean[panel.worst]), shift, textcoords="offset points", ha=side, fontsize=9
             )
-        ax.set_xlabel(label(panel.label, "Hz"))
+        ax.set(xlabel=label(panel.label, "Hz"), ylim=(0, None))
         return []
     if floor:
         ax.axhspan(-floor, floor, color=YELLOW, alpha=0.35, lw=0, zorder=0, label=floor_label)

@@ -11,7 +11,7 @@ from ...errors import NarxError
 from ...fit.laws.excursions import radius
 from ...inversion.compensator import Compensator
 from ...inversion.stability import direction
-from .style import RED, label, new_axes
+from ..figures.still import RED, label, new_axes
 
 
 def plot_internal(

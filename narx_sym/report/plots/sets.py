@@ -10,7 +10,7 @@ from ...data.units import said_first
 from ...engines.columns import evaluate_quasi_static
 from ...fit.simulate import simulate
 from ...models.model import Model
-from .style import BLACK, BLUE, PINK, RED, label, new_axes
+from ..figures.still import BLACK, BLUE, PINK, RED, label, new_axes
 
 
 def plot_quasi_static(

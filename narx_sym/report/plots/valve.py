@@ -7,9 +7,10 @@ from typing import Any
 
 from ...data.evidence.feedback import setpoint
 from ...data.evidence.stiction import Sticking
-from ...data.units import said_first
+from ...data.units import headed, said_first
 from ...files.atomic import write_figure
-from .style import BLACK, BLUE, ORANGE, SKY, label, new_axes
+from ..figures.describe import TIME, Line, Panel, traces
+from ..figures.still import draw, label, new_axes
 
 
 def plot_valve(valve: Sticking, path: str | Path | None = None, units: dict[str, str] | None = None) -> Any:
@@ -23,25 +24,16 @@ def plot_valve(valve: Sticking, path: str | Path | None = None, units: dict[str,
     units : mapping with the units of "u" and "y"
     """
     record, unit = valve.record, said_first(valve.record.units, units)
-    op, pv, wanted = label("OP", unit.get("u", "")), label("PV", unit.get("y", "")), setpoint(record)
-    figure, _ = new_axes(figsize=(12.5, 5.0))
-    figure.clear()
-    (above, loop), (below, rest) = figure.subplots(2, 2, width_ratios=(3, 2))
-    rest.remove()
-    above.plot(record.t, record.y, color=BLUE, lw=1, label="PV")
-    if wanted is not None:
-        above.plot(record.t, wanted, color=BLACK, lw=1, ls="--", label="setpoint")
-    above.set_ylabel(pv)
-    below.plot(record.t, record.u, color=ORANGE, lw=1, label="OP")
+    op, pv, wanted = headed("OP", unit.get("u")), headed("PV", unit.get("y")), setpoint(record)
+    came = {"PV": ("recorded", record.y)} | ({} if wanted is None else {"setpoint": ("setpoint", wanted)})
+    asked, loops = {"OP": ("input", record.u)}, [Line(record.u, record.y, "PV over OP", "input")]
     if valve.band:
-        below.plot(record.t, valve.position, color=SKY, lw=1.5, label="valve, as estimated")
-        loop.plot(valve.position, record.y, color=SKY, lw=1, label="PV over the estimated valve")
-    loop.plot(record.u, record.y, color=ORANGE, lw=0.8, label="PV over OP")
-    below.set(xlabel="time [s]", ylabel=op)
-    loop.set(xlabel=op, ylabel=pv)
-    for axes in (above, below, loop):
-        axes.legend(fontsize=8, loc="best")
-    figure.suptitle(f"{record.name}: {'the valve sticks' if valve.found else 'no valve that sticks'}")
+        asked["valve, as estimated"] = ("estimate", valve.position)
+        loops.append(Line(valve.position, record.y, "PV over the estimated valve", "estimate"))
+    figure, axes = new_axes(1, 2, figsize=(12.5, 5.0), width_ratios=(3, 2))
+    draw(axes[0], traces(TIME, record.t, pv, came), traces(TIME, record.t, op, asked))
+    draw(axes[1], Panel(op, pv, loops))
+    figure.suptitle(label(f"{record.name}: {'the valve sticks' if valve.found else 'no valve that sticks'}"))
     if path is not None:
         write_figure(figure, path)
     return figure

@@ -1,4 +1,4 @@
-// What pictures share that move with the hand: axes and curves on a canvas, and where a pointer is in them.
+// Stands behind `LOOKS`. What pictures share that move with the hand: axes and curves on a canvas, and where a pointer is in them.
 const MARGIN = {left: 58, right: 8, top: 8, bottom: 36};
 
 function ticks(low, high, most) {
@@ -110,24 +110,34 @@ class Picture {
     pen.restore();
   }
 
-  curve(xs, ys, colour, width, dash = []) {
+  stroked(role, path) {
     this.clipped(pen => {
-      pen.strokeStyle = colour;
-      pen.lineWidth = width;
-      pen.setLineDash(dash);
+      const look = LOOKS[role];
+      pen.strokeStyle = look.colour;
+      pen.lineWidth = look.width;
+      pen.setLineDash(look.dash);
+      pen.lineJoin = "round";
       pen.beginPath();
-      for (let k = 0; k < ys.length; k++) pen.lineTo(this.across(xs[k]), this.up(ys[k]));
+      path(pen);
       pen.stroke();
     });
   }
 
-  band([low, high], colour) {
+  curve(xs, ys, role) {
+    this.stroked(role, pen => { for (let k = 0; k < ys.length; k++) pen.lineTo(this.across(xs[k]), this.up(ys[k])); });
+  }
+
+  area(left, top, right, bottom, role) {
     this.clipped(pen => {
-      pen.fillStyle = colour;
-      pen.globalAlpha = 0.35;
-      pen.fillRect(this.left, this.up(high), this.right - this.left, this.up(low) - this.up(high));
+      pen.fillStyle = LOOKS[role].colour;
+      pen.globalAlpha = LOOKS[role].alpha;
+      pen.fillRect(left, top, right - left, bottom - top);
     });
   }
+
+  band([low, high], role) { this.area(this.left, this.up(high), this.right, this.up(low), role); }
+
+  span(low, high, role) { this.area(this.across(low), this.top, this.across(high), this.bottom, role); }
 }
 
 // A pointer that is pressed on an element is followed until it is let go, wherever it goes.

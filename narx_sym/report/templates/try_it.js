@@ -102,39 +102,31 @@ function extent(list, from, to) {
 // Over the record.
 class Run extends Picture {
   // Over time: where there are several samples for a pixel, from their lowest to their highest value.
-  trace(values, colour, width) {
-    this.clipped(pen => {
+  trace(values, role) {
+    this.stroked(role, pen => {
       const {from, to} = shown, columns = Math.max(1, Math.round(this.right - this.left)), each = (to - from) / columns;
-      pen.strokeStyle = colour;
-      pen.lineWidth = width;
-      pen.lineJoin = "round";
-      pen.beginPath();
       if (each < 2) {
         for (let k = from; k < to; k++) pen.lineTo(this.across(time[k]), this.up(values[k]));
-      } else {
-        for (let i = 0; i < columns; i++) {
-          const a = from + Math.floor(i * each), b = Math.min(to, from + Math.floor((i + 1) * each) + 1);
-          let low = values[a], high = low;
-          for (let k = a + 1; k < b; k++) {
-            const value = values[k];
-            if (value < low) low = value;
-            else if (value > high) high = value;
-          }
-          const x = this.left + i + 0.5, rising = values[b - 1] >= values[a];
-          pen.lineTo(x, this.up(rising ? low : high));
-          pen.lineTo(x, this.up(rising ? high : low));
-        }
+        return;
       }
-      pen.stroke();
+      for (let i = 0; i < columns; i++) {
+        const a = from + Math.floor(i * each), b = Math.min(to, from + Math.floor((i + 1) * each) + 1);
+        let low = values[a], high = low;
+        for (let k = a + 1; k < b; k++) {
+          const value = values[k];
+          if (value < low) low = value;
+          else if (value > high) high = value;
+        }
+        const x = this.left + i + 0.5, rising = values[b - 1] >= values[a];
+        pen.lineTo(x, this.up(rising ? low : high));
+        pen.lineTo(x, this.up(rising ? high : low));
+      }
     });
   }
 
   // Against the input: points that fall on the pixel before are left out, while something moves others too.
-  loop(values, colour, width, most = Infinity) {
-    this.clipped(pen => {
-      pen.strokeStyle = colour;
-      pen.lineWidth = width;
-      pen.beginPath();
+  loop(values, role, most = Infinity) {
+    this.stroked(role, pen => {
       let lastX = NaN, lastY = NaN;
       const step = Math.max(1, Math.floor((shown.to - shown.from) / most));
       for (let k = shown.from; k < shown.to; k += step) {
@@ -143,31 +135,32 @@ class Run extends Picture {
         lastX = x;
         lastY = y;
       }
-      pen.stroke();
     });
   }
+
+  aside() { for (const one of told.aside) this.span(...one); }
 }
 
 const [uLabel, yLabel, errorLabel] = told.axes, colours = {};
 const pictures = {
-  time: new Run(element("time"), colours, "", yLabel), error: new Run(element("error"), colours, "time [s]", errorLabel),
+  time: new Run(element("time"), colours, "", yLabel), error: new Run(element("error"), colours, TIME, errorLabel),
   loop: new Run(element("loop"), colours, uLabel, yLabel),
 };
 
 function readColours() {
-  Object.assign(colours, coloursOf(panel, ["ink", "rule", "yellow", "measured", "before", "after"]));
+  Object.assign(colours, coloursOf(panel, ["ink", "rule"]));
 }
 
 function draw(fine) {
   const {from, to, run} = shown, {time: over, error: beside, loop} = pictures;
-  const colour = shown.model ? colours.after : colours.before;
+  const role = shown.model ? "after" : "before";
   const across = [time[from], time[to - 1]], span = shown.span, key = [colours.ink, from, to];
-  over.background(key, across, span.y, () => over.trace(measured, colours.measured, 2));
-  over.trace(run, colour, 1.4);
-  beside.background(key, across, span.error, () => beside.band([-told.floor, told.floor], colours.yellow));
-  beside.trace(error, colour, 1.2);
-  loop.background(key, span.u, span.y, () => loop.loop(measured, colours.measured, 2));
-  loop.loop(run, colour, 1.3, fine ? Infinity : COARSE);
+  over.background(key, across, span.y, () => { over.aside(); over.trace(measured, "measured"); });
+  over.trace(run, role);
+  beside.background(key, across, span.error, () => { beside.aside(); beside.band([-told.floor, told.floor], "floor"); });
+  beside.trace(error, role);
+  loop.background(key, span.u, span.y, () => loop.loop(measured, "measured"));
+  loop.loop(run, role, fine ? Infinity : COARSE);
 }
 
 // ---- the point that runs along both loops --------------------------------------------------------------------------
@@ -186,7 +179,7 @@ function point() {
   put(now, over.across(time[k]), 0);
   put(dotMeasured, loop.across(driving[k]), loop.up(measured[k]));
   put(dotRun, loop.across(driving[k]), loop.up(run[k]));
-  dotRun.style.background = shown.model ? colours.after : colours.before;
+  dotRun.style.background = LOOKS[shown.model ? "after" : "before"].colour;
   player.input.setAttribute("aria-valuetext", `${number(time[k], 4)} s`);
   panel.dataset.point = String(k);
 }
@@ -216,8 +209,8 @@ player.input.addEventListener("input", () => {
 
 const asked = told.law && {amplitude: element("amplitude"), period: element("period"), r: new Float64Array(told.law.n + told.law.ahead),
   t: Float64Array.from({length: told.law.n}, (_, k) => k * told.Ts),
-  picture: new Picture(element("reference"), colours, "time [s]", `r${told.axes[1].slice(1)}`),
-  input: new Picture(element("input"), colours, "time [s]", told.axes[0])};
+  picture: new Picture(element("reference"), colours, TIME, `r${told.axes[1].slice(1)}`),
+  input: new Picture(element("input"), colours, TIME, told.axes[0])};
 
 function follow() {
   const one = told.law, {r} = asked, amplitude = one.amplitude * asked.amplitude.value / 100;
@@ -237,15 +230,15 @@ function follow() {
   }
   const span = limits[1] - limits[0] || 1, across = [0, one.n * told.Ts], {picture, input: below, t} = asked;
   picture.begin(across, [one.middle - 2.2 * one.amplitude, one.middle + 2.2 * one.amplitude]);
-  picture.curve(t, r.subarray(0, one.n), colours.after, 1.6);
+  picture.curve(t, r.subarray(0, one.n), "reference");
   const x = picture.across((lead + CREST * period) * told.Ts), y = picture.up(one.middle + amplitude);
-  picture.pen.fillStyle = colours.after;
+  picture.pen.fillStyle = LOOKS.reference.colour;
   picture.pen.beginPath();
   picture.pen.arc(x, y, 7, 0, 2 * Math.PI);
   picture.pen.fill();
   below.begin(across, [limits[0] - 0.4 * span, limits[1] + 0.4 * span]);
-  for (const limit of limits) below.curve(across, [limit, limit], colours.ink, 1, [6, 5]);
-  below.curve(t, input.subarray(0, one.n), colours.after, 1.6);
+  for (const limit of limits) below.curve(across, [limit, limit], "limit");
+  below.curve(t, input.subarray(0, one.n), "input");
   const unit = told.units[0], shownAt = value => `${number(value)} ${unit}`.trim();
   element("amplitude-said").textContent = `${number(amplitude)} ${told.units[1]}`.trim();
   element("period-said").textContent = `${number(period * told.Ts)} s`;
@@ -309,7 +302,8 @@ function look(from, to) {
 function select(m) {
   shown.model = m;
   for (const one of panel.querySelectorAll(".sliders")) one.hidden = Number(one.dataset.model) !== m;
-  panel.querySelector(".run1").classList.toggle("run0", !m);
+  panel.querySelector(".of-before").hidden = m > 0;
+  panel.querySelector(".of-after").hidden = !m;
   later();
 }
 
