@@ -103,12 +103,16 @@ def shortlist(scored: Scored, family: str) -> dict[Variant, list[tuple[float, ..
 
 
 def detectable(scored: Scored) -> dict[str, float]:
-    """Return per effect the rms by which it moves the output where about 80 % of such records show it [unit of y]."""
-    found: dict[str, list[float]] = {}
+    """Return per effect the rms by which it moves the output where about 80 % of such records show it [unit of y].
+
+    Its forms and shapes count by their median; of the places where it may act, the one where it shows least.
+    """
+    found: dict[str, dict[str, list[float]]] = {}
     for direction, size in zip(scored.directions, scored.scores.detectable, strict=True):
         if np.isfinite(size):
-            found.setdefault(direction.variant.id, []).append(float(size))
-    return {name: float(np.median(sizes)) for name, sizes in sorted(found.items())}
+            variant = direction.variant
+            found.setdefault(variant.id, {}).setdefault(variant.where, []).append(float(size))
+    return {name: max(map(float, map(np.median, places.values()))) for name, places in sorted(found.items())}
 
 
 def absorbed(scored: Scored) -> list[str]:
