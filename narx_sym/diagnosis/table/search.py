@@ -193,7 +193,7 @@ class Search:
         found = [r for r in every if not self._runs_away(r.hypothesis.core, r.values)]
         kept = min((r.held for r in found), default=np.inf)
         away = min((r for r in every if r not in found and self._at_one(r)), key=lambda r: r.held, default=None)
-        if away is not None and kept > INTEGRATES * away.held and self._driven(away) > DRIVEN:
+        if away is not None and kept > INTEGRATES * away.held and self._driven(away.hypothesis.core, away.frame, away.values) > DRIVEN:
             self.integrating = True
             self.__dict__.pop("largest", None)
             found = [r.judged() for r in self.cored(delays)]
@@ -257,11 +257,12 @@ class Search:
         return slowest(a) >= 1 or at_one(a, self.slow) if self.swings else slowest(a) > self.slow
 
     def _keeps(self, hypothesis: Hypothesis, frame: Frame, x: Array) -> bool:
-        """Whether no pole has moved to the unit circle, or the effects hold what the core alone would let go."""
+        """Whether no pole has moved to the unit circle, or the effects hold what the input drives through it."""
         core = hypothesis.core
         if not self._runs_away(core, x):
             return True
-        return bool(hypothesis.effects) and not self._runs_away(core, frame.linearised(x, core))
+        held = bool(hypothesis.effects) and not self._runs_away(core, frame.linearised(x, core))
+        return held and self._driven(core, frame, x) > DRIVEN
 
     def _answers(self, row: Row) -> bool:
         """Whether the input drives the poles of a core that hardly decay, and that are not at 1."""
@@ -274,12 +275,11 @@ class Search:
     def _at_one(self, row: Row) -> bool:
         return at_one(row.values[: row.hypothesis.core.n_y], self.slow)
 
-    def _driven(self, row: Row) -> float:
+    def _driven(self, core: Core, frame: Frame, x: Array) -> float:
         """Return how much of the output's spread the input sends through the pole at 1 of a core."""
-        core, x = row.hypothesis.core, row.values
         assert self.largest is not None
         b = x[self.largest.n_y : self.largest.n_y + core.n_u]
-        return driven(x[: core.n_y], b, self.records) / row.frame.problem.spread
+        return driven(x[: core.n_y], b, self.records) / frame.problem.spread
 
     # -- with one more effect -----------------------------------------------------------------------------------------
 
