@@ -17,7 +17,7 @@ from ...models.model import NARX, Model
 from ...symbolic.signals import samples
 from .frame import BLOCKS, Frame, arx_start, parts
 from .hypotheses import Core, Hypothesis, ladder
-from .verdict import price
+from .verdict import PER_EFFECT, price
 
 Array = np.ndarray
 POWER, PER_CYCLE, LEAST, MOST, SHORT = 0.999, 10, 1200, 6000, 40  # of the working rate [samples]
@@ -204,12 +204,16 @@ class Search:
         return found
 
     def _climbed(self, found: list[Row], delays: Sequence[int]) -> list[Row]:
-        """Fit larger cores too, as long as each is the cheapest: a structure may have several resonances."""
+        """Fit larger cores too, as long as each is the cheapest: a structure may have several resonances.
+
+        A further resonance is a further effect, and is priced so: a free one also imitates a disturbance.
+        """
         for n in HIGHER if self.family == "linear" and self.sizes is None and not self.integrating else ():
             frames, before = self.frames, list(self.higher)
             self._grow([*before, (n, n)])
             made = [r.judged() for r in self.cored(delays)]
-            if min(made, key=lambda r: r.price, default=found[0]).size != self.largest:
+            grown = min((r.price for r in made if r.size == self.largest), default=np.inf)
+            if grown + PER_EFFECT >= min(r.price for r in found):
                 self._grow(before)
                 self.frames = frames
                 break
