@@ -235,7 +235,8 @@ class _Chain:
         return self.flip * self.target
 
     def edge(self, piece: Piece, at: Any) -> Any:
-        return tidy(self.flip * piece.expr.xreplace({self.w: at}))
+        # A product: SymPy turns two conditions on sums of opposite signs to and fro for ever.
+        return sp.factor_terms(tidy(self.flip * piece.expr.xreplace({self.w: at})))
 
     def branch(self, condition: Any, piece: Piece) -> Branch:
         solution = piece.solve(self.target, self.w, self.flip)
