@@ -65,6 +65,8 @@ def predictable(
     e, depth = line.residual, line.problem.depth
     train, held = (np.flatnonzero(np.concatenate([m[depth:] for m in masks])) for masks in (split.train, split.held))
     train, held = (rows[:: max(1, rows.size // MOST)] for rows in (train, held))
+    if not e[held].any():
+        return 0.0  # nothing is left that could follow from anything
     own = line.own[train]
     solution = lstsq(own, np.column_stack([e[train], X[train]]))[0]
     fitted = [np.column_stack([e[rows], X[rows]]) - line.own[rows] @ solution for rows in (train, held)]

@@ -104,7 +104,9 @@ def _inner(beside: Any, base: Any, output: Any) -> Any:
 
 def _pieces(expr: Any, at: Any) -> list[tuple[Any, list[Any]]]:
     """Return the linear pieces of an expression in `at`, each with what is not negative there."""
-    bent = next((e for e in sp.postorder_traversal(expr) if isinstance(e, sp.Abs | sp.Max | sp.Min) and e.has(at)), None)
+    bent = next(
+        (e for e in sp.postorder_traversal(expr) if isinstance(e, sp.Abs | sp.Max | sp.Min) and e.has(at)), None
+    )
     if bent is None:
         return [(expr, [])]
     chosen: list[tuple[Any, list[Any]]] = []

@@ -183,7 +183,8 @@ def fall(diagnosis: Diagnosis, units: Units) -> str:
     if ratio <= 1:
         alone = f"with {_added(diagnosis)} alone it is {number(after)}"
         return f"Only both help: the error falls from {number(before)} to {both} {unit}; {alone}."
-    return f"With {_added(diagnosis)} the error falls from {number(before)} to {number(after)} {unit}, to {both} with both."
+    first = f"With {_added(diagnosis)} the error falls from {number(before)} to {number(after)} {unit}"
+    return f"{first}, to {both} with both."
 
 
 def detectable(step: Step, units: Units) -> list[Row]:

@@ -73,12 +73,12 @@ def with_effect(base: ns.Model, variant: Variant, rng: np.random.Generator) -> n
     return added.model.replace(theta=[values[s] for s in added.model.symbols])
 
 
-def drawn(rng: np.random.Generator, effects: int) -> tuple[str, ns.Model]:
+def drawn(rng: np.random.Generator, effects: int, catalogue: ns.effects.Catalogue = ns.EFFECTS) -> tuple[str, ns.Model]:
     """Return a random model with some effects, and its name."""
     name = str(rng.choice(list(bases())))
     model: ns.Model = bases()[name]
     for _ in range(effects):
-        listed = list(variants(model, [CHANNEL]))
+        listed = list(variants(model, [CHANNEL], catalogue))
         # Every effect alike, however many ways it has.
         wanted = rng.choice(sorted({(v.id, v.where, v.effect.form) for v in listed}))
         fitting = [v for v in listed if (v.id, v.where, v.effect.form) == tuple(wanted)]

@@ -7,7 +7,8 @@ import truths
 import narx_sym as ns
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
-from narx_sym.diagnosis.table.search import MOST, Search, working
+from narx_sym.diagnosis.table.rate import MOST, working
+from narx_sym.diagnosis.table.search import Search
 from narx_sym.fit.bases.integrating import at_one, slowest
 from narx_sym.fit.simulate import free_run
 from narx_sym.models.effects import EFFECTS, Catalogue

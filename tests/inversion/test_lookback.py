@@ -7,16 +7,20 @@ import pytest
 import sympy as sp
 from bench.attack import Run, bases, drawn, with_effect
 
+import narx_sym as ns
 from narx_sym.errors import Unreachable
 from narx_sym.inversion.branches import solve_for
 from narx_sym.models.extend import variants
 from narx_sym.symbolic.signals import k, m, r
 
+# The models that the seeds below stand for are drawn from these effects.
+DRAWN = ns.effects.Catalogue({name: [e for e in forms if not e.standing] for name, forms in ns.EFFECTS.items()})
+
 
 def attacked(seed):
     """Return the run of a random model."""
     rng = np.random.default_rng(seed)
-    return Run(drawn(rng, 1 + seed % 2)[1], rng)
+    return Run(drawn(rng, 1 + seed % 2, DRAWN)[1], rng)
 
 
 def missed(run, found):

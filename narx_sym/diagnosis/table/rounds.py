@@ -19,8 +19,9 @@ from ..directions import Linearised
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted, Split, settle
 from .hypotheses import Hypothesis, linear_in_signals, written
+from .rate import working
 from .screening import Scored, score, shortlist, whole
-from .search import Row, Search, family_of, working
+from .search import Row, Search, family_of
 from .verdict import PER_EFFECT, cheapest
 
 Array = np.ndarray

@@ -32,9 +32,9 @@ class Scan:
     """Where the search for a shape parameter starts: `values` times a scale of the driving signal.
 
     `of` is "amplitude" (half the range of the driver), "depth" (how far the driver falls below the operating point),
-    "speed" (rms step of the driver), "stroke" (half the way that a driver which is a speed covers), "time" (log-spaced between a few samples and a fraction of the record), "ratio" (a
-    plain number of either sign), "gain" (slope of the line through the data), "peaks" (of the residual's periodogram)
-    or "steps" (whole samples, not refined). The fit may leave the grid upwards by the factor `beyond`, and downwards by
+    "speed" (rms step of the driver), "stroke" (half the way that a driver which is a speed covers), "time" (log-spaced
+    between a few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the
+    line through the data), "peaks" (of the residual's periodogram) or "steps" (whole samples, not refined). The fit may leave the grid upwards by the factor `beyond`, and downwards by
     four.
     """
 
@@ -254,21 +254,9 @@ def effect(
             raise ModelError(f"Effect {name}: a place is one of {', '.join(PLACES)}, not {unknown.pop()!r}.")
         plain = " ".join((function.__doc__ or "").split())
         one = Effect(
-            name,
-            function,
-            places,
-            scan or {},
-            sign,
-            sentence or plain or name,
-            unit or {},
-            source,
-            form,
-            centred,
-            full,
-            (function.__module__ or "").rpartition(".")[2],
-            limit,
-            standing,
-        )
+            name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
+            full, (function.__module__ or "").rpartition(".")[2], limit, standing,
+        )  # fmt: skip
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:
             raise ModelError(

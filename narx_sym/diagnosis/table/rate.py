@@ -1,0 +1,61 @@
+"""The working rate: the records at which hypotheses are compared, as short as what moves in them allows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...data.record import Record
+
+Array = np.ndarray
+POWER, PER_CYCLE, LEAST, MOST, SHORT = 0.999, 10, 1200, 6000, 40  # of the working rate [samples]
+STRETCHES = 3  # of a record that is still too long
+
+
+def working(records: Sequence[Record]) -> tuple[list[Record], int]:
+    """Return records at their working rate, and how many samples became one.
+
+    About ten samples per cycle of the frequency below which 99.9 % of the output's power lies, and no fewer than
+    `LEAST` samples; of what is still longer than `MOST` the beginning, the middle and the end: what shows in large
+    swings only, or late, is there.
+    """
+    factors = [min(_ratio(r.y) / PER_CYCLE, sum(map(len, records)) / LEAST) for r in records]
+    factor = max(1, int(min(factors)))
+    found = [_averaged(r, factor) for r in records for r in r.segments()]
+    room, left = MOST, MOST
+    for i, length in enumerate(sorted(map(len, found))):  # what short ones leave is there for long ones
+        room = left // (len(found) - i)
+        left -= min(length, room)
+    room = max(LEAST, room)
+    return [part for r in found if len(r) > SHORT for part in _spread(r, room)] or found, factor
+
+
+def _spread(record: Record, room: int) -> list[Record]:
+    """Return a record that is no longer than `room`, or as many samples of it in three stretches."""
+    if len(record) <= room:
+        return [record]
+    part = room // STRETCHES
+    return [record[i : i + part] for i in np.linspace(0, len(record) - part, STRETCHES).astype(int)]
+
+
+def _ratio(y: Array) -> float:
+    """Return samples per cycle of the frequency below which nearly all of the power lies."""
+    level = y - np.linspace(y[0], y[-1], len(y))
+    power = np.abs(np.fft.rfft(level - level.mean())) ** 2
+    top = int(np.searchsorted(np.cumsum(power), POWER * power.sum()))
+    return len(y) / max(1, top)
+
+
+def _averaged(record: Record, factor: int) -> Record:
+    if factor == 1:
+        return record
+    n = len(record) // factor
+
+    def mean(x: Array) -> Array:
+        return np.asarray(x[: n * factor].reshape(n, factor).mean(axis=1))
+
+    channels = {name: mean(c) for name, c in record.channels.items()}
+    return Record(
+        mean(record.u), mean(record.y), mean(record.t), record.Ts * factor, channels, record.name, units=record.units
+    )
