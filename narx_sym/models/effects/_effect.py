@@ -34,8 +34,8 @@ class Scan:
     `of` is "amplitude" (half the range of the driver), "depth" (how far the driver falls below the operating point),
     "speed" (rms step of the driver), "stroke" (half the way that a driver which is a speed covers), "time" (log-spaced
     between a few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the
-    line through the data), "peaks" (of the residual's periodogram) or "steps" (whole samples, not refined). The fit may leave the grid upwards by the factor `beyond`, and downwards by
-    four.
+    line through the data), "peaks" (of the residual's periodogram) or "steps" (whole samples, not refined).
+    The fit may leave the grid upwards by the factor `beyond`, and downwards by four.
     """
 
     of: str
