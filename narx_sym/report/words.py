@@ -173,7 +173,8 @@ def floor(diagnosis: Diagnosis) -> dict[str, float]:
     first = diagnosis.steps[0]
     if not has_floor(diagnosis):
         return {}
-    named = {"Noise of the sensor": first.sensor} if first.unexplained else {"Noise floor": diagnosis.floor}
+    left = first.verdict == "nothing_detectable" and first.unexplained
+    named = {"Noise of the sensor": first.sensor} if left else {"Noise floor": diagnosis.floor}
     return {what: size / first.base.problem.spread for what, size in named.items()}
 
 

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from ...diagnosis.procedure import Diagnosis
 
 
+SIZE = (5.2, 4.1)  # [inch] of the picture beside the verdict
+
+
 def picture(c: Comparison, units: Units) -> Picture:
     """Return where the error of the base is largest, zoomed, before and after."""
     part = c.at(c.worst)
@@ -24,7 +27,7 @@ def picture(c: Comparison, units: Units) -> Picture:
     rms = {name: float((e**2).mean() ** 0.5) for name, e in part.errors.items()}
     falls = ", then ".join(f"{words.number(e)} {units.get('y', '')}".rstrip() for e in rms.values())
     alt = f"Measured and simulated output from {times}, where the error is largest: rms error {falls}."
-    return Picture("worst", "Where the error is largest", alt, worst(c, units), part.columns, (5.6, 4.4))
+    return Picture("worst", "Where the error is largest", alt, worst(c, units), part.columns, SIZE)
 
 
 def pictures(material: Material) -> list[Picture]:
@@ -38,8 +41,10 @@ def pictures(material: Material) -> list[Picture]:
     columns |= {"valve, as estimated": valve.position} if valve.band else {}
     *over_time, loop = loop_panels(valve, material.units)
     return [
-        Picture("valve", "The loop over time", f"PV and OP over time: {said}", over_time, columns, (5.6, 4.4)),
-        Picture("valve_loop", "PV over OP: a valve in order gives a line", f"PV over OP: {said}", [loop], columns),
+        Picture("valve", "The loop over time", f"PV and OP over time: {said}", over_time, columns, SIZE),
+        Picture(
+            "valve_loop", "PV over OP: a valve in order gives a line", f"PV over OP: {said}", [loop], columns, SIZE
+        ),
     ]
 
 
