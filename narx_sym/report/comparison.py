@@ -92,6 +92,11 @@ class Comparison:
         aside = tuple(a for a in inside if a.low < a.high)
         return replace(self, t=t, u=self.u[samples], y=self.y[samples], runs=runs, aside=aside)
 
+    @property
+    def whole(self) -> tuple[Area, ...]:
+        """The stretch that is not fitted, where all that is shown lies in it."""
+        return tuple(a for a in self.aside if a.low <= self.t[0] and a.high >= self.t[-1])
+
     @cached_property
     def keep(self) -> Array:
         """Indices of the samples that a page lists: the extremes of all signals are among them."""
@@ -149,10 +154,11 @@ def errors(c: Comparison, units: Units) -> Panel:
 def worst(c: Comparison, units: Units) -> tuple[Panel, Panel]:
     """Describe where the error is largest: measured and simulated, before and after; below what is left of each."""
     part = c.at(c.worst)
+    aside = [a for a in part.aside if a not in part.whole]  # what is everywhere marks nothing
     said = {n: "simulated" if len(c.runs) == 1 else "before" if n == "base" else "after" for n in c.runs}
     runs, left = ({said[n]: (c.role(n), x) for n, x in of.items()} for of in (part.runs, part.errors))
-    above = traces(TIME, part.t, _said("y", units), {"measured": ("measured", part.y), **runs}, *part.aside)
-    return above, traces(TIME, part.t, headed("error", units.get("y")), left, *part.aside, *c.band, height=0.67)
+    above = traces(TIME, part.t, _said("y", units), {"measured": ("measured", part.y), **runs}, *aside)
+    return above, traces(TIME, part.t, headed("error", units.get("y")), left, *aside, *c.band, height=0.67)
 
 
 def region(c: Comparison, inside: Array, units: Units) -> Panel:

@@ -27,7 +27,8 @@ def picture(c: Comparison, units: Units) -> Picture:
     rms = {name: float((e**2).mean() ** 0.5) for name, e in part.errors.items()}
     falls = ", then ".join(f"{words.number(e)} {units.get('y', '')}".rstrip() for e in rms.values())
     alt = f"Measured and simulated output from {times}, where the error is largest: rms error {falls}."
-    return Picture("worst", "Where the error is largest", alt, worst(c, units), part.columns, SIZE)
+    where = "".join(f" ({a.name})" for a in part.whole)
+    return Picture("worst", f"Where the error is largest{where}", alt, worst(c, units), part.columns, SIZE)
 
 
 def pictures(material: Material) -> list[Picture]:
