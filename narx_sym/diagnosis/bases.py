@@ -3,6 +3,11 @@
 BASE = "base"
 
 
+def few(value: float, digits: int = 3) -> str:
+    """Return a number with a few significant digits: 440 and not 4.4e+02."""
+    return f"{float(f'{value:.{digits}g}'):.12g}"
+
+
 def words(name: str) -> str:
     """Return the name of an effect, a run or a panel as words."""
     return "the base" if name == BASE else name.replace("_", " ")

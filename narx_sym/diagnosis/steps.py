@@ -16,7 +16,7 @@ from ..models.extend import newer
 from ..models.model import NARX
 from ..symbolic import printing
 from . import gate
-from .bases import BASE
+from .bases import BASE, few
 from .experiment import Experiment, propose, wider_file
 from .progress import JUDGE, WAYS
 from .refit import Fitted, prune
@@ -26,6 +26,7 @@ from .table.screening import absorbed, detectable
 from .table.search import Row
 from .table.verdict import HELPS, LARGE, LEFT, ROUNDING, alike, cheapest, verdict, winner
 
+NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
 SHOWN = 6  # candidates at most, and the confusion set
 
 
@@ -100,21 +101,21 @@ class Step:
         error = np.sqrt(self.base.mean_square(self.base.split.held))
         spread = self.base.problem.spread
         percent = float(f"{100 * error / spread:.2g}")
-        sizes = f"The error is {error:.3g}{unit} rms ({percent:g} % of the output's standard deviation)"
+        sizes = f"The error is {few(error)}{unit} rms ({percent:g} % of the output's standard deviation)"
         if self.verdict == "nothing_detectable":
-            shown = ", ".join(f"{name} above {size:.2g}{unit}" for name, size in self.unseen[:3])
+            shown = ", ".join(f"{name} above {few(size, 2)}{unit}" for name, size in self.unseen[:3])
             if self.unexplained:
                 return (
                     f"No effect of the catalogue is seen in what is left. {sizes}; the sensor's noise is about "
-                    f"{self.sensor:.3g}{unit}, {self.unexplained}; these data would have shown {shown} rms."
+                    f"{few(self.sensor)}{unit}, {self.unexplained}; these data would have shown {shown} rms."
                 )
             return f"Nothing is missing that these data can show. {sizes}; these data would have shown {shown} rms."
         if self.loop is not None:
             said = [f"{v.record.name}: {v.sentence}." for v in self.valves]
             return " ".join([*said, f"{self.loop.sentence}. {sizes}."])
-        sizes += f"; the noise floor is about {self.floor:.3g}{unit}"
+        sizes += f"; the noise floor is about {few(self.floor)}{unit}"
         if self.sensor:
-            alone = f"of the sensor alone {self.sensor:.2g}{unit}"
+            alone = f"of the sensor alone {few(self.sensor, 2)}{unit}"
             sizes += f" ({alone if self.sensor < self.floor else 'all of it the noise of the sensor'})"
         if self.verdict == "outside_library":
             return (
@@ -192,7 +193,7 @@ def looped(base: Fitted, loop: Feedback, records: Sequence[Record]) -> Step:
     """Return what is said where the input answers the output."""
     valves = [sticking(r) for r in records if setpoint(r) is not None and percent(r)]
     error = float(np.sqrt(base.mean_square(base.split.held)))
-    return Step(base, "closed_loop", [], [], error, "not estimated", 1.0, {}, [], loop=loop, valves=valves)
+    return Step(base, "closed_loop", [], [], error, NO_FLOOR, 1.0, {}, [], loop=loop, valves=valves)
 
 
 def step(table: Table, known: Row, room: int = 1, limits: tuple[float, float] | None = None) -> tuple[Step, Row]:

@@ -83,6 +83,10 @@ def analysis(
 # -- what is told ----------------------------------------------------------------------------------------------
 
 
+# Conditions that are one word.
+SAID = {r"\text{True}": r"\text{attracting everywhere}", r"\text{False}": r"\text{attracting nowhere}"}
+
+
 @dataclass(frozen=True)
 class Derived:
     """One thing that is derived from a model: LaTeX of its equations, or the reason why there are none."""
@@ -124,7 +128,7 @@ def derived(subject: Subject) -> list[Derived]:
         if one.title:
             found = _tried(one, subject)
             if not isinstance(found, str):
-                listed += [Derived(one.title, found.equations)] if found.equations else []
+                listed += [Derived(one.title, [SAID.get(e, e) for e in found.equations])] if found.equations else []
             elif found not in [other.reason for other in listed]:
                 listed.append(Derived(one.title, reason=found))
     return listed
@@ -204,7 +208,10 @@ def continuum(subject: Subject) -> Finding:
     """Derive the conditions of Lemma 1; what plays hold is told with the steady state."""
     if plays(subject.model):
         return Finding()
-    return Finding(equations=[latex(c) for c in derive.continuum_conditions(subject.model)] or [r"\text{always}"])
+    conditions = derive.continuum_conditions(subject.model)
+    if any(not c.free_symbols and c.lhs != c.rhs for c in conditions):
+        return Finding(equations=[r"\text{nowhere, whatever the parameters}"])
+    return Finding(equations=[latex(c) for c in conditions] or [r"\text{always}"])
 
 
 @analysis(60, "Property 1")

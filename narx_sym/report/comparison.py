@@ -20,6 +20,7 @@ from .figures.describe import TIME, Area, Panel, span, thin, traces
 from .figures.still import draw, new_axes
 from .picture import POINTS
 from .plots import where_it_fails
+from .words import has_floor
 
 Array = np.ndarray
 Units = Mapping[str, str]
@@ -36,7 +37,7 @@ class Comparison:
         The base first; the last model second, where something was added.
     nrmse : mapping from the same names to the free-run error on held-out samples
     floor : float
-        rms of the noise [unit of y].
+        rms of the noise [unit of y]; NaN where it is not known.
     name : str
     misfit : Misfit
         Where the base fails along the whole segment.
@@ -66,7 +67,8 @@ class Comparison:
             runs[name], nrmse[name] = record.y - last.errors[i], diagnosis.ladder[-1]["validation"]
         found = kept_back(base, i)
         return cls(
-            record.t, record.u, record.y, runs, nrmse, diagnosis.floor, record.name, diagnosis.misfit, found
+            record.t, record.u, record.y, runs, nrmse, diagnosis.floor if has_floor(diagnosis) else float("nan"),
+            record.name, diagnosis.misfit, found,
         )  # fmt: skip
 
     @cached_property
@@ -75,9 +77,9 @@ class Comparison:
         return {name: self.y - run for name, run in self.runs.items()}
 
     @property
-    def band(self) -> Area:
-        """The noise floor."""
-        return Area(-self.floor, self.floor, "noise floor (± rms)")
+    def band(self) -> tuple[Area, ...]:
+        """The noise floor, where it is known."""
+        return (Area(-self.floor, self.floor, "noise floor (± rms)"),) if np.isfinite(self.floor) else ()
 
     def role(self, run: str) -> str:
         """Return the role of a run in pictures."""
@@ -89,6 +91,11 @@ class Comparison:
         inside = (replace(a, low=max(a.low, t[0]), high=min(a.high, t[-1])) for a in self.aside)
         aside = tuple(a for a in inside if a.low < a.high)
         return replace(self, t=t, u=self.u[samples], y=self.y[samples], runs=runs, aside=aside)
+
+    @property
+    def whole(self) -> tuple[Area, ...]:
+        """The stretch that is not fitted, where all that is shown lies in it."""
+        return tuple(a for a in self.aside if a.low <= self.t[0] and a.high >= self.t[-1])
 
     @cached_property
     def keep(self) -> Array:
@@ -141,23 +148,24 @@ def errors(c: Comparison, units: Units) -> Panel:
     """Describe the free-run errors over time, before and after, with the noise floor."""
     told = {words(name): (c.role(name), e) for name, e in c.errors.items()}
     y = headed("measured - simulated", units.get("y"))
-    return traces(TIME, c.t, y, told, *c.aside, c.band, height=0.8)
+    return traces(TIME, c.t, y, told, *c.aside, *c.band, height=0.8)
 
 
 def worst(c: Comparison, units: Units) -> tuple[Panel, Panel]:
     """Describe where the error is largest: measured and simulated, before and after; below what is left of each."""
     part = c.at(c.worst)
+    aside = [a for a in part.aside if a not in part.whole]  # what is everywhere marks nothing
     said = {n: "simulated" if len(c.runs) == 1 else "before" if n == "base" else "after" for n in c.runs}
     runs, left = ({said[n]: (c.role(n), x) for n, x in of.items()} for of in (part.runs, part.errors))
-    above = traces(TIME, part.t, _said("y", units), {"measured": ("measured", part.y), **runs}, *part.aside)
-    return above, traces(TIME, part.t, headed("error", units.get("y")), left, *part.aside, c.band, height=0.67)
+    above = traces(TIME, part.t, _said("y", units), {"measured": ("measured", part.y), **runs}, *aside)
+    return above, traces(TIME, part.t, headed("error", units.get("y")), left, *aside, *c.band, height=0.67)
 
 
 def region(c: Comparison, inside: Array, units: Units) -> Panel:
     """Describe the error of the base over time, with the samples of a region, (N,) bool, marked."""
     error = c.errors["base"]
     told = {"the base": ("recorded", error), "worst region": ("region", np.where(inside, error, np.nan))}
-    return traces(TIME, c.t, headed("error", units.get("y")), told, c.band)
+    return traces(TIME, c.t, headed("error", units.get("y")), told, *c.band)
 
 
 def _told(c: Comparison, runs: Sequence[str]) -> dict[str, tuple[str, Array]]:

@@ -104,7 +104,7 @@ def moved(rows: Iterable[Parameter]) -> str:
         for r in rows
         if r.status == "moved" and r.before and r.after
     ]
-    gone = [r.term or r.name for r in rows if r.status == "deleted"]
+    gone = ["the constant" if r.term == "1" else r.term or r.name for r in rows if r.status == "deleted"]
     said = f"Moved by more than {MOVED:.0f} standard errors: {', '.join(changed)}. " if changed else ""
     who = "It" if len(changed) == 1 else "They"
     said += f"{who} had been compensating for what was missing. " if changed else ""

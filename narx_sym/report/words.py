@@ -12,7 +12,7 @@ import numpy as np
 from ..diagnosis.bases import BASE
 from ..diagnosis.experiment import Experiment
 from ..diagnosis.procedure import Diagnosis
-from ..diagnosis.steps import Step
+from ..diagnosis.steps import NO_FLOOR, Step
 
 Units = Mapping[str, str]
 Row = dict[str, Any]
@@ -125,6 +125,11 @@ def headline(diagnosis: Diagnosis) -> str:
     return f"{names[0].capitalize()} is probably missing."
 
 
+def has_floor(diagnosis: Diagnosis) -> bool:
+    """Whether the noise floor is known: in closed loop it is not estimated."""
+    return diagnosis.steps[0].floor_kind != NO_FLOOR
+
+
 def follows_nothing(step: Step) -> bool:
     """Whether the free run of the base is no better than a constant."""
     return step.nrmse(step.base)["validation"] >= 1
@@ -149,20 +154,28 @@ def _added(diagnosis: Diagnosis) -> str:
     return " and ".join(spaced(rung.removeprefix("+ ")) for rung in diagnosis.rungs[1:])
 
 
-def sizes(diagnosis: Diagnosis, units: Units) -> list[tuple[str, str, str]]:
-    """Return the figures that matter: what, in the unit of y, and relative to the output's standard deviation."""
+def sizes(diagnosis: Diagnosis, units: Units) -> list[tuple[str, str, str, float]]:
+    """Return the figures that matter: what, in the unit of y, and twice over the output's standard deviation."""
     first = diagnosis.steps[0]
     spread, unit = first.base.problem.spread, units.get("y") or "(unit of y)"
     rungs = diagnosis.ladder
     found = [("Error of the base", rungs[0]["validation"])]
     found += [(f"Error with {_added(diagnosis)}", rungs[-1]["validation"])] if rungs[1:] else []
-    found.append(("Noise floor", floor(diagnosis)))
-    return [(what, f"{number(size * spread)} {unit}", percent(size)) for what, size in found]
+    found += list(floor(diagnosis).items())
+    return [(what, f"{number(size * spread)} {unit}", percent(size), size) for what, size in found]
 
 
-def floor(diagnosis: Diagnosis) -> float:
-    """Return the noise floor over the output's standard deviation."""
-    return diagnosis.floor / diagnosis.steps[0].base.problem.spread
+def floor(diagnosis: Diagnosis) -> dict[str, float]:
+    """Return the noise floor over the output's standard deviation by its name, nothing where it is not known.
+
+    Where more is left than the sensor's noise and no effect explains it, the noise of the sensor is said.
+    """
+    first = diagnosis.steps[0]
+    if not has_floor(diagnosis):
+        return {}
+    left = first.verdict == "nothing_detectable" and first.unexplained
+    named = {"Noise of the sensor": first.sensor} if left else {"Noise floor": diagnosis.floor}
+    return {what: size / first.base.problem.spread for what, size in named.items()}
 
 
 def fall(diagnosis: Diagnosis, units: Units) -> str:
@@ -179,12 +192,15 @@ def fall(diagnosis: Diagnosis, units: Units) -> str:
     pair = diagnosis.steps[0].pair
     if pair is None or set(pair.effects) <= {e for step in diagnosis.steps for e in step.added}:
         return f"The error {moves} from {number(before)} to {number(after)} {unit}: {change}{floor}."
-    both = number(float(np.sqrt(pair.mean_square)))
-    if ratio <= 1:
-        alone = f"with {_added(diagnosis)} alone it is {number(after)}"
+    together, name = float(np.sqrt(pair.mean_square)), _added(diagnosis)
+    both = number(together)
+    if ratio > 1:
+        return f"With {name} the error falls from {number(before)} to {number(after)} {unit}, to {both} with both."
+    if together < before:
+        alone = f"with {name} alone it is {number(after)}"
         return f"Only both help: the error falls from {number(before)} to {both} {unit}; {alone}."
-    first = f"With {_added(diagnosis)} the error falls from {number(before)} to {number(after)} {unit}"
-    return f"{first}, to {both} with both."
+    said = f"{number(before)} {unit} before, {number(after)} with {name}, {both} with both"
+    return f"On what was held out the error does not fall: {said}."
 
 
 def detectable(step: Step, units: Units) -> list[Row]:

@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from narx_sym.data.examples import STAGE_UNITS
+from narx_sym.diagnosis.bases import few
+from narx_sym.diagnosis.steps import NO_FLOOR
 from narx_sym.diagnosis.table.candidates import Pair
 from narx_sym.fit.alignment import aligned
 from narx_sym.report import page, words
@@ -147,6 +149,27 @@ def test_of_a_pair_it_is_said_how_far_one_of_them_goes_and_how_far_both(stage_di
     pair = Pair((first.candidates[0].effect, "creep"), first.chosen, 0.25, 0.9)
     said = words.fall(replace(stage_diagnosis, steps=[replace(first, pair=pair)]), STAGE_UNITS)
     assert said.startswith("With backlash the error falls from ") and said.endswith(" mm, to 0.500 with both.")
+
+
+def test_a_pair_is_not_what_data_cannot_tell_apart(stage_diagnosis):
+    first = stage_diagnosis.steps[0]
+    pair = Pair(tuple(first.confusion_set), first.chosen, 0.25, 0.9)
+    both = replace(stage_diagnosis, steps=[replace(first, pair=pair)])
+    (made,) = page.sections(both, STAGE_UNITS, scripts=False, keys=["candidates"])
+    assert "Together two help most" in made.html and "tell" not in made.html.partition("<article")[0]
+
+
+def test_a_floor_that_is_not_estimated_is_neither_a_figure_nor_a_line(stage_diagnosis):
+    first = replace(stage_diagnosis.steps[0], floor_kind=NO_FLOOR)
+    looped, keys = replace(stage_diagnosis, steps=[first]), ["verdict", "compare", "ladder", "where"]
+    told = "".join(s.html for s in page.sections(looped, STAGE_UNITS, scripts=False, keys=keys))
+    assert "The noise floor is not estimated in closed loop." in told
+    assert "Noise floor" not in told and "noise floor (± rms)" not in told and "noise floor, " not in told
+
+
+@pytest.mark.parametrize("value, said", [(443.2, "440"), (-0.1149, "-0.11"), (3.74e-8, "3.7e-08"), (12345.0, "12000")])
+def test_few_digits_need_no_exponent(value, said):
+    assert few(value, 2) == said
 
 
 @pytest.mark.parametrize(

@@ -105,3 +105,7 @@
     });
   }
 })();
+// Letters on a canvas keep the colour that they were painted with.
+window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  for (const { id } of (window.Bokeh?.documents ?? []).flatMap(d => d.roots())) Bokeh.index.get_by_id(id)?.request_paint();
+});

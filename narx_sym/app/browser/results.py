@@ -20,6 +20,8 @@ from .widgets import Fault, caption, data_cells, figure, head, heading, link, pa
 
 TABS = {"evidence": "Evidence", "model": "Model", "law": "Law", "export": "Export"}
 TAB_OF = {"model": "model", "derived": "law"}  # of the parts of the report; the others are evidence
+NOTHING = "Nothing stands out: no effect of the catalogue would make this model clearly better."
+IN_LOOP = "Nothing is named: in a closed loop, what seems to be missing may be the controller's."
 NEXT = {
     "named": "Next: add it from the list, and watch the error fall.",
     "confused": "Next: run the experiment below and diagnose its data; or add the one that you know to be there.",
@@ -81,7 +83,8 @@ def rungs(bench: Workbench) -> None:
     most = max(size for _, size in sizes)
     spread, unit = bench.revisions[0].base.problem.spread, bench.unit
     rows, was = [], 100.0
-    for name, size in [*sizes, ("noise floor", bench.floor)]:
+    floor = [("noise floor", bench.floor)] if words.has_floor(bench.current.found) else []
+    for name, size in [*sizes, *floor]:
         width = 100 * size / most
         look = "floor" if name == "noise floor" else "last" if name == sizes[-1][0] and len(sizes) > 1 else ""
         rows.append(
@@ -110,10 +113,14 @@ def candidates(bench: Workbench) -> None:
     rows = current.found.table()
     with section("Add"):
         if not rows:
-            said("Nothing stands out: no effect of the catalogue would make this model clearly better.").classes("hint")
+            looped = current.found.verdict == "closed_loop"
+            said(IN_LOOP if looped else NOTHING).classes("hint")
         else:
-            tied = len(current.found.steps[0].confusion_set) > 1
-            more = " What is marked * cannot be told apart." if tied else ""
+            first = current.found.steps[0]
+            tied = len(first.confusion_set) > 1 and first.pair is None
+            more = (
+                " What is marked * cannot be told apart." if tied else " Together two help most." if first.pair else ""
+            )
             said(f"Share of the removable error.{more}").classes("hint")
             with ui.element("ul").classes("candidates"):
                 for i, row in enumerate(rows):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...files.atomic import PathLike, write_csv
-from ..bases import words
+from ..bases import few, words
 
 Array = np.ndarray
 FILE = "next.csv"
@@ -153,4 +153,4 @@ def threshold(floor: float, outputs: Iterable[Array]) -> float:
 
 def with_unit(value: float, unit: str, digits: int = 3) -> str:
     """Return a number with its unit, where one is known."""
-    return f"{value:.{digits}g} {unit}".rstrip()
+    return f"{few(value, digits)} {unit}".rstrip()

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..bases import few
+
 Array = np.ndarray
 DIRECTIONS = ("falling", "resting", "rising")
 SINCE = ("distance_since_reversal", "time_since_reversal")  # negative while falling: their effects change sign
@@ -86,7 +88,7 @@ class Panel:
         what = (
             "rms error " if self.name == "spectrum" else "mean error +" if self.mean[self.worst] > 0 else "mean error -"
         )
-        return f"{place}: {what}{abs(self.mean[self.worst]):.2g} {units.get('y', '')}".rstrip()
+        return f"{place}: {what}{few(abs(self.mean[self.worst]), 2)} {units.get('y', '')}".rstrip()
 
     @property
     def short(self) -> str:
@@ -103,7 +105,7 @@ def _span(low: float, high: float, unit: str, form: str = "[{}, {}]") -> str:
     size = max(abs(low), abs(high), 1e-300)
     digits = int(np.clip(np.ceil(np.log10(size / max(high - low, 1e-12 * size))) + 2, 2, 12))
     values = [0.0 if abs(x) < 1e-3 * (high - low) else x for x in (low, high)]
-    return f"{form.format(*(f'{x:.{digits}g}' for x in values))} {unit}".rstrip()
+    return f"{form.format(*(few(x, digits) for x in values))} {unit}".rstrip()
 
 
 def _unit(kind: str, units: Mapping[str, str]) -> str:

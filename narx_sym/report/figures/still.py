@@ -31,6 +31,15 @@ def label(name: str, unit: str = "") -> str:
     return headed(name, unit).replace("$", r"\$")
 
 
+def plain(axis: Any) -> None:
+    """Write whole numbers along an axis: a power of ten would stand where the legend is."""
+    from matplotlib.ticker import FuncFormatter
+
+    low, high = axis.get_view_interval()
+    if not 1e-3 < max(abs(low), abs(high)) < 1e5:
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+
+
 def split(ax: Any, heights: Sequence[float]) -> list[Any]:
     """Return axes one above the other in the place of `ax`, which is the first, over the same x."""
     if not heights[1:]:
@@ -54,6 +63,7 @@ def draw(ax: Any, *panels: Panel, most: int = 12_000) -> Any:
         if panel.y_range:
             one.set_ylim(*panel.y_range)
         one.margins(x=0 if panel.along else None)
+        plain(one.yaxis)
         rows = legend(one, named(*axes[:i]))
         if panel.title:
             one.set_title(label(panel.title), loc="left", fontsize=10, pad=8 + 15 * rows)

@@ -19,7 +19,8 @@ def pictures(material: Material) -> list[Picture]:
     sizes = ", ".join(f"{words(n)} {np.sqrt(np.mean(e**2)):.2g}" for n, e in c.errors.items())
     told = f"Measured output and free runs over time, {c.t[-1] - c.t[0]:.3g} s. "
     told += f"The free-run errors are, over the output's standard deviation: {relative}."
-    left = f"Free-run error over time; rms [{units.get('y') or 'unit of y'}]: {sizes}; noise floor {c.floor:.2g}."
+    left = f"Free-run error over time; rms [{units.get('y') or 'unit of y'}]: {sizes}"
+    left += f"; noise floor {c.floor:.2g}." if c.band else "."
     numbers = {"t": c.t[c.keep], **{f"error of {n}": e[c.keep] for n, e in c.errors.items()}}
     title, whens = ("Error before and after", (" before", " after")) if len(c.runs) > 1 else ("Error", ("",))
     return [

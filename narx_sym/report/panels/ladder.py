@@ -11,6 +11,7 @@ from ...fit.alignment import FIRST, Aligned, aligned
 from ..comparison import Units
 from ..picture import Picture
 from ..plots import plot_ladder
+from ..words import has_floor
 from .registry import WAY, Material, panel
 
 
@@ -20,16 +21,17 @@ def picture(diagnosis: Diagnosis, units: Units) -> Picture:
     floor = diagnosis.floor / diagnosis.steps[0].base.problem.spread
     falls = ", then ".join(f"{r['validation']:.2g} {_after(n)}" for n, r in zip(diagnosis.rungs, rungs, strict=True))
     alt = f"Free-run error on samples never used for fitting, over the output's standard deviation: {falls}; "
+    known = has_floor(diagnosis)
     columns = {
-        "model": [*diagnosis.rungs, "noise floor"],
-        "training": [*(r["train"] for r in rungs), floor],
-        "held out": [*(r["validation"] for r in rungs), floor],
+        "model": [*diagnosis.rungs, *(["noise floor"] if known else [])],
+        "training": [*(r["train"] for r in rungs), *([floor] if known else [])],
+        "held out": [*(r["validation"] for r in rungs), *([floor] if known else [])],
     }
 
     def draw(ax: Any) -> None:
         plot_ladder(diagnosis, units=dict(units), ax=ax)
 
-    alt += f"the noise floor is {floor:.2g}."
+    alt += f"the noise floor is {floor:.2g}." if known else "the noise floor is not estimated."
     return Picture("ladder", "Error ladder", alt, draw, columns, (max(4.0, 1.8 + 1.1 * len(rungs)), 3.5))
 
 
@@ -46,7 +48,8 @@ def ladder(material: Material) -> dict[str, Any]:
     d = material.diagnosis
     spread = d.steps[0].base.problem.spread
     rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
-    rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread})
+    if has_floor(d):
+        rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread})
     listed = fair(d)
     return {
         "rungs": [r | {"size": r["validation"] * spread} for r in rows], "kind": d.steps[0].floor_kind, "fair": listed,

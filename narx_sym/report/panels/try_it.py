@@ -25,6 +25,7 @@ from ...symbolic.signals import r, t, y
 from ..comparison import Comparison, Units, errors, spans
 from ..figures import describe
 from ..parameters import parameters, shape_units
+from ..words import has_floor
 from .registry import WAY, Material, panel
 
 MOST_MODELS, MOST_SAMPLES = 5, 200_000
@@ -166,7 +167,8 @@ def content(diagnosis: Diagnosis, listed: Sequence[Tried], c: Comparison, units:
     return {
         "n": n, "t0": float(record.t[0]), "Ts": float(record.Ts), "steps": STEPS,
         "signals": [packed(np.asarray(every[name][:n])) for name in names], "models": told,
-        "spread": float(diagnosis.steps[0].base.problem.spread), "floor": float(diagnosis.floor),
+        "spread": float(diagnosis.steps[0].base.problem.spread),
+        "floor": float(diagnosis.floor) if has_floor(diagnosis) else 0.0,
         "held": spans(base.split.held[i][:n]),
         "aside": [[a.low, a.high, a.role] for a in c.aside],
         "worst": [min(c.worst.start, n - 1), min(c.worst.stop, n)],

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ...diagnosis.bases import words
 from ...diagnosis.misfit import Panel
 from ..comparison import Units, region, spans
 from ..figures.still import legend
@@ -23,6 +22,7 @@ class Failure:
     """One panel of where the model fails: what it explains of the error and of the missing input, and its pictures."""
 
     name: str
+    label: str
     share: float
     share_missing: float
     worst: str
@@ -53,7 +53,8 @@ def failures(material: Material, most: int = SHOWN) -> list[Failure]:
     ranked = sorted(rows, key=lambda p: -p[0])
     shown = [row for i, (share, row) in enumerate(ranked[:most]) if share > LEAST or i == 0]
     # Rounding is no forcing.
-    missing = missing if misfit.missing is not None and np.abs(misfit.missing).max() > 1e-6 * c.floor else {}
+    least = 1e-6 * material.diagnosis.floor
+    missing = missing if misfit.missing is not None and np.abs(misfit.missing).max() > least else {}
     tops = [reach([p[r["panel"]] for r in shown if r["panel"] != "spectrum"]) for p in (errors, missing) if p]
     for i, row in enumerate(shown):
         name, made, places = row["panel"], [], {}
@@ -61,7 +62,8 @@ def failures(material: Material, most: int = SHOWN) -> list[Failure]:
         both += [("missing", "Equivalent missing input", missing[name])] if name in missing else []
         for (word, title, one), top in zip(both, tops, strict=False):
             title = f"{title}: {one.label}"
-            made.append(_panel(f"where_{i + 1}_{word}", title, one, c.floor if word == "error" else None, top, units))
+            floor = c.floor if word == "error" and c.band else None
+            made.append(_panel(f"where_{i + 1}_{word}", title, one, floor, top, units))
             places[made[-1].key] = cells(made[-1], one, misfit.residual)
         # The residual that the panel explains better says where to look.
         of_missing = name in missing and (missing[name].share > errors[name].share or errors[name].worst is None)
@@ -72,10 +74,12 @@ def failures(material: Material, most: int = SHOWN) -> list[Failure]:
             columns = {column: values[c.keep] for column, values in listed.items()}
             alt = f"Error of the base over time; marked: {worst}."
             draw = [region(c, inside, units)]
-            made.append(Picture(f"where_{i + 1}_time", f"The worst region in time: {words(name)}", alt, draw, columns))
+            title = f"The worst region in time: {errors[name].label}"
+            made.append(Picture(f"where_{i + 1}_time", title, alt, draw, columns))
         told = places[f"where_{i + 1}_{'missing' if of_missing else 'error'}"]
         stretch = next((cell.stretch for cell in told if cell.worst), None)
-        found.append(Failure(name, row["share"], row["share_missing"], worst, made, places, stretch))
+        shares = row["share"], row["share_missing"]
+        found.append(Failure(name, errors[name].label, *shares, worst, made, places, stretch))
     return found
 
 

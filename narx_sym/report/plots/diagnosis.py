@@ -12,6 +12,7 @@ from ...data.units import said_first
 from ...errors import NarxError
 from ...files.atomic import write_figure
 from ..figures.still import BLACK, BLUE, ORANGE, SKY, label, new_axes
+from ..words import has_floor
 from .valve import plot_valve
 
 
@@ -60,11 +61,14 @@ def plot_ladder(
         joined = ":" if key == "validation" else "none"
         ax.plot(values, color=colour, ls=joined, lw=1.0, marker=marker, ms=6, label=word)
     for i, rung in enumerate(rungs):
-        top = max(rung["validation"], rung["train"])
-        ax.annotate(f"{rung['validation']:.2g}", (i, top), (9, 6), textcoords="offset points", fontsize=9)
+        shift = (9, 6) if rung["validation"] >= rung["train"] else (9, -14)  # away from the training samples
+        said = f"{rung['validation']:.2g}"
+        ax.annotate(said, (i, rung["validation"]), shift, textcoords="offset points", fontsize=9)
     kind = {"estimate": "estimated"}.get(step.floor_kind, f"from {step.floor_kind}")
-    ax.axhline(floor, color=BLACK, lw=1.2, ls="-.", label=f"noise floor, {kind}")
-    every = [floor, *(r[key] for r in rungs for key in ("train", "validation"))]
+    known = [floor] if has_floor(diagnosis) else []
+    for height in known:
+        ax.axhline(height, color=BLACK, lw=1.2, ls="-.", label=f"noise floor, {kind}")
+    every = [*known, *(r[key] for r in rungs for key in ("train", "validation"))]
     ax.set_yscale("log")
     room = max(1.6, np.sqrt(10 / max(max(every) / max(min(every), 1e-300), 1e-300)))  # at least a decade is shown
     ax.set_ylim(min(every) / room, max(every) * room)
@@ -112,6 +116,7 @@ def plot_candidates(
     low = max(-0.5, min(0.0, 1.1 * min(r["low"] for r in rows)))
     high = max(1.0, min(1.2, max(r["high"] for r in rows)))
     best = "these data cannot tell them apart" if len(diagnosis.confusion_set) > 1 else "the best"
+    best = "of the two that help together" if diagnosis.steps[0].pair else best
     for inside, colour, hatch, word in (
         (True, ORANGE, "", best),
         (False, SKY, "//", "others: less, or with more parameters"),

@@ -10,7 +10,7 @@ import numpy as np
 from ...diagnosis.misfit import Misfit, Panel
 from ...errors import NarxError
 from ...files.atomic import write_figure
-from ..figures.still import BLACK, BLUE, GREEN, PINK, RED, YELLOW, label, named, new_axes
+from ..figures.still import BLACK, BLUE, GREEN, PINK, RED, YELLOW, label, named, new_axes, plain
 
 
 def where_it_fails(misfit: Misfit, path: str | Path | None = None, units: dict[str, str] | None = None) -> Any:
@@ -81,6 +81,7 @@ def draw_panel(
     ax.set_ylabel(label(f"rms {what} in a bin" if spectrum else f"mean {what}", units.get("y", "")))
     if top and not spectrum:  # which has another quantity
         ax.set_ylim(-top, top)
+    plain(ax.yaxis)
     title = {"spectrum": "strongest line in the rest"}.get(panel.name, panel.label.replace(", ", " and "))
     ax.set_title(f"{title}: {100 * panel.share:.0f} % of the variance", loc="left", fontsize=10)
     floor_label = "noise floor (± rms)"
@@ -150,8 +151,9 @@ def _draw_grid(ax: Any, panel: Panel, units: dict[str, str]) -> list[tuple[int, 
     ax.set_xlabel(label(f"{names[along]} of a swing", kinds[along]))
     own = [(h, t) for h, t in zip(*ax.get_legend_handles_labels(), strict=True) if t.endswith("\u2009")]
     if len(own) > 1:
+        columns = len(own) if sum(len(t) for _, t in own) < 48 else 1  # as many as there is room for
         ax.legend(
-            *zip(*own, strict=True), fontsize=7, title=names[other], title_fontsize=7, ncols=len(own), frameon=False,
+            *zip(*own, strict=True), fontsize=7, title=names[other], title_fontsize=7, ncols=columns, frameon=False,
             loc="lower left", bbox_to_anchor=(-0.1, 1), borderaxespad=0.2, alignment="left", columnspacing=1.0,
             handletextpad=0.2,
         )  # fmt: skip
