@@ -83,7 +83,8 @@ def rungs(bench: Workbench) -> None:
     most = max(size for _, size in sizes)
     spread, unit = bench.revisions[0].base.problem.spread, bench.unit
     rows, was = [], 100.0
-    floor = [("noise floor", bench.floor)] if words.has_floor(bench.current.found) else []
+    current = bench.current
+    floor = [("noise floor", bench.floor)] if current is not None and words.has_floor(current.found) else []
     for name, size in [*sizes, *floor]:
         width = 100 * size / most
         look = "floor" if name == "noise floor" else "last" if name == sizes[-1][0] and len(sizes) > 1 else ""
