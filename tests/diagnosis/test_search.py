@@ -113,6 +113,70 @@ def test_the_working_rate_keeps_what_moves():
     assert working([fast])[1] == 1
 
 
+def test_of_a_long_record_the_end_is_looked_at_too():
+    noise = np.random.default_rng(1).standard_normal(20_000)
+    found, factor = working([ns.Record.from_arrays(noise, noise, Ts)])
+    assert factor == 1 and [len(r) for r in found] == [MOST // 3] * 3
+    assert found[0].t[0] == 0 and found[-1].t[-1] == pytest.approx(19_999 * Ts)
+    short = ns.Record.from_arrays(noise[:5000], noise[:5000], Ts)
+    few = ns.Record.from_arrays(noise[:500], noise[:500], Ts)
+    assert [len(r) for r in working([few, short])[0]] == [500, 5000]  # what a short one leaves, a long one has
+
+
+def test_a_structure_with_several_resonances():
+    """Two lightly damped ones; a hum, which no input drives, does not pass for a third."""
+    from scipy.signal import lfilter
+
+    rng = np.random.default_rng(3)
+    poles = [r * np.exp(s * 1j * w) for r, w in ((0.97, 0.5), (0.98, 1.1)) for s in (1, -1)]
+    white, t = rng.standard_normal(N), np.arange(N)
+    y = lfilter([0.0, 1.0, 0.6], np.poly(poles).real, white)
+    found = {}
+    for name, more in (
+        ("alone", 0.0),
+        ("hum", 0.3 * np.std(y) * np.sin(0.11 * t) + 0.15 * np.std(y) * np.sin(0.22 * t)),
+    ):
+        record = ns.Record.from_arrays(white, y + more + 0.01 * np.std(y) * rng.standard_normal(N), Ts)
+        search = Search(ns.identify(record, base="linear"), [record])
+        best = min(search.bases([0, 1]), key=lambda r: r.price)
+        found[name] = (search.higher, best)
+    assert found["alone"][0] == [(5, 5)] and np.sqrt(found["alone"][1].held) < 0.02
+    assert found["hum"][0] == [(5, 5)]
+
+
+def test_a_tank_is_an_integrator_but_for_its_outflow():
+    rng, n = np.random.default_rng(6), 2000
+    inflow = np.repeat(rng.uniform(0.1, 3.0, n // 50), 50)
+    level = np.full(n, 4.0)
+    for i in range(1, n):
+        level[i] = max(level[i - 1] + 0.1 * (1.2 * inflow[i - 1] - np.sqrt(level[i - 1])), 0.0)
+    record = ns.Record.from_arrays(inflow, level + 0.01 * rng.standard_normal(n), 1.0)
+    found = ns.diagnose(ns.identify(record, base="linear"), record)
+    assert found.confusion_set[0] == "sqrt_outflow" and found.ladder[-1]["validation"] < 0.02
+    (row,) = [r for r in found.hypotheses if r.ids == ("sqrt_outflow",)][:1]
+    core = row.hypothesis.core
+    assert slowest(row.values[: core.n_y]) > slowest(row.frame.linearised(row.values, core))
+
+
+@pytest.mark.parametrize("standing", (False, True))
+def test_friction_of_a_motor_that_is_recorded_as_a_speed(standing):
+    """J w' = k u - b w - F sign(w), exact for a held input while it moves; it stands until the torque overcomes F."""
+    rng, n = np.random.default_rng(8), 1500
+    torque = np.interp(np.arange(n), np.arange(0, n + 30, 30), rng.uniform(-2.0, 2.0, n // 30 + 1))
+    speed, friction = np.zeros(n), 0.5 if standing else 0.0
+    for i in range(1, n):
+        reached = 0.95 * speed[i - 1] + 0.05 * 3.0 * torque[i - 1]
+        speed[i] = np.sign(reached) * max(abs(reached) - 0.05 * 3.0 * friction, 0.0)
+    noisy = speed + 0.005 * np.std(speed) * rng.standard_normal(n)
+    record = ns.Record.from_arrays(torque, noisy, 0.01)
+    found = ns.diagnose(ns.identify(record, base="linear"), record)
+    if standing:
+        assert (found.verdict, found.confusion_set) == ("named", ["coulomb_friction"])
+        assert found.best.variant.effect.standing and found.best.where == "motion"
+    else:
+        assert found.verdict == "nothing_detectable"
+
+
 def slack(x, r):
     p = x.copy()
     for i in range(1, len(x)):
