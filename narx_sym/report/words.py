@@ -195,7 +195,8 @@ def fall(diagnosis: Diagnosis, units: Units) -> str:
     together, name = float(np.sqrt(pair.mean_square)), _added(diagnosis)
     both = number(together)
     if ratio > 1:
-        return f"With {name} the error falls from {number(before)} to {number(after)} {unit}, to {both} with both."
+        more = f", to {both} with both" if together < after else f"; with both it is {both}"
+        return f"With {name} the error falls from {number(before)} to {number(after)} {unit}{more}."
     if together < before:
         alone = f"with {name} alone it is {number(after)}"
         return f"Only both help: the error falls from {number(before)} to {both} {unit}; {alone}."
