@@ -146,9 +146,17 @@ def test_what_helps_but_has_rivals_says_so_and_keeps_its_experiment(stage_diagno
 
 def test_of_a_pair_it_is_said_how_far_one_of_them_goes_and_how_far_both(stage_diagnosis):
     first = stage_diagnosis.steps[0]
-    pair = Pair((first.candidates[0].effect, "creep"), first.chosen, 0.25, 0.9)
-    said = words.fall(replace(stage_diagnosis, steps=[replace(first, pair=pair)]), STAGE_UNITS)
-    assert said.startswith("With backlash the error falls from ") and said.endswith(" mm, to 0.500 with both.")
+
+    def said(together, chosen=first.chosen):
+        pair = Pair((first.candidates[0].effect, "creep"), first.chosen, together**2, 0.9)
+        found = replace(stage_diagnosis, steps=[replace(first, pair=pair, chosen=chosen)])
+        return words.fall(found, STAGE_UNITS)
+
+    assert said(0.01).startswith("With backlash the error falls from ")
+    assert said(0.01).endswith(" mm, to 0.0100 with both.") and said(0.05).endswith(" mm; with both it is 0.0500.")
+    worse = replace(first.chosen, unknowns=0.5 * first.chosen.unknowns)
+    assert said(0.01, worse).startswith("Only both help: the error falls from ")
+    assert said(0.5, worse).startswith("On what was held out the error does not fall: ")
 
 
 def test_a_pair_is_not_what_data_cannot_tell_apart(stage_diagnosis):
