@@ -23,7 +23,7 @@ from ..symbolic.signals import k, lag, phi1, u, y
 from .bases.bouc_wen import identify_bouc_wen
 from .bases.choice import choose_base
 from .bases.integrating import DRIVEN, at_one, driven, slowest_seen
-from .bases.play import PLAYS, identify_play
+from .bases.play import KNOTS, PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
 from .laws.excursions import law_radius
 from .least_squares import check_method, fit, free_run_error
@@ -122,6 +122,7 @@ def identify(
     method: str = "auto",
     point: Mapping[Any, float] | str = "auto",
     plays: int = PLAYS,
+    knots: int = KNOTS,
     creep: bool = False,
 ) -> Model:
     """Identify a model.
@@ -151,8 +152,8 @@ def identify(
         `auto` fits one step ahead, then in free run, and keeps the better free run.
     point : mapping or "auto"
         The operating point; {} measures the signals from zero.
-    plays : int
-        How many of them the play base has.
+    plays, knots : int
+        How many plays the play base has, and at how many places its curve may bend; `auto` tries several of both.
     creep : bool
         Whether a share of what they give comes late.
 
@@ -169,9 +170,9 @@ def identify(
     if base == "auto":
         options: dict[str, Any] = {
             "n_y": n_y, "n_u": n_u, "degree": degree, "delay": delay, "for_compensation": for_compensation,
-            "rate_independent": rate_independent, "method": method, "point": point, "plays": plays, "creep": creep,
+            "rate_independent": rate_independent, "method": method, "point": point, "creep": creep,
         }  # fmt: skip
-        return choose_base(listed, lambda name, some: identify(some, base=name, **options))
+        return choose_base(listed, lambda name, some, size: identify(some, base=name, **options, **size))
     delays = _delays(base, listed) if delay is None else (delay,)
     if base == "narx":
         (delay,) = delays
@@ -195,7 +196,7 @@ def identify(
     if base == "linear":
         return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)
     if base in ("play", "bouc-wen"):
-        return _remembering(base, listed, origin, delays, plays, creep, own)
+        return _remembering(base, listed, origin, delays, {"plays": plays, "knots": knots, "creep": creep}, own)
     return _static(listed, origin, degree, delays[0], own, method, for_compensation)
 
 
@@ -213,14 +214,14 @@ def _own_channels(base: str, records: list[Record], lags: Mapping[str, Any] | No
 
 
 def _remembering(
-    base: str, records: list[Record], origin: Mapping[Any, float], delays: Sequence[int], plays: int, creep: bool,
+    base: str, records: list[Record], origin: Mapping[Any, float], delays: Sequence[int], size: Mapping[str, Any],
     own: Any,
 ) -> Model:  # fmt: skip
     """Identify a base that remembers where the input turned."""
     if own:
         raise ModelError(f"The {base} base has one input; the channel {next(iter(own))!r} cannot take part.")
     if base == "play":
-        return judged(identify_play(records, origin, delays, plays, creep))
+        return judged(identify_play(records, origin, delays, **size))
     return judged(identify_bouc_wen(records, origin, delays))
 
 

@@ -145,7 +145,7 @@ def test_a_structure_with_several_resonances():
 
 
 def test_a_tank_is_an_integrator_but_for_its_outflow():
-    rng, n = np.random.default_rng(6), 2000
+    rng, n = np.random.default_rng(6), 1000
     inflow = np.repeat(rng.uniform(0.1, 3.0, n // 50), 50)
     level = np.full(n, 4.0)
     for i in range(1, n):

@@ -133,7 +133,7 @@ def test_auto_takes_the_best_free_run_on_blocks_that_no_fit_saw_at_a_price():
     record = ns.Record.from_arrays(U, 0.5 * U + 0.02 * RNG.standard_normal(N), Ts=TS)
     seen = []
 
-    def identified(base, records):
+    def identified(base, records, size):
         seen.append((base, [len(r) for r in records]))
         if base == "narx":
             raise FitError("does not follow")
@@ -147,7 +147,7 @@ def test_auto_takes_the_best_free_run_on_blocks_that_no_fit_saw_at_a_price():
     assert model.info.selection.reason.startswith("static 0.0") and "beside linear 0.0" in model.info.selection.reason
     assert seen[0] == ("static", [150, 300, 150]) and seen[-1] == ("static", [N])
     with pytest.raises(FitError, match="does not follow"):
-        choose_base([record], lambda base, records: identified("narx", records))
+        choose_base([record], lambda base, records, size: identified("narx", records, size))
 
 
 def test_an_offset_of_the_sensor_decides_for_no_base():
@@ -155,7 +155,7 @@ def test_an_offset_of_the_sensor_decides_for_no_base():
     first, later = (ns.Record.from_arrays(U, 0.5 * U + moved, Ts=TS) for moved in (0.0, 0.3))
     forms = {"static": (["u[k]"], [0.5]), "narx": (["y[k-1]", "phi1[k]"], [1.0, 0.47])}
 
-    def identified(base, records):
+    def identified(base, records, size):
         if base not in forms:
             raise FitError("does not follow")
         return ns.NARX.from_terms(*forms[base], Ts=TS)
@@ -166,7 +166,7 @@ def test_an_offset_of_the_sensor_decides_for_no_base():
 def test_a_block_in_which_nothing_moves_stops_no_base():
     still = np.concatenate([np.full(N // 5, U[0]), U])  # the first of six blocks
 
-    def identified(base, records):
+    def identified(base, records, size):
         assert all(np.ptp(r.u) for r in records)
         return ns.NARX.from_terms(["u[k]"], [0.5], Ts=TS)
 
@@ -181,6 +181,13 @@ def test_what_is_held_out_stands_behind_what_was_measured_before():
     assert [(r.u[0], r.u[-1]) for r in held] == [(0, 299), (450, 749)] and first == pytest.approx(150 * TS)
     _, held, _ = _split([replace(whole, breaks=(5, 100, 140, 640, 742))])  # nothing is run across a break
     assert [(r.u[0], r.u[-1]) for r in held] == [(140, 299), (560, 639), (640, 741)]  # and 8 rows judge nothing
+
+
+@needs_shared
+@pytest.mark.long
+def test_auto_takes_as_many_plays_as_pay_where_a_real_piezo_sees_one_sine():
+    model = ns.identify(ns.read(SHARED / "piezo_dbo" / "train_1Hz_full_range.csv"), base="auto")
+    assert model.info.selection.base == "play" and len(model.symbols) < 12
 
 
 @needs_shared

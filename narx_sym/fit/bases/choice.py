@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from ...models.model import Model
 from ..alignment import aligned
 
 BASES = ("static", "linear", "narx", "play", "bouc-wen")
+# Each is judged by itself: of a base with few parameters and one with many, the one that pays.
+SIZES: dict[str, list[dict[str, Any]]] = {"play": [{"plays": n, "knots": m} for n in (2, 4, 10) for m in (1, 2, 4)]}
 BLOCKS, HELD = 6, (1, 4)  # of one record, and which of them are held out
 START = 0.1  # of a record that is held out: there the start of the run and the sensor's offset are estimated
 PRICE = 0.1  # of a parameter, in ln(mean square): it must buy 5 % of the rms error
@@ -27,11 +30,12 @@ PRICE = 0.1  # of a parameter, in ln(mean square): it must buy 5 % of the rms er
 
 @dataclass(frozen=True)
 class Judged:
-    """A base and what it is worth: its aligned free-run NRMSE on held-out samples, and the price of its parameters."""
+    """A base of some size: its aligned free-run NRMSE on held-out samples, and the price of its parameters."""
 
     base: str
     error: float
     parameters: int
+    size: Mapping[str, Any]
 
     @property
     def score(self) -> float:
@@ -42,12 +46,14 @@ class Judged:
         return f"{self.base} {self.error:.3g} with {self.parameters}"
 
 
-def choose_base(records: Sequence[Record], identified: Callable[[str, list[Record]], Model]) -> Model:
+def choose_base(
+    records: Sequence[Record], identified: Callable[[str, list[Record], Mapping[str, Any]], Model]
+) -> Model:
     """Identify every base, and return the best one, identified on all samples; `info.selection.reason` says why.
 
     Parameters
     ----------
-    identified : function of the name of a base and the records
+    identified : function of the name of a base, the records and the size
 
     Raises
     ------
@@ -59,20 +65,21 @@ def choose_base(records: Sequence[Record], identified: Callable[[str, list[Recor
     last: NarxError | None = None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of bases that are not taken
-        for base in BASES:
+        for base, size in ((name, size) for name in BASES for size in SIZES.get(name, [{}])):
             try:
-                model = identified(base, train)
+                model = identified(base, train, size)
                 error = aligned(model, held, first).aligned
             except NarxError as problem:
                 last = problem
                 continue
             if math.isfinite(error):
-                found.append(Judged(base, error, len(model.symbols)))
+                found.append(Judged(base, error, len(model.symbols), size))
     if not found:
         raise last or NarxError("No base follows these data in free run.")
-    best, *others = sorted(found, key=lambda one: one.score)
-    model = identified(best.base, list(records))
-    why = f"{best} parameters has the best free run of {len(found)} bases on held-out samples, at a price of {PRICE}"
+    ordered = {one.base: one for one in sorted(found, key=lambda one: -one.score)}  # the best size of each
+    best, *others = sorted(ordered.values(), key=lambda one: one.score)
+    model = identified(best.base, list(records), best.size)
+    why = f"{best} parameters has the best free run of {len(ordered)} bases on held-out samples, at a price of {PRICE}"
     why += " in ln(mean square) for each parameter"
     why += f", beside {', '.join(map(str, others))}" if others else ""
     reason = f"{why}; {model.info.selection.reason}"

@@ -90,7 +90,7 @@ def plays_of(radii: Sequence[float]) -> list[State]:
 
 def identify_play(
     records: Sequence[Record], origin: Mapping[Any, float], delays: Sequence[int] = range(4), plays: int = PLAYS,
-    creep: bool = False,
+    creep: bool = False, knots: int = KNOTS,
 ) -> Model:  # fmt: skip
     """Identify a play model in free run.
 
@@ -102,6 +102,8 @@ def identify_play(
         How many radii are spread over half the input's range; those without weight are left out.
     creep : bool
         Whether a share of what the plays give comes late, by a slow lag.
+    knots : int
+        Where the curve may bend.
 
     Raises
     ------
@@ -116,7 +118,7 @@ def identify_play(
     half = float(np.ptp(np.concatenate([p.u for p in parts]))) / 2
     radii = [float(f"{half * i / (plays + 1):.6g}") for i in range(1, plays + 1)]
     along = _plays_along(parts, origin, radii)
-    guesses = [_guess(parts, origin, along, radii, a, d) for d in delays for a in LAGS]
+    guesses = [_guess(parts, origin, along, radii, a, d, knots) for d in delays for a in LAGS]
     close = [g for g in guesses if g.error <= SAME * min(g.error for g in guesses)]
     guess = min(close, key=lambda g: (g.shape.delay, g.error))
     if creep:
@@ -140,7 +142,7 @@ class Guess:
 
 def _guess(
     parts: Sequence[Record], origin: Mapping[Any, float], along: Sequence[Array], radii: Sequence[float], a: float,
-    delay: int,
+    delay: int, knots: int,
 ) -> Guess:  # fmt: skip
     """Guess the weights for a given lag and a straight curve, by non-negative least squares.
 
@@ -156,11 +158,11 @@ def _guess(
     if weights.sum() <= 0:
         raise FitError("The output falls where the input rises: a play model rises. Change the sign of the input.")
     low, high = float(target.min()) - constant, float(target.max()) - constant
-    knots = tuple(float(f"{low + (high - low) * i / (KNOTS + 1):.4g}") for i in range(1, KNOTS + 1))
+    bends = tuple(float(f"{low + (high - low) * i / (knots + 1):.4g}") for i in range(1, knots + 1))
     weights = np.maximum(weights, NOTHING * weights.sum())
     error = float(np.sqrt(np.mean((columns @ weights + constant - target) ** 2)))
-    theta = (max(a, LEAST), *map(float, weights), constant, *[0.0] * KNOTS)
-    return Guess(Shape(tuple(radii), knots, delay), theta, error)
+    theta = (max(a, LEAST), *map(float, weights), constant, *[0.0] * knots)
+    return Guess(Shape(tuple(radii), bends, delay), theta, error)
 
 
 def _known_from(source: Array) -> int:
@@ -190,13 +192,13 @@ def _fitted(guess: Guess, parts: Sequence[Record], origin: Mapping[Any, float]) 
     """Fit all parameters and the unknown starts of output and plays together, in free run."""
     model = guess.shape.model(origin, guess.theta)
     problem = FreeRun(model, list(parts), ())
-    n = len(guess.shape.radii) + 1
+    n, knots = len(guess.shape.radii) + 1, len(guess.shape.knots)
     a, *rest = model.symbols
-    weights, bends, late = rest[:n], rest[n + 1 : n + 1 + KNOTS], rest[n + 1 + KNOTS :]
+    weights, bends, late = rest[:n], rest[n + 1 : n + 1 + knots], rest[n + 1 + knots :]
     limits = {a: (0.0, SLOWEST), **dict.fromkeys(weights, (0.0, np.inf))}
     limits |= {weights[0]: (NOTHING * sum(guess.theta[1 : n + 1]), np.inf)}  # the law divides by it
     limits |= dict(zip(late, ((0.0, 1.0), (SLOW, 1 - 1e-6)), strict=False))
-    limits |= dict.fromkeys(bends, (-1 / (KNOTS + 1), np.inf))  # so the curve rises everywhere
+    limits |= dict.fromkeys(bends, (-1 / (knots + 1), np.inf))  # so the curve rises everywhere
     found = problem.minimise(problem.start(np.array(guess.theta)), STEPS, 1e-7, limits)
     theta, errors = problem.theta(found.x), dict(zip(model.symbols, problem.errors(found), strict=True))
     least = NOTHING * sum(theta[1 : n + 1])
