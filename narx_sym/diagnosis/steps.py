@@ -297,9 +297,8 @@ def _candidates(table: Table, known: Row, best: Row, found: Sequence[Row], lowes
         if len(made) == max(SHOWN, len(members)):
             break
         likely = variant.id in members
-        if not (row.held < known.held or (likely and np.isfinite(row.held))) or not (
-            table.holds(row) if likely else table.settles(row)
-        ):
+        worth = row.held < known.held or (likely and np.isfinite(row.held))
+        if not worth or not (table.holds(row) if likely else table.settles(row)):
             continue
         tests = [i for i, d in enumerate(scored.directions) if d.variant.id == variant.id]
         p = min((scored.scores.corrected(i) for i in tests), default=1.0)

@@ -91,6 +91,8 @@ def test_refusals(found):
         ns.identify(ns.Record.from_arrays(U, -record.y, Ts=TS), base="play")
     with pytest.raises(ModelError, match="from 1 to 50 plays"):
         identify_play([record], {}, plays=0)
+    with pytest.raises(ModelError, match="at 0 to 50 places, not -1"):
+        identify_play([record], {}, knots=-1)
 
 
 @pytest.mark.long

@@ -108,12 +108,14 @@ def identify_play(
     Raises
     ------
     ModelError
-        For fewer than one play.
+        For fewer than one play, or a number of knots below zero.
     FitError
         Where the output falls with the input.
     """
     if int(plays) != plays or not 1 <= plays <= 50:
         raise ModelError(f"The play base has from 1 to 50 plays, not {plays}.")
+    if int(knots) != knots or not 0 <= knots <= 50:
+        raise ModelError(f"The curve of the play base bends at 0 to 50 places, not {knots}.")
     parts = segments(records)
     half = float(np.ptp(np.concatenate([p.u for p in parts]))) / 2
     radii = [float(f"{half * i / (plays + 1):.6g}") for i in range(1, plays + 1)]
