@@ -281,11 +281,11 @@ def test_another_kind_and_back_keeps_the_drawing(page):
 def test_what_the_laws_limits_hold_is_marked_and_a_drawing_is_found_again(page):
     assert page.get_by_text("let the model rest").count() == 0
     page.get_by_role("button", name="Open the compensator").click()
-    page.locator(".drawing .held").wait_for()
+    page.get_by_text("let the model rest").wait_for()
     drawn, said = text(page), page.locator(".ran").inner_text()
     page.reload()
     page.get_by_role("tab", name="Law").click()
-    page.locator(".drawing .held").wait_for()
+    page.get_by_text("let the model rest").wait_for()
     assert page.get_by_role("radio", name="Drawn").is_checked()
     assert text(page) == drawn and page.locator(".ran").inner_text() == said
     assert page.get_by_role("slider").count() == len(points_of(drawn))
