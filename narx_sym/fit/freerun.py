@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import LinAlgError, qr, solve_triangular
+from scipy.linalg.lapack import dgeqrf
 from scipy.optimize import least_squares
 
 from ..engines.columns import Columns
@@ -98,6 +99,7 @@ class FreeRun:
         if min(m.size for m in measured) <= self.depth or self.edges[-1] <= self.free:
             raise FitError(f"{self.free} parameters cannot be estimated from {max(self.edges[-1], 0)} samples.")
         self._last: Array | None = None
+        self._reduced: tuple[Array, Array] | None = None
 
     @cached_property
     def slopes(self) -> Array:
@@ -113,7 +115,7 @@ class FreeRun:
         """Give the memory of runs back; the next one takes it again."""
         for name in ("slopes", "residuals", "_move"):
             self.__dict__.pop(name, None)
-        self._last = None
+        self._last = self._reduced = None
 
     @cached_property
     def _move(self) -> Any:
@@ -277,17 +279,26 @@ class FreeRun:
         bounds = self.bounds(limits or {})
 
         def slopes(z: Array) -> Array:
-            moved = self.run(z)[1]
-            if not determined(z, np.sqrt(np.einsum("ij,ij->j", moved, moved))):
+            moved = self._triangle(z)[:, :-1]
+            if not determined(z, np.linalg.norm(moved, axis=0)):
                 raise FitError("The derivatives of the free run diverge: the model is unstable there.")
-            return moved.copy()
+            return moved
 
         with np.errstate(all="ignore"), one_blas_thread():
             return least_squares(
-                lambda z: self.run(z)[0].copy(), np.clip(start, *bounds), jac=slopes,
+                lambda z: self._triangle(z)[:, -1], np.clip(start, *bounds), jac=slopes,
                 bounds=bounds, x_scale="jac", method="trf", max_nfev=max_steps, xtol=tolerance, ftol=tolerance,
                 gtol=tolerance,
             )  # fmt: skip
+
+    def _triangle(self, z: Array) -> Array:
+        """Return R of [J r] = Q R, square: all that least squares asks of the derivatives J and the residuals r."""
+        if self._reduced is None or not np.array_equal(self._reduced[0], z):
+            residuals, slopes = self.run(z)
+            both = np.empty((residuals.size, z.size + 1), order="F")
+            both[:, :-1], both[:, -1] = slopes, residuals
+            self._reduced = z.copy(), np.triu(dgeqrf(both, overwrite_a=True)[0][: z.size + 1])
+        return self._reduced[1]
 
     def solve(self, theta: Array, max_steps: int) -> tuple[Array, Array, bool, float]:
         """Minimise from given parameters: theta, standard errors, converged, half the sum of squares."""
@@ -299,7 +310,7 @@ class FreeRun:
         # A start that moves nothing, as of a play that the input soon takes along, leaves the others determined.
         moves = np.any(found.jac != 0, axis=0) | (np.arange(found.x.size) < self.free)
         R = qr(found.jac[:, moves], mode="economic")[1]
-        freedom = max(1, found.fun.size - found.x.size)
+        freedom = max(1, self.edges[-1] - found.x.size)
         Z = self.elimination.Z
         try:
             with np.errstate(all="ignore"):
