@@ -26,6 +26,7 @@ NEXT = {
     "effects.",
     "closed_loop": "Record again with the controller in manual, and steps or a slow triangle as its output; an added "
     "test signal at the controller's output helps too.",
+    "together": "Diagnose again and let it add two effects: neither of them helps by itself.",
     "outside_library": "Look at where the model fails, and at the equivalent missing input there. An effect of "
     "your own is one equation.",
 }
@@ -147,6 +148,8 @@ def what_next(diagnosis: Diagnosis) -> str:
         return (
             "Look for what disturbs the machine, or for a signal that was not recorded: the input alone tells no more."
         )
+    if chosen.verdict == "helps_but_incomplete" and chosen.chosen is None:
+        return NEXT["together"]
     return NEXT[chosen.verdict].format(best=_added(diagnosis))
 
 
@@ -180,8 +183,8 @@ def floor(diagnosis: Diagnosis) -> dict[str, float]:
 
 def fall(diagnosis: Diagnosis, units: Units) -> str:
     """Say how far the error falls with what was added, and with both of a pair; an empty text where nothing was."""
-    rungs = diagnosis.ladder
-    if len(rungs) < 2:
+    rungs, pair = diagnosis.ladder, diagnosis.steps[0].pair
+    if len(rungs) < 2 and pair is None:
         return ""
     spread, unit = diagnosis.steps[0].base.problem.spread, units.get("y") or "(unit of y)"
     before, after = (rungs[i]["validation"] * spread for i in (0, -1))
@@ -189,11 +192,12 @@ def fall(diagnosis: Diagnosis, units: Units) -> str:
     change = f"{number(ratio, 2)} times smaller" if ratio > 1 else f"{number(1 / ratio, 2)} times larger"
     moves = "falls" if ratio > 1 else "rises"
     floor = f", at the noise floor of {number(diagnosis.floor)} {unit}" if after <= AT_FLOOR * diagnosis.floor else ""
-    pair = diagnosis.steps[0].pair
     if pair is None or set(pair.effects) <= {e for step in diagnosis.steps for e in step.added}:
         return f"The error {moves} from {number(before)} to {number(after)} {unit}: {change}{floor}."
     together, name = float(np.sqrt(pair.mean_square)), _added(diagnosis)
     both = number(together)
+    if len(rungs) < 2:
+        return f"Only both help: the error falls from {number(before)} to {both} {unit}; neither does by itself."
     if ratio > 1:
         more = f", to {both} with both" if together < after else f"; with both it is {both}"
         return f"With {name} the error falls from {number(before)} to {number(after)} {unit}{more}."

@@ -159,6 +159,16 @@ def test_of_a_pair_it_is_said_how_far_one_of_them_goes_and_how_far_both(stage_di
     assert said(0.5, worse).startswith("On what was held out the error does not fall: ")
 
 
+def test_a_pair_of_which_neither_helps_by_itself_adds_nothing_and_says_so(stage_diagnosis):
+    first = replace(stage_diagnosis.steps[0], verdict="helps_but_incomplete")
+    pair = Pair(("backlash", "creep"), first.chosen, 0.01**2, 0.9)
+    found = replace(stage_diagnosis, steps=[replace(first, pair=pair, chosen=None, candidates=[], experiment=None)])
+    assert words.fall(found, STAGE_UNITS).startswith("Only both help: the error falls from ")
+    assert "add two effects" in words.what_next(found) and len(found.ladder) == 1
+    made = page.sections(found, STAGE_UNITS, scripts=False)
+    assert "Two effects are probably missing: backlash and creep." in "".join(s.html for s in made)
+
+
 def test_a_pair_is_not_what_data_cannot_tell_apart(stage_diagnosis):
     first = stage_diagnosis.steps[0]
     pair = Pair(tuple(first.confusion_set), first.chosen, 0.25, 0.9)

@@ -103,7 +103,8 @@ def nothing(bench: Workbench, current: Shown) -> None:
 def what_next(bench: Workbench, current: Shown) -> None:
     """Say what to do next."""
     found = current.found
-    said(NEXT.get(found.verdict) or f"Next: {words.what_next(found)}").classes("next-step")
+    here = NEXT.get(found.verdict) if found.candidates or found.steps[0].pair is None else None
+    said(here or f"Next: {words.what_next(found)}").classes("next-step")
 
 
 def candidates(bench: Workbench) -> None:
