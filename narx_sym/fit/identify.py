@@ -22,7 +22,7 @@ from ..models.pool import lagged, pool
 from ..symbolic.signals import k, lag, phi1, u, y
 from .bases.bouc_wen import identify_bouc_wen
 from .bases.choice import choose_base
-from .bases.integrating import DRIVEN, at_one, driven, slowest_seen
+from .bases.integrating import at_one, drives, slowest_seen
 from .bases.play import KNOTS, PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
 from .laws.excursions import law_radius
@@ -340,8 +340,11 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
 def _integrates(model: Model, records: Sequence[Record]) -> bool:
     """Whether the input drives a linear model through a pole that the records cannot tell from 1."""
     a, b = _coefficients(model, y), _coefficients(model, u)
-    spread = np.std(np.concatenate([r.y for r in records]))
-    return at_one(a, slowest_seen(records)) and driven(a, b, records) > DRIVEN * spread
+    slow, first = slowest_seen(records), int(np.argmax(b != 0))
+    if not at_one(a, slow):
+        return False
+    error = evaluate(model, records).free_run_nrmse * np.std(np.concatenate([r.y for r in records]))
+    return drives(a, b.size - first, first, records, slow, error**2)
 
 
 def _coefficients(model: Model, base: Any) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...data.record import Record
 from ...errors import FitError
-from ...fit.bases.integrating import DRIVEN, at_one, driven, slowest, slowest_seen, undriven
+from ...fit.bases.integrating import at_one, drives, lasting, slowest, slowest_seen
 from ...models.extend import Variant
 from ...models.model import NARX, Model
 from ...symbolic.signals import samples
@@ -22,7 +22,6 @@ from .verdict import PER_EFFECT, price
 Array = np.ndarray
 HIGHER = (5, 7, 9)  # orders of further cores, tried in turn
 INTEGRATES = 25.0  # times the mean square without a pole at 1: less, and the pole only imitates a slow or bent response
-SWINGS = 4.0  # times the mean square, where nothing drives a pole that hardly decays: more, and it is a resonance
 LOOKS = 4  # shapes from which a fit is begun
 HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
@@ -71,6 +70,11 @@ class Row:
         return frozenset(v.effect.limit[2] for v in self.hypothesis.effects if v.effect.limit)
 
     @property
+    def a(self) -> Array:
+        """The coefficients of older outputs in its core, (n_y,)."""
+        return self.values[: self.hypothesis.core.n_y]
+
+    @property
     def size(self) -> Core:
         """Its core without the delay, which is tuned for each."""
         return replace(self.hypothesis.core, delay=0)
@@ -113,8 +117,8 @@ class Search:
     rows : list of Row
         The table; what cannot be worth its price is not judged.
     limits : of the shape parameters of each effect
-    swings : bool
-        Whether the input excites a resonance that hardly decays within the record.
+    swings, leaks : bool
+        Whether the input drives poles that hardly decay within the record: of a resonance, near 1.
     integrating : bool
         Whether the axis integrates: its free run is started again at block edges.
     """
@@ -128,7 +132,7 @@ class Search:
         self.frames: dict[Any, Frame] = {}
         self.rows: list[Row] = []
         self.higher: list[tuple[int, int]] = []
-        self.integrating = self.swings = False
+        self.integrating = self.swings = self.leaks = False
         self.slow = slowest_seen(self.records)
 
     # -- frames ----------------------------------------------------------------------------------------------------
@@ -187,23 +191,29 @@ class Search:
             Where no core follows the data.
         """
         every = [r.judged() for r in self.cored(delays, any_pole=True)]
-        self.swings = any(self._answers(r) for r in every if self._runs_away(r.hypothesis.core, r.values))
-        found = [r for r in every if not self._runs_away(r.hypothesis.core, r.values)]
-        kept = min((r.held for r in found), default=np.inf)
-        away = min((r for r in every if r not in found and self._at_one(r)), key=lambda r: r.held, default=None)
-        if (
-            away is not None
-            and kept > INTEGRATES * away.held
-            and self._driven(away.hypothesis.core, away.frame, away.values) > DRIVEN
-        ):
-            self.integrating = True
-            self.__dict__.pop("largest", None)
-            found = [r.judged() for r in self.cored(delays)]
+        driven = [r for r in every if self._runs_away(r) and self._driven(r, r.held)]
+        self.swings = any(slowest(r.a) < 1 and not at_one(r.a, self.slow) for r in driven)
+        found = [r for r in every if not self._runs_away(r)]
+        near = min((r for r in driven if at_one(r.a, self.slow)), key=lambda r: r.held, default=None)
+        if near is not None and min((r.held for r in found), default=np.inf) > INTEGRATES * near.held:
+            found = self._integrated(near, every, delays)
         if not found:
             raise FitError("The base model cannot follow these data in free run: choose another base.")
         found = self._climbed(found, delays)
         self.rows += found
         return found
+
+    def _integrated(self, near: Row, every: Sequence[Row], delays: Sequence[int]) -> list[Row]:
+        """Fit every core with a pole at 1, in pieces; where the pole that only is near does better, it stays there."""
+        self.integrating = True
+        self.__dict__.pop("largest", None)
+        found = [r.judged() for r in self.cored(delays)]
+        if slowest(near.a) >= 1 or near.held > min((r.held for r in found), default=np.inf):
+            return found
+        self.integrating, self.leaks = False, True
+        self.swings = self.swings or lasting(near.a, self.slow)[1]
+        self.__dict__.pop("largest", None)
+        return [r for r in every if not self._runs_away(r)]
 
     def _climbed(self, found: list[Row], delays: Sequence[int]) -> list[Row]:
         """Fit larger cores too, as long as each is the cheapest: a structure may have several resonances.
@@ -250,42 +260,36 @@ class Search:
         """Fit one hypothesis from one start; None where it diverges, or integrates where the axis does not."""
         frame = self.frame(hypothesis.effects, hypothesis.core.given)
         x, cost = frame.fit(x, hypothesis.core, steps)
-        if not np.isfinite(cost) or not (any_pole or self._keeps(hypothesis, frame, x)):
+        if not np.isfinite(cost):
             return None
         memory = self.family == "static" and (hypothesis.core.n_y, hypothesis.core.n_u) != (0, 1)
-        return Row(hypothesis, frame, x, cost, frame.parameters(hypothesis.core), memory=memory)
+        row = Row(hypothesis, frame, x, cost, frame.parameters(hypothesis.core), memory=memory)
+        return row if any_pole or self._keeps(row) else None
 
-    def _runs_away(self, core: Core, x: Array) -> bool:
-        """Whether a pole has moved to the unit circle, as far as the record tells: it imitates a drift, or a line."""
+    def _runs_away(self, row: Row, a: Array | None = None) -> bool:
+        """Whether a pole has moved to the unit circle, as far as the record tells: it imitates a drift, or a line.
+
+        `a`, (n_y,), are the coefficients of older outputs; by default those of the core.
+        """
+        core, a = row.hypothesis.core, row.a if a is None else a
         if core.given or core.integrating:
             return False
-        a = x[: core.n_y]
-        return slowest(a) >= 1 or at_one(a, self.slow) if self.swings else slowest(a) > self.slow
+        near, swinging = lasting(a, self.slow)
+        return slowest(a) >= 1 or (near and not self.leaks) or (swinging and not self.swings)
 
-    def _keeps(self, hypothesis: Hypothesis, frame: Frame, x: Array) -> bool:
+    def _keeps(self, row: Row) -> bool:
         """Whether no pole has moved to the unit circle, or the effects hold what the input drives through it."""
-        core = hypothesis.core
-        if not self._runs_away(core, x):
+        if not self._runs_away(row):
             return True
-        held = bool(hypothesis.effects) and not self._runs_away(core, frame.linearised(x, core))
-        return held and self._driven(core, frame, x) > DRIVEN
+        held = bool(row.hypothesis.effects) and not self._runs_away(
+            row, row.frame.linearised(row.values, row.hypothesis.core)
+        )
+        return held and self._driven(row, row.fitted)
 
-    def _answers(self, row: Row) -> bool:
-        """Whether the input drives the poles of a core that hardly decay, and that are not at 1."""
-        core, a = row.hypothesis.core, row.values[: row.hypothesis.core.n_y]
-        if slowest(a) >= 1 or self._at_one(row):
-            return False
-        left = undriven(a, core.n_u, core.delay, self.records, self.slow) / row.frame.problem.spread**2
-        return left > SWINGS * row.held
-
-    def _at_one(self, row: Row) -> bool:
-        return at_one(row.values[: row.hypothesis.core.n_y], self.slow)
-
-    def _driven(self, core: Core, frame: Frame, x: Array) -> float:
-        """Return how much of the output's spread the input sends through the pole at 1 of a core."""
-        assert self.largest is not None
-        b = x[self.largest.n_y : self.largest.n_y + core.n_u]
-        return driven(x[: core.n_y], b, self.records) / frame.problem.spread
+    def _driven(self, row: Row, error: float) -> bool:
+        """Whether the input drives the poles of a core that hardly decay; `error` is what is left with them."""
+        core, spread = row.hypothesis.core, row.frame.problem.spread
+        return drives(row.a, core.n_u, core.delay, self.records, self.slow, error * spread**2)
 
     # -- with one more effect -----------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from ...data.record import Record
 
 Array = np.ndarray
-DRIVEN = 0.5  # of the output's spread that passes through that pole: less, and it is that of a drift, not of an axis
+DRIVEN = 2.5  # times the mean square, where nothing drives a pole that hardly decays: less, and it imitates a drift
 
 
 def slowest_seen(records: Sequence[Record]) -> float:
@@ -31,27 +31,34 @@ def slowest(a: Array) -> float:
     return float(np.abs(poles(a)).max(initial=0.0))
 
 
-def at_one(a: Array, slow: float) -> bool:
-    """Whether a pole is at 1: as slow as `slow` (`slowest_seen`), and it does not swing within the record.
+def lasting(a: Array, slow: float) -> tuple[bool, bool]:
+    """Whether there are poles that hardly decay, near 1 and elsewhere: as slow as `slow` (`slowest_seen`).
 
-    A pair that swings without damping imitates a line of the output's spectrum, such as the third harmonic of a bent
-    response to a sine; no axis integrates there.
+    A pair elsewhere swings within the record; undamped it imitates a line of the output's spectrum, such as the third
+    harmonic of a bent response to a sine; no axis integrates there.
     """
-    near = [p for p in poles(a) if abs(np.angle(p)) <= 1 - slow]
-    return max(map(abs, near), default=0.0) > slow
+    near = [abs(np.angle(p)) <= 1 - slow for p in poles(a) if abs(p) > slow]
+    return any(near), not all(near)
 
 
-def undriven(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: float) -> float:
-    """Return the mean square that A y = B u leaves where the input does not drive the poles that hardly decay.
+def at_one(a: Array, slow: float) -> bool:
+    """Whether a pole cannot be told from 1."""
+    return lasting(a, slow)[0]
 
-    They keep their free response, and the input the other poles: least squares in each segment [unit of y squared].
-    A line of the spectrum, which no input makes, is described as well without a drive; a resonance is not.
+
+def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: float, error: float) -> bool:
+    """Whether the input drives the poles of A y = B u that hardly decay: without it much more would be left.
+
+    Undriven these poles keep their free response, and the input the other poles: least squares in each segment. A
+    drift, or a line of the spectrum, which no input makes, is described as well without a drive; an axis or a resonance
+    is not.
 
     Parameters
     ----------
     a : (n,) array, the coefficients of older outputs
     n_u, delay : int, of the inputs
     slow : float, the pole from which on one hardly decays
+    error : float, the mean square that A y = B u leaves [unit of y squared]
     """
     found = poles(a)
     lasting = np.abs(found) > slow
@@ -60,20 +67,8 @@ def undriven(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: fl
         k = np.arange(len(s))
         u = lfilter([1.0], np.poly(found[~lasting]).real, s.u - s.u.mean())
         columns = [np.where(k < delay + i, 0.0, np.roll(u, delay + i)) for i in range(n_u + 2)]
-        columns += [part(p**k) for p in found for part in (np.real, np.imag)]
+        since = [k - k[-1] if abs(p) > 1 else k for p in found]  # of what grows, backwards: it stays finite
+        columns += [part(p**i) for p, i in zip(found, since, strict=True) for part in (np.real, np.imag)]
         matrix = np.column_stack([*columns, np.ones(len(s))])
         left.append(s.y - matrix @ np.linalg.lstsq(matrix, s.y, rcond=None)[0])
-    return float(np.mean(np.concatenate(left) ** 2))
-
-
-def driven(a: Array, b: Array, records: Sequence[Record]) -> float:
-    """Return how far the input moves the output through the pole at 1: a standard deviation [unit of the output].
-
-    Parameters
-    ----------
-    a, b : (n,) and (m,) arrays, the coefficients of older outputs and of inputs
-    """
-    found = poles(a)
-    others = np.delete(found, np.argmin(np.abs(found - 1)))
-    gain = np.sum(b) / np.prod(1 - others).real
-    return float(max(np.std(gain * np.cumsum(s.u - s.u.mean())) for r in records for s in r.segments()))
+    return bool(np.mean(np.concatenate(left) ** 2) > DRIVEN * error)
