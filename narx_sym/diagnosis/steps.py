@@ -240,10 +240,11 @@ def step(table: Table, known: Row, room: int = 1, limits: tuple[float, float] | 
         models = {c.effect: c.model for c in made.candidates if c.effect in made.confusion_set}
         made.experiment = propose(models, list(base.split.records), made.floor, table.seed, limits=limits)
     table.course.say(": deleting what became redundant")
-    if made.pair is not None and room == 1:  # the first alone, where one of them has a model by itself
-        if not made.candidates:
+    if made.pair is not None and room == 1:  # one of them, where it is worth its price by itself
+        alone = [c for c in made.candidates if c.effect in both and table.worth(c.row, known)]
+        if not alone:
             return made, known
-        chosen = made.candidates[0].fitted
+        chosen = alone[0].fitted
     made.chosen = prune(chosen, base)
     return made, best
 

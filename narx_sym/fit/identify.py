@@ -298,10 +298,13 @@ def stable_law(model: Model, records: Records) -> bool:
 
 
 def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
-    """Hold out the last record, or the last part of the only one."""
+    """Hold out the last record, or the last part of the only one, in which its output moves."""
     if len(records) > 1:
         return records[:-1], records[-1:]
     first, second = records[0].split(1 - HELD_OUT)
+    if not np.ptp(second.y):
+        begin, end = np.flatnonzero(np.diff(records[0].y))[[0, -1]] / len(records[0])
+        first, second = records[0].split(begin + (1 - HELD_OUT) * (end - begin))
     return [first], [second]
 
 

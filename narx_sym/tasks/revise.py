@@ -73,7 +73,7 @@ def with_effect(before: Revision, effect: str, records: Sequence[Record], progre
     if candidate is None:
         addition = Addition(before.base.model, effect, None, EFFECTS)
         model = addition.fit(list(records), progress=lambda now: progress(Told(f"adding it: {now}", 1, STAGES)))
-    elif step.chosen is not None and candidate is step.candidates[0]:
+    elif step.chosen is not None and step.added == [effect]:
         model = step.chosen.model
     else:
         model = prune(candidate.fitted, before.base).model

@@ -50,12 +50,17 @@ def _ratio(y: Array) -> float:
 def _averaged(record: Record, factor: int) -> Record:
     if factor == 1:
         return record
-    n = len(record) // factor
 
     def mean(x: Array) -> Array:
-        return np.asarray(x[: n * factor].reshape(n, factor).mean(axis=1))
+        return means(x, factor)
 
     channels = {name: mean(c) for name, c in record.channels.items()}
     return Record(
         mean(record.u), mean(record.y), mean(record.t), record.Ts * factor, channels, record.name, units=record.units
     )
+
+
+def means(x: Array, factor: int) -> Array:
+    """Return the means of so many samples each, (N // factor,)."""
+    n = x.size // factor
+    return np.asarray(x[: n * factor].reshape(n, factor).mean(axis=1))

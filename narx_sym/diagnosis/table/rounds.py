@@ -19,10 +19,10 @@ from ..directions import Linearised
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted, Split, settle
 from .hypotheses import Hypothesis, linear_in_signals, written
-from .rate import working
+from .rate import means, working
 from .screening import Scored, score, shortlist, whole
 from .search import Row, Search, family_of
-from .verdict import PER_EFFECT, cheapest
+from .verdict import PER_EFFECT, cheapest, price
 
 Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
@@ -218,21 +218,28 @@ class Table:
     def held(self, choose: Callable[[], tuple[Row, Row | None]]) -> tuple[Row, Row | None]:
         """Return the first base and winner that can both be held at both rates; others leave the table.
 
-        So does a winner that does not lower the error at the records' own rate, of all samples.
+        So does a winner that is not worth its price at the records' own rate, over all samples.
         """
         while True:
             base, best = choose()
             lost = [r for r in (base, best) if r is not None and not self.holds(r)]
-            if not lost and best is not None and not self._lower(best, base):
+            if not lost and best is not None and not self.worth(best, base):
                 lost = [best]
             if not lost:
                 return base, best
             self.rows.remove(lost[0])
 
-    def _lower(self, row: Row, base: Row) -> bool:
-        """Whether a row has a lower error than another over all samples, both at the records' own rate."""
-        errors = [np.concatenate(fitted.errors) for fitted in map(self.own, (row, base))]
-        return bool(np.mean(errors[0] ** 2) < np.mean(errors[1] ** 2))
+    def worth(self, row: Row, base: Row) -> bool:
+        """Whether a row is worth its price over another on all samples too, fitted at the records' own rate.
+
+        Errors are averaged as the records of the table are.
+        """
+
+        def paid(r: Row) -> float:
+            errors = np.concatenate([means(e, self.factor) for e in self.own(r).errors])
+            return price(float(np.mean(errors**2)), r.parameters, r.count)
+
+        return paid(row) < paid(base)
 
     def holds(self, row: Row) -> bool:
         """Whether the free run of a row can be held at the working rate and at the records' own."""
