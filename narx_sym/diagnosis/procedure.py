@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..data.evidence.feedback import SETPOINTS, closed_loop
+from ..data.evidence.feedback import SETPOINTS, closed_loop, setpoint
 from ..data.evidence.noise import sensor_noise
+from ..data.evidence.stiction import percent, sticking
 from ..data.sensor import Fault, sensor_faults
 from ..data.units import said_first
 from ..errors import FitError, ModelError
@@ -119,7 +120,9 @@ class Diagnosis(DiagnosisDoors):
         return self._verdict(said_first(self.units, units))
 
     def _verdict(self, units: Mapping[str, str]) -> str:
-        return " ".join([self.steps[0].sentence(units), *(fault.sentence for fault in self.faults)])
+        first = self.steps[0]
+        loop = [f"{first.loop.outweighed}."] if first.loop is not None and first.candidates else []
+        return " ".join([first.sentence(units), *loop, *(fault.sentence for fault in self.faults)])
 
     def table(self) -> list[dict[str, Any]]:
         """One row per candidate of the first step."""
@@ -214,10 +217,11 @@ def diagnose(
         table = Table(start, listed, named, catalogue, seed, course)
         steps: list[Step] = []
         known, loop = table.base, closed_loop(listed)
-        if loop is not None:
-            steps.append(looped(table.own(known), loop, listed))
-        while loop is None and len(known.hypothesis.effects) < max_effects:
-            made, known = step(table, known, max_effects - len(known.hypothesis.effects), limits)
+        valves = [sticking(r) for r in listed if setpoint(r) is not None and percent(r)]
+        if loop is not None and valves:  # of a valve it is judged whether it sticks, and nothing else
+            steps.append(looped(table.own(known), loop, valves))
+        while not valves and len(known.hypothesis.effects) < max_effects:
+            made, known = step(table, known, max_effects - len(known.hypothesis.effects), limits, loop)
             steps.append(made)
             if made.chosen is None:
                 break

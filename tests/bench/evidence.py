@@ -1,6 +1,6 @@
 """What a record says before any model, against simulated plants: dead times, feedback, noise.
 
-    python tests/bench/evidence.py dead_time|feedback|valves [--seed 0] [--plants 25]
+    python tests/bench/evidence.py dead_time|feedback|valves|imitated|servos [--seed 0] [--plants 25]
 
 Plants of first and second order and resonant ones, with time constants of 1 to 30 samples; noise of 1 % on the output.
 Nothing here comes from the package but what is asked.
@@ -18,10 +18,12 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from scipy.signal import lfilter
 
+from narx_sym import diagnose, identify
 from narx_sym.data.evidence.dead_time import dead_time
 from narx_sym.data.evidence.feedback import feedback
 from narx_sym.data.evidence.stiction import sticking
@@ -193,7 +195,61 @@ def valves(seed: int, plants: int) -> None:
     print(f"| balanced accuracy | {(right[False] / good + right[True] / bad_ones) / 2:.2f} |")
 
 
-PARTS: dict[str, Callable[[int, int], Any]] = {"dead_time": dead_times, "feedback": loops, "valves": valves}
+def imitated(seed: int, plants: int) -> None:
+    """Say how little of the squared error an effect leaves that only imitates what a healthy loop makes."""
+    rng, shares = np.random.default_rng(seed), []
+    for _ in range(plants):
+        kind, record = loop(rng)
+        bare = Record(record.u, record.y, record.t, record.Ts)
+        with patch("narx_sym.diagnosis.procedure.closed_loop", lambda records: None):
+            found = diagnose(identify(bare, base="linear"), bare)
+        least = {n: min((r.held for r in found.hypotheses if len(r.ids) == n), default=np.inf) for n in (0, 1)}
+        left = min(1.0, least[1] / least[0])
+        shares.append(left)
+        print(f"{kind}: {found.verdict}, {' and '.join(found.confusion_set[:3])}: {100 * left:.0f} % left", flush=True)
+    print(
+        f"| healthy loops | {plants} |\n| least of the squared error that an effect leaves | {100 * min(shares):.0f} % |"
+    )
+
+
+def servo(rng: np.random.Generator, friction: float, n: int = 4000) -> Record:
+    """Return a mass under position control, without and with dry friction (a share of the controller's rms force)."""
+    t, pace, fine = 0.005 * np.arange(n), 0.005, 10
+    waves = zip(rng.uniform(0.02, 0.1, 4), rng.uniform(0.2, 2, 4), rng.uniform(0, 6, 4), strict=True)
+    wanted = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in waves)
+    mass, drag = rng.uniform(1, 5), rng.uniform(5, 20)
+    stiff = 0.3 * mass * rng.uniform(20, 40) ** 2
+    damp = 1.4 * np.sqrt(stiff * mass) - drag
+    u, y, force = np.zeros(n), np.zeros(n), 0.0
+    for held in (0.0, friction):  # the controller's force without friction is the measure
+        position = speed = 0.0
+        for k in range(n):
+            y[k] = position + 1e-5 * rng.standard_normal()
+            u[k] = stiff * (wanted[k] - y[k]) - damp * ((y[k] - y[k - 1]) / pace if k else 0.0)
+            for _ in range(fine):
+                free = speed + pace / fine * (u[k] - drag * speed) / mass
+                speed = np.sign(free) * max(abs(free) - pace / fine * held * force / mass, 0.0)
+                position += pace / fine * speed
+        force = float(np.std(u))
+    return Record.from_arrays(u, y, Ts=pace, channels={"setpoint": wanted})
+
+
+def servos(seed: int, plants: int) -> None:
+    """Count the servo axes in closed loop whose friction is named, and those without it of which nothing is."""
+    rng = np.random.default_rng(seed)
+    seen: Counter[str] = Counter()
+    for _ in range(plants):
+        for friction in (0.0, 0.3):
+            record = servo(rng, friction)
+            found = diagnose(identify(record, base="linear", lags={"setpoint": []}), record)
+            seen[f"friction {friction:g}: {found.verdict} {' and '.join(sorted(found.confusion_set)[:3])}"] += 1
+    for name, count in sorted(seen.items()):
+        print(f"| {name} | {count} of {plants} |")
+
+
+PARTS: dict[str, Callable[[int, int], Any]] = {
+    "dead_time": dead_times, "feedback": loops, "valves": valves, "imitated": imitated, "servos": servos,
+}  # fmt: skip
 
 
 def main() -> int:

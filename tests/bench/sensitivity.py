@@ -29,9 +29,11 @@ from narx_sym.diagnosis.table import verdict
 
 CHANGED = ("PER_PARAMETER", "PER_EFFECT", "MOST", "ALIKE")  # those that the names depend on
 SEARCHED = (
-    ("table.verdict", "HELPS"), ("table.verdict", "LEFT"), ("table.verdict", "LARGE"), ("table.search", "INTEGRATES"),
-    ("table.search", "SWINGS"), ("table.search", "DRIVEN"), ("table.screening", "EFFECTS_TRIED"),
-    ("table.rounds", "PARTNERS"), ("table.rounds", "TOGETHER"), ("gate", "LEVEL"),
+    ("diagnosis.table.verdict", "HELPS"), ("diagnosis.table.verdict", "LEFT"),
+    ("diagnosis.table.verdict", "LARGE"), ("diagnosis.table.verdict", "IN_LOOP"),
+    ("diagnosis.table.search", "INTEGRATES"), ("fit.bases.integrating", "DRIVEN"),
+    ("diagnosis.table.screening", "EFFECTS_TRIED"), ("diagnosis.table.rounds", "PARTNERS"),
+    ("diagnosis.table.rounds", "TOGETHER"), ("diagnosis.gate", "LEVEL"),
 )  # fmt: skip
 FRICTION = {"coulomb_friction", "stribeck_friction", "stiction"}
 RECORDS: dict[str, tuple[str, slice, set[str]]] = {
@@ -98,11 +100,11 @@ def changes() -> Iterator[tuple[str, float]]:
 @contextmanager
 def changed(module: str, name: str, factor: float) -> Iterator[float]:
     """Change a constant wherever the diagnosis has it by its name."""
-    value = getattr(sys.modules[f"narx_sym.diagnosis.{module}"], name)
+    value = getattr(sys.modules[f"narx_sym.{module}"], name)
     new = type(value)(value * factor)
     held = [
         m for full, m in sys.modules.items()
-        if full.startswith("narx_sym.diagnosis") and getattr(m, name, None) is value
+        if full.startswith("narx_sym.") and getattr(m, name, None) is value
     ]  # fmt: skip
     for one in held:
         setattr(one, name, new)

@@ -133,3 +133,13 @@ def test_hysteresis_is_no_dead_time():
         held[k] = min(max(held[k - 1], u[k] - 0.4), u[k] + 0.4)
     rng = np.random.default_rng(0)
     assert not dead_time([ns.Record.from_arrays(u, held + 0.01 * rng.standard_normal(1200), Ts=0.01)]).long
+
+
+@pytest.mark.parametrize("friction", (0.3, pytest.param(0.0, marks=pytest.mark.long)))
+def test_friction_of_an_axis_under_control_is_named_and_a_healthy_one_has_none(friction):
+    rng = np.random.default_rng(3)
+    verdict = "coulomb_friction" if friction else "closed_loop"
+    record = evidence.servo(rng, friction, 2000)
+    found = diagnose(identify(record, base="linear", lags={"setpoint": []}), record)
+    assert verdict in (found.verdict, *found.confusion_set)
+    assert "taken in closed loop" in found.sentence() and ("far less" in found.sentence()) == bool(friction)

@@ -72,6 +72,14 @@ class Feedback:
             "in manual and steps or a slow triangle as its output, or give the setpoint (--channels setpoint)"
         )
 
+    @property
+    def outweighed(self) -> str:
+        """What to know where an effect explains more than a controller's answers could imitate."""
+        return (
+            "This record was taken in closed loop: disturbances reach the input through the controller, and imitate an "
+            "effect. They imitate far less than is explained here"
+        )
+
 
 def setpoint(record: Record) -> Array | None:
     """Return the setpoint where a channel has its name."""

@@ -258,7 +258,7 @@ class Table:
         core, D = row.hypothesis.core, self.factor
         segments = [s for r in self.records for s in r.segments()]
         fine = Search(self.given, segments, [(core.n_y, core.n_u)])
-        fine.integrating = core.integrating
+        fine.integrating, fine.swings, fine.leaks = core.integrating, self.search.swings, self.search.leaks
         for variant in row.hypothesis.effects:
             fine.limits[variant] = {p: (low / at, high / at) for (p, (low, high)), at in self._scaled(variant)}
         first = core.delay * D - D // 2
