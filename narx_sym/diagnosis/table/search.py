@@ -191,12 +191,14 @@ class Search:
             Where no core follows the data.
         """
         every = [r.judged() for r in self.cored(delays, any_pole=True)]
-        driven = [r for r in every if self._runs_away(r) and self._driven(r, r.held)]
-        self.swings = any(slowest(r.a) < 1 and not at_one(r.a, self.slow) for r in driven)
+        away = [r for r in every if self._runs_away(r)]
+        near = [r for r in away if at_one(r.a, self.slow)]
+        self.swings = any(slowest(r.a) < 1 and r not in near and self._driven(r, r.held) for r in away)
         found = [r for r in every if not self._runs_away(r)]
-        near = min((r for r in driven if at_one(r.a, self.slow)), key=lambda r: r.held, default=None)
-        if near is not None and min((r.held for r in found), default=np.inf) > INTEGRATES * near.held:
-            found = self._integrated(near, every, delays)
+        best = min(near, key=lambda r: r.held, default=None)
+        worse = best is not None and min((r.held for r in found), default=np.inf) > INTEGRATES * best.held
+        if best is not None and worse and any(self._driven(r, r.held) for r in near):
+            found = self._integrated(best, every, delays)
         if not found:
             raise FitError("The base model cannot follow these data in free run: choose another base.")
         found = self._climbed(found, delays)

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from ...data.record import Record
 
 Array = np.ndarray
-DRIVEN = 2.5  # times the mean square, where nothing drives a pole that hardly decays: less, and it imitates a drift
+DRIVEN = 4.0  # times the mean square, where nothing drives a pole that hardly decays: less, and it imitates a drift
 
 
 def slowest_seen(records: Sequence[Record]) -> float:
