@@ -218,13 +218,11 @@ def diagnose(
         steps: list[Step] = []
         known, loop = table.base, closed_loop(listed)
         valves = [sticking(r) for r in listed if setpoint(r) is not None and percent(r)]
-        if loop is not None and valves:  # of a valve it is judged whether it sticks, and nothing else
+        if loop is not None and (valves or not loop.moved_by_setpoint):  # of a valve it is judged whether it sticks
             steps.append(looped(table.own(known), loop, valves))
-        while not valves and len(known.hypothesis.effects) < max_effects:
+        while not steps or (steps[-1].chosen is not None and len(known.hypothesis.effects) < max_effects):
             made, known = step(table, known, max_effects - len(known.hypothesis.effects), limits, loop)
             steps.append(made)
-            if made.chosen is None:
-                break
     sensor = sensor_noise(listed, repeated(listed[0]))
     for one in steps:
         one.sensor = sensor

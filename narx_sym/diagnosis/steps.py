@@ -23,7 +23,7 @@ from .table.candidates import Candidate, Pair
 from .table.rounds import Table
 from .table.screening import absorbed, detectable
 from .table.search import Row
-from .table.verdict import HELPS, IN_LOOP, LARGE, LEFT, ROUNDING, alike, cheapest, verdict, winner
+from .table.verdict import HELPS, LARGE, LEFT, ROUNDING, alike, cheapest, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
 SHOWN = 6  # candidates at most, and the confusion set
@@ -203,14 +203,14 @@ def step(
 ) -> tuple[Step, Row]:
     """Run one round: what may be missing beside the effects of a row, and a verdict; also the row that it ends at.
 
-    `room` is how many effects may be added, `limits` how far the input of the next experiment may go. In a `loop` what
-    a disturbance makes of the input imitates effects, but in no healthy loop did a single one remove nearly all of the
-    error (tests/bench/evidence.py imitated): what does is the machine's.
+    `room` is how many effects may be added, `limits` how far the input of the next experiment may go. In a `loop` an
+    effect is named where it alone removes nearly all of the error: what a disturbance makes of the input imitates
+    effects too, but in no healthy loop that the setpoint moves did one do so (tests/bench/evidence.py imitated).
     """
     known, best = _filled(table, known)
     table.course.reach(JUDGE)
     base, scored = table.own(known), table.screened(known)
-    if loop is not None and (best is None or len(best.beyond(known)) > 1 or best.held > IN_LOOP * known.held):
+    if loop is not None and (best is None or len(best.beyond(known)) > 1 or best.held > LEFT * known.held):
         return looped(base, loop), known
     repeats = base.split.noise
     floor = float(np.mean(np.concatenate(repeats) ** 2)) if repeats else base.mean_square(base.split.held)
