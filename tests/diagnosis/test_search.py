@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import truths
+from scipy.signal import lfilter
 
 import narx_sym as ns
 from narx_sym.diagnosis.table.frame import Frame
@@ -231,6 +232,20 @@ def test_a_resonance_that_hardly_decays_is_no_line_of_the_spectrum():
     assert np.sqrt(best.held) * np.std(record.y) == pytest.approx(noise, rel=0.1)
     found = ns.diagnose(base, record)
     assert found.verdict == "nothing_detectable"
+
+
+def test_an_axis_that_leaks_slowly_keeps_its_pole():
+    # Drag decays slower than a stretch of a long record: no integrator, no drift.
+    rng = np.random.default_rng(5)
+    driven = np.repeat(rng.standard_normal(900), 20)
+    pole = 0.9993
+    y = lfilter([0.0, 0.02], [1.0, -pole], driven)
+    record = ns.Record.from_arrays(driven, y + 0.01 * np.std(y) * rng.standard_normal(y.size), Ts)
+    base = ns.identify(record, base="linear", n_y=1, n_u=1, delay=1)
+    search = Search(base, [record[i : i + 2000] for i in (0, 8000, 16000)])
+    best = min(search.bases([0, 1, 2]), key=lambda r: r.price)
+    assert pole > search.slow and search.leaks and not search.integrating
+    assert slowest(best.a) == pytest.approx(pole, abs=1e-4)
 
 
 @pytest.mark.parametrize("kind", ["gain", "lag", "late"])

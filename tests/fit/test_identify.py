@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.signal import lfilter
 
 import narx_sym as ns
 
@@ -40,6 +41,15 @@ def test_a_slow_lag_keeps_its_pole():
     assert not model.constraints
     coefficients = [model.values.get(c, 0) for c, term in model.parts() if term.has(ns.y)]
     assert np.abs(np.roots([1, *(-float(c) for c in coefficients)])).max() == pytest.approx(0.99, abs=0.003)
+
+
+def test_what_is_held_out_moves():
+    moving, rest = N // 4, np.arange(N) >= N // 4
+    y = lfilter([0.0, 0.1], [1.0, -0.9], force(0))
+    y[rest] = 0.0  # the sensor is off for the rest of the record
+    model = ns.identify(ns.Record.from_arrays(np.where(rest, 0.0, force(0)), y, Ts=TS), base="linear")
+    part = ns.Record.from_arrays(force(0)[:moving], y[:moving], Ts=TS)
+    assert ns.evaluate(model, part).free_run_nrmse < 0.1
 
 
 def test_a_sensor_that_drifts_does_not_integrate():

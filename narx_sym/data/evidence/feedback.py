@@ -107,7 +107,7 @@ def feedback(record: Record) -> Feedback:
     target = du[rows]
     moved = usual_size(target)
     if rows.size < FEWEST or moved == 0 or not np.any(dy[rows]):
-        return Feedback(False, 0.0, 1.0, r is not None, 0.0 if r is None else led(u, r))
+        return Feedback(False, 0.0, 1.0, r is not None)
     own = [u[rows - 1], *(du[rows - i] for i in range(1, OWN))]
     if r is not None:
         dr = np.diff(r, prepend=r[0])

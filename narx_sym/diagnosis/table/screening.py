@@ -103,7 +103,7 @@ def shortlist(scored: Scored, family: str) -> dict[Variant, list[tuple[float, ..
 
 
 def detectable(scored: Scored) -> dict[str, float]:
-    """Return per effect the rms by which it moves the output where about 80 % of such records show it [unit of y].
+    """Return per effect the rms by which it moves the output where 80 % of such records show it, or more [unit of y].
 
     Its forms and shapes count by their median; of the places where it may act, the one where it shows least.
     """
