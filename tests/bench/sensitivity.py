@@ -31,7 +31,7 @@ CHANGED = ("PER_PARAMETER", "PER_EFFECT", "MOST", "ALIKE")  # those that the nam
 SEARCHED = (
     ("diagnosis.table.verdict", "HELPS"), ("diagnosis.table.verdict", "LEFT"),
     ("diagnosis.table.verdict", "LARGE"),
-    ("diagnosis.table.search", "INTEGRATES"), ("fit.bases.integrating", "DRIVEN"),
+     ("fit.bases.integrating", "DRIVEN"),
     ("diagnosis.table.screening", "EFFECTS_TRIED"), ("diagnosis.table.rounds", "PARTNERS"),
     ("diagnosis.table.rounds", "TOGETHER"), ("diagnosis.gate", "LEVEL"),
 )  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...data.record import Record
 from ...errors import FitError
-from ...fit.bases.integrating import at_one, drives, lasting, slowest, slowest_seen
+from ...fit.bases.integrating import DRIVEN, at_one, drives, lasting, slowest, slowest_seen
 from ...models.extend import Variant
 from ...models.model import NARX, Model
 from ...symbolic.signals import samples
@@ -21,7 +21,6 @@ from .verdict import PER_EFFECT, price
 
 Array = np.ndarray
 HIGHER = (5, 7, 9)  # orders of further cores, tried in turn
-INTEGRATES = 25.0  # times the mean square without a pole at 1: less, and the pole only imitates a slow or bent response
 LOOKS = 4  # shapes from which a fit is begun
 HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
@@ -196,7 +195,7 @@ class Search:
         self.swings = any(slowest(r.a) < 1 and r not in near and self._driven(r, r.held) for r in away)
         found = [r for r in every if not self._runs_away(r)]
         best = min(near, key=lambda r: r.held, default=None)
-        worse = best is not None and min((r.held for r in found), default=np.inf) > INTEGRATES * best.held
+        worse = best is not None and min((r.held for r in found), default=np.inf) > DRIVEN * best.held
         if best is not None and worse and any(self._driven(r, r.held) for r in near):
             found = self._integrated(best, every, delays)
         if not found:
