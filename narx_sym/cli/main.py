@@ -226,9 +226,15 @@ def root(version: Annotated[bool, typer.Option("--version", help="Print the vers
         raise typer.Exit
 
 
+def _noted(message: str, kind: type[Warning]) -> None:
+    """Print what the package warns of; how NumPy came to a value that is checked elsewhere is no news to a user."""
+    if not issubclass(kind, RuntimeWarning):
+        note(message)
+
+
 def main() -> None:  # the entry point is `__main__.main`, which also catches Ctrl-C while this module is loaded
     """Run the command: exit 0 on success, 2 with one message on bad usage or input, never a traceback."""
-    warnings.showwarning = lambda message, *_, **__: note(str(message))
+    warnings.showwarning = lambda message, kind, *_, **__: _noted(str(message), kind)
     try:
         try:
             app()

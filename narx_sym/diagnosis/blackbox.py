@@ -71,8 +71,9 @@ def predictable(
     solution = lstsq(own, np.column_stack([e[train], X[train]]))[0]
     fitted = [np.column_stack([e[rows], X[rows]]) - line.own[rows] @ solution for rows in (train, held)]
     (e_t, X_t), (e_h, X_h) = ((f[:, 0], f[:, 1:]) for f in fitted)
-    size = np.sqrt(np.mean(X_t**2, axis=0))
-    used = size > TINY * np.sqrt(np.mean(X[train] ** 2, axis=0))  # what the model's own directions leave of it
+    with np.errstate(over="ignore"):  # what is as large as that is not used
+        size = np.sqrt(np.mean(X_t**2, axis=0))
+        used = size > TINY * np.sqrt(np.mean(X[train] ** 2, axis=0))  # what the model's own directions leave of it
     X_t, X_h = X_t[:, used] / size[used], X_h[:, used] / size[used]
     fold = np.arange(train.size) * PIECES // train.size % FOLDS
     best = 0.0

@@ -7,6 +7,7 @@ import pytest
 from places import SHARED, needs_shared
 
 import narx_sym as ns
+from narx_sym.cli.main import _noted
 
 TERMS = ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"]
 
@@ -242,3 +243,9 @@ def test_real_seal_friction_with_gaps_and_jitter(run, tmp_path):
     data = SHARED / "pneumatic_seal_friction" / "Oring_1bar.csv"
     code, _, err = run("fit", data, "--base", "static", "--out", tmp_path / "m.json")
     assert code == 0 and "note:" in err
+
+
+def test_what_numpy_warns_of_is_no_note(capsys):
+    _noted("overflow encountered in square", RuntimeWarning)
+    _noted("The free run explains little.", UserWarning)
+    assert capsys.readouterr().err == "note: The free run explains little.\n"
