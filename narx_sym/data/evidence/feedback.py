@@ -71,7 +71,8 @@ class Feedback:
         if self.given:
             return (
                 f"This record was taken in closed loop, as its setpoint says{why}. What seems to be missing may be the "
-                "controller's, so no effect is named"
+                "controller's: an effect is named only where hardly anything but the setpoint moves the input, and it "
+                "alone removes nearly all of the error"
             )
         return (
             f"This record was taken in closed loop{why}. Disturbances reach the input through the "
