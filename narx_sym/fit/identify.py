@@ -19,10 +19,10 @@ from ..inversion.compensator import compensator
 from ..models import assumptions
 from ..models.model import NARX, Model
 from ..models.pool import lagged, pool
-from ..symbolic.signals import k, lag, phi1, u, y
+from ..symbolic.signals import k, phi1, u, y
 from .bases.bouc_wen import identify_bouc_wen
 from .bases.choice import choose_base
-from .bases.integrating import at_one, drives, slowest_seen
+from .bases.integrating import integrates
 from .bases.play import KNOTS, PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
 from .laws.excursions import law_radius
@@ -319,7 +319,7 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
             score = evaluate(fitted, held).free_run_nrmse
         except FitError:
             continue
-        if not model.constraints and what == "linear" and _integrates(fitted, train):
+        if not model.constraints and what == "linear" and integrates(fitted, train):
             tried.append(model.replace(constraints=[Eq(model.sigma_y, 1)]))
         if np.isfinite(score):
             scored.append((score, len(model.symbols) - len(model.constraints), len(fits) - 1))
@@ -338,22 +338,6 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     final = fit(tried[i], records, method=method)
     final = _selected(final, base=what, candidates=len(tried), reason=reason)
     return judged(_selected(final, stable_law=stable_law(final, records)) if for_compensation else final)
-
-
-def _integrates(model: Model, records: Sequence[Record]) -> bool:
-    """Whether the input drives a linear model through a pole that the records cannot tell from 1."""
-    a, b = _coefficients(model, y), _coefficients(model, u)
-    slow, first = slowest_seen(records), int(np.argmax(b != 0))
-    if not at_one(a, slow):
-        return False
-    error = evaluate(model, records).free_run_nrmse * np.std(np.concatenate([r.y for r in records]))
-    return drives(a, b.size - first, first, records, slow, error**2)
-
-
-def _coefficients(model: Model, base: Any) -> Array:
-    """Return the coefficients of the samples of a signal in a linear model, by lag."""
-    found = {lag(x): c for c, (_, x) in zip(model.theta, model.parts(), strict=True) if x.has(base)}
-    return np.array([found.get(i, 0.0) for i in range(int(base == y), max(found, default=0) + 1)])
 
 
 def cancels(model: Model) -> bool:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
 from ...data.record import Record
+from ...models.model import Model
+from ...symbolic.signals import lag, u, y
+from ..simulate import evaluate
 
 Array = np.ndarray
 DRIVEN = 4.0  # times the mean square, where nothing drives a pole that hardly decays: less, and it imitates a drift
@@ -61,14 +65,30 @@ def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: floa
     error : float, the mean square that A y = B u leaves [unit of y squared]
     """
     found = poles(a)
-    lasting = np.abs(found) > slow
+    stay = np.abs(found) > slow
     left = []
     for s in (s for r in records for s in r.segments()):
         k = np.arange(len(s))
-        u = lfilter([1.0], np.poly(found[~lasting]).real, s.u - s.u.mean())
-        columns = [np.where(k < delay + i, 0.0, np.roll(u, delay + i)) for i in range(n_u + 2)]
+        filtered = lfilter([1.0], np.poly(found[~stay]).real, s.u - s.u.mean())
+        columns = [np.where(k < delay + i, 0.0, np.roll(filtered, delay + i)) for i in range(n_u + 2)]
         since = [k - k[-1] if abs(p) > 1 else k for p in found]  # of what grows, backwards: it stays finite
         columns += [part(p**i) for p, i in zip(found, since, strict=True) for part in (np.real, np.imag)]
         matrix = np.column_stack([*columns, np.ones(len(s))])
         left.append(s.y - matrix @ np.linalg.lstsq(matrix, s.y, rcond=None)[0])
     return bool(np.mean(np.concatenate(left) ** 2) > DRIVEN * error)
+
+
+def integrates(model: Model, records: Sequence[Record]) -> bool:
+    """Whether the input drives a linear model through a pole that the records cannot tell from 1."""
+    a, b = _coefficients(model, y), _coefficients(model, u)
+    slow, first = slowest_seen(records), int(np.argmax(b != 0))
+    if not at_one(a, slow):
+        return False
+    error = evaluate(model, records).free_run_nrmse * np.std(np.concatenate([r.y for r in records]))
+    return drives(a, b.size - first, first, records, slow, error**2)
+
+
+def _coefficients(model: Model, base: Any) -> Array:
+    """Return the coefficients of the samples of a signal in a linear model, by lag."""
+    found = {lag(x): c for c, (_, x) in zip(model.theta, model.parts(), strict=True) if x.has(base)}
+    return np.array([found.get(i, 0.0) for i in range(int(base == y), max(found, default=0) + 1)])
