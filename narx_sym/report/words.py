@@ -26,7 +26,6 @@ NEXT = {
     "effects.",
     "closed_loop": "Record again with the controller in manual, and steps or a slow triangle as its output; an added "
     "test signal at the controller's output helps too.",
-    "together": "Diagnose again and let it add two effects: neither of them helps by itself.",
     "outside_library": "Look at where the model fails, and at the equivalent missing input there. An effect of "
     "your own is one equation.",
 }
@@ -131,6 +130,12 @@ def has_floor(diagnosis: Diagnosis) -> bool:
     return diagnosis.steps[0].floor_kind != NO_FLOOR
 
 
+def only_both(diagnosis: Diagnosis) -> bool:
+    """Whether effects help as a pair alone, so that none was added."""
+    first = diagnosis.steps[0]
+    return first.verdict == "helps_but_incomplete" and first.chosen is None
+
+
 def follows_nothing(step: Step) -> bool:
     """Whether the free run of the base is no better than a constant."""
     return step.nrmse(step.base)["validation"] >= 1
@@ -148,8 +153,8 @@ def what_next(diagnosis: Diagnosis) -> str:
         return (
             "Look for what disturbs the machine, or for a signal that was not recorded: the input alone tells no more."
         )
-    if chosen.verdict == "helps_but_incomplete" and chosen.chosen is None:
-        return NEXT["together"]
+    if only_both(diagnosis):
+        return "Diagnose again and let it add two effects: neither of them helps by itself."
     return NEXT[chosen.verdict].format(best=_added(diagnosis))
 
 

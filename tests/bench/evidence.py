@@ -209,9 +209,8 @@ def imitated(seed: int, plants: int) -> None:
         left = min(1.0, least[1] / least[0])
         shares.append(left)
         print(f"{kind}: {found.verdict}, {' and '.join(found.confusion_set[:3])}: {100 * left:.0f} % left", flush=True)
-    print(
-        f"| healthy loops that their setpoint moves | {len(shares)} of {plants} |\n| least of the squared error that an effect leaves | {100 * min(shares):.0f} % |"
-    )
+    print(f"| healthy loops that their setpoint moves | {len(shares)} of {plants} |")
+    print(f"| least of the squared error that an effect leaves | {100 * min(shares, default=1.0):.0f} % |")
 
 
 def servo(rng: np.random.Generator, friction: float, n: int = 4000) -> Record:

@@ -30,8 +30,7 @@ from narx_sym.diagnosis.table import verdict
 CHANGED = ("PER_PARAMETER", "PER_EFFECT", "MOST", "ALIKE")  # those that the names depend on
 SEARCHED = (
     ("diagnosis.table.verdict", "HELPS"), ("diagnosis.table.verdict", "LEFT"),
-    ("diagnosis.table.verdict", "LARGE"),
-     ("fit.bases.integrating", "DRIVEN"),
+    ("diagnosis.table.verdict", "LARGE"), ("fit.bases.integrating", "DRIVEN"),
     ("diagnosis.table.screening", "EFFECTS_TRIED"), ("diagnosis.table.rounds", "PARTNERS"),
     ("diagnosis.table.rounds", "TOGETHER"), ("diagnosis.gate", "LEVEL"),
 )  # fmt: skip

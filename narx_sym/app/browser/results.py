@@ -103,7 +103,7 @@ def nothing(bench: Workbench, current: Shown) -> None:
 def what_next(bench: Workbench, current: Shown) -> None:
     """Say what to do next."""
     found = current.found
-    here = None if found.steps[0].pair and found.last is None else NEXT.get(found.verdict)
+    here = None if words.only_both(found) else NEXT.get(found.verdict)
     said(here or f"Next: {words.what_next(found)}").classes("next-step")
 
 

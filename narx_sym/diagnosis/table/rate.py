@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -50,10 +51,7 @@ def _ratio(y: Array) -> float:
 def _averaged(record: Record, factor: int) -> Record:
     if factor == 1:
         return record
-
-    def mean(x: Array) -> Array:
-        return means(x, factor)
-
+    mean = partial(means, factor=factor)
     channels = {name: mean(c) for name, c in record.channels.items()}
     return Record(
         mean(record.u), mean(record.y), mean(record.t), record.Ts * factor, channels, record.name, units=record.units

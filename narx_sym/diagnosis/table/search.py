@@ -155,7 +155,7 @@ class Search:
             *(Core(a, b, d, self.integrating) for a, b in self.higher for d in delays),
         ]
 
-    @cached_property
+    @property
     def largest(self) -> Core | None:
         """The core that holds all open ones; None where there is none."""
         sizes = [c for c in self.cores([0]) if not c.given]
@@ -191,13 +191,12 @@ class Search:
         """
         every = [r.judged() for r in self.cored(delays, any_pole=True)]
         away = [r for r in every if self._runs_away(r)]
-        near = [r for r in away if at_one(r.a, self.slow)]
-        self.swings = any(slowest(r.a) < 1 and r not in near and self._driven(r, r.held) for r in away)
+        self.swings = any(slowest(r.a) < 1 and not at_one(r.a, self.slow) and self._driven(r, r.held) for r in away)
         found = [r for r in every if not self._runs_away(r)]
-        best = min(near, key=lambda r: r.held, default=None)
-        worse = best is not None and min((r.held for r in found), default=np.inf) > DRIVEN * best.held
-        if best is not None and worse and any(self._driven(r, r.held) for r in near):
-            found = self._integrated(best, every, delays)
+        least = min((r.held for r in found), default=np.inf)
+        near = sorted((r for r in away if at_one(r.a, self.slow)), key=lambda r: r.held)
+        if near and least > DRIVEN * near[0].held and any(self._driven(r, r.held) for r in near):
+            found = self._integrated(near[0], every, delays)
         if not found:
             raise FitError("The base model cannot follow these data in free run: choose another base.")
         found = self._climbed(found, delays)
@@ -207,13 +206,11 @@ class Search:
     def _integrated(self, near: Row, every: Sequence[Row], delays: Sequence[int]) -> list[Row]:
         """Fit every core with a pole at 1, in pieces; where the pole that only is near does better, it stays there."""
         self.integrating = True
-        self.__dict__.pop("largest", None)
         found = [r.judged() for r in self.cored(delays)]
         if slowest(near.a) >= 1 or near.held > min((r.held for r in found), default=np.inf):
             return found
         self.integrating, self.leaks = False, True
         self.swings = self.swings or lasting(near.a, self.slow)[1]
-        self.__dict__.pop("largest", None)
         return [r for r in every if not self._runs_away(r)]
 
     def _climbed(self, found: list[Row], delays: Sequence[int]) -> list[Row]:
@@ -236,7 +233,6 @@ class Search:
     def _grow(self, higher: list[tuple[int, int]]) -> None:
         """Let larger cores stand among the others: all frames hold the largest."""
         self.higher, self.frames = higher, {}
-        self.__dict__.pop("largest", None)
 
     def cored(self, delays: Sequence[int], any_pole: bool = False) -> list[Row]:
         """Fit every core, each with its best delay; not judged yet."""
@@ -273,7 +269,7 @@ class Search:
         `a`, (n_y,), are the coefficients of older outputs; by default those of the core.
         """
         core, a = row.hypothesis.core, row.a if a is None else a
-        if core.given or core.integrating:
+        if core.given or core.integrating or slowest(a) <= self.slow:
             return False
         near, swinging = lasting(a, self.slow)
         return slowest(a) >= 1 or (near and not self.leaks) or (swinging and not self.swings)
@@ -282,10 +278,10 @@ class Search:
         """Whether no pole has moved to the unit circle, or the effects hold what the input drives through it."""
         if not self._runs_away(row):
             return True
-        held = bool(row.hypothesis.effects) and not self._runs_away(
-            row, row.frame.linearised(row.values, row.hypothesis.core)
-        )
-        return held and self._driven(row, row.fitted)
+        if not row.hypothesis.effects:
+            return False
+        with_effects = row.frame.linearised(row.values, row.hypothesis.core)
+        return not self._runs_away(row, with_effects) and self._driven(row, row.fitted)
 
     def _driven(self, row: Row, error: float) -> bool:
         """Whether the input drives the poles of a core that hardly decay; `error` is what is left with them."""
