@@ -74,6 +74,8 @@ def predictable(
     with np.errstate(over="ignore"):  # what is as large as that is not used
         size = np.sqrt(np.mean(X_t**2, axis=0))
         used = size > TINY * np.sqrt(np.mean(X[train] ** 2, axis=0))  # what the model's own directions leave of it
+    if not used.any():
+        return 0.0  # the model's own directions leave nothing to judge by
     X_t, X_h = X_t[:, used] / size[used], X_h[:, used] / size[used]
     fold = np.arange(train.size) * PIECES // train.size % FOLDS
     best = 0.0

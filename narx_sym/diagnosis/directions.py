@@ -116,6 +116,8 @@ class Linearised:
             constants = [float(e.xreplace(values)) for _, e in read.updates]
             return np.tile(constants, (n, 1))
         depth = read.depth
+        if n <= depth:
+            return np.zeros((n, len(outputs)))  # it looks further back than the segment is long
         initial = {}
         for state in form.states:
             at = {s: float(seen[str(s.base.label)][max(0, depth - 1)]) for s in samples(state.initial)}

@@ -84,11 +84,7 @@ class FreeRun:
         self.elimination = Elimination.of(equations, model.symbols)
         self.name, self.depth = str(model.output.label), max(1, model.recursion.depth)
         self.data = [arrays(model, p) for p in segments(records)]
-        self.initial = [initial_values(model, d, self.depth) for d in self.data]
         self.free = self.elimination.Z.shape[1]
-        self.starts = starts(model)
-        self._moved = [([_label(state) for state in s.states], s.shape(self.depth)) for s in self.starts]
-        self.shifts = len(self.data) * len(self.starts)
         self.rows = [
             slice(self.depth, None) if use is None else np.flatnonzero(use[i][self.depth :]) + self.depth
             for i in range(len(self.data))
@@ -98,6 +94,10 @@ class FreeRun:
         self.edges = np.cumsum([0, *(m[r].size for m, r in zip(measured, self.rows, strict=True))])
         if min(m.size for m in measured) <= self.depth or self.edges[-1] <= self.free:
             raise FitError(f"{self.free} parameters cannot be estimated from {max(self.edges[-1], 0)} samples.")
+        self.initial = [initial_values(model, d, self.depth) for d in self.data]
+        self.starts = starts(model)
+        self._moved = [([_label(state) for state in s.states], s.shape(self.depth)) for s in self.starts]
+        self.shifts = len(self.data) * len(self.starts)
         self._last: Array | None = None
         self._reduced: tuple[Array, Array] | None = None
 

@@ -260,3 +260,21 @@ def test_a_base_that_follows_exactly_misses_nothing(kind, n):
     found = ns.diagnose(ns.identify(record, base="linear"), record)
     assert found.verdict == "nothing_detectable" and not found.confusion_set
     assert all(np.isfinite(size) for size in found.steps[0].smallest_detectable.values())
+
+
+@pytest.mark.parametrize("n", [100, 150])
+def test_an_axis_of_few_samples_is_judged(n):
+    """Its free run starts again and again; each piece must be longer than what is fitted to it."""
+    rng = np.random.default_rng(5)
+    wanted = np.interp(np.arange(n), np.arange(0, n + 50, 50), rng.normal(size=n // 50 + 1))
+    u, y, speed, position = np.zeros(n), np.zeros(n), 0.0, 0.0
+    for k in range(n):
+        y[k] = position + 1e-4 * rng.standard_normal()
+        u[k] = 20 * (wanted[k] - position) - 2 * speed
+        for _ in range(10):
+            free = speed + 0.001 * (u[k] - 0.5 * speed)
+            speed = np.sign(free) * max(abs(free) - 0.001 * 0.8, 0.0)
+            position += 0.001 * speed
+    record = ns.Record.from_arrays(u, y, Ts=0.01)
+    found = ns.diagnose(ns.identify(record, base="linear"), record)
+    assert "coulomb_friction" in found.confusion_set

@@ -12,6 +12,7 @@ import numpy as np
 from ...data.record import Record
 from ...errors import FitError
 from ...fit.bases.integrating import DRIVEN, at_one, drives, lasting, slowest, slowest_seen
+from ...fit.identify import FEWEST
 from ...models.extend import Variant
 from ...models.model import NARX, Model
 from ...symbolic.signals import samples
@@ -138,8 +139,13 @@ class Search:
 
     @property
     def pieces(self) -> int:
-        """How often an integrating axis starts again: its free run cannot be held over a whole record."""
-        return -(-BLOCKS // len(self.records)) if self.integrating else 1
+        """How often an integrating axis starts again: its free run cannot be held over a whole record.
+
+        A piece brings its own start, so it has at least the samples that a structure is chosen from.
+        """
+        if not self.integrating:
+            return 1
+        return max(1, min(-(-BLOCKS // len(self.records)), min(map(len, self.records)) // FEWEST))
 
     @property
     def cut(self) -> list[Record]:
