@@ -11,7 +11,7 @@ import numpy as np
 
 from ..data.evidence.feedback import SETPOINTS, closed_loop, setpoint
 from ..data.evidence.noise import sensor_noise
-from ..data.evidence.stiction import percent, sticking
+from ..data.evidence.stiction import span_of, sticking
 from ..data.sensor import Fault, sensor_faults
 from ..data.units import said_first
 from ..errors import FitError, ModelError
@@ -217,7 +217,7 @@ def diagnose(
         table = Table(start, listed, named, catalogue, seed, course)
         steps: list[Step] = []
         known, loop = table.base, closed_loop(listed)
-        valves = [sticking(r) for r in listed if setpoint(r) is not None and percent(r)]
+        valves = [sticking(r) for r in listed if setpoint(r) is not None and span_of(r)]
         if loop is not None and (valves or not loop.moved_by_setpoint):  # of a valve it is judged whether it sticks
             steps.append(looped(table.own(known), loop, valves))
         while not steps or (steps[-1].chosen is not None and len(known.hypothesis.effects) < max_effects):

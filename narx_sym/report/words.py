@@ -111,6 +111,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if first.verdict == "closed_loop":
         if first.valves:
             return f"The valve {'sticks' if any(v.found for v in first.valves) else 'does not stick'}."
+        if first.loop is not None and first.loop.unseen:
+            return "Perhaps this record was taken in closed loop: nothing is named."
         return "This record was taken in closed loop: nothing is named."
     if first.pair is not None:
         return f"Two effects are probably missing: {' and '.join(map(spaced, first.pair.effects))}."

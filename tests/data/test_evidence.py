@@ -75,6 +75,42 @@ def test_the_output_of_a_controller_has_a_span():
         sticking(record)
 
 
+@pytest.mark.parametrize(("span", "low", "unit"), [(1.0, 0.0, ""), (16.0, 4.0, "mA")])
+def test_a_valve_sticks_in_every_unit_of_its_controller(span, low, unit):
+    loop = evidence.valve_loop(np.random.default_rng(3), 5.0, 2.5)
+    other = ns.Record.from_arrays(low + loop.u * span / 100, loop.y, Ts=loop.Ts, units={"u": unit} if unit else None)
+    found, same = sticking(loop), sticking(other)
+    assert found.found and same.found and np.isclose(100 * same.band / span, found.band)
+
+
+def test_a_load_on_a_healthy_loop_is_no_valve_that_sticks():
+    """Under feedback the controller's output follows the load, which a process without a model of the load cannot tell."""
+    wrong = []
+    for seed in range(20, 40):
+        kind, loop = evidence.loop(np.random.default_rng(seed), 1500)
+        scaled = ns.Record.from_arrays(10 + 80 * (loop.u - loop.u.min()) / np.ptp(loop.u), loop.y, Ts=loop.Ts)
+        wrong += [kind] if sticking(scaled).found else []
+    assert len(wrong) <= 1, wrong
+
+
+def test_a_setpoint_that_tells_nothing():
+    rng = np.random.default_rng(4)
+    _, record = evidence.delayed(evidence.driven("steps", rng, 800), 1, rng)
+
+    def seen(setpoint):
+        return feedback(ns.Record.from_arrays(record.u, record.y, Ts=record.Ts, channels={"setpoint": setpoint}))
+
+    for copy in (record.u, record.y, np.array([float(f"{v:.8g}") for v in record.y])):
+        assert not seen(copy).given and not seen(copy).found
+    resting = seen(np.full(800, 2.0))
+    assert resting.given and resting.unseen and "leave the setpoint out" in resting.sentence
+    _, loop = evidence.loop(np.random.default_rng(0), 800)
+    still = ns.Record.from_arrays(loop.u, loop.y, Ts=loop.Ts, channels={"setpoint": np.zeros(800)})
+    assert feedback(still).found and "taken in closed loop: the output explains" in feedback(still).sentence
+    other = seen(np.roll(record.u, 7))
+    assert other.given and not other.unseen and "as its setpoint says" in other.sentence
+
+
 @pytest.mark.long
 def test_four_of_five_valves_are_judged_rightly():
     rng, right = np.random.default_rng(7), []

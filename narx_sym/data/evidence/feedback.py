@@ -36,6 +36,7 @@ INTEGRAL = 0.7  # integral over proportional action within one sample, at most; 
 NEEDLESS = 2.0  # error without over with the input's own past: a controller in velocity form does not need it
 ROUNDING = 1e-9  # of the input's movement: a controller without noise of its own leaves nothing
 FEWEST = 100  # samples
+COPY = 1e-6  # of a signal's range: what is as near as that is the same signal, written with fewer digits
 LED = 0.9  # share of the input's variance that the setpoint makes, at least: servo axes 0.98, under loads 0 ... 0.9
 BLOCKS, FILTERS = 12, 1 - np.geomspace(0.5, 0.002, 9)  # of a record; poles of lags through which a setpoint may act
 
@@ -56,6 +57,8 @@ class Feedback:
     led : float
         Share of the input's variance within a block that follows from the setpoint; the rest answers disturbances, and
         what bends.
+    rests : bool
+        Whether the setpoint never moves, so that it does not tell whether the controller was in manual.
     """
 
     found: bool
@@ -63,12 +66,18 @@ class Feedback:
     left: float
     given: bool = False
     led: float = 0.0
+    rests: bool = False
 
     @property
     def sentence(self) -> str:
         """What to know, and what to record instead."""
         why = f": the output explains {100 * (1 - self.left):.0f} % of what is new in the input" if self.found else ""
-        if self.given:
+        if self.unseen:
+            return (
+                "Whether this record was taken in closed loop cannot be seen, as its setpoint never moves: nothing is "
+                "named. If the controller was in manual, leave the setpoint out (no --channels setpoint)"
+            )
+        if self.given and not self.rests:
             return (
                 f"This record was taken in closed loop, as its setpoint says{why}. What seems to be missing may be the "
                 "controller's: an effect is named only where hardly anything but the setpoint moves the input, and it "
@@ -79,6 +88,11 @@ class Feedback:
             "controller, so that what seems to be missing may be the controller's. Record again with the controller "
             "in manual and steps or a slow triangle as its output, or give the setpoint (--channels setpoint)"
         )
+
+    @property
+    def unseen(self) -> bool:
+        """Whether nothing tells that this was a closed loop but a setpoint that never moves."""
+        return self.rests and not self.found
 
     @property
     def moved_by_setpoint(self) -> bool:
@@ -95,8 +109,17 @@ class Feedback:
 
 
 def setpoint(record: Record) -> Array | None:
-    """Return the setpoint where a channel has its name."""
-    return next((record.channels[name] for name in SETPOINTS if name in record.channels), None)
+    """Return the setpoint where a channel has its name.
+
+    One that is the input or the output itself tells of no loop: the input of a servo as a whole is its setpoint, and in
+    manual many controllers let the setpoint follow the output.
+    """
+    r = next((record.channels[name] for name in SETPOINTS if name in record.channels), None)
+    return None if r is None or any(_same(r, x) for x in (record.u, record.y)) else r
+
+
+def _same(r: Array, x: Array) -> bool:
+    return bool(np.max(np.abs(r - x)) <= COPY * np.ptp(x))
 
 
 def feedback(record: Record) -> Feedback:
@@ -107,8 +130,11 @@ def feedback(record: Record) -> Feedback:
     rows = np.arange(OWN + 1, u.size)
     target = du[rows]
     moved = usual_size(target)
+    given, rests = r is not None, r is not None and not np.ptp(r)
+    if rests:
+        r = None  # it tells nothing
     if rows.size < FEWEST or moved == 0 or not np.any(dy[rows]):
-        return Feedback(False, 0.0, 1.0, r is not None)
+        return Feedback(False, 0.0, 1.0, given, rests=rests)
     own = [u[rows - 1], *(du[rows - i] for i in range(1, OWN))]
     if r is not None:
         dr = np.diff(r, prepend=r[0])
@@ -129,7 +155,8 @@ def feedback(record: Record) -> Feedback:
             and _answers(slow_u, slow_y, fast, line)
             and _velocity(target, own, told, ROUNDING * moved)
         )
-    return Feedback(bool(found), float(fresh), float(min(left, 1.0)), r is not None, 0.0 if r is None else led(u, r))
+    leads = 0.0 if r is None else led(u, r)
+    return Feedback(bool(found), float(fresh), float(min(left, 1.0)), given, leads, rests)
 
 
 def led(u: Array, r: Array) -> float:

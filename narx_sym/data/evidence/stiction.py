@@ -1,10 +1,12 @@
 """Whether the valve of a control loop sticks, from controller output (OP), process variable (PV) and no more.
 
 The valve holds until OP has moved away from it by the static band f_s, and then jumps to within f_d of OP (He, Wang,
-Pottmann & Qin 2007); f_d = f_s is backlash. A linear process with such a valve before it is compared with the linear
-process alone, both in free run (Hammerstein approach: Srinivasan et al. 2005, Jelali 2008), by BIC. Levels integrate:
-the process may have a pole at 1. A valve sticks if it does so by more than a healthy one may: dead band and stiction
-together at most 1 % of span (EnTech, Control Valve Dynamic Specification, 1998).
+Pottmann & Qin 2007); f_d = f_s is backlash. A linear process behind such a valve is compared with the linear process
+alone (Hammerstein approach: Srinivasan et al. 2005, Jelali 2008). Under feedback OP follows the load, and a process
+without a model of the load is biased (Ljung 1999, section 13.4): both predict one step ahead, with as many lags as the
+linear process alone earns (AIC: Shibata 1980), so that what is compared is what neither PV's past nor OP's predicts.
+Levels integrate: nothing forbids a pole at 1. A valve sticks if it does so by more than a healthy one may: dead band
+and stiction together at most 1 % of span (EnTech, Control Valve Dynamic Specification, 1998).
 """
 
 from __future__ import annotations
@@ -13,22 +15,22 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import qr
 
 from ...errors import DataError
 from ..record import Record
-from .dead_time import Pairs, output_error
 
 Array = np.ndarray
 SPEC = 0.01  # of span: dead band and stiction of a valve in order
 BANDS = (0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.016, 0.024, 0.032, 0.05, 0.08)  # of span: f_s + f_d
 JUMPS = (1.0, 0.5, 0.15, 0.0)  # f_d over f_s
 STARTS = (-0.99, 0.0, 0.99)  # of f_s: where the valve is within its band before the record
-ORDER, DELAYS, POLISHED = (2, 2), (1, 2, 4), 4  # y is measured before u is written: nothing acts at once
-SLOW = 0.95  # pole of the filter that takes out what is slower than 20 samples, such as a load
+LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of PV and OP; y is measured before u is written: nothing acts at once
 WIDEST = 0.9  # of the range of OP: a wider band is never left
-SEARCHED = 4  # parameters of a sticking valve: f_s, f_d, start, and that the best of many is taken
-LONG = 1500  # samples that are looked at
+SEARCHED = 2  # parameters of a sticking valve: f_s and f_d
+LONG, SHORT = 1500, 10  # samples that are looked at; samples for each lag, at least
+OWN = 1e-3  # of a lag of OP: a controller without noise makes the rest from the lags of PV, where it is no parameter
+ROUNDING = 1e-7  # of PV's deviation: what rounding leaves of an output without noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,7 @@ class Sticking:
         f_s + f_d, how far OP moves before the valve follows after a reversal, and f_s - f_d, how far the valve then
         jumps [unit of OP]; 0 where a linear process explains the record.
     left : float
-        Squared error of the process with this valve over that of the linear process.
+        Mean squared one-step error of the process with this valve over that of the linear process.
     position : (N,) array
         Of the valve, as estimated [unit of OP].
     record : Record
@@ -64,12 +66,12 @@ class Sticking:
         percent, jump = 100 * self.band / self.span, 100 * self.jump / self.span
         if not self.band:
             return (
-                "The valve does not stick as far as this record shows: a linear process explains the output at least "
+                "The valve does not stick as far as this record shows: a linear process predicts the output about "
                 "as well as one behind a sticking valve, so an oscillation comes from tuning or a disturbance"
             )
         shape = f"then jumps by {jump:.2g} %" if self.jump else "without a jump"
         what = f"the valve holds until OP has come back by {percent:.2g} % of span, {shape}"
-        why = f"with it {100 * (1 - self.left):.0f} % of the squared error of a linear process goes"
+        why = f"a linear process predicts the output with {100 * (1 - self.left):.2g} % less squared error behind it"
         if self.found:
             return f"The valve sticks: {what}; {why}"
         return f"The valve does not stick by more than a valve may (1 % of span): {what}; {why}"
@@ -87,12 +89,18 @@ def held(op: Array, static: float, moving: float, start: float) -> Array:
     return position
 
 
-def percent(record: Record, span: float = 100.0) -> bool:
-    """Whether the input can be the output of a controller with this span."""
-    return bool(record.u.min() >= 0 and record.u.max() <= span)
+def span_of(record: Record) -> float:
+    """Return the span of the input as the output of a controller, or 0 where it cannot be one.
+
+    1 for fractions, 100 for percent, 16 where its unit is mA (4 to 20): a loop does not work below 1 % of its span.
+    """
+    low, high = float(record.u.min()), float(record.u.max())
+    if record.units.get("u") == "mA":
+        return 16.0 if low >= 3 and high <= 21 else 0.0
+    return next((span for span in (1.0, 100.0) if low >= 0 and high <= span), 0.0)
 
 
-def sticking(record: Record, span: float = 100.0) -> Sticking:
+def sticking(record: Record, span: float = 0.0) -> Sticking:
     """Ask whether the valve of a control loop sticks.
 
     Parameters
@@ -100,22 +108,22 @@ def sticking(record: Record, span: float = 100.0) -> Sticking:
     record : Record
         u is the controller's output, y the process variable; the longest segment is judged.
     span : float
-        Of the controller's output: 100 where it is in percent.
+        Of the controller's output, in its unit; 0: see `span_of`.
 
     Raises
     ------
     DataError
-        Where the controller's output leaves its span.
+        Where the controller's output has no known span.
     """
     part = max(record.segments(), key=len)[:LONG]
-    if not percent(part, span):
+    span = span or span_of(record)
+    if not span:
         raise DataError(
             f"record '{record.name}': the controller's output goes from {part.u.min():.4g} to {part.u.max():.4g}, "
-            f"outside 0 to {span:g}; give its span, in its unit, or scale it to percent"
+            "which is neither a fraction nor percent nor 4 to 20 mA; give its span, in its unit, or scale it to percent"
         )
-    op, y, range_ = part.u, _quick(part.y), float(np.ptp(part.u))
-    linear = min(_error(op, y, d) for d in DELAYS)
-    delays = sorted({DELAYS[0], linear[1]})
+    op, range_ = part.u, float(np.ptp(part.u))
+    process = _Process.of(part)
     found = []
     for band, share, start in product(BANDS, JUMPS, STARTS):
         static = band * span / (1 + share)
@@ -123,21 +131,55 @@ def sticking(record: Record, span: float = 100.0) -> Sticking:
             continue
         position = held(op, static, share * static, float(op[0]) + start * static)
         if np.ptp(position) > 0:
-            error = min(_error(position, y, d) for d in delays)
-            found.append((error[0], band * span, (1 - share) * static, position))
-    best = min(found, key=lambda one: one[0], default=None)
-    if best is None or len(part) * np.log(best[0] / linear[0]) + SEARCHED * np.log(len(part)) > 0:
+            found.append((process.behind(position)[0], band * span, (1 - share) * static, position))
+    (linear, own), best = process.behind(op), min(found, key=lambda one: one[0], default=None)
+    price = SEARCHED * np.log(process.n) + 2 * (process.lags - own)  # of the position every lag may be its own
+    if best is None or process.n * np.log(best[0] / linear) + price > 0:
         return Sticking(False, 0.0, 0.0, 1.0, op, part, span)
     least, band, jump, position = best
-    return Sticking(bool(band >= SPEC * span), band, jump, least / linear[0], position, part, span)
+    return Sticking(bool(band >= SPEC * span), band, jump, least / linear, position, part, span)
 
 
-def _quick(x: Array) -> Array:
-    """Take out what is slow: under feedback OP follows the load, and a load is no valve that holds."""
-    return np.asarray(lfilter([1.0, -1.0], [1.0, -SLOW], x - x[0]))
+@dataclass(frozen=True)
+class _Process:
+    """What PV is predicted from, one step ahead: its own last `lags` samples, and those of what moves the process.
+
+    `known` is an orthonormal basis of PV's own and of a constant; `target` is PV without it; `n` samples are predicted.
+    """
+
+    lags: int
+    n: int
+    known: Array
+    target: Array
+    least: float
+
+    @classmethod
+    def of(cls, part: Record) -> _Process:
+        """Choose the number of lags for the linear process."""
+        y = part.y - part.y.mean()
+        most = max(1, min(LAGS[-1], y.size // SHORT))
+        n, least = y.size - most, float(np.var(y)) * ROUNDING**2
+        found = []
+        for lags in LAGS:
+            if lags <= most:
+                known = qr(np.column_stack([_past(y, lags, n), np.ones(n)]), mode="economic")[0]
+                one = cls(lags, n, known, y[most:] - known @ (known.T @ y[most:]), least)
+                error, own = one.behind(part.u)
+                found.append((n * np.log(error) + 2 * (lags + own), one))
+        return min(found, key=lambda pair: pair[0])[1]
+
+    def behind(self, moved: Array) -> tuple[float, int]:
+        """Return the mean squared one-step error where `moved` moves the process, and how many of its lags count."""
+        past = _past(moved - moved.mean(), self.lags, self.n)
+        past /= np.maximum(np.linalg.norm(past, axis=0), np.finfo(float).tiny)
+        past -= self.known @ (self.known.T @ past)
+        basis, triangle, _ = qr(past, mode="economic", pivoting=True)
+        own = np.abs(np.diag(triangle))
+        basis = basis[:, own > ROUNDING]
+        e = self.target - basis @ (basis.T @ self.target)
+        return max(float(e @ e) / self.n, self.least), int(np.sum(own > OWN))
 
 
-def _error(source: Array, y: Array, d: int) -> tuple[float, int]:
-    """Return the mean squared error of a linear process behind a signal, and its dead time."""
-    pairs: Pairs = [(_quick(source), y)]
-    return output_error(pairs, ORDER, d, max(DELAYS), POLISHED).error, d
+def _past(x: Array, lags: int, n: int) -> Array:
+    """Return the last samples before each of the last n, (n, lags)."""
+    return np.column_stack([x[x.size - n - i : x.size - i] for i in range(1, lags + 1)])
