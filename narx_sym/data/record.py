@@ -217,7 +217,7 @@ def same_pace(a: float, b: float) -> bool:
 
 
 def check_excitation(record: Record) -> None:
-    """Refuse a record whose input or output is constant, because nothing can be identified from it."""
+    """Refuse a record whose input or output is constant, or which has one signal: nothing can be identified from it."""
     for word, x in {"input": record.u, "output": record.y}.items():
         if np.ptp(x) <= 1e-12 * np.max(np.abs(x)):
             raise DataError(
@@ -225,6 +225,11 @@ def check_excitation(record: Record) -> None:
                 f"samples), nothing can be identified; check the column (--{word}) and the rows "
                 "(--rows), or measure with motion"
             )
+    if np.array_equal(record.u, record.y):
+        raise DataError(
+            f"record '{record.name}': output and input are the same signal, nothing can be identified; check the "
+            "columns (--input, --output)"
+        )
 
 
 def _known_units(units: Mapping[str, str] | None, channels: Collection[str], where: str) -> Mapping[str, str]:

@@ -1,6 +1,6 @@
-"""What the sensor itself does to a record: values that are cut off, and values in steps.
+"""What the sensor itself does to a record: values that are cut off, that freeze, and values in steps.
 
-Both are seen in the record alone, before any model: clipped extremes, and the levels that occur.
+All are seen in the record alone, before any model: clipped extremes, one rest too long, and the levels that occur.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ CLIPPED, RUN = 0.005, 4  # share of the samples at an extreme, and how many stay
 MOVES = 0.02  # of the range of the input, while the output stays
 LEVELS = 0.25  # distinct values per sample below which steps are looked for
 WHOLE = 1e-3  # of a step: differences between levels are whole multiples of it
+CROSSES = 0.5  # of the range of the input, while the output stays at one value: friction holds over a part of it
+CHANCE = 1e-3  # that the longest rest is one of the many rests of this signal
 FELT = 0.25  # share of the noise power that steps must make up to be worth saying
 
 
@@ -26,16 +28,19 @@ class Fault:
 
     Attributes
     ----------
-    effect : "sensor_saturation" or "quantisation"
+    effect : "sensor_saturation", "frozen_sensor" or "quantisation"
     size : float
-        Where the values are cut off, or the step [unit of y].
+        Where the values are cut off or stay, or the step [unit of y].
     share : float
-        Of the samples that are cut off, or of the noise power that the steps make up.
+        Of the samples that are cut off or stay, or of the noise power that the steps make up.
+    rows : pair of int
+        The first row that stays, and the first that does not, counted from 0.
     """
 
     effect: str
     size: float
     share: float
+    rows: tuple[int, int] = (0, 0)
 
     @property
     def sentence(self) -> str:
@@ -44,6 +49,13 @@ class Fault:
             return (
                 f"The measured output is cut off at {self.size:.6g} in {100 * self.share:.2g} % of the samples "
                 "(sensor_saturation): leave these rows out, or measure in a wider range."
+            )
+        if self.effect == "frozen_sensor":
+            first, last = self.rows
+            return (
+                f"The measured output stays at exactly {self.size:.6g} in the rows {first}:{last}, while the input "
+                "goes through half of its range (frozen_sensor): a sensor that froze, values that were filled in, or a "
+                "machine that was held. Diagnose without these rows too (--rows)."
             )
         return (
             f"The measured output comes in steps of {self.size:.4g} (quantisation), which make up "
@@ -68,6 +80,8 @@ def sensor_faults(records: Sequence[Record], floor: float) -> list[Fault]:
         inputs = u[values == extreme]
         if share >= CLIPPED and length >= RUN and np.ptp(inputs) > MOVES * np.ptp(u):
             found.append(Fault("sensor_saturation", float(extreme), share))
+    frozen = max((_frozen(r) for r in records), key=lambda one: one.share if one else 0.0, default=None)
+    found += [frozen] if frozen else []
     step = _step(values)
     part = step**2 / 12 / floor**2 if floor > 0 else 0.0
     return [*found, *([Fault("quantisation", step, min(1.0, part))] if part >= FELT else [])]
@@ -79,6 +93,22 @@ def _held(parts: Sequence[Array], value: float) -> tuple[float, float]:
     count = sum(int(a.sum()) for a in at)
     visits = sum(int(a[0]) + int(np.sum(a[1:] & ~a[:-1])) for a in at)
     return count / sum(a.size for a in at), count / max(visits, 1)
+
+
+def _frozen(record: Record) -> Fault | None:
+    """Return the longest rest of the output at one value, where chance makes none as long and the input moves."""
+    y, n = record.y, len(record)
+    ends = np.flatnonzero(np.diff(y, prepend=np.nan, append=np.nan) != 0)  # where a value begins, and the end
+    lengths = np.diff(ends)
+    i = int(np.argmax(lengths))
+    length, rows = int(lengths[i]), slice(int(ends[i]), int(ends[i + 1]))
+    rests = n - lengths.size - (length - 1)  # the other samples that repeat the one before
+    usual = max(rests, 1) / max(n - length, 1)
+    if length < max(CLIPPED * n, RUN) or n * usual ** (length - 1) > CHANCE or y[rows.start] in (y.min(), y.max()):
+        return None
+    if np.ptp(record.u[rows]) <= CROSSES * np.ptp(record.u):
+        return None
+    return Fault("frozen_sensor", float(y[rows.start]), length / n, (rows.start, rows.stop))
 
 
 def _step(values: Array) -> float:

@@ -88,6 +88,7 @@ REFUSED = {
     "thousands": ("a.csv", csv(u=["1,234.5"] * N), ["line 2 has 4 values but the header has 3 names"]),
     "constant input": ("a.csv", csv(u=np.ones(N)), ["the input is constant (1 in all 400"]),
     "constant output": ("a.csv", csv(y=np.ones(N)), ["the output is constant (1 in all 400"]),
+    "one signal": ("a.csv", csv(y=U), ["output and input are the same signal", "--output"]),
     "ten samples": ("a.csv", csv(T[:10], U[:10], Y[:10]), ["10 samples are too few", "20 are needed"]),
     "one sample": ("a.csv", csv(T[:1], U[:1], Y[:1]), ["1 data row(s) left of 1"]),
     "header only": ("a.csv", "t,u,y\n", ["no data rows"]),

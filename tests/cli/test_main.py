@@ -107,7 +107,7 @@ BAD = {
     "decreasing time": ("t,u,y\n" + rows(50) + "0.2,1,1\n", "time"),
     "unknown column": ("t,a,b\n" + rows(50), "no column 'u'"),
     "no time": ("u,y\n" + "".join(f"{k},{k}\n" for k in range(50)), "--ts"),
-    "too few samples": ("t,u,y\n" + rows(10, u="{s}", y="{s}"), "10 samples are too few"),
+    "too few samples": ("t,u,y\n" + rows(10, u="{s}", y="{k}"), "10 samples are too few"),
 }
 
 

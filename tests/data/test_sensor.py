@@ -20,7 +20,11 @@ def faults(values, floor=0.005):
 def test_nothing_where_nothing_is():
     assert faults(y) == []
     assert faults(np.round(y, 6)) == []  # the digits of a file are no coarse converter
-    assert faults(np.where(t < 3, 1.5, y)) == []  # at rest before it starts
+
+
+def test_a_machine_that_is_not_yet_on():
+    (fault,) = faults(np.where(t < 3, 1.0, y))
+    assert fault.effect == "frozen_sensor" and fault.rows == (0, 300)
 
 
 def test_clipped():
@@ -44,3 +48,19 @@ def test_a_diagnosis_says_it():
     assert [f.effect for f in found.faults] == ["quantisation"]
     assert "steps of 0.05" in found.sentence()
     assert found.to_dict()["sensor"][0]["size"] == pytest.approx(0.05)
+
+
+def test_a_sensor_that_freezes_is_told_from_friction_that_holds():
+    rng = np.random.default_rng(2)
+    wave = np.sin(np.arange(2000) / 60)
+    noisy = wave + 0.01 * rng.standard_normal(2000)
+    frozen = noisy.copy()
+    frozen[900:1500] = frozen[900]
+    (fault,) = sensor_faults([ns.Record.from_arrays(wave, frozen, 0.01)], 0.01)
+    assert fault.effect == "frozen_sensor" and fault.rows == (900, 1500) and "900:1500" in fault.sentence
+    assert fault.size == frozen[900] and fault.share == 0.3
+    held = np.zeros(2000)
+    for k in range(1, 2000):
+        held[k] = min(max(held[k - 1], wave[k] - 0.4), wave[k] + 0.4)  # a play holds again and again
+    for y in (noisy, held, np.round(noisy, 1)):
+        assert "frozen_sensor" not in {f.effect for f in sensor_faults([ns.Record.from_arrays(wave, y, 0.01)], 0.0)}

@@ -71,10 +71,10 @@ def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:
     return sp.tanh((x[k] - x[k - n]) / s)
 
 
-def dahl(d: Any, r: Any) -> Form:
-    """Return the share p of the force that dry friction has reached: it turns round over the way r."""
+def dahl(d: Any, r: Any, before: Any = 0) -> Form:
+    """Return the share p of the force that dry friction has reached, from `before`: it turns round over the way r."""
     p, side = signal("p"), sp.sign(d)
-    return Form((p[k],), (State(p[k], side + (p[k - 1] - side) * sp.exp(-sp.Abs(d) / r), 0),))
+    return Form((p[k],), (State(p[k], side + (p[k - 1] - side) * sp.exp(-sp.Abs(d) / r), before),))
 
 
 @effect(
@@ -102,7 +102,7 @@ def dahl_friction(x: Any, r: Any) -> Form:
 )
 def dahl_friction_of_speed(x: Any, r: Any, Ts: Any) -> Form:
     """Dry friction: a constant force against the motion, whatever the speed."""
-    return dahl(x[k] * Ts, r)
+    return dahl(x[k] * Ts, r, sp.sign(x[k]))  # it has been moving
 
 
 @effect(
