@@ -96,8 +96,9 @@ def diagnose(
         start = _begin(model or base, measured, delay)
         with working("Diagnosing") as progress:
             found = run(
-                start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, limits=limits, report=progress
-            )
+                start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
+                report=progress,
+            )  # fmt: skip
     say_resumed(journal, resume)
     settings = {
         "base": base,

@@ -166,6 +166,7 @@ def diagnose(
     catalogue: Catalogue = EFFECTS,
     seed: int = 0,
     limits: tuple[float, float] | None = None,
+    delay: int | None = None,
     report: Callable[[str], Any] = lambda what: None,
 ) -> Diagnosis:
     """Compare a model with measurements and name the physical effect that is missing.
@@ -184,6 +185,8 @@ def diagnose(
         The effects that are tried.
     limits : (low, high), optional
         How far the input of a proposed experiment may go [unit of u]; by default as far as in the records.
+    delay : int, optional
+        After how many samples the input of a linear base acts; by default each hypothesis has the one that suits it.
     report : callable
         Told what is going on: a text, which is also a `narx_sym.diagnosis.progress.Told`.
 
@@ -214,7 +217,7 @@ def diagnose(
     start = model.fit(listed) if model.theta is None else model
     with one_blas_thread():
         course = Course(report, [BASE, *ROUND * max_effects])
-        table = Table(start, listed, named, catalogue, seed, course)
+        table = Table(start, listed, named, catalogue, seed, course, delay)
         steps: list[Step] = []
         known, loop = table.base, closed_loop(listed)
         valves = [sticking(r) for r in listed if setpoint(r) is not None and span_of(r)]

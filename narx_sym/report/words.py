@@ -155,6 +155,11 @@ def what_next(diagnosis: Diagnosis) -> str:
         return (
             "Look for what disturbs the machine, or for a signal that was not recorded: the input alone tells no more."
         )
+    if any(v.found for v in chosen.valves):
+        return (
+            "Put the controller in manual and move its output up and down in small steps: how far it goes before PV "
+            "follows is the band."
+        )
     if only_both(diagnosis):
         return "Diagnose again and let it add two effects: neither of them helps by itself."
     return NEXT[chosen.verdict].format(best=_added(diagnosis))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -53,10 +54,17 @@ def check_kind(kind: str) -> str:
 
 
 def identify_base(kind: str, records: Sequence[Record], delay: int | None = None) -> Model:
-    """Identify a base of a kind; what is wrong with the data is said at once. A dead time is found if none is given."""
+    """Identify a base to diagnose; what is wrong with the data is said at once. A dead time is found if none is given.
+
+    What `identify` warns of a linear or static base is not passed on: a diagnosis chooses its orders again.
+    """
     check_kind(kind)
     prepare(records)
-    return identify([replace(r, channels={}) for r in records], base=kind, delay=delay)  # a channel acts as an effect
+    bare = [replace(r, channels={}) for r in records]  # a channel acts as an effect
+    with warnings.catch_warnings():
+        if kind in ("linear", "static"):
+            warnings.simplefilter("ignore", UserWarning)
+        return identify(bare, base=kind, delay=delay)
 
 
 def other_pace(model: Model, Ts: float | None, what: str) -> str:

@@ -278,3 +278,14 @@ def test_an_axis_of_few_samples_is_judged(n):
     record = ns.Record.from_arrays(u, y, Ts=0.01)
     found = ns.diagnose(ns.identify(record, base="linear"), record)
     assert "coulomb_friction" in found.confusion_set
+
+
+def test_a_given_dead_time_is_kept():
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.normal(size=20), 30)
+    y = lfilter([0.3], [1, -0.7], np.concatenate([np.zeros(2), np.sign(u) * np.maximum(np.abs(u) - 0.5, 0)])[:600])
+    record = ns.Record.from_arrays(u, y + 0.005 * rng.standard_normal(600), Ts=0.01)
+    base = ns.identify(record, base="linear", delay=2)
+    assert ns.diagnose(base, record, delay=2).model.delay == 2
+    late = ns.diagnose(base, record, delay=5)
+    assert {row.hypothesis.core.delay for row in late.hypotheses} == {5} and late.model.delay == 5

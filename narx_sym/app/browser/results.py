@@ -26,7 +26,6 @@ NEXT = {
     "named": "Next: add it from the list, and watch the error fall.",
     "confused": "Next: run the experiment below and diagnose its data; or add the one that you know to be there.",
     "helps_but_incomplete": "Next: add the best one from the list, and see what is missing then.",
-    "closed_loop": "Next: record again with the controller in manual, and diagnose that.",
     "outside_library": "Next: look where the model fails. A term of your own may be put in under Model.",
 }
 

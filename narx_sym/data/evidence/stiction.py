@@ -28,7 +28,7 @@ STARTS = (-0.99, 0.0, 0.99)  # of f_s: where the valve is within its band before
 LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of PV and OP; y is measured before u is written: nothing acts at once
 WIDEST = 0.9  # of the range of OP: a wider band is never left
 SEARCHED = 2  # parameters of a sticking valve: f_s and f_d
-LONG, SHORT = 1500, 10  # samples that are looked at; samples for each lag, at least
+LONG, SHORT = 6000, 10  # samples that are looked at; samples for each lag, at least
 OWN = 1e-3  # of a lag of OP: a controller without noise makes the rest from the lags of PV, where it is no parameter
 ROUNDING = 1e-7  # of PV's deviation: what rounding leaves of an output without noise
 

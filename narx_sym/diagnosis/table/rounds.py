@@ -47,6 +47,7 @@ class Table:
         catalogue: Catalogue,
         seed: int,
         course: Course,
+        delay: int | None = None,
     ):
         self.given, self.records = given, list(records)
         self.channels, self.catalogue, self.seed, self.course = tuple(channels), catalogue, seed, course
@@ -56,10 +57,16 @@ class Table:
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
         self._fitted: dict[int, Fitted] = {}
         self._own: dict[int, Fitted] = {}
-        delay = int(getattr(given, "delay", 0) or 0)
-        near = {max(0, delay - 1), delay, delay + 1} if self.factor == 1 else {delay // self.factor}
+        self.delay = delay
+        if delay is None:
+            begin = int(getattr(given, "delay", 0) or 0)
+            near = {max(0, begin - 1), begin, begin + 1} if self.factor == 1 else {begin // self.factor}
+            tried = {0, 1, 2, 3, *near}
+        else:
+            tried = {delay // self.factor, -(-delay // self.factor)}
+            self.search.tunes = False
         course.reach(BASE)
-        rows = self.search.bases(sorted({0, 1, 2, 3, *near}))
+        rows = self.search.bases(sorted(tried))
         ordered = sorted(rows, key=lambda r: (not r.hypothesis.core.given, r.memory, r.price))
         held = next(filter(self.holds, ordered), None)
         if held is None:
@@ -259,10 +266,13 @@ class Table:
         segments = [s for r in self.records for s in r.segments()]
         fine = Search(self.given, segments, [(core.n_y, core.n_u)])
         fine.integrating, fine.swings, fine.leaks = core.integrating, self.search.swings, self.search.leaks
+        fine.tunes = self.search.tunes
         for variant in row.hypothesis.effects:
             fine.limits[variant] = {p: (low / at, high / at) for (p, (low, high)), at in self._scaled(variant)}
         first = core.delay * D - D // 2
-        delays = range(max(0, first), first + 2 * D, max(1, D // 3)) if D > 1 else [core.delay]
+        delays: Sequence[int] = range(max(0, first), first + 2 * D, max(1, D // 3)) if D > 1 else [core.delay]
+        if self.delay is not None and not core.given:
+            delays = [self.delay]
         found = [made for delay in delays if (made := self._rebuilt(fine, row, delay)) is not None]
         if not found:
             raise FitError(f"{row.hypothesis} has no stable fit at the record's own rate.")

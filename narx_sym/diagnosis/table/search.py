@@ -133,6 +133,7 @@ class Search:
         self.rows: list[Row] = []
         self.higher: list[tuple[int, int]] = []
         self.integrating = self.swings = self.leaks = False
+        self.tunes = True  # whether delays are free
         self.slow = slowest_seen(self.records)
 
     # -- frames ----------------------------------------------------------------------------------------------------
@@ -338,7 +339,7 @@ class Search:
 
     def tuned(self, row: Row, steps: int = 40) -> Row:
         """Move the delay of a row while that helps."""
-        while not row.hypothesis.core.given:
+        while self.tunes and not row.hypothesis.core.given:
             core, before = row.hypothesis.core, row
             for delay in {max(0, core.delay - 1), core.delay + 1} - {core.delay}:
                 other = replace(row.hypothesis, core=replace(core, delay=delay))

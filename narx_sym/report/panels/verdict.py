@@ -43,9 +43,7 @@ def pictures(material: Material) -> list[Picture]:
     *over_time, loop = loop_panels(valve, material.units)
     return [
         Picture("valve", "The loop over time", f"PV and OP over time: {said}", over_time, columns, SIZE),
-        Picture(
-            "valve_loop", "PV over OP: a valve in order gives a line", f"PV over OP: {said}", [loop], columns, SIZE
-        ),
+        Picture("valve_loop", "PV over OP and over the estimated valve", f"PV over OP: {said}", [loop], columns, SIZE),
     ]
 
 

@@ -27,7 +27,7 @@ def loop_panels(valve: Sticking, units: Mapping[str, str]) -> list[Panel]:
 
 
 def plot_valve(valve: Sticking, path: str | Path | None = None, units: dict[str, str] | None = None) -> Any:
-    """Draw a loop over time, and PV over OP: a valve in order gives a line, a sticking one a parallelogram.
+    """Draw a loop over time, and PV over OP and over the valve as estimated.
 
     Parameters
     ----------
