@@ -179,9 +179,8 @@ def print_found(found: Diagnosis, units: dict[str, str], command: str) -> None:
     from ..models.info import acts
     from ..report.words import fall, what_next
 
-    base = found.steps[0].base.model
     print_headline(found)
-    lines = [fall(found, units), found.sentence(units), acts(base.delay, base.Ts)]
+    lines = [fall(found, units), found.sentence(units), acts(found.model.delay, found.model.Ts)]
     lines += [f"Step {i}: {later.sentence(units)}" for i, later in enumerate(found.steps[1:], 2)]
     lines += [f"Next: {what_next(found)}", command and f"  {command}"]
     for line in filter(None, lines):
