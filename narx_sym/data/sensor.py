@@ -35,12 +35,15 @@ class Fault:
         Of the samples that are cut off or stay, or of the noise power that the steps make up.
     rows : pair of int
         The first row that stays, and the first that does not, counted from 0.
+    record : str
+        The name of the record that these are rows of.
     """
 
     effect: str
     size: float
     share: float
     rows: tuple[int, int] = (0, 0)
+    record: str = ""
 
     @property
     def sentence(self) -> str:
@@ -53,9 +56,9 @@ class Fault:
         if self.effect == "frozen_sensor":
             first, last = self.rows
             return (
-                f"The measured output stays at exactly {self.size:.6g} in the rows {first}:{last}, while the input "
-                "goes through half of its range (frozen_sensor): a sensor that froze, values that were filled in, or a "
-                "machine that was held. Diagnose without these rows too (--rows)."
+                f"The measured output stays at exactly {self.size:.6g} in the rows {first}:{last} of '{self.record}', "
+                "while the input goes through half of its range (frozen_sensor): a sensor that froze, values that were "
+                "filled in, or a machine that was held."
             )
         return (
             f"The measured output comes in steps of {self.size:.4g} (quantisation), which make up "
@@ -108,7 +111,7 @@ def _frozen(record: Record) -> Fault | None:
         return None
     if np.ptp(record.u[rows]) <= CROSSES * np.ptp(record.u):
         return None
-    return Fault("frozen_sensor", float(y[rows.start]), length / n, (rows.start, rows.stop))
+    return Fault("frozen_sensor", float(y[rows.start]), length / n, (rows.start, rows.stop), record.name)
 
 
 def _step(values: Array) -> float:

@@ -155,6 +155,10 @@ def what_next(diagnosis: Diagnosis) -> str:
         return (
             "Look for what disturbs the machine, or for a signal that was not recorded: the input alone tells no more."
         )
+    frozen = next((f for f in diagnosis.faults if f.effect == "frozen_sensor"), None)
+    if frozen:
+        rows = "{}:{}".format(*frozen.rows)
+        return f"Diagnose without the rows {rows} of '{frozen.record}' (--rows): the output stays there at one value."
     if any(v.found for v in chosen.valves):
         return (
             "Put the controller in manual and move its output up and down in small steps: how far it goes before PV "

@@ -5,6 +5,7 @@ import pytest
 
 import narx_sym as ns
 from narx_sym.data.sensor import sensor_faults
+from narx_sym.report.words import what_next
 
 N, Ts = 3000, 0.01
 rng = np.random.default_rng(8)
@@ -39,6 +40,13 @@ def test_steps():
     assert fault.effect == "quantisation" and fault.size == pytest.approx(0.02)
     assert fault.share == pytest.approx(0.02**2 / 12 / 0.005**2, rel=1e-3) or fault.share == 1.0
     assert "steps of 0.02" in fault.sentence
+
+
+def test_the_next_step_leaves_the_frozen_rows_out():
+    frozen = np.where((t > 18) & (t < 27), y[1801], y)
+    record = ns.Record.from_arrays(u, frozen, Ts, name="stage")
+    found = ns.diagnose(ns.identify(record, base="linear", n_y=1, n_u=1), record)
+    assert "1801:2700 of 'stage'" in what_next(found) and "frozen_sensor" in found.sentence()
 
 
 @pytest.mark.long

@@ -201,7 +201,7 @@ def test_few_digits_need_no_exponent(value, said):
 def test_nothing_found_is_three_things(error, unexplained, title, advice):
     step = SimpleNamespace(
         verdict="nothing_detectable", confusion_set=[], unexplained=unexplained, base=None, chosen=None,
-        nrmse=lambda base: {"validation": error},
+        valves=[], nrmse=lambda base: {"validation": error},
     )  # fmt: skip
-    found = SimpleNamespace(steps=[step], rungs=["base"])
+    found = SimpleNamespace(steps=[step], rungs=["base"], faults=[])
     assert words.headline(found).startswith(title) and advice in words.what_next(found)
