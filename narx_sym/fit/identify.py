@@ -173,6 +173,9 @@ def identify(
             "rate_independent": rate_independent, "method": method, "point": point, "creep": creep,
         }  # fmt: skip
         return choose_base(listed, lambda name, some, size: identify(some, base=name, **options, **size))
+    longest = max(len(s) for r in listed for s in r.segments())
+    if delay is not None and delay >= longest:
+        raise FitError(f"A delay of {delay} samples leaves nothing: the longest stretch of the records has {longest}.")
     delays = _delays(base, listed) if delay is None else (delay,)
     if base == "narx":
         (delay,) = delays

@@ -271,6 +271,7 @@ def test_bad_usage(files, run, tmp_path):
         (data, "--base", linear, "--channels", "load"): "no column 'load'",
         (data, "--base", linear, "--rows", "0:10"): "10 samples are too few",
         (data, "--rows", "0:10"): "10 samples are too few",
+        (data, "--delay", 1500): "has 1500",
         (tmp_path / "constant.csv",): "input is constant",
         (tmp_path / "absent.csv",): "no such file",
         (data, "--effects", tmp_path / "broken.toml"): "'where' is missing",
