@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..data.evidence.feedback import SETPOINTS, closed_loop, setpoint
+from ..data.evidence.feedback import closed_loop, is_setpoint, setpoint
 from ..data.evidence.noise import sensor_noise
 from ..data.evidence.stiction import span_of, sticking
 from ..data.sensor import Fault, sensor_faults
@@ -213,7 +213,7 @@ def diagnose(
     count = sum(len(r) for r in listed)
     if count < FEWEST:
         raise FitError(f"{count} samples are too few to judge what is missing: at least {FEWEST} are needed.")
-    named = [n for n in (measured if channels == "all" else channels) if n not in SETPOINTS]
+    named = [n for n in (measured if channels == "all" else channels) if not is_setpoint(n)]
     start = model.fit(listed) if model.theta is None else model
     with one_blas_thread():
         course = Course(report, [BASE, *ROUND * max_effects])

@@ -172,10 +172,7 @@ class Step:
             "absorbed_by_a_refit": self.absorbed,
             "where_it_fails": [],
             "withdrawn": self.withdrawn,
-            "valves": [
-                {"record": v.record.name, "sticks": v.found, "band": v.band, "jump": v.jump, "sentence": v.sentence}
-                for v in self.valves
-            ],
+            "valves": [v.to_dict() for v in self.valves],
             "together": self.pair and {"effects": list(self.pair.effects), "share": self.pair.share},
             "experiment": self.experiment and {
                 "separates": list(self.experiment.separates), "file": experiment_file,

@@ -173,10 +173,7 @@ def identify(
             "rate_independent": rate_independent, "method": method, "point": point, "creep": creep,
         }  # fmt: skip
         return choose_base(listed, lambda name, some, size: identify(some, base=name, **options, **size))
-    longest = max(len(s) for r in listed for s in r.segments())
-    if delay is not None and delay >= longest:
-        raise FitError(f"A delay of {delay} samples leaves nothing: the longest stretch of the records has {longest}.")
-    delays = _delays(base, listed) if delay is None else (delay,)
+    delays = _delays(base, listed, delay)
     if base == "narx":
         (delay,) = delays
         n_u = max(n_u, delay + 1)  # Assumption A1(ii): some input terms must be older than the delay
@@ -228,8 +225,13 @@ def _remembering(
     return judged(identify_bouc_wen(records, origin, delays))
 
 
-def _delays(base: str, records: list[Record]) -> Sequence[int]:
-    """Return the delays to try: those around a long dead time where there is one."""
+def _delays(base: str, records: list[Record], given: int | None) -> Sequence[int]:
+    """Return the delays to try: the given one, or those around a long dead time where there is one."""
+    if given is not None:
+        longest = max(len(s) for r in records for s in r.segments())
+        if given >= longest:
+            raise FitError(f"A delay of {given} samples leaves nothing: the longest stretch of a record has {longest}.")
+        return (given,)
     found = dead_time(records)
     if base in ("linear", "play", "bouc-wen"):
         return range(found.samples - 1, found.samples + 2) if found.long else range(PLAIN)

@@ -110,7 +110,9 @@ def headline(diagnosis: Diagnosis) -> str:
         return "Something is missing that the catalogue does not know."
     if first.verdict == "closed_loop":
         if first.valves:
-            return f"The valve {'sticks' if any(v.found for v in first.valves) else 'does not stick'}."
+            if any(v.found for v in first.valves):
+                return "The valve sticks."
+            return "The valve may stick." if any(v.perhaps for v in first.valves) else "The valve is not seen to stick."
         if first.loop is not None and first.loop.unseen:
             return "Perhaps this record was taken in closed loop: nothing is named."
         return "This record was taken in closed loop: nothing is named."
@@ -159,7 +161,7 @@ def what_next(diagnosis: Diagnosis) -> str:
     if frozen:
         rows = "{}:{}".format(*frozen.rows)
         return f"Diagnose without the rows {rows} of '{frozen.record}' (--rows): the output stays there at one value."
-    if any(v.found for v in chosen.valves):
+    if any(v.found or v.perhaps for v in chosen.valves):
         return (
             "Put the controller in manual and move its output up and down in small steps: how far it goes before PV "
             "follows is the band."

@@ -78,9 +78,20 @@ def test_the_output_of_a_controller_has_a_span():
 @pytest.mark.parametrize(("span", "low", "unit"), [(1.0, 0.0, ""), (16.0, 4.0, "mA")])
 def test_a_valve_sticks_in_every_unit_of_its_controller(span, low, unit):
     loop = evidence.valve_loop(np.random.default_rng(3), 5.0, 2.5)
-    other = ns.Record.from_arrays(low + loop.u * span / 100, loop.y, Ts=loop.Ts, units={"u": unit} if unit else None)
+    u, units = low + loop.u * span / 100, {"u": unit} if unit else None
+    other = ns.Record.from_arrays(u, loop.y, Ts=loop.Ts, channels=loop.channels, units=units)
     found, same = sticking(loop), sticking(other)
     assert found.found and same.found and np.isclose(100 * same.band / span, found.band)
+
+
+def test_without_a_setpoint_that_moves_a_valve_only_may_stick():
+    """A load that steps looks like a valve then; a setpoint that is recorded with its unit is one."""
+    loop = evidence.valve_loop(np.random.default_rng(3), 5.0, 2.5)
+    for still in ({}, {"setpoint": np.full(len(loop), 50.0)}):
+        found = sticking(ns.Record.from_arrays(loop.u, loop.y, Ts=loop.Ts, channels=still))
+        assert found.perhaps and not found.found and "may stick" in found.sentence
+    moved = {"setpoint_m3_h": loop.channels["setpoint"]}
+    assert sticking(ns.Record.from_arrays(loop.u, loop.y, Ts=loop.Ts, channels=moved)).found
 
 
 def test_a_load_on_a_healthy_loop_is_no_valve_that_sticks():
@@ -88,7 +99,8 @@ def test_a_load_on_a_healthy_loop_is_no_valve_that_sticks():
     wrong = []
     for seed in range(20, 40):
         kind, loop = evidence.loop(np.random.default_rng(seed), 1500)
-        scaled = ns.Record.from_arrays(10 + 80 * (loop.u - loop.u.min()) / np.ptp(loop.u), loop.y, Ts=loop.Ts)
+        u = 10 + 80 * (loop.u - loop.u.min()) / np.ptp(loop.u)
+        scaled = ns.Record.from_arrays(u, loop.y, Ts=loop.Ts, channels=loop.channels)
         wrong += [kind] if sticking(scaled).found else []
     assert len(wrong) <= 1, wrong
 

@@ -86,7 +86,8 @@ class Feedback:
         return (
             f"This record was taken in closed loop{why}. Disturbances reach the input through the "
             "controller, so that what seems to be missing may be the controller's. Record again with the controller "
-            "in manual and steps or a slow triangle as its output, or give the setpoint (--channels setpoint)"
+            "in manual and steps or a slow triangle as its output, or "
+            + ("with a setpoint that moves" if self.rests else "give the setpoint (--channels setpoint)")
         )
 
     @property
@@ -108,13 +109,18 @@ class Feedback:
         )
 
 
+def is_setpoint(name: str) -> bool:
+    """Whether a channel has the name of a setpoint: "setpoint [m3/h]" is the channel setpoint_m3_h."""
+    return name in SETPOINTS or name.startswith(("setpoint_", "sp_", "SP_"))
+
+
 def setpoint(record: Record) -> Array | None:
     """Return the setpoint where a channel has its name.
 
     One that is the input or the output itself tells of no loop: the input of a servo as a whole is its setpoint, and in
     manual many controllers let the setpoint follow the output.
     """
-    r = next((record.channels[name] for name in SETPOINTS if name in record.channels), None)
+    r = next((x for name, x in record.channels.items() if is_setpoint(name)), None)
     return None if r is None or any(_same(r, x) for x in (record.u, record.y)) else r
 
 

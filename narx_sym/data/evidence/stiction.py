@@ -13,12 +13,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from scipy.linalg import qr
 
 from ...errors import DataError
 from ..record import Record
+from .feedback import setpoint
 
 Array = np.ndarray
 SPEC = 0.01  # of span: dead band and stiction of a valve in order
@@ -40,7 +42,9 @@ class Sticking:
     Attributes
     ----------
     found : bool
-        Whether it sticks by more than the specification allows.
+        Whether it sticks by more than the specification allows, as a setpoint that moves has shown.
+    perhaps : bool
+        Whether it looks so, but nothing moved the loop but its load: one that steps or ramps would look alike.
     band, jump : float
         f_s + f_d, how far OP moves before the valve follows after a reversal, and f_s - f_d, how far the valve then
         jumps [unit of OP]; 0 where a linear process explains the record.
@@ -59,21 +63,35 @@ class Sticking:
     position: Array
     record: Record
     span: float
+    perhaps: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a JSON file says of the valve."""
+        return {
+            "record": self.record.name, "sticks": self.found, "perhaps": self.perhaps, "band": self.band,
+            "jump": self.jump, "sentence": self.sentence,
+        }  # fmt: skip
 
     @property
     def sentence(self) -> str:
         """Return the verdict and its reason."""
-        percent, jump = 100 * self.band / self.span, 100 * self.jump / self.span
         if not self.band:
             return (
-                "The valve does not stick as far as this record shows: a linear process predicts the output about "
-                "as well as one behind a sticking valve, so an oscillation comes from tuning or a disturbance"
+                "The valve is not seen to stick: a linear process predicts the output about as well as one behind a "
+                "sticking valve. That is no proof: a band of one or two percent of span is often not seen, and a wider "
+                "one of a level"
             )
-        shape = f"then jumps by {jump:.2g} %" if self.jump else "without a jump"
-        what = f"the valve holds until OP has come back by {percent:.2g} % of span, {shape}"
+        percent, jump = 100 * self.band / self.span, 100 * self.jump / self.span
+        what = f"the valve holds until OP has come back by {percent:.2g} % of its span of {self.span:g}"
+        what += f", then jumps by {jump:.2g} %" if self.jump else ""
         why = f"a linear process predicts the output with {100 * (1 - self.left):.2g} % less squared error behind it"
         if self.found:
             return f"The valve sticks: {what}; {why}"
+        if self.perhaps:
+            return (
+                f"The valve may stick: {what}; {why}. But the setpoint never moves, and a load that steps or ramps "
+                "looks alike: move the setpoint up and down by a few percent, and record again"
+            )
         return f"The valve does not stick by more than a valve may (1 % of span): {what}; {why}"
 
 
@@ -137,7 +155,9 @@ def sticking(record: Record, span: float = 0.0) -> Sticking:
     if best is None or process.n * np.log(best[0] / linear) + price > 0:
         return Sticking(False, 0.0, 0.0, 1.0, op, part, span)
     least, band, jump, position = best
-    return Sticking(bool(band >= SPEC * span), band, jump, least / linear, position, part, span)
+    wide, wanted = bool(band >= SPEC * span), setpoint(part)
+    moved = wanted is not None and bool(np.ptp(wanted))
+    return Sticking(wide and moved, band, jump, least / linear, position, part, span, wide and not moved)
 
 
 @dataclass(frozen=True)
