@@ -425,7 +425,7 @@ def test_a_file_is_dropped(page, data):
 @in_browser
 def test_the_units_of_the_header_stand_in_their_fields(page, data):
     u, y = (x[:400] for x in data)
-    upload(page, "units.csv", live.csv("t,u [V],y [mm],w [<b>K</b>]", u=u, y=y, w=u))
+    upload(page, "units.csv", live.csv("t,u [V],y [mm],w [<b>K</b>]", u=u, y=y, w=2 * u))
     page.locator("input[placeholder='mm']").wait_for()
     output = page.get_by_role("textbox", name="Unit of the output")
     assert output.get_attribute("placeholder") == "mm" and output.input_value() == ""
