@@ -31,6 +31,7 @@ from .simulate import Records, centre, evaluate, segments, simulate
 
 Array = np.ndarray
 BASES = ("narx", "linear", "static", "play", "bouc-wen", "auto")
+OPEN = ("linear", "static")  # a diagnosis chooses their orders again
 HELD_OUT = 0.3
 CYCLES = 10
 CANCELS, CALM = 5.0, 2.0

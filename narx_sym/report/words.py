@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from ..data.evidence.stiction import Sticking
 from ..diagnosis.bases import BASE
 from ..diagnosis.experiment import Experiment
 from ..diagnosis.procedure import Diagnosis
@@ -110,9 +111,7 @@ def headline(diagnosis: Diagnosis) -> str:
         return "Something is missing that the catalogue does not know."
     if first.verdict == "closed_loop":
         if first.valves:
-            if any(v.found for v in first.valves):
-                return "The valve sticks."
-            return "The valve may stick." if any(v.perhaps for v in first.valves) else "The valve is not seen to stick."
+            return f"{worst_valve(first.valves).verdict.capitalize()}."
         if first.loop is not None and first.loop.unseen:
             return "Perhaps this record was taken in closed loop: nothing is named."
         return "This record was taken in closed loop: nothing is named."
@@ -127,6 +126,11 @@ def headline(diagnosis: Diagnosis) -> str:
     if first.verdict == "confused":
         return f"{', '.join(names[:-1])} or {names[-1]} is probably missing; these data cannot tell which.".capitalize()
     return f"{names[0].capitalize()} is probably missing."
+
+
+def worst_valve(valves: Sequence[Sticking]) -> Sticking:
+    """Return the valve that most surely sticks; the first one where none does."""
+    return max(valves, key=lambda v: (v.found, v.perhaps))
 
 
 def has_floor(diagnosis: Diagnosis) -> bool:

@@ -11,7 +11,7 @@ from ..data.record import Record, same_pace
 from ..data.sensor import sensor_faults
 from ..errors import ModelError, NarxError
 from ..files.store import load
-from ..fit.identify import BASES, identify, prepare
+from ..fit.identify import BASES, OPEN, identify, prepare
 from ..models.model import Model
 from ..symbolic.signals import u
 
@@ -62,7 +62,7 @@ def identify_base(kind: str, records: Sequence[Record], delay: int | None = None
     prepare(records)
     bare = [replace(r, channels={}) for r in records]  # a channel acts as an effect
     with warnings.catch_warnings():
-        if kind in ("linear", "static"):
+        if kind in OPEN:
             warnings.simplefilter("ignore", UserWarning)
         return identify(bare, base=kind, delay=delay)
 

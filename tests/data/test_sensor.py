@@ -24,7 +24,7 @@ def test_nothing_where_nothing_is():
 
 
 def test_a_machine_that_is_not_yet_on():
-    (fault,) = faults(np.where(t < 3, 1.0, y))
+    (fault,) = faults(np.where(t < 3, 1.5, y))
     assert fault.effect == "frozen_sensor" and fault.rows == (0, 300)
 
 

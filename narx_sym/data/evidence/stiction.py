@@ -73,6 +73,11 @@ class Sticking:
         }  # fmt: skip
 
     @property
+    def verdict(self) -> str:
+        """Return the verdict in a few words."""
+        return f"the valve {'sticks' if self.found else 'may stick' if self.perhaps else 'is not seen to stick'}"
+
+    @property
     def sentence(self) -> str:
         """Return the verdict and its reason."""
         if not self.band:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...data.record import Record
 from ...errors import FitError
+from ...fit.identify import OPEN
 from ...models.effects import Catalogue
 from ...models.extend import Variant, variants
 from ...models.model import Model
@@ -51,7 +52,7 @@ class Table:
     ):
         self.given, self.records = given, list(records)
         self.channels, self.catalogue, self.seed, self.course = tuple(channels), catalogue, seed, course
-        work, self.factor = working(self.records) if family_of(given) in ("linear", "static") else (self.records, 1)
+        work, self.factor = working(self.records) if family_of(given) in OPEN else (self.records, 1)
         self.search = Search(given if self.factor == 1 else given.replace(Ts=work[0].Ts), work)
         self._screened: dict[int, Scored] = {}
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core

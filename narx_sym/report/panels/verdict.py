@@ -36,7 +36,7 @@ def pictures(material: Material) -> list[Picture]:
     valves = material.diagnosis.steps[0].valves
     if not valves:
         return [picture(material.compared, material.units)]
-    valve = max(valves, key=lambda v: (v.found, v.perhaps))
+    valve = words.worst_valve(valves)
     record, said = valve.record, f"{valve.sentence}."
     columns = {"t": record.t, "OP": record.u, "PV": record.y}
     columns |= {"valve, as estimated": valve.position} if valve.band else {}

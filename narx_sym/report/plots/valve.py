@@ -40,8 +40,7 @@ def plot_valve(valve: Sticking, path: str | Path | None = None, units: dict[str,
     figure, axes = new_axes(1, 2, figsize=(12.5, 5.0), width_ratios=(3, 2))
     draw(axes[0], *over_time)
     draw(axes[1], loop)
-    said = "the valve sticks" if valve.found else "the valve may stick" if valve.perhaps else "no sticking is seen"
-    figure.suptitle(label(f"{valve.record.name}: {said}"))
+    figure.suptitle(label(f"{valve.record.name}: {valve.verdict}"))
     if path is not None:
         write_figure(figure, path)
     return figure
