@@ -14,6 +14,7 @@ from ...symbolic.signals import lag, r, samples
 
 Array = np.ndarray
 GRID = 801  # points of a grid
+FAR, OUTSIDE = 100.0, 100  # of a grid's width, how far a search goes on to each side, and its points there
 
 
 def around(reached: Array, more: float = 0.5) -> Array:
@@ -21,6 +22,13 @@ def around(reached: Array, more: float = 0.5) -> Array:
     low, high = float(reached.min()), float(reached.max())
     wide = more * (high - low) or 1.0
     return np.linspace(low - wide, high + wide, GRID)
+
+
+def beyond(grid: Array) -> Array:
+    """Return a grid that goes on to both sides, in steps that grow as it does, to FAR times its width."""
+    width = float(np.ptp(grid))
+    steps = width * np.geomspace(grid[1] / width - grid[0] / width, FAR, OUTSIDE)
+    return np.concatenate([grid[0] - steps[::-1], grid, grid[-1] + steps])
 
 
 def crossings(gap: Array) -> Array:

@@ -23,22 +23,37 @@ from ...inversion.compensator import Compensator
 from ...inversion.solution import Solution
 from ...inversion.stages import guarded, in_order
 from ...symbolic.recursion import Recursion
-from ...symbolic.signals import k, signal
+from ...symbolic.signals import k, r, samples, signal, y
 from ..simulate import simulate
-from .crossings import around, crossings, gaps
+from .crossings import around, beyond, crossings, gaps
 from .driven import Prepared
 
 Array = np.ndarray
 TRIES, BACK, ON = 200, 100, 200  # runs; how far back of a miss a choice is changed; how far a run goes on at first
-WIDER = 1.0  # of what a sequence has been: a solution further beyond is not looked for
+WIDER = 1.0  # of what a sequence has been: solutions further beyond are looked for in steps that grow
 INEXACT = 1e-9  # of the largest reference: what is further off is missed
 FREE = 1e300  # a hint that is none
 Hints = Mapping[str, Mapping[int, float]]
 
 
 def open_stages(law: Compensator) -> list[Solution]:
-    """Return the stages that may leave a choice."""
-    return [s for s in (law.staged.stages if law.staged else ()) if s.needs or not s.proved]
+    """Return the stages that may leave a choice on which later samples depend."""
+    return [s for s in (law.staged.stages if law.staged else ()) if (s.needs or not s.proved) and _lasts(law, s)]
+
+
+def _lasts(law: Compensator, stage: Solution) -> bool:
+    """Whether anything but the target of a stage, at the same sample, is made from what it solves for."""
+    own, target = stage.unknown, y if stage.target.base == r else stage.target.base
+    stages = law.staged.stages if law.staged else ()
+    solved = {s.unknown.base for s in stages} - {s.target.base for s in stages}  # nothing but a stage makes them
+    made = [(left.base, right) for left, right in law.beside() if left.base not in solved]
+    chosen = {f"{s.unknown.base.label}_wanted" for s in stages}
+    return any(
+        s.base == own.base and not (left == target and s == own)
+        for left, right in made
+        if str(left.label) not in chosen
+        for s in samples(right)
+    )
 
 
 def steered(law: Compensator) -> Recursion:
@@ -194,7 +209,7 @@ class Lookback:
             name, hint = str(stage.unknown.base.label), str(_hint(stage).label)
             before = columns[name][max(depth - 1, 0) :][:1]
             column = np.concatenate([before, columns[name][depth:]])  # from the value before the first one on
-            grid, last = around(column[: path.missed + 1], WIDER), column[at]
+            grid, last = beyond(around(column[: path.missed + 1], WIDER)), column[at]
             taken = columns[f"{name}_wanted"][depth + at]
             # The last value is where a step turns, so often where the gap has a kink: between a pair of roots.
             points = np.sort(np.column_stack([np.broadcast_to(grid, (at.size, grid.size)), last]), axis=1)
