@@ -153,6 +153,10 @@ def what_next(diagnosis: Diagnosis) -> str:
     """Say what to do next, after the last step."""
     last = next((s for s in reversed(diagnosis.steps) if s.chosen is not None), diagnosis.steps[0])
     chosen = diagnosis.steps[0] if diagnosis.steps[0].verdict == "confused" else last
+    frozen = next((f for f in diagnosis.faults if f.effect == "frozen_sensor"), None)
+    if frozen:
+        rows = "{}:{}".format(*frozen.rows)
+        return f"Diagnose without the rows {rows} of '{frozen.record}' (--rows): the output stays there at one value."
     if chosen.verdict == "nothing_detectable" and follows_nothing(chosen):
         return (
             "Choose another base, or record with an input that moves the output: a constant does as well as this model."
@@ -161,10 +165,6 @@ def what_next(diagnosis: Diagnosis) -> str:
         return (
             "Look for what disturbs the machine, or for a signal that was not recorded: the input alone tells no more."
         )
-    frozen = next((f for f in diagnosis.faults if f.effect == "frozen_sensor"), None)
-    if frozen:
-        rows = "{}:{}".format(*frozen.rows)
-        return f"Diagnose without the rows {rows} of '{frozen.record}' (--rows): the output stays there at one value."
     if any(v.found or v.perhaps for v in chosen.valves):
         return (
             "Put the controller in manual and move its output up and down in small steps: how far it goes before PV "

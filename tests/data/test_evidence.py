@@ -87,11 +87,37 @@ def test_a_valve_sticks_in_every_unit_of_its_controller(span, low, unit):
 def test_without_a_setpoint_that_moves_a_valve_only_may_stick():
     """A load that steps looks like a valve then; a setpoint that is recorded with its unit is one."""
     loop = evidence.valve_loop(np.random.default_rng(3), 5.0, 2.5)
-    for still in ({}, {"setpoint": np.full(len(loop), 50.0)}):
-        found = sticking(ns.Record.from_arrays(loop.u, loop.y, Ts=loop.Ts, channels=still))
-        assert found.perhaps and not found.found and "may stick" in found.sentence
+    found = sticking(ns.Record.from_arrays(loop.u, loop.y, Ts=loop.Ts))
+    assert found.perhaps and not found.found and "may stick" in found.sentence
     moved = {"setpoint_m3_h": loop.channels["setpoint"]}
     assert sticking(ns.Record.from_arrays(loop.u, loop.y, Ts=loop.Ts, channels=moved)).found
+
+
+def cycling(static, moving, load=0.0, n=1200):
+    """Return a flow loop under integral control at a setpoint that rests; its valve sticks within `static` % of span."""
+    rng = np.random.default_rng(5)
+    u, y, x, flow, total = np.zeros(n), np.zeros(n), 50.2, 0.0, 0.0
+    for k in range(n):
+        y[k] = flow + 0.02 * rng.standard_normal()
+        total -= 0.02 * y[k]
+        u[k] = 50 + total - 0.1 * y[k]
+        if abs(u[k] - x) > static:
+            x = u[k] - moving * np.sign(u[k] - x)
+        flow += 0.3 * (4 * (x - 50) + load * np.sin(0.02 * k) - flow)
+    return ns.Record.from_arrays(u, y, Ts=10.0, channels={"setpoint": np.zeros(n)})
+
+
+def test_a_loop_that_cycles_by_its_valve_at_rest():
+    """The valve of a loop may stick within its specification, and make it cycle; a load moves OP by far more."""
+    found = sticking(cycling(0.4, 0.1))
+    assert (
+        found.perhaps
+        and found.band < 1.0
+        and 2 * found.band >= np.ptp(found.record.u)
+        and "may stick" in found.sentence
+    )
+    driven = sticking(cycling(1.0, 0.5, load=60.0))
+    assert not driven.perhaps and driven.band >= 1.0 and "times as much: by the load" in driven.sentence
 
 
 def test_a_load_on_a_healthy_loop_is_no_valve_that_sticks():

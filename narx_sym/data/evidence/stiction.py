@@ -6,7 +6,9 @@ alone (Hammerstein approach: Srinivasan et al. 2005, Jelali 2008). Under feedbac
 without a model of the load is biased (Ljung 1999, section 13.4): both predict one step ahead, with as many lags as the
 linear process alone earns (AIC: Shibata 1980), so that what is compared is what neither PV's past nor OP's predicts.
 Levels integrate: nothing forbids a pole at 1. A valve sticks if it does so by more than a healthy one may: dead band
-and stiction together at most 1 % of span (EnTech, Control Valve Dynamic Specification, 1998).
+and stiction together at most 1 % of span (EnTech, Control Valve Dynamic Specification, 1998). It also does where OP
+moves by little more than the band: so swings a loop that cycles by its valve, however small the band. What a load
+or the tuning moves goes far beyond.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from .feedback import setpoint
 
 Array = np.ndarray
 SPEC = 0.01  # of span: dead band and stiction of a valve in order
+CYCLE = 0.5  # of OP's swing: what the band is at least in a loop that cycles by its valve
 BANDS = (0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.016, 0.024, 0.032, 0.05, 0.08)  # of span: f_s + f_d
 JUMPS = (1.0, 0.5, 0.15, 0.0)  # f_d over f_s
 STARTS = (-0.99, 0.0, 0.99)  # of f_s: where the valve is within its band before the record
@@ -42,9 +45,11 @@ class Sticking:
     Attributes
     ----------
     found : bool
-        Whether it sticks by more than the specification allows, as a setpoint that moves has shown.
+        Whether it sticks by more than the specification allows or makes the loop cycle, as a setpoint that moves has
+        shown.
     perhaps : bool
-        Whether it looks so, but nothing moved the loop but its load: one that steps or ramps would look alike.
+        Whether it looks so, but nothing moved the loop but its load: one that steps or ramps would look alike. Where
+        the setpoint is known to rest, only what cycles by the valve looks so.
     band, jump : float
         f_s + f_d, how far OP moves before the valve follows after a reversal, and f_s - f_d, how far the valve then
         jumps [unit of OP]; 0 where a linear process explains the record.
@@ -97,7 +102,13 @@ class Sticking:
                 f"The valve may stick: {what}; {why}. But the setpoint never moves, and a load that steps or ramps "
                 "looks alike: move the setpoint up and down by a few percent, and record again"
             )
-        return f"The valve does not stick by more than a valve may (1 % of span): {what}; {why}"
+        swing = f"OP swings by {float(np.ptp(self.record.u)) / self.band:.2g} times as much"
+        if self.band < SPEC * self.span:
+            return f"The valve is not seen to stick by more than a valve may (1 % of span): {what}; {why}; {swing}"
+        return (
+            f"The valve is not seen to stick: {what}; {why}. But the setpoint never moves, and {swing}: by the load, "
+            "which then looks alike"
+        )
 
 
 def held(op: Array, static: float, moving: float, start: float) -> Array:
@@ -160,9 +171,11 @@ def sticking(record: Record, span: float = 0.0) -> Sticking:
     if best is None or process.n * np.log(best[0] / linear) + price > 0:
         return Sticking(False, 0.0, 0.0, 1.0, op, part, span)
     least, band, jump, position = best
-    wide, wanted = bool(band >= SPEC * span), setpoint(part)
+    wide, cycles, wanted = bool(band >= SPEC * span), bool(band >= CYCLE * range_), setpoint(part)
     moved = wanted is not None and bool(np.ptp(wanted))
-    return Sticking(wide and moved, band, jump, least / linear, position, part, span, wide and not moved)
+    found = (wide or cycles) and moved
+    perhaps = not moved and (cycles or (wide and wanted is None))
+    return Sticking(found, band, jump, least / linear, position, part, span, perhaps)
 
 
 @dataclass(frozen=True)
