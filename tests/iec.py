@@ -41,8 +41,15 @@ def alike(a, b):
     assert type(a) is type(b) and type(a) is not bool, f"{a!r} and {b!r} are of different types"
 
 
+def exponential(x):
+    try:
+        return math.exp(real(x))
+    except OverflowError:  # a controller goes on with infinity
+        return math.inf
+
+
 FUNCTIONS = {
-    "ABS": lambda x: abs(real(x)), "SQRT": lambda x: math.sqrt(real(x)), "EXP": lambda x: math.exp(real(x)),
+    "ABS": lambda x: abs(real(x)), "SQRT": lambda x: math.sqrt(real(x)), "EXP": exponential,
     "LN": lambda x: math.log(real(x)), "SIN": lambda x: math.sin(real(x)), "COS": lambda x: math.cos(real(x)),
     "TAN": lambda x: math.tan(real(x)), "ASIN": lambda x: math.asin(real(x)), "ACOS": lambda x: math.acos(real(x)),
     "ATAN": lambda x: math.atan(real(x)), "EXPT": lambda a, b: math.pow(real(a), real(b)),

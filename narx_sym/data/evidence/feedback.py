@@ -26,7 +26,7 @@ from ..record import Record
 from .noise import usual_size
 
 Array = np.ndarray
-SETPOINTS = ("setpoint", "sp", "SP", "reference")  # names of a channel that is the setpoint of a loop
+SETPOINTS = ("setpoint", "sp", "sv", "r", "ref", "reference")  # names of a channel that is the setpoint of a loop
 OWN, TURNS = 8, 8  # lags of the input; rounds of the robust fit
 FRESH = 0.03  # of the input's movement: less than that is new, and there is nothing to explain
 LEFT = 0.65  # share of what is new in the input that the output leaves unexplained, under feedback at most
@@ -110,8 +110,8 @@ class Feedback:
 
 
 def is_setpoint(name: str) -> bool:
-    """Whether a channel has the name of a setpoint: "setpoint [m3/h]" is the channel setpoint_m3_h."""
-    return name in SETPOINTS or name.startswith(("setpoint_", "sp_", "SP_"))
+    """Whether a channel has the name of a setpoint: "Setpoint [m3/h]" is the channel Setpoint_m3_h."""
+    return name.lower().startswith(tuple(f"{s}_" for s in SETPOINTS)) or name.lower() in SETPOINTS
 
 
 def setpoint(record: Record) -> Array | None:

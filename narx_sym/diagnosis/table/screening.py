@@ -21,7 +21,7 @@ from .verdict import price
 
 Array = np.ndarray
 EFFECTS_TRIED, FORMS_TRIED, HALF = 8, 2, 0.5  # effects that are fitted; forms of each that explain half of its best
-SOONER = 0.8  # of the size: without it 99 % of records show it, and 69 % at two thirds (tests/bench/power.py)
+SOONER = 0.85  # of the size: without it 99 % of records show it, and 69 % at two thirds (tests/bench/power.py)
 
 
 @dataclass
