@@ -32,7 +32,7 @@ from .simulate import Records, centre, evaluate, segments, simulate
 Array = np.ndarray
 BASES = ("narx", "linear", "static", "play", "bouc-wen", "auto")
 OPEN = ("linear", "static")  # a diagnosis chooses their orders again
-HELD_OUT, PACE = 0.3, 0.01  # of a record: what judges a model, and over which its output is seen to move
+HELD_OUT = 0.3
 CYCLES = 10
 CANCELS, CALM = 5.0, 2.0
 FEWEST = 20  # samples; below this a structure cannot be told from chance
@@ -304,19 +304,21 @@ def stable_law(model: Model, records: Records) -> bool:
 
 
 def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
-    """Hold out the last record, or the last part of the only one, or of its movement where it rests in the end.
+    """Hold out the last record, or the last part of the only one: of what moves in it, where a part would rest.
 
     One step that is over at once cannot be parted: it judges itself.
     """
     if len(records) > 1:
         return records[:-1], records[-1:]
-    first, second = records[0].split(1 - HELD_OUT)
-    if not np.ptp(second.y):
-        apart, out = max(1, round(PACE * len(records[0]))), records[0].y
-        moved = np.cumsum((out[apart:] - out[:-apart]) ** 2)  # so far apart the noise before a step counts little
-        at = apart + int(np.searchsorted(moved, (1 - HELD_OUT) * moved[-1]))
-        first, second = records[0].split(at / len(records[0]))
-    return ([first], [second]) if np.ptp(second.y) else (records, records)
+    one = records[0]
+    at = round((1 - HELD_OUT) * len(one))
+    if not all(map(np.ptp, (one.u[:at], one.y[:at], one.y[at:]))):
+        changes = [np.flatnonzero(np.diff(x)) for x in (one.u, one.y)]
+        begin, end = max(c[0] for c in changes), changes[1][-1]
+        at = round(begin + (1 - HELD_OUT) * (end - begin))
+        if not begin + 2 <= at <= end:
+            return records, records
+    return [one[:at]], [one[at:]]
 
 
 def _choose(candidates: list[NARX], records: list[Record], what: str, method: str, for_compensation: bool) -> Model:

@@ -149,6 +149,15 @@ def test_a_setpoint_that_tells_nothing():
     assert other.given and not other.unseen and "as its setpoint says" in other.sentence
 
 
+@pytest.mark.parametrize("name", ["setpoint", "SP", "r", "r_deg", "Ref", "setpoint_m3_h"])
+def test_a_reference_is_a_setpoint(name):
+    _, loop = evidence.loop(np.random.default_rng(0), 300)
+    named = ns.Record.from_arrays(loop.u, loop.y, Ts=loop.Ts, channels={name: np.arange(300.0)})
+    assert feedback(named).given
+    other = ns.Record.from_arrays(loop.u, loop.y, Ts=loop.Ts, channels={"rate": np.arange(300.0)})
+    assert not feedback(other).given
+
+
 @pytest.mark.long
 def test_four_of_five_valves_are_judged_rightly():
     rng, right = np.random.default_rng(7), []

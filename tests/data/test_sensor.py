@@ -49,6 +49,13 @@ def test_the_next_step_leaves_the_frozen_rows_out():
     assert "1801:2700 of 'stage'" in what_next(found) and "frozen_sensor" in found.sentence()
 
 
+def test_where_nothing_follows_the_frozen_rows_go_first():
+    frozen = np.where((t > 3) & (t < 27), y[1801], y)
+    record = ns.Record.from_arrays(u, frozen, Ts, name="stage")
+    base = ns.NARX.from_terms(["u[k]"], [1e-3], Ts=Ts)
+    assert "Diagnose without the rows" in what_next(ns.diagnose(base, record))
+
+
 @pytest.mark.long
 def test_a_diagnosis_says_it():
     record = ns.Record.from_arrays(u, 0.05 * np.round(y / 0.05), Ts)

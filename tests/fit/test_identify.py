@@ -52,6 +52,17 @@ def test_what_is_held_out_moves():
     assert ns.evaluate(model, part).free_run_nrmse < 0.1
 
 
+def test_one_step_is_enough():
+    """A step that is over soon is all of the movement; the noise before it is none, and after it the sensor rests."""
+    rng = np.random.default_rng(0)
+    u = (np.arange(2000) >= 900) * 1.0
+    y = lfilter([0.1], [1, -0.9], u) + 0.003 * rng.standard_normal(2000)
+    y[1000:] = 1.0
+    for first, last in ((0, 2000), (0, 940), (700, 2000)):
+        made = ns.identify(ns.Record.from_arrays(u[first:last], y[first:last], 0.01), base="linear")
+        assert ns.evaluate(made, ns.Record.from_arrays(u[800:1000], y[800:1000], 0.01)).free_run_nrmse < 0.1
+
+
 def test_a_sensor_that_drifts_does_not_integrate():
     y = np.zeros(N)
     for k, x in enumerate(force(0)[:-1], 1):

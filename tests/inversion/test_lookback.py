@@ -9,6 +9,7 @@ from bench.attack import Run, bases, drawn, with_effect
 
 import narx_sym as ns
 from narx_sym.errors import Unreachable
+from narx_sym.fit.laws.lookback import open_stages
 from narx_sym.inversion.branches import solve_for
 from narx_sym.models.extend import variants
 from narx_sym.symbolic.signals import k, m, r
@@ -45,6 +46,32 @@ def test_follow_goes_back_to_where_two_inputs_were_right(seed):
     found = follow(run)
     assert found.tried and not found.missed.any() and not missed(run, found).any()
     assert "went back to earlier choices" in found.report[-1]
+
+
+def test_a_choice_far_outside_is_found():
+    """The input had hardly moved where the other one of two was right."""
+    listed = [
+        v for v in variants(bases()["delayed"], []) if (v.id, v.where) == ("quadratic_drag", "output") and v.lag == 2
+    ]
+    model = with_effect(bases()["delayed"], listed[0], np.random.default_rng(0))
+    run = Run(model.replace(theta=[0.7, 0.4, -0.28]), np.random.default_rng(0))
+    run.u = run.u0 + np.concatenate(
+        [np.zeros(45), [-0.05, -0.73, -0.21, -0.31, -0.33, 0.83, 0.65, -0.04, -0.87], np.zeros(46)]
+    )
+    run.y = run.output(run.u)
+    assert missed(run, follow(run, back=False)).any()
+    found = follow(run)
+    assert found.tried and not missed(run, found).any()
+
+
+def test_a_choice_on_which_nothing_depends_is_not_changed():
+    """Two inputs give the same v: only v has a future."""
+    base, rng = bases()["static"], np.random.default_rng(0)
+    for name, where in (("stribeck_friction", "output"), ("quadratic_gain", "input")):
+        listed = [v for v in variants(base, []) if (v.id, v.where, v.driver, v.effect.form) == (name, where, "u", "")]
+        base = with_effect(base, listed[0], rng)
+    law = base.compensator()
+    assert len(law.staged.stages) == 2 and [str(s.unknown) for s in open_stages(law)] == ["v[k]"]
 
 
 def test_what_no_choice_reaches_stays_missed():
