@@ -173,9 +173,8 @@ def sticking(record: Record, span: float = 0.0) -> Sticking:
     least, band, jump, position = best
     wide, cycles, wanted = bool(band >= SPEC * span), bool(band >= CYCLE * range_), setpoint(part)
     moved = wanted is not None and bool(np.ptp(wanted))
-    found = (wide or cycles) and moved
     perhaps = not moved and (cycles or (wide and wanted is None))
-    return Sticking(found, band, jump, least / linear, position, part, span, perhaps)
+    return Sticking(moved and (wide or cycles), band, jump, least / linear, position, part, span, perhaps)
 
 
 @dataclass(frozen=True)
