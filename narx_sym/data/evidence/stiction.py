@@ -99,8 +99,8 @@ class Sticking:
             return f"The valve sticks: {what}; {why}"
         if self.perhaps:
             return (
-                f"The valve may stick: {what}; {why}. But the setpoint never moves, and a load that steps or ramps "
-                "looks alike: move the setpoint up and down by a few percent, and record again"
+                f"The valve may stick: {what}; {why}. But no setpoint that moves was recorded, and a load that steps "
+                "or ramps looks alike: move the setpoint up and down by a few percent, and record it too"
             )
         swing = f"OP swings by {float(np.ptp(self.record.u)) / self.band:.2g} times as much"
         if self.band < SPEC * self.span:

@@ -25,7 +25,7 @@ from ...inversion.stages import guarded, in_order
 from ...symbolic.recursion import Recursion
 from ...symbolic.signals import k, r, samples, signal, y
 from ..simulate import simulate
-from .crossings import around, beyond, crossings, gaps
+from .crossings import OUTSIDE, around, beyond, crossings, gaps
 from .driven import Prepared
 
 Array = np.ndarray
@@ -214,7 +214,7 @@ class Lookback:
             # The last value is where a step turns, so often where the gap has a kink: between a pair of roots.
             points = np.sort(np.column_stack([np.broadcast_to(grid, (at.size, grid.size)), last]), axis=1)
             gap = gaps(self.law, stage, columns, self.target, at, points, depth)
-            rests = np.abs(gap) <= INEXACT * np.abs(gap).max(axis=1, keepdims=True)
+            rests = np.abs(gap) <= INEXACT * np.abs(gap[:, OUTSIDE:-OUTSIDE]).max(axis=1, keepdims=True)
             more = [(row, last[row], 0.0) for row in np.flatnonzero((rests & (points == last[:, None])).any(axis=1))]
             for row, cell in np.argwhere(crossings(gap)):
                 low, high = points[row, cell : cell + 2]
