@@ -145,16 +145,16 @@ def loops(seed: int, plants: int) -> None:
         print(f"| {name} | {count} |")
 
 
-def valve_loop(rng: np.random.Generator, stiction: float, jump: float, n: int = 800, steps: float = 6.0) -> Record:
+def valve_loop(rng: np.random.Generator, stiction: float, jump: float, n: int = 800) -> Record:
     """Return a loop around a valve that sticks (Choudhury et al. 2005: S and J, in % of span); OP and PV in %.
 
-    Flow loops and levels under PI control, with setpoint steps (up to `steps` percent) and a load that wanders.
+    Flow loops and levels under PI control, with setpoint steps and a load that wanders.
     """
     level = rng.random() < 0.4
     slow, gain = np.exp(-1 / np.exp(rng.uniform(0.5, 2.5))), rng.uniform(0.7, 1.5)
     dead, reset = int(rng.integers(1, 3)), rng.uniform(10, 40)
     proportional = rng.uniform(0.3, 0.8) * (4.0 if level else 0.5)
-    wanted = 50 + np.repeat(rng.uniform(-steps, steps, n // 200 + 1), 200)[:n]
+    wanted = 50 + np.repeat(rng.uniform(-6, 6, n // 200 + 1), 200)[:n]
     load = lfilter([0.02], [1, -0.99], rng.standard_normal(n)) * (2.0 if level else 5.0)
     noise = rng.choice([0.05, 0.2])
     u, y, x = np.full(n, 50.0), np.full(n, 50.0), np.full(n, 50.0)

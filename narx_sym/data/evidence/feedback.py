@@ -111,7 +111,7 @@ class Feedback:
 
 def is_setpoint(name: str) -> bool:
     """Whether a channel has the name of a setpoint: "Setpoint [m3/h]" is the channel Setpoint_m3_h."""
-    return name.lower().startswith(tuple(f"{s}_" for s in SETPOINTS)) or name.lower() in SETPOINTS
+    return name.lower().partition("_")[0] in SETPOINTS
 
 
 def setpoint(record: Record) -> Array | None:

@@ -26,8 +26,7 @@ def around(reached: Array, more: float = 0.5) -> Array:
 
 def beyond(grid: Array) -> Array:
     """Return a grid that goes on to both sides, in steps that grow as it does, to FAR times its width."""
-    width = float(np.ptp(grid))
-    steps = width * np.geomspace(grid[1] / width - grid[0] / width, FAR, OUTSIDE)
+    steps = np.geomspace(grid[1] - grid[0], FAR * np.ptp(grid), OUTSIDE)
     return np.concatenate([grid[0] - steps[::-1], grid, grid[-1] + steps])
 
 

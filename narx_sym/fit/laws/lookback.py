@@ -23,7 +23,7 @@ from ...inversion.compensator import Compensator
 from ...inversion.solution import Solution
 from ...inversion.stages import guarded, in_order
 from ...symbolic.recursion import Recursion
-from ...symbolic.signals import k, r, samples, signal, y
+from ...symbolic.signals import k, m, samples, signal
 from ..simulate import simulate
 from .crossings import OUTSIDE, around, beyond, crossings, gaps
 from .driven import Prepared
@@ -42,18 +42,10 @@ def open_stages(law: Compensator) -> list[Solution]:
 
 
 def _lasts(law: Compensator, stage: Solution) -> bool:
-    """Whether anything but the target of a stage, at the same sample, is made from what it solves for."""
-    own, target = stage.unknown, y if stage.target.base == r else stage.target.base
-    stages = law.staged.stages if law.staged else ()
-    solved = {s.unknown.base for s in stages} - {s.target.base for s in stages}  # nothing but a stage makes them
-    made = [(left.base, right) for left, right in law.beside() if left.base not in solved]
-    chosen = {f"{s.unknown.base.label}_wanted" for s in stages}
-    return any(
-        s.base == own.base and not (left == target and s == own)
-        for left, right in made
-        if str(left.label) not in chosen
-        for s in samples(right)
-    )
+    """Whether more of the model than the one sample that a stage solves for is made from what it takes."""
+    own = law.model.input if stage.unknown.base == m else stage.unknown.base
+    made = {(left, s) for left, right in law.model.recursion.updates for s in samples(right) if s.base == own}
+    return len(made) > 1
 
 
 def steered(law: Compensator) -> Recursion:
@@ -122,6 +114,7 @@ class Lookback:
 
     def __init__(self, law: Compensator, target: Array, start: float, channels: Mapping[str, Any]):
         self.law, self.target, self.start, self.channels = law, target, start, channels
+        self.open = open_stages(law)
         assert law.staged is not None
         self.delay, self.tried = law.staged.delay, 0
         self.n = target.size - self.delay
@@ -181,7 +174,7 @@ class Lookback:
     def _run(self, before: _Path, hints: Hints, at: int) -> _Path:
         """Run on from a sample of a run; first a stretch, then to the end."""
         values, begin, changed = before.values, at, at + 1 if hints else 0
-        names = [str(_hint(s).label) for s in open_stages(self.law)]
+        names = [str(_hint(s).label) for s in self.open]
         more = {n: (self._column(hints.get(n, {})), FREE) for n in names}
         for end in (self.n,) if before.missed is None else (min(self.n, before.missed + ON), self.n):
             values = self.prepared.run(more, values, begin, end + self.delay)
@@ -205,7 +198,7 @@ class Lookback:
         depth = self.prepared.depth
         columns = {n: c[: depth + path.missed + 1] for n, c in {**path.values, **self.prepared.given}.items()}
         found: list[tuple[int, float, str, float]] = []
-        for stage in open_stages(self.law):
+        for stage in self.open:
             name, hint = str(stage.unknown.base.label), str(_hint(stage).label)
             before = columns[name][max(depth - 1, 0) :][:1]
             column = np.concatenate([before, columns[name][depth:]])  # from the value before the first one on
