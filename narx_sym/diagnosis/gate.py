@@ -43,8 +43,8 @@ class Scores:
         That the best of all is chance.
     critical : float
         The log p-value below which 5 % of the records without any effect fall.
-    detectable : (groups,) array
-        rms by which an effect moves the output that is seen in about 80 % of such records [unit of y].
+    passes : (groups, groups) array
+        By how much the energy of a group's columns (row) is to grow until a group (column) passes in 80 % of records.
     filter, variance : the noise model
     basis, owner : orthonormal whitened directions without what a refit absorbs, and the group of each
     """
@@ -55,7 +55,7 @@ class Scores:
     absorbed: Array
     p_value: float
     critical: float
-    detectable: Array
+    passes: Array
     filter: Array
     variance: float
     basis: Array
@@ -233,7 +233,6 @@ def score(
     seed: int = 0,
     lines: Sequence[slice] = (),
     measured: Sequence[Array] = (),
-    costs: Sequence[float] | None = None,
 ) -> Scores:
     """Score groups of directions against a residual.
 
@@ -251,7 +250,6 @@ def score(
     lines : slices of the columns that are sharp spectral lines
         An autoregressive model would take them for noise.
     measured : pieces of the noise itself, from repeated periods, where there are any
-    costs : per group, by how much it must lower the logarithm of the mean square to be worth its price; default 0
     """
     white = whitened(residual, own, directions, edges, rows, lines, measured)
     e, P, D = white.e, white.own, white.directions
@@ -272,7 +270,6 @@ def score(
 
     count = len(groups)
     share, gain, log_p, absorbed = (np.zeros(count) for _ in range(4))
-    detectable = np.full(count, np.inf)
     bases, owners, freedoms = [], [], np.zeros(count, dtype=int)
     total = float(level_e @ level_e) or 1.0
     for i, columns in enumerate(groups):
@@ -292,14 +289,10 @@ def score(
     best = float(log_p.min())
     p_value = (1 + int(np.sum(lowest <= best))) / (DRAWS + 1)
     critical = float(np.quantile(lowest, LEVEL))
-    for i, columns in enumerate(groups):
-        white_size, left = float(np.linalg.norm(D[:, columns])), float(np.linalg.norm(level_D[:, columns]))
-        if freedoms[i] and white_size > 0 and left > 0:
-            tested = _needed(variance, critical - np.log(searched[i]), freedoms[i]) / white_size
-            paid = np.sqrt(total * np.expm1(costs[i] if costs else 0.0)) / left
-            # Times the rms of the whole direction, of which a refit leaves a part.
-            detectable[i] = max(tested, paid) * np.sqrt(level_energy[columns].sum() / len(level_e))
-    return Scores(share, gain, log_p, absorbed, p_value, critical, detectable, white.a, variance, basis, owner)
+    needed = [_needed(variance, critical - np.log(n), int(f)) for n, f in zip(searched, freedoms, strict=True)]
+    known = told(groups, D, basis, owner)
+    passes = np.divide(np.square(needed), known, out=np.full_like(known, np.inf), where=known > 0)
+    return Scores(share, gain, log_p, absorbed, p_value, critical, passes, white.a, variance, basis, owner)
 
 
 def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float], seed: int) -> Array:
@@ -319,6 +312,15 @@ def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float]
     return lowest
 
 
+def told(groups: Sequence[slice], D: Array, basis: Array, owner: Array) -> Array:
+    """Return how much energy of each group's columns (row) each group's basis has (column), (groups, groups)."""
+    energy = np.zeros((len(groups), D.shape[1]))
+    np.add.at(energy, owner, (basis.T @ D) ** 2)
+    return np.array([energy[:, columns].sum(axis=1) for columns in groups])
+
+
 def _needed(variance: float, log_p: float, freedom: int) -> float:
     """Return the whitened size of a contribution whose gain passes the critical value in 80 % of the cases."""
+    if not freedom:
+        return np.inf
     return float((np.sqrt(chi2.isf(np.exp(max(log_p, -700.0)), freedom)) + POWER) * np.sqrt(variance))

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..data.evidence.feedback import closed_loop, is_setpoint, setpoint
+from ..data.evidence.feedback import Feedback, closed_loop, is_setpoint, setpoint
 from ..data.evidence.noise import sensor_noise
-from ..data.evidence.stiction import span_of, sticking
+from ..data.evidence.stiction import Sticking, span_of, sticking
+from ..data.record import Record
 from ..data.sensor import Fault, sensor_faults
 from ..data.units import said_first
 from ..errors import FitError, ModelError
@@ -220,7 +221,7 @@ def diagnose(
         table = Table(start, listed, named, catalogue, seed, course, delay)
         steps: list[Step] = []
         known, loop = table.base, closed_loop(listed)
-        valves = [sticking(r) for r in listed if setpoint(r) is not None and span_of(r)]
+        valves = _valves(listed, loop)
         if loop is not None and (valves or not loop.moved_by_setpoint):  # of a valve it is judged whether it sticks
             steps.append(looped(table.own(known), loop, valves))
         while not steps or (steps[-1].chosen is not None and len(known.hypothesis.effects) < max_effects):
@@ -235,6 +236,15 @@ def diagnose(
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
     return Diagnosis(steps, failed, time.perf_counter() - begin, seed, faults, said, table.rows)
+
+
+def _valves(records: Sequence[Record], loop: Feedback | None) -> list[Sticking]:
+    """Ask of each record of a loop whether its valve sticks.
+
+    Without a setpoint nothing says that a valve is in it: then only what looks so is told.
+    """
+    found = [sticking(r) for r in records if loop is not None and span_of(r)]
+    return [one for one in found if one.perhaps or setpoint(one.record) is not None]
 
 
 def _misfit(fitted: Fitted, floor: float | None) -> Misfit:

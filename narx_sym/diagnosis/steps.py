@@ -20,8 +20,9 @@ from .experiment import Experiment, propose, wider_file
 from .progress import JUDGE, WAYS
 from .refit import Fitted, prune
 from .table.candidates import Candidate, Pair
+from .table.promise import detectable
 from .table.rounds import Table
-from .table.screening import absorbed, detectable
+from .table.screening import absorbed
 from .table.search import Row
 from .table.verdict import HELPS, LARGE, LEFT, ROUNDING, alike, cheapest, verdict, winner
 

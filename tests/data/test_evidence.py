@@ -36,6 +36,36 @@ def test_without_the_setpoint_many_loops_are_recognised():
     assert sum(feedback(r).found for r in bare) >= 6
 
 
+def test_a_controller_that_answers_one_sample_late_is_seen_by_the_past():
+    """A setpoint that wanders and is not recorded hides the form of the answer, not that it is foretold."""
+    rng = np.random.default_rng(0)
+    n, u, y = 1500, np.zeros(1500), np.zeros(1500)
+    wanted = np.cumsum(0.02 * rng.standard_normal(n))
+    for k in range(1, n):
+        y[k] = 0.9 * y[k - 1] + 0.1 * u[k - 1] + 0.05 * rng.standard_normal()
+        u[k] = 2 * (wanted[k] - y[k - 1])
+    assert feedback(ns.Record.from_arrays(u, y, Ts=0.1)).found
+
+
+def test_the_controller_of_an_unstable_plant_is_seen_by_its_sign():
+    """A levitated body: state feedback without an integral, and a setpoint that is not recorded."""
+    found = []
+    for seed in range(4, 8):
+        rng = np.random.default_rng(seed)
+        u, y, v = np.zeros(2000), np.zeros(2000), 0.0
+        for k in range(1, u.size):
+            v += 0.002 * y[k - 1] + 0.02 * u[k - 1] + 0.002 * rng.standard_normal()
+            y[k] = y[k - 1] + v
+            wanted = 0.3 * np.sin(k / 40) + 0.01 * rng.standard_normal()
+            u[k] = 0.3 * u[k - 1] + 0.5 * (wanted - y[k]) - 6 * (y[k] - y[k - 1])
+        found.append(feedback(ns.Record.from_arrays(u, y, Ts=0.001)).found)
+    assert sum(found) >= 3
+
+
+def test_dampers_read_backwards_are_seldom_taken_for_controllers():
+    assert evidence.dampers(seed=3, count=60) <= 3
+
+
 def test_a_damper_read_backwards_is_no_controller():
     """Its force follows the speed of a random movement in the same sample."""
     for seed, cutoff in enumerate((0.02, 0.1, 0.3)):
@@ -59,6 +89,20 @@ def test_nothing_is_named_in_closed_loop():
     found = diagnose(identify(record, base="linear", n_y=1, n_u=1, delay=1, lags={"setpoint": []}), record)
     assert found.verdict == "closed_loop" and not found.candidates and "closed loop" in found.sentence()
     assert "closed_loop" in str(found.to_dict()) and found.model is found.steps[0].base.model
+
+
+def test_a_valve_is_asked_for_without_a_setpoint_too():
+    """That the loop is closed is seen; the valve then "may stick", and nothing is said of one in order."""
+    told = {5.0: 0, 0.1: 0}
+    for stiction in told:
+        for seed in range(4):
+            record = evidence.valve_loop(np.random.default_rng(seed), stiction, 0.5 * stiction)
+            bare = ns.Record.from_arrays(record.u, record.y, Ts=record.Ts)
+            if feedback(bare).found:
+                first = diagnose(identify(bare, base="linear"), bare).steps[0]
+                assert first.verdict == "closed_loop" and ("may stick" in first.sentence({})) == bool(first.valves)
+                told[stiction] += bool(first.valves)
+    assert told[5.0] >= 2 and told[0.1] == 0
 
 
 def test_valves_that_stick_and_valves_in_order():

@@ -48,7 +48,8 @@ class Candidate:
     mean_square, before : float
         Held-out free-run error with the effect, and that of the base [unit of y squared].
     nrmse : dict
-        Errors where it was fitted and on held-out blocks, over the standard deviation of the output.
+        Errors where it was fitted and on held-out blocks, and that of the base on these blocks, over the standard
+        deviation of the output.
     shown : Fitted
         The model whose numbers are shown: that at the record's own rate where the data may mean this effect, else that
         of the table.
@@ -80,7 +81,11 @@ class Candidate:
         drawn = np.random.default_rng(table.seed).integers(0, len(row.blocks), size=(DRAWS, len(row.blocks)))
         shares = (known.blocks - row.blocks)[drawn].mean(axis=1) / removable
         interval = (float(np.quantile(shares, 0.025)), float(np.quantile(shares, 0.975)))
-        errors = {"train": float(np.sqrt(row.fitted)), "validation": float(np.sqrt(row.held))}
+        errors = {
+            "train": float(np.sqrt(row.fitted)),
+            "validation": float(np.sqrt(row.held)),
+            "base": float(np.sqrt(known.held)),
+        }
         return cls(
             variant.id, variant, row, p_value, row.held * spread**2, known.held * spread**2,
             (known.held - row.held) / removable, interval, errors,

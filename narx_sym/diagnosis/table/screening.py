@@ -17,11 +17,9 @@ from .. import gate
 from ..blackbox import predictable
 from ..directions import Direction, Linearised
 from ..refit import Fitted
-from .verdict import price
 
 Array = np.ndarray
 EFFECTS_TRIED, FORMS_TRIED, HALF = 8, 2, 0.5  # effects that are fitted; forms of each that explain half of its best
-SOONER = 0.85  # of the size: so 92 % of records show it, without 99 %, with 0.8 84 %, but 5 of 20 springs (power.py)
 
 
 @dataclass
@@ -69,7 +67,6 @@ def score(fitted: Fitted, channels: Iterable[str], catalogue: Catalogue, seed: i
     scores = gate.score(
         line.residual, line.own, matrix, [d.columns for d in directions], [d.searched for d in directions],
         line.problem.edges, rows, seed, [d.columns for d in directions if d.line], fitted.split.noise,
-        [price(1.0, d.columns.stop - d.columns.start + len(d.variant.shape), 1) for d in directions],
     )  # fmt: skip
     return Scored(fitted, line, tuple(channels), directions, matrix, scores, rows)
 
@@ -101,20 +98,6 @@ def shortlist(scored: Scored, family: str) -> dict[Variant, list[tuple[float, ..
             least = HALF * best[listed[0]][measure]
             picked += [v for v in listed[:forms] if v not in picked and best[v][measure] >= least]
     return {v: sorted(shapes[v], key=lambda s: -shapes[v][s]) for v in picked}
-
-
-def detectable(scored: Scored) -> dict[str, float]:
-    """Return per effect the rms by which it moves the output where about 80 % of such records show it [unit of y].
-
-    Its forms and shapes count by their median; of the places where it may act, the one where it shows least. Elsewhere,
-    and by effects that look like it, it is seen sooner.
-    """
-    found: dict[str, dict[str, list[float]]] = {}
-    for direction, size in zip(scored.directions, scored.scores.detectable, strict=True):
-        if np.isfinite(size):
-            variant = direction.variant
-            found.setdefault(variant.id, {}).setdefault(variant.where, []).append(float(size))
-    return {name: SOONER * max(map(float, map(np.median, places.values()))) for name, places in sorted(found.items())}
 
 
 def absorbed(scored: Scored) -> list[str]:

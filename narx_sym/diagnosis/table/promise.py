@@ -1,0 +1,69 @@
+"""The smallest size of each effect that would be seen: what is promised of a record in which nothing was found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import lstsq
+
+from ..gate import orthonormal, told
+from .frame import BLOCKS, FOLDS, UNSEEN
+from .screening import Scored
+from .verdict import price
+
+Array = np.ndarray
+
+
+def detectable(scored: Scored) -> dict[str, float]:
+    """Return per effect the rms by which it moves the output where about 80 % of such records show it [unit of y].
+
+    It is seen as itself or as any other effect that passes its test and is worth its price. Its forms and shapes count
+    by their median; of the places where it may act, the one where it shows least.
+    """
+    groups = [d.columns for d in scored.directions]
+    costs = [price(1.0, d.columns.stop - d.columns.start + len(d.variant.shape), 1) for d in scored.directions]
+    residual, own, matrix = scored.line.residual, scored.line.own, scored.matrix
+    folds = np.arange(residual.size) * BLOCKS // residual.size % FOLDS
+    worth = paid(groups, left_out(own, matrix, folds), float(residual @ residual), costs)
+    energy = np.array([np.einsum("ij,ij->", matrix[:, c], matrix[:, c]) for c in groups]) / residual.size
+    sizes = np.sqrt(np.min(np.maximum(scored.scores.passes, worth), axis=1) * energy)
+    found: dict[str, dict[str, list[float]]] = {}
+    for direction, size in zip(scored.directions, sizes, strict=True):
+        if np.isfinite(size):
+            variant = direction.variant
+            found.setdefault(variant.id, {}).setdefault(variant.where, []).append(float(size))
+    return {name: max(map(float, map(np.median, places.values()))) for name, places in sorted(found.items())}
+
+
+def left_out(own: Array, directions: Array, folds: Array) -> Array:
+    """Return what a refit leaves of each direction in each fold if that fold is not fitted.
+
+    What the others do not determine, the start of a record, is fitted in the fold itself.
+    """
+    left = np.empty_like(directions)
+    energy = np.einsum("ij,ij->j", own, own)
+    for fold in np.unique(folds):
+        of = folds == fold
+        seen = np.einsum("ij,ij->j", own[~of], own[~of]) > UNSEEN**2 * energy
+        fitted, starts = own[:, seen], orthonormal(own[of][:, ~seen])
+        left[of] = directions[of] - fitted[of] @ lstsq(fitted[~of], directions[~of])[0]
+        left[of] -= starts @ (starts.T @ left[of])
+    return left
+
+
+def paid(groups: Sequence[slice], directions: Array, error: float, costs: Sequence[float]) -> Array:
+    """Return by how much the energy of a group's columns (row) is to grow until a group (column) is worth its price.
+
+    Grown by s, an effect makes of the squared `error` e the sum e + s E; a group explains its own columns' part of s E,
+    and is to lower the logarithm of that sum by its cost.
+    """
+    whole = np.einsum("ij,ij->j", directions, directions)
+    bases = [orthonormal(directions[:, columns], whole[columns]) for columns in groups]
+    owner = np.repeat(np.arange(len(groups)), [b.shape[1] for b in bases])
+    explained = told(groups, directions, np.column_stack(bases), owner)
+    energy = np.array([whole[columns].sum() for columns in groups])[:, None]
+    share, prices = explained / np.where(energy > 0, energy, 1.0), np.expm1(costs)
+    worth = share - prices * np.maximum(1 - share, 0.0)
+    usable = (worth > 0) & (energy > 0)
+    return np.where(usable, error * prices / np.where(usable, worth * energy, 1.0), np.inf)
