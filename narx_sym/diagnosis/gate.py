@@ -290,7 +290,7 @@ def score(
     p_value = (1 + int(np.sum(lowest <= best))) / (DRAWS + 1)
     critical = float(np.quantile(lowest, LEVEL))
     needed = [_needed(variance, critical - np.log(n), int(f)) for n, f in zip(searched, freedoms, strict=True)]
-    known = told(groups, D, basis, owner)
+    known = told(groups, D, basis, owner) * (freedoms > 0)[:, None]  # what a refit absorbs is never seen
     passes = np.divide(np.square(needed), known, out=np.full_like(known, np.inf), where=known > 0)
     return Scores(share, gain, log_p, absorbed, p_value, critical, passes, white.a, variance, basis, owner)
 
