@@ -321,6 +321,4 @@ def told(groups: Sequence[slice], D: Array, basis: Array, owner: Array) -> Array
 
 def _needed(variance: float, log_p: float, freedom: int) -> float:
     """Return the whitened size of a contribution whose gain passes the critical value in 80 % of the cases."""
-    if not freedom:
-        return np.inf
     return float((np.sqrt(chi2.isf(np.exp(max(log_p, -700.0)), freedom)) + POWER) * np.sqrt(variance))

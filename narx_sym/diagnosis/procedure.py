@@ -243,8 +243,8 @@ def _valves(records: Sequence[Record], loop: Feedback | None) -> list[Sticking]:
 
     Without a setpoint nothing says that a valve is in it: then only what looks so is told.
     """
-    found = [sticking(r) for r in records if loop is not None and span_of(r)]
-    return [one for one in found if one.perhaps or setpoint(one.record) is not None]
+    found = [(r, sticking(r)) for r in records if loop is not None and span_of(r)]
+    return [one for r, one in found if one.perhaps or setpoint(r) is not None]
 
 
 def _misfit(fitted: Fitted, floor: float | None) -> Misfit:

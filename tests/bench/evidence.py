@@ -7,10 +7,10 @@ Nothing here comes from the package but what is asked.
 
 Last figures: dead times 0 to 60 found exactly in 98 of 100 (seed 100; the two misses are slow multisines); loops with
 the setpoint 40 of 40, without it 40, open loops taken for closed 0 of 40, dampers read backwards 4 of 200 (seed 61);
-valves 60 of 60 in order and 49 of 60 that stick (seeds 21 and 22). On 20 measured loops of 5 valves: 6 of 10 that stick (all of one valve, none of the
-other), 10 of 10 in order. Linear plants with odd noise (seed 5, 12 each): nothing is found with heavy tails and with
-noise that goes with the signal; steps of the sensor are called something unknown in two, noise on the input gets names
-in three and is something unknown in one.
+valves 60 of 60 in order and 49 of 60 that stick (seeds 21 and 22). On 20 measured loops of 5 valves: 6 of 10 that
+stick (all of one valve, none of the other), 10 of 10 in order. Linear plants with odd noise (seed 5, 12 each): nothing
+is found with heavy tails and with noise that goes with the signal; steps of the sensor are called something unknown in
+two, noise on the input gets names in three and is something unknown in one.
 """
 
 from __future__ import annotations

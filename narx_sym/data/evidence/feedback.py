@@ -134,31 +134,29 @@ def feedback(record: Record) -> Feedback:
     """Ask the longest segment of a record whether its input answers its output."""
     part = max(record.segments(), key=len)[:LONG]
     u, y, r = part.u, part.y, setpoint(part)
-    du, dy = np.diff(u, prepend=u[0]), np.diff(y, prepend=y[0])
     rows = np.arange(OWN + 1, u.size)
-    target = du[rows]
+    target, now = u[rows] - u[rows - 1], y[rows] - y[rows - 1]
     moved = usual_size(target)
     given, rests = r is not None, r is not None and not np.ptp(r)
     if rests:
         r = None  # it tells nothing
-    if rows.size < FEWEST or moved == 0 or not np.any(dy[rows]):
+    if rows.size < FEWEST or moved == 0 or not np.any(now):
         return Feedback(False, 0.0, 1.0, given, rests=rests)
-    own = [u[rows - 1], *(du[rows - i] for i in range(1, OWN))]
+    own, past = _lags(u, rows - 1), _lags(y, rows - 1)
     if r is not None:
         dr = np.diff(r, prepend=r[0])
         own += [x for x in (r[rows - 1], dr[rows], dr[rows - 1]) if np.ptp(x) > 0]
-    told = [y[rows - 1], *(dy[rows - i] for i in range(OWN))]
     alone, _ = _robust(own, target)
-    both, slopes = _robust([*own, *told], target)
+    both, slopes = _robust([*own, past[0], now, *past[1:]], target)
     of = usual_size(alone) or 1.0
     fresh, left = usual_size(alone) / moved, usual_size(both) / of
     found = fresh > FRESH and left < LEFT
-    if found and r is None and usual_size(_robust([*own, told[0], *told[2:]], target)[0]) > LATE * of:
+    if found and r is None and usual_size(_robust([*own, *past], target)[0]) > LATE * of:
         slow_u, slow_y, fast = -slopes[0], slopes[len(own)], slopes[len(own) + 1 :]
         line, level = np.polyfit(u - u.mean(), y, 1)
         exact = line > 0 and np.ptp(y - level - line * (u - u.mean())) <= ROUNDING * np.ptp(y)  # a gain without noise
-        (quick, own_order), (opposes, clearly) = _answers(slow_u, slow_y, fast, line), _opposes(u, y, fast)
-        found = not exact and quick and ((own_order and left < SURE) or (opposes and (own_order or clearly)))
+        quick, own_order = _answers(slow_u, slow_y, fast, line)
+        found = not exact and quick and ((own_order and left < SURE) or _opposes(u, y, fast[0], not own_order))
     leads = 0.0 if r is None else led(u, r)
     return Feedback(bool(found), float(fresh), float(min(left, 1.0)), given, leads, rests)
 
@@ -189,18 +187,24 @@ def _answers(slow_u: float, slow_y: float, fast: Array, line: float) -> tuple[bo
     return bool(abs(slow_y) < INTEGRAL * abs(first)), bool(not ordered or first * line < 0)
 
 
-def _opposes(u: Array, y: Array, fast: Array) -> tuple[bool, bool]:
-    """Return whether the input answers the output with the opposite sign of what it does to it, and if that is clear.
+def _opposes(u: Array, y: Array, at_once: float, clearly: bool) -> bool:
+    """Return whether the input answers the output with the opposite sign of what it does to it.
 
-    What it does is seen some samples later, beside all that the output's own past foretells.
+    What it does is seen some samples later, beside all that the output's own past foretells; `clearly` asks that it
+    lowers the error of that forecast.
     """
     rows = np.arange(OWN, u.size - AHEAD)
-    of_y, of_u = ([s[rows], *(s[rows - i + 1] - s[rows - i] for i in range(1, OWN))] for s in (y, u))
     caused = y[rows + AHEAD] - y[rows]
-    without, _ = _robust(of_y, caused)
-    error, slopes = _robust([*of_y, *of_u], caused)
+    error, slopes = _robust([*_lags(y, rows), *_lags(u, rows)], caused)
     new = slopes[OWN] + slopes[OWN + 1]  # the level of u, and its last step
-    return bool(new * fast[0] < 0), bool(usual_size(error) < CAUSED * usual_size(without))
+    if new * at_once >= 0:
+        return False
+    return not clearly or bool(usual_size(error) < CAUSED * usual_size(_robust(_lags(y, rows), caused)[0]))
+
+
+def _lags(x: Array, rows: Array) -> list[Array]:
+    """Return a signal at some rows and its last steps before them, OWN columns."""
+    return [x[rows], *(x[rows - i + 1] - x[rows - i] for i in range(1, OWN))]
 
 
 def closed_loop(records: Sequence[Record]) -> Feedback | None:
