@@ -199,7 +199,7 @@ def print_headline(found: Diagnosis) -> None:
 
 def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
     """Print candidates, errors, where the base fails, and what could not have been seen."""
-    from ..report.words import removed
+    from ..report.words import PARTS, removed
 
     step = found.steps[0]
     rows = [
@@ -217,11 +217,11 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
             rows,
         )
     floor = found.floor / step.base.problem.spread
-    ladder = [[name, r["train"], r["validation"]] for name, r in zip(found.rungs, found.ladder, strict=True)]
-    ladder.append([f"noise floor ({step.floor_kind})", "", floor])
+    ladder = [[name, *(r[part] for part in PARTS)] for name, r in zip(found.rungs, found.ladder, strict=True)]
+    ladder.append([f"noise floor ({step.floor_kind})", "", floor, ""])
     if step.sensor:
-        ladder.append(["noise of the sensor alone", "", step.sensor / step.base.problem.spread])
-    table("Errors, step by step (free-run NRMSE)", ["model", "training", "held out"], ladder)
+        ladder.append(["noise of the sensor alone", "", step.sensor / step.base.problem.spread, ""])
+    table("Errors, step by step (free-run NRMSE)", ["model", *PARTS.values()], ladder)
     print_fails(found.misfit, units)
     print_detectable(step, units)
 

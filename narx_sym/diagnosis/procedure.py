@@ -98,7 +98,7 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
-        """The errors after each addition, down to the noise floor: name, NRMSE on training and held-out samples."""
+        """The errors after each addition: name, and NRMSE on training, held-out and sealed samples."""
         rungs = [{"added": "base", **self.steps[0].nrmse(self.steps[0].base)}]
         for one in self.steps:
             if one.chosen is not None:

@@ -75,12 +75,13 @@ class Step:
         return [e.effect for e in newer(self.chosen.model, self.base.model)] if self.chosen is not None else []
 
     def nrmse(self, fitted: Fitted) -> dict[str, float]:
-        """Return the free-run errors of a model over the standard deviation of the output."""
+        """Return the free-run errors of a model over the standard deviation of the output.
+
+        Of the samples that it was fitted on, that it was chosen by, and of the last ones, which decide nothing.
+        """
         spread, split = fitted.problem.spread, self.base.split
-        return {
-            "train": float(np.sqrt(fitted.mean_square(split.train)) / spread),
-            "validation": float(np.sqrt(fitted.mean_square(split.held)) / spread),
-        }
+        parts = {"train": split.train, "validation": split.held, "sealed": split.test}
+        return {name: float(np.sqrt(fitted.mean_square(masks)) / spread) for name, masks in parts.items()}
 
     @property
     def unseen(self) -> list[tuple[str, float]]:

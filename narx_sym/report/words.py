@@ -40,6 +40,8 @@ BADGES = {
     "outside_library": "not in the catalogue",
     "closed_loop": "taken in closed loop",
 }
+PARTS = {"train": "training", "validation": "held out", "sealed": "sealed"}  # of a record, as a ladder has them
+BEYOND = 1.2  # times the errors that are shown first: from here on that of the sealed samples is told too
 AT_FLOOR = 1.1  # times the noise floor: an error up to here is called at the floor
 
 
@@ -114,7 +116,8 @@ def headline(diagnosis: Diagnosis) -> str:
             return f"{worst_valve(first.valves).verdict.capitalize()}."
         if first.loop is not None and first.loop.unseen:
             return "Perhaps this record was taken in closed loop: nothing is named."
-        return "This record was taken in closed loop: nothing is named."
+        known = first.loop is not None and first.loop.given
+        return f"This record was {'' if known else 'probably '}taken in closed loop: nothing is named."
     if first.pair is not None:
         return f"Two effects are probably missing: {' and '.join(map(spaced, first.pair.effects))}."
     if first.verdict == "helps_but_incomplete":
@@ -208,6 +211,21 @@ def fall(diagnosis: Diagnosis, units: Units) -> str:
     rungs, pair = diagnosis.ladder, diagnosis.steps[0].pair
     if len(rungs) < 2 and pair is None:
         return ""
+    return " ".join(filter(None, (_falls(diagnosis, units), _sealed(diagnosis, units))))
+
+
+def _sealed(diagnosis: Diagnosis, units: Units) -> str:
+    """Say the error on the sealed samples where it is clearly larger than those that are shown first."""
+    rungs = diagnosis.ladder
+    last = rungs[-1]
+    if len(rungs) < 2 or last["sealed"] <= BEYOND * max(last["train"], last["validation"]):
+        return ""
+    size, unit = last["sealed"] * diagnosis.steps[0].base.problem.spread, units.get("y") or "(unit of y)"
+    return f"On the last samples, which decided nothing, the error with {_added(diagnosis)} is {number(size)} {unit}."
+
+
+def _falls(diagnosis: Diagnosis, units: Units) -> str:
+    rungs, pair = diagnosis.ladder, diagnosis.steps[0].pair
     spread, unit = diagnosis.steps[0].base.problem.spread, units.get("y") or "(unit of y)"
     before, after = (rungs[i]["validation"] * spread for i in (0, -1))
     ratio = before / max(after, 1e-300)

@@ -11,7 +11,7 @@ from ...fit.alignment import FIRST, Aligned, aligned
 from ..comparison import Units
 from ..picture import Picture
 from ..plots import plot_ladder
-from ..words import has_floor
+from ..words import PARTS, has_floor
 from .registry import WAY, Material, panel
 
 
@@ -24,8 +24,7 @@ def picture(diagnosis: Diagnosis, units: Units) -> Picture:
     known = has_floor(diagnosis)
     columns = {
         "model": [*diagnosis.rungs, *(["noise floor"] if known else [])],
-        "training": [*(r["train"] for r in rungs), *([floor] if known else [])],
-        "held out": [*(r["validation"] for r in rungs), *([floor] if known else [])],
+        **{what: [*(r[part] for r in rungs), *([floor] if known else [])] for part, what in PARTS.items()},
     }
 
     def draw(ax: Any) -> None:
@@ -49,7 +48,7 @@ def ladder(material: Material) -> dict[str, Any]:
     spread = d.steps[0].base.problem.spread
     rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
     if has_floor(d):
-        rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread})
+        rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread, "sealed": None})
     listed = fair(d)
     return {
         "rungs": [r | {"size": r["validation"] * spread} for r in rows], "kind": d.steps[0].floor_kind, "fair": listed,
