@@ -17,7 +17,7 @@ Array = np.ndarray
 PER_PARAMETER = PRICE  # that of bases; half and twice of it name the same real machines (tests/bench/sensitivity.py)
 PER_EFFECT = 0.27  # an effect is picked among 25: ln 25 / 12 blocks (extended BIC, Chen & Chen 2008)
 MOST = 0.9  # fewer effects win if they remove this share of the rms error that more of them remove
-ALIKE = 0.1  # difference of log errors that counts as none, whatever its standard error
+ALIKE = 0.1  # difference of log errors, or of prices, that counts as none, whatever its standard error
 HELPS = 0.3  # share of the removable error: what removes less, or a base's structure below it, explains nothing
 LEFT = 0.1  # of the winner's error follows from the signals, and rms beside what it removes: more, and it is not all
 LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
@@ -88,8 +88,8 @@ def winner(rows: Sequence[E], base: E) -> E | None:
 def alike(rows: Sequence[E], best: E) -> list[E]:
     """Return the hypotheses that these data cannot tell from the best, the best first.
 
-    As many effects or none more, block by block an error within its standard error, and on all blocks no dearer than by
-    the price of one effect: with few blocks a standard error may be as large as any gap.
+    As many effects or none more, and no dearer than by the price of one effect. Within that, what is no worse than by
+    the scatter of the blocks: in their errors, whatever it costs, or in its price, whatever its error.
     What becomes the best at a limit, and needs more parameters, is no rival: no data could ever speak against it.
     """
     found = [best]
@@ -98,11 +98,12 @@ def alike(rows: Sequence[E], best: E) -> list[E]:
             continue
         if row.parameters > best.parameters and set(best.ids) <= {*row.ids, *row.becomes}:
             continue
-        if row.price > best.price + PER_EFFECT:
+        dearer = row.price - best.price
+        if not dearer <= PER_EFFECT:
             continue
         gap = np.log(np.maximum(row.blocks, 1e-300)) - np.log(np.maximum(best.blocks, 1e-300))
         gap = gap[np.isfinite(gap)]
-        if gap.size and gap.mean() <= max(gap.std() / np.sqrt(gap.size), ALIKE) and np.isfinite(row.held):
+        if gap.size and min(gap.mean(), dearer) <= max(gap.std() / np.sqrt(gap.size), ALIKE):
             found.append(row)
     return found
 
