@@ -86,7 +86,7 @@ class Feedback:
                 "alone removes nearly all of the error"
             )
         return (
-            f"This record was taken in closed loop{why}. Disturbances reach the input through the "
+            f"This record was probably taken in closed loop{why}. Disturbances reach the input through the "
             "controller, so that what seems to be missing may be the controller's. Record again with the controller "
             "in manual and steps or a slow triangle as its output, or "
             + ("with a setpoint that moves" if self.rests else "give the setpoint (--channels setpoint)")
