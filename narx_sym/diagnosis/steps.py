@@ -27,6 +27,7 @@ from .table.search import Row
 from .table.verdict import HELPS, LARGE, LEFT, ROUNDING, alike, cheapest, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
+RIVALS = 3  # of a pair, that are named
 SHOWN = 6  # candidates at most, and the confusion set
 
 
@@ -127,6 +128,7 @@ class Step:
             return (
                 f"Two effects are probably missing: {' and '.join(self.pair.effects)}. {sizes}. Together they remove "
                 f"{100 * self.pair.share:.0f} % of the removable error on data never used for fitting."
+                f"{_instead(self.pair)}"
             )
         best = self.candidates[0]
         share = f"{100 * best.share:.0f} % of the removable error on data never used for fitting"
@@ -175,7 +177,10 @@ class Step:
             "where_it_fails": [],
             "withdrawn": self.withdrawn,
             "valves": [v.to_dict() for v in self.valves],
-            "together": self.pair and {"effects": list(self.pair.effects), "share": self.pair.share},
+            "together": self.pair and {
+                "effects": list(self.pair.effects), "share": self.pair.share,
+                "rivals": [list(rival) for rival in self.pair.rivals],
+            },
             "experiment": self.experiment and {
                 "separates": list(self.experiment.separates), "file": experiment_file,
                 "sentence": self.experiment.sentence,
@@ -185,6 +190,16 @@ class Step:
                 },
             },
         }  # fmt: skip
+
+
+def _instead(pair: Pair) -> str:
+    """Say what else explains as much as a pair, and which of the two is in all of it."""
+    if not pair.rivals:
+        return ""
+    listed = [" with ".join(rival) for rival in pair.rivals[:RIVALS]]
+    more = f", or one of {len(pair.rivals) - RIVALS} more" if len(pair.rivals) > RIVALS else ""
+    every = f"; {pair.sure[0]} is in all of them" if pair.sure else ""
+    return f" As well it could be {', or '.join(listed)}{more}{every}."
 
 
 def looped(base: Fitted, loop: Feedback, valves: Sequence[Sticking] = ()) -> Step:
@@ -229,20 +244,20 @@ def step(
     share = (known.held - best.held) / (known.held - lowest)
     made.verdict = verdict(True, seen, scored.structure, share, left, len({new_effect(r, known) for r in found}))
     made.candidates = _candidates(table, known, best, found, lowest)
-    pair = len(best.beyond(known)) > 1
-    shown = {c.effect for c in made.candidates} | {BASE}
-    names = [new_effect(r, known) for r in found if new_effect(r, known) in shown]
-    both = [v.id for v in best.beyond(known)]
-    made.confusion_set = both if pair else list(dict.fromkeys(names))
     chosen = table.own(best)
     if not repeats:
         made.floor = float(np.sqrt(min(chosen.mean_square(base.split.held) * (1 - left), floor)))
     if made.verdict == "outside_library":
         return made, known
+    pair = len(best.beyond(known)) > 1
+    shown = {c.effect for c in made.candidates} | {BASE}
+    names = [new_effect(r, known) for r in found if new_effect(r, known) in shown]
+    both = [v.id for v in best.beyond(known)]
+    made.confusion_set = both if pair else list(dict.fromkeys(names))
     if pair:
         made.verdict = "helps_but_incomplete"
-        ids = tuple(v.id for v in best.beyond(known))
-        made.pair = Pair(ids, chosen, chosen.mean_square(base.split.held), share)  # type: ignore[arg-type]
+        rivals = tuple(ids for ids in (tuple(v.id for v in r.beyond(known)) for r in found[1:]) if ids)
+        made.pair = Pair((both[0], both[1]), chosen, chosen.mean_square(base.split.held), share, rivals)
     if len(made.confusion_set) > 1 and not pair:
         table.course.say(": looking for an experiment that separates them")
         models = {c.effect: c.model for c in made.candidates if c.effect in made.confusion_set}

@@ -119,7 +119,8 @@ def headline(diagnosis: Diagnosis) -> str:
         known = first.loop is not None and first.loop.given
         return f"This record was {'' if known else 'probably '}taken in closed loop: nothing is named."
     if first.pair is not None:
-        return f"Two effects are probably missing: {' and '.join(map(spaced, first.pair.effects))}."
+        others = ", or others that explain as much" if first.pair.rivals else ""
+        return f"Two effects are probably missing: {' and '.join(map(spaced, first.pair.effects))}{others}."
     if first.verdict == "helps_but_incomplete":
         listed = [n for n in names if n != BASE] or [spaced(first.candidates[0].effect)]
         return f"{' or '.join(listed)} helps, but something else is missing too.".capitalize()

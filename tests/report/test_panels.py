@@ -173,6 +173,24 @@ def test_of_a_pair_it_is_said_how_far_one_of_them_goes_and_how_far_both(stage_di
     assert said(0.5, worse).startswith("On what was held out the error does not fall: ")
 
 
+def test_what_explains_as_much_as_a_pair_is_told_with_it(stage_diagnosis):
+    first = stage_diagnosis.steps[0]
+
+    def told(*rivals):
+        pair = Pair(("backlash", "creep"), first.chosen, 0.01**2, 0.9, rivals)
+        step = replace(first, pair=pair, verdict="helps_but_incomplete")
+        return step.sentence({}), words.headline(replace(stage_diagnosis, steps=[step])), pair.sure
+
+    sentence, headline, sure = told()
+    assert "As well" not in sentence and headline == "Two effects are probably missing: backlash and creep."
+    assert sure == ("backlash", "creep")
+    sentence, headline, sure = told(("backlash", "drift"), ("backlash",))
+    assert sentence.endswith(" As well it could be backlash with drift, or backlash; backlash is in all of them.")
+    assert headline.endswith("backlash and creep, or others that explain as much.") and sure == ("backlash",)
+    sentence, _, sure = told(*((name, "drift") for name in "abcd"))
+    assert sentence.endswith("a with drift, or b with drift, or c with drift, or one of 1 more.") and not sure
+
+
 def test_a_pair_of_which_neither_helps_by_itself_adds_nothing_and_says_so(stage_diagnosis):
     first = replace(stage_diagnosis.steps[0], verdict="helps_but_incomplete")
     pair = Pair(("backlash", "creep"), first.chosen, 0.01**2, 0.9)

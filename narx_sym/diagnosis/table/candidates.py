@@ -167,12 +167,20 @@ class Pair:
         Held-out free-run error, as of the ladder [unit of y squared].
     share : float
         Of the removable error on held-out data.
+    rivals : tuple of tuples of str
+        What these data cannot tell from them, cheapest first: pairs, or effects that explain as much alone.
     """
 
     effects: tuple[str, str]
     fitted: Fitted
     mean_square: float
     share: float
+    rivals: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def sure(self) -> tuple[str, ...]:
+        """Those of the two without which nothing explains as much."""
+        return tuple(e for e in self.effects if all(e in rival for rival in self.rivals))
 
     def __repr__(self) -> str:
         return f"Pair({' + '.join(self.effects)}, {100 * self.share:.0f} % of the removable error)"
