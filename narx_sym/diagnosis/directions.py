@@ -16,6 +16,7 @@ import numpy as np
 import sympy as sp
 from scipy.signal import find_peaks
 
+from ..engines.algebra import single
 from ..engines.compile import Compiled, compile
 from ..errors import ModelError
 from ..fit.freerun import FreeRun
@@ -200,7 +201,7 @@ class Linearised:
             unit = float(np.abs(np.polyfit(x, y, 1)[0])) or 1.0
         else:
             raise ModelError(f"Unknown scan rule {scan.of!r}.")
-        return [v * unit**scan.power for v in scan.values], 1.0
+        return [float(x) for x in single([v * unit**scan.power for v in scan.values])], 1.0
 
     def grid(self, variant: Variant) -> list[tuple[float, ...]]:
         """Return the shapes from which an effect is tried."""

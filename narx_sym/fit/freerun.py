@@ -12,9 +12,9 @@ from scipy.linalg import LinAlgError, qr, solve_triangular
 from scipy.linalg.lapack import dgeqrf
 from scipy.optimize import least_squares
 
+from ..engines.algebra import banded
 from ..engines.columns import Columns
 from ..engines.compile import compile
-from ..engines.numpy import banded
 from ..engines.slopes import Walk, with_slopes
 from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from scipy.signal import lfilter
 
 from ...data.record import Record
+from ...engines.algebra import add_grams, step
 from ...engines.numpy import lambdify
 from ...fit.constraints import Elimination, constraint_equations
 from ...fit.freerun import FreeRun, determined
@@ -25,12 +25,14 @@ from ...models.model import NARX, Model
 from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import k, lag, samples, signal
 from .hypotheses import Core, linear
+from .span import Span
 
 Array = np.ndarray
 Places = list[tuple[list[int], list[int]]]
 BLOCKS, FOLDS = 12, 4
 UNSEEN = 0.03  # share of a derivative on the rows that count
 TRIALS, RIDGE, GAIN = 5, 1e-12, 1e-5  # of a step of Levenberg and Marquardt
+CLOSE = 1.01, 1e-10  # how far a mean square may grow by rounding: by a factor, and in variances of y
 
 
 def parts(length: int, count: int) -> list[slice]:
@@ -74,7 +76,7 @@ class Frame:
         self.size = self.problem.free + self.problem.shifts
         self.equations = constraint_equations(model, None) if largest is None else []
         self._data = {0: self.problem.data}
-        self._free: dict[Any, tuple[Array, Array]] = {}
+        self._free: dict[Any, Span] = {}
         self._delay = 0
         self.cuts = {count: self._cut(count) for count in (1, BLOCKS)}
         # Where the columns of each segment stand: the parameters, its own starts, and last the error.
@@ -158,11 +160,11 @@ class Frame:
         if delay != self._delay:
             self.problem.data, self._delay = self._data[delay], delay
 
-    def free(self, core: Core) -> tuple[Array, Array]:
-        """Return the point t0 and the directions T of the unknowns that a core leaves free: x = t0 + T w."""
+    def free(self, core: Core) -> Span:
+        """Return the points that a core leaves free."""
         key = (core.n_y, core.n_u, core.integrating, core.given)
         if key not in self._free:
-            self._free[key] = self._spanned(core)
+            self._free[key] = Span(*self._spanned(core))
         return self._free[key]
 
     def _spanned(self, core: Core) -> tuple[Array, Array]:
@@ -187,7 +189,7 @@ class Frame:
 
     def parameters(self, core: Core) -> int:
         """Return how many parameters a core with the effects has; start states do not count."""
-        return self.free(core)[1].shape[1] - self.problem.shifts
+        return self.free(core).size - self.problem.shifts
 
     def theta(self, x: Array, core: Core) -> list[float]:
         """Return the parameters of the model that `hypotheses.written` makes."""
@@ -206,6 +208,14 @@ class Frame:
             made[i * t : i * t + s] = x[old.free + i * s : old.free + (i + 1) * s]
         return made
 
+    def near(self, x: Array, core: Core) -> Array:
+        """Return x in single precision, where its free run is as good: no fit starts from what BLAS leaves open."""
+        self.late(core.delay)
+        rough = self.free(core).rounded(x)
+        with np.errstate(all="ignore"):
+            before, now = (self._squares(point, None)[0] for point in (x, rough))
+        return rough if now < CLOSE[0] * before + CLOSE[1] else x
+
     def fit(
         self, x: Array, core: Core, steps: int, use: Array | None = None, only_starts: bool = False
     ) -> tuple[Array, float]:
@@ -214,10 +224,10 @@ class Frame:
         `use`, (BLOCKS,) bool, says which blocks count.
         """
         self.late(core.delay)
-        _, T = self.free(core)
+        span = self.free(core)
         if only_starts:
-            T = T[:, T.shape[1] - self.problem.shifts :]
-            if not T.shape[1]:
+            span = span.last(self.problem.shifts)
+            if not span.size:
                 return x, np.nan
         x = np.clip(x, self.low, self.high)
         with np.errstate(all="ignore"):
@@ -226,19 +236,23 @@ class Frame:
             if not (np.isfinite(cost) and determined(x, np.sqrt(G.diagonal()))):
                 return x, np.inf
             for _ in range(steps):
-                H, g = T.T @ G @ T, T.T @ gradient
+                H, g = span.squared(G), span.across(gradient)
                 size = np.sqrt(H.diagonal())
                 # What these blocks do not determine, the start of a block that is held out, stays as it is.
-                seen = size if every is G else np.sqrt((T.T @ every @ T).diagonal())
+                seen = size if every is G else np.sqrt(span.squared(every).diagonal())
                 size = np.where(size <= UNSEEN * seen, np.inf, size)
                 H, g = H / np.outer(size, size), g / size
-                for c in self._stopped(x, T, g):
+                for c in self._stopped(x, span.T, g):
                     H[c], H[:, c], g[c] = 0.0, 0.0, 0.0
                 for _ in range(TRIALS):
-                    w = -np.linalg.solve(H + (damping + RIDGE) * np.eye(g.size), g)
-                    if -(2 * g + H @ w) @ w < GAIN * cost:  # as far as it is linear, nothing is gained
+                    added = damping + RIDGE
+                    w = step(H, g, added)
+                    if w is None:
+                        damping *= 8
+                        continue
+                    if np.sum((added * w - g) * w) < GAIN * cost:  # as far as it is linear, nothing is gained
                         return x, cost
-                    new = np.clip(x + T @ (w / size), self.low, self.high)
+                    new = np.clip(x + span.along(w / size), self.low, self.high)
                     now, gradient, G, every = self._squares(new, use)
                     if now < cost and determined(new, np.sqrt(G.diagonal())):
                         break
@@ -269,9 +283,13 @@ class Frame:
         sums = np.zeros((count, n + 1, n + 1))  # of the slopes and, last, the error
         for i, (blocks, at) in enumerate(zip(self.cuts[count], self._at, strict=True)):
             columns = problem.compared(i, theta, x[problem.own(i)])
-            for b, rows in blocks:
-                part = columns[rows]
-                sums[b][at] += part.T @ part
+            if at is ...:
+                add_grams(columns, blocks, sums)
+                continue
+            own = np.zeros((count, columns.shape[1], columns.shape[1]))
+            add_grams(columns, blocks, own)
+            for b, _ in blocks:
+                sums[b][at] += own[b]
         sums /= problem.spread**2
         return sums[:, n, n], sums[:, :n, n], sums[:, :n, :n]
 
@@ -340,49 +358,3 @@ def _shifted(record: Record, given: Model) -> Record:
     """Return a record measured from the operating point of a model."""
     u0, y0 = (float(given.operating_point.get(b, 0.0)) for b in (given.input, given.output))
     return replace(record, u=record.u - u0, y=record.y - y0)
-
-
-def arx_start(records: Sequence[Record], core: Core, point: Mapping[str, float]) -> Array:
-    """Return a, b and the constant of a core by Steiglitz & McBride (1965): least squares, filtered by 1/A in turns."""
-    a = np.zeros(core.n_y)
-    best, found = np.inf, np.zeros(core.n_y + core.n_u + 1)
-    for _ in range(6):
-        rows, targets = [], []
-        for record in records:
-            ys, us = record.y - point.get("y", 0.0), record.u - point.get("u", 0.0)
-            us = np.concatenate([np.full(core.delay, us[0]), us])[: len(us)]
-            A = np.concatenate([[1.0], -a])
-            f = [lfilter([1.0], A, x) for x in (ys, us, np.ones(len(ys)))]
-            d = max(core.n_y, core.n_u)
-            lag = [f[0][d - i : len(ys) - i] for i in range(1, core.n_y + 1)]
-            lag += [f[1][d - j : len(ys) - j] for j in range(core.n_u)] + [f[2][d:]]
-            target = f[0][d:]
-            if core.integrating and core.n_y:
-                target = target - lag[0]
-                lag = [lag[i] - lag[0] for i in range(1, core.n_y)] + lag[core.n_y :]
-            rows.append(np.column_stack(lag))
-            targets.append(target)
-        solution = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=1e-10)[0]
-        if core.integrating and core.n_y:
-            more = solution[: core.n_y - 1]
-            solution = np.concatenate([[1 - more.sum()], more, solution[core.n_y - 1 :]])
-        a = solution[: core.n_y].copy()
-        if core.n_y and not core.integrating:
-            poles = np.roots(np.concatenate([[1.0], -a]))
-            size = np.abs(poles)
-            if size.max() >= 0.9995:  # reflected into the circle
-                poles = np.where(size >= 0.9995, poles / size**2 * 0.999, poles)
-                a = -np.real(np.poly(poles))[1:]
-                solution[: core.n_y] = a
-        error = 0.0
-        for record in records:
-            ys, us = record.y - point.get("y", 0.0), record.u - point.get("u", 0.0)
-            us = np.concatenate([np.full(core.delay, us[0]), us])[: len(us)]
-            e = lfilter(solution[core.n_y : -1], np.concatenate([[1.0], -a]), us)
-            e = e + lfilter([solution[-1]], np.concatenate([[1.0], -a]), np.ones(len(us))) - ys
-            error += float(np.sum(e**2))
-        if error < best or not np.isfinite(best):
-            best, found = error, solution.copy()
-        if not core.n_y or core.integrating:
-            break
-    return found

@@ -16,7 +16,8 @@ from ...fit.identify import FEWEST
 from ...models.extend import Variant
 from ...models.model import NARX, Model
 from ...symbolic.signals import samples
-from .frame import BLOCKS, Frame, arx_start, parts
+from .arx import arx_start
+from .frame import BLOCKS, Frame, parts
 from .hypotheses import Core, Hypothesis, ladder
 from .verdict import PER_EFFECT, price
 
@@ -255,7 +256,7 @@ class Search:
                 start = arx_start(self.cut, core, point)
                 A, B = self.largest.n_y, self.largest.n_u
                 x[: core.n_y], x[A : A + core.n_u], x[A + B] = start[: core.n_y], start[core.n_y : -1], start[-1]
-            row = self.fitted(Hypothesis(core), x, 15, any_pole)
+            row = self.fitted(Hypothesis(core), frame.near(x, core), 15, any_pole)
             if row is not None and (row.size not in best or row.fitted < 0.999 * best[row.size].fitted):
                 best[row.size] = row
         return [self.fitted(r.hypothesis, r.values, 40, any_pole) or r for r in best.values()]

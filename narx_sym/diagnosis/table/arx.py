@@ -1,0 +1,59 @@
+"""Where the fit of an open core starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ...data.record import Record
+from .hypotheses import Core
+
+Array = np.ndarray
+
+
+def arx_start(records: Sequence[Record], core: Core, point: Mapping[str, float]) -> Array:
+    """Return a, b and the constant of a core by Steiglitz & McBride (1965): least squares, filtered by 1/A in turns."""
+    a = np.zeros(core.n_y)
+    best, found = np.inf, np.zeros(core.n_y + core.n_u + 1)
+    for _ in range(6):
+        rows, targets = [], []
+        for record in records:
+            ys, us = record.y - point.get("y", 0.0), record.u - point.get("u", 0.0)
+            us = np.concatenate([np.full(core.delay, us[0]), us])[: len(us)]
+            A = np.concatenate([[1.0], -a])
+            f = [lfilter([1.0], A, x) for x in (ys, us, np.ones(len(ys)))]
+            d = max(core.n_y, core.n_u)
+            lag = [f[0][d - i : len(ys) - i] for i in range(1, core.n_y + 1)]
+            lag += [f[1][d - j : len(ys) - j] for j in range(core.n_u)] + [f[2][d:]]
+            target = f[0][d:]
+            if core.integrating and core.n_y:
+                target = target - lag[0]
+                lag = [lag[i] - lag[0] for i in range(1, core.n_y)] + lag[core.n_y :]
+            rows.append(np.column_stack(lag))
+            targets.append(target)
+        solution = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=1e-10)[0]
+        if core.integrating and core.n_y:
+            more = solution[: core.n_y - 1]
+            solution = np.concatenate([[1 - more.sum()], more, solution[core.n_y - 1 :]])
+        a = solution[: core.n_y].copy()
+        if core.n_y and not core.integrating:
+            poles = np.roots(np.concatenate([[1.0], -a]))
+            size = np.abs(poles)
+            if size.max() >= 0.9995:  # reflected into the circle
+                poles = np.where(size >= 0.9995, poles / size**2 * 0.999, poles)
+                a = -np.real(np.poly(poles))[1:]
+                solution[: core.n_y] = a
+        error = 0.0
+        for record in records:
+            ys, us = record.y - point.get("y", 0.0), record.u - point.get("u", 0.0)
+            us = np.concatenate([np.full(core.delay, us[0]), us])[: len(us)]
+            e = lfilter(solution[core.n_y : -1], np.concatenate([[1.0], -a]), us)
+            e = e + lfilter([solution[-1]], np.concatenate([[1.0], -a]), np.ones(len(us))) - ys
+            error += float(np.sum(e**2))
+        if error < best or not np.isfinite(best):
+            best, found = error, solution.copy()
+        if not core.n_y or core.integrating:
+            break
+    return found

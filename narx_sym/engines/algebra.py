@@ -1,0 +1,77 @@
+"""Linear algebra of fits with the same bits on every BLAS: by machine code, or by NumPy where there is none.
+
+A fit that meets kinks lets a last digit grow until it ends in another minimum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .compile import has_llvm
+from .numpy import banded as by_lapack
+
+Array = np.ndarray
+
+
+def single(x: Sequence[float] | Array) -> Array:
+    """Return numbers in single precision, as floats: of what starts a fit the digits that BLAS leaves open go."""
+    return np.asarray(x).astype(np.float32).astype(float)
+
+
+def add_grams(J: Array, blocks: Sequence[tuple[int, slice]], out: Array) -> None:
+    """Add J'J of blocks of rows to an array.
+
+    Parameters
+    ----------
+    J : (N, n) float array
+    blocks : sequence of (number, rows)
+        Slices with a start and a stop.
+    out : (count, n, n) float array
+        C order; J'J of a block is added to out[number].
+    """
+    if has_llvm():
+        from .machine import algebra
+
+        algebra.add_grams(J, blocks, out)
+        return
+    for block, rows in blocks:
+        part = J[rows]
+        out[block] += part.T @ part
+
+
+def step(H: Array, g: Array, damping: float = 0.0) -> Array | None:
+    """Return w of (H + damping I) w = -g, (n,), or None where that matrix is not positive definite.
+
+    Parameters
+    ----------
+    H : (n, n) array
+        Symmetric: what is left of its diagonal is not read.
+    g : (n,) array
+    """
+    if has_llvm():
+        from .machine import algebra
+
+        return algebra.step(H, g, damping)
+    try:
+        return -np.linalg.solve(H + damping * np.eye(g.size), g)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def banded(lags: Sequence[int], slopes: Sequence[Array], right: Array) -> Array:
+    """Solve x[k] - sum_i c_i[k] x[k-i] = right[k] for all k, where everything before the first k is zero, (n, m).
+
+    Parameters
+    ----------
+    lags : numbers i, at least one
+    slopes : (n,) arrays c_i
+    right : (n, m) array
+        Several right-hand sides at once.
+    """
+    if has_llvm():
+        from .machine import algebra
+
+        return algebra.banded(lags, slopes, right)
+    return by_lapack(lags, slopes, right)

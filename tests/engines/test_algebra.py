@@ -1,0 +1,113 @@
+"""Linear algebra of fits as machine code: equal to NumPy's, and the same bits under every kernel of OpenBLAS."""
+
+import os
+import platform
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from narx_sym.engines import algebra
+from narx_sym.engines.compile import has_llvm
+from narx_sym.engines.numpy import banded as by_lapack
+
+RNG = np.random.default_rng(4)
+SIZES = (1, 2, 3, 4, 5, 7, 8, 9, 12, 13, 17, 31, 60)
+FITS = """
+import numpy as np
+import narx_sym as ns
+from narx_sym.diagnosis.table.frame import BLOCKS, Frame
+from narx_sym.diagnosis.table.hypotheses import Core
+from narx_sym.models.effects import EFFECTS
+from narx_sym.models.extend import Variant
+
+rng = np.random.default_rng(2)
+u = np.repeat(rng.normal(size=45), 20)
+z, y = np.zeros(u.size), np.zeros(u.size)
+for i in range(1, u.size):
+    z[i] = min(max(z[i - 1], u[i] - 0.4), u[i] + 0.4)
+    y[i] = 0.7 * y[i - 1] + 0.1 * z[i] + 0.1 * z[i - 1] + 0.02 * rng.normal()
+record = ns.Record.from_arrays(u, y, 0.01)
+base = ns.identify(record, base="linear", n_y=1, n_u=1, delay=1)
+play = next(Variant(e, "input", "u") for e in EFFECTS["backlash"])
+for core, effects in ((Core(2, 2), [play]), (Core(2, 2, integrating=True), [play]), (Core(9, 9), [])):
+    frame = Frame(base, core, effects, [record])
+    for shape in (0.1, 1.0):
+        x = np.zeros(frame.size)
+        x[:2], x[core.n_y] = (0.5, 0.5) if core.integrating else (0.5, 0.1), 0.2
+        for (cs, where) in frame.added:
+            x[cs], x[where] = 0.5, shape
+        found, cost = frame.fit(x, core, 12, np.arange(BLOCKS) % 4 > 0)
+        assert np.isfinite(cost)
+        print(*(float(v).hex() for v in (*found, cost)))
+"""
+
+
+@pytest.mark.parametrize("n", SIZES)
+@pytest.mark.parametrize("order", ["rows", "part of wider rows", "columns"])
+def test_products_of_rows_with_themselves(n, order):
+    J = RNG.normal(size=(301, n))
+    if order == "columns":
+        J = np.asfortranarray(J)
+    elif order == "part of wider rows":
+        wide = np.full((301, n + 4), np.nan)
+        wide[:, :n] = J
+        J = wide[:, :n]
+    out = np.ones((3, n, n))
+    algebra.add_grams(J, [(0, slice(0, 301)), (2, slice(5, 140))], out)
+    for made, rows in ((out[0], slice(None)), (out[2], slice(5, 140))):
+        wanted = 1 + J[rows].T @ J[rows]
+        assert np.abs(made - wanted).max() < 1e-12 * np.abs(wanted).max()
+        assert np.array_equal(made, made.T)
+    assert np.all(out[1] == 1)
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_a_step_solves_the_damped_equations(n):
+    A = RNG.normal(size=(3 * n, n))
+    H, g = A.T @ A, RNG.normal(size=n)
+    w, wanted = algebra.step(H, g, 0.1), -np.linalg.solve(H + 0.1 * np.eye(n), g)
+    assert np.abs(w - wanted).max() < 1e-12 * np.abs(wanted).max() * np.linalg.cond(H + 0.1 * np.eye(n))
+
+
+@pytest.mark.skipif(not has_llvm(), reason="llvmlite is not installed")
+def test_no_step_where_the_equations_are_not_positive_definite():
+    for H in (np.diag([1.0, -1.0, 1.0]), np.ones((3, 3)), np.full((3, 3), np.nan), np.diag([1.0, np.inf, 1.0])):
+        assert algebra.step(H, np.ones(3)) is None
+    assert algebra.step(np.ones((3, 3)), np.ones(3), 1e-3) is not None
+
+
+def test_a_banded_recursion_equals_lapack():
+    lags, right = [1, 3, 9], RNG.normal(size=(200, 5))
+    slopes = [0.3 * RNG.normal(size=200) for _ in lags]
+    assert algebra.banded(lags, slopes, right) == pytest.approx(by_lapack(lags, slopes, right), rel=1e-12, abs=1e-12)
+
+
+def test_without_llvm_numpy_does_it(monkeypatch):
+    J, H, g = RNG.normal(size=(50, 3)), np.diag([1.0, 2.0, 4.0]), np.ones(3)
+    made = [np.zeros((1, 3, 3)), np.zeros((1, 3, 3))]
+    algebra.add_grams(J, [(0, slice(0, 50))], made[0])
+    monkeypatch.setattr(algebra, "has_llvm", lambda: False)
+    algebra.add_grams(J, [(0, slice(0, 50))], made[1])
+    assert made[0] == pytest.approx(made[1])
+    assert algebra.step(H, g) == pytest.approx([-1.0, -0.5, -0.25])
+    assert algebra.step(np.zeros((3, 3)), g) is None
+    assert algebra.banded([1], [np.ones(3)], np.ones((3, 1)))[:, 0] == pytest.approx([1.0, 2.0, 3.0])
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="other kernels")
+@pytest.mark.skipif(not has_llvm(), reason="llvmlite is not installed")
+def test_a_fit_with_kinks_is_the_same_under_other_kernels():
+    """The oldest kernel runs on every such machine; the other one is the machine's own."""
+    runs = []
+    for kernel in ({"OPENBLAS_CORETYPE": "Nehalem"}, {}):
+        own = {name: value for name, value in os.environ.items() if name != "OPENBLAS_CORETYPE"}
+        runs.append(
+            subprocess.Popen(
+                [sys.executable, "-c", FITS], env={**own, **kernel}, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            )
+        )
+    told = [run.communicate(timeout=120) for run in runs]
+    assert all(run.returncode == 0 for run in runs), told
+    assert told[0][0] == told[1][0] and len(told[0][0].splitlines()) == 6
