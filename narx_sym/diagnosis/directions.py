@@ -234,14 +234,19 @@ class Linearised:
     def _of_input(self, at: Array) -> Array:
         """Whether bins of the spectrum are multiples of the frequency that holds most of the input's power.
 
-        A line that is not seen four times cannot be told from the slow end of a random input.
+        A line that is not seen four times cannot be told from the slow end of a random input. What bends shows in low
+        multiples first: a line above all lower ones, from the fourth on, is near a multiple by chance.
         """
         u = self.runs[0][str(self.model.input.label)][self.problem.depth :]
         power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size), PADDING * u.size)) ** 2
         peak = int(np.argmax(power))
         if peak < 4 * PADDING or power[max(0, peak - 3 * PADDING) : peak + 3 * PADDING].sum() < power.sum() / 2:
             return np.zeros(at.size, dtype=bool)
-        return np.asarray(np.abs(at - peak * np.maximum(1, np.round(at / peak))) < 2 * PADDING)
+        order = np.maximum(1, np.round(at / peak)).astype(int)
+        left, near = self._spectrum[1], 2 * PADDING
+        tops = [left[max(0, n * peak - near) : n * peak + near].max() for n in range(1, order.max(initial=1) + 1)]
+        lower = np.concatenate([[np.inf] * 3, np.maximum.accumulate(tops[1:])[1:]])  # of multiples 4 and more
+        return np.asarray((np.abs(at - peak * order) < near) & (left[at] <= lower[order - 1]))
 
     @cached_property
     def _spectrum(self) -> tuple[Array, Array]:
