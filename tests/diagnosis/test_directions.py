@@ -48,10 +48,10 @@ def test_the_last_term_with_the_input_stays(rubbing):
     assert ns.u in prune(fitted, before).model.recursion.inputs
 
 
-def disturbed(frequency, n=4000, bent=0.0):
+def disturbed(frequency, n=4000, bent=0.0, turns=1.0):
     """Return the frequencies [Hz] at which a periodic disturbance is tried; the input is a triangle of 1 Hz."""
     time = Ts * np.arange(n)
-    u = 2 * np.abs(2 * (time % 1.0) - 1) - 1
+    u = 2 * np.abs(2 * (turns * time % 1.0) - 1) - 1
     y = u + bent * u**3 + 0.3 * np.sin(2 * np.pi * frequency * time) + 0.02 * np.random.default_rng(1).standard_normal(n)
     fitted = settle(
         ns.NARX.from_terms(["u[k]", "1"], Ts=Ts).fit(ns.Record.from_arrays(u, y, Ts)),
@@ -71,6 +71,8 @@ def test_hum_at_a_high_multiple_of_the_input_is_a_disturbance():
     """What bends shows in low multiples first: mains hum stands above them all, and in none of them."""
     assert min(abs(f - 14.0) for f in disturbed(14.0)) < 0.01
     assert all(abs(f - round(f)) > 0.01 for f in disturbed(0.0, bent=0.5))
+    nyquist = 0.5 / Ts  # between the last multiple below it and the next one, which no spectrum shows
+    assert min(abs(f - 0.99 * nyquist) for f in disturbed(0.99 * nyquist, turns=nyquist / 9.6)) < 0.05
 
 
 def test_a_few_cycles_are_no_disturbance():
