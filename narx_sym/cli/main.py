@@ -131,7 +131,8 @@ def compare(
         bool, typer.Option("--align", help="Estimate a constant offset of the sensor on the first part too.")
     ] = False,
     align_on: Annotated[
-        float | None, typer.Option("--align-on", help="The first part, in s (1 s by default); start and offset.")
+        float | None,
+        typer.Option("--align-on", help="The first part, in s (by default 1 s or 50 samples); start and offset."),
     ] = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write the errors.")] = None,
     units: Units = "",

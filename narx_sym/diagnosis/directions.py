@@ -244,7 +244,9 @@ class Linearised:
             return np.zeros(at.size, dtype=bool)
         order = np.maximum(1, np.round(at / peak)).astype(int)
         left, near = self._spectrum[1], 2 * PADDING
-        tops = [left[max(0, n * peak - near) : n * peak + near].max(initial=0.0) for n in range(1, order.max(initial=1) + 1)]
+        tops = [
+            left[max(0, n * peak - near) : n * peak + near].max(initial=0.0) for n in range(1, order.max(initial=1) + 1)
+        ]
         lower = np.concatenate([[np.inf] * 3, np.maximum.accumulate(tops[1:])[1:]])  # of multiples 4 and more
         return np.asarray((np.abs(at - peak * order) < near) & (left[at] <= lower[order - 1]))
 

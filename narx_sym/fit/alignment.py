@@ -22,7 +22,7 @@ from .freerun import FreeRun
 from .simulate import Records, arrays, fitted, segments
 
 Array = np.ndarray
-FIRST = 1.0  # seconds that are used for the estimate
+FIRST, LEAST = 1.0, 50  # seconds that are used for the estimate; samples, where a second has fewer
 STEPS, SETTLED = 30, 1e-9
 DEPENDENT = 1e-6  # directions that the first part does not show stay where they are
 MOST = 0.5  # of the mean square that a constant must explain to be spoken of
@@ -76,8 +76,8 @@ def aligned(model: Model, records: Records, first: float | None = None) -> Align
     Parameters
     ----------
     first : float, optional
-        What the estimate uses of each segment [s]; one second by default. At most half of it is used, and at least
-        what the model looks back.
+        What the estimate uses of each segment [s]; one second by default, or 50 samples where a second has fewer. At
+        most half of it is used, and at least what the model looks back.
 
     Raises
     ------
@@ -87,11 +87,10 @@ def aligned(model: Model, records: Records, first: float | None = None) -> Align
         Where a segment is too short.
     """
     fitted(model)
-    seconds = FIRST if first is None else float(first)
-    if not 0 < seconds < math.inf:
-        raise ModelError(f"The part to align on must be a positive time, not {seconds:g} s.")
+    if first is not None and not 0 < first < math.inf:
+        raise ModelError(f"The part to align on must be a positive time, not {first:g} s.")
     parts = in_units(segments(records), model.info.units)
-    used = [_samples(model, part, seconds) for part in parts]
+    used = [_samples(model, part, first) for part in parts]
     fixed = [sp.Eq(s, value) for s, value in model.values.items()]
     masks = [np.arange(_length(model, part)) < n for part, n in zip(parts, used, strict=True)]
     problem = FreeRun(model, parts, fixed, masks)
@@ -118,12 +117,13 @@ def _length(model: Model, part: Record) -> int:
     return int(arrays(model, part)[str(model.output.label)].size)
 
 
-def _samples(model: Model, part: Record, seconds: float) -> int:
+def _samples(model: Model, part: Record, first: float | None) -> int:
     """Return how many samples of a segment the estimate uses."""
     depth, n = max(1, model.recursion.depth), _length(model, part)
     if n < 4 * (depth + 1):
         raise FitError(f"{part.name}: {n} samples are too few to estimate a start and to judge it.")
-    return max(depth + 1, min(round(seconds / part.Ts) + 1, n // 2))
+    wanted = round((FIRST if first is None else first) / part.Ts) + 1
+    return max(depth + 1, min(wanted if first is not None else max(wanted, LEAST), n // 2))
 
 
 def _error(target: Array, error: Array) -> float:

@@ -52,7 +52,12 @@ def disturbed(frequency, n=4000, bent=0.0, turns=1.0):
     """Return the frequencies [Hz] at which a periodic disturbance is tried; the input is a triangle of 1 Hz."""
     time = Ts * np.arange(n)
     u = 2 * np.abs(2 * (turns * time % 1.0) - 1) - 1
-    y = u + bent * u**3 + 0.3 * np.sin(2 * np.pi * frequency * time) + 0.02 * np.random.default_rng(1).standard_normal(n)
+    y = (
+        u
+        + bent * u**3
+        + 0.3 * np.sin(2 * np.pi * frequency * time)
+        + 0.02 * np.random.default_rng(1).standard_normal(n)
+    )
     fitted = settle(
         ns.NARX.from_terms(["u[k]", "1"], Ts=Ts).fit(ns.Record.from_arrays(u, y, Ts)),
         Split.of([ns.Record.from_arrays(u, y, Ts)]),

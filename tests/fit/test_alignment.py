@@ -55,6 +55,15 @@ def test_what_the_estimate_saw_does_not_count():
     assert found.raw < 1e-12
 
 
+def test_a_slow_record_has_samples_enough_for_its_start():
+    """A second of a tank that is sampled every four seconds is one sample: nothing can be estimated on it."""
+    tank = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]"], [1.8, -0.81, 0.01], Ts=4.0)
+    y = tank.simulate(U, 5.0) + 0.01 * np.random.default_rng(2).standard_normal(N)
+    found = tank.aligned(ns.Record.from_arrays(U, y, Ts=4.0))
+    assert found.first == (50,) and found.started < 1.1 * 0.01 / np.std(y[50:])
+    assert tank.aligned(ns.Record.from_arrays(U, y, Ts=4.0), first=40.0).first == (11,)  # what is asked for is kept
+
+
 def test_each_segment_has_its_own_offset():
     parts = [driven(BENT, offset=o)[:400] for o in (1.0, -1.0)]
     found = BENT.aligned(parts, first=2.0)

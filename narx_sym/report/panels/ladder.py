@@ -7,7 +7,7 @@ from typing import Any
 from ...diagnosis.bases import words
 from ...diagnosis.procedure import Diagnosis
 from ...errors import FitError
-from ...fit.alignment import FIRST, Aligned, aligned
+from ...fit.alignment import Aligned, aligned
 from ..comparison import Units
 from ..picture import Picture
 from ..plots import plot_ladder
@@ -52,7 +52,8 @@ def ladder(material: Material) -> dict[str, Any]:
     listed = fair(d)
     return {
         "rungs": [r | {"size": r["validation"] * spread} for r in rows], "kind": d.steps[0].floor_kind, "fair": listed,
-        "first": FIRST, "said": next(filter(None, (a.sentence(material.units.get("y", "")) for _, a in listed)), ""),
+        "first": max(max(a.first) for _, a in listed) * d.steps[0].base.split.records[0].Ts if listed else 0.0,
+        "said": next(filter(None, (a.sentence(material.units.get("y", "")) for _, a in listed)), ""),
     }  # fmt: skip
 
 
