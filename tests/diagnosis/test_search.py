@@ -50,6 +50,20 @@ def test_a_point_of_the_frame_is_the_model(linear, core):
     assert np.abs(late).max() < 1e-6
 
 
+@pytest.mark.parametrize(
+    "seen, told",
+    [(np.abs, "absolute_sensor"), (lambda x: np.maximum(x, 0.0), "output_limit")],
+    ids=["rectified", "limited"],
+)
+def test_a_sensor_that_shows_one_direction_has_a_limit_and_loses_no_sign(seen, told):
+    y = seen(lagged(u - 0.8)) + 0.01 * np.random.default_rng(3).standard_normal(N)
+    record = ns.Record.from_arrays(u, y, Ts)
+    only = Catalogue({n: EFFECTS[n] for n in ("absolute_sensor", "output_limit", "quadratic_gain")})
+    found = ns.diagnose(ns.identify(record, base="linear"), record, catalogue=only)
+    assert found.confusion_set == [told]
+    assert told != "absolute_sensor" or found.best.parameters["c"] > 0.75
+
+
 def test_the_fit_reaches_the_truth_and_the_noise(linear):
     record, base = linear
     search = Search(base, [record])

@@ -117,8 +117,8 @@ class Frame:
             for i, name in zip(shapes, variant.shape, strict=True):
                 self.low[i], self.high[i] = allowed[name]
             if variant.effect.sign and len(cs) == 1:
-                top = most if variant.effect.full else np.inf
-                self.low[cs[0]], self.high[cs[0]] = (0.0, top) if variant.effect.sign > 0 else (-top, 0.0)
+                sizes = variant.effect.least, most if variant.effect.full else np.inf
+                self.low[cs[0]], self.high[cs[0]] = sizes if variant.effect.sign > 0 else (-sizes[1], -sizes[0])
 
     def limits(self, model: Model) -> dict[Any, tuple[float, float]]:
         """Return the bounds of a model's own symbols."""

@@ -82,6 +82,8 @@ class Effect:
         In plain words; the unit of each shape parameter; where the equation comes from.
     full : bool
         Whether a coefficient of 1 is the whole effect (a complete dead zone): more than that means something else.
+    least : float
+        The smallest size of a coefficient that still means it.
     centred : bool
         Whether it matters where zero is: then it is tried around zero and around the operating point.
     standing : bool
@@ -104,6 +106,7 @@ class Effect:
     family: str = ""
     limit: tuple[str, float, str] | tuple[()] = ()
     standing: bool = False
+    least: float = 0.0
     formula: str = field(default="", compare=False)
 
     @property
@@ -222,6 +225,7 @@ def effect(
     sentence: str = "",
     limit: tuple[str, float, str] | tuple[()] = (),
     standing: bool = False,
+    least: float = 0.0,
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Turn a function into an effect and put it into the catalogue.
@@ -232,6 +236,7 @@ def effect(
     driver : drivers at every place, where `where` is no mapping
     scan : a Scan for every shape parameter of the function
     limit : at which value of a shape parameter it is another effect: (parameter, value, id)
+    least : the smallest size of a coefficient that still means this effect, where its sign is given
     register : bool
         False keeps it out of the catalogue.
 
@@ -255,7 +260,7 @@ def effect(
         plain = " ".join((function.__doc__ or "").split())
         one = Effect(
             name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
-            full, (function.__module__ or "").rpartition(".")[2], limit, standing,
+            full, (function.__module__ or "").rpartition(".")[2], limit, standing, least,
         )  # fmt: skip
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:

@@ -14,7 +14,8 @@ EDGE = Scan("amplitude", (0.3, 0.5, 0.7, 0.85, 1.0), beyond=1.2)
 LIMIT = {"r": "unit of the driver"}
 
 
-@effect({"sensor": "y"}, sign=1, full=True, centred=True, source="Ljung 1999")
+# A half of it shows one direction only, which is a limit at zero; less shows both, with different gains.
+@effect({"sensor": "y"}, sign=1, full=True, least=0.75, centred=True, source="Ljung 1999")
 def absolute_sensor(x: Any) -> Any:
     """The sensor loses the sign: it shows the size of what it measures."""
     return sp.Abs(x[k]) - x[k]
