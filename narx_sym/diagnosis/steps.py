@@ -242,18 +242,18 @@ def step(
     lowest = best.held * (1 - left)
     found = alike(table.beside(known), best)
     share = (known.held - best.held) / (known.held - lowest)
-    made.verdict = verdict(True, seen, scored.structure, share, left, len({new_effect(r, known) for r in found}))
     made.candidates = _candidates(table, known, best, found, lowest)
+    shown = {c.effect for c in made.candidates} | {BASE}  # a rival that cannot be held is none
+    names = dict.fromkeys(name for name in (new_effect(r, known) for r in found) if name in shown)
+    made.verdict = verdict(True, seen, scored.structure, share, left, len(names))
     chosen = table.own(best)
     if not repeats:
         made.floor = float(np.sqrt(min(chosen.mean_square(base.split.held) * (1 - left), floor)))
     if made.verdict == "outside_library":
         return made, known
     pair = len(best.beyond(known)) > 1
-    shown = {c.effect for c in made.candidates} | {BASE}
-    names = [new_effect(r, known) for r in found if new_effect(r, known) in shown]
     both = [v.id for v in best.beyond(known)]
-    made.confusion_set = both if pair else list(dict.fromkeys(names))
+    made.confusion_set = both if pair else list(names)
     if pair:
         made.verdict = "helps_but_incomplete"
         rivals = tuple(ids for ids in (tuple(v.id for v in r.beyond(known)) for r in found[1:]) if ids)
@@ -292,14 +292,20 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
 
 
 def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
-    """Return the base and the winner with an effect; where the base's own memory wins, the base moves there."""
+    """Return the base and the winner with an effect; where the base's own memory wins, the base moves there.
+
+    None wins that these data cannot tell from nothing: the rows without it are in the table too.
+    """
     best = winner(rows, known)
     while best is not None and not best.beyond(known):
         rivals = [r for r in alike(rows, best) if r.beyond(known)]
         if rivals:  # what memory explains, an effect explains as well
-            return known, rivals[0]
+            best = rivals[0]
+            break
         known = best
         best = winner(rows, known)
+    if best is not None and not all(r.beyond(known) or r.memory for r in alike(rows, best)):
+        return known, None
     return known, best
 
 

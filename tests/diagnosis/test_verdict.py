@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from narx_sym.diagnosis.steps import won
 from narx_sym.diagnosis.table.verdict import (
     PER_EFFECT,
     PER_PARAMETER,
@@ -68,6 +69,29 @@ def test_what_cannot_be_told_apart():
     rich, richer = Entry(("d",), 0.101, 5), Entry(("f",), 0.101, 6)  # parameters cost; their number alone bars none
     found = alike([best, near, far, rich, richer, uneven], best)
     assert [r.ids for r in found] == [("a",), ("b",), ("d",), ("e",)]
+
+
+@dataclass
+class Told(Entry):
+    memory = False
+
+    def beyond(self, known):
+        return self.ids[len(known.ids) :]
+
+
+def test_nothing_is_named_that_cannot_be_told_from_nothing():
+    base, close, clear = Told((), 1.0), Told(("a",), 0.65, 4), Told(("a",), 0.55, 4)
+    assert winner([base, close], base) is close  # worth its price, by less than data can tell
+    assert won([base, close], base) == (base, None)
+    assert won([base, clear], base) == (base, clear)
+    wavering = Told(("a",), 0.55, 4, wobble=0.9)  # so do its blocks
+    assert won([base, wavering], base) == (base, None)
+
+
+def test_what_is_dearer_but_costs_the_same_is_in_the_set():
+    best = Entry(("a",), 0.10, 7)
+    simple, simpler = Entry(("b",), 0.125, 5), Entry(("c",), 0.125, 7)
+    assert [r.ids for r in alike([best, simple, simpler], best)] == [("a",), ("b",)]
 
 
 def test_what_becomes_the_best_at_a_limit_is_no_rival():

@@ -10,7 +10,7 @@ from scipy.linalg import lstsq
 from ..gate import orthonormal, told
 from .frame import BLOCKS, FOLDS, UNSEEN
 from .screening import Scored
-from .verdict import price
+from .verdict import ALIKE, price
 
 Array = np.ndarray
 
@@ -22,7 +22,8 @@ def detectable(scored: Scored) -> dict[str, float]:
     by their median; of the places where it may act, the one where it shows least.
     """
     groups = [d.columns for d in scored.directions]
-    costs = [price(1.0, d.columns.stop - d.columns.start + len(d.variant.shape), 1) for d in scored.directions]
+    unknowns = [d.columns.stop - d.columns.start + len(d.variant.shape) for d in scored.directions]
+    costs = [price(1.0, n, 1) + ALIKE for n in unknowns]  # what costs as much as nothing is not seen
     residual, own, matrix = scored.line.residual, scored.line.own, scored.matrix
     folds = np.arange(residual.size) * BLOCKS // residual.size % FOLDS
     worth = paid(groups, left_out(own, matrix, folds), float(residual @ residual), costs)
