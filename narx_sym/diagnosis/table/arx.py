@@ -57,3 +57,31 @@ def arx_start(records: Sequence[Record], core: Core, point: Mapping[str, float])
         if not core.n_y or core.integrating:
             break
     return found
+
+
+def resampled(a: Array, factor: int) -> Array:
+    """Return the coefficients of older outputs whose poles decay as much in `factor` samples as those of a in one."""
+    poles = np.roots(np.concatenate([[1.0], -np.asarray(a)]))
+    angles = np.where(np.isreal(poles), 0.0, np.angle(poles))  # nothing in between swings as a negative pole does
+    return -np.atleast_1d(np.real(np.poly((np.abs(poles) * np.exp(1j * angles)) ** (1 / factor))))[1:]
+
+
+def start_beside(records: Sequence[Record], core: Core, point: Mapping[str, float], a: Array) -> Array:
+    """Return a, b and the constant of a core with given coefficients a of older outputs.
+
+    The rest is least squares of the free run; where each record starts is unknown.
+    """
+    A, width = np.concatenate([[1.0], -a]), core.n_u + 1
+    rows, targets = [], []
+    for i, record in enumerate(records):
+        us = record.u - point.get("u", 0.0)
+        driven = [np.concatenate([np.full(d, us[0]), us])[: len(us)] for d in range(core.delay, core.delay + core.n_u)]
+        own = [np.eye(1, len(us), k)[0] for k in range(core.n_y)]
+        columns = np.zeros((len(us), width + len(records) * core.n_y))
+        columns[:, :width] = np.column_stack([lfilter([1.0], A, x) for x in (*driven, np.ones(len(us)))])
+        for j, x in enumerate(own, width + i * core.n_y):
+            columns[:, j] = lfilter([1.0], A, x)
+        rows.append(columns)
+        targets.append(record.y - point.get("y", 0.0))
+    found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=1e-10)[0]
+    return np.concatenate([a, found[:width]])

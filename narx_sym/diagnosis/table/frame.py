@@ -210,11 +210,15 @@ class Frame:
 
     def near(self, x: Array, core: Core) -> Array:
         """Return x in single precision, where its free run is as good: no fit starts from what BLAS leaves open."""
-        self.late(core.delay)
         rough = self.free(core).rounded(x)
+        return rough if self.error(rough, core) < CLOSE[0] * self.error(x, core) + CLOSE[1] else x
+
+    def error(self, x: Array, core: Core) -> float:
+        """Return the mean square of the free run's errors, infinite where it diverges."""
+        self.late(core.delay)
         with np.errstate(all="ignore"):
-            before, now = (self._squares(point, None)[0] for point in (x, rough))
-        return rough if now < CLOSE[0] * before + CLOSE[1] else x
+            found = self._squares(x, None)[0]
+        return found if np.isfinite(found) else np.inf
 
     def fit(
         self, x: Array, core: Core, steps: int, use: Array | None = None, only_starts: bool = False

@@ -19,6 +19,7 @@ from ...models.model import Model
 from ..directions import Linearised
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted, Split, settle
+from .arx import resampled
 from .hypotheses import Hypothesis, linear_in_signals, written
 from .rate import means, working
 from .screening import Scored, score, shortlist, whole
@@ -290,7 +291,9 @@ class Table:
 
     def _rebuilt(self, fine: Search, row: Row, delay: int) -> Row | None:
         """Fit the core from the data, then one effect after the other from its shape in the table."""
-        made = min(fine.cored([delay]), key=lambda r: r.fitted, default=None)
+        near = None if row.hypothesis.core.given else resampled(row.a, self.factor)
+        cores = fine.cored([delay], bool(row.hypothesis.effects), near)  # an effect may hold what its core lets go
+        made = min(cores, key=lambda r: r.fitted, default=None)
         for variant, (_, where) in zip(row.hypothesis.effects, row.frame.added, strict=True):
             if made is None:
                 return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -16,7 +16,7 @@ from ...fit.identify import FEWEST
 from ...models.extend import Variant
 from ...models.model import NARX, Model
 from ...symbolic.signals import samples
-from .arx import arx_start
+from .arx import arx_start, start_beside
 from .frame import BLOCKS, Frame, parts
 from .hypotheses import Core, Hypothesis, ladder
 from .verdict import PER_EFFECT, price
@@ -242,24 +242,37 @@ class Search:
         """Let larger cores stand among the others: all frames hold the largest."""
         self.higher, self.frames = higher, {}
 
-    def cored(self, delays: Sequence[int], any_pole: bool = False) -> list[Row]:
-        """Fit every core, each with its best delay; not judged yet."""
-        point = {str(b.label): v for b, v in self.given.operating_point.items()}
+    def cored(self, delays: Sequence[int], any_pole: bool = False, beside: Array | None = None) -> list[Row]:
+        """Fit every core, each with its best delay; not judged yet.
+
+        `beside`, (n_y,), are coefficients of older outputs that are tried first, as of another rate.
+        """
         best: dict[Core, Row] = {}
         for core in self.cores(delays):
             frame = self.frame((), core.given)
-            x = np.zeros(frame.size)
-            if core.given:
-                x[: frame.n_core] = self.given.theta
-            else:
-                assert self.largest is not None
-                start = arx_start(self.cut, core, point)
-                A, B = self.largest.n_y, self.largest.n_u
-                x[: core.n_y], x[A : A + core.n_u], x[A + B] = start[: core.n_y], start[core.n_y : -1], start[-1]
-            row = self.fitted(Hypothesis(core), frame.near(x, core), 15, any_pole)
+            starts = (frame.near(x, core) for x in self._starts(core, frame, beside))
+            rows = (self.fitted(Hypothesis(core), x, 15, any_pole) for x in starts)
+            row = next((r for r in rows if r is not None), None)
             if row is not None and (row.size not in best or row.fitted < 0.999 * best[row.size].fitted):
                 best[row.size] = row
         return [self.fitted(r.hypothesis, r.values, 40, any_pole) or r for r in best.values()]
+
+    def _starts(self, core: Core, frame: Frame, beside: Array | None) -> Iterator[Array]:
+        """Give the points from which a core is fitted, (unknowns,) each, until a fit holds."""
+        x = np.zeros(frame.size)
+        if core.given:
+            x[: frame.n_core] = self.given.theta
+            yield x
+            return
+        assert self.largest is not None
+        point = {str(b.label): v for b, v in self.given.operating_point.items()}
+        A, B = self.largest.n_y, self.largest.n_u
+        ways = [lambda: start_beside(self.cut, core, point, beside)] if beside is not None else []
+        for way in (*ways, lambda: arx_start(self.cut, core, point)):
+            start = way()
+            x = np.zeros(frame.size)
+            x[: core.n_y], x[A : A + core.n_u], x[A + B] = start[: core.n_y], start[core.n_y : -1], start[-1]
+            yield x
 
     def fitted(self, hypothesis: Hypothesis, x: Array, steps: int, any_pole: bool = False) -> Row | None:
         """Fit one hypothesis from one start; None where it diverges, or integrates where the axis does not."""
