@@ -111,6 +111,7 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
     before2 = step.base.mean_square(held)
     kept = {one.effect for one in found.model.effects}
     last, made = found.last or step.base, finish(found, [record])[0]
+    told = max(found.ladder[-1][part] for part in ("train", "validation"))  # first; the sealed samples stand beside
     row: Row = {
         "name": case.name, "noise": case.noise, "excitation": case.excitation,
         "accept": [sorted(ids) for ids in case.accept], "left": case.info["left"],
@@ -129,8 +130,8 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
         "floor": floor2**0.5, "estimated_floor": step.floor, "before": before2**0.5,
         "after": float(np.sqrt((step.chosen or step.base).mean_square(held))),
         "last": float(np.sqrt(last.mean_square(held))),
-        "saved": made.nrmse / made.shown,
-        "saved, measured start": rms(record.y - free_run(made.model, record)) / step.base.problem.spread / made.shown,
+        "saved": made.nrmse / told,
+        "saved, measured start": rms(record.y - free_run(made.model, record)) / step.base.problem.spread / told,
         "seconds": [round(s, 3) for s in seconds],
     }  # fmt: skip
     if task in ("in", "off") and row["visible"]:
