@@ -78,7 +78,7 @@ class Step:
     def nrmse(self, fitted: Fitted) -> dict[str, float]:
         """Return the free-run errors of a model over the standard deviation of the output.
 
-        Of the samples that it was fitted on, that it was chosen by, and of the last ones, which decide nothing.
+        Of the samples that it was fitted on, that it was pruned by, and of the last ones, which took no part in either.
         """
         spread, split = fitted.problem.spread, self.base.split
         parts = {"train": split.train, "validation": split.held, "sealed": split.test}

@@ -124,7 +124,7 @@ class Comparison:
 
 
 def kept_back(fitted: Fitted, i: int) -> tuple[Area, ...]:
-    """Return what of segment i is held out, where errors are taken, and what is sealed, which decides nothing."""
+    """Return what of segment i is held out, where errors are taken, and what is sealed, which decides no pruning."""
     split, t = fitted.split, fitted.split.records[i].t
     kinds = (("held out", "held-out", split.held[i]), ("sealed", "sealed", split.test[i]))
     return tuple(

@@ -147,7 +147,7 @@ def test_what_helps_but_has_rivals_says_so_and_keeps_its_experiment(stage_diagno
 
 def test_an_error_that_is_larger_on_the_sealed_samples_is_told(stage_diagnosis):
     first = stage_diagnosis.steps[0]
-    assert "decided nothing" not in words.fall(stage_diagnosis, STAGE_UNITS)
+    assert "took no part" not in words.fall(stage_diagnosis, STAGE_UNITS)
     chosen = replace(first.chosen)
     chosen.errors = [np.where(m, 3 * e, e) for e, m in zip(first.chosen.errors, first.base.split.test, strict=True)]
     found = replace(stage_diagnosis, steps=[replace(first, chosen=chosen)])
@@ -155,7 +155,7 @@ def test_an_error_that_is_larger_on_the_sealed_samples_is_told(stage_diagnosis):
     assert after["sealed"] == pytest.approx(3 * before["sealed"]) and after["train"] == before["train"]
     size = number(after["sealed"] * first.base.problem.spread)
     said = words.fall(found, STAGE_UNITS)
-    assert said.endswith(f"On the last samples, which decided nothing, the error with backlash is {size} mm.")
+    assert said.endswith(f"On the last samples, which took no part in its fit, the error with backlash is {size} mm.")
 
 
 def test_of_a_pair_it_is_said_how_far_one_of_them_goes_and_how_far_both(stage_diagnosis):
