@@ -222,7 +222,8 @@ def _sealed(diagnosis: Diagnosis, units: Units) -> str:
     if len(rungs) < 2 or last["sealed"] <= BEYOND * max(last["train"], last["validation"]):
         return ""
     size, unit = last["sealed"] * diagnosis.steps[0].base.problem.spread, units.get("y") or "(unit of y)"
-    return f"On the last samples, which took no part in its fit, the error with {_added(diagnosis)} is {number(size)} {unit}."
+    name = _added(diagnosis)
+    return f"On the last samples, which took no part in its fit, the error with {name} is {number(size)} {unit}."
 
 
 def _falls(diagnosis: Diagnosis, units: Units) -> str:

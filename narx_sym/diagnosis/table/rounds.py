@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -239,13 +240,17 @@ class Table:
             self.rows.remove(lost[0])
 
     def worth(self, row: Row, base: Row) -> bool:
-        """Whether a row is worth its price over another on all samples too, fitted at the records' own rate.
+        """Whether a row is worth its price over another at the records' own rate too, on all but the sealed samples.
 
-        Errors are averaged as the records of the table are.
+        Errors are averaged as the records of the table are. What lies past the samples of a fit is left out: there a
+        model may only go on as it did.
         """
 
         def paid(r: Row) -> float:
-            errors = np.concatenate([means(e, self.factor) for e in self.own(r).errors])
+            made = self.own(r)
+            errors = np.concatenate(
+                [means(e[~m], self.factor) for e, m in zip(made.errors, made.split.test, strict=True)]
+            )
             return price(float(np.mean(errors**2)), r.parameters, r.count)
 
         return paid(row) < paid(base)
@@ -275,24 +280,29 @@ class Table:
         delays: Sequence[int] = range(max(0, first), first + 2 * D, max(1, D // 3)) if D > 1 else [core.delay]
         if self.delay is not None and not core.given:
             delays = [self.delay]
-        found = [made for delay in delays if (made := self._rebuilt(fine, row, delay)) is not None]
-        if not found:
-            raise FitError(f"{row.hypothesis} has no stable fit at the record's own rate.")
-        made = fine.tuned(min(found, key=lambda r: r.fitted))
-        hypothesis = Hypothesis(made.hypothesis.core, row.hypothesis.effects)
-        model = written(hypothesis, self.given)
-        theta = made.frame.theta(made.values, made.hypothesis.core)
-        return settle(model, Split.of(fine.cut), np.array(theta), made.frame.limits(model))
+        near = None if core.given else resampled(row.a, D)
+        for beside in (near, None):  # from the data, where nothing holds from there
+            found = [made for delay in delays if (made := self._rebuilt(fine, row, delay, beside)) is not None]
+            if not found:
+                continue
+            made = fine.tuned(min(found, key=lambda r: r.fitted))
+            model = written(Hypothesis(made.hypothesis.core, row.hypothesis.effects), self.given)
+            theta = made.frame.theta(made.values, made.hypothesis.core)
+            with suppress(FitError):
+                return settle(model, Split.of(fine.cut), np.array(theta), made.frame.limits(model))
+        raise FitError(f"{row.hypothesis} has no stable fit at the record's own rate.")
 
     def _scaled(self, variant: Variant) -> list[tuple[tuple[str, tuple[float, float]], int]]:
         """Return the limits of each shape parameter, and by what it shrinks at the own rate: a step per sample does."""
         speed = {p: variant.effect.scan[p].of == "speed" for p in variant.shape}
         return [((p, self.search.limits[variant][p]), self.factor if speed[p] else 1) for p in variant.shape]
 
-    def _rebuilt(self, fine: Search, row: Row, delay: int) -> Row | None:
-        """Fit the core from the data, then one effect after the other from its shape in the table."""
-        near = None if row.hypothesis.core.given else resampled(row.a, self.factor)
-        cores = fine.cored([delay], bool(row.hypothesis.effects), near)  # an effect may hold what its core lets go
+    def _rebuilt(self, fine: Search, row: Row, delay: int, beside: Array | None) -> Row | None:
+        """Fit the core beside some poles or from the data, then one effect after the other from its shape in the table.
+
+        An effect may hold what its core lets go.
+        """
+        cores = fine.cored([delay], beside is not None and bool(row.hypothesis.effects), beside)
         made = min(cores, key=lambda r: r.fitted, default=None)
         for variant, (_, where) in zip(row.hypothesis.effects, row.frame.added, strict=True):
             if made is None:
