@@ -20,8 +20,8 @@ def arx_start(records: Sequence[Record], core: Core, point: Mapping[str, float])
     for _ in range(6):
         rows, targets = [], []
         for record in records:
-            ys, us = record.y - point.get("y", 0.0), record.u - point.get("u", 0.0)
-            us = np.concatenate([np.full(core.delay, us[0]), us])[: len(us)]
+            ys, us = _around(record, point)
+            us = _later(us, core.delay)
             A = np.concatenate([[1.0], -a])
             f = [lfilter([1.0], A, x) for x in (ys, us, np.ones(len(ys)))]
             d = max(core.n_y, core.n_u)
@@ -47,8 +47,8 @@ def arx_start(records: Sequence[Record], core: Core, point: Mapping[str, float])
                 solution[: core.n_y] = a
         error = 0.0
         for record in records:
-            ys, us = record.y - point.get("y", 0.0), record.u - point.get("u", 0.0)
-            us = np.concatenate([np.full(core.delay, us[0]), us])[: len(us)]
+            ys, us = _around(record, point)
+            us = _later(us, core.delay)
             e = lfilter(solution[core.n_y : -1], np.concatenate([[1.0], -a]), us)
             e = e + lfilter([solution[-1]], np.concatenate([[1.0], -a]), np.ones(len(us))) - ys
             error += float(np.sum(e**2))
@@ -74,14 +74,24 @@ def start_beside(records: Sequence[Record], core: Core, point: Mapping[str, floa
     A, width = np.concatenate([[1.0], -a]), core.n_u + 1
     rows, targets = [], []
     for i, record in enumerate(records):
-        us = record.u - point.get("u", 0.0)
-        driven = [np.concatenate([np.full(d, us[0]), us])[: len(us)] for d in range(core.delay, core.delay + core.n_u)]
+        ys, us = _around(record, point)
+        driven = [_later(us, d) for d in range(core.delay, core.delay + core.n_u)]
         own = [np.eye(1, len(us), k)[0] for k in range(core.n_y)]
         columns = np.zeros((len(us), width + len(records) * core.n_y))
         columns[:, :width] = np.column_stack([lfilter([1.0], A, x) for x in (*driven, np.ones(len(us)))])
         for j, x in enumerate(own, width + i * core.n_y):
             columns[:, j] = lfilter([1.0], A, x)
         rows.append(columns)
-        targets.append(record.y - point.get("y", 0.0))
+        targets.append(ys)
     found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=1e-10)[0]
     return np.concatenate([a, found[:width]])
+
+
+def _around(record: Record, point: Mapping[str, float]) -> tuple[Array, Array]:
+    """Return output and input measured from an operating point."""
+    return record.y - point.get("y", 0.0), record.u - point.get("u", 0.0)
+
+
+def _later(x: Array, delay: int) -> Array:
+    """Return a signal so many samples later; it rests before it begins."""
+    return np.concatenate([np.full(delay, x[0]), x])[: x.size]
