@@ -105,7 +105,11 @@ def test_copy_buttons_copy(opened):
 
 def test_files_download(opened, tmp_path):
     page, _ = opened
-    for name, start in (("next.csv", "t,u\n"), ("ladder.csv", "model,training,held out,sealed\nbase,"), ("model.json", "{")):
+    for name, start in (
+        ("next.csv", "t,u\n"),
+        ("ladder.csv", "model,training,held out,sealed\nbase,"),
+        ("model.json", "{"),
+    ):
         with page.expect_download() as waiting:
             page.locator(f'a[download="{name}"]').click()
         waiting.value.save_as(tmp_path / name)
