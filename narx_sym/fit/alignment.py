@@ -122,8 +122,8 @@ def _samples(model: Model, part: Record, first: float | None) -> int:
     depth, n = max(1, model.recursion.depth), _length(model, part)
     if n < 4 * (depth + 1):
         raise FitError(f"{part.name}: {n} samples are too few to estimate a start and to judge it.")
-    wanted = round((FIRST if first is None else first) / part.Ts) + 1
-    return max(depth + 1, min(wanted if first is not None else max(wanted, LEAST), n // 2))
+    wanted = max(round(FIRST / part.Ts) + 1, LEAST) if first is None else round(first / part.Ts) + 1
+    return max(depth + 1, min(wanted, n // 2))
 
 
 def _error(target: Array, error: Array) -> float:

@@ -85,8 +85,9 @@ class Feedback:
                 "controller's: an effect is named only where hardly anything but the setpoint moves the input, and it "
                 "alone removes nearly all of the error"
             )
+        taken = "taken" if self.given else "probably taken"
         return (
-            f"This record was probably taken in closed loop{why}. Disturbances reach the input through the "
+            f"This record was {taken} in closed loop{why}. Disturbances reach the input through the "
             "controller, so that what seems to be missing may be the controller's. Record again with the controller "
             "in manual and steps or a slow triangle as its output, or "
             + ("with a setpoint that moves" if self.rests else "give the setpoint (--channels setpoint)")

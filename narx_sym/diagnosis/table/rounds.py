@@ -280,8 +280,8 @@ class Table:
         delays: Sequence[int] = range(max(0, first), first + 2 * D, max(1, D // 3)) if D > 1 else [core.delay]
         if self.delay is not None and not core.given:
             delays = [self.delay]
-        near = None if core.given else resampled(row.a, D)
-        for beside in (near, None):  # from the data, where nothing holds from there
+        # From the data, where nothing holds from the poles of the table.
+        for beside in (None,) if core.given else (resampled(row.a, D), None):
             found = [made for delay in delays if (made := self._rebuilt(fine, row, delay, beside)) is not None]
             if not found:
                 continue

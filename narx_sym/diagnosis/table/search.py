@@ -267,9 +267,8 @@ class Search:
         assert self.largest is not None
         point = {str(b.label): v for b, v in self.given.operating_point.items()}
         A, B = self.largest.n_y, self.largest.n_u
-        ways = [lambda: start_beside(self.cut, core, point, beside)] if beside is not None else []
-        for way in (*ways, lambda: arx_start(self.cut, core, point)):
-            start = way()
+        for at in (None,) if beside is None else (beside, None):
+            start = arx_start(self.cut, core, point) if at is None else start_beside(self.cut, core, point, at)
             x = np.zeros(frame.size)
             x[: core.n_y], x[A : A + core.n_u], x[A + B] = start[: core.n_y], start[core.n_y : -1], start[-1]
             yield x
