@@ -117,13 +117,14 @@ class Run:
         if "t" in map(str, (b.label for b in model.recursion.inputs)):
             self.channels["t"] = TS * np.maximum(np.arange(self.u.size) - ahead, 0)
         self.u0, self.y0, self.ahead = u0, y0, ahead
+        rests = False
         for _ in range(20):  # to where it rests; else the output drifts, or t moves it
             still = {n: np.full(SETTLES, c[0]) for n, c in self.channels.items()}
             settled = self._simulated(np.full(ahead + SETTLES, u0), still)
             if np.ptp(settled[-50:]) < 1e-12 and np.isfinite(settled).all():
-                self.y0 = float(settled[-1])
-            elif not ahead:  # the law takes the first output for the one before it
-                self.y0 = float(self.output(self.u)[0])
+                self.y0, rests = float(settled[-1]), True
+        if not rests:  # from an output that it can give: a sensor of |y| gives none below 0
+            self.y0 = float(self.output(self.u)[ahead])
         self.y = self.output(self.u)
         self.size = GOOD * max(1.0, float(np.abs(self.y).max()))
 
