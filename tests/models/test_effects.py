@@ -53,7 +53,7 @@ def test_ids_are_those_that_were_agreed():
 @pytest.mark.parametrize("one", ALL, ids=named)
 def test_described(one):
     assert one.source and len(one.sentence) > 15 and one.sentence.endswith(".")
-    assert "_" not in one.sentence and one.formula
+    assert "_" not in one.sentence and one.written
     assert set(one.scan) == set(one.shape)
     refined = {p for p in one.shape if one.scan[p].of != "steps"}
     assert refined <= set(one.unit) <= set(one.shape)
@@ -235,7 +235,7 @@ def test_effects_from_a_file(own, tmp_path):
     assert friction.source == "Smith 2020" and friction.unit == {"s": "V per sample"} and friction.sign == 0
     assert play.arguments == ("x", "w") and play.sign == 1 and heat.arguments == ("channel", "Ts", "tau")
     assert echo.equations(n=4).z == (x[k - 4] - x[k - 4] * sp.Abs(x[k]),)
-    assert play.formula == "p[k] - x[k]"
+    assert str(play.equations().z[0]) == "p[k] - x[k]"
     assert find("my_heat:temp", own)[1] == "temp"
     again = pickle.loads(pickle.dumps(own))
     assert again["my_echo"][0].equations(n=4) == echo.equations(n=4)

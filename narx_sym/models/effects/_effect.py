@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -107,7 +107,6 @@ class Effect:
     limit: tuple[str, float, str] | tuple[()] = ()
     standing: bool = False
     least: float = 0.0
-    formula: str = field(default="", compare=False)
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -270,8 +269,6 @@ def effect(
         missing = [p for p in one.shape if p not in one.scan]
         if missing:
             raise ModelError(f"Effect {name}: give a scan rule for the shape parameter {missing[0]!r}.")
-        formula = one.equations(**{p: 2 for p in one.shape if one.scan[p].of == "steps"})
-        object.__setattr__(one, "formula", " + ".join(str(z) for z in formula.z))
         if register:
             EFFECTS.add(one)
         return one
