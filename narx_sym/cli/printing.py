@@ -180,7 +180,8 @@ def print_found(found: Diagnosis, units: dict[str, str], command: str) -> None:
     from ..report.words import fall, what_next
 
     print_headline(found)
-    lines = [fall(found, units), found.sentence(units), acts(found.model.delay, found.model.Ts)]
+    moves = not (found.verdict == "nothing_detectable" and found.steps[0].follows_nothing)
+    lines = [fall(found, units), found.sentence(units), acts(found.model.delay, found.model.Ts) if moves else ""]
     lines += [f"Step {i}: {later.sentence(units)}" for i, later in enumerate(found.steps[1:], 2)]
     lines += [f"Next: {what_next(found)}", command and f"  {command}"]
     for line in filter(None, lines):
@@ -211,8 +212,9 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
         for row in found.table()
     ]  # fmt: skip
     if rows:
+        meant = "both together are missing" if step.pair else "these data cannot tell apart"
         table(
-            f"Candidates (share of the removable error, with its 95 % interval; {MARK} these data cannot tell apart)",
+            f"Candidates (share of the removable error, with its 95 % interval; {MARK} {meant})",
             ["effect", "where", "share", "interval", "free-run NRMSE before", "after", "parameters"],
             rows,
         )

@@ -14,6 +14,7 @@ from .record import Record
 
 Array = np.ndarray
 CLIPPED, RUN = 0.005, 4  # share of the samples at an extreme, and how many stay there in a row on average
+PILES = 4.0  # times the next level of a coarse converter: what is cut off piles up; rounding alone seldom does
 MOVES = 0.02  # of the range of the input, while the output stays
 LEVELS = 0.25  # distinct values per sample below which steps are looked for
 WHOLE = 1e-3  # of a step: differences between levels are whole multiples of it
@@ -62,7 +63,7 @@ class Fault:
             )
         return (
             f"The measured output comes in steps of {self.size:.4g} (quantisation), which make up "
-            f"{100 * self.share:.2g} % of the noise power: a finer converter or a smaller range would lower the floor."
+            f"{100 * self.share:.0f} % of the noise power: a finer converter or a smaller range would lower the floor."
         )
 
 
@@ -77,15 +78,15 @@ def sensor_faults(records: Sequence[Record], floor: float) -> list[Fault]:
     parts = [record.y for record in records]
     values, u = np.concatenate(parts), np.concatenate([record.u for record in records])
     found = []
-    two = np.all((values == values.max()) | (values == values.min()))  # switched, or constant: nothing is cut off
-    for extreme in () if two else (values.max(), values.min()):
+    levels, step = np.unique(values), _step(values)
+    extremes = ((levels[-1], levels[-2]), (levels[0], levels[1])) if levels.size > 2 else ()  # two levels are switched
+    for extreme, inner in extremes:
         share, length = _held(parts, float(extreme))
-        inputs = u[values == extreme]
-        if share >= CLIPPED and length >= RUN and np.ptp(inputs) > MOVES * np.ptp(u):
+        inputs, beside = u[values == extreme], _held(parts, float(inner))[0] if step else 0.0
+        if share >= max(CLIPPED, PILES * beside) and length >= RUN and np.ptp(inputs) > MOVES * np.ptp(u):
             found.append(Fault("sensor_saturation", float(extreme), share))
     frozen = max((_frozen(r) for r in records), key=lambda one: one.share if one else 0.0, default=None)
     found += [frozen] if frozen else []
-    step = _step(values)
     part = step**2 / 12 / floor**2 if floor > 0 else 0.0
     return [*found, *([Fault("quantisation", step, min(1.0, part))] if part >= FELT else [])]
 

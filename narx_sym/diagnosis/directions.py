@@ -20,7 +20,7 @@ from ..engines.algebra import single
 from ..engines.compile import Compiled, compile
 from ..errors import ModelError
 from ..fit.freerun import FreeRun
-from ..fit.simulate import segments
+from ..fit.simulate import segments, shifted
 from ..models.effects import EFFECTS, Catalogue, Form, Scan, effect
 from ..models.extend import Variant, equations, extend, origin, variants
 from ..symbolic.recursion import Recursion
@@ -80,12 +80,11 @@ class Linearised:
         self.own = slopes * problem.spread
         self._pushed: dict[str, Any] = {}
         self._read: dict[Any, tuple[Recursion, Compiled, dict[tuple[float, ...], list[Array]]]] = {}
-        point = {str(b.label): v for b, v in self.model.operating_point.items()}
         self.runs: list[dict[str, Array]] = []
         for i, (data, record) in enumerate(zip(problem.data, segments(problem.records), strict=True)):
             self.runs.append({**record.channels, "t": record.t, **data, **problem.states(unknowns, i)})
         # Effects are written in the model's signals, measured from its operating point.
-        self.seen = [{n: x - point.get(n, 0.0) for n, x in run.items()} for run in self.runs]
+        self.seen = [shifted(self.model, run) for run in self.runs]
         for seen in self.seen:  # before effects act on the output, it is what the core computes
             for name in ("x", "free", "sensed"):
                 seen.setdefault(name, seen[str((self.model.output if name == "sensed" else self.model.inner).label)])
@@ -174,14 +173,14 @@ class Linearised:
         moved = direction.get(self.model.output)
         return Recursion(tuple(updates), self.model.symbols), None if moved is None else str(moved.label)
 
-    def scale(self, scan: Scan, variant: Variant) -> tuple[list[float], float]:
-        """Return the grid of one shape parameter, and from how many places it was picked."""
+    def scale(self, scan: Scan, variant: Variant) -> list[float]:
+        """Return the grid of one shape parameter."""
         driver = str(self.model.inner.label) if variant.driver == "y" else str(self.model.input.label)
         offset = origin(self.model, variant.driver) if variant.raw else 0.0
         x = np.concatenate([seen[driver] for seen in self.seen]) + offset
         Ts, n = self.model.Ts or 1.0, max(len(r) for r in (s[driver] for s in self.seen))
         if scan.of == "ratio":
-            return list(scan.values), 1.0
+            return list(scan.values)
         if scan.of == "peaks":
             return self._peaks(len(scan.values))
         if scan.of in ("amplitude", "depth"):
@@ -195,31 +194,31 @@ class Linearised:
             unit = max(float(np.ptp(w)) for w in way) / 2 or 1.0
         elif scan.of == "time":
             low, high = 3 * Ts, max(n * Ts / 4, 30 * Ts)
-            return [low * (high / low) ** v for v in scan.values], 1.0
+            return [low * (high / low) ** v for v in scan.values]
         elif scan.of == "gain":
             y = np.concatenate([r[str(self.model.output.label)] for r in self.runs])
             unit = float(np.abs(np.polyfit(x, y, 1)[0])) or 1.0
         else:
             raise ModelError(f"Unknown scan rule {scan.of!r}.")
-        return [float(x) for x in single([v * unit**scan.power for v in scan.values])], 1.0
+        return [float(x) for x in single([v * unit**scan.power for v in scan.values])]
 
     def grid(self, variant: Variant) -> list[tuple[float, ...]]:
         """Return the shapes from which an effect is tried."""
-        return list(product(*(self.scale(variant.effect.scan[p], variant)[0] for p in variant.shape)))
+        return list(product(*(self.scale(variant.effect.scan[p], variant) for p in variant.shape)))
 
     def ranges(self, variant: Variant) -> dict[str, tuple[float, float]]:
         """Return how far each shape parameter may leave its grid."""
         found = {}
         for name in variant.shape:
             scan = variant.effect.scan[name]
-            grid, _ = self.scale(scan, variant)
+            grid = self.scale(scan, variant)
             if grid:
                 found[name] = (
                     (min(grid), max(grid)) if scan.of == "ratio" else (min(grid) / BELOW, max(grid) * scan.beyond)
                 )
         return found
 
-    def _peaks(self, count: int) -> tuple[list[float], float]:
+    def _peaks(self, count: int) -> list[float]:
         """Return the strongest frequencies of the residual [Hz], from its first segment.
 
         At least `CYCLES` periods must be seen. At multiples of a periodic input's frequency a disturbance cannot be
@@ -229,7 +228,7 @@ class Linearised:
         at, _ = find_peaks(power, distance=2 * PADDING)
         at = at[(at >= CYCLES * PADDING) & ~self._of_input(at)]
         best = at[np.argsort(-power[at], kind="stable")[:count]]
-        return [float(frequencies[i]) for i in best], power.size / PADDING
+        return [float(frequencies[i]) for i in best]
 
     def _of_input(self, at: Array) -> Array:
         """Whether bins of the spectrum are multiples of the frequency that holds most of the input's power.
@@ -262,7 +261,7 @@ class Linearised:
     def tone(self) -> Array:
         """Return cosine and sine of the residual's strongest frequency, (rows, 2), or (rows, 0) if it is no line."""
         times = np.concatenate([run["t"][self.problem.depth :] for run in self.runs])
-        lines = [f for f in self._peaks(1)[0] if self.is_line(f)]
+        lines = [f for f in self._peaks(1) if self.is_line(f)]
         return np.column_stack(
             [times[:, None][:, :0], *(w(2 * np.pi * f * times) for f in lines for w in (np.cos, np.sin))]
         )
@@ -281,15 +280,15 @@ class Linearised:
         listed, blocks, at = [], [], 0
         for variant in variants(self.model, channels, catalogue):
             form = equations(self.model, variant)
-            grids = [self.scale(variant.effect.scan[p], variant) for p in variant.shape]
+            picked = any(variant.effect.scan[p].of == "peaks" for p in variant.shape)
+            searched = self._spectrum[1].size / PADDING if picked else 1.0
             symbols = [sp.Symbol(p, real=True) for p in variant.shape]
-            for point in product(*(g for g, _ in grids)):
+            for point in self.grid(variant):
                 z = self.contributions(form, dict(zip(symbols, point, strict=True)))
                 block = self.moved(variant.where, z)
                 if not np.all(np.isfinite(block)) or not np.any(block):
                     continue
-                searched = float(np.prod([s for _, s in grids])) if grids else 1.0
-                line = searched > 1 and self.is_line(point[0])
+                line = picked and self.is_line(point[0])
                 listed.append(Direction(variant, point, slice(at, at + block.shape[1]), searched, line))
                 blocks.append(block)
                 at += block.shape[1]

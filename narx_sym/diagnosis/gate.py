@@ -45,8 +45,6 @@ class Scores:
         The log p-value below which 5 % of the records without any effect fall.
     passes : (groups, groups) array
         By how much the energy of a group's columns (row) is to grow until a group (column) passes in 80 % of records.
-    filter, variance : the noise model
-    basis, owner : orthonormal whitened directions without what a refit absorbs, and the group of each
     """
 
     share: Array
@@ -56,10 +54,6 @@ class Scores:
     p_value: float
     critical: float
     passes: Array
-    filter: Array
-    variance: float
-    basis: Array
-    owner: Array
 
     def corrected(self, group: int) -> float:
         """Return the p-value of one group after correction for all of them."""
@@ -82,23 +76,26 @@ def orthonormal(columns: Array, energy: Array | None = None) -> Array:
     return np.asarray(Q[:, np.abs(np.diag(R)) ** 2 > TINY])
 
 
+def reduced(own: Array, residual: Array, directions: Array) -> tuple[Array, Array, int]:
+    """Return a residual and directions without what a refit of the model absorbs, and how many columns do that."""
+    Q = orthonormal(own)
+    return residual - Q @ (Q.T @ residual), directions - Q @ (Q.T @ directions), Q.shape[1]
+
+
 def explain(own: Array, directions: Array, residual: Array) -> Array:
     """Return which few columns clearly explain a residual.
 
     Greedy, like forward selection: taking out all columns would take out the slow part of the noise too.
     """
-    Q = orthonormal(own)
-    e = residual - Q @ (Q.T @ residual)
     size = np.linalg.norm(directions, axis=0)
-    D = directions / np.where(size > 0, size, 1.0)
-    D = D - Q @ (Q.T @ D)
+    e, D, rank = reduced(own, residual, directions / np.where(size > 0, size, 1.0))
     picked: list[int] = []
     for _ in range(MOST):
         left = np.einsum("ij,ij->j", D, D)
         usable = left > 1e-6
         gain = np.where(usable, (D.T @ e) ** 2 / np.where(usable, left, 1.0), 0.0)
         best = int(np.argmax(gain))
-        noise = float(e @ e - gain[best]) / max(1, e.size - Q.shape[1] - len(picked) - 1)
+        noise = float(e @ e - gain[best]) / max(1, e.size - rank - len(picked) - 1)
         if gain[best] < CLEAR * noise:
             break
         q = D[:, best] / np.sqrt(left[best])
@@ -108,13 +105,13 @@ def explain(own: Array, directions: Array, residual: Array) -> Array:
     return np.array(picked, dtype=int)
 
 
-def autoregression(noise: Sequence[Array], longest: int = LONGEST) -> tuple[Array, float]:
+def autoregression(noise: Sequence[Array]) -> tuple[Array, float]:
     """Return [1, a_1, ..., a_p] that whitens a noise, and its AIC: Burg's method over all pieces.
 
     A slow wander under white noise needs many lags; white noise takes none.
     """
     count = sum(n.size for n in noise)
-    longest = max(1, min(longest, count // 20, min(n.size for n in noise) // 3))
+    longest = max(1, min(LONGEST, count // 20, min(n.size for n in noise) // 3))
     forward = [np.asarray(n, dtype=float)[1:] for n in noise]
     backward = [np.asarray(n, dtype=float)[:-1] for n in noise]
     power = sum(float(n @ n) for n in noise) / count
@@ -145,28 +142,6 @@ def whiten(columns: Array, a: Array, edges: Array) -> Array:
     return out
 
 
-@dataclass(frozen=True)
-class Whitened:
-    """A residual and its directions, filtered by the model of the noise.
-
-    Attributes
-    ----------
-    a : the whitening filter
-    noise : (N,) array, what remains of the residual without the columns that clearly explain it
-    e, own, directions : whitened, on the rows that count
-    picked : which columns were taken out
-    remaining : e without them
-    """
-
-    a: Array
-    noise: Array
-    e: Array
-    own: Array
-    directions: Array
-    picked: Array
-    remaining: Array
-
-
 def whitened(
     residual: Array,
     own: Array,
@@ -175,17 +150,15 @@ def whitened(
     rows: Array,
     lines: Sequence[slice] = (),
     measured: Sequence[Array] = (),
-) -> Whitened:
-    """Estimate the noise and filter by it, in turns."""
+) -> tuple[Array, Array, Array, Array, float]:
+    """Estimate the noise and filter by it, in turns: the filter, whitened e, own and directions, and e's variance."""
     always = [np.arange(s.start, s.stop) for s in lines]
     first = np.unique(np.concatenate(always)).astype(int) if always else np.zeros(0, dtype=int)
     if measured:
         a = autoregression(measured)[0]
     else:
-        first, noise, a = _dominant(residual, own, directions, edges, rows, first)
-    for turn in range(1 if measured else 3):  # the noise model and what it is estimated from improve each other
-        if turn:
-            a = autoregression([noise[b:e] for b, e in itertools.pairwise(edges)])[0]
+        first, a = _dominant(residual, own, directions, edges, rows, first)
+    for left in (0,) if measured else (2, 1, 0):  # the noise model and what it is estimated from improve each other
         white = whiten(np.column_stack([residual, own, directions]), a, edges)[rows]
         e, P, D = white[:, 0], white[:, 1 : own.shape[1] + 1], white[:, own.shape[1] + 1 :]
         more = explain(np.column_stack([P, D[:, first]]), D, e)
@@ -193,20 +166,23 @@ def whitened(
         chosen = np.column_stack([P, D[:, picked]])
         solution = lstsq(chosen, e)[0]
         remaining = e - chosen @ solution
-        noise = residual - np.column_stack([own, directions[:, picked]]) @ solution
-    return Whitened(a, noise, e, P, D, picked, remaining)
+        if left:
+            a = autoregression(_pieces(residual - np.column_stack([own, directions[:, picked]]) @ solution, edges))[0]
+    return a, e, P, D, float(remaining @ remaining) / max(1, e.size - P.shape[1] - picked.size)
+
+
+def _pieces(noise: Array, edges: Array) -> list[Array]:
+    return [noise[b:e] for b, e in itertools.pairwise(edges)]
 
 
 def _dominant(
     residual: Array, own: Array, directions: Array, edges: Array, rows: Array, first: Array
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     """Take out the one column without which the noise looks much slower than it is (AIC), if there is one.
 
     An autoregressive model takes a strong drift for noise, and then nothing is left to be seen.
     """
-    Q = orthonormal(own[rows])
-    e = residual[rows] - Q @ (Q.T @ residual[rows])
-    D = directions[rows] - Q @ (Q.T @ directions[rows])
+    e, D, _ = reduced(own[rows], residual[rows], directions[rows])
     size = np.einsum("ij,ij->j", D, D)
     usable = size > 1e-6 * np.einsum("ij,ij->j", directions[rows], directions[rows])
     share = np.where(usable, (D.T @ e) ** 2 / np.where(usable, size, 1.0), 0.0)
@@ -215,11 +191,10 @@ def _dominant(
     for trial in trials:
         used = np.column_stack([own, directions[:, trial]])
         noise = residual - used @ lstsq(used[rows], residual[rows])[0]
-        a, criterion = autoregression([noise[b:e] for b, e in itertools.pairwise(edges)])
-        found.append((criterion, trial, noise, a))
+        a, criterion = autoregression(_pieces(noise, edges))
+        found.append((criterion, trial.astype(int), a))
     best = min(found, key=lambda f: f[0])
-    criterion, trial, noise, a = best if best[0] < found[0][0] - CLEAR else found[0]
-    return trial.astype(int), noise, a
+    return (best if best[0] < found[0][0] - CLEAR else found[0])[1:]
 
 
 def score(
@@ -251,22 +226,14 @@ def score(
         An autoregressive model would take them for noise.
     measured : pieces of the noise itself, from repeated periods, where there are any
     """
-    white = whitened(residual, own, directions, edges, rows, lines, measured)
-    e, P, D = white.e, white.own, white.directions
-    variance = float(white.remaining @ white.remaining) / max(1, e.size - P.shape[1] - white.picked.size)
+    a, e, P, D, variance = whitened(residual, own, directions, edges, rows, lines, measured)
     if measured:
-        pieces = np.concatenate([oaconvolve(m, white.a, mode="valid") for m in measured])
+        pieces = np.concatenate([oaconvolve(m, a, mode="valid") for m in measured])
         variance = float(np.mean(pieces**2))
     variance = variance or float(np.finfo(float).tiny)  # a base that follows the data exactly leaves nothing to explain
-    Q = orthonormal(P)
-    e = e - Q @ (Q.T @ e)
-    energy = np.einsum("ij,ij->j", D, D)
-    D = D - Q @ (Q.T @ D)
-    level_e, level_own, level_D = residual[rows], own[rows], directions[rows]
-    Q0 = orthonormal(level_own)
-    level_e = level_e - Q0 @ (Q0.T @ level_e)
-    level_energy = np.einsum("ij,ij->j", level_D, level_D)
-    level_D = level_D - Q0 @ (Q0.T @ level_D)
+    energy, level_energy = (np.einsum("ij,ij->j", X, X) for X in (D, directions[rows]))
+    e, D, _ = reduced(P, e, D)
+    level_e, level_D, _ = reduced(own[rows], residual[rows], directions[rows])
 
     count = len(groups)
     share, gain, log_p, absorbed = (np.zeros(count) for _ in range(4))
@@ -292,7 +259,7 @@ def score(
     needed = [_needed(variance, critical - np.log(n), int(f)) for n, f in zip(searched, freedoms, strict=True)]
     known = told(groups, D, basis, owner) * (freedoms > 0)[:, None]  # what a refit absorbs is never seen
     passes = np.divide(np.square(needed), known, out=np.full_like(known, np.inf), where=known > 0)
-    return Scores(share, gain, log_p, absorbed, p_value, critical, passes, white.a, variance, basis, owner)
+    return Scores(share, gain, log_p, absorbed, p_value, critical, passes)
 
 
 def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float], seed: int) -> Array:

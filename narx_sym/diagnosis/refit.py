@@ -42,14 +42,10 @@ class Split:
     def of(cls, records: Any) -> Split:
         """Split records."""
         parts = segments(records)
-        masks: list[list[Array]] = [[], [], []]
-        for part in parts:
-            block = np.minimum(np.arange(len(part)) * BLOCKS // len(part), BLOCKS - 1)
-            sealed = block >= BLOCKS - SEALED
-            held = ~sealed & (block % EVERY == EVERY // 2)
-            for kept, mask in zip(masks, (~sealed & ~held, held, sealed), strict=True):
-                kept.append(mask)
-        return cls(tuple(parts), *(tuple(m) for m in masks))
+        blocks = [np.arange(len(part)) * BLOCKS // len(part) for part in parts]
+        sealed = tuple(block >= BLOCKS - SEALED for block in blocks)
+        held = tuple(~s & (block % EVERY == EVERY // 2) for s, block in zip(sealed, blocks, strict=True))
+        return cls(tuple(parts), tuple(~(s | h) for s, h in zip(sealed, held, strict=True)), held, sealed)
 
     @cached_property
     def noise(self) -> list[Array]:
@@ -205,12 +201,9 @@ def prune(fitted: Fitted, before: Fitted) -> Fitted:
 
 def _removable(model: Model, symbol: Any) -> bool:
     """Whether a parameter multiplies a term of the core, and the model has an input without it."""
-    if not any(c == symbol for c, _ in _core_parts(model)):
+    terms = (part.as_independent(sp.Indexed, as_Add=False) for part in sp.Add.make_args(model.core))
+    if not any(c == symbol for c, _ in terms):
         return False
     if any(symbol in c.free_symbols for c in model.constraints if not isinstance(c, str)):
         return False
     return model.input in without(model, [symbol]).recursion.inputs
-
-
-def _core_parts(model: Model) -> list[tuple[Any, Any]]:
-    return [part.as_independent(sp.Indexed, as_Add=False) for part in sp.Add.make_args(model.core)]

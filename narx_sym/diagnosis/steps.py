@@ -24,10 +24,10 @@ from .table.promise import detectable
 from .table.rounds import Table
 from .table.screening import absorbed
 from .table.search import Row
-from .table.verdict import HELPS, LARGE, LEFT, ROUNDING, alike, cheapest, verdict, winner
+from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, alike, cheapest, nothing_named, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
-RIVALS = 3  # of a pair, that are named
+RIVALS = 3  # that are named: of a pair, and of what comes nearest
 SHOWN = 6  # candidates at most, and the confusion set
 
 
@@ -48,6 +48,8 @@ class Step:
         Where the input answers the output: then only that is named which removes nearly all of the error.
     valves : list of Sticking
         Of each record with a setpoint: whether the valve of the loop sticks.
+    nearest : list of str
+        Where a trace is left that no effect explains well enough to be named: those that come nearest, best first.
     sensor : float
         Standard deviation of the sensor's noise [unit of y]; 0 where it is not known. What is left above it is not
         noise, though no effect may be seen in it.
@@ -68,6 +70,7 @@ class Step:
     pair: Pair | None = None
     loop: Feedback | None = None
     valves: list[Sticking] = field(default_factory=list)
+    nearest: list[str] = field(default_factory=list)
     sensor: float = 0.0
 
     @property
@@ -97,6 +100,19 @@ class Step:
         last = self.chosen or self.base
         return unexplained(last.error(last.split.held), self.sensor, last.split.records[0].Ts)
 
+    @property
+    def trace(self) -> str:
+        """What is left though nothing is named, in words; an empty text where no effect of the catalogue lessens it."""
+        if not self.nearest:
+            return ""
+        said = f"Something is left (p = {self.p_value:.2g}), too little in these data to be named"
+        return f"{said}: {' or '.join(self.nearest)} would come nearest."
+
+    @property
+    def follows_nothing(self) -> bool:
+        """Whether the free run of the base is no better than a constant."""
+        return 2 * np.log(self.nrmse(self.base)["validation"]) > -ALIKE
+
     def sentence(self, units: Mapping[str, str]) -> str:
         """Return the verdict in plain words."""
         unit = f" {units['y']}" if units.get("y") else ""
@@ -105,7 +121,11 @@ class Step:
         percent = float(f"{100 * error / spread:.2g}")
         sizes = f"The error is {few(error)}{unit} rms ({percent:g} % of the output's standard deviation)"
         if self.verdict == "nothing_detectable":
+            if self.follows_nothing:
+                return f"The base does not follow the output: what is missing cannot be told from it. {sizes}."
             shown = ", ".join(f"{name} above {few(size, 2)}{unit}" for name, size in self.unseen[:3])
+            if self.trace:
+                return f"{self.trace} {sizes}; these data would have shown {shown} rms."
             if self.unexplained:
                 return (
                     f"No effect of the catalogue is seen in what is left. {sizes}; the sensor's noise is about "
@@ -115,9 +135,10 @@ class Step:
         if self.loop is not None and self.verdict == "closed_loop":
             said = [f"{v.record.name}: {v.sentence}." for v in self.valves]
             return " ".join([*said, f"{self.loop.sentence}. {sizes}."])
-        sizes += f"; the noise floor is about {few(self.floor)}{unit}"
+        more = self.verdict in ("outside_library", "helps_but_incomplete") and self.floor_kind != "repeated periods"
+        sizes += f"; the noise floor is {'at most' if more else 'about'} {few(self.floor)}{unit}"
         if self.sensor:
-            alone = f"of the sensor alone {few(self.sensor, 2)}{unit}"
+            alone = f"of the sensor alone {few(self.sensor)}{unit}"
             sizes += f" ({alone if self.sensor < self.floor else 'all of it the noise of the sensor'})"
         if self.verdict == "outside_library":
             return (
@@ -156,6 +177,7 @@ class Step:
             "verdict": self.verdict,
             "sentence": self.sentence({}),
             "confusion_set": self.confusion_set,
+            "nearest": self.nearest,
             "p_value": self.p_value,
             "base": {
                 "latex": base.latex(), "terms": terms, "theta": [float(v) for v in base.theta],
@@ -235,8 +257,12 @@ def step(
     )  # fmt: skip
     seen = scored.scores.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
     if best is None or not seen:
-        structure = scored.structure if known.held > ROUNDING**2 else 0.0
-        made.verdict = verdict(False, seen, structure, 0.0, 0.0, 0)
+        near = [r for r in cheapest(table.beside(known), by=lambda r: r.before_judged) if len(r.beyond(known)) == 1]
+        listed = [r for r in near[:RIVALS] if r.judged().held < known.held]
+        removed = max((1 - r.held / known.held for r in listed), default=0.0)
+        made.verdict = nothing_named(scored.structure if known.held > ROUNDING**2 else 0.0, removed)
+        if made.verdict == "nothing_detectable" and scored.scores.p_value <= gate.LEVEL:
+            made.nearest = [new_effect(r, known) for r in listed]
         return made, known
     left = table.screened(best).missing
     lowest = best.held * (1 - left)
@@ -245,7 +271,7 @@ def step(
     made.candidates = _candidates(table, known, best, found, lowest)
     shown = {c.effect for c in made.candidates} | {BASE}  # a rival that cannot be held is none
     names = dict.fromkeys(name for name in (new_effect(r, known) for r in found) if name in shown)
-    made.verdict = verdict(True, seen, scored.structure, share, left, len(names))
+    made.verdict = verdict(share, left, len(names))
     chosen = table.own(best)
     if not repeats:
         made.floor = float(np.sqrt(min(chosen.mean_square(base.split.held) * (1 - left), floor)))
@@ -321,9 +347,8 @@ def _candidates(table: Table, known: Row, best: Row, found: Sequence[Row], lowes
         table.judge_alone(known, variant.id)
     listed = [r for r in cheapest(table.beside(known)) if len(r.beyond(known)) == 1 and r.blocks.size]
     members = {new_effect(r, known) for r in found} | {v.id for v in both}
-    listed.sort(key=lambda r: new_effect(r, known) not in members)
-    own = {v.id for v in both} if len(both) > 1 else set()
-    listed.sort(key=lambda r: not (r is best or new_effect(r, known) in own))  # of a pair its own effects
+    own = {v.id for v in both} if len(both) > 1 else set()  # of a pair its own effects come first
+    listed.sort(key=lambda r: (r is not best and new_effect(r, known) not in own, new_effect(r, known) not in members))
     scored = table.screened(known)
     made: list[Candidate] = []
     for row in listed:

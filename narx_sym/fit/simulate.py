@@ -336,15 +336,17 @@ def _simulated(model: Model, record: Record, engine: str) -> Array:
     return simulate(model, data[str(model.input.label)], first, data, engine, warn=False)
 
 
-def extrapolates(model: Model, inputs: Sequence[Array]) -> list[str]:
+def extrapolates(model: Model, inputs: Sequence[Array], Ts: float | None = None) -> list[str]:
     """Say where inputs go beyond what the model has seen in identification; see `narx_sym.data.coverage.beyond`.
 
     Parameters
     ----------
     inputs : (N,) arrays, contiguous each [unit of the model's input]
+    Ts : float, optional [s]
+        Of the inputs; by default that of the model.
     """
     name = str(model.input.label)
-    return [f"{said}: this extrapolates" for said in beyond(model.info, name, "input", inputs, model.Ts)]
+    return [f"{said}: this extrapolates" for said in beyond(model.info, name, "input", inputs, Ts or model.Ts)]
 
 
 @dataclass(frozen=True)

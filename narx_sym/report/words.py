@@ -104,8 +104,10 @@ def headline(diagnosis: Diagnosis) -> str:
     first = diagnosis.steps[0]
     names = [spaced(e) for e in first.confusion_set]
     if first.verdict == "nothing_detectable":
-        if follows_nothing(first):
+        if first.follows_nothing:
             return "The base does not follow the output: what is missing cannot be told from it."
+        if first.trace:
+            return "Something is left, too little in these data to be named."
         if first.unexplained:
             return "No effect of the catalogue is seen in what is left, which is more than the sensor's noise."
         return "Nothing is missing that these data can show."
@@ -148,11 +150,6 @@ def only_both(diagnosis: Diagnosis) -> bool:
     return first.verdict == "helps_but_incomplete" and first.chosen is None
 
 
-def follows_nothing(step: Step) -> bool:
-    """Whether the free run of the base is no better than a constant."""
-    return step.nrmse(step.base)["validation"] >= 1
-
-
 def what_next(diagnosis: Diagnosis) -> str:
     """Say what to do next, after the last step."""
     last = next((s for s in reversed(diagnosis.steps) if s.chosen is not None), diagnosis.steps[0])
@@ -161,10 +158,12 @@ def what_next(diagnosis: Diagnosis) -> str:
     if frozen:
         rows = "{}:{}".format(*frozen.rows)
         return f"Diagnose without the rows {rows} of '{frozen.record}' (--rows): the output stays there at one value."
-    if chosen.verdict == "nothing_detectable" and follows_nothing(chosen):
+    if chosen.verdict == "nothing_detectable" and chosen.follows_nothing:
         return (
             "Choose another base, or record with an input that moves the output: a constant does as well as this model."
         )
+    if chosen.trace:
+        return "Keep the model for now. A longer record, less noise or a wider input would tell what it is."
     if chosen.verdict == "nothing_detectable" and chosen.unexplained:
         return (
             "Look for what disturbs the machine, or for a signal that was not recorded: the input alone tells no more."
@@ -176,7 +175,12 @@ def what_next(diagnosis: Diagnosis) -> str:
         )
     if only_both(diagnosis):
         return "Diagnose again and let it add two effects: neither of them helps by itself."
-    return NEXT[chosen.verdict].format(best=_added(diagnosis))
+    if chosen.verdict == "confused" and not (chosen.experiment and chosen.experiment.clear):
+        return "Record with a wider range or faster moves, and diagnose both records together: here no input decides."
+    verdict, ended = chosen.verdict, diagnosis.steps[-1]
+    if verdict == "helps_but_incomplete" and ended is not chosen and ended.chosen is None:  # it looked for more itself
+        verdict = "outside_library" if ended.verdict == "outside_library" else "named"
+    return NEXT[verdict].format(best=_added(diagnosis))
 
 
 def _added(diagnosis: Diagnosis) -> str:
@@ -233,7 +237,8 @@ def _falls(diagnosis: Diagnosis, units: Units) -> str:
     ratio = before / max(after, 1e-300)
     change = f"{number(ratio, 2)} times smaller" if ratio > 1 else f"{number(1 / ratio, 2)} times larger"
     moves = "falls" if ratio > 1 else "rises"
-    floor = f", at the noise floor of {number(diagnosis.floor)} {unit}" if after <= AT_FLOOR * diagnosis.floor else ""
+    at = after <= AT_FLOOR * diagnosis.floor and diagnosis.steps[0].verdict != "helps_but_incomplete"
+    floor = f", at the noise floor of {number(diagnosis.floor)} {unit}" if at else ""
     if pair is None or set(pair.effects) <= {e for step in diagnosis.steps for e in step.added}:
         return f"The error {moves} from {number(before)} to {number(after)} {unit}: {change}{floor}."
     together, name = float(np.sqrt(pair.mean_square)), _added(diagnosis)

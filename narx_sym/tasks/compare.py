@@ -54,7 +54,9 @@ def compare(model: Model, records: Sequence[Record], first: float | None = None)
     notes = [
         f"{record.name}: {said}"
         for record in records
-        for said in extrapolates(model, [arrays(model, s)[str(model.input.label)] for s in record.segments()])
+        for said in extrapolates(
+            model, [arrays(model, s)[str(model.input.label)] for s in record.segments()], record.Ts
+        )
     ]
     fair = []
     for record in records:

@@ -148,6 +148,8 @@ def test_work_inside_says_nothing(model):
     record = model_of(sine(3.0))[1]
     assert not said(ns.evaluate, model, record) and not said(ns.free_run, model, record)
     assert extrapolates(model, [record.u])  # `compare` says it
+    at_tenth = extrapolates(model, [record.u], 10 * model.Ts)  # per second of the record, not of the model
+    assert extrapolates(model, [record.u]) != at_tenth
 
 
 def test_a_law_says_it_of_its_reference(linear):

@@ -42,6 +42,17 @@ def test_steps():
     assert "steps of 0.02" in fault.sentence
 
 
+def test_rounding_cuts_nothing_off():
+    """A converter rests at its last level for a while; what is cut off piles up there."""
+    held = np.repeat(np.random.default_rng(3).uniform(-1, 1, N // 20), 20)
+    smooth = np.convolve(held, np.exp(-np.arange(60) / 12) / 12)[:N]
+    for step in (0.02, 0.05, 0.1):
+        rounded = step * np.round(smooth / step)
+        assert [f.effect for f in sensor_faults([ns.Record.from_arrays(held, rounded, Ts)], 0.005)] == ["quantisation"]
+    cut = np.minimum(0.02 * np.round(smooth / 0.02), 0.4)
+    assert "sensor_saturation" in [f.effect for f in sensor_faults([ns.Record.from_arrays(held, cut, Ts)], 0.005)]
+
+
 def test_the_next_step_leaves_the_frozen_rows_out():
     frozen = np.where((t > 18) & (t < 27), y[1801], y)
     record = ns.Record.from_arrays(u, frozen, Ts, name="stage")

@@ -348,4 +348,23 @@ def test_an_effect_is_seen_at_the_promised_size_and_not_at_half_of_it():
 
     size = diagnosed(0.0).steps[0].smallest_detectable["quadratic_gain"]
     assert diagnosed(size).confusion_set == ["quadratic_gain"]
-    assert diagnosed(size / 2).verdict == "nothing_detectable"
+    less = diagnosed(size / 2)
+    assert less.verdict == "nothing_detectable"
+    # Too little to be named, and not called nothing: the one that it is comes nearest.
+    assert less.steps[0].nearest[0] == "quadratic_gain" and "too little" in less.sentence()
+    assert not diagnosed(0.0).steps[0].nearest
+
+
+def test_nothing_is_promised_of_what_two_levels_hide():
+    """A dead zone under two levels shows at no size."""
+    rng = np.random.default_rng(5)
+    steps = np.repeat(rng.choice([-1.0, 1.0], 90), 10)
+    u = [steps, np.convolve(steps, np.ones(7) / 7, "same")]
+    made = []
+    for x in u:
+        y = np.convolve(x, 0.2 * 0.8 ** np.arange(60))[:900] + 0.01 * rng.standard_normal(900)
+        record = ns.Record.from_arrays(x, y, 0.01)
+        base = ns.NARX.from_terms(["y[k-1]", "u[k]", "1"]).fit(record, method="free_run")
+        few = Catalogue({name: EFFECTS[name] for name in ("dead_zone", "quadratic_spring")})
+        made.append(set(ns.diagnose(base, record, catalogue=few).steps[0].smallest_detectable))
+    assert made == [{"quadratic_spring"}, {"dead_zone", "quadratic_spring"}]

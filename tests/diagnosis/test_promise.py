@@ -41,3 +41,4 @@ def test_what_the_other_folds_explain_is_left_out_of_each():
             start = own[of][:, [1]]
             expected = expected - start @ np.linalg.lstsq(start, expected, rcond=None)[0]
         np.testing.assert_allclose(left[of], expected, atol=1e-12)
+    np.testing.assert_allclose(left_out(own * [1e9, 1e-9], directions, folds), left, atol=1e-12)  # in any units

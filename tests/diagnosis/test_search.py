@@ -1,5 +1,7 @@
 """One compiled frame holds every core: its points are the models, its fits find them; rates and integrating axes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import truths
@@ -9,7 +11,7 @@ import narx_sym as ns
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
 from narx_sym.diagnosis.table.rate import MOST, working
-from narx_sym.diagnosis.table.search import Search
+from narx_sym.diagnosis.table.search import Row, Search
 from narx_sym.fit.bases.integrating import at_one, slowest
 from narx_sym.fit.simulate import free_run
 from narx_sym.models.effects import EFFECTS, Catalogue
@@ -303,3 +305,10 @@ def test_a_given_dead_time_is_kept():
     assert ns.diagnose(base, record, delay=2).model.delay == 2
     late = ns.diagnose(base, record, delay=5)
     assert {row.hypothesis.core.delay for row in late.hypotheses} == {5} and late.model.delay == 5
+
+
+def test_a_row_that_is_judged_later_has_its_error():
+    """Its error is infinite while it is not judged: that is not kept."""
+    frame = SimpleNamespace(weights=np.ones(12), late=lambda delay: None, held_out=lambda *_: np.full(12, 0.5))
+    row = Row(Hypothesis(Core(1, 1, 0)), frame, np.zeros(3), 0.4, 3)
+    assert np.isinf(row.held) and row.judged().held == 0.5

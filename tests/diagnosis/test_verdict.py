@@ -12,6 +12,7 @@ from narx_sym.diagnosis.table.verdict import (
     VERDICTS,
     alike,
     cheapest,
+    nothing_named,
     price,
     verdict,
     winner,
@@ -104,22 +105,19 @@ def test_what_becomes_the_best_at_a_limit_is_no_rival():
 
 
 def test_the_five_verdicts():
-    said = [
-        verdict(False, True, 0.0, 0.0, 0.0, 0),
-        verdict(True, True, 0.5, 0.95, 0.0, 1),
-        verdict(True, True, 0.5, 0.95, 0.0, 2),
-        verdict(True, True, 0.5, 0.7, 0.4, 1),
-        verdict(False, True, 0.6, 0.0, 0.0, 0),
-    ]
-    assert said == list(VERDICTS[:5])
-    assert verdict(True, True, 0.9, 0.2, 0.0, 1) == "outside_library"
-    assert verdict(True, False, 0.1, 0.9, 0.0, 1) == "nothing_detectable"
+    said = [nothing_named(0.0, 0.0), verdict(0.95, 0.0, 1), verdict(0.95, 0.0, 2), verdict(0.7, 0.4, 1)]
+    assert [*said, nothing_named(0.6, 0.0)] == list(VERDICTS[:5])
+    assert verdict(0.2, 0.0, 1) == "outside_library"
+
+
+def test_what_an_effect_of_the_catalogue_removes_is_not_outside_it():
+    """Too little to be worth its price, but most of what follows from the signals."""
+    assert nothing_named(0.4, 0.25) == "nothing_detectable"
+    assert nothing_named(0.9, 0.25) == "outside_library"
 
 
 def test_what_leaves_a_tenth_of_the_rms_is_not_all():
     """A relative of the truth removes most as well; what it leaves still follows from the signals."""
-    assert verdict(True, True, 0.9, 0.97, 0.4, 1) == "helps_but_incomplete"
-    assert verdict(True, True, 0.9, 0.97, 0.05, 1) == "named"
-    assert (
-        verdict(True, True, 0.9, 0.995, 0.4, 1) == "named"
-    )  # all but a tenth of its rms, on a record with little noise
+    assert verdict(0.97, 0.4, 1) == "helps_but_incomplete"
+    assert verdict(0.97, 0.05, 1) == "named"
+    assert verdict(0.995, 0.4, 1) == "named"  # all but a tenth of its rms, on a record with little noise

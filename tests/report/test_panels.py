@@ -25,7 +25,7 @@ CASES = {
     "try_it": ("Move a parameter", 0),
     "compare": ("The free run gets the measured input and nothing else", 4),
     "ladder": ("The noise floor is an estimate", 1),
-    "where": ("of the missing input", 12),
+    "where": ("of the missing input", 11),
     "candidates": ("of the removable error", 1),
     "model": ("Parameters before and after", 0),
     "derived": ("The law with numbers", None),  # sets of the base where those of the model are not derived
@@ -223,17 +223,18 @@ def test_few_digits_need_no_exponent(value, said):
 
 
 @pytest.mark.parametrize(
-    "error, unexplained, title, advice",
+    "nothing, trace, unexplained, title, advice",
     [
-        (0.1, "", "Nothing is missing", "Keep the model"),
-        (0.4, "more", "No effect of the catalogue", "what disturbs the machine"),
-        (1.1, "more", "The base does not follow the output", "another base"),
+        (False, "", "", "Nothing is missing", "Keep the model"),
+        (False, "Something is left", "more", "Something is left, too little", "A longer record"),
+        (False, "", "more", "No effect of the catalogue", "what disturbs the machine"),
+        (True, "", "more", "The base does not follow the output", "another base"),
     ],
 )
-def test_nothing_found_is_three_things(error, unexplained, title, advice):
+def test_nothing_found_is_four_things(nothing, trace, unexplained, title, advice):
     step = SimpleNamespace(
         verdict="nothing_detectable", confusion_set=[], unexplained=unexplained, base=None, chosen=None,
-        valves=[], nrmse=lambda base: {"validation": error},
+        valves=[], trace=trace, follows_nothing=nothing,
     )  # fmt: skip
     found = SimpleNamespace(steps=[step], rungs=["base"], faults=[])
     assert words.headline(found).startswith(title) and advice in words.what_next(found)

@@ -28,6 +28,7 @@ Array = np.ndarray
 SETTLE = 500  # samples of rest before a proposed signal starts
 ROUNDING = 1e-6  # a slope that differs from the others by a smaller share is one of them
 TOGETHER = 4  # signals per free run: equations are derived once for all of them, but slopes take memory
+SMALLER = (0.5, 0.25)  # of the range: tried where no input over all of it decides
 FAR = 1.0  # a simulated output this many ranges outside the measured one is not believed
 
 
@@ -91,9 +92,14 @@ def propose(
         return found and replace(found, units=dict(given), limits=(within.low, within.high), given=limits is not None)
 
     found = best(allowed)
-    if found is None or found.clear or limits is not None:
+    if found is None or found.clear:
         return found
-    further = best(Limits.of(parts, allowed.twice))
+    # What a full range hides, a small one may show: a band is a larger part of it.
+    closer = filter(None, (best(Limits.of(parts, allowed.times(share))) for share in SMALLER))
+    found = max((found, *closer), key=lambda e: e.separation)
+    if found.clear or limits is not None:
+        return found
+    further = best(Limits.of(parts, allowed.times(2.0)))
     better = further is not None and further.clear and further.separation > CLEARLY * found.separation
     return replace(found, wider=further if better else None)
 

@@ -106,9 +106,10 @@ class Experiment:
             f"Even after a refit {which} then differ by {least}{self._y(self.separation)} rms{noise}."
         )
         if not self.clear:
+            how = "no better" if self.separation <= self.present else "hardly better"
             said += (
-                f" This is hardly better than the present record ({self._y(self.present)}): deciding needs a wider "
-                f"range or faster moves than that record has.{self._further}"
+                f" This is {how} than the present record ({self._y(self.present)}), and no input that was tried is: a "
+                f"wider range or faster moves may decide.{self._further}"
             )
         elif self.ratio < 1:
             said += " Repeat it and average: one sample's noise is larger than the difference."

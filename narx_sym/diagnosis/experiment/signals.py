@@ -58,10 +58,9 @@ class Limits:
         rate = largest if jumps and largest > 0.05 * (high - low) else float(np.quantile(steps, 0.999))
         return cls(*(given or (low, high)), rate or largest)
 
-    @property
-    def twice(self) -> tuple[float, float]:
-        """Twice the range about its centre (low, high) [unit of u]."""
-        return self.centre - 2 * self.half, self.centre + 2 * self.half
+    def times(self, share: float) -> tuple[float, float]:
+        """Return so many times the range about its centre (low, high) [unit of u]."""
+        return self.centre - share * self.half, self.centre + share * self.half
 
     @property
     def centre(self) -> float:

@@ -19,7 +19,7 @@ from ...symbolic.signals import expand_phi, k, samples
 from .forcing import missing_input
 from .means import filled_panels
 from .panel import Panel
-from .variables import Run, empty_panels
+from .variables import empty_panels
 
 Array = np.ndarray
 
@@ -101,7 +101,7 @@ def where_it_fails(
         raise DataError(f"Give arrays of one length, not {', '.join(f'{n}: {s}' for n, s in sizes.items())}.")
     residual = data["measured output"] - data["simulated output"]
     extra = {n: data[f"channel {n}"] for n in channels or {}}
-    empty = empty_panels(Run(data["input"], data["simulated output"], Ts, extra))
+    empty = empty_panels(data["input"], data["simulated output"], Ts, extra)
     w = data.get("missing input")
     return Misfit(
         residual, w, filled_panels(empty, residual, Ts), [] if w is None else filled_panels(empty, w, Ts), floor

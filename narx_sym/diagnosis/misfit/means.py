@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 from scipy.signal import welch
 
 from ...data.metrics import correlation_length
@@ -54,7 +55,7 @@ def _spectrum(rest: Array, variance: float, Ts: float) -> list[Panel]:
     """Panel of the spectrum (Welch 1967); none for a short record. `rest` is what the other panels leave."""
     if rest.size < 128:
         return []
-    size = int(np.clip(1 << (rest.size // 8).bit_length() - 1, 32, 4096))
+    size = int(np.clip(1 << (rest.size // 4).bit_length() - 1, 32, 4096))
     f, density = welch(rest, 1 / Ts, nperseg=size)
     power = density * (f[1] - f[0])
     averages = 2 * rest.size / size - 1
@@ -63,7 +64,8 @@ def _spectrum(rest: Array, variance: float, Ts: float) -> list[Panel]:
     background = np.maximum(sides[2 : 2 + f.size], sides[11 : 11 + f.size])
     bands = np.convolve(power, np.ones(2 * WIDE + 1), "same") - (2 * WIDE + 1) * background
     slow = 2 * WIDE + 1  # below, a line cannot be told from a drift
-    top = slow + int(np.argmax(bands[slow:]))
+    peak = power >= maximum_filter1d(power, 2 * WIDE + 1)  # not the side of a slower line
+    top = slow + int(np.argmax(np.where(peak, bands, -np.inf)[slow:]))
     # Less what the highest of many bins of pure noise reaches.
     line = bands[top] - 3 * (2 * WIDE + 1) * background[top] / np.sqrt(averages)
     share = float(np.clip(line / variance, 0.0, 1.0)) if variance > 0 else 0.0

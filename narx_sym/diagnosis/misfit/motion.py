@@ -8,6 +8,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 Array = np.ndarray
+ROUNDING = 1e-12  # of the largest input: a slope up to here is that of arithmetic
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,7 @@ class Motion:
                 m = int(np.clip(np.ceil(wanted), 1, longest))
                 smooth = savgol_filter(u, 2 * m + 1, 2) if u.size > 2 else u
         slope = savgol_filter(u, 2 * m + 1, 2, deriv=1) if u.size > 2 else np.full(u.size, u[1] - u[0])
+        slope = np.where(np.abs(slope) > ROUNDING * np.abs(u).max(), slope, 0.0)  # while the input is held
         least = np.maximum(0.05 * pace, 2 * noise * np.sqrt(3 / (m * (m + 1) * (2 * m + 1))))
         still = _resting(slope, least, 2 * m + 1)
         after = np.searchsorted(turns, np.arange(u.size), side="right") - 1

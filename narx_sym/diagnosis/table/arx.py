@@ -2,96 +2,89 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.signal import lfilter
 
 from ...data.record import Record
+from ...fit.bases.integrating import poles
 from .hypotheses import Core
 
 Array = np.ndarray
+EDGE, INSIDE = 0.9995, 0.999  # poles from the first on are reflected, to the second times their inverse
 
 
-def arx_start(records: Sequence[Record], core: Core, point: Mapping[str, float]) -> Array:
-    """Return a, b and the constant of a core by Steiglitz & McBride (1965): least squares, filtered by 1/A in turns."""
-    a = np.zeros(core.n_y)
-    best, found = np.inf, np.zeros(core.n_y + core.n_u + 1)
+def arx_start(records: Sequence[Record], core: Core) -> Array:
+    """Return a, b and the constant of a core by Steiglitz & McBride (1965): least squares, filtered by 1/A in turns.
+
+    Records are measured from the operating point.
+    """
+    n, integrating = core.n_y, core.integrating and core.n_y > 0
+    pairs = [(r.y, later(r.u, core.delay)) for r in records]
+    a, best, found = np.zeros(n), np.inf, np.zeros(n + core.n_u + 1)
     for _ in range(6):
         rows, targets = [], []
-        for record in records:
-            ys, us = _around(record, point)
-            us = _later(us, core.delay)
-            A = np.concatenate([[1.0], -a])
-            f = [lfilter([1.0], A, x) for x in (ys, us, np.ones(len(ys)))]
-            d = max(core.n_y, core.n_u)
-            lag = [f[0][d - i : len(ys) - i] for i in range(1, core.n_y + 1)]
-            lag += [f[1][d - j : len(ys) - j] for j in range(core.n_u)] + [f[2][d:]]
+        for y, u in pairs:
+            f = [lfilter([1.0], _polynomial(a), x) for x in (y, u, np.ones(y.size))]
+            d = max(n, core.n_u)
+            lag = [f[0][d - i : y.size - i] for i in range(1, n + 1)]
+            lag += [f[1][d - j : y.size - j] for j in range(core.n_u)] + [f[2][d:]]
             target = f[0][d:]
-            if core.integrating and core.n_y:
+            if integrating:
                 target = target - lag[0]
-                lag = [lag[i] - lag[0] for i in range(1, core.n_y)] + lag[core.n_y :]
+                lag = [x - lag[0] for x in lag[1:n]] + lag[n:]
             rows.append(np.column_stack(lag))
             targets.append(target)
         solution = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=1e-10)[0]
-        if core.integrating and core.n_y:
-            more = solution[: core.n_y - 1]
-            solution = np.concatenate([[1 - more.sum()], more, solution[core.n_y - 1 :]])
-        a = solution[: core.n_y].copy()
-        if core.n_y and not core.integrating:
-            poles = np.roots(np.concatenate([[1.0], -a]))
-            size = np.abs(poles)
-            if size.max() >= 0.9995:  # reflected into the circle
-                poles = np.where(size >= 0.9995, poles / size**2 * 0.999, poles)
-                a = -np.real(np.poly(poles))[1:]
-                solution[: core.n_y] = a
+        if integrating:
+            more = solution[: n - 1]
+            solution = np.concatenate([[1 - more.sum()], more, solution[n - 1 :]])
+        elif n and (size := np.abs(at := poles(solution[:n]))).max() >= EDGE:
+            at = np.where(size >= EDGE, at / size**2 * INSIDE, at)
+            solution[:n] = -np.real(np.poly(at))[1:]
+        a = solution[:n].copy()
         error = 0.0
-        for record in records:
-            ys, us = _around(record, point)
-            us = _later(us, core.delay)
-            e = lfilter(solution[core.n_y : -1], np.concatenate([[1.0], -a]), us)
-            e = e + lfilter([solution[-1]], np.concatenate([[1.0], -a]), np.ones(len(us))) - ys
+        for y, u in pairs:
+            e = lfilter(solution[n:-1], _polynomial(a), u)
+            e = e + lfilter([solution[-1]], _polynomial(a), np.ones(u.size)) - y
             error += float(np.sum(e**2))
         if error < best or not np.isfinite(best):
             best, found = error, solution.copy()
-        if not core.n_y or core.integrating:
+        if not n or core.integrating:
             break
     return found
 
 
 def resampled(a: Array, factor: int) -> Array:
     """Return the coefficients of older outputs whose poles decay as much in `factor` samples as those of a in one."""
-    poles = np.roots(np.concatenate([[1.0], -np.asarray(a)]))
-    angles = np.where(np.isreal(poles), 0.0, np.angle(poles))  # nothing in between swings as a negative pole does
-    return -np.atleast_1d(np.real(np.poly((np.abs(poles) * np.exp(1j * angles)) ** (1 / factor))))[1:]
+    at = poles(a)
+    angles = np.where(np.isreal(at), 0.0, np.angle(at))  # nothing in between swings as a negative pole does
+    return -np.atleast_1d(np.real(np.poly((np.abs(at) * np.exp(1j * angles)) ** (1 / factor))))[1:]
 
 
-def start_beside(records: Sequence[Record], core: Core, point: Mapping[str, float], a: Array) -> Array:
+def start_beside(records: Sequence[Record], core: Core, a: Array) -> Array:
     """Return a, b and the constant of a core with given coefficients a of older outputs.
 
     The rest is least squares of the free run; where each record starts is unknown.
     """
-    A, width = np.concatenate([[1.0], -a]), core.n_u + 1
-    rows, targets = [], []
+    n, width = core.n_y, core.n_u + 1
+    rows = []
     for i, record in enumerate(records):
-        ys, us = _around(record, point)
-        driven = [_later(us, d) for d in range(core.delay, core.delay + core.n_u)]
-        own = [np.eye(1, len(us), k)[0] for k in range(core.n_y)]
-        columns = np.zeros((len(us), width + len(records) * core.n_y))
-        columns[:, :width] = np.column_stack([lfilter([1.0], A, x) for x in (*driven, np.ones(len(us)))])
-        for j, x in enumerate(own, width + i * core.n_y):
-            columns[:, j] = lfilter([1.0], A, x)
-        rows.append(columns)
-        targets.append(ys)
-    found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=1e-10)[0]
+        columns = np.zeros((len(record), width + len(records) * n))
+        columns[:, :width] = np.column_stack(
+            [*(later(record.u, core.delay + j) for j in range(core.n_u)), np.ones(len(record))]
+        )
+        columns[:, width + i * n : width + (i + 1) * n] = np.eye(len(record), n)
+        rows.append(lfilter([1.0], _polynomial(a), columns, axis=0))
+    found = np.linalg.lstsq(np.concatenate(rows), np.concatenate([r.y for r in records]), rcond=1e-10)[0]
     return np.concatenate([a, found[:width]])
 
 
-def _around(record: Record, point: Mapping[str, float]) -> tuple[Array, Array]:
-    """Return output and input measured from an operating point."""
-    return record.y - point.get("y", 0.0), record.u - point.get("u", 0.0)
-
-
-def _later(x: Array, delay: int) -> Array:
+def later(x: Array, delay: int) -> Array:
     """Return a signal so many samples later; it rests before it begins."""
     return np.concatenate([np.full(delay, x[0]), x])[: x.size]
+
+
+def _polynomial(a: Array) -> Array:
+    return np.concatenate([[1.0], -a])

@@ -24,6 +24,7 @@ from ...models.extend import Variant, extend
 from ...models.model import NARX, Model
 from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import k, lag, samples, signal
+from .arx import later
 from .hypotheses import Core, linear
 from .span import Span
 
@@ -71,7 +72,8 @@ class Frame:
             model, self.added = _extended(given if largest is None else linear(largest, given), self.effects)
         self.n_core = len(model.symbols) - sum(len(part) for pair in self.added for part in pair)
         self.cut, self.pieces = list(records), pieces
-        self.problem = FreeRun(model, [r[s] for r in self.cut for s in parts(len(r), pieces)], [])
+        self.pieced = [r[s] for r in self.cut for s in parts(len(r), pieces)]
+        self.problem = FreeRun(model, self.pieced, [])
         self.problem.elimination = Elimination.of([], model.symbols)
         self.size = self.problem.free + self.problem.shifts
         self.equations = constraint_equations(model, None) if largest is None else []
@@ -152,10 +154,8 @@ class Frame:
     def late(self, delay: int) -> None:
         """Let the input come later by some samples."""
         if delay not in self._data:
-            name, shown = str(self.problem.model.input.label), []
-            for record in self.cut:
-                held = np.concatenate([np.full(delay, record.u[0]), record.u])[: len(record)]
-                shown += [held[s] for s in parts(len(held), self.pieces)]
+            name, moved = str(self.problem.model.input.label), (later(r.u, delay) for r in self.cut)
+            shown = [u[s] for u in moved for s in parts(len(u), self.pieces)]
             self._data[delay] = [{**d, name: x} for d, x in zip(self._data[0], shown, strict=True)]
         if delay != self._delay:
             self.problem.data, self._delay = self._data[delay], delay
@@ -178,14 +178,19 @@ class Frame:
             wide[:n, : rule.Z.shape[1]], wide[n:, rule.Z.shape[1] :] = rule.Z, np.eye(self.size - n)
             t0[:n] = rule.t0
             return t0, wide
-        a, b, A = core.n_y, core.n_u, self.largest.n_y
-        used = [*range(a), *range(A, A + b), *range(A + self.largest.n_u, self.size)]
-        T = T[:, used]
+        T = T[:, self.used(core)]
         if core.integrating:
             t0[0] = 1.0
-            T[0, 1:a] = -1.0
+            T[0, 1 : core.n_y] = -1.0
             T = T[:, 1:]
         return t0, T
+
+    def used(self, core: Core) -> list[int]:
+        """Return which unknowns a core has: of older outputs, of inputs, the constant, and all behind it."""
+        if core.given or self.largest is None:
+            return list(range(self.size))
+        A, B = self.largest.n_y, self.largest.n_u
+        return [*range(core.n_y), *range(A, A + core.n_u), *range(A + B, self.size)]
 
     def parameters(self, core: Core) -> int:
         """Return how many parameters a core with the effects has; start states do not count."""
@@ -193,11 +198,7 @@ class Frame:
 
     def theta(self, x: Array, core: Core) -> list[float]:
         """Return the parameters of the model that `hypotheses.written` makes."""
-        if core.given or self.largest is None:
-            return [float(v) for v in x[: self.problem.free]]
-        A, B = self.largest.n_y, self.largest.n_u
-        kept = [*range(core.n_y), *range(A, A + core.n_u), *range(A + B, self.problem.free)]
-        return [float(v) for v in x[kept]]
+        return [float(x[i]) for i in self.used(core) if i < self.problem.free]
 
     def shifts(self, other: Frame, x: Array) -> Array:
         """Return start shifts from those of a frame with fewer effects; new memories start where they would."""

@@ -19,7 +19,8 @@ def detectable(scored: Scored) -> dict[str, float]:
     """Return per effect the rms by which it moves the output where about 80 % of such records show it [unit of y].
 
     It is seen as itself or as any other effect that passes its test and is worth its price. Its forms and shapes count
-    by their median; of the places where it may act, the one where it shows least.
+    by their median; of the places where it may act, the one where it shows least. Where most of them never show, as a
+    dead zone under two levels, nothing is promised.
     """
     groups = [d.columns for d in scored.directions]
     unknowns = [d.columns.stop - d.columns.start + len(d.variant.shape) for d in scored.directions]
@@ -31,10 +32,10 @@ def detectable(scored: Scored) -> dict[str, float]:
     sizes = np.sqrt(np.min(np.maximum(scored.scores.passes, worth), axis=1) * energy)
     found: dict[str, dict[str, list[float]]] = {}
     for direction, size in zip(scored.directions, sizes, strict=True):
-        if np.isfinite(size):
-            variant = direction.variant
-            found.setdefault(variant.id, {}).setdefault(variant.where, []).append(float(size))
-    return {name: max(map(float, map(np.median, places.values()))) for name, places in sorted(found.items())}
+        variant = direction.variant
+        found.setdefault(variant.id, {}).setdefault(variant.where, []).append(float(size))
+    least = {name: max(map(float, map(np.median, places.values()))) for name, places in sorted(found.items())}
+    return {name: size for name, size in least.items() if np.isfinite(size)}
 
 
 def left_out(own: Array, directions: Array, folds: Array) -> Array:
@@ -44,9 +45,10 @@ def left_out(own: Array, directions: Array, folds: Array) -> Array:
     """
     left = np.empty_like(directions)
     energy = np.einsum("ij,ij->j", own, own)
+    own = own / np.sqrt(np.where(energy > 0, energy, 1.0))  # whatever the units
     for fold in np.unique(folds):
         of = folds == fold
-        seen = np.einsum("ij,ij->j", own[~of], own[~of]) > UNSEEN**2 * energy
+        seen = np.einsum("ij,ij->j", own[~of], own[~of]) > UNSEEN**2
         fitted, starts = own[:, seen], orthonormal(own[of][:, ~seen])
         left[of] = directions[of] - fitted[of] @ lstsq(fitted[~of], directions[~of])[0]
         left[of] -= starts @ (starts.T @ left[of])

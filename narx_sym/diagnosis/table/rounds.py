@@ -23,7 +23,7 @@ from ..refit import Fitted, Split, settle
 from .arx import resampled
 from .hypotheses import Hypothesis, linear_in_signals, written
 from .rate import means, working
-from .screening import Scored, score, shortlist, whole
+from .screening import Scored, linearised, score, shortlist
 from .search import Row, Search, family_of
 from .verdict import PER_EFFECT, cheapest, price
 
@@ -56,10 +56,10 @@ class Table:
         self.channels, self.catalogue, self.seed, self.course = tuple(channels), catalogue, seed, course
         work, self.factor = working(self.records) if family_of(given) in OPEN else (self.records, 1)
         self.search = Search(given if self.factor == 1 else given.replace(Ts=work[0].Ts), work)
-        self._screened: dict[int, Scored] = {}
+        self._screened: dict[Row, Scored] = {}
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
-        self._fitted: dict[int, Fitted] = {}
-        self._own: dict[int, Fitted] = {}
+        self._fitted: dict[Row, Fitted] = {}
+        self._own: dict[Row, Fitted] = {}
         self.delay = delay
         if delay is None:
             begin = int(getattr(given, "delay", 0) or 0)
@@ -91,11 +91,6 @@ class Table:
             if [v.id for v in row.beyond(known)] == [effect]:
                 row.judged()
 
-    def model(self, row: Row) -> Model:
-        """Return the model of a row at the working rate."""
-        made = written(row.hypothesis, self.search.given)
-        return made.replace(theta=row.frame.theta(row.values, row.hypothesis.core))
-
     def fitted(self, row: Row) -> Fitted:
         """Return a row as a fitted model at the working rate.
 
@@ -104,16 +99,17 @@ class Table:
         FitError
             Where its free run cannot be held on the training samples alone.
         """
-        if id(row) not in self._fitted:
-            made = self.model(row)
-            self._fitted[id(row)] = settle(made, Split.of(self.search.cut), made.theta, row.frame.limits(made))
-        return self._fitted[id(row)]
+        if row not in self._fitted:
+            made = written(row.hypothesis, self.search.given)
+            made = made.replace(theta=row.frame.theta(row.values, row.hypothesis.core))
+            self._fitted[row] = settle(made, Split.of(self.search.cut), made.theta, row.frame.limits(made))
+        return self._fitted[row]
 
     def screened(self, row: Row) -> Scored:
         """Return what the directions say at a row."""
-        if id(row) not in self._screened:
-            self._screened[id(row)] = score(self.fitted(row), self.channels, self.catalogue, self.seed)
-        return self._screened[id(row)]
+        if row not in self._screened:
+            self._screened[row] = score(self.fitted(row), self.channels, self.catalogue, self.seed)
+        return self._screened[row]
 
     # -- rounds ----------------------------------------------------------------------------------------------------
 
@@ -126,7 +122,7 @@ class Table:
             at = base if base in bases else next(filter(self.settles, sorted(bases, key=lambda r: r.price)), None)
             if at is None:
                 continue
-            line = self._line(at)
+            line = linearised(self.fitted(at))
             taken = {(v.id, v.where) for v in base.hypothesis.effects}  # elsewhere the same effect may act again
             tried = [v for v in self._ways(line.model, given) if (v.id, v.where) not in taken]
             tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
@@ -147,11 +143,6 @@ class Table:
             tell = partial(self._tell, base, f", one of them {first.ids[-1]}", turn, PARTNERS)
             worth = cheapest(self.rows)[0].price + PER_EFFECT  # dearer ones neither win nor are taken for the winner
             self._fit(bases, others, scored.line, tell, worth, first)
-
-    def _line(self, row: Row) -> Linearised:
-        """Return a row linearised along its free run: the scales of shapes are read from it."""
-        fitted = self.fitted(row)
-        return Linearised(whole(fitted), fitted.unknowns)
 
     def _ways(self, model: Model, given: bool) -> list[Variant]:
         """Return every way in which the catalogue's effects may act; what an open core has itself is none."""
@@ -221,9 +212,9 @@ class Table:
         FitError
             Where it cannot be held there.
         """
-        if id(row) not in self._own:
-            self._own[id(row)] = self.fitted(row) if self.factor == 1 and self._whole else self._refined(row)
-        return self._own[id(row)]
+        if row not in self._own:
+            self._own[row] = self.fitted(row) if self.factor == 1 and self._whole else self._refined(row)
+        return self._own[row]
 
     def held(self, choose: Callable[[], tuple[Row, Row | None]]) -> tuple[Row, Row | None]:
         """Return the first base and winner that can both be held at both rates; others leave the table.

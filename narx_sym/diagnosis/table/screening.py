@@ -32,7 +32,6 @@ class Scored:
     directions: list[Direction]
     matrix: Array
     scores: gate.Scores
-    rows: Array
 
     @cached_property
     def structure(self) -> float:
@@ -48,27 +47,23 @@ class Scored:
         significant = self.scores.p_value <= gate.LEVEL
         return max(self.structure, float(self.scores.share.max()) if significant else 0.0)
 
-    @property
-    def residual(self) -> Array:
-        """Measured minus simulated on the training rows."""
-        return self.line.residual[self.rows]
 
-
-def whole(fitted: Fitted) -> FreeRun:
-    """Return the free run of a fitted model over all samples, the held-out ones too."""
-    return FreeRun(fitted.model, list(fitted.split.records), constraint_equations(fitted.model, None))
+def linearised(fitted: Fitted) -> Linearised:
+    """Return a fitted model linearised along its free run over all samples, the held-out ones too."""
+    equations = constraint_equations(fitted.model, None)
+    return Linearised(FreeRun(fitted.model, list(fitted.split.records), equations), fitted.unknowns)
 
 
 def score(fitted: Fitted, channels: Iterable[str], catalogue: Catalogue, seed: int) -> Scored:
     """Derive all directions at a fitted model and score them, grid-corrected and whitened."""
-    line = Linearised(whole(fitted), fitted.unknowns)
+    line = linearised(fitted)
     directions, matrix = line.directions(channels, catalogue)
     rows = np.concatenate([m[line.problem.depth :] for m in fitted.split.train])
     scores = gate.score(
         line.residual, line.own, matrix, [d.columns for d in directions], [d.searched for d in directions],
         line.problem.edges, rows, seed, [d.columns for d in directions if d.line], fitted.split.noise,
     )  # fmt: skip
-    return Scored(fitted, line, tuple(channels), directions, matrix, scores, rows)
+    return Scored(fitted, line, tuple(channels), directions, matrix, scores)
 
 
 def shortlist(scored: Scored, family: str) -> dict[Variant, list[tuple[float, ...]]]:

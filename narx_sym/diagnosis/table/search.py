@@ -94,6 +94,7 @@ class Row:
         if not self.blocks.size:
             self.frame.late(self.hypothesis.core.delay)
             self.blocks = self.frame.held_out(self.values, self.hypothesis.core, 6)
+            self.__dict__.pop("held", None)  # infinite until now
         return self
 
     @property
@@ -264,13 +265,11 @@ class Search:
             x[: frame.n_core] = self.given.theta
             yield x
             return
-        assert self.largest is not None
-        point = {str(b.label): v for b, v in self.given.operating_point.items()}
-        A, B = self.largest.n_y, self.largest.n_u
+        records = frame.pieced
         for at in (None,) if beside is None else (beside, None):
-            start = arx_start(self.cut, core, point) if at is None else start_beside(self.cut, core, point, at)
+            start = arx_start(records, core) if at is None else start_beside(records, core, at)
             x = np.zeros(frame.size)
-            x[: core.n_y], x[A : A + core.n_u], x[A + B] = start[: core.n_y], start[core.n_y : -1], start[-1]
+            x[frame.used(core)[: start.size]] = start
             yield x
 
     def fitted(self, hypothesis: Hypothesis, x: Array, steps: int, any_pole: bool = False) -> Row | None:

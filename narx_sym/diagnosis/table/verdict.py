@@ -108,20 +108,26 @@ def alike(rows: Sequence[E], best: E) -> list[E]:
     return found
 
 
-def verdict(found: bool, seen: bool, structure: float, share: float, left: float, names: int) -> str:
-    """Return one of the five verdicts.
+def nothing_named(structure: float, removed: float) -> str:
+    """Return the verdict where no effect is worth its price.
 
     Parameters
     ----------
-    found : whether a hypothesis with an effect is worth its price
-    seen : whether the gate says that something is missing at all
     structure : share of the base's error that follows from the signals
+    removed : share of it that the best effect removes all the same: what is in the catalogue is not outside it
+    """
+    return "outside_library" if structure - removed > HELPS else "nothing_detectable"
+
+
+def verdict(share: float, left: float, names: int) -> str:
+    """Return the verdict where an effect is worth its price.
+
+    Parameters
+    ----------
     share : of the removable error, that the winner removes
     left : share of the winner's error that still follows from the signals
     names : how many hypotheses cannot be told apart
     """
-    if not (found and seen):
-        return "outside_library" if structure > HELPS else "nothing_detectable"
     if share < HELPS:
         return "outside_library"
     if left > LEFT and share < 1 - LEFT**2:  # shares are of mean squares: a tenth of the rms that was removable
