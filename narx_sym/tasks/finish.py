@@ -85,7 +85,8 @@ def finish(found: Diagnosis, records: Sequence[Record]) -> tuple[Finished, list[
             made = replace(made, nrmse=_over_all(fitted), shown=shown)
         notes += [made.note] if made.note else []
         whole = evaluate(made.model, listed)
-        errors.append((f"{what}, fitted on all samples", whole))
+        if not made.note:  # else its parameters are those of the row before
+            errors.append((f"{what}, fitted on all samples", whole))
         if not rungs or whole.free_run_nrmse < base.free_run_nrmse:
             return replace(made, note="; ".join(notes)), errors
         notes.append(
