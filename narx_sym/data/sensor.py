@@ -78,7 +78,7 @@ def sensor_faults(records: Sequence[Record], floor: float) -> list[Fault]:
     parts = [record.y for record in records]
     values, u = np.concatenate(parts), np.concatenate([record.u for record in records])
     found = []
-    levels, step = np.unique(values), _step(values)
+    levels, step = np.unique(values), quantum(values)
     extremes = ((levels[-1], levels[-2]), (levels[0], levels[1])) if levels.size > 2 else ()  # two levels are switched
     for extreme, inner in extremes:
         share, length = _held(parts, float(extreme))
@@ -115,7 +115,7 @@ def _frozen(record: Record) -> Fault | None:
     return Fault("frozen_sensor", float(y[rows.start]), length / n, (rows.start, rows.stop), record.name)
 
 
-def _step(values: Array) -> float:
+def quantum(values: Array) -> float:
     """Return the step between the levels of a signal, or 0 where it has none."""
     levels = np.unique(values)
     if not 3 <= levels.size <= LEVELS * values.size:

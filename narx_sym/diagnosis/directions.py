@@ -19,7 +19,7 @@ from scipy.signal import find_peaks
 from ..engines.algebra import single
 from ..engines.compile import Compiled, compile
 from ..errors import ModelError
-from ..fit.freerun import FreeRun
+from ..fit.freerun import LARGEST, FreeRun
 from ..fit.simulate import segments, shifted
 from ..models.effects import EFFECTS, Catalogue, Form, Scan, effect
 from ..models.extend import Variant, equations, extend, origin, variants
@@ -286,7 +286,7 @@ class Linearised:
             for point in self.grid(variant):
                 z = self.contributions(form, dict(zip(symbols, point, strict=True)))
                 block = self.moved(variant.where, z)
-                if not np.all(np.isfinite(block)) or not np.any(block):
+                if not 0 < np.abs(block).max(initial=0.0) < LARGEST:  # nothing, or what runs away
                     continue
                 line = picked and self.is_line(point[0])
                 listed.append(Direction(variant, point, slice(at, at + block.shape[1]), searched, line))

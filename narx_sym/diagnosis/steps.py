@@ -24,7 +24,7 @@ from .table.promise import detectable
 from .table.rounds import Table
 from .table.screening import absorbed
 from .table.search import Row
-from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, alike, cheapest, nothing_named, verdict, winner
+from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, cheapest, nothing_named, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
 RIVALS = 3  # that are named: of a pair, and of what comes nearest
@@ -260,7 +260,7 @@ def step(
         near = [r for r in cheapest(table.beside(known), by=lambda r: r.before_judged) if len(r.beyond(known)) == 1]
         listed = [r for r in near[:RIVALS] if r.judged().held < known.held]
         removed = max((1 - r.held / known.held for r in listed), default=0.0)
-        made.verdict = nothing_named(scored.structure if known.held > ROUNDING**2 else 0.0, removed)
+        made.verdict = nothing_named(scored.structure if known.held > table.rounding else 0.0, removed)
         if made.verdict == "nothing_detectable" and scored.scores.p_value <= gate.LEVEL:
             made.nearest = [new_effect(r, known) for r in listed]
         return made, known
@@ -302,7 +302,7 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     """Fill the table beside a row; return the base, and the hypothesis that wins over it."""
     table.course.reach(WAYS)
     scored = table.screened(known)
-    if known.held <= ROUNDING**2:
+    if known.held <= table.rounding:
         return known, None
     seen = scored.scores.p_value <= gate.LEVEL or float(scored.scores.share.max()) >= LARGE
     if seen or scored.structure > HELPS:

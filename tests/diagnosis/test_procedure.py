@@ -11,6 +11,7 @@ import pytest
 import truths
 from joblib import Parallel, delayed
 from places import SHARED, needs_shared
+from scipy.signal import lfilter
 
 import narx_sym as ns
 from narx_sym.diagnosis.procedure import VERDICTS
@@ -368,3 +369,14 @@ def test_nothing_is_promised_of_what_two_levels_hide():
         few = Catalogue({name: EFFECTS[name] for name in ("dead_zone", "quadratic_spring")})
         made.append(set(ns.diagnose(base, record, catalogue=few).steps[0].smallest_detectable))
     assert made == [{"quadratic_spring"}, {"dead_zone", "quadratic_spring"}]
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+def test_the_steps_of_a_converter_are_no_missing_effect(seed):
+    """They follow from the signals, and no effect makes an error less than they are."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.choice([-1.0, 1.0], 50), 12)
+    y = lfilter([0.5], [1, -0.5], lfilter([0, 0.2], [1, -0.8], u))
+    step = 0.03 * np.std(y)
+    record = ns.Record.from_arrays(u, step * np.round(y / step), 0.1)
+    assert ns.diagnose(ns.identify(record, base="linear"), record).verdict == "nothing_detectable"

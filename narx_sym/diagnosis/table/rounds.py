@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...data.record import Record
+from ...data.sensor import quantum
 from ...errors import FitError
 from ...fit.identify import OPEN
 from ...models.effects import Catalogue
@@ -25,7 +26,7 @@ from .hypotheses import Hypothesis, linear_in_signals, written
 from .rate import means, working
 from .screening import Scored, linearised, score, shortlist
 from .search import Row, Search, family_of
-from .verdict import PER_EFFECT, cheapest, price
+from .verdict import ALIKE, PER_EFFECT, ROUNDING, cheapest, price
 
 Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
@@ -40,6 +41,8 @@ class Table:
     search : Search
     factor : int
         Samples of the record that are one at the working rate.
+    rounding : float
+        Mean square, over the variance of y, of what arithmetic and the steps of a converter make: less says nothing.
     """
 
     def __init__(
@@ -60,6 +63,9 @@ class Table:
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
         self._fitted: dict[Row, Fitted] = {}
         self._own: dict[Row, Fitted] = {}
+        values = np.concatenate([r.y for r in self.records])
+        steps = quantum(values) ** 2 / 12 / (float(np.var(values)) or 1.0)
+        self.rounding = max(ROUNDING**2, steps * float(np.exp(ALIKE)))
         self.delay = delay
         if delay is None:
             begin = int(getattr(given, "delay", 0) or 0)
