@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..data.evidence.feedback import Feedback, closed_loop, is_setpoint, setpoint
+from ..data.evidence.levels import at_levels
 from ..data.evidence.noise import sensor_noise
 from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
@@ -18,7 +19,7 @@ from ..data.units import said_first
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
 from ..fit.identify import prepare
-from ..fit.simulate import Records
+from ..fit.simulate import Records, evaluate
 from ..models.effects import EFFECTS, Catalogue
 from ..models.model import Model
 from .doors import DiagnosisDoors
@@ -216,6 +217,7 @@ def diagnose(
         raise FitError(f"{count} samples are too few to judge what is missing: at least {FEWEST} are needed.")
     named = [n for n in (measured if channels == "all" else channels) if not is_setpoint(n)]
     start = model.fit(listed) if model.theta is None else model
+    listed, held = at_levels(listed, lambda seen: evaluate(start, seen).free_run_nrmse)
     with one_blas_thread():
         course = Course(report, [BASE, *ROUND * max_effects])
         table = Table(start, listed, named, catalogue, seed, course, delay)
@@ -232,7 +234,7 @@ def diagnose(
         one.sensor = sensor
     failed = _misfit(steps[0].base, steps[0].floor)
     faults = sensor_faults(listed, min(s.floor for s in steps))
-    said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())]
+    said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())] + held
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
     return Diagnosis(steps, failed, time.perf_counter() - begin, seed, faults, said, table.rows)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.evidence.levels import at_levels
 from ..data.record import Record
 from ..diagnosis.add import FINAL
 from ..diagnosis.procedure import Diagnosis
@@ -72,8 +73,9 @@ def finish(found: Diagnosis, records: Sequence[Record]) -> tuple[Finished, list[
     What is saved is what was shown: its free run is as good as the ladder says, and over whole records, from the
     measured start, better than that of the base. Else the model before it is taken, and the note says why.
     """
-    names, listed, notes = found.rungs, list(records), []
+    names, notes = found.rungs, []
     rungs = [found.steps[0].base, *(s.chosen for s in found.steps if s.chosen is not None)]
+    listed, _ = at_levels(records, lambda seen: evaluate(rungs[0].model, seen).free_run_nrmse)
     base = evaluate(rungs[0].model, listed)
     errors = [("base", base)] if len(rungs) > 1 else []
     while True:

@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 import narx_sym as ns
 from narx_sym.diagnosis.procedure import VERDICTS
 from narx_sym.models.effects import EFFECTS, Catalogue
+from narx_sym.tasks.finish import finish
 
 FIRST, N = 500, 3000
 HIDDEN = [
@@ -380,3 +381,18 @@ def test_the_steps_of_a_converter_are_no_missing_effect(seed):
     step = 0.03 * np.std(y)
     record = ns.Record.from_arrays(u, step * np.round(y / step), 0.1)
     assert ns.diagnose(ns.identify(record, base="linear"), record).verdict == "nothing_detectable"
+
+
+def test_noise_on_an_input_of_two_levels_is_no_saturation():
+    """It does not move the output, as what a saturation cuts off; where it does, it stays."""
+    rng = np.random.default_rng(8)
+    levels = np.repeat(rng.choice([-1.0, 1.0], 75), 12)
+    noisy = levels + 0.02 * rng.standard_normal(levels.size)
+    for moves, said in ((levels, 1), (noisy, 0)):
+        y = lfilter([0, 0.2], [1, -0.8], moves) + 0.002 * rng.standard_normal(levels.size)
+        record = ns.Record.from_arrays(noisy, y, 0.1)
+        d = ns.diagnose(ns.identify(record, base="linear"), record)
+        assert d.verdict == "nothing_detectable"
+        assert sum("the output does not follow it" in note for note in d.data_notes) == said
+        saved, _ = finish(d, [record])
+        assert saved.nrmse < 1.2 * max(d.ladder[-1][part] for part in ("train", "validation"))

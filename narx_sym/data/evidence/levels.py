@@ -1,0 +1,42 @@
+"""Noise on an input of two levels: it bends the static curve at the levels as a saturation does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..record import Record
+
+Array = np.ndarray
+NEAR = 0.1  # of the way between the levels: a wider spread about them is excitation
+
+
+def two_levels(u: Array) -> Array | None:
+    """Return an input of two levels without its noise, (N,); None where it is none, or has no noise."""
+    high = u > (u.max() + u.min()) / 2
+    if high.all() or not high.any():
+        return None
+    levels = np.where(high, u[high].mean(), u[~high].mean())
+    noise = float(np.std(u - levels))
+    return levels if 0 < noise <= NEAR * float(np.ptp(levels)) else None
+
+
+def at_levels(records: Sequence[Record], error: Callable[[Sequence[Record]], float]) -> tuple[list[Record], list[str]]:
+    """Take noisy inputs at their two levels, where the output follows these better; return also what is to be said.
+
+    Parameters
+    ----------
+    error : of a model along records: where the noise moves the output too, it is smaller with it
+    """
+    known = list(records)
+    quiet = [r if (levels := two_levels(r.u)) is None else replace(r, u=levels) for r in known]
+    moved = [(r, q) for r, q in zip(known, quiet, strict=True) if q is not r]
+    if not moved or not error(quiet) < error(known):
+        return known, []
+    return quiet, [
+        f"{r.name}: the input moves by {np.std(r.u - q.u):.2g} rms about two levels, and the output does not follow it "
+        "(noise on the input, or a saturation there): it is taken at the levels"
+        for r, q in moved
+    ]
