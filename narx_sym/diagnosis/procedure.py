@@ -11,7 +11,7 @@ import numpy as np
 
 from ..data.evidence.feedback import Feedback, closed_loop, is_setpoint, setpoint
 from ..data.evidence.levels import at_levels
-from ..data.evidence.noise import sensor_noise
+from ..data.evidence.noise import repeated, sensor_noise
 from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
 from ..data.sensor import Fault, sensor_faults
@@ -26,7 +26,7 @@ from .doors import DiagnosisDoors
 from .experiment import Experiment, check_limits
 from .misfit import Misfit, misfit_of
 from .progress import BASE, ROUND, Course
-from .refit import Fitted, repeated
+from .refit import Fitted
 from .steps import Step, looped, step
 from .table.candidates import Candidate
 from .table.rounds import Table

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from ..data.evidence.noise import period_noise
 from ..data.record import Record
 from ..errors import FitError
 from ..files.journal import remembered
@@ -58,33 +59,6 @@ class Split:
         parts = segments(records)
         every = tuple(np.ones(len(p), dtype=bool) for p in parts)
         return cls(tuple(parts), every, every, every)
-
-
-def repeated(record: Record) -> int:
-    """Return the period of an input that repeats exactly at least twice [samples], or 0."""
-    u, n = record.u - record.u.mean(), len(record)
-    spectrum = np.abs(np.fft.rfft(u, 2 * n)) ** 2
-    rho = np.fft.irfft(spectrum)[: n // 2 + 1] / np.arange(n, n - n // 2 - 1, -1)
-    tolerance = 1e-6 * np.ptp(record.u)
-    peaks = np.flatnonzero((rho[1:-1] >= rho[:-2]) & (rho[1:-1] > rho[2:]) & (rho[1:-1] > 0.999 * rho[0])) + 1
-    for period in [*peaks[:20], n // 2]:
-        if period > 8 and np.abs(record.u[period:] - record.u[:-period]).max() <= tolerance:
-            return int(period)
-    return 0
-
-
-def period_noise(records: Sequence[Record]) -> list[Array]:
-    """Return what differs between periods, over sqrt(2): pieces of the noise itself [unit of y].
-
-    The first period is left out: it may hold a transient (Pintelon & Schoukens 2012).
-    """
-    found = []
-    for record in records:
-        period = repeated(record)
-        if period and len(record) >= 3 * period:
-            y = record.y[period:]
-            found.append((y[period:] - y[:-period]) / np.sqrt(2))
-    return found
 
 
 @dataclass

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from ..data.evidence.noise import period_noise
 from ..data.metrics import mape, nsavi
 from ..data.record import Record
 from ..data.units import in_units
 from ..diagnosis.misfit import Misfit, misfit_of
-from ..diagnosis.refit import period_noise
 from ..errors import FitError, NarxError
 from ..fit.alignment import Aligned, aligned, described
 from ..fit.simulate import Errors, arrays, evaluate, extrapolates, free_run

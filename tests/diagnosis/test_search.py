@@ -8,9 +8,9 @@ import truths
 from scipy.signal import lfilter
 
 import narx_sym as ns
+from narx_sym.data.evidence.rate import MOST, working
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
-from narx_sym.diagnosis.table.rate import MOST, working
 from narx_sym.diagnosis.table.search import Row, Search
 from narx_sym.fit.bases.integrating import at_one, slowest
 from narx_sym.fit.simulate import free_run

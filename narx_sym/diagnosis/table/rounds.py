@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...data.evidence.rate import means, working
 from ...data.record import Record
 from ...data.sensor import quantum
 from ...errors import FitError
@@ -23,7 +24,6 @@ from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted, Split, settle
 from .arx import resampled
 from .hypotheses import Hypothesis, linear_in_signals, written
-from .rate import means, working
 from .screening import Scored, linearised, score, shortlist
 from .search import Row, Search, family_of
 from .verdict import ALIKE, PER_EFFECT, ROUNDING, cheapest, price

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from ...data.record import Record
+from ..record import Record
 
 Array = np.ndarray
 POWER, PER_CYCLE, LEAST, MOST, SHORT = 0.999, 10, 1200, 6000, 40  # of the working rate [samples]
