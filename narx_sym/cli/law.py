@@ -110,7 +110,8 @@ def _follow(law: Compensator, goal: Any, out: Path, model_file: Path, m0: float 
     write_csv(out, {"t": stamps, "r": r, "m": m})
     say = console().print
     say(f"Compensated input: {len(m)} samples, m in [{m.min():.4g}, {m.max():.4g}]")
-    say(f"It starts from rest at m = {run.start:.6g} with the output at {r[0]:.6g}. To see what the model expects:")
+    how = "starts from rest" if run.rests else "starts where the model does not rest,"
+    say(f"It {how} at m = {run.start:.6g} with the output at {r[0]:.6g}. To see what the model expects:")
     say(f"  narx-sym simulate {model_file} {out} --input m --u0 {run.start:.10g} --y0 {r[0]:.10g} --out expected.csv")
     if run.effort is not None:
         say(f"NSAVI (effort against the reference's): {run.effort:.4g}")

@@ -105,8 +105,9 @@ class Record:
 
     @property
     def signals(self) -> dict[str, Vector]:
-        """Every measured sequence by name: u, y, t, and the channels."""
-        return {"u": self.u, "y": self.y, "t": self.t, **self.channels}
+        """Every measured sequence by name: the channels, and u, y, t, whatever a channel is called."""
+        own = {"u": self.u, "y": self.y, "t": self.t}
+        return {**own, **self.channels, **own}
 
     def __len__(self) -> int:
         return int(self.u.size)
@@ -255,7 +256,7 @@ def _vectors(signals: Mapping[str, Any], channels: Mapping[str, Any], where: str
 def _vector(x: Any, where: str) -> Vector:
     """`x` as a finite, read-only (N,) copy; (N, 1) and (1, N) are flattened."""
     try:
-        if np.iscomplexobj(x):
+        if np.iscomplexobj(x) or np.asarray(x).dtype.kind in "mM":  # dates are no seconds
             raise TypeError
         x = np.ma.filled(x.astype(np.float64), np.nan) if isinstance(x, np.ma.MaskedArray) else x
         out: Vector = np.array(x, dtype=np.float64, order="C")

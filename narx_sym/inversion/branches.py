@@ -174,6 +174,6 @@ def _inverse_function(G: Any, w: Any, target: Any, values: Mapping[Any, Any], ma
     if high != sp.oo:
         wanted = sp.Min(high - EDGE, wanted)
     solution = (row.inverse.xreplace({X: wanted}) - inner.xreplace({w: sp.S.Zero})) / scale
-    ends = [beside + factor * e for e in (low, high)]
+    ends = [(e if size > 0 else -e) if sp.Abs(e) == sp.oo else beside + factor * e for e in (low, high)]
     reach = tuple(ends if size > 0 else ends[::-1])
     return Solution(how="inverse function", branches=(Branch(sp.true, solution),), reach=reach, **made)

@@ -203,7 +203,9 @@ def solve_kinked(
     chain = _Chain(w, target, values, made, flip, steepest)
     branches, notes, reach = chain.solved(kept)
     branches = [*chain.resting(G, kept), *branches]
-    needs = dict.fromkeys(sp.Gt(flip * s, 0) for p in kept if p.size is None for s in p.slopes(w))
+    # A curve may begin flat at a kink: it still rises beyond.
+    slopes = [s for p in kept if p.size is None for s in p.slopes(w) if not (s == 0 and p.curve != 0)]
+    needs = dict.fromkeys(sp.Gt(flip * s, 0) for s in slopes)
     for end, bend in ((kept[0], -flip), (kept[-1], flip)):  # a curve without an end must not turn back
         bent = number(bend * end.curve, values) if None in (end.left, end.right) else 0.0
         if bent is None:

@@ -14,6 +14,7 @@ from .solution import number
 Bounds = tuple[float, float]
 WHOLE: Bounds = (-math.inf, math.inf)
 JUMPS = (sp.sign, sp.Heaviside, sp.Piecewise)
+CONTINUOUS = (sp.tanh, sp.atan, sp.exp, sp.sin, sp.cos, sp.sinh, sp.asinh, sp.Abs, sp.Max, sp.Min)
 SURE = 1e-9  # relative: a slope nearer to zero than this may be one of rounding
 
 
@@ -22,11 +23,26 @@ def steepness(G: Any, w: Any, values: Mapping[Any, Any]) -> float | None:
 
     With such a number a continuous G reaches every target exactly once: it rises, or falls, without bound.
     """
-    if any(n.has(w) for n in G.atoms(*JUMPS)):
+    if not _continuous(G, w, values):
         return None
     low, high = bounds(derivative(G, w), w, values)
     least = max(low, -high)
     return least if least > SURE * max(1.0, min(abs(low), abs(high))) else None
+
+
+def _continuous(G: Any, w: Any, values: Mapping[Any, Any]) -> bool:
+    """Whether nothing in G can jump or have a pole along the whole line of w."""
+    for n in G.atoms(sp.Function, sp.Piecewise, sp.Pow, sp.Max, sp.Min):
+        if not n.has(w):
+            continue
+        if isinstance(n, sp.Pow):
+            low, high = bounds(n.base, w, values) if n.base.has(w) else (1.0, 1.0)
+            whole = n.exp.is_Integer and n.exp >= 1
+            if n.exp.has(w) or not (whole or low > 0 or (n.exp.is_Integer and high < 0)):
+                return False
+        elif type(n) not in CONTINUOUS:
+            return False
+    return True
 
 
 def bounds(e: Any, w: Any, values: Mapping[Any, Any]) -> Bounds:

@@ -199,7 +199,8 @@ class Solution:
         elif not self.closed_form:
             said = f"{x} has no closed form: the root nearest to its last value is taken; not proved that there is one"
         elif self.how == "quadratic":
-            said = f"two {x} for every {of}"
+            sure = self.reach != (-sp.oo, sp.oo)
+            said = f"two {x} for every {of}" if sure else f"none, one or two {x} for {of}, as its coefficients are then"
         elif self.proved:
             where = f" where {' and '.join(map(text, self.needs))}" if self.needs else ""
             said = f"exactly one {x} for every {of}{where} (proved)"

@@ -223,14 +223,21 @@ def property_1(model: Model) -> Verdict:
 def _at_rest(excess: Any, polynomial: Any, at: float, scale: float) -> Verdict:
     """Judge the equilibria under one constant input."""
     given = {ubar: sp.Float(at)}
+    if sp.expand(excess.xreplace(given)) == 0:
+        said = "every output is an equilibrium at this one input"
+        return Verdict("continuum", None, False, said, at)
     found = resting_points(excess.xreplace(given), ybar, scale)
     if not found.points:
         drifts = ": the output drifts under a constant input" if found.complete else ": unknown"
         return Verdict([] if found.complete else None, None, False, f"{found}{drifts}", at)
     flags = []
     for point in found.points:
-        numbers = polynomial.xreplace({ybar: sp.Float(point), **given}).doit()
-        flags.append(any(abs(complex(root)) >= 1 for root in sp.Poly(numbers, z).nroots()))
+        aside = BESIDE * (scale + abs(point))  # at a kink the slopes of both sides count
+        sides = (
+            [point - aside, point, point + aside] if polynomial.atoms(sp.sign, sp.Heaviside, sp.Piecewise) else [point]
+        )
+        numbers = [polynomial.xreplace({ybar: sp.Float(x), **given}).doit() for x in sides]
+        flags.append(any(abs(complex(root)) >= 1 for one in numbers for root in sp.Poly(one, z).nroots()))
     steady = len(flags) - sum(flags)
     reason = f"{found} for a constant input, {steady} non-diverging; two are needed"
     return Verdict(list(found.points), all(flags), steady >= 2, reason, at)
@@ -238,6 +245,7 @@ def _at_rest(excess: Any, polynomial: Any, at: float, scale: float) -> Verdict:
 
 WIDTH = sp.Rational(1, 10**15)  # of the interval that isolates a root
 TOUCH = 1e-11  # relative to the largest term: a minimum as low as that touches zero
+BESIDE = 1e-9  # of the output's range: to either side of a kink
 SAME = 1e-6  # relative: roots nearer to each other are one that rounding has split
 GRID, RANGES = 2001, 1e6  # where a bracket is looked for, and how many ranges away
 

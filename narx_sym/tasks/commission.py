@@ -43,7 +43,7 @@ class Commissioning:
     unexplained : rms of what the model leaves on its records, part of every error [unit of the output]
     without : median of the same errors where the straight line through the records is inverted [unit of the output]
     steepest : largest change of the input [its unit per sample]
-    at_limits : share of the time at a limit of the input
+    at_limits : share of the time at a limit of the input, or of its rate
     against : what speaks against it, in sentences
     """
 
@@ -146,23 +146,30 @@ def commission(
     # Of few sets the outermost are no bounds: this estimate is unbiased (Weibull 1939).
     low, high = np.quantile(gaps, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0, method="weibull")
     seen = describe(model, listed, model.info.method, bool(model.info.converged)).info
-    plain = straight(seen, r, limits)
+    plain = straight(seen, r, limits, rate)
     bare = missed(plain, float(plain[0]))
     found = Commissioning(
         law, r, run, low, high,
         errors=rms(gaps), unexplained=float(rms(left)), without=float(np.median(rms(bare))) if bare.size else np.inf,
         steepest=float(np.abs(np.diff(run.m, prepend=run.start)).max()),
-        at_limits=float(np.mean((run.m <= limits[0]) | (run.m >= limits[1]))) if limits else 0.0,
+        at_limits=_held(run.m, run.start, limits, rate),
     )  # fmt: skip
     said = [*beyond(seen, "u", "input", [run.m], model.Ts), *beyond(seen, "y", "reference", [r], model.Ts)]
     said += filter(None, [caution(law, share).rstrip(".")])
     if len(gaps) < draws:
         said.append(f"{draws - len(gaps)} of {draws} parameter sets that the records allow run away")
     if found.at_limits > RESTS:
-        said.append(f"the input is at a limit for {100 * found.at_limits:.2g} % of the time")
+        said.append(f"limits hold the input for {100 * found.at_limits:.0f} % of the time")
     if found.worst >= found.without:
         said.append(f"without the law the error would be {found.without:.3g} rms, which is no worse than what may come")
     return replace(found, against=tuple(text[0].upper() + text[1:] for text in said))
+
+
+def _held(m: Array, start: float, limits: tuple[float, float] | None, rate: float | None) -> float:
+    """Return the share of the samples in which a limit of the input, or its rate, holds it."""
+    low, high = limits or (-np.inf, np.inf)
+    steps = np.abs(np.diff(m, prepend=start))
+    return float(np.mean((m <= low) | (m >= high) | (steps >= (1 - 1e-9) * (rate or np.inf))))
 
 
 def write_commissioning(found: Commissioning, path: Path) -> None:

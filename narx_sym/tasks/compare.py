@@ -12,7 +12,7 @@ from ..data.metrics import mape, nsavi
 from ..data.record import Record
 from ..data.units import in_units
 from ..diagnosis.misfit import Misfit, misfit_of
-from ..errors import FitError, NarxError
+from ..errors import DataError, FitError, NarxError
 from ..fit.alignment import Aligned, aligned, described
 from ..fit.simulate import Errors, arrays, evaluate, extrapolates, free_run
 from ..models.model import Model
@@ -98,6 +98,22 @@ class Tracking:
 
 
 def tracking(record: Record, reference: str) -> Tracking:
-    """Judge a log of a compensated run; `reference` names its channel with the wanted output."""
+    """Judge a log of a compensated run; `reference` names its channel with the wanted output.
+
+    Raises
+    ------
+    DataError
+        Where there is no such channel, or it is in another unit than the output.
+    """
+    if reference not in record.channels:
+        listed = ", ".join(record.channels) or "none"
+        raise DataError(
+            f"record '{record.name}': there is no channel {reference!r} for the reference; there is {listed}"
+        )
+    of_r, of_y = record.units.get(reference, ""), record.units.get("y", "")
+    if of_r and of_y and of_r != of_y:
+        raise DataError(
+            f"record '{record.name}': the reference is in {of_r}, the output in {of_y}: convert one of them"
+        )
     wanted = record.channels[reference]
     return Tracking(record.name, mape(wanted, record.y), nsavi(record.u, wanted))

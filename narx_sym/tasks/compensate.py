@@ -18,14 +18,14 @@ from ..errors import Diverged, ModelError, NarxError, NotInvertible
 from ..fit.laws.damping import Share
 from ..fit.laws.excursions import operating_range
 from ..fit.laws.run import told
-from ..fit.laws.start import rests_at
+from ..fit.laws.start import rests_at, rests_with
 from ..fit.simulate import simulate
 from ..inversion.compensator import Compensator, compensator
 from ..models.info import Info
 from ..models.model import Model
 from ..symbolic.functions import follows
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import k, m, u
+from ..symbolic.signals import k, m, u, y
 from .base import other_pace
 from .reference import Reference
 
@@ -138,11 +138,14 @@ class Followed:
         The input at rest before it.
     effort : float or None
         NSAVI against the reference's; None where that does not move.
+    rests : bool
+        Whether the model rests at that input with the first output of the reference.
     """
 
     m: Array
     start: float
     effort: float | None
+    rests: bool
 
 
 def follow(law: Compensator, r: Array, m0: float | None = None, **options: Any) -> Followed:
@@ -157,7 +160,8 @@ def follow(law: Compensator, r: Array, m0: float | None = None, **options: Any) 
     _alone(law)
     start = law.rest_input(r[0], options.get("limits")) if m0 is None else m0
     m = law.run(r, start, **options)
-    return Followed(m, start, nsavi(m, r) if np.ptp(r) > 0 else None)
+    rests = law.model.input == y or rests_with(law.model, start, float(r[0]))
+    return Followed(m, start, nsavi(m, r) if np.ptp(r) > 0 else None, rests)
 
 
 def _alone(law: Compensator) -> None:

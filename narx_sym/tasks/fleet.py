@@ -172,7 +172,11 @@ def look(entry: Entry, settings: Settings) -> Row:
         found = diagnose(base, record, max_effects=settings.max_effects, seed=settings.seed, report=watch)
         row |= _told(found) | {"unit": record.units.get("y", "")}
         if settings.reports is not None:
-            name = re.sub(r"[^\w.-]+", "_", f"{entry.tag}_{entry.file.stem}_{entry.content[:8]}".strip("_")) + ".html"
+            own = "_".join(names[n] for n in ("u", "y") if names[n] != COLUMNS[n])
+            name = (
+                re.sub(r"[^\w.-]+", "_", f"{entry.tag}_{entry.file.stem}_{own}_{entry.content[:8]}".strip("_"))
+                + ".html"
+            )
             found.report(settings.reports / name, {}, [entry.file], {"base": settings.base})
             row["report"] = name
     except NarxError as error:
@@ -186,7 +190,8 @@ def _told(found: Diagnosis) -> Row:
     """Return what a diagnosis says, as plain data; errors are those of the free run on held-out samples [unit of y]."""
     first, spread = found.steps[0], found.steps[0].base.problem.spread
     before, after = (found.ladder[i]["validation"] * spread for i in (0, -1))
-    missing = list(first.confusion_set)
+    later = [effect for step in found.steps[1:] for effect in step.added]
+    missing = list(dict.fromkeys([*first.confusion_set, *later]))
     if any(valve.found for valve in first.valves):
         missing = ["sticking valve"]
     elif first.verdict == "outside_library":

@@ -201,6 +201,7 @@ def test_chosen_columns_and_channels(tmp_path):
     assert list(read(path, channels="all").channels) == ["p"]
     assert list(read(path, channels="p, y").channels) == ["p", "y"]
     assert "no column 'q'" in (text := message(read, path, channels=["q"])) and "--channels" in text
+    assert r.signals["y"] is r.y  # the output, not the channel of that name
 
 
 def test_all_channels_leave_text_out_and_say_so(tmp_path):
@@ -588,3 +589,10 @@ def test_a_single_sine_is_seen(kind, frequency):
     record = Record.from_arrays(signals[kind], np.cos(t), Ts=0.01)
     assert one_sine(record.u, record.Ts) == pytest.approx(frequency)
     assert any("one sine of 2 Hz" in text for text in record.remarks()) == (kind == "sine")
+
+
+def test_dates_are_no_seconds():
+    days = np.array(["2026-01-01", "2026-01-02", "2026-01-03"], dtype="datetime64[ns]")
+    for stamps in (days, days - days[0]):
+        with pytest.raises(DataError, match="not an array of real numbers"):
+            Record.from_arrays(np.arange(3.0), np.arange(3.0), t=stamps)

@@ -8,6 +8,7 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import narx_sym as ns
 from narx_sym.engines.python import root
 from narx_sym.errors import NotInvertible
 from narx_sym.inversion.branches import solve_for
@@ -253,3 +254,18 @@ def test_numbers_in_which_samples_cancel():
     assert number((p[k - 1] + w) - (p[k - 1] - w), {w: sp.Float(0.3)}) == pytest.approx(0.6)
     assert number(p[k - 1] + w, NUMBERS) is None and number(sp.zoo, {}) is None
     assert samples(solve(CASES["dead zone"]).value) == [v[k]]
+
+
+@pytest.mark.parametrize(
+    "terms, theta, said",
+    [
+        (["y[k-1]", "tan(u[k-1])"], [0.5, 1.0], "not proved"),  # rises between its poles, and starts again
+        (["y[k-1]", "1/u[k-1]", "u[k-1]"], [0.5, -1.0, 1.0], "not proved"),
+        (["y[k-1]", "u[k-1]*abs(u[k-1])"], [0.5, 1.0], "exactly one m[k] for every r[k+1] (proved)"),
+        (["y[k-1]", "u[k-1]", "y[k-1]*u[k-1]**2"], [0.5, 1.0, 0.2], "none, one or two"),
+        (["y[k-1]", "log(u[k-1])"], [0.5, -1.0], "exactly one m[k] for every r[k+1] (proved)"),
+    ],
+)
+def test_a_proof_says_what_brute_force_finds(terms, theta, said):
+    proof = str(ns.NARX.from_terms(terms, theta, Ts=0.1).compensator().checked)
+    assert said in proof and "False" not in proof and "oo*" not in proof

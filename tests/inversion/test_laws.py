@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 import narx_sym as ns
 from narx_sym.engines.compile import ENGINES, compile
 from narx_sym.errors import ModelError, NotInvertible, Unreachable
+from narx_sym.fit.laws.run import told
 from narx_sym.fit.simulate import rest_states
 from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
@@ -509,3 +510,12 @@ def test_the_stages_are_ordered():
     assert [left for left, _ in law.recursion.updates] == [x[k], m[k], signal("p")[k]]
     assert {s.indices[0] for s in samples(law.recursion.updates[0][1], r)} == {k + 2}
     assert law.preview == 2 and law.lines()[0].startswith("x[k+2] = Piecewise")
+
+
+@pytest.mark.parametrize("pole, unstable", [(1.05, True), (0.95, False), (1.0, False)])
+def test_an_unstable_model_is_told(pole, unstable):
+    """Its law is exact, and no input that was computed ahead holds it."""
+    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [pole, 0.1], Ts=1.0).compensator()
+    reference = 1 + 0.3 * np.sin(np.arange(600) / 60)
+    _, said = told(law, reference, (1 - pole) / 0.1)
+    assert any("the model is unstable" in text for text in said) == unstable

@@ -149,7 +149,9 @@ def test_an_operating_point_moves_the_steady_state():
         (BENCH.terms, TABLE_1, "continuum", False, True),
         (["y[k-1]", "u[k-1]"], (0.9, 1), 1, False, False),
         (["y[k-1]", "u[k-1]"], (1.1, 1), 1, True, False),
-        (["y[k-1]", "u[k-1]"], (1, 0.1), 0, None, False),
+        (["y[k-1]", "u[k-1]"], (1, 0.1), "continuum", None, False),  # without input it stays anywhere, else it drifts
+        (["y[k-1]", "u[k-1]*y[k-1]"], (1, 0.48), "continuum", None, False),
+        (["y[k-1]", "abs(y[k-1])", "u[k-1]"], (0.5, -0.84, 0.1), 1, True, False),  # repels on one side of its kink
         (["y[k-1]", "1"], (1, 0.1), 0, None, False),
         (["y[k-1]", "y[k-2]", "phi1[k-1]"], (1.5, -0.5, 1), "continuum", False, True),  # the other root is 0.5
         (["y[k-1]", "y[k-2]", "phi1[k-1]"], (-0.5, 1.5, 1), "continuum", True, False),  # ... and -1.5

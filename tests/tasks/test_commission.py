@@ -68,8 +68,8 @@ def test_with_and_without_the_law_are_measured_alike():
 @pytest.mark.parametrize(
     ("options", "scale", "word"),
     (
-        ({"limits": (-0.3, 0.3)}, 1, "at a limit for"),
-        ({"rate": 1e-4}, 1, "Without the law the error would be"),
+        ({"limits": (-0.3, 0.3)}, 1, "Limits hold the input for"),
+        ({"rate": 1e-4}, 1, "Limits hold the input for"),
         ({}, 5, "The reference"),
     ),
 )

@@ -1,5 +1,6 @@
 """One function for each thing that people ask for: what command line, page and report share."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import narx_sym as ns
 from narx_sym.diagnosis.add import Addition
 from narx_sym.diagnosis.refit import Fitted, Split, settle
-from narx_sym.errors import FitError, ModelError
+from narx_sym.errors import DataError, FitError, ModelError
 from narx_sym.fit.freerun import FreeRun
 from narx_sym.fit.least_squares import free_run_error
 from narx_sym.tasks import base, finish, revise
@@ -131,6 +132,10 @@ def test_tracking_is_against_the_reference():
     log = ns.Record.from_arrays(U, y, Ts=TS, channels={"r": y + 0.1}, name="log")
     found = tracking(log, "r")
     assert found.mape == pytest.approx(ns.mape(y + 0.1, y)) and found.nsavi == pytest.approx(ns.nsavi(U, y + 0.1))
+    with pytest.raises(DataError, match="no channel 'q'"):
+        tracking(log, "q")
+    with pytest.raises(DataError, match="reference is in mm, the output in um"):
+        tracking(replace(log, units={"y": "um", "r": "mm"}), "r")
 
 
 def test_add_compares_before_and_after():

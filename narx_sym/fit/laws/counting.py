@@ -54,7 +54,7 @@ class Check:
             return said if self.proved else f"{said}. Not counted: no reference was given"
         counted = f"{said}. Counted at {self.points} points of a run: "
         if self.good:
-            return counted + "exactly one solution at each"
+            return counted + "exactly one solution at each, within the range of the run widened by half"
         parts = [
             f"{name} at {share:.1%} (first at r = {(self.first or {})[name]:.4g})"
             for name, share in (("none", self.none), ("several", self.several))

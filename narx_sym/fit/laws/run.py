@@ -13,8 +13,9 @@ import sympy as sp
 from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError, Unreachable
 from ...inversion.compensator import Compensator
+from ...models.model import Model
 from ...symbolic.signals import y
-from ..simulate import fitted, vector
+from ..simulate import fitted, simulate, vector
 from .damping import Share, damping, growth, share_of
 from .driven import driven
 from .excursions import law_warnings, run_away
@@ -23,6 +24,7 @@ from .start import rest_input
 
 Array = np.ndarray
 MISSED = 1e-6  # of the reference's range: more than this off is missed
+ASIDE = 1e-6  # of the reference's range: an error of the start
 RUNS_AWAY = 1e3  # times that a disturbance grows
 
 
@@ -175,7 +177,7 @@ def told(
     if found.missed.any() and limits is None and rate is None and found.share == 1 and not clip:
         raise _unreachable(law, found, target)
     rings = [damping(law).sentence] if share == "auto" and found.share < 1 else []
-    return found, [*rings, *found.report, *known]
+    return found, [*rings, *found.report, *_unstable(law.model, found, target, start, channels or {}), *known]
 
 
 def follow(
@@ -202,7 +204,7 @@ def follow(
     if not np.isfinite(start):
         raise ModelError("The input before the start, m0, is not finite.")
     part = share_of(law, share)
-    # The model runs beside the law: what acts on the output before the first command arrives is then made up for.
+    # The model runs beside the law, from the first output on: what acts on it then is made up for.
     beside = law.model.input != y or limits is not None or rate is not None
     compiled = compile(law.limited(limits, rate, part) if beside else law.recursion)
     free = back and beside and law.model.input != y and limits is None and rate is None and part == 1
@@ -223,6 +225,34 @@ def follow(
     off = gap > INEXACT * size if free else missed
     grown = growth(law, target, start, channels or {}, int(np.argmax(off))) if free and off.any() else 0.0
     return Following(command, reached, held, missed, float(gap.max()), values, part, tried, grown)
+
+
+def _alone(model: Model, command: Array, first: float, start: float, channels: Mapping[str, Any]) -> Array:
+    """Return what the model gives by itself under an input, (N,): no law takes it back to its reference.
+
+    Before, input and output were `start` and `first`, at rest or not; infinite from where it runs away.
+    """
+    try:
+        return simulate(model, command, first, channels, u0=start, warn=False)
+    except Diverged as error:
+        found = np.full(command.size, np.inf)
+        known = np.asarray(error.trajectory)[-command.size :][: max(0, error.at)]
+        found[: known.size] = known
+        return found
+
+
+def _unstable(model: Model, found: Following, target: Array, start: float, channels: Mapping[str, Any]) -> list[str]:
+    """Say where the model itself runs away from where the law has it: no input alone holds it there."""
+    if model.input == y:
+        return []
+    aside = ASIDE * (float(np.ptp(target)) or 1.0)
+    with np.errstate(all="ignore"):
+        here, there = (_alone(model, found.m, first, start, channels) for first in (target[0], target[0] + aside))
+        grown = float(np.nan_to_num(np.abs(there - here), nan=np.inf).max() / aside)
+    if grown < RUNS_AWAY:
+        return []
+    times = f"{grown:.1g} times" if grown < np.inf else "beyond all numbers"
+    return [f"the model is unstable: an error of its start grows {times}, and no input computed ahead holds it"]
 
 
 def _values(

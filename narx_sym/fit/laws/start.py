@@ -15,6 +15,7 @@ from ...symbolic.signals import y
 from ..simulate import rest_output, rest_states, simulate
 
 HELD, STAYS = 50, 1e-9  # samples over which an input is held; of the outputs' range: what moves less rests
+RESTS = 1e-3  # of the outputs' range: a start that moves no further is called at rest
 LONGEST = 100_000  # samples in which a model comes to rest, or does not
 
 
@@ -51,6 +52,16 @@ def rest_input(law: Compensator, output: float, limits: Sequence[float] | None =
     seen = model.info.ranges.get(str(model.input.label))
     near = _inside(_inside(float((output - offset) / slope) if slope else 0.0, seen), limits)
     return near if seen is None or model.channels else _resting(model, output, near, _both(seen, limits))
+
+
+def rests_with(model: Model, held: float, output: float) -> bool:
+    """Whether a model stays at an output while its input is held."""
+    low, high = model.info.ranges.get(str(model.output.label), (output, output))
+    try:
+        run = simulate(model, np.full(HELD, held), output, u0=held, warn=False)
+    except NarxError:
+        return False
+    return bool(np.abs(run - output).max() <= RESTS * max(high - low, abs(output), 1e-300))
 
 
 def _resting(model: Model, output: float, near: float, ends: tuple[float, float]) -> float:
