@@ -29,6 +29,7 @@ from .progress import BASE, ROUND, Course
 from .refit import Fitted
 from .steps import Step, looped, step
 from .table.candidates import Candidate
+from .table.offsets import without_offsets
 from .table.rounds import Table
 from .table.search import Row
 from .table.verdict import VERDICTS
@@ -49,6 +50,7 @@ class Diagnosis(DiagnosisDoors):
     faults: list[Fault] = field(default_factory=list)
     data_notes: list[str] = field(default_factory=list)  # what was dropped, resampled or split, and what to know
     hypotheses: list[Row] = field(default_factory=list)  # the table, at the working rate
+    judged: list[Record] = field(default_factory=list)  # the records without what was taken off, where something was
 
     @property
     def verdict(self) -> str:
@@ -218,17 +220,26 @@ def diagnose(
     named = [n for n in (measured if channels == "all" else channels) if not is_setpoint(n)]
     start = model.fit(listed) if model.theta is None else model
     listed, held = at_levels(listed, lambda seen: evaluate(start, seen).free_run_nrmse)
-    with one_blas_thread():
+
+    def searched(seen: list[Record]) -> tuple[Table, list[Step]]:
         course = Course(report, [BASE, *ROUND * max_effects])
-        table = Table(start, listed, named, catalogue, seed, course, delay)
+        table = Table(start, seen, named, catalogue, seed, course, delay)
         steps: list[Step] = []
-        known, loop = table.base, closed_loop(listed)
-        valves = _valves(listed, loop)
+        known, loop = table.base, closed_loop(seen)
+        valves = _valves(seen, loop)
         if loop is not None and (valves or not loop.moved_by_setpoint):  # of a valve it is judged whether it sticks
             steps.append(looped(table.own(known), loop, valves))
         while not steps or (steps[-1].chosen is not None and len(known.hypothesis.effects) < max_effects):
             made, known = step(table, known, max_effects - len(known.hypothesis.effects), limits, loop)
             steps.append(made)
+        return table, steps
+
+    with one_blas_thread():
+        table, steps = searched(listed)
+        moved = _levelled(listed, steps[0])
+        if moved is not None:
+            listed, held = moved[0], [*held, *moved[1]]
+            table, steps = searched(listed)
     sensor = sensor_noise(listed, repeated(listed[0]))
     for one in steps:
         one.sensor = sensor
@@ -237,7 +248,16 @@ def diagnose(
     said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())] + held
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
-    return Diagnosis(steps, failed, time.perf_counter() - begin, seed, faults, said, table.rows)
+    return Diagnosis(steps, failed, time.perf_counter() - begin, seed, faults, said, table.rows, listed if held else [])
+
+
+def _levelled(records: list[Record], first: Step) -> tuple[list[Record], list[str]] | None:
+    """Return records without the offsets between them, where these explain more than what would be named."""
+    if first.pair is not None:
+        return without_offsets(records, first.base, first.pair.fitted, len(first.pair.effects))
+    if not first.candidates:
+        return None
+    return without_offsets(records, first.base, first.candidates[0].fitted, 1)
 
 
 def _valves(records: Sequence[Record], loop: Feedback | None) -> list[Sticking]:

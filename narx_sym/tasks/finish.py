@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ..data.evidence.levels import at_levels
 from ..data.record import Record
 from ..diagnosis.add import FINAL
 from ..diagnosis.procedure import Diagnosis
@@ -75,7 +74,7 @@ def finish(found: Diagnosis, records: Sequence[Record]) -> tuple[Finished, list[
     """
     names, notes = found.rungs, []
     rungs = [found.steps[0].base, *(s.chosen for s in found.steps if s.chosen is not None)]
-    listed, _ = at_levels(records, lambda seen: evaluate(rungs[0].model, seen).free_run_nrmse)
+    listed = found.judged or list(records)
     base = evaluate(rungs[0].model, listed)
     errors = [("base", base)] if len(rungs) > 1 else []
     while True:

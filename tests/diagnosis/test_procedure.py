@@ -396,3 +396,23 @@ def test_noise_on_an_input_of_two_levels_is_no_saturation():
         assert sum("the output does not follow it" in note for note in d.data_notes) == said
         saved, _ = finish(d, [record])
         assert saved.nrmse < 1.2 * max(d.ladder[-1][part] for part in ("train", "validation"))
+
+
+@pytest.mark.parametrize("gap", [False, True])
+def test_a_sensor_that_was_moved_is_no_play(gap):
+    """Between records, or across a gap: a play that never moves is a constant for each of them."""
+    rng = np.random.default_rng(11)
+    parts = []
+    for offset in (0.0, 0.3):
+        u = np.repeat(rng.uniform(-1, 1, 60), 8)
+        y = lfilter([0, 0.2], [1, -0.8], u) + 0.01 * rng.standard_normal(u.size) + offset
+        parts.append((u, y))
+    t = 0.1 * np.arange(parts[0][0].size)
+    records = [ns.Record.from_arrays(*part, 0.1, name=f"{i}") for i, part in enumerate(parts)]
+    if gap:
+        u, y = (np.concatenate(x) for x in zip(*parts, strict=True))
+        records = [ns.Record.from_arrays(u, y, t=np.concatenate([t, t + 500.0]))]
+    d = ns.diagnose(ns.identify(records, base="linear"), records)
+    assert d.verdict == "nothing_detectable" and any("Offsets" in note for note in d.data_notes)
+    saved, _ = finish(d, records)
+    assert saved.nrmse < 1.2 * max(d.ladder[-1][part] for part in ("train", "validation"))

@@ -85,7 +85,7 @@ class Found:
 
     def __init__(self, record, second):
         base = settle(LINEAR, Split.of([record]))
-        self.rungs = ["base", "+ cubic"]
+        self.rungs, self.judged = ["base", "+ cubic"], []
         self.steps = [SimpleNamespace(base=base, chosen=rung(second, record), nrmse=self.nrmse)]
 
     def nrmse(self, fitted):

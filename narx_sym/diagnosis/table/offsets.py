@@ -1,0 +1,69 @@
+"""Offsets between records, or across a gap: what a sensor that was moved does, and a play that never moves imitates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...data.record import Record
+from ...errors import FitError
+from ..refit import Fitted, Split, settle
+from .verdict import price
+
+Array = np.ndarray
+TURNS = 3  # the base and the offsets improve each other
+
+
+def offsets_of(base: Fitted) -> tuple[Array, Fitted] | None:
+    """Return the offset of each segment against the first [unit of y], and the base fitted without them.
+
+    None where there is one segment, or the base has no stable fit then.
+    """
+    parts = list(base.split.records)
+    offsets, made = np.zeros(len(parts)), base
+    for _ in range(TURNS if len(parts) > 1 else 0):
+        means = np.array([e[made.problem.depth :].mean() for e in made.errors])
+        offsets = offsets + means - means[0]
+        moved = [replace(r, y=r.y - d) for r, d in zip(parts, offsets, strict=True)]
+        try:
+            made = settle(made.model, Split.of(moved), made.model.theta, made.limits)
+        except FitError:
+            return None
+    return (offsets, made) if len(parts) > 1 else None
+
+
+def without_offsets(
+    records: Sequence[Record], base: Fitted, best: Fitted, effects: int
+) -> tuple[list[Record], list[str]] | None:
+    """Return records without offsets between their segments, where these explain more than effects do, and what to say.
+
+    Each offset costs what a parameter does, an effect what it costs in the table.
+
+    Parameters
+    ----------
+    best : with the effects that would be named, of which there are so many
+    """
+    found = offsets_of(base)
+    if found is None:
+        return None
+    offsets, level = found
+
+    def paid(made: Fitted, parameters: int, count: int) -> float:
+        errors = np.concatenate([e[~m] for e, m in zip(made.errors, made.split.test, strict=True)])
+        return price(float(np.mean(errors**2)), parameters, count)
+
+    size = len(level.model.symbols)
+    if paid(level, size + offsets.size - 1, 0) >= paid(best, len(best.model.symbols), effects):
+        return None
+    moved, at = [], 0
+    for record in records:
+        y = record.y.copy()
+        for a, b in zip((0, *record.breaks), (*record.breaks, len(record)), strict=True):
+            y[a:b] -= offsets[at]
+            at += 1
+        moved.append(replace(record, y=y))
+    most = float(np.abs(offsets).max())
+    where = "between the records" if len(records) > 1 else "across the gaps"
+    return moved, [f"Offsets {where}, of up to {most:.3g}, explain more than an effect would: they are taken off."]
