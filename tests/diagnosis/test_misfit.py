@@ -317,3 +317,11 @@ def test_line_beside_a_hump():
     line = next(p for p in misfit.panels if p.name == "spectrum")
     assert line.centres[line.worst] == pytest.approx(13, abs=0.2)
     assert line.mean[line.worst] < line.mean.max()
+
+
+def test_time_is_that_of_the_record():
+    """Not counted from where a segment or a cut begins."""
+    u, y, *_ = experiment(0)
+    late = [where_it_fails(u, y + (T > 0.9 * T[-1]), y, TS, begin=begin) for begin in (0.0, 100.0)]
+    low = [next(p for p in found.panels if p.name == "time").low[0] for found in late]
+    assert low == pytest.approx([0.0, 100.0], abs=TS)

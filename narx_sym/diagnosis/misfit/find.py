@@ -73,6 +73,7 @@ def where_it_fails(
     channels: Mapping[str, Any] | None = None,
     missing: Any = None,
     floor: float | None = None,
+    begin: float = 0.0,
 ) -> Misfit:
     """Look at the error of a model against everything that may matter.
 
@@ -86,6 +87,8 @@ def where_it_fails(
         Equivalent missing input, from `missing_input`.
     floor : float, optional [unit of y]
         Standard deviation of the measurement noise.
+    begin : float [s]
+        The time of the first sample.
 
     Returns
     -------
@@ -101,7 +104,7 @@ def where_it_fails(
         raise DataError(f"Give arrays of one length, not {', '.join(f'{n}: {s}' for n, s in sizes.items())}.")
     residual = data["measured output"] - data["simulated output"]
     extra = {n: data[f"channel {n}"] for n in channels or {}}
-    empty = empty_panels(data["input"], data["simulated output"], Ts, extra)
+    empty = empty_panels(data["input"], data["simulated output"], Ts, extra, begin)
     w = data.get("missing input")
     return Misfit(
         residual, w, filled_panels(empty, residual, Ts), [] if w is None else filled_panels(empty, w, Ts), floor
@@ -131,4 +134,4 @@ def misfit_of(model: Model, record: Record, error: Array, floor: float | None) -
         if all(str(s.base.label) in seen for s in samples(columns.terms[0])):
             slopes[columns.depth :, j] = columns(seen)[:, 0]
     missing = missing_input(error, slopes, floor)
-    return where_it_fails(record.u, record.y, simulated, record.Ts, record.channels, missing, floor)
+    return where_it_fails(record.u, record.y, simulated, record.Ts, record.channels, missing, floor, float(record.t[0]))

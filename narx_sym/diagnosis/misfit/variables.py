@@ -13,14 +13,14 @@ from .panel import SINCE, Panel
 Array = np.ndarray
 
 
-def empty_panels(u: Array, y: Array, Ts: float, channels: Mapping[str, Array]) -> list[Panel]:
+def empty_panels(u: Array, y: Array, Ts: float, channels: Mapping[str, Array], begin: float = 0.0) -> list[Panel]:
     """Return panels with cells along a run; a variable that does not vary has none.
 
     The simulated output is free of the noise in the error.
     """
     found = [along("u", "input u", "u", u), along("y", "simulated output y", "y", y)]
     found += _moving(Motion.of(u), Ts) if np.ptp(u) > 0 else []
-    found.append(along("time", "time", "s", Ts * np.arange(u.size)))
+    found.append(along("time", "time", "s", begin + Ts * np.arange(u.size)))
     found += [along(f"channel:{n}", n, n, x) for n, x in channels.items()]
     return [panel for panel in found if panel is not None]
 
