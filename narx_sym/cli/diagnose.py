@@ -241,7 +241,7 @@ def _command(found: Diagnosis, data: list[Path], base: str, targets: Targets) ->
     base = shlex.quote(base)
     if found.verdict == "confused":
         return f"{run} NEW_RECORD.csv --base {base}"
-    if found.verdict == "helps_but_incomplete" and (found.steps[-1].chosen is not None or len(found.steps) == 1):
+    if found.verdict == "helps_but_incomplete" and not found.exhausted:
         return f"{run} --base {base} --max-effects {1 + sum(len(s.added) for s in found.steps)}"
     if found.rungs[1:] and targets.save is None:
         return f"{run} --base {base} --save model.json"

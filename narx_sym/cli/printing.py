@@ -180,8 +180,8 @@ def print_found(found: Diagnosis, units: dict[str, str], command: str) -> None:
     from ..report.words import fall, what_next
 
     print_headline(found)
-    moves = not (found.verdict == "nothing_detectable" and found.steps[0].follows_nothing)
-    lines = [fall(found, units), found.sentence(units), acts(found.model.delay, found.model.Ts) if moves else ""]
+    acting = "" if found.steps[0].follows_nothing else acts(found.model.delay, found.model.Ts)
+    lines = [fall(found, units), found.sentence(units), acting]
     lines += [f"Step {i}: {later.sentence(units)}" for i, later in enumerate(found.steps[1:], 2)]
     lines += [f"Next: {what_next(found)}", command and f"  {command}"]
     for line in filter(None, lines):

@@ -63,6 +63,11 @@ class Diagnosis(DiagnosisDoors):
         return self.steps[0].candidates
 
     @property
+    def exhausted(self) -> bool:
+        """Whether it looked for a further effect beside those that it added, and found none."""
+        return len(self.steps) > 1 and self.steps[-1].chosen is None
+
+    @property
     def confusion_set(self) -> list[str]:
         """The effects of the first step that these data cannot tell apart."""
         return self.steps[0].confusion_set

@@ -26,7 +26,10 @@ from .table.screening import absorbed
 from .table.search import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, cheapest, nothing_named, verdict, winner
 
-NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
+NO_FLOOR, REPEATED = (
+    "not estimated",
+    "repeated periods",
+)  # kinds of the noise floor: in closed loop, and where it is sure
 RIVALS = 3  # that are named: of a pair, and of what comes nearest
 SHOWN = 6  # candidates at most, and the confusion set
 
@@ -110,8 +113,8 @@ class Step:
 
     @property
     def follows_nothing(self) -> bool:
-        """Whether the free run of the base is no better than a constant."""
-        return 2 * np.log(self.nrmse(self.base)["validation"]) > -ALIKE
+        """Whether nothing is named, and the free run of the base is no better than a constant."""
+        return self.verdict == "nothing_detectable" and 2 * np.log(self.nrmse(self.base)["validation"]) > -ALIKE
 
     def sentence(self, units: Mapping[str, str]) -> str:
         """Return the verdict in plain words."""
@@ -124,18 +127,19 @@ class Step:
             if self.follows_nothing:
                 return f"The base does not follow the output: what is missing cannot be told from it. {sizes}."
             shown = ", ".join(f"{name} above {few(size, 2)}{unit}" for name, size in self.unseen[:3])
+            would = f"; these data would have shown {shown} rms" if shown else ""
             if self.trace:
-                return f"{self.trace} {sizes}; these data would have shown {shown} rms."
+                return f"{self.trace} {sizes}{would}."
             if self.unexplained:
                 return (
                     f"No effect of the catalogue is seen in what is left. {sizes}; the sensor's noise is about "
-                    f"{few(self.sensor)}{unit}, {self.unexplained}; these data would have shown {shown} rms."
+                    f"{few(self.sensor)}{unit}, {self.unexplained}{would}."
                 )
-            return f"Nothing is missing that these data can show. {sizes}; these data would have shown {shown} rms."
+            return f"Nothing is missing that these data can show. {sizes}{would}."
         if self.loop is not None and self.verdict == "closed_loop":
             said = [f"{v.record.name}: {v.sentence}." for v in self.valves]
             return " ".join([*said, f"{self.loop.sentence}. {sizes}."])
-        more = self.verdict in ("outside_library", "helps_but_incomplete") and self.floor_kind != "repeated periods"
+        more = self.verdict in ("outside_library", "helps_but_incomplete") and self.floor_kind != REPEATED
         sizes += f"; the noise floor is {'at most' if more else 'about'} {few(self.floor)}{unit}"
         if self.sensor:
             alone = f"of the sensor alone {few(self.sensor)}{unit}"
@@ -252,7 +256,7 @@ def step(
     floor = float(np.mean(np.concatenate(repeats) ** 2)) if repeats else base.mean_square(base.split.held)
     made = Step(
         base, "", [], [], float(np.sqrt(floor * (1 if repeats else 1 - scored.structure))),
-        "repeated periods" if repeats else "estimate", scored.scores.p_value, detectable(scored), absorbed(scored),
+        REPEATED if repeats else "estimate", scored.scores.p_value, detectable(scored), absorbed(scored),
         loop=loop,
     )  # fmt: skip
     seen = scored.scores.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)

@@ -224,18 +224,15 @@ def _at_rest(excess: Any, polynomial: Any, at: float, scale: float) -> Verdict:
     """Judge the equilibria under one constant input."""
     given = {ubar: sp.Float(at)}
     if sp.expand(excess.xreplace(given)) == 0:
-        said = "every output is an equilibrium at this one input"
-        return Verdict("continuum", None, False, said, at)
+        return Verdict("continuum", None, False, "every output is an equilibrium at this input", at)
     found = resting_points(excess.xreplace(given), ybar, scale)
     if not found.points:
         drifts = ": the output drifts under a constant input" if found.complete else ": unknown"
         return Verdict([] if found.complete else None, None, False, f"{found}{drifts}", at)
-    flags = []
+    flags, kinked = [], bool(polynomial.atoms(sp.sign, sp.Heaviside, sp.Piecewise))
     for point in found.points:
         aside = BESIDE * (scale + abs(point))  # at a kink the slopes of both sides count
-        sides = (
-            [point - aside, point, point + aside] if polynomial.atoms(sp.sign, sp.Heaviside, sp.Piecewise) else [point]
-        )
+        sides = [point - aside, point, point + aside] if kinked else [point]
         numbers = [polynomial.xreplace({ybar: sp.Float(x), **given}).doit() for x in sides]
         flags.append(any(abs(complex(root)) >= 1 for one in numbers for root in sp.Poly(one, z).nroots()))
     steady = len(flags) - sum(flags)

@@ -158,7 +158,7 @@ def what_next(diagnosis: Diagnosis) -> str:
     if frozen:
         rows = "{}:{}".format(*frozen.rows)
         return f"Diagnose without the rows {rows} of '{frozen.record}' (--rows): the output stays there at one value."
-    if chosen.verdict == "nothing_detectable" and chosen.follows_nothing:
+    if chosen.follows_nothing:
         return (
             "Choose another base, or record with an input that moves the output: a constant does as well as this model."
         )
@@ -177,9 +177,9 @@ def what_next(diagnosis: Diagnosis) -> str:
         return "Diagnose again and let it add two effects: neither of them helps by itself."
     if chosen.verdict == "confused" and not (chosen.experiment and chosen.experiment.clear):
         return "Record with a wider range or faster moves, and diagnose both records together: here no input decides."
-    verdict, ended = chosen.verdict, diagnosis.steps[-1]
-    if verdict == "helps_but_incomplete" and ended is not chosen and ended.chosen is None:  # it looked for more itself
-        verdict = "outside_library" if ended.verdict == "outside_library" else "named"
+    verdict = chosen.verdict
+    if verdict == "helps_but_incomplete" and diagnosis.exhausted:
+        verdict = "outside_library" if diagnosis.steps[-1].verdict == "outside_library" else "named"
     return NEXT[verdict].format(best=_added(diagnosis))
 
 

@@ -172,11 +172,9 @@ def look(entry: Entry, settings: Settings) -> Row:
         found = diagnose(base, record, max_effects=settings.max_effects, seed=settings.seed, report=watch)
         row |= _told(found) | {"unit": record.units.get("y", "")}
         if settings.reports is not None:
-            own = "_".join(names[n] for n in ("u", "y") if names[n] != COLUMNS[n])
-            name = (
-                re.sub(r"[^\w.-]+", "_", f"{entry.tag}_{entry.file.stem}_{own}_{entry.content[:8]}".strip("_"))
-                + ".html"
-            )
+            chosen = [names[n] for n in ("u", "y") if names[n] != COLUMNS[n]]  # two loops of one log are two reports
+            parts = filter(None, (entry.tag, entry.file.stem, *chosen, entry.content[:8]))
+            name = re.sub(r"[^\w.-]+", "_", "_".join(parts)) + ".html"
             found.report(settings.reports / name, {}, [entry.file], {"base": settings.base})
             row["report"] = name
     except NarxError as error:

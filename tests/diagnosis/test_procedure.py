@@ -5,6 +5,7 @@ The small, fixed part of `bench/battery.py`. Seeds, excitations and noise rotate
 
 import json
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -416,3 +417,15 @@ def test_a_sensor_that_was_moved_is_no_play(gap):
     assert d.verdict == "nothing_detectable" and any("Offsets" in note for note in d.data_notes)
     saved, _ = finish(d, records)
     assert saved.nrmse < 1.2 * max(d.ladder[-1][part] for part in ("train", "validation"))
+
+
+def test_a_single_sample_between_gaps_has_no_offset():
+    """It is no segment; the offsets of the others stay in their places."""
+    rng = np.random.default_rng(12)
+    u = np.repeat(rng.uniform(-1, 1, 120), 8)
+    y = lfilter([0, 0.2], [1, -0.8], u) + 0.01 * rng.standard_normal(u.size)
+    y[481:] += 0.3
+    record = replace(ns.Record.from_arrays(u, y, 0.1), breaks=(480, 481))
+    d = ns.diagnose(ns.identify(record, base="linear"), record)
+    assert d.verdict == "nothing_detectable"
+    assert np.std(d.judged[0].y[481:] - y[481:]) < 1e-12 and np.mean(d.judged[0].y[481:] - y[481:]) < -0.25

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,11 +20,11 @@ TURNS = 3  # the base and the offsets improve each other
 def offsets_of(base: Fitted) -> tuple[Array, Fitted] | None:
     """Return the offset of each segment against the first [unit of y], and the base fitted without them.
 
-    None where there is one segment, or the base has no stable fit then.
+    None where the base has no stable fit then.
     """
     parts = list(base.split.records)
     offsets, made = np.zeros(len(parts)), base
-    for _ in range(TURNS if len(parts) > 1 else 0):
+    for _ in range(TURNS):
         means = np.array([e[made.problem.depth :].mean() for e in made.errors])
         offsets = offsets + means - means[0]
         moved = [replace(r, y=r.y - d) for r, d in zip(parts, offsets, strict=True)]
@@ -31,7 +32,7 @@ def offsets_of(base: Fitted) -> tuple[Array, Fitted] | None:
             made = settle(made.model, Split.of(moved), made.model.theta, made.limits)
         except FitError:
             return None
-    return (offsets, made) if len(parts) > 1 else None
+    return offsets, made
 
 
 def without_offsets(
@@ -45,24 +46,25 @@ def without_offsets(
     ----------
     best : with the effects that would be named, of which there are so many
     """
-    found = offsets_of(base)
+    segments = [s for record in records for s in record.segments()]
+    # An axis that integrates is cut further, and starts again at each cut: an offset is nothing of its own there.
+    same = [len(s) for s in segments] == [len(s) for s in base.split.records]
+    found = offsets_of(base) if same and len(segments) > 1 else None
     if found is None:
         return None
     offsets, level = found
 
     def paid(made: Fitted, parameters: int, count: int) -> float:
-        errors = np.concatenate([e[~m] for e, m in zip(made.errors, made.split.test, strict=True)])
-        return price(float(np.mean(errors**2)), parameters, count)
+        return price(made.mean_square([~sealed for sealed in made.split.test]), parameters, count)
 
     size = len(level.model.symbols)
     if paid(level, size + offsets.size - 1, 0) >= paid(best, len(best.model.symbols), effects):
         return None
-    moved, at = [], 0
+    moved, left = [], iter(offsets)
     for record in records:
         y = record.y.copy()
-        for a, b in zip((0, *record.breaks), (*record.breaks, len(record)), strict=True):
-            y[a:b] -= offsets[at]
-            at += 1
+        for a, b in pairwise((0, *record.breaks, len(record))):
+            y[a:b] -= next(left) if b - a > 1 else 0.0  # a single sample is no segment
         moved.append(replace(record, y=y))
     most = float(np.abs(offsets).max())
     where = "between the records" if len(records) > 1 else "across the gaps"

@@ -57,11 +57,15 @@ def rest_input(law: Compensator, output: float, limits: Sequence[float] | None =
 def rests_with(model: Model, held: float, output: float) -> bool:
     """Whether a model stays at an output while its input is held."""
     low, high = model.info.ranges.get(str(model.output.label), (output, output))
+    return bool(np.abs(_moved(model, held, output)).max() <= RESTS * max(high - low, abs(output), 1e-300))
+
+
+def _moved(model: Model, held: float, output: float) -> np.ndarray:
+    """Return how far a model moves from an output while its input is held, (HELD,); NaN where it runs away."""
     try:
-        run = simulate(model, np.full(HELD, held), output, u0=held, warn=False)
+        return simulate(model, np.full(HELD, held), output, u0=held, warn=False) - output
     except NarxError:
-        return False
-    return bool(np.abs(run - output).max() <= RESTS * max(high - low, abs(output), 1e-300))
+        return np.full(HELD, np.nan)
 
 
 def _resting(model: Model, output: float, near: float, ends: tuple[float, float]) -> float:
@@ -70,10 +74,7 @@ def _resting(model: Model, output: float, near: float, ends: tuple[float, float]
     size = STAYS * max(high - low, abs(output), 1e-300)
 
     def drift(held: float) -> float:
-        try:
-            return float(simulate(model, np.full(HELD, held), output, u0=held, warn=False)[-1] - output)
-        except NarxError:
-            return float("nan")
+        return float(_moved(model, held, output)[-1])
 
     here = drift(near)
     if not abs(here) > size:
