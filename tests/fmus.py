@@ -74,13 +74,13 @@ class Instance:
         self.time += length
 
     def run(self, Ts, **waves):
-        """The output at each sample, from the inputs at that sample."""
+        """What an ordinary master reads: the output at the start, and after each step, one more than the inputs."""
         (output,) = self.of.named("output")
-        found = []
+        found = [self.get(output)]
         for i in range(len(next(iter(waves.values())))):
             self.set(**{n: x[i] for n, x in waves.items()})
-            found.append(self.get(output))
             self.step(Ts)
+            found.append(self.get(output))
         return np.array(found)
 
     def reset(self):

@@ -136,7 +136,11 @@ print("self-test passed:", passed)
 # For co-simulation in other tools, FMI 3.0 or 2.0. The C source is inside, and a binary for this machine where a
 # compiler is found. Parameters are tunable, the values before the start (`u_rest`, `y_rest`) are parameters too; the
 # communication step is a multiple of Ts, any other is an error with a message. A step takes the inputs as they are at its
-# beginning; the input `r` of a law is the reference at the end of the preview, such as r[k+1]. On the command line:
+# beginning, and after it they can no longer be changed. A model whose newest input is u[k-1] or older ends the step of
+# sample k with y[k+1]: it is the free run, in time. What answers an input at once is one sample late, a model with u[k] in it
+# and every law: a step from sample k takes r[k+1], or what the preview of the law is, and ends with m[k]. To have m in time,
+# give the reference one sample earlier: at the time t the one of t + 2 Ts in the place of t + Ts. Then law and plant in one
+# co-simulation follow it exactly; the description inside says which of both an FMU is. On the command line:
 # `narx-sym compensate model.json --fmu law.fmu` (`--fmu2` for FMI 2.0). `pip install "narx-sym[fmu]"` brings fmpy, which
 # checks and runs such files; writing them needs nothing beside the C compiler.
 

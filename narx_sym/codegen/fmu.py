@@ -1,7 +1,9 @@
 """A recursion as an FMU for co-simulation, FMI 3.0 or 2.0: its C source, a binary, and a description.
 
-The communication step is a multiple of the sampling time. A step takes the inputs as they are at its beginning; the
-output at a time is computed from the inputs as they are then. The functions of the standard stand in the folder `fmi`.
+The communication step is a multiple of the sampling time. A step takes the inputs as they are at its beginning. Nothing
+can be set between a step and what is read after it: an output that needs no newer input is the one at the end of the
+step; one that answers an input at once, as that of every law, is the one of the sample that the step took, so one
+sample late. The functions of the standard stand in the folder `fmi`.
 """
 
 from __future__ import annotations
@@ -116,7 +118,8 @@ def _variables(request: Request, layout: Layout) -> list[Variable]:
         ahead = -layout.newest[base]
         what = f"input, {ahead} sample{'s' * (ahead > 1)} ahead," if ahead else "input"
         listed.append(signal("i", base, labels[base], what, True))
-    listed.append(signal("o", layout.returned, labels[layout.returned], "output", False))
+    what = "output, one sample late," if _late(layout) else "output"
+    listed.append(signal("o", layout.returned, labels[layout.returned], what, False))
     listed += [
         Variable("p", named(label), f"parameter {plain(p)}", float(request.values[p]))
         for p, label in layout.parameters.items()
@@ -159,6 +162,7 @@ def _glue(request: Request, layout: Layout, listed: list[Variable]) -> list[str]
         f"#define FMI_IDENTIFIER {name}",
         f"#define FMI_TS {request.Ts!r}",
         f"#define FMI_COUNT {len(listed)}",
+        f"#define FMI_LATE {int(_late(layout))}",
         f"typedef {name}_state fmi_memory;",
         f"static const double fmi_first[FMI_COUNT] = {{{', '.join(repr(v.start) for v in listed)}}};",
         f'static const char fmi_kind[] = "{"".join(v.kind for v in listed)}";',
@@ -201,6 +205,13 @@ def _binary(name: str, code: str, version: int) -> dict[str, bytes]:
         return {f"binaries/{folder}/{file}": Path(work, file).read_bytes()}
 
 
+def _late(layout: Layout) -> bool:
+    """Whether the output answers an input at once: what a step ends with is then one sample old."""
+    delays, inputs = layout.recursion.graph.delays, (b for b in layout.recursion.inputs if b != t)
+    # On every slower way a sample is older.
+    return any(delays(b)[layout.returned] == layout.newest[b] for b in inputs)
+
+
 # -- the description -------------------------------------------------------------------------------------------
 
 
@@ -209,8 +220,7 @@ def _description(request: Request, layout: Layout, listed: list[Variable], versi
     name, Ts = request.name, repr(request.Ts)
     root = Xml.Element(
         "fmiModelDescription",
-        {"fmiVersion": f"{version}.0", "modelName": name,
-         "description": f"{plain(layout.returned)} every {request.Ts:.10g} s; a step takes the inputs at its beginning",
+        {"fmiVersion": f"{version}.0", "modelName": name, "description": _said(request, layout),
          "generationTool": "narx_sym", "variableNamingConvention": "flat"},
     )  # fmt: skip
     if version == 3:
@@ -231,8 +241,16 @@ def _description(request: Request, layout: Layout, listed: list[Variable], versi
     variables = Xml.SubElement(root, "ModelVariables")
     for place, one in enumerate(listed):
         _variable(variables, place, one, version)
-    _structure(Xml.SubElement(root, "ModelStructure"), layout, listed, version)
+    _structure(Xml.SubElement(root, "ModelStructure"), listed, version)
     return root
+
+
+def _said(request: Request, layout: Layout) -> str:
+    """Say what a step takes, and what it ends with."""
+    output, late = layout.labels[layout.returned], _late(layout)
+    takes = ", ".join(layout.when(b) for b in layout.recursion.inputs if b != t) or "nothing"
+    ends = f"{output}[k]; to have {output} in time, give the inputs one sample earlier" if late else f"{output}[k+1]"
+    return f"{output} every {request.Ts:.10g} s: the step that begins at sample k takes {takes} and ends with {ends}"
 
 
 def _variable(parent: Any, place: int, one: Variable, version: int) -> None:
@@ -255,22 +273,15 @@ def _variable(parent: Any, place: int, one: Variable, version: int) -> None:
         Xml.SubElement(Xml.SubElement(parent, "ScalarVariable", shared), "Real", number)
 
 
-def _structure(parent: Any, layout: Layout, listed: list[Variable], version: int) -> None:
-    """Say which inputs the output answers at once."""
+def _structure(parent: Any, listed: list[Variable], version: int) -> None:
+    """Name the output: a step decides it, so it depends on no input that is set after the step."""
     output = next(i for i, v in enumerate(listed) if v.kind == "o")
-    inputs = [b for b in layout.recursion.inputs if b != t]
-    first, graph = version == 2, layout.recursion.graph  # FMI 2.0 counts from 1
-    direct = [
-        str(i + first)
-        for i, b in enumerate(inputs, start=1)
-        if graph.delays(b)[layout.returned] == layout.newest[b]  # on every other way a sample is older
-    ]
     if version == 3:
-        Xml.SubElement(parent, "Output", {"valueReference": str(output), "dependencies": " ".join(direct)})
+        Xml.SubElement(parent, "Output", {"valueReference": str(output), "dependencies": ""})
         Xml.SubElement(parent, "InitialUnknown", {"valueReference": str(output)})
         return
-    known = {"index": str(output + first)}
-    Xml.SubElement(Xml.SubElement(parent, "Outputs"), "Unknown", known | {"dependencies": " ".join(direct)})
+    known = {"index": str(output + 1)}  # FMI 2.0 counts from 1
+    Xml.SubElement(Xml.SubElement(parent, "Outputs"), "Unknown", known | {"dependencies": ""})
     Xml.SubElement(Xml.SubElement(parent, "InitialUnknowns"), "Unknown", known)
 
 

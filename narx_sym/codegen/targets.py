@@ -51,7 +51,8 @@ def model_to_fmu(
 
     Its C source is inside, and a binary for this machine where a C compiler is found. The parameters are tunable; the
     values before the start, such as u_rest and y_rest, are parameters too. The communication step is a multiple of Ts.
-    The output at a time is computed from the inputs as they are then; a step takes the inputs at its beginning.
+    A step takes the inputs at its beginning, u[k], and ends with y[k+1]; a model that reads u[k] itself ends it with
+    y[k], which is one sample late.
 
     Parameters
     ----------
@@ -147,7 +148,8 @@ def law_to_fmu(
 ) -> None:
     """Write the law as an FMU for co-simulation; see `export_law` and `model_to_fmu`.
 
-    Its input r is the reference at the end of the preview, such as r[k+1]; its parameters are those of the model.
+    A step takes the reference at the end of the preview, such as r[k+1], and ends with m[k], one sample late: to have m
+    in time give r one sample earlier. The parameters are those of the model.
     """
     write_bytes(path, export_law(law, _fmu(fmi), name, limits=limits, rate=rate, units=units, share=share))
 

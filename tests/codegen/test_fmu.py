@@ -85,14 +85,14 @@ def test_two_instances_share_nothing(made):
     one, two = made.instance(), made.instance()
     one.begin(u_rest=0.3)
     two.begin(u_rest=-1.0, theta_3=0.1)
-    found = []
+    found = [one.get("y")]
     for x in WAVE:
         one.set(u=x)
         two.set(u=-5 * x)
-        found.append(one.get("y"))
-        assert two.get("y") != found[-1]
         two.step(TS)
         one.step(TS)
+        found.append(one.get("y"))
+        assert two.get("y") != found[-1]
     assert np.array_equal(found, expected)
     one.close()
     two.close()
@@ -102,7 +102,7 @@ def test_a_parameter_is_the_theta_of_the_model(made):
     one = made.instance()
     changed = MODEL.replace(theta=[0.5, -0.2, 0.7, 0.1])
     one.begin(u_rest=0.3, y_rest=0.2, **{f"theta_{i}": v for i, v in enumerate(changed.theta.tolist(), start=1)})
-    found, expected = one.run(TS, u=WAVE), changed.simulate(WAVE, 0.2, u0=0.3)
+    found, expected = one.run(TS, u=WAVE)[:-1], changed.simulate(WAVE, 0.2, u0=0.3)
     assert np.abs(found - expected).max() <= 1e-9 < np.abs(found - MODEL.simulate(WAVE, 0.2, u0=0.3)).max()
     one.set(theta_1=0.6, theta_2=-0.1, theta_3=0.4, theta_4=0.05)  # between two steps
     (two := made.instance()).begin(u_rest=WAVE[-1], y_rest=found[-1])
@@ -115,7 +115,7 @@ def test_several_samples_in_one_step(made):
     one = made.instance()
     one.begin(u_rest=0.3, y_rest=0.2)
     held = np.repeat(WAVE[:40], 5)
-    found = one.run(5 * TS, u=WAVE[:40])
+    found = one.run(5 * TS, u=WAVE[:40])[:-1]
     assert np.abs(found - MODEL.simulate(held, 0.2, u0=0.3)[::5]).max() <= 1e-9
     assert one.get("time") == pytest.approx(200 * TS, abs=1e-12)
     one.close()
@@ -206,7 +206,7 @@ def test_without_a_compiler_the_source_is_inside(fmi, tmp_path, monkeypatch):
     ),
 )
 def test_direct_inputs_previews_time_and_states(name, fmi, tmp_path):
-    """The output at a time answers the inputs at that time, a preview is taken ahead, time is the clock of the run."""
+    """An output that answers its inputs is one sample late, a preview is taken ahead, time is the clock of the run."""
     agrees(SUBJECTS[name], TARGETS[fmi], tmp_path)
 
 
@@ -222,8 +222,17 @@ def agrees(subject, target, folder, n=200):
         order = [str(b.label) for b in subject.recursion.inputs if str(b.label) != "t"]
         got = one.run(TS, **{a: moved[b] for a, b in zip(found.named("input"), order, strict=True)})
         one.close()
+        got = got[1:] if late(found) else got[:-1]
     expected = subject.expected(n)
     assert np.ptp(expected) > 0 and np.abs(got - expected).max() <= 1e-9 * max(1.0, np.abs(expected).max())
+
+
+def late(fmu):
+    """Whether the description says that what a step ends with is the output at its beginning."""
+    (output,) = (v for v in fmu.description.modelVariables if v.causality == "output")
+    said = fmu.description.description
+    assert ("late" in output.description) == (f"ends with {output.name}[k];" in said) != (f"{output.name}[k+1]" in said)
+    return "late" in output.description
 
 
 FIRST = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.9, 0.1], Ts=TS)
@@ -255,13 +264,94 @@ def test_every_effect_of_the_catalogue(tmp_path):
         agrees(of(with_effect(variant)), ("fmu", "fmu2")[i % 2], tmp_path)
 
 
-def test_only_what_answers_at_once_depends_on_an_input(tmp_path):
+def test_only_what_answers_at_once_is_late(tmp_path):
     behind, direct = (ns.NARX.from_terms(["y[k-1]", f"u[k-{i}]"], [0.5, 1.0], Ts=TS) for i in (1, 0))
-    for fmi in TARGETS:
-        for model, expected in ((behind, []), (direct, ["u"])):
-            with opened(model.export(TARGETS[fmi]), tmp_path) as found:
+    for target in TARGETS.values():
+        for model, expected in ((behind, False), (direct, True), (behind.compensator(), True)):
+            with opened(model.export(target), tmp_path) as found:
                 (output,) = found.description.outputs
-                assert [v.name for v in output.dependencies] == expected
+                assert late(found) == expected and output.dependencies == []
+
+
+def ordinary(file, starts=None, **waves):
+    """Let fmpy's own master run an FMU over inputs that are given by time; it reads at the start and after each step."""
+    n = len(next(iter(waves.values())))
+    record = np.rec.fromarrays([np.arange(n) * TS, *waves.values()], names=["time", *waves])
+    run = fmpy.simulate_fmu(
+        str(file), input=record, start_values=starts or {}, step_size=TS, output_interval=TS, stop_time=n * TS
+    )
+    return run[run.dtype.names[1]]
+
+
+REFERENCE = np.concatenate([np.full(4, 0.4), 0.4 + 0.5 * np.sin(np.arange(1, 200) / 9)])
+PLANTS = {
+    "first order": ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=TS),
+    "dead time": ns.NARX.from_terms(["y[k-1]", "u[k-3]", "u[k-4]"], [0.7, 0.4, 0.1], Ts=TS),
+    "kinked": ns.NARX.from_terms(["y[k-1]", "u[k-1]", "Max(u[k-2], 0)"], [0.6, 0.3, 0.1], Ts=TS),
+    "bent": ns.NARX.from_terms(["y[k-1]", "tanh(u[k-1])"], [0.5, 0.5], Ts=TS),
+}
+
+
+@BOTH
+@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.filterwarnings("ignore:the limits:UserWarning", "ignore:the model misses:UserWarning")
+def test_an_ordinary_master_reads_the_law_one_sample_late(name, fmi, tmp_path):
+    """Set, step, read; nothing is computed anew between: the values are those of the law's own run."""
+    law, n = PLANTS[name].compensator(), REFERENCE.size - 10
+    expected = law.run(REFERENCE, 0.0, limits=(-1.0, 1.5), rate=0.8)[:n]
+    law.to_fmu(tmp_path / "law.fmu", fmi=fmi, limits=(-1.0, 1.5), rate=0.8)
+    run = ordinary(tmp_path / "law.fmu", {"y_rest": REFERENCE[0]}, r=REFERENCE[law.preview :][:n])
+    assert np.ptp(expected) > 0.5 and np.abs(run[1:] - expected).max() <= 1e-9
+    assert run[0] == run[1]  # at the start it answers the inputs as they are then
+
+
+@BOTH
+@pytest.mark.parametrize("name", ("first order", "dead time"))
+def test_law_and_plant_joined_by_an_ordinary_master(name, fmi, tmp_path):
+    """The reference is given one sample earlier than the law's preview: what the plant makes is the reference."""
+    plant = PLANTS[name]
+    law, n, target = plant.compensator(), 150, TARGETS[fmi]
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    r = REFERENCE - REFERENCE[0]
+    with opened(law.export(target), tmp_path / "a") as one, opened(plant.export(target), tmp_path / "b") as two:
+        control, process, found = one.instance(), two.instance(), []
+        control.begin()
+        process.begin()
+        for i in range(n):
+            found.append(process.get("y"))
+            process.set(u=control.get("m"))
+            control.set(r=r[i + law.preview + 1])
+            process.step(TS)
+            control.step(TS)
+        control.close()
+        process.close()
+    assert np.ptp(found) > 0.5 and np.abs(found - r[:n]).max() <= 1e-9
+
+
+@BOTH
+def test_what_answers_at_once_is_read_one_sample_late(fmi, tmp_path):
+    model = ns.NARX.from_terms(["y[k-1]", "u[k]", "u[k-1]"], [0.5, 1.0, -0.4], Ts=TS)
+    model.to_fmu(tmp_path / "x.fmu", fmi=fmi)
+    run, expected = ordinary(tmp_path / "x.fmu", u=WAVE), model.simulate(np.insert(WAVE, 0, 0.0), 0.0)[1:]
+    assert np.abs(run[1:] - expected).max() <= 1e-9 and run[0] == run[1]
+
+
+@BOTH
+def test_a_law_starts_anew_after_a_reset(fmi, tmp_path):
+    law = PLANTS["dead time"].compensator()
+    with opened(law.export(TARGETS[fmi]), tmp_path) as fmu:
+        one = fmu.instance()
+        runs = []
+        for _ in range(2):
+            one.begin(r=0.4, r_rest=0.4, m_rest=0.3)
+            runs.append(one.run(TS, r=REFERENCE))
+            one.reset()
+        assert np.array_equal(*runs) and np.ptp(runs[0]) > 0.5
+        one.begin(r=0.4, r_rest=0.4, m_rest=0.3)
+        one.set(r=REFERENCE[5])
+        assert one.get("m") == runs[0][0]  # until the next step
+        one.close()
 
 
 @BOTH
@@ -364,6 +454,6 @@ def test_law_on_the_command_line(run, tmp_path):
             assert found.description.fmiVersion == version and (units["r"], units["m"]) == ("um", "V")
             one = found.instance()
             one.begin()
-            got = one.run(TS, r=np.append(r[1:], r[-1]))
+            got = one.run(TS, r=np.append(r[1:], r[-1]))[1:]
             one.close()
         assert np.abs(got - expected).max() <= 1e-9

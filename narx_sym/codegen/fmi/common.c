@@ -20,6 +20,7 @@ typedef struct {
     double value[FMI_COUNT];
     fmi_memory past; /* before the current sample */
     fmi_memory shown; /* where an output is computed ahead */
+    double output; /* at the current time, once it runs */
     double begun; /* time at the first sample */
     unsigned long samples;
     int mode;
@@ -80,9 +81,18 @@ static fmi_status fmi_enter(fmi_instance *of, double start)
     return fmi_ok;
 }
 
+/* The output at the current time, from the inputs as they are now; the past stays as it is. */
+static double fmi_ahead(fmi_instance *of)
+{
+    if (of->mode < FMI_RUNNING) fmi_begin(&of->shown, of->value, of->begun);
+    else of->shown = of->past;
+    return fmi_next(&of->shown, of->value, fmi_time(of));
+}
+
 static fmi_status fmi_leave(fmi_instance *of)
 {
     if (!of || of->mode != FMI_STARTING) return fmi_refuse(of, "There is no initialization to leave.");
+    of->output = fmi_ahead(of);
     fmi_begin(&of->past, of->value, of->begun);
     of->mode = FMI_RUNNING;
     return fmi_ok;
@@ -102,20 +112,12 @@ static fmi_status fmi_reset(fmi_instance *of)
     return fmi_ok;
 }
 
-/* The output at the current time, from the inputs as they are now; the past stays as it is. */
-static double fmi_output(fmi_instance *of)
-{
-    if (of->mode < FMI_RUNNING) fmi_begin(&of->shown, of->value, of->begun);
-    else of->shown = of->past;
-    return fmi_next(&of->shown, of->value, fmi_time(of));
-}
-
 static fmi_status fmi_get(fmi_instance *of, const unsigned int which[], size_t count, double values[])
 {
     for (size_t i = 0; i < count; i++) {
         if (!of || which[i] >= FMI_COUNT) return fmi_refuse(of, "There is no such variable.");
         if (fmi_kind[which[i]] == 't') values[i] = fmi_time(of);
-        else if (fmi_kind[which[i]] == 'o') values[i] = fmi_output(of);
+        else if (fmi_kind[which[i]] == 'o') values[i] = of->mode < FMI_RUNNING ? fmi_ahead(of) : of->output;
         else values[i] = of->value[which[i]];
         if (!isfinite(values[i])) return fmi_refuse(of, "The output is not a finite number.");
     }
@@ -146,13 +148,16 @@ static fmi_status fmi_advance(fmi_instance *of, double length)
         return fmi_refuse(of, message);
     }
     for (double i = 0.0; i < count; i += 1.0) {
-        if (!isfinite(fmi_next(&of->past, of->value, fmi_time(of)))) {
+        of->output = fmi_next(&of->past, of->value, fmi_time(of));
+        if (!isfinite(of->output)) {
             of->mode = FMI_FAILED;
             snprintf(message, sizeof message, "The run has left the finite numbers at %.10g s.", fmi_time(of));
             return fmi_refuse(of, message);
         }
         of->samples++;
     }
+    /* What answers the inputs at once is late: those at the end of the step are not yet known. */
+    if (!FMI_LATE) of->output = fmi_ahead(of);
     return fmi_ok;
 }
 
