@@ -111,8 +111,9 @@ def valued(model, *effects, value=0.05, **shapes):
 
 
 def of(thing, **options):
-    model = getattr(thing, "model", thing)
-    return Subject(thing.recursion, model.values, thing, **options)
+    if isinstance(thing, ns.Compensator):
+        return Subject(thing.exported(share=None), thing.model.values, thing, **options)
+    return Subject(thing.recursion, thing.values, thing, **options)
 
 
 def subjects():

@@ -55,7 +55,9 @@ print(f"closed form: {law.closed_form}; looks {law.preview} samples ahead; check
 #
 # ## Limits of the machine
 # `limits` is the actuator's range, `rate` its largest change per sample. A reference that cannot be reached is an error
-# that names the first sample, unless `clip=True` or limits ask to come as near as possible; then the share is said.
+# that names the first sample, unless `clip=True` or limits ask to come as near as possible; then the share is said. What is
+# exported comes as near as possible in every case: where some references are out of reach the model is computed beside the
+# law, which goes on from the model's output. Its past starts from the two values `m` and `y` at rest (`law.start` has them).
 
 # %%
 reference = 30 * np.sin(2 * np.pi * 1e-3 * np.arange(3000))
@@ -172,7 +174,7 @@ print(script[script.index("function simulate") :][:700], "...")
 
 # %% [markdown]
 # ## CasADi
-# `recursion.past` and `recursion.given` are the orders of the state and of the inputs.
+# `recursion.past` and `recursion.given` are the orders of the state and of the inputs; for a law those of `law.exported()`.
 
 # %%
 step = model.to_casadi()

@@ -36,14 +36,19 @@ def written(
     rest: Mapping[str, float] | None = None,
     units: Mapping[str, str] | None = None,
     coefficients: Coefficients = lambda equations: (),
+    notes: Sequence[str] = (),
 ) -> Any:
-    """Return a recursion for another place; `to` names a target of `narx_sym.codegen.registry`, see `to_c`."""
+    """Return a recursion for another place; `to` names a target of `narx_sym.codegen.registry`, see `to_c`.
+
+    `notes` are further sentences for the comment on top.
+    """
     one = target(to)
     numbers, returned = _numbers(recursion, values), _returned(recursion, output)
     starts = _starts(recursion, initial or {})
     return one.write(
         Request(
-            recursion, numbers, name, single, returned, starts, _notes(recursion, returned, Ts, units or {}),
+            recursion, numbers, name, single, returned, starts,
+            [*_notes(recursion, returned, Ts, units or {}), *notes],
             lambda sampled: _example(recursion, numbers, returned, starts, ranges or {}, single, sampled),
             False, Ts, ranges or {}, rest or {}, units or {}, coefficients,
         )

@@ -93,7 +93,8 @@ def export_law(
 ) -> Any:
     """Return the law for another place, within limits where they are given; `to` as in `export_model`.
 
-    A law that rings is damped, as where it runs; `share` is as in `Compensator.run`.
+    Where the reference cannot be reached it comes as near as it can, and goes on from what the model beside it gives. A
+    law that rings is damped. Both are so where it runs; `share` is as in `Compensator.run`.
 
     Raises
     ------
@@ -107,9 +108,21 @@ def export_law(
 
     labels = {**law.model.info.units, **(units or {})}
     return written(
-        to, recursion, law.model.values, name, single, m, None, own(law.model.usual), law.model.Ts,
-        own(_rest(law.model)), own(labels), partial(law.model.units_told, units=labels),
+        to, recursion, law.model.values, name, single, m, law.starts, own(law.model.usual), law.model.Ts,
+        own(_rest(law.model)), own(labels), partial(law.model.units_told, units=labels), law_notes(law, recursion),
     )  # fmt: skip
+
+
+def law_notes(law: Compensator, recursion: Recursion) -> list[str]:
+    """Return what the comment on top says of a law with the model beside it."""
+    if law.model.output not in recursion.states:
+        return []
+    given = f"{law.model.output.label} is what the model gives of {m.label}"
+    return [
+        f"Where no input gives the reference, the law comes as near as it can and goes on from there: {given}.",
+        *["Of several inputs that are right for a sample it takes one at once; law.run may go back to another."]
+        * bool(law.open_stages()),
+    ]
 
 
 def law_to_c(
@@ -166,10 +179,10 @@ def law_to_js(
 
 
 def law_to_casadi(law: Compensator, name: str = "law", share: Any = "auto") -> Any:
-    """Return one step as a CasADi `Function` (state, inputs) -> (next, output).
+    """Return one step of `law.exported()` as a CasADi `Function` (state, inputs) -> (next, output).
 
-    state : `recursion.past`, such as m[k-1], r[k]; `rest_state` gives its values at rest
-    inputs : `recursion.given`, the reference at the end of the preview, such as r[k+1]; output is m[k]
+    state : `law.exported().past`, such as m[k-1], r[k]; `rest_state` gives its values at rest
+    inputs : `law.exported().given`, the reference at the end of the preview, such as r[k+1]; output is m[k]
     """
     return transition(_exported(law, share=share), law.model.values, name, m)
 
@@ -202,5 +215,4 @@ def _exported(
     if not law.closed_form:
         why = next(s.proof for s in law.staged.stages if not s.closed_form) if law.staged else ""
         raise NotInvertible(f"This law cannot be exported: {why}.")
-    part = law.share(share)
-    return law.recursion if limits is None and rate is None and part == 1 else law.limited(limits, rate, part)
+    return law.exported(limits, rate, share)

@@ -59,9 +59,11 @@ def model_rest_state(model: Model, **rest: float) -> Array:
     return rest_state(model.recursion, begin, clock | rest)
 
 
-def law_rest_state(law: Compensator, **rest: float) -> Array:
-    """Return the state of `to_casadi` at rest: `law.rest_state(m=1.0, r=2.0)`."""
-    return rest_state(law.recursion, {}, rest)
+def law_rest_state(law: Compensator, share: Any = "auto", **rest: float) -> Array:
+    """Return the state of `to_casadi` at rest: `law.rest_state(m=1.0, r=2.0, y=2.0)`; `share` is as there."""
+    begin = {b: e.xreplace(law.model.values) for b, e in law.starts.items()}
+    clock = {"t": 0.0} if any(samples(e, t) for e in begin.values()) else {}
+    return rest_state(law.exported(share=share), begin, clock | rest)
 
 
 def to_control(model: Model, name: str = "model") -> Any:

@@ -127,6 +127,11 @@ class Compensator(CompensatorDoors):
         return guarded(self.staged or stages_of(self.model), clipped)
 
     @property
+    def starts(self) -> dict[Any, Any]:
+        """What each state of the model beside the law is at rest, in samples of m and of the model's output."""
+        return {base: swap(e, {self.model.input: m}) for base, e in self.model.starts.items()}
+
+    @property
     def preview(self) -> int:
         """How many samples of the reference ahead of k the law needs (tau_d, or tau_s - 1)."""
         return max([0, *(-lag(s) for _, right in self.updates for s in samples(right, r))])

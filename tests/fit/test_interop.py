@@ -28,9 +28,9 @@ LAWS = [name for name, subject in SUBJECTS.items() if isinstance(subject.thing, 
 
 
 def at_rest(subject):
-    """The state at rest; of a law also, whatever its preview has in sight."""
+    """The state at rest; of a law also, whatever its preview has in sight, and the output of the model beside it."""
     own = {str(subject.output.label), *(str(s.base.label) for s in subject.recursion.given)}
-    own |= {str(s.base.label) for s in subject.recursion.past} & set(subject.rest or ())
+    own |= {str(s.base.label) for s in subject.recursion.past} & {"y", *(subject.rest or ())}
     return subject.thing.rest_state(**{name: subject.at_rest(name) for name in own if name != "t"})
 
 

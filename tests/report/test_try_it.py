@@ -357,8 +357,8 @@ def test_the_law_follows_a_dragged_reference(opened, told, stage_diagnosis):
         turn = 2 * np.pi * np.maximum(np.arange(one["n"] + one["ahead"]) - one["lead"], 0) / now["period"]
         grows = np.where(turn < np.pi, (1 - np.cos(turn)) / 2, 1)
         r = one["middle"] + now["amplitude"] * grows * np.sin(turn)
-        start = dict(zip([str(b.label) for b in law.recursion.states], one["start"], strict=True))
-        m = compile(law.recursion)({"r": r}, now["theta"], start)["m"][one["lead"] : one["n"]]
+        start = dict(zip([str(b.label) for b in law.exported().states], one["start"], strict=True))
+        m = compile(law.exported())({"r": r}, now["theta"], start)["m"][one["lead"] : one["n"]]
         assert [now["low"], now["high"]] == pytest.approx([m.min(), m.max()], rel=1e-9)
         assert now["beyond"] == np.sum((m < one["limits"][0]) | (m > one["limits"][1]))
         return now

@@ -14,6 +14,7 @@ from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError, Unreachable
 from ...inversion.compensator import Compensator
 from ...models.model import Model
+from ...symbolic.recursion import Recursion
 from ...symbolic.signals import y
 from ..simulate import fitted, simulate, vector
 from .damping import Share, damping, growth, share_of
@@ -158,6 +159,18 @@ def run_law(
     for warning in said:
         warnings.warn(warning, stacklevel=2)
     return found.m
+
+
+def exported(
+    law: Compensator, limits: Sequence[float] | None = None, rate: float | None = None, share: Share = "auto"
+) -> Recursion:
+    """Return what a machine computes from sample to sample; arguments as for `run_law`.
+
+    It is the law alone where that reaches every reference; else the model is beside it.
+    """
+    part = share_of(law, share)
+    alone = limits is None and rate is None and part == 1 and law.staged is None
+    return law.recursion if alone else law.limited(limits, rate, part)
 
 
 def told(

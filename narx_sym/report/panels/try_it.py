@@ -123,7 +123,7 @@ def _finite(limit: float) -> float | None:
 
 def reference(law: Compensator, listed: Sequence[Tried], c: Comparison) -> dict[str, Any]:
     """Return what the page needs to run the law: where it starts, a first reference, and how far the input may go."""
-    recursion, middle = law.recursion, float(np.mean(c.y))
+    recursion, middle = law.exported(), float(np.mean(c.y))
     begin = law.start(middle, float(np.mean(c.u)))
     period = int(np.clip(c.worst.stop - c.worst.start, 20, LONGEST // 4))
     return {
@@ -142,7 +142,7 @@ def law_of(subject: Subject, listed: Sequence[Tried]) -> Compensator | None:
         law = subject.law
     except (ModelError, NotInvertible):
         return None
-    return law if law.closed_form and law.recursion.inputs == (r,) else None
+    return law if law.closed_form and law.exported().inputs == (r,) else None
 
 
 def content(diagnosis: Diagnosis, listed: Sequence[Tried], c: Comparison, units: Units) -> dict[str, Any]:
