@@ -153,7 +153,8 @@ def _glue(request: Request, layout: Layout, listed: list[Variable]) -> list[str]
     name = request.name
     order = {kind: [i for i, v in enumerate(listed) if v.kind == kind] for kind in "iopr"}
     taking, resting, keeping = (iter(order[kind]) for kind in "irp")
-    steps = ["time" if b == t else f"value[{next(taking)}]" for b in layout.recursion.inputs]
+    clock = f"time + {-layout.newest[t]} * FMI_TS" if layout.newest.get(t) else "time"  # of the newest sample
+    steps = [f"({clock})" if b == t else f"value[{next(taking)}]" for b in layout.recursion.inputs]
     rests = ["time" if b == t else f"value[{next(resting)}]" for b in layout.rested]
     filled = [f"past->{label} = ({name}_real)value[{next(keeping)}];" for label in layout.parameters.values()]
     unused = ["(void)value;", "(void)time;"]

@@ -111,4 +111,5 @@ def test_the_state_of_a_damped_law_fits_its_step():
     following, _ = law.to_casadi()(law.rest_state(m=0.0, y=0.0, r=0.0), [0.0])
     assert not np.array(following).any()
     assert len(law.rest_state(share=None, m=0.0, r=0.0)) == len(law.recursion.past)
+    assert len(law.rest_state(share=None, **law.start(0.0, 0.0))) == len(law.recursion.past)
     assert of(law).recursion == law.recursion

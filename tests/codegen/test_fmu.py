@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exported import SUBJECTS, of
+from exported import SUBJECTS, of, valued
 
 import narx_sym as ns
 from narx_sym.codegen import fmu as writer
@@ -335,6 +335,21 @@ def test_what_answers_at_once_is_read_one_sample_late(fmi, tmp_path):
     model.to_fmu(tmp_path / "x.fmu", fmi=fmi)
     run, expected = ordinary(tmp_path / "x.fmu", u=WAVE), model.simulate(np.insert(WAVE, 0, 0.0), 0.0)[1:]
     assert np.abs(run[1:] - expected).max() <= 1e-9 and run[0] == run[1]
+
+
+@BOTH
+@pytest.mark.parametrize("effect", ("drift", "ageing"))
+def test_the_clock_of_a_law_is_as_far_ahead_as_it_reads(effect, fmi, tmp_path):
+    """The law against a drift reads t[k+1], the one against ageing t[k]."""
+    law = valued(PLANTS["first order"], effect, value=0.5).compensator()
+    expected = law.run(REFERENCE, 0.3, share=None)
+    with opened(law.export(TARGETS[fmi], share=None), tmp_path) as fmu:
+        one = fmu.instance()
+        rest = {"m_rest": 0.3, "r_rest": REFERENCE[0], "y_rest": REFERENCE[0]}
+        one.begin(**{a: v for a, v in rest.items() if a in fmu.references})
+        found = one.run(TS, r=REFERENCE[1:])[1:]
+        one.close()
+    assert np.abs(found - expected[:-1]).max() <= 1e-9
 
 
 @BOTH
