@@ -170,6 +170,7 @@ def _comment(layout: Layout, writer: _C, request: Request, tested: bool) -> list
         * bool(layout.parameters),
         f"{name}_init fills the past with values at rest; {name}_step takes {takes} and returns "
         f"{layout.labels[request.returned]}[k]; further states are in the struct, newest first.",
+        f"Give it finite numbers: a NaN that was taken may stay in the past until {name}_init is called again.",
         f"No heap, no static data. C99{'; link with -lm' if library else ''}.",
         test if tested else none,
     )

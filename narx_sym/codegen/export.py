@@ -13,6 +13,8 @@ import sympy as sp
 
 from ..engines.compile import compile
 from ..errors import ModelError
+from ..inversion.branches import EDGE
+from ..symbolic.functions import TABLE
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import samples
 from .layout import newest, plain
@@ -20,7 +22,7 @@ from .registry import ROUNDINGS, Coefficients, Example, Request, target
 
 CHECKED, LONGEST_CHECK = 48, 200  # samples of a self-test; a long delay adds its own
 TELLING = 1e-3  # a self-test that rounding may move by more than this says nothing
-DRAWN = 4  # runs with other last bits
+DRAWN = 16  # runs with other last bits
 
 
 def written(
@@ -43,6 +45,7 @@ def written(
     `notes` are further sentences for the comment on top.
     """
     one = target(to)
+    recursion = _in_single(recursion) if single else recursion
     numbers, returned = _numbers(recursion, values), _returned(recursion, output)
     starts = _starts(recursion, initial or {})
     return one.write(
@@ -179,6 +182,20 @@ def _numbers(recursion: Recursion, values: Mapping[Any, Any]) -> dict[Any, Any]:
     if missing:
         raise ModelError(f"No value was given for {', '.join(map(str, missing))}.")
     return {p: sp.Float(values[p]) for p in recursion.parameters}
+
+
+def _in_single(recursion: Recursion) -> Recursion:
+    """Keep in single precision what stands just inside a limit of a bounded function: on it there is no inverse.
+
+    For a tanh it would be rounded to 1, for an atan beyond pi/2.
+    """
+    limits = {abs(float(v)) for row in TABLE if row.inverse is not None for v in row.values}
+    inside = {}
+    for one in (n for _, e in recursion.updates for n in e.atoms(sp.Float, sp.Add) if n.is_number):
+        for limit in limits:
+            if 0 < limit - abs(float(one)) < 2 * EDGE:
+                inside[one] = sp.sign(one) * sp.Float(float(np.nextafter(np.float32(limit), np.float32(0))))
+    return Recursion(tuple((left, e.xreplace(inside)) for left, e in recursion.updates), recursion.parameters)
 
 
 def _starts(recursion: Recursion, initial: Mapping[Any, Any]) -> dict[Any, Any]:

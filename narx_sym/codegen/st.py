@@ -147,6 +147,7 @@ def block(request: Request) -> Block:
         f"Call it once per sample with {takes}; it gives {labels[returned]}[k].",
         "In its first call, and whenever restart is TRUE, it starts from rest: the inputs as they are, the rest at the "
         "values that end in _rest.",
+        "Give it finite numbers: what is none may stay in the past until restart is TRUE.",
     )
     declared = {
         "VAR_INPUT": [

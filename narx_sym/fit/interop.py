@@ -66,7 +66,7 @@ def law_rest_state(law: Compensator, share: Any = "auto", **rest: float) -> Arra
     """
     recursion, output = law.exported(share=share), law.model.output
     rest = {name: value for name, value in rest.items() if name != str(output.label) or output in recursion.states}
-    begin = {b: e.xreplace(law.model.values) for b, e in law.starts.items()}
+    begin = {b: e.xreplace(law.model.values) for b, e in law.starts.items() if b in recursion.states}
     clock = {"t": 0.0} if any(samples(e, t) for e in begin.values()) else {}
     return rest_state(recursion, begin, clock | rest)
 

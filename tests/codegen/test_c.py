@@ -176,6 +176,22 @@ def test_single_precision(tmp_path):
 
 
 @needs_gcc
+@pytest.mark.filterwarnings("ignore:the model misses:UserWarning")
+@pytest.mark.parametrize("name", ("tanh", "atan"))
+def test_single_precision_where_a_bounded_function_ends(name, tmp_path):
+    """A number just inside the limit is rounded onto it, or beyond: infinite, or of the other sign."""
+    model = ns.NARX.from_terms(["y[k-1]", f"{name}(u[k-1])"], [0.5, 0.5], Ts=0.01)
+    source = model.compensator().to_c("x", single=True)
+    r = np.repeat([0.1, 3.0, -3.0, 0.1], 20)
+    found = stepped(tmp_path, source, "x", {"r": r}, [0.1])
+    assert np.isfinite(found).all() and (found[20:40] > 8).all() and (found[40:60] < -8).all()
+    wide = model.compensator().run(np.insert(r, 0, 0.1), 0.1, clip=True)[:-1]
+    assert np.abs(model.simulate(found, 0.1, u0=0.1) - model.simulate(wide, 0.1, u0=0.1)).max() < 1e-5
+    told = subprocess.run([built(tmp_path, source, "-DX_SELF_TEST")], capture_output=True, text=True)
+    assert "passed" in told.stdout, told.stdout
+
+
+@needs_gcc
 @pytest.mark.parametrize("wrong", (("0.8", "0.7"), ("past->y[0]", "past->y[1]"), (" + ", " - ")))
 def test_a_wrong_source_fails_its_own_test(wrong, tmp_path):
     source = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "Min(u[k-2], y[k-1])"], [0.8, 0.1, 0.5, 0.3]).to_c("x")
@@ -192,6 +208,18 @@ def test_a_nan_is_kept(tmp_path):
     recursion = Recursion(((p[k], sp.Max(u[k], 0) + sp.Min(u[k], 1)), (y[k], sp.sign(p[k]) + sp.Max(0, p[k - 1], 1))))
     found = stepped(tmp_path, to_c(recursion, {}, "x1"), "x1", {"u": np.array([1.0, np.nan, 1.0, 1.0])}, [0.0])
     assert np.isnan(found).tolist() == [False, True, True, False]
+
+
+@needs_gcc
+def test_what_a_nan_leaves_is_said_and_ends_with_init(tmp_path):
+    """Within limits too: m is no number until init is called again."""
+    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=0.01).compensator()
+    source = law.to_c("x", limits=(-1, 1))
+    assert "until x_init is called again" in " ".join(source.split()) and "finite numbers" in law.to_st()
+    found = stepped(
+        tmp_path, source, "x", {"r": np.array([0.3, np.nan, 0.3, 0.3])}, [0.0] * len(arguments(source, "x_init"))
+    )
+    assert np.isnan(found).tolist() == [False, True, True, True]
 
 
 @needs_gcc
@@ -265,6 +293,17 @@ def test_the_same_model_gives_the_same_source():
     law = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5], Ts=0.01).compensator()
     assert law.to_c() == law.to_c() and "Sampling time: 0.01 s" in law.to_c()
     assert "m[k] = 2.0*r[k+1] - 1.6*r[k]\n" in law.to_c()
+
+
+@needs_gcc
+def test_correct_code_passes_where_few_roundings_turn_a_branch(tmp_path):
+    """One in eight of the runs with other last bits shows it."""
+    from bench.attack import drawn
+
+    _, model = drawn(np.random.default_rng(13), 2)
+    source = model.compensator().to_c("x")
+    told = subprocess.run([built(tmp_path, source, "-DX_SELF_TEST")], capture_output=True, text=True)
+    assert "passed" in told.stdout, told.stdout
 
 
 @needs_gcc
