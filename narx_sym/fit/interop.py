@@ -62,12 +62,13 @@ def model_rest_state(model: Model, **rest: float) -> Array:
 def law_rest_state(law: Compensator, share: Any = "auto", **rest: float) -> Array:
     """Return the state of `to_casadi` at rest: `law.rest_state(m=1.0, r=2.0, y=2.0)`; `share` is as there.
 
-    The output of the model counts where it runs beside the law.
+    What the model computes counts where it runs beside the law.
     """
-    recursion, output = law.exported(share=share), law.model.output
-    rest = {name: value for name, value in rest.items() if name != str(output.label) or output in recursion.states}
+    recursion = law.exported(share=share)
+    idle = {str(b.label) for b in (law.model.output, *law.starts) if b not in recursion.states}
+    rest = {name: value for name, value in rest.items() if name not in idle}
     begin = {b: e.xreplace(law.model.values) for b, e in law.starts.items() if b in recursion.states}
-    clock = {"t": 0.0} if any(samples(e, t) for e in begin.values()) else {}
+    clock = {"t": 0.0} if t in recursion.inputs else {}
     return rest_state(recursion, begin, clock | rest)
 
 

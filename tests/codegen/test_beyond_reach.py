@@ -113,3 +113,15 @@ def test_the_state_of_a_damped_law_fits_its_step():
     assert len(law.rest_state(share=None, m=0.0, r=0.0)) == len(law.recursion.past)
     assert len(law.rest_state(share=None, **law.start(0.0, 0.0))) == len(law.recursion.past)
     assert of(law).recursion == law.recursion
+
+
+@pytest.mark.parametrize("effect", ("drift", "periodic_disturbance", "creep", "ageing"))
+def test_a_state_at_rest_takes_what_start_gives(effect):
+    """Also of a law that computes nothing of what its model remembers."""
+    linear = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=TS)
+    law = valued(linear, effect, value=0.05, tau=0.1, f=3.0).compensator()
+    state = law.rest_state(share=None, **law.start(0.2, 0.1))
+    _, output = law.to_casadi(share=None)(
+        state, [0.2 if str(s.base.label) == "r" else 0.0 for s in law.exported().given]
+    )
+    assert state.shape == (len(law.exported(share=None).past),) and np.isfinite(float(output))
