@@ -1,19 +1,22 @@
 """Every part of the report has a row here: what it tells of the stage with play, and how many pictures it draws."""
 
+import json
 import pickle
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import narx_sym as ns
 from narx_sym.data.examples import STAGE_UNITS
 from narx_sym.diagnosis.bases import few
 from narx_sym.diagnosis.steps import NO_FLOOR
 from narx_sym.diagnosis.table.candidates import Pair
 from narx_sym.fit.alignment import aligned
 from narx_sym.report import page, words
-from narx_sym.report.panels import registry
+from narx_sym.report.panels import registry, try_it
 from narx_sym.report.panels.ladder import fair
 from narx_sym.report.panels.registry import LAST, TAKEN, WAY, Material, panels
 from narx_sym.report.picture import Picture
@@ -238,3 +241,15 @@ def test_nothing_found_is_four_things(nothing, trace, unexplained, title, advice
     )  # fmt: skip
     found = SimpleNamespace(steps=[step], rungs=["base"], faults=[])
     assert words.headline(found).startswith(title) and advice in words.what_next(found)
+
+
+def test_a_damped_law_starts_from_the_states_that_its_script_has():
+    """The script is damped and has the model beside it."""
+    law = ns.NARX.from_terms(
+        ["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], [1.2, -0.65, 0.23, 0.2415], Ts=1e-3
+    ).compensator()
+    assert law.share() < 1
+    seen = SimpleNamespace(y=np.linspace(-1, 3, 50), u=np.linspace(0, 4, 50), worst=slice(0, 20))
+    told = try_it.reference(law, [SimpleNamespace(fitted=SimpleNamespace(model=law.model))], seen)
+    states = re.search(r"states = (\[.*?\])", law.to_js("law"))[1]
+    assert len(told["start"]) == len(json.loads(states)) == len(law.exported().states) > len(law.recursion.states)
