@@ -152,12 +152,14 @@ def feedback(record: Record) -> Feedback:
     of = usual_size(alone) or 1.0
     fresh, left = usual_size(alone) / moved, usual_size(both) / of
     found = fresh > FRESH and left < LEFT
-    if found and r is None and usual_size(_robust([*own, *past], target)[0]) > LATE * of:
+    late = usual_size(_robust([*own, *past], target)[0]) if found and r is None else 0.0
+    if late > LATE * of:
         slow_u, slow_y, fast = -slopes[0], slopes[len(own)], slopes[len(own) + 1 :]
         line, level = np.polyfit(u - u.mean(), y, 1)
         exact = line > 0 and np.ptp(y - level - line * (u - u.mean())) <= ROUNDING * np.ptp(y)  # a gain without noise
         quick, own_order = _answers(slow_u, slow_y, fast, line)
-        found = not exact and quick and ((own_order and left < SURE) or _opposes(u, y, fast[0], not own_order))
+        newest = usual_size(both) < CAUSED * late  # else it is no answer at once
+        found = not exact and quick and newest and ((own_order and left < SURE) or _opposes(u, y, fast[0]))
     leads = 0.0 if r is None else led(u, r)
     return Feedback(bool(found), float(fresh), float(min(left, 1.0)), given, leads, rests)
 
@@ -188,19 +190,17 @@ def _answers(slow_u: float, slow_y: float, fast: Array, line: float) -> tuple[bo
     return bool(abs(slow_y) < INTEGRAL * abs(first)), bool(not ordered or first * line < 0)
 
 
-def _opposes(u: Array, y: Array, at_once: float, clearly: bool) -> bool:
+def _opposes(u: Array, y: Array, at_once: float) -> bool:
     """Return whether the input answers the output with the opposite sign of what it does to it.
 
-    What it does is seen some samples later, beside all that the output's own past foretells; `clearly` asks that it
-    lowers the error of that forecast.
+    What it does is seen some samples later, beside all that the output's own past foretells, and lowers the error of
+    that forecast clearly: the force of a damper follows the speed, and a speed returns to its mean by itself.
     """
     rows = np.arange(OWN, u.size - AHEAD)
     caused = y[rows + AHEAD] - y[rows]
     error, slopes = _robust([*_lags(y, rows), *_lags(u, rows)], caused)
     new = slopes[OWN] + slopes[OWN + 1]  # the level of u, and its last step
-    if new * at_once >= 0:
-        return False
-    return not clearly or bool(usual_size(error) < CAUSED * usual_size(_robust(_lags(y, rows), caused)[0]))
+    return bool(new * at_once < 0 and usual_size(error) < CAUSED * usual_size(_robust(_lags(y, rows), caused)[0]))
 
 
 def _lags(x: Array, rows: Array) -> list[Array]:

@@ -66,7 +66,7 @@ def resampled(a: Array, factor: int) -> Array:
 def start_beside(records: Sequence[Record], core: Core, a: Array) -> Array:
     """Return a, b and the constant of a core with given coefficients a of older outputs.
 
-    The rest is least squares of the free run; where each record starts is unknown.
+    The rest is least squares of the free run; where each record starts is unknown. NaN where its poles run away.
     """
     n, width = core.n_y, core.n_u + 1
     rows = []
@@ -77,7 +77,10 @@ def start_beside(records: Sequence[Record], core: Core, a: Array) -> Array:
         )
         columns[:, width + i * n : width + (i + 1) * n] = np.eye(len(record), n)
         rows.append(lfilter([1.0], _polynomial(a), columns, axis=0))
-    found = np.linalg.lstsq(np.concatenate(rows), np.concatenate([r.y for r in records]), rcond=1e-10)[0]
+    runs = np.concatenate(rows)
+    if not np.isfinite(runs).all():
+        return np.full(n + width, np.nan)
+    found = np.linalg.lstsq(runs, np.concatenate([r.y for r in records]), rcond=1e-10)[0]
     return np.concatenate([a, found[:width]])
 
 

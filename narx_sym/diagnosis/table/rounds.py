@@ -225,10 +225,14 @@ class Table:
     def held(self, choose: Callable[[], tuple[Row, Row | None]]) -> tuple[Row, Row | None]:
         """Return the first base and winner that can both be held at both rates; others leave the table.
 
-        So does a winner that is not worth its price at the records' own rate, over all samples.
+        So does a winner that is not worth its price at the records' own rate, over all samples. The core of what is
+        cheaper than the base, with its delay, stands in the table without the effects too: what a delay explains they
+        do not.
         """
         while True:
             base, best = choose()
+            if best is not None and self.search.bare([r for r in self.beside(base) if r.price < base.price], base):
+                continue
             lost = [r for r in (base, best) if r is not None and not self.holds(r)]
             if not lost and best is not None and not self.worth(best, base):
                 lost = [best]
