@@ -135,7 +135,7 @@ def plot_commissioning(found: Commissioning, units: dict[str, str] | None = None
     time = np.arange(found.r.size) * (found.law.model.Ts or 1.0)
     t = TIME if found.law.model.Ts else "time [samples]"
     verdict, unit = "Go" if found.go else "No go", f" {units['y']}" if units.get("y") else ""
-    title = f"{verdict}: error {found.expected:.3g}{unit} rms, without the law {found.without:.3g}{unit}"
+    title = f"{verdict}: error {found.expected:.3g}{unit} rms, a constant gain {found.without:.3g}{unit}"
     way = np.concatenate([time, time[::-1]]), np.concatenate([found.low, found.high[::-1]])
     band = Line(*way, "95 % of what the records allow", "range")
     return draw(
