@@ -69,7 +69,7 @@ def prepare(records: Any, units: Mapping[str, str] | None = None) -> list[Record
     return in_units(listed, units)
 
 
-def judged(model: Model) -> Model:
+def judged(model: Model, records: Sequence[Record]) -> Model:
     """Warn where a model explains little, where its law is unstable, or where its free run is not bounded."""
     error = free_run_error(model)
     if error >= 0.95:
@@ -80,6 +80,10 @@ def judged(model: Model) -> Model:
         )
     elif error >= 0.5:
         warnings.warn(f"The free run explains little of the output (NRMSE {error:.3g}).", stacklevel=3)
+    for record in records if len(records) > 1 and error < 0.95 else ():  # offsets between them may hide it
+        if (own := evaluate(model, record).free_run_nrmse) >= 0.95:
+            said = f"no better than a constant (NRMSE {own:.3g})"
+            warnings.warn(f"Along the record {record.name!r} the free run is {said}.", stacklevel=3)
     if model.info.selection.stable_law is False:
         warnings.warn("The compensation law of this model is unstable on these data: it may run away.", stacklevel=3)
     growth = periodic_growth(model)
@@ -193,7 +197,7 @@ def identify(
         if for_compensation:
             compensator(model)  # NotInvertible here rather than later
             model = _selected(model, stable_law=stable_law(model, listed))
-        return judged(model)
+        return judged(model, listed)
     if base == "linear":
         return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)
     if base in ("play", "bouc-wen"):
@@ -222,8 +226,8 @@ def _remembering(
     if own:
         raise ModelError(f"The {base} base has one input; the channel {next(iter(own))!r} cannot take part.")
     if base == "play":
-        return judged(identify_play(records, origin, delays, **size))
-    return judged(identify_bouc_wen(records, origin, delays))
+        return judged(identify_play(records, origin, delays, **size), records)
+    return judged(identify_bouc_wen(records, origin, delays), records)
 
 
 def _delays(base: str, records: list[Record], given: int | None) -> Sequence[int]:
@@ -273,15 +277,9 @@ def identify_inverse(
     candidates = pool(n_y, n_u, degree, 1, inverse=True, rules=rules)
     frame = NARX([u[k - 1]], output=u, input=y, lead=lead, operating_point=origin)
     chosen = select(
-        candidates,
-        listed,
-        max_terms=max_terms,
-        criterion=criterion,
-        n_terms=n_terms,
-        method=method,
-        frame=frame,
+        candidates, listed, max_terms=max_terms, criterion=criterion, n_terms=n_terms, method=method, frame=frame
     )
-    return judged(_finish(chosen, len(candidates)))
+    return judged(_finish(chosen, len(candidates)), listed)
 
 
 def _finish(chosen: Selection, candidates: int) -> Model:
@@ -350,7 +348,8 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     reason = f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})"
     final = fit(tried[i], records, method=method)
     final = _selected(final, base=what, candidates=len(tried), reason=reason)
-    return judged(_selected(final, stable_law=stable_law(final, records)) if for_compensation else final)
+    final = _selected(final, stable_law=stable_law(final, records)) if for_compensation else final
+    return judged(final, records)
 
 
 def cancels(model: Model) -> bool:

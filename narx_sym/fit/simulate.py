@@ -360,7 +360,10 @@ class Errors:
 
 
 def evaluate(model: Model, records: Records) -> Errors:
-    """Compare a model with measurements; a free run that diverges has an infinite error."""
+    """Compare a model with measurements; a free run that diverges has an infinite error.
+
+    All samples count alike: over several records, or across a gap, the errors are those of the samples put together.
+    """
     measured, predicted, simulated = [], [], []
     for record in in_units(segments(records), model.info.units):
         if model.Ts and not same_pace(record.Ts, model.Ts):
@@ -369,12 +372,10 @@ def evaluate(model: Model, records: Records) -> Errors:
                 stacklevel=2,
             )
         data = arrays(model, record)[str(model.output.label)]
-        # Each record around its own mean: offsets between records would hide what the model misses.
-        offset = data.mean()
-        measured.append(data - offset)
-        predicted.append(predict(model, record) - offset)
+        measured.append(data)
+        predicted.append(predict(model, record))
         try:
-            simulated.append(free_run(model, record) - offset)
+            simulated.append(free_run(model, record))
         except Diverged:
             simulated.append(np.full(data.size, np.inf))
     target, one, free = (np.concatenate(parts) for parts in (measured, predicted, simulated))
