@@ -146,7 +146,12 @@ def fleet(listed: Sequence[Entry], settings: Settings, jobs: int | None = -1) ->
     The work spreads to what `joblib.parallel_config` names; inside `narx_sym.resuming(file)` it goes on from there.
     """
     check_kind(settings.base)
-    rows = sweep(look, [(entry, settings) for entry in listed], f"Diagnosing {len(listed)} records", jobs)
+
+    def holds(row: Row) -> bool:
+        """Whether the report of a row that was kept is still there."""
+        return settings.reports is None or not row["report"] or (settings.reports / row["report"]).is_file()
+
+    rows = sweep(look, [(entry, settings) for entry in listed], f"Diagnosing {len(listed)} records", jobs, holds)
     return sorted(rows, key=lambda r: (bool(r["problem"]), -r["explained"], r["tag"], r["file"]))
 
 

@@ -56,6 +56,20 @@ def test_a_fleet_is_diagnosed_and_a_bad_file_stops_nothing(folder, tmp_path):
         assert journal.found == 3
 
 
+def test_going_on_writes_again_what_was_deleted(folder, tmp_path, run):
+    command = (
+        "fleet", folder, "--out", tmp_path / "plant.html", "--base", "static", "--jobs", "1",
+        "--reports", tmp_path / "reports", "--resume", tmp_path / "kept",
+    )  # fmt: skip
+    assert run(*command)[0] == 0
+    first, second = sorted((tmp_path / "reports").iterdir())
+    before, other = first.read_bytes(), second.stat().st_mtime_ns
+    first.unlink()
+    assert run(*command)[0] == 0
+    assert first.read_bytes() == before and second.stat().st_mtime_ns == other
+    assert "3 results were taken" in run(*command)[2]
+
+
 def test_the_page_and_the_csv_say_the_same(tmp_path):
     grows = [ROW | {"file": f"{i}.csv", "sizes": {"backlash r": 0.3 + 0.1 * i}} for i in range(3)]
     healthy = ROW | {"tag": "V<2>", "verdict": "nothing_detectable", "missing": [], "sizes": {}}
