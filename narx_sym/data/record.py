@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..engines.numbers import floats
 from ..errors import DataError
 from .readers import load
 from .tables import PathLike, check_size, names_of, wants_all
@@ -88,6 +89,8 @@ class Record:
         `units` such as {"u": "V", "y": "um"} go with the record.
         """
         where = f"record '{name}': "
+        if not isinstance(channels or {}, Mapping):
+            raise DataError(f'{where}channels must be a mapping of names to arrays, such as {{"temp": temp}}')
         extra = {} if t is None or Ts is not None else {"t": t}
         signals = _vectors({"u": u, "y": y, **extra}, channels or {}, where)
         stamps = signals.pop("t", None)
@@ -176,7 +179,7 @@ class Record:
         """
         from scipy.signal import savgol_filter
 
-        width = 2 * round(seconds / self.Ts / 2) + 1
+        width = 2 * round(seconds / self.Ts / 2) + 1 if 0 < seconds < np.inf else 0
         parts = self.segments()
         if not 5 <= width <= min(map(len, parts)):
             raise DataError(
@@ -257,8 +260,7 @@ def _vector(x: Any, where: str) -> Vector:
     try:
         if np.iscomplexobj(x) or np.asarray(x).dtype.kind in "mM":  # dates are no seconds
             raise TypeError
-        x = np.ma.filled(x.astype(np.float64), np.nan) if isinstance(x, np.ma.MaskedArray) else x
-        out: Vector = np.array(x, dtype=np.float64, order="C")
+        out: Vector = np.array(floats(x), order="C")
     except (TypeError, ValueError):
         raise DataError(f"{where} is not an array of real numbers") from None
     if out.ndim == 2 and 1 in out.shape:

@@ -21,6 +21,7 @@ from ..files.parallel import one_blas_thread
 from ..fit.identify import prepare
 from ..fit.simulate import Records, evaluate
 from ..models.effects import EFFECTS, Catalogue
+from ..models.info import whole
 from ..models.model import Model
 from .doors import DiagnosisDoors
 from .experiment import Experiment, check_limits
@@ -209,9 +210,7 @@ def diagnose(
         Where the base cannot follow the data at all.
     """
     begin = time.perf_counter()
-    if max_effects < 1:
-        raise ModelError("max_effects must be at least 1.")
-    check_limits(limits)
+    _check(model, limits, max_effects, seed=seed, delay=delay)
     listed = prepare(records, model.info.units)
     measured = [n for n in listed[0].channels if all(n in r.channels for r in listed)]
     unknown = [] if channels == "all" else [n for n in channels if n not in measured]
@@ -278,3 +277,13 @@ def _misfit(fitted: Fitted, floor: float | None) -> Misfit:
     """Where a fitted model fails along the longest segment."""
     i = int(np.argmax([len(r) for r in fitted.split.records]))
     return misfit_of(fitted.model, fitted.split.records[i], fitted.errors[i], floor)
+
+
+def _check(model: Any, limits: Any, max_effects: Any, **numbers: Any) -> None:
+    """Refuse what a diagnosis cannot begin with."""
+    if not isinstance(model, Model):
+        raise ModelError(f"Give a model (ns.identify, ns.load), then its records, not {type(model).__name__}.")
+    whole(max_effects=max_effects, **numbers)
+    if max_effects < 1:
+        raise ModelError("max_effects must be at least 1.")
+    check_limits(limits)

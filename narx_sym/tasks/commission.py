@@ -16,9 +16,12 @@ from ..errors import Diverged, ModelError
 from ..fit.bootstrap import block_bootstrap, moving_blocks
 from ..fit.identify import prepare
 from ..fit.laws.damping import Share
+from ..fit.laws.run import ends
 from ..fit.least_squares import describe
-from ..fit.simulate import Records, free_run, simulate
+from ..fit.simulate import Records, free_run, simulate, vector
 from ..inversion.compensator import Compensator
+from ..models.info import whole
+from ..models.model import Model
 from ..symbolic.signals import u
 from .compensate import Followed, Straight, caution, follow, straight
 from .result_file import write_plain
@@ -122,12 +125,9 @@ def commission(
     Unreachable
         Where the reference cannot be followed at all.
     """
-    model = law.model
-    if model.channels or model.input != u:
-        raise ModelError(
-            "Commissioning needs a law from a model of the output with one input; use Python for this one."
-        )
-    listed, r, share = prepare(records, model.info.units), np.asarray(reference, dtype=float), law.share(share)
+    model, limits = law.model, ends(limits)
+    _check(model, draws)
+    listed, r, share = prepare(records, model.info.units), vector(reference, "reference", least=2), law.share(share)
     run = follow(law, r, m0, limits=limits, rate=rate, share=share)
     left = np.concatenate([s.y - free_run(model, s) for one in listed for s in one.segments()])
     drawn = block_bootstrap(model, listed, draws, seed=seed)
@@ -171,6 +171,17 @@ def commission(
     if worse > 1 - LEVEL:
         said.append(f"for {100 * worse:.0f} % of the parameter sets the error is larger than {WITHOUT}")
     return replace(found, against=tuple(text[0].upper() + text[1:] for text in said))
+
+
+def _check(model: Model, draws: int) -> None:
+    """Refuse models whose law cannot be judged so, and too few draws."""
+    whole(draws=draws)
+    if draws < 2:
+        raise ModelError(f"At least 2 parameter sets must be drawn, not {draws}.")
+    if model.channels or model.input != u:
+        raise ModelError(
+            "Commissioning needs a law from a model of the output with one input; use Python for this one."
+        )
 
 
 def write_commissioning(found: Commissioning, path: Path) -> None:

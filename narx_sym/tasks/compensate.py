@@ -19,7 +19,7 @@ from ..engines.compile import compile
 from ..errors import Diverged, ModelError, NarxError, NotInvertible
 from ..fit.laws.damping import Share
 from ..fit.laws.excursions import operating_range
-from ..fit.laws.run import told
+from ..fit.laws.run import ends, told
 from ..fit.laws.start import rests_at, rests_with
 from ..fit.simulate import simulate, vector
 from ..inversion.compensator import Compensator, compensator
@@ -164,8 +164,8 @@ def follow(law: Compensator, r: Array, m0: float | None = None, **options: Any) 
     options : limits, rate, share, clip, as `Compensator.run` takes them
     """
     _alone(law)
-    start = law.rest_input(r[0], options.get("limits")) if m0 is None else m0
     r = vector(r, "reference", least=2)
+    start = law.rest_input(r[0], ends(options.get("limits"))) if m0 is None else m0
     found, said = told(law, r, start, **options)
     for warning in said:
         warnings.warn(warning, stacklevel=2)

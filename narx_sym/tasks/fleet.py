@@ -159,8 +159,8 @@ def look(entry: Entry, settings: Settings) -> Row:
     """Diagnose one record; whatever goes wrong becomes its row."""
     begin = time.monotonic()
     row: Row = {
-        "file": str(entry.file), "tag": entry.tag, "verdict": "", "missing": [], "sizes": {}, "before": None,
-        "after": None, "unit": "", "explained": 0.0, "report": "", "problem": "",
+        "file": str(entry.file), "tag": entry.tag, "verdict": "", "finding": "", "missing": [], "sizes": {},
+        "before": None, "after": None, "unit": "", "explained": 0.0, "report": "", "problem": "",
     }  # fmt: skip
 
     def watch(_: str) -> None:
@@ -204,6 +204,7 @@ def _told(found: Diagnosis) -> Row:
         best = found.best
         sizes = {f"{best.effect} {name}": float(value) for name, value in best.parameters.items()}
     return {
-        "verdict": first.verdict, "missing": missing, "sizes": sizes, "before": float(before), "after": float(after),
+        "verdict": first.verdict, "finding": first.finding, "missing": missing, "sizes": sizes,
+        "before": float(before), "after": float(after),
         "explained": max(0.0, float(before - after)) / spread,
     }  # fmt: skip

@@ -16,7 +16,7 @@ from narx_sym.tasks.fleet import Settings, entries, fleet, look
 
 N, TS = 900, 0.01
 ROW = {
-    "file": "a.csv", "tag": "V1", "verdict": "named", "missing": ["backlash"], "sizes": {"backlash r": 0.3}, "before": 0.2,
+    "file": "a.csv", "tag": "V1", "verdict": "named", "finding": "named", "missing": ["backlash"], "sizes": {"backlash r": 0.3}, "before": 0.2,
     "after": 0.05, "unit": "mm", "explained": 0.6, "seconds": 1.0, "report": "", "problem": "",
 }  # fmt: skip
 
@@ -72,16 +72,24 @@ def test_going_on_writes_again_what_was_deleted(folder, tmp_path, run):
 
 def test_the_page_and_the_csv_say_the_same(tmp_path):
     grows = [ROW | {"file": f"{i}.csv", "sizes": {"backlash r": 0.3 + 0.1 * i}} for i in range(3)]
-    healthy = ROW | {"tag": "V<2>", "verdict": "nothing_detectable", "missing": [], "sizes": {}}
+    healthy = ROW | {
+        "tag": "V<2>",
+        "verdict": "nothing_detectable",
+        "finding": "nothing_detectable",
+        "missing": [],
+        "sizes": {},
+    }
+    left = healthy | {"tag": "V4", "finding": "trace"}
     broken = ROW | {"tag": "V3", "verdict": "", "missing": [], "sizes": {}, "problem": "no column y"}
-    rows = [*grows, healthy, broken]
+    rows = [*grows, healthy, left, broken]
     page, table, *_ = write_fleet(rows, tmp_path / "plant.html", "reports/")
     text = page.read_text()
-    assert "3 of 5 records" in text and "V&lt;2&gt;" in text and "no column y" in text and "polyline" in text
+    assert "3 of 6 records" in text and "V&lt;2&gt;" in text and "no column y" in text and "polyline" in text
     assert "http" not in text.split("</style>")[1] and "<script" not in text
     read = list(csv.DictReader(table.open()))
-    assert [r["missing"] for r in read] == ["backlash"] * 3 + ["", ""] and read[2]["sizes"] == "backlash r=0.5"
-    assert heat(rows)["counts"] == {"V1": [3], "V3": [0], "V<2>": [0]}
+    assert [r["missing"] for r in read] == ["backlash"] * 3 + ["", "", ""] and read[2]["sizes"] == "backlash r=0.5"
+    assert heat(rows)["counts"] == {"V1": [3], "V3": [0], "V4": [0], "V<2>": [0]}
+    assert text.count("nothing that the record shows") == 1 and "something left, too little" in text
     (trend,) = trends(rows)
     assert trend["values"] == pytest.approx([0.3, 0.4, 0.5])
 
