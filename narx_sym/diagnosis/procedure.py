@@ -14,7 +14,7 @@ from ..data.evidence.levels import at_levels
 from ..data.evidence.noise import repeated, sensor_noise
 from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
-from ..data.sensor import Fault, sensor_faults
+from ..data.sensor import Fault, quantum, sensor_faults
 from ..data.units import said_first
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
@@ -225,9 +225,11 @@ def diagnose(
     start = model.fit(listed) if model.theta is None else model
     listed, held = at_levels(listed, lambda seen: evaluate(start, seen).free_run_nrmse)
 
+    converter = quantum(np.concatenate([r.y for r in listed]))  # as measured: offsets that are taken off hide it
+
     def searched(seen: list[Record]) -> tuple[Table, list[Step]]:
         course = Course(report, [BASE, *ROUND * max_effects])
-        table = Table(start, seen, named, catalogue, seed, course, delay)
+        table = Table(start, seen, named, catalogue, seed, course, delay, converter)
         steps: list[Step] = []
         known, loop = table.base, closed_loop(seen)
         valves = _valves(seen, loop)
@@ -248,7 +250,7 @@ def diagnose(
     for one in steps:
         one.sensor = sensor
     failed = _misfit(steps[0].base, steps[0].floor)
-    faults = sensor_faults(listed, min(s.floor for s in steps))
+    faults = sensor_faults(listed, min(s.floor for s in steps), converter)
     said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())] + held
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")

@@ -159,7 +159,7 @@ def test_parquet_where_its_writer_is_there(folder, tmp_path, run, monkeypatch):
         assert len(write_fleet(rows, tmp_path / "bare.html")) == 2 and not (tmp_path / "bare.parquet").exists()
     monkeypatch.setattr(fleets, "look", lambda entry, settings: ROW | {"file": str(entry.file), "tag": entry.tag})
     code, text, err = run("fleet", folder, "--out", tmp_path / "all.html", "--jobs", "1")
-    assert code == 0 and "all.parquet" in text.replace("\n", "") and len(load(tmp_path / "all.parquet").columns) == 11
+    assert code == 0 and "all.parquet" in text.replace("\n", "") and len(load(tmp_path / "all.parquet").columns) == 12
     code, _, err = run("fleet", folder, "--out", tmp_path / "p.parquet", "--jobs", "1")
     assert code and "two results would go to the same file" in err and not (tmp_path / "p.parquet").exists()
     before = (tmp_path / "all.parquet").read_bytes()

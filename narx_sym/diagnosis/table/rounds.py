@@ -13,7 +13,6 @@ import numpy as np
 
 from ...data.evidence.rate import means, working
 from ...data.record import Record
-from ...data.sensor import quantum
 from ...errors import FitError
 from ...fit.identify import OPEN
 from ...models.effects import Catalogue
@@ -43,6 +42,7 @@ class Table:
         Samples of the record that are one at the working rate.
     rounding : float
         Mean square, over the variance of y, of what arithmetic and the steps of a converter make: less says nothing.
+        (These steps are the parameter `quantum` [unit of y].)
     """
 
     def __init__(
@@ -54,6 +54,7 @@ class Table:
         seed: int,
         course: Course,
         delay: int | None = None,
+        quantum: float = 0.0,
     ):
         self.given, self.records = given, list(records)
         self.channels, self.catalogue, self.seed, self.course = tuple(channels), catalogue, seed, course
@@ -63,8 +64,7 @@ class Table:
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
         self._fitted: dict[Row, Fitted] = {}
         self._own: dict[Row, Fitted] = {}
-        values = np.concatenate([r.y for r in self.records])
-        steps = quantum(values) ** 2 / 12 / (float(np.var(values)) or 1.0)
+        steps = quantum**2 / 12 / (float(np.var(np.concatenate([r.y for r in self.records]))) or 1.0)
         self.rounding = max(ROUNDING**2, steps * float(np.exp(ALIKE)))
         self.delay = delay
         if delay is None:
