@@ -392,7 +392,7 @@ def read_signal(
         return values, None, np.arange(values.size, dtype=np.float64)
     if len(grid.pieces) > 1 or grid.pieces[0][1].size < values.size:
         raise DataError(
-            f"{table.path}: the time stamps have a gap ({grid.notes[0]}); this signal must have none"
+            f"{table.path}: the time stamps have a gap ({grid.notes[0].partition(';')[0]}); this signal must have none"
             + (f": {' or '.join(f'use {option}' for option in offers)}" if offers else "")
         )
     if grid.resampled:

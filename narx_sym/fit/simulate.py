@@ -17,7 +17,7 @@ from ..data.units import in_units, listed
 from ..engines.columns import Columns, reader
 from ..engines.compile import compile
 from ..engines.numbers import floats
-from ..errors import Diverged, ModelError, NarxError
+from ..errors import DataError, Diverged, ModelError, NarxError
 from ..models.model import Model
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
@@ -389,10 +389,11 @@ def evaluate(model: Model, records: Records) -> Errors:
         except Diverged:
             simulated.append(np.full(data.size, np.inf))
     target, one, free = (np.concatenate(parts) for parts in (measured, predicted, simulated))
+    if np.ptp(target) == 0:
+        raise DataError(
+            f"record {record.name!r}: {model.output.label} is constant ({target[0]:.6g}): an error has nothing to be "
+            "compared with. Check the columns (--input, --output) and the rows (--rows)."
+        )
     finite = float(np.abs(free).max()) < HUGE * float(np.ptp(target) or 1.0)
-    return Errors(
-        nrmse(target, one),
-        nrmse(target, free) if finite else float("inf"),
-        mape(target, one),
-        mape(target, free) if finite else float("inf"),
-    )
+    free_nrmse, free_mape = (measure(target, free) if finite else float("inf") for measure in (nrmse, mape))
+    return Errors(nrmse(target, one), free_nrmse, mape(target, one), free_mape)

@@ -185,6 +185,21 @@ def test_a_reference_is_found_by_its_name_before_the_unit(run, tmp_path, asked, 
     assert code == 0 and "Tracking of the reference" in out and "NSAVI" in out, err
 
 
+def test_a_constant_output_is_told_by_its_record(run, bench, tmp_path):
+    (tmp_path / "still.csv").write_text("t,u,y\n" + "".join(f"{i / 200},{i % 7},3\n" for i in range(60)))
+    code, _, err = run("compare", bench / "model.json", tmp_path / "still.csv", "--plot", tmp_path / "p.png")
+    assert code == 2 and "record 'still': y is constant (3)" in err and "--output" in err
+    assert not (tmp_path / "p.png").exists()
+
+
+def test_a_gap_in_a_reference_is_not_said_to_be_split(run, bench, tmp_path):
+    (tmp_path / "r.csv").write_text("t,r\n" + "".join(f"{i / 10 + 9 * (i > 9)},{i % 3}\n" for i in range(20)))
+    code, _, err = run(
+        "compensate", bench / "model.json", "--reference", tmp_path / "r.csv", "--out", tmp_path / "m.csv"
+    )
+    assert code == 2 and "have a gap (line 12: gap of" in err and "split" not in err and "use --rows or use --ts" in err
+
+
 def test_what_is_told_to_do_about_a_hole_can_be_done(run, bench, tmp_path):
     """A reference file is read whole by `commission`: no option drops or cuts its rows."""
     text = "t,r\n" + "".join(f"{i / 10},{'' if i == 5 else i % 3}\n" for i in range(20))
