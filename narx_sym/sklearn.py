@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .data.record import Record
+from .engines.numbers import floats
 from .errors import DataError
 from .fit.identify import identify
 from .models.model import Model
@@ -87,7 +88,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         ValueError
             From scikit-learn for what is no array of finite numbers; `NarxError`, which is one, for the rest.
         """
-        X, y = validate_data(self, _columns(X), y, y_numeric=True, dtype=np.float64)
+        X, y = validate_data(self, _columns(_seen(X)), _seen(y), y_numeric=True, dtype=np.float64)
         names = self._channels()
         records = [
             Record.from_arrays(X[a:b, 0], y[a:b], self.Ts, channels=dict(zip(names, X[a:b, 1:].T, strict=True)))
@@ -114,6 +115,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         (N,) array [unit of y]
         """
         check_is_fitted(self)
+        X = _seen(X)
         X = validate_data(self, _columns(X) if self.n_features_in_ == 1 else X, reset=False, dtype=np.float64)
         names = self._channels()
         return np.concatenate(
@@ -146,6 +148,11 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         if len(set(names)) < len(names):
             raise DataError("Two columns have the same name once it may stand in an equation; rename one.")
         return names
+
+
+def _seen(given: Any) -> Any:
+    """Return an array with what is masked as NaN, which scikit-learn refuses; it does not look at masks."""
+    return floats(given) if isinstance(given, np.ma.MaskedArray) else given
 
 
 def _columns(X: Any) -> Any:

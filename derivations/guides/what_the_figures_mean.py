@@ -39,6 +39,7 @@ print(ns.mape(target, answer), by_hand)
 # %% [markdown]
 # ## NRMSE
 # The root mean square error over the standard deviation of what was measured: 0 is exact, 1 is as good as a constant.
+# Both are over all samples: of a record with a gap, or of several records, as if they stood in one.
 # It also counts a constant offset: two records of one machine that differ by an offset look worse than they are
 # ([a piezo stage](../results/paper.md#a-real-piezo-stage) is an example).
 

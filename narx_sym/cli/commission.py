@@ -65,7 +65,9 @@ def commission(
     model = load(model_file)
     measured = records(data, u, y, t, ts, "", rows, missing, units, model)
     names = dict(measured[0].units)
-    goal, step, _ = read_signal(reference, column, t=t, option="--column", prefer="r", unit=names.get("y", ""))
+    goal, step, _ = read_signal(
+        reference, column, t=t, option="--column", prefer="r", unit=names.get("y", ""), offers=()
+    )
     if pace := other_pace(model, step, "the reference has"):
         note(pace)
     with working("Running the law and the models that the records allow"):

@@ -69,7 +69,8 @@ def compensate(
         write_bytes(path, made if isinstance(made, bytes) else made.encode("utf-8"))
         console().print(f"{exports()[name].title} written to {path}")
     if reference and out:
-        goal = read_signal(reference, column, ts, t, rows, option="--column", prefer="r", unit=names.get("y", ""))
+        unit, offers = names.get("y", ""), ("--rows", "--ts")
+        goal = read_signal(reference, column, ts, t, rows, option="--column", prefer="r", unit=unit, offers=offers)
         _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, share=part, clip=clip)
 
 
@@ -141,7 +142,7 @@ def simulate(
         raise DataError(f"{model_file}: the model needs the channel {model.channels[0]!r}; use Python for this one.")
     own = str(model.input.label)
     values, step, stamps = read_signal(
-        input_file, u, Ts=ts, t=t, rows=rows, prefer=own, unit=model.info.units.get(own, "")
+        input_file, u, Ts=ts, t=t, rows=rows, prefer=own, unit=model.info.units.get(own, ""), offers=("--rows", "--ts")
     )
     if pace := other_pace(model, step, "the input has"):
         note(pace)

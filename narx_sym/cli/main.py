@@ -6,6 +6,7 @@ import os
 import sys
 import warnings
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -182,9 +183,10 @@ def _pictures(model: Any, measured: list[Any], target: Path, misfit: Any, where:
 
     for i, record in enumerate(measured):
         path = target if i == 0 else target.with_stem(f"{target.stem}_{i + 1}")
-        longest = max(record.segments(), key=len)
+        name = f"{record.name}{' (longest segment)' if record.breaks else ''}"
+        longest = replace(max(record.segments(), key=len), name=name)  # its error is not that of the record
         save_figure(plot_comparison(model, longest, units=units), path)
-        console().print(f"Picture of {record.name}{' (longest segment)' if record.breaks else ''}: {path}")
+        console().print(f"Picture of {name}: {path}")
     if misfit is not None and where is not None:
         save_figure(where_it_fails(misfit, units=units), where)
         console().print(f"Picture of where it fails: {where}")

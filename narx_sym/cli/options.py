@@ -150,7 +150,7 @@ def with_own(files: list[Path]) -> Catalogue:
 
 def with_columns(channels: str, more: Any) -> str:
     """Add the names of further columns."""
-    return channels if channels == "all" else ",".join(dict.fromkeys(filter(None, [*channels.split(","), *more])))
+    return ",".join(dict.fromkeys(filter(None, [*channels.split(","), *more])))
 
 
 def where_beside(plot: Path | None) -> Path | None:

@@ -194,7 +194,7 @@ def print_headline(found: Diagnosis) -> None:
 
     from ..report.words import BADGES, headline
 
-    told = f"({found.verdict}: {BADGES[found.verdict]})"
+    told = f"({found.verdict}: {BADGES[found.steps[0].finding]})"
     console().print(f"[bold]{escape(headline(found))}[/bold] {escape(told)}")
 
 

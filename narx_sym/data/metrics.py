@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..engines.numbers import floats
 from ..errors import NarxError
 
 Vector = NDArray[np.float64]
@@ -103,7 +104,7 @@ def _pair(a: ArrayLike, b: ArrayLike, metric: str, name_a: str, name_b: str) -> 
 def _vector(x: ArrayLike, metric: str, name: str) -> Vector:
     """`x` as a finite, nonempty (N,) array; (N, 1) is flattened."""
     try:
-        out = np.asarray(x, dtype=np.float64)
+        out = floats(x)
     except (TypeError, ValueError):
         raise NarxError(f"{metric}: {name} is not an array of numbers") from None
     if out.ndim == 2 and out.shape[1] == 1:

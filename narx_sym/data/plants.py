@@ -76,7 +76,7 @@ def bouc_wen(
     -------
     y : array like u [um]
     """
-    u = np.asarray(u, dtype=float)
+    u = np.ma.asarray(u, dtype=float).filled(np.nan)  # what is masked is missing
     if u.ndim not in (1, 2) or u.shape[0] < 2 or not np.all(np.isfinite(u)):
         raise DataError("The plant needs an input of at least two finite samples, (N,) or (N, batch).")
 
@@ -131,7 +131,7 @@ def valve(
     y : (N,) array [V]
         Stem position.
     """
-    u = np.asarray(u, dtype=float)
+    u = np.ma.asarray(u, dtype=float).filled(np.nan)  # what is masked is missing
     if u.ndim != 1 or u.size < 2 or not np.all(np.isfinite(u)):
         raise DataError("The valve needs an input (N,) of at least two finite samples.")
     h, full = Ts / substeps, k * stroke / S  # [Pa]: 12 psi moves the spring through its stroke

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from ..engines.numbers import floats
 from ..errors import DataError
-from ..symbolic.signals import plain_name
 from .readers import load
-from .tables import PathLike, check_size, names_of
+from .tables import PathLike, check_size, names_of, wants_all
 from .timegrid import Vector, check_step, regular_time, uniform_time
 from .units import converted, said_first
 
@@ -89,6 +89,8 @@ class Record:
         `units` such as {"u": "V", "y": "um"} go with the record.
         """
         where = f"record '{name}': "
+        if not isinstance(channels or {}, Mapping):
+            raise DataError(f'{where}channels must be a mapping of names to arrays, such as {{"temp": temp}}')
         extra = {} if t is None or Ts is not None else {"t": t}
         signals = _vectors({"u": u, "y": y, **extra}, channels or {}, where)
         stamps = signals.pop("t", None)
@@ -177,7 +179,7 @@ class Record:
         """
         from scipy.signal import savgol_filter
 
-        width = 2 * round(seconds / self.Ts / 2) + 1
+        width = 2 * round(seconds / self.Ts / 2) + 1 if 0 < seconds < np.inf else 0
         parts = self.segments()
         if not 5 <= width <= min(map(len, parts)):
             raise DataError(
@@ -258,8 +260,7 @@ def _vector(x: Any, where: str) -> Vector:
     try:
         if np.iscomplexobj(x) or np.asarray(x).dtype.kind in "mM":  # dates are no seconds
             raise TypeError
-        x = np.ma.filled(x.astype(np.float64), np.nan) if isinstance(x, np.ma.MaskedArray) else x
-        out: Vector = np.array(x, dtype=np.float64, order="C")
+        out: Vector = np.array(floats(x), order="C")
     except (TypeError, ValueError):
         raise DataError(f"{where} is not an array of real numbers") from None
     if out.ndim == 2 and 1 in out.shape:
@@ -303,8 +304,8 @@ def read(
     rows : slice or "A:B"
         Data rows to keep, counted from 0 as in Python.
     channels : names or "all"
-        Further columns to keep. A name that cannot stand in an equation is changed, and that is noted:
-        "temp [C]" becomes temp_C, and either name finds it.
+        Further columns to keep. A name that cannot stand in an equation is changed, and that is noted: "temp [C]"
+        becomes temp_C. Who asks for temp_C, or for temp ("all,temp" too), finds that column by this name.
     missing : "refuse" or "drop"
         What happens where a value is missing or infinite. "drop" leaves the row out; the hole is treated as one in the
         time stamps: up to ten steps are filled by linear interpolation, a longer one splits the record. It is noted.
@@ -313,16 +314,13 @@ def read(
     """
     if missing not in ("refuse", "drop"):
         raise DataError(f"missing values are refused or dropped (--missing refuse or drop), not {missing!r}")
-    table = load(path, None if channels == "all" else {u, y, *names_of(channels), *([t] if t else [])})
+    table = load(path, None if wants_all(channels) else {u, y, *names_of(channels), *([t] if t else [])})
     cut = table.cut(rows)
     u, y, t = table.named(u), table.named(y), None if t is None else table.named(t)
     names = table.channels(channels, {u, y, t}, cut)
-    asked = {**dict.fromkeys(names, "--channels"), u: "--input", y: "--output"}
-    keep = (
-        table.complete([*asked, *([t] if Ts is None and t in table.columns else [])], cut)
-        if missing == "drop"
-        else None
-    )
+    asked = {**dict.fromkeys(names.values(), "--channels"), u: "--input", y: "--output"}
+    stamps = [t] if Ts is None and t in table.columns else []
+    keep = table.complete([*asked, *stamps], cut) if missing == "drop" else None
     data = {n: table.numbers(n, option, cut, keep) for n, option in asked.items()}
     grid = table.time(t, Ts, cut, keep)
     if grid is None:
@@ -331,9 +329,9 @@ def read(
             "give --ts SECONDS or choose the time column with --time"
         )
     data = {n: grid.apply(a) for n, a in data.items()}
-    written = {n: table.unit(column) for n, column in (*((plain_name(n), n) for n in names), ("u", u), ("y", y))}
+    written = {n: table.unit(column) for n, column in (*names.items(), ("u", u), ("y", y))}
     return Record(
-        data[u], data[y], grid.t, grid.Ts, {plain_name(n): data[n] for n in names}, Path(path).stem,
+        data[u], data[y], grid.t, grid.Ts, {name: data[n] for name, n in names.items()}, Path(path).stem,
         (*table.notes, *grid.notes), grid.breaks,
         said_first(written, _known_units(units, written, f"{table.path}: ")),
     )  # fmt: skip
@@ -348,6 +346,7 @@ def read_signal(
     option: str = "--input",
     prefer: str | None = None,
     unit: str = "",
+    offers: Sequence[str] = ("--rows",),
 ) -> tuple[Vector, float | None, Vector]:
     """Read one column, such as a reference.
 
@@ -359,6 +358,7 @@ def read_signal(
         The command-line option named where the column is unknown.
     unit : str
         What the values are wanted in; a column that says another unit, as "r [mm]", is converted, and that is warned.
+    offers : those of "--rows" and "--ts" that the user has for this file: what he is told to do
 
     Returns
     -------
@@ -367,6 +367,7 @@ def read_signal(
     t : (N,) array in s, or the sample numbers where `Ts` is None
     """
     table = load(path, None if column is None else {column, *([t] if t else [])})
+    table.offers = tuple(offers)
     cut = table.cut(rows)
     t, prefer = (name and table.named(name) for name in (t, prefer))
     if column is None:
@@ -391,8 +392,8 @@ def read_signal(
         return values, None, np.arange(values.size, dtype=np.float64)
     if len(grid.pieces) > 1 or grid.pieces[0][1].size < values.size:
         raise DataError(
-            f"{table.path}: the time stamps have a gap ({grid.notes[0]}); this signal must have none: "
-            "cut with --rows or give --ts"
+            f"{table.path}: the time stamps have a gap ({grid.notes[0].partition(';')[0]}); this signal must have none"
+            + (f": {' or '.join(f'use {option}' for option in offers)}" if offers else "")
         )
     if grid.resampled:
         warnings.warn(f"{table.path}: {grid.notes[-1]}", stacklevel=2)

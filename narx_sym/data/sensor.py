@@ -67,18 +67,20 @@ class Fault:
         )
 
 
-def sensor_faults(records: Sequence[Record], floor: float) -> list[Fault]:
+def sensor_faults(records: Sequence[Record], floor: float, step: float | None = None) -> list[Fault]:
     """Look for clipped extremes and for steps in the measured outputs.
 
     Parameters
     ----------
     floor : float
         rms of the noise [unit of y].
+    step : float, optional
+        Of the converter, where it is known; read from the records by default [unit of y].
     """
     parts = [record.y for record in records]
     values, u = np.concatenate(parts), np.concatenate([record.u for record in records])
     found = []
-    levels, step = np.unique(values), quantum(values)
+    levels, step = np.unique(values), quantum(values) if step is None else step
     extremes = ((levels[-1], levels[-2]), (levels[0], levels[1])) if levels.size > 2 else ()  # two levels are switched
     for extreme, inner in extremes:
         share, length = _held(parts, float(extreme))

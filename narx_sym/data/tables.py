@@ -22,6 +22,7 @@ PathLike = str | os.PathLike[str]
 MOST_NAMED = 40  # columns in a message
 LARGEST_FILE = 8_000_000_000  # bytes of all arrays that are read from a file
 LARGEST = 1e100  # in any unit
+ALL = "all"  # instead of names of columns
 
 
 @contextmanager
@@ -49,6 +50,7 @@ class Table:
     decimal: str = "."
     unread: tuple[str, ...] = ()  # columns of the file that nobody asked for
     units: Mapping[str, str] = field(default_factory=dict)  # of a log's channels
+    offers: tuple[str, ...] = ("--rows", "--missing")  # what the one who asks has against rows that cannot be used
 
     @property
     def listing(self) -> str:
@@ -86,28 +88,31 @@ class Table:
             )
         return slice(start, stop)
 
-    def channels(self, wanted: str | Sequence[str], used: set[str | None], cut: slice) -> list[str]:
-        """Names of the further columns; "all" leaves out text, and says so; `plain_name` of a column finds it too."""
-        if wanted != "all":
-            listed = names_of(wanted)
-            plain = {plain_name(n): n for n in self.columns if n}
-            names = list(dict.fromkeys(n if n in self.columns else plain.get(n, self.named(n)) for n in listed))
-        else:
-            names = [n for n in self.columns if n and n not in used]
-            for n in [n for n in names if self._first_text(self.columns[n][cut]) is not None]:
-                self.notes.append(f"column '{n}' holds text and is left out of the channels")
-                names.remove(n)
+    def channels(self, wanted: str | Sequence[str], used: set[str | None], cut: slice) -> dict[str, str]:
+        """Further columns by the names of their channels: what was asked for, or `plain_name` of the column.
+
+        "all", alone or beside names, takes every column that no name has taken; it leaves out text, and says so.
+        """
+        every, listed = wants_all(wanted), names_of(wanted)
+        plain = {plain_name(n): n for n in self.columns if n}
         called: dict[str, str] = {}
-        for n in names:
-            other = called.setdefault(plain_name(n), n)
+        pairs = [(n, n if n in self.columns else plain.get(n, self.named(n))) for n in listed if not every or n != ALL]
+        taken = {used_by for _, used_by in pairs} | used
+        for n in [n for n in self.columns if every and n and n not in taken]:
+            if self._first_text(self.columns[n][cut]) is not None:
+                self.notes.append(f"column '{n}' holds text and is left out of the channels")
+            else:
+                pairs.append((n, n))
+        for name, n in ((plain_name(asked), n) for asked, n in pairs):
+            other = called.setdefault(name, n)
             if other != n:
                 raise DataError(
-                    f"{self.path}: as channels the columns '{other}' and '{n}' would both be called {plain_name(n)}; "
+                    f"{self.path}: as channels the columns '{other}' and '{n}' would both be called {name}; "
                     "rename one, or leave it out with --channels"
                 )
-            if plain_name(n) != n:
-                self.notes.append(f"column '{n}' is the channel {plain_name(n)}")
-        return names
+            if name != n and (said := f"column '{n}' is the channel {name}") not in self.notes:
+                self.notes.append(said)
+        return called
 
     def complete(self, names: Sequence[str], cut: slice) -> NDArray[np.bool_]:
         """Rows of `cut` in which no named column is empty, NaN or infinite; what is dropped is noted."""
@@ -142,9 +147,9 @@ class Table:
         text = self._first_text(raw)
         if text is not None:
             raise DataError(
-                f"{self.path}: column '{name}' has text in {self.where(cut.start + text)}: "
-                f"{str(raw[text])!r}; correct it, leave the row out with --rows, "
-                f"or choose another column with {option}"
+                f"{self.path}: column '{name}' has text in {self.where(cut.start + text)}: {str(raw[text])!r}; correct "
+                f"it, {'leave the row out with --rows, ' if '--rows' in self.offers else ''}or choose another column "
+                f"with {option}"
             )
         if raw.dtype.kind == "b" or (raw.dtype.kind == "O" and any(isinstance(x, bool) for x in raw)):
             self.notes.append(f"column '{name}' holds True and False, read as 1 and 0")
@@ -155,8 +160,7 @@ class Table:
         if bad.size:
             raise DataError(
                 f"{self.path}: column '{name}' has {bad.size} missing or infinite value(s), the first in "
-                f"{self.where(cut.start + int(bad[0]))}; repair them, leave the rows out with --rows A:B, or drop them "
-                "with --missing drop"
+                f"{self.where(cut.start + int(bad[0]))}; {self._repair}"
             )
         check_size(values, f"{self.path}: column '{name}'")
         return values
@@ -181,6 +185,13 @@ class Table:
             stamps = seconds
         return regular_time(stamps, lambda i: self.where(int(kept[i])), f"{self.path}: column '{t}', ")
 
+    @property
+    def _repair(self) -> str:
+        """What can be done about missing values."""
+        ways = {"--rows": "leave the rows out with --rows A:B", "--missing": "drop them with --missing drop"}
+        *first, last = "repair them", *(way for option, way in ways.items() if option in self.offers)
+        return f"{', '.join(first)}{',' if len(first) > 1 else ''} or {last}" if first else last
+
     def _number(self, x: Any) -> float:
         if isinstance(x, str) and self.decimal == ",":
             x = x.replace(".", "?").replace(",", ".")
@@ -199,6 +210,11 @@ class Table:
             except (TypeError, ValueError):
                 return i
         return None
+
+
+def wants_all(wanted: str | Sequence[str]) -> bool:
+    """Whether all further columns are asked for; a list names its columns."""
+    return isinstance(wanted, str) and ALL in names_of(wanted)
 
 
 def names_of(wanted: str | Sequence[str]) -> list[str]:

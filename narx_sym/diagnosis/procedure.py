@@ -14,13 +14,14 @@ from ..data.evidence.levels import at_levels
 from ..data.evidence.noise import repeated, sensor_noise
 from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
-from ..data.sensor import Fault, sensor_faults
+from ..data.sensor import Fault, quantum, sensor_faults
 from ..data.units import said_first
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
 from ..fit.identify import prepare
 from ..fit.simulate import Records, evaluate
 from ..models.effects import EFFECTS, Catalogue
+from ..models.info import whole
 from ..models.model import Model
 from .doors import DiagnosisDoors
 from .experiment import Experiment, check_limits
@@ -209,9 +210,7 @@ def diagnose(
         Where the base cannot follow the data at all.
     """
     begin = time.perf_counter()
-    if max_effects < 1:
-        raise ModelError("max_effects must be at least 1.")
-    check_limits(limits)
+    _check(model, limits, max_effects, seed=seed, delay=delay)
     listed = prepare(records, model.info.units)
     measured = [n for n in listed[0].channels if all(n in r.channels for r in listed)]
     unknown = [] if channels == "all" else [n for n in channels if n not in measured]
@@ -226,9 +225,11 @@ def diagnose(
     start = model.fit(listed) if model.theta is None else model
     listed, held = at_levels(listed, lambda seen: evaluate(start, seen).free_run_nrmse)
 
+    converter = quantum(np.concatenate([r.y for r in listed]))  # as measured: offsets that are taken off hide it
+
     def searched(seen: list[Record]) -> tuple[Table, list[Step]]:
         course = Course(report, [BASE, *ROUND * max_effects])
-        table = Table(start, seen, named, catalogue, seed, course, delay)
+        table = Table(start, seen, named, catalogue, seed, course, delay, converter)
         steps: list[Step] = []
         known, loop = table.base, closed_loop(seen)
         valves = _valves(seen, loop)
@@ -249,7 +250,7 @@ def diagnose(
     for one in steps:
         one.sensor = sensor
     failed = _misfit(steps[0].base, steps[0].floor)
-    faults = sensor_faults(listed, min(s.floor for s in steps))
+    faults = sensor_faults(listed, min(s.floor for s in steps), converter)
     said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())] + held
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
@@ -278,3 +279,13 @@ def _misfit(fitted: Fitted, floor: float | None) -> Misfit:
     """Where a fitted model fails along the longest segment."""
     i = int(np.argmax([len(r) for r in fitted.split.records]))
     return misfit_of(fitted.model, fitted.split.records[i], fitted.errors[i], floor)
+
+
+def _check(model: Any, limits: Any, max_effects: Any, **numbers: Any) -> None:
+    """Refuse what a diagnosis cannot begin with."""
+    if not isinstance(model, Model):
+        raise ModelError(f"Give a model (ns.identify, ns.load), then its records, not {type(model).__name__}.")
+    whole(max_effects=max_effects, **numbers)
+    if max_effects < 1:
+        raise ModelError("max_effects must be at least 1.")
+    check_limits(limits)

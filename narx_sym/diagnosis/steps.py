@@ -116,6 +116,18 @@ class Step:
         """Whether nothing is named, and the free run of the base is no better than a constant."""
         return self.verdict == "nothing_detectable" and 2 * np.log(self.nrmse(self.base)["validation"]) > -ALIKE
 
+    @property
+    def finding(self) -> str:
+        """Return the verdict, or what it is in a case that is told in other words."""
+        if self.verdict == "nothing_detectable":
+            cases = {"follows_nothing": self.follows_nothing, "trace": self.trace, "unexplained": self.unexplained}
+            return next((name for name, case in cases.items() if case), self.verdict)
+        if self.verdict == "closed_loop" and self.valves:
+            return "valve"
+        if self.verdict == "closed_loop" and self.loop is not None and not self.loop.given:
+            return "perhaps_closed_loop" if self.loop.unseen else "probably_closed_loop"
+        return "two_effects" if self.pair is not None else self.verdict
+
     def sentence(self, units: Mapping[str, str]) -> str:
         """Return the verdict in plain words."""
         unit = f" {units['y']}" if units.get("y") else ""

@@ -12,6 +12,7 @@ import sympy as sp
 from ..errors import ModelError
 from ..models.quasi_static import phi1_, u_, ytilde
 from ..symbolic.signals import expand_phi, lag, samples
+from .numbers import floats
 from .numpy import lambdify
 
 Array = np.ndarray
@@ -177,10 +178,13 @@ def evaluate_quasi_static(quasi_static: Any, u: Any, phi1: Any = None) -> Static
     """
     if not quasi_static.model.values:
         raise ModelError("The model has no parameter values: fit it or give theta.")
-    source = np.atleast_1d(np.asarray(u, dtype=float))
-    step = (
-        np.diff(source, prepend=source[:1]) if phi1 is None else np.broadcast_to(np.asarray(phi1, float), source.shape)
-    )
+    try:
+        source = np.atleast_1d(floats(u))
+        step = np.diff(source, prepend=source[:1]) if phi1 is None else np.broadcast_to(floats(phi1), source.shape)
+    except (TypeError, ValueError):
+        raise ModelError("u must be numbers, (N,), and phi1 one number or as many.") from None
+    if source.ndim != 1 or not (np.all(np.isfinite(source)) and np.all(np.isfinite(step))):
+        raise ModelError("u and phi1 must be finite numbers, (N,); none may be missing.")
     return StaticSets(quasi_static, source, np.array(step))
 
 

@@ -20,7 +20,7 @@ from ..files import cache
 from ..inversion.solution import Root
 from ..models.model import Model
 from ..symbolic.recursion import Recursion
-from .numbers import lifted
+from .numbers import floats, lifted
 from .plan import Plan
 
 ENGINES = ("native", "numpy", "casadi", "python")
@@ -155,7 +155,7 @@ class Compiled:
         for name in layout.inputs:
             if name not in given:
                 raise ModelError(f"The input sequence {name} is missing.")
-            column = np.ascontiguousarray(given[name], dtype=float)
+            column = np.ascontiguousarray(floats(given[name]))
             if column.size != max(column.shape, default=1):
                 raise ModelError(f"The input sequence {name} has shape {column.shape}; one of shape (N,) is needed.")
             columns.append(column.ravel())

@@ -14,6 +14,21 @@ from ..symbolic.recursion import Recursion
 from ..symbolic.signals import rewritten
 
 
+def floats(x: Any) -> np.ndarray:
+    """Return what is given as numbers; a masked one (`numpy.ma`) is missing, NaN.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For what is no array of real numbers.
+    """
+    if np.iscomplexobj(x):
+        raise TypeError("complex numbers are no real ones")
+    if isinstance(x, np.ma.MaskedArray):
+        return np.where(np.ma.getmaskarray(x), np.nan, np.asarray(x.data, dtype=np.float64))
+    return np.asarray(x, dtype=np.float64)
+
+
 def lifted(recursion: Recursion) -> tuple[Recursion, np.ndarray]:
     """Return a recursion with a further parameter for each decimal number in it, and these numbers, (n,).
 

@@ -80,12 +80,12 @@ class Journal:
     def __len__(self) -> int:
         return len(self._values)
 
-    def find(self, key: str) -> Any:
-        """Return a kept result in a one-element list, or an empty list."""
-        if key not in self._values:
+    def find(self, key: str, holds: Callable[[Any], bool] = lambda result: True) -> Any:
+        """Return a kept result in a one-element list, or an empty list; also for one that does not hold any more."""
+        if key not in self._values or not holds(result := alive(self._values[key])):
             return []
         self.found += 1
-        return [alive(self._values[key])]
+        return [result]
 
     def keep(self, key: str, result: Any) -> None:
         """Append a result: one line, one write."""

@@ -29,7 +29,11 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def sweep(
-    function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], what: str = "", jobs: int | None = None
+    function: Callable[..., Any],
+    calls: Iterable[tuple[Any, ...]],
+    what: str = "",
+    jobs: int | None = None,
+    holds: Callable[[Any], bool] = lambda result: True,
 ) -> list[Any]:
     """Return [function(*call) for call in calls], in order.
 
@@ -42,12 +46,14 @@ def sweep(
         A description: with it, a progress bar is shown on stderr.
     jobs : int, optional
         As `n_jobs` of joblib: -1 for all cores. By default what `joblib.parallel_config` says, else one.
+    holds : function of a kept result
+        Whether it is still worth something: a file that came with it may have gone since.
     """
     from joblib import Parallel, delayed
 
     listed, journal = list(calls), active()
     keys = [digest(function, *call) for call in listed] if journal is not None else []
-    done = {i: found[0] for i, key in enumerate(keys) if journal is not None and (found := journal.find(key))}
+    done = {i: found[0] for i, key in enumerate(keys) if journal is not None and (found := journal.find(key, holds))}
     todo = [i for i in range(len(listed)) if i not in done]
     results: Iterable[Any] = Parallel(n_jobs=jobs, return_as="generator")(delayed(function)(*listed[i]) for i in todo)
     if what:

@@ -104,7 +104,7 @@ def aligned(model: Model, records: Records, first: float | None = None) -> Align
         offsets.append(offset)
         for listed, run in zip(errors, (plain, free, both + offset), strict=True):
             listed.append((measured[i] - run)[n:])
-    target = np.concatenate([y[n:] - y.mean() for y, n in zip(measured, used, strict=True)])
+    target = np.concatenate([y[n:] for y, n in zip(measured, used, strict=True)])
     raw, started, moved = (_error(target, np.concatenate(e)) for e in errors)
     means = np.concatenate([np.full(e.size, e.mean()) for e in errors[0]])
     square = float(np.mean(np.concatenate(errors[0]) ** 2))

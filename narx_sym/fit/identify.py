@@ -17,6 +17,7 @@ from ..data.units import in_units
 from ..errors import Diverged, FitError, ModelError, NotInvertible
 from ..inversion.compensator import compensator
 from ..models import assumptions
+from ..models.info import around, whole
 from ..models.model import NARX, Model
 from ..models.pool import lagged, pool
 from ..symbolic.signals import k, phi1, u, y
@@ -55,9 +56,7 @@ def operating_point(records: Records) -> dict[Any, float]:
 
 def prepare(records: Any, units: Mapping[str, str] | None = None) -> list[Record]:
     """Return the records as a list, each with a moving input and output, in the units of a model, or of the first."""
-    listed = [records] if isinstance(records, Record) else list(records)
-    if not listed:
-        raise FitError("No record was given.")
+    listed = in_units(records, units)
     for record in listed:
         check_excitation(record)
     total = sum(len(r) for r in listed)
@@ -66,10 +65,10 @@ def prepare(records: Any, units: Mapping[str, str] | None = None) -> list[Record
     if not all(same_pace(r.Ts, listed[0].Ts) for r in listed):
         shown = ", ".join(f"{r.name}: {r.Ts:.6g} s" for r in listed)
         raise FitError(f"The records have different sampling times ({shown}); a model has one.")
-    return in_units(listed, units)
+    return listed
 
 
-def judged(model: Model) -> Model:
+def judged(model: Model, records: Sequence[Record]) -> Model:
     """Warn where a model explains little, where its law is unstable, or where its free run is not bounded."""
     error = free_run_error(model)
     if error >= 0.95:
@@ -80,6 +79,10 @@ def judged(model: Model) -> Model:
         )
     elif error >= 0.5:
         warnings.warn(f"The free run explains little of the output (NRMSE {error:.3g}).", stacklevel=3)
+    for record in records if len(records) > 1 and error < 0.95 else ():  # offsets between them may hide it
+        if (own := evaluate(model, record).free_run_nrmse) >= 0.95:
+            said = f"no better than a constant (NRMSE {own:.3g})"
+            warnings.warn(f"Along the record {record.name!r} the free run is {said}.", stacklevel=3)
     if model.info.selection.stable_law is False:
         warnings.warn("The compensation law of this model is unstable on these data: it may run away.", stacklevel=3)
     growth = periodic_growth(model)
@@ -163,9 +166,10 @@ def identify(
     Model, fitted; `info.selection` says what was chosen and why
     """
     check_method(method)
+    whole(n_y=n_y, n_u=n_u, degree=degree, delay=delay)
     listed = prepare(records)
     own = _own_channels(base, listed, lags)
-    origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
+    origin = operating_point(listed) if point == "auto" else around(point)
     if base not in BASES:
         raise ModelError(f"Unknown base {base!r}; there are {', '.join(BASES)}.")
     if base == "auto":
@@ -193,7 +197,7 @@ def identify(
         if for_compensation:
             compensator(model)  # NotInvertible here rather than later
             model = _selected(model, stable_law=stable_law(model, listed))
-        return judged(model)
+        return judged(model, listed)
     if base == "linear":
         return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)
     if base in ("play", "bouc-wen"):
@@ -203,6 +207,8 @@ def identify(
 
 def _own_channels(base: str, records: list[Record], lags: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return the lags of the channels that take part; warn about one that does not."""
+    if not isinstance(lags or {}, Mapping):
+        raise ModelError('lags must be a mapping of names to the largest lags, such as {"temp": 1}.')
     own = {name: wanted for name, wanted in (lags or {}).items() if name not in ("u", "y", "phi1", "phi2")}
     left_out = [name for r in records for name in r.channels if name not in own]
     if left_out:
@@ -222,8 +228,8 @@ def _remembering(
     if own:
         raise ModelError(f"The {base} base has one input; the channel {next(iter(own))!r} cannot take part.")
     if base == "play":
-        return judged(identify_play(records, origin, delays, **size))
-    return judged(identify_bouc_wen(records, origin, delays))
+        return judged(identify_play(records, origin, delays, **size), records)
+    return judged(identify_bouc_wen(records, origin, delays), records)
 
 
 def _delays(base: str, records: list[Record], given: int | None) -> Sequence[int]:
@@ -265,23 +271,18 @@ def identify_inverse(
     Noise on y acts on the model's input here: smooth y first where it is noisy.
     """
     listed = prepare(records)
-    origin = operating_point(listed) if point == "auto" else dict(point)  # type: ignore[arg-type]
+    origin = operating_point(listed) if point == "auto" else around(point)
     check_method(method)
-    if int(lead) != lead or lead < 1:
-        raise ModelError(f"The lead tau_s must be a whole number of at least 1 (tau_d + 1), not {lead}.")
+    whole(lead=lead, n_y=n_y, n_u=n_u, degree=degree)
+    if lead < 1:
+        raise ModelError(f"The lead tau_s must be at least 1 (tau_d + 1), not {lead}.")
     rules = (*assumptions.CONTINUUM, *(("rate",) if rate_independent else ()))
     candidates = pool(n_y, n_u, degree, 1, inverse=True, rules=rules)
     frame = NARX([u[k - 1]], output=u, input=y, lead=lead, operating_point=origin)
     chosen = select(
-        candidates,
-        listed,
-        max_terms=max_terms,
-        criterion=criterion,
-        n_terms=n_terms,
-        method=method,
-        frame=frame,
+        candidates, listed, max_terms=max_terms, criterion=criterion, n_terms=n_terms, method=method, frame=frame
     )
-    return judged(_finish(chosen, len(candidates)))
+    return judged(_finish(chosen, len(candidates)), listed)
 
 
 def _finish(chosen: Selection, candidates: int) -> Model:
@@ -350,7 +351,8 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     reason = f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})"
     final = fit(tried[i], records, method=method)
     final = _selected(final, base=what, candidates=len(tried), reason=reason)
-    return judged(_selected(final, stable_law=stable_law(final, records)) if for_compensation else final)
+    final = _selected(final, stable_law=stable_law(final, records)) if for_compensation else final
+    return judged(final, records)
 
 
 def cancels(model: Model) -> bool:
@@ -382,14 +384,9 @@ def _linear(
 
 
 def _static(
-    records: list[Record],
-    origin: Mapping[Any, float],
-    degree: int,
-    delay: int,
-    own: Mapping[str, Any],
-    method: str,
+    records: list[Record], origin: Mapping[Any, float], degree: int, delay: int, own: Mapping[str, Any], method: str,
     for_compensation: bool,
-) -> Model:
+) -> Model:  # fmt: skip
     """Polynomial of the input, beside channels at their own lags; of first degree where a law is wanted."""
     degree = 1 if for_compensation else degree
     beside = lagged(own)

@@ -13,10 +13,11 @@ import numpy as np
 from ..data.coverage import beyond
 from ..data.metrics import mape, nrmse
 from ..data.record import Record, same_pace
-from ..data.units import in_units
+from ..data.units import in_units, listed
 from ..engines.columns import Columns, reader
 from ..engines.compile import compile
-from ..errors import Diverged, ModelError, NarxError
+from ..engines.numbers import floats
+from ..errors import DataError, Diverged, ModelError, NarxError
 from ..models.model import Model
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
@@ -33,10 +34,7 @@ HUGE = 1e12  # a free run this many ranges away counts as diverged
 
 def segments(records: Records) -> list[Record]:
     """Return the contiguous records among one or several."""
-    listed = [records] if isinstance(records, Record) else list(records)
-    if not listed or not all(isinstance(r, Record) for r in listed):
-        raise ModelError("Give a Record or a non-empty list of Records (ns.read, ns.Record.from_arrays).")
-    return [s for record in listed for s in record.segments()]
+    return [s for record in listed(records) for s in record.segments()]
 
 
 def centre(x: Array) -> float:
@@ -168,25 +166,23 @@ def simulate(
     """
     fitted(model)
     source = vector(u, "input of a simulation")
+    given = {name: vector(x, f"channel {name}") for name, x in named(channels).items()}
+    u0 = None if u0 is None else float(vector(np.atleast_1d(u0), "input before the start, u0,")[0])
     if warn:
-        for said in extrapolates(model, [source if u0 is None else np.concatenate([[float(u0)], source])]):
+        for said in extrapolates(model, [source if u0 is None else np.concatenate([[u0], source])]):
             warnings.warn(said, stacklevel=2)
     if u0 is not None:
         depth = max(1, model.recursion.depth)
-        held = {str(getattr(n, "label", n)): values for n, values in (channels or {}).items()}
+        held = dict(given)
         if t in model.recursion.inputs:
             held.setdefault("t", np.arange(source.size) * (model.Ts or 1.0))
         before = {n: np.concatenate([np.full(depth, values[0]), values]) for n, values in held.items()}
-        y0 = np.asarray(rest_output(model, float(u0)) if y0 is None else y0, dtype=float)
-        if not np.all(np.isfinite(y0)):
-            raise ModelError("The initial output y0 is not finite.")
+        y0 = vector(np.atleast_1d(rest_output(model, u0) if y0 is None else y0), "initial output y0")
         known = {n: float(values[0]) for n, values in held.items()}
-        rest = rest_states(model, float(u0), float(y0.ravel()[-1]), known, engine)
-        return _run(model, np.concatenate([np.full(depth, float(u0)), source]), y0, before, engine, rest)[depth:]
-    y0 = rest_output(model, source[0]) if y0 is None else np.asarray(y0, dtype=float)
-    if not np.all(np.isfinite(y0)):
-        raise ModelError("The initial output y0 is not finite.")
-    return _run(model, source, y0, channels or {}, engine)
+        rest = rest_states(model, u0, float(y0[-1]), known, engine)
+        return _run(model, np.concatenate([np.full(depth, u0), source]), y0, before, engine, rest)[depth:]
+    y0 = vector(np.atleast_1d(rest_output(model, source[0]) if y0 is None else y0), "initial output y0")
+    return _run(model, source, y0, given, engine)
 
 
 def _run(
@@ -200,7 +196,7 @@ def _run(
     """Run a model from its first outputs; what it remembers starts from `rest`, or from its initial values."""
     theta = fitted(model)
     compiled = compile(model.recursion, engine)
-    given = {str(model.input.label): source, **{str(getattr(n, "label", n)): x for n, x in channels.items()}}
+    given = {str(model.input.label): source, **channels}
     depth = compiled.recursion.depth
     if source.size <= depth:
         return np.resize(np.asarray(y0, dtype=float), source.size)
@@ -263,17 +259,29 @@ def _what_grew(model: Model, runs: Mapping[str, Any], at: int) -> str:
 
 def vector(x: Any, what: str, least: int = 1) -> Array:
     """Return a signal as a (N,) array; (N, 1) is flattened, anything else is refused."""
-    values = np.asarray(x, dtype=float)
+    try:
+        values = floats(x)
+    except (TypeError, ValueError):
+        raise ModelError(f"The {what} must be numbers, (N,).") from None
     if values.ndim != 1 and (values.ndim != 2 or 1 not in values.shape):
         raise ModelError(f"The {what} must have the shape (N,) or (N, 1), not {values.shape}.")
     if values.size < least or not np.all(np.isfinite(values)):
         wanted = "one sample" if least == 1 else "two samples"
-        raise ModelError(f"The {what} must have at least {wanted}, all of them finite numbers.")
+        raise ModelError(f"The {what} must have at least {wanted}, all of them finite numbers; none may be missing.")
     return values.ravel()
+
+
+def named(channels: Mapping[Any, Any] | None) -> dict[str, Any]:
+    """Return channels by name; a sequence such as `ns.u` may stand for its own."""
+    if not isinstance(channels or {}, Mapping):
+        raise ModelError('The channels must be a mapping of names to arrays, such as {"w": w}.')
+    return {str(getattr(n, "label", n)): x for n, x in (channels or {}).items()}
 
 
 def fitted(model: Model) -> Array:
     """Return theta, or say that there is none."""
+    if not isinstance(model, Model):
+        raise ModelError(f"Give a model (ns.identify, ns.load), not {type(model).__name__}.")
     if model.theta is None:
         raise ModelError("The model has no parameter values: fit it or give theta.")
     return model.theta
@@ -291,6 +299,7 @@ def rest_output(model: Model, value: float) -> float:
 
 def _by_parts(model: Model, record: Record, run: Callable[[Record], Array]) -> Array:
     """Run over each contiguous part of a record by itself; a sample left alone is the measured one."""
+    fitted(model)
     (record,) = in_units([record], model.info.units)
     lead, measured = (model.lead, record.u) if model.input == y else (0, record.y)
     edges = pairwise((0, *record.breaks, len(record)))
@@ -360,7 +369,11 @@ class Errors:
 
 
 def evaluate(model: Model, records: Records) -> Errors:
-    """Compare a model with measurements; a free run that diverges has an infinite error."""
+    """Compare a model with measurements; a free run that diverges has an infinite error.
+
+    All samples count alike: over several records, or across a gap, the errors are those of the samples put together.
+    """
+    fitted(model)
     measured, predicted, simulated = [], [], []
     for record in in_units(segments(records), model.info.units):
         if model.Ts and not same_pace(record.Ts, model.Ts):
@@ -369,19 +382,18 @@ def evaluate(model: Model, records: Records) -> Errors:
                 stacklevel=2,
             )
         data = arrays(model, record)[str(model.output.label)]
-        # Each record around its own mean: offsets between records would hide what the model misses.
-        offset = data.mean()
-        measured.append(data - offset)
-        predicted.append(predict(model, record) - offset)
+        measured.append(data)
+        predicted.append(predict(model, record))
         try:
-            simulated.append(free_run(model, record) - offset)
+            simulated.append(free_run(model, record))
         except Diverged:
             simulated.append(np.full(data.size, np.inf))
     target, one, free = (np.concatenate(parts) for parts in (measured, predicted, simulated))
+    if np.ptp(target) == 0:
+        raise DataError(
+            f"record {record.name!r}: {model.output.label} is constant ({target[0]:.6g}): an error has nothing to be "
+            "compared with. Check the columns (--input, --output) and the rows (--rows)."
+        )
     finite = float(np.abs(free).max()) < HUGE * float(np.ptp(target) or 1.0)
-    return Errors(
-        nrmse(target, one),
-        nrmse(target, free) if finite else float("inf"),
-        mape(target, one),
-        mape(target, free) if finite else float("inf"),
-    )
+    free_nrmse, free_mape = (measure(target, free) if finite else float("inf") for measure in (nrmse, mape))
+    return Errors(nrmse(target, one), free_nrmse, mape(target, one), free_mape)

@@ -2,8 +2,44 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
+
+from ..errors import ModelError
+from ..symbolic.signals import u, y
+
+
+def around(point: Any) -> dict[Any, float]:
+    """Return an operating point by sequence; without those that are zero.
+
+    Parameters
+    ----------
+    point : mapping of u and y, or of their names, to numbers; None for zero
+    """
+    known = {str(base.label): base for base in (u, y)}
+    if not isinstance(point or {}, Mapping):
+        raise ModelError('The operating point must be a mapping, such as {"u": 1.0, "y": 2.0}.')
+    found: dict[Any, float] = {}
+    for given, value in (point or {}).items():
+        name = str(getattr(given, "label", given))
+        if name not in known:
+            raise ModelError(f"The operating point says where u and y are measured from; {name!r} is neither.")
+        try:
+            found[known[name]] = float(value) if not isinstance(value, str) else math.nan
+        except (TypeError, ValueError):
+            raise ModelError(f"The operating point of {name} must be a number.") from None
+        if not abs(found[known[name]]) < float("inf"):
+            raise ModelError(f"The operating point of {name} is not a finite number.")
+    return {base: value for base, value in found.items() if value}
+
+
+def whole(**given: Any) -> None:
+    """Refuse what is no whole number, by name; None is left to whoever asked."""
+    for name, value in given.items():
+        if value is not None and (isinstance(value, str) or not hasattr(value, "__int__") or int(value) != value):
+            raise ModelError(f"{name} must be a whole number, not {value!r}.")
 
 
 @dataclass(frozen=True)

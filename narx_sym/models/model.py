@@ -18,7 +18,7 @@ from ..symbolic.signals import differences, expand_phi, free, k, lags, pairs, re
 from . import assumptions
 from .added import AddedEffect, flat, measured, starts
 from .doors import ModelDoors
-from .info import Info
+from .info import Info, around
 
 EQUATIONS = ("F", "symbols", "output", "input", "operating_point", "lead", "states")
 BESIDE = ("theta", "standard_errors", "Ts", "constraints", "info", "effects")  # what changes no equation
@@ -36,7 +36,7 @@ class Model(ModelDoors):
     theta : (n_theta,) numbers, optional
     output, input : IndexedBase
         y and u; exchanged in an inverse model.
-    operating_point : mapping from a sequence to a number, optional
+    operating_point : mapping from u and y, or their names, to numbers, optional
         The model's signals are measured from here: F speaks of y[k] - y0 and u[k] - u0. `expand` and every law are in
         the user's own units. [units of y and u]
     lead : int
@@ -93,7 +93,7 @@ class Model(ModelDoors):
         info: Info | None = None,
         effects: Sequence[AddedEffect] = (),
     ):
-        point = {b: float(v) for b, v in (operating_point or {}).items() if v}
+        point = around(operating_point)
         vars(self).update(
             F=sp.sympify(F), symbols=tuple(symbols), output=output, input=input, operating_point=point, lead=int(lead),
             states=tuple(states),
@@ -114,14 +114,21 @@ class Model(ModelDoors):
         effects: Sequence[AddedEffect],
     ) -> None:
         """Take what stands beside the equations."""
+        try:
+            theta, standard_errors = (n if n is None else [float(v) for v in n] for n in (theta, standard_errors))
+            Ts = None if Ts is None else float(Ts)
+        except (TypeError, ValueError):
+            raise ModelError("theta and its errors must be lists of numbers, and Ts a number.") from None
         for what, numbers in (("values", theta), ("standard errors", standard_errors)):
             if numbers is not None and len(numbers) != len(self.symbols):
                 raise ModelError(f"The model has {len(self.symbols)} parameters; {len(numbers)} {what} were given.")
-        if theta is not None and not all(abs(float(v)) < float("inf") for v in theta):
+        if theta is not None and not all(abs(v) < float("inf") for v in theta):
             raise ModelError("A parameter value is not a finite number.")
+        if Ts is not None and not 0 < Ts < float("inf"):
+            raise ModelError(f"The sampling time Ts must be a positive number [s], not {Ts:g}.")
         vars(self).update(
-            numbers=None if theta is None else tuple(map(float, theta)),
-            standard_errors=None if standard_errors is None else tuple(map(float, standard_errors)),
+            numbers=None if theta is None else tuple(theta),
+            standard_errors=None if standard_errors is None else tuple(standard_errors),
             Ts=Ts, constraints=tuple(constraints), info=info, effects=tuple(effects),
         )  # fmt: skip
 

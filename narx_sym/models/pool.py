@@ -16,6 +16,7 @@ from ..symbolic.functions import TABLE
 from ..symbolic.identities import canonical, independent
 from ..symbolic.signals import differences, k, signal, u, y
 from . import assumptions
+from .info import whole
 
 MAX_POOL = 20_000
 FUNCTIONS = {row.name: row.cls for row in TABLE if row.everywhere and not row.extreme}
@@ -97,6 +98,7 @@ def pool(
     """
     output, source = (u, y) if inverse else (y, u)
     first, second = differences(source)
+    whole(n_y=n_y, n_u=n_u, degree=degree, delay=delay)
     if delay < 0 or n_u < delay or n_y < 0 or degree < 1:
         raise ModelError(f"A pool needs n_y >= 0, degree >= 1 and n_u >= delay >= 0; got n_u = {n_u}, delay = {delay}.")
     chosen: dict[str, Any] = {

@@ -18,7 +18,8 @@ from .page import style, templates
 Row = dict[str, Any]
 # The time that a record took is in no table: the same records give the same bytes.
 FIELDS = (
-    "file", "tag", "verdict", "missing", "before", "after", "unit", "explained", "sizes", "report", "problem",
+    "file", "tag", "verdict", "finding", "missing", "before", "after", "unit", "explained", "sizes", "report",
+    "problem",
 )  # fmt: skip
 WIDTH, HEIGHT = 160, 32  # of a trend [px]
 FEWEST = 3  # records of one tag that make a trend

@@ -32,8 +32,15 @@ NEXT = {
 }
 
 
-BADGES = {
+BADGES = {  # by `Step.finding`: what the headline says, in a few words
     "nothing_detectable": "nothing found",
+    "follows_nothing": "the base does not follow",
+    "trace": "something left, too little",
+    "unexplained": "more left than noise",
+    "two_effects": "two effects together",
+    "valve": "judged as a valve",
+    "perhaps_closed_loop": "perhaps in closed loop",
+    "probably_closed_loop": "probably in closed loop",
     "named": "one explanation fits",
     "confused": "several explanations fit",
     "helps_but_incomplete": "helps, but is not all",

@@ -16,16 +16,20 @@ from ..errors import Diverged, ModelError
 from ..fit.bootstrap import block_bootstrap, moving_blocks
 from ..fit.identify import prepare
 from ..fit.laws.damping import Share
+from ..fit.laws.run import ends
 from ..fit.least_squares import describe
-from ..fit.simulate import Records, free_run, simulate
+from ..fit.simulate import Records, free_run, simulate, vector
 from ..inversion.compensator import Compensator
+from ..models.info import whole
+from ..models.model import Model
 from ..symbolic.signals import u
-from .compensate import Followed, caution, follow, straight
+from .compensate import Followed, Straight, caution, follow, straight
 from .result_file import write_plain
 
 Array = np.ndarray
 LEVEL = 0.95  # of the band, and of what is called worst
-GAINS = 1.05  # times less error: with less the law is not said to help
+WITHOUT = "with the best constant gain instead of the law"
+GAINS = 1.05  # times less error, or more: with less the law is not said to help, or to harm
 RESTS = 0.01  # share of the time at a limit that needs no word
 
 
@@ -41,7 +45,8 @@ class Commissioning:
     low, high : (N,) arrays, the band of the tracking error, 95 % at each sample [unit of the output]
     errors : (draws,) array, rms tracking error of each parameter set with what its model leaves unexplained
     unexplained : rms of what the model leaves on its records, part of every error [unit of the output]
-    without : median of the same errors where the straight line through the records is inverted [unit of the output]
+    plain : the input of the best constant gain, which the law is compared with
+    without : median of the same errors under that input [unit of the output]
     steepest : largest change of the input [its unit per sample]
     at_limits : share of the time at a limit of the input, or of its rate
     against : what speaks against it, in sentences
@@ -54,6 +59,7 @@ class Commissioning:
     high: Array
     errors: Array
     unexplained: float
+    plain: Straight
     without: float
     steepest: float
     at_limits: float
@@ -79,8 +85,9 @@ class Commissioning:
         known = said_first(self.law.model.info.units, units)
         of_y, of_u = (f" {known[name]}" if known.get(name) else "" for name in ("y", "u"))
         gain = self.without / self.expected if self.expected else np.inf
-        times = f", {gain:.3g} times less than without the law" if np.isfinite(gain) and gain > GAINS else ""
-        text = f"Expected: an error of {self.expected:.3g}{of_y} rms{times}; 95 % of the parameter sets stay below"
+        less = f"{gain:.3g} times less than" if gain > GAINS else "no less than"
+        beside = f", {less} {WITHOUT} ({self.plain})" if np.isfinite(gain) else ""
+        text = f"Expected: an error of {self.expected:.3g}{of_y} rms{beside}; 95 % of the parameter sets stay below"
         left = f"What the model leaves unexplained, {self.unexplained:.3g}{of_y} rms, is part of it."
         text += f" {self.worst:.3g}{of_y}. {left}"
         text += f" The input changes by up to {self.steepest:.3g}{of_u} per sample."
@@ -118,12 +125,9 @@ def commission(
     Unreachable
         Where the reference cannot be followed at all.
     """
-    model = law.model
-    if model.channels or model.input != u:
-        raise ModelError(
-            "Commissioning needs a law from a model of the output with one input; use Python for this one."
-        )
-    listed, r, share = prepare(records, model.info.units), np.asarray(reference, dtype=float), law.share(share)
+    model, limits = law.model, ends(limits)
+    _check(model, draws)
+    listed, r, share = prepare(records, model.info.units), vector(reference, "reference", least=2), law.share(share)
     run = follow(law, r, m0, limits=limits, rate=rate, share=share)
     left = np.concatenate([s.y - free_run(model, s) for one in listed for s in one.segments()])
     drawn = block_bootstrap(model, listed, draws, seed=seed)
@@ -131,51 +135,60 @@ def commission(
     noise = pieces.reshape(draws, -1)[:, : r.size]
 
     def missed(m: Array, start: float) -> Array:
-        """Return y - r under an input for each parameter set that does not run away, (sets, N)."""
-        found = []
-        for theta, more in zip(drawn.thetas, noise, strict=True):
+        """Return y - r under an input for each parameter set, (sets, N); NaN where that one runs away."""
+        found = np.full((draws, r.size), np.nan)
+        for one, theta, more in zip(found, drawn.thetas, noise, strict=True):
             with suppress(Diverged):
-                found.append(simulate(model.replace(theta=theta.tolist()), m, r[0], u0=start, warn=False) - r + more)
-        return np.array(found)
+                one[:] = simulate(model.replace(theta=theta.tolist()), m, r[0], u0=start, warn=False) - r + more
+        return found
 
     gaps = missed(run.m, run.start)
-    if not gaps.size:
+    errors = rms(gaps)
+    stays = np.isfinite(errors)
+    if not stays.any():
         raise ModelError(
             "The model diverges under the input of the law for every parameter set that the records allow."
         )
     # Of few sets the outermost are no bounds: this estimate is unbiased (Weibull 1939).
-    low, high = np.quantile(gaps, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0, method="weibull")
+    low, high = np.quantile(gaps[stays], [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0, method="weibull")
     seen = describe(model, listed, model.info.method, bool(model.info.converged)).info
-    plain = straight(seen, r, limits, rate)
-    bare = missed(plain, float(plain[0]))
+    plain = straight(model, r, limits, rate)
+    bare = rms(missed(plain.m, float(plain.m[0])))
+    worse = float(np.mean(errors[stays] > GAINS * bare[stays]))  # set by set: the same machine, the same noise
     found = Commissioning(
         law, r, run, low, high,
-        errors=rms(gaps), unexplained=float(rms(left)), without=float(np.median(rms(bare))) if bare.size else np.inf,
+        errors=errors[stays], unexplained=float(rms(left)),
+        plain=plain, without=float(np.median(np.nan_to_num(bare, nan=np.inf))),
         steepest=float(np.abs(np.diff(run.m, prepend=run.start)).max()),
-        at_limits=_held(run.m, run.start, limits, rate),
+        at_limits=float(run.held.mean()),
     )  # fmt: skip
     said = [*beyond(seen, "u", "input", [run.m], model.Ts), *beyond(seen, "y", "reference", [r], model.Ts)]
     said += filter(None, [caution(law, share).rstrip(".")])
-    if len(gaps) < draws:
-        said.append(f"{draws - len(gaps)} of {draws} parameter sets that the records allow run away")
+    if not stays.all():
+        said.append(f"{np.sum(~stays)} of {draws} parameter sets that the records allow run away")
     if found.at_limits > RESTS:
         said.append(f"limits hold the input for {100 * found.at_limits:.0f} % of the time")
-    if found.worst >= found.without:
-        said.append(f"without the law the error would be {found.without:.3g} rms, which is no worse than what may come")
+    if worse > 1 - LEVEL:
+        said.append(f"for {100 * worse:.0f} % of the parameter sets the error is larger than {WITHOUT}")
     return replace(found, against=tuple(text[0].upper() + text[1:] for text in said))
 
 
-def _held(m: Array, start: float, limits: tuple[float, float] | None, rate: float | None) -> float:
-    """Return the share of the samples in which a limit of the input, or its rate, holds it."""
-    low, high = limits or (-np.inf, np.inf)
-    steps = np.abs(np.diff(m, prepend=start))
-    return float(np.mean((m <= low) | (m >= high) | (steps >= (1 - 1e-9) * (rate or np.inf))))
+def _check(model: Model, draws: int) -> None:
+    """Refuse models whose law cannot be judged so, and too few draws."""
+    whole(draws=draws)
+    if draws < 2:
+        raise ModelError(f"At least 2 parameter sets must be drawn, not {draws}.")
+    if model.channels or model.input != u:
+        raise ModelError(
+            "Commissioning needs a law from a model of the output with one input; use Python for this one."
+        )
 
 
 def write_commissioning(found: Commissioning, path: Path) -> None:
     """Write the figures as JSON."""
     rows = {
         "schema": 1, "go": found.go, "expected": found.expected, "worst": found.worst, "without": found.without,
+        "without_input": {"offset": found.plain.offset, "slope": found.plain.slope},
         "unexplained": found.unexplained, "steepest": found.steepest, "at_limits": found.at_limits,
         "against": list(found.against), "sentence": found.sentence({}),
     }  # fmt: skip

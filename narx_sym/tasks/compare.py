@@ -16,7 +16,7 @@ from ..errors import DataError, FitError, NarxError
 from ..fit.alignment import Aligned, aligned, described
 from ..fit.simulate import Errors, arrays, evaluate, extrapolates, free_run
 from ..models.model import Model
-from ..symbolic.signals import u
+from ..symbolic.signals import plain_name, u
 from .result_file import write_plain
 
 
@@ -105,15 +105,16 @@ def tracking(record: Record, reference: str) -> Tracking:
     DataError
         Where there is no such channel, or it is in another unit than the output.
     """
-    if reference not in record.channels:
+    name = plain_name(reference)
+    if name not in record.channels:
         listed = ", ".join(record.channels) or "none"
         raise DataError(
             f"record '{record.name}': there is no channel {reference!r} for the reference; there is {listed}"
         )
-    of_r, of_y = record.units.get(reference, ""), record.units.get("y", "")
+    of_r, of_y = record.units.get(name, ""), record.units.get("y", "")
     if of_r and of_y and of_r != of_y:
         raise DataError(
             f"record '{record.name}': the reference is in {of_r}, the output in {of_y}: convert one of them"
         )
-    wanted = record.channels[reference]
+    wanted = record.channels[name]
     return Tracking(record.name, mape(wanted, record.y), nsavi(record.u, wanted))

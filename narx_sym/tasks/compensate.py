@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import sympy as sp
+from scipy.optimize import least_squares
 
 from ..codegen.registry import exports, files
 from ..data.metrics import nsavi, rms
@@ -17,11 +19,10 @@ from ..engines.compile import compile
 from ..errors import Diverged, ModelError, NarxError, NotInvertible
 from ..fit.laws.damping import Share
 from ..fit.laws.excursions import operating_range
-from ..fit.laws.run import told
+from ..fit.laws.run import ends, told
 from ..fit.laws.start import rests_at, rests_with
-from ..fit.simulate import simulate
+from ..fit.simulate import simulate, vector
 from ..inversion.compensator import Compensator, compensator
-from ..models.info import Info
 from ..models.model import Model
 from ..symbolic.functions import follows
 from ..symbolic.recursion import Recursion
@@ -30,6 +31,8 @@ from .base import other_pace
 from .reference import Reference
 
 Array = np.ndarray
+STEP, CLOSE, MOST_TRIED = 1e-4, 1e-6, 50  # of the search for the best straight line: both numbers are of the size 1
+FAR = 1e3  # of the reference's range: as far as a model that runs away
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,8 @@ class Followed:
     m : (N,) array [unit of the input]
     start : float
         The input at rest before it.
+    held : (N,) bool array
+        Where a limit or the rate holds the input back.
     effort : float or None
         NSAVI against the reference's; None where that does not move.
     rests : bool
@@ -144,6 +149,7 @@ class Followed:
 
     m: Array
     start: float
+    held: Array
     effort: float | None
     rests: bool
 
@@ -158,10 +164,13 @@ def follow(law: Compensator, r: Array, m0: float | None = None, **options: Any) 
     options : limits, rate, share, clip, as `Compensator.run` takes them
     """
     _alone(law)
-    start = law.rest_input(r[0], options.get("limits")) if m0 is None else m0
-    m = law.run(r, start, **options)
+    r = vector(r, "reference", least=2)
+    start = law.rest_input(r[0], ends(options.get("limits"))) if m0 is None else m0
+    found, said = told(law, r, start, **options)
+    for warning in said:
+        warnings.warn(warning, stacklevel=2)
     rests = law.model.input == y or rests_with(law.model, start, float(r[0]))
-    return Followed(m, start, nsavi(m, r) if np.ptp(r) > 0 else None, rests)
+    return Followed(found.m, start, found.held, nsavi(found.m, r) if np.ptp(r) > 0 else None, rests)
 
 
 def _alone(law: Compensator) -> None:
@@ -170,26 +179,60 @@ def _alone(law: Compensator) -> None:
         raise ModelError(f"The law needs the channel {law.model.channels[0]!r}; use Python for this one.")
 
 
-def straight(info: Info, r: Array, limits: tuple[float, float] | None = None, rate: float | None = None) -> Array:
-    """Return what goes in without a law: the input that the straight line through the records gives, within limits.
+@dataclass(frozen=True, eq=False)
+class Straight:
+    """What goes in without a law: the straight line input = offset + slope r that is best for a reference.
 
-    Of a model that knows no records it is the reference itself.
+    Attributes
+    ----------
+    m : (N,) array, within the limits [unit of the input]
+    offset, slope : [unit of the input, unit of the input per unit of the output]
+    y : (N,) array, what the model makes of it [unit of the output]; NaN where it runs away
+    """
+
+    m: Array
+    offset: float
+    slope: float
+    y: Array
+
+    def __str__(self) -> str:
+        offset = self.offset if abs(self.offset) > 1e-9 * float(np.abs(self.m).max()) else 0.0
+        return f"input = {self.slope:.3g} r{f' {offset:+.3g}' if offset else ''}"
+
+
+def straight(model: Model, r: Array, limits: tuple[float, float] | None = None, rate: float | None = None) -> Straight:
+    """Return the constant gain and offset with which a model comes nearest to a reference, in least squares.
+
+    They are sought from the line through the records on. What a law gains over them is not a poor choice of the gain.
 
     Parameters
     ----------
     r : (N,) array, the reference [unit of the output]
     limits, rate : as in `Compensator.run`
-
-    Returns
-    -------
-    (N,) array [unit of the input]
     """
-    offset, slope = info.line or (0.0, 1.0)
-    along = np.clip((r - offset) / slope if slope else np.zeros_like(r), *(limits or (-np.inf, np.inf)))
-    if rate is None:
-        return along
-    limited = Recursion(((m[k], follows(u[k], m[k - 1], sp.Float(rate))),))
-    return compile(limited)({"u": along}, initial={"m": along[0]})["m"]
+    line, wide = model.info.line or (0.0, 1.0), float(np.ptp(r)) or float(np.abs(r).max()) or 1.0
+    gain, middle = abs(line[1]) or 1.0, float(np.mean(r))
+    limited = None if rate is None else compile(Recursion(((m[k], follows(u[k], m[k - 1], sp.Float(rate))),)))
+
+    def given(z: Array) -> Array:
+        """Return the input for its mean, and its slope, in sizes of the line through the records."""
+        along = np.clip((z[0] * wide + z[1] * (r - middle)) / gain, *(limits or (-np.inf, np.inf)))
+        return along if limited is None else limited({"u": along}, initial={"m": along[0]})["m"]
+
+    def made(z: Array) -> Array:
+        m = given(z)
+        try:
+            return simulate(model, m, r[0], u0=float(m[0]), warn=False)
+        except Diverged:
+            return np.full(r.size, np.nan)
+
+    def missed(z: Array) -> Array:
+        return np.nan_to_num((made(z) - r) / wide, nan=FAR, posinf=FAR, neginf=-FAR)
+
+    z0 = [(middle - line[0]) / wide * np.sign(line[1]), np.sign(line[1])]
+    # This method also stands where nothing changes, as where limits hold the input all the time.
+    z = least_squares(missed, z0, method="lm", diff_step=STEP, xtol=CLOSE, ftol=CLOSE, max_nfev=MOST_TRIED).x
+    return Straight(given(z), float((z[0] * wide - z[1] * middle) / gain), float(z[1] / gain), made(z))
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +243,7 @@ class Tracked:
     ----------
     t, r : (N,) arrays, the reference [s, unit of the output]
     m, y : (N,) arrays, the input of the law and the model's output [units of input and output]
-    plain, bare : (N,) arrays, the same where the straight line through the records is inverted
-        See `straight`; NaN where the model runs away.
+    plain : the same with the best constant gain instead of the law
     held : (N,) bool array
         Where limits hold the input of the law.
     limits : of the input, or None
@@ -214,8 +256,7 @@ class Tracked:
     r: Array
     m: Array
     y: Array
-    plain: Array
-    bare: Array
+    plain: Straight
     held: Array
     limits: tuple[float, float] | None
     holds: str
@@ -225,7 +266,7 @@ class Tracked:
     def errors(self) -> dict[str, tuple[float, float]]:
         """The rms and the largest error with the law and without it [unit of the output]; rounding counts as 0."""
         least = 1e-12 * float(np.abs(self.r).max())
-        gaps = {"with the law": self.y - self.r, "without": self.bare - self.r}
+        gaps = {"with the law": self.y - self.r, "without": self.plain.y - self.r}
         sizes = {name: (float(rms(gap)), float(np.abs(gap).max())) for name, gap in gaps.items()}
         return {name: (0.0, 0.0) if found[1] <= least else found for name, found in sizes.items()}
 
@@ -261,14 +302,9 @@ def track(
     start = law.rest_input(r[0], limits)
     found, said = told(law, r, start, limits=limits, rate=rate, share=share, clip=True)
     y = simulate(model, found.m, r[0], u0=start, warn=False)
-    plain = straight(model.info, r, limits, rate)
-    try:
-        bare = simulate(model, plain, r[0], u0=float(plain[0]), warn=False)
-    except Diverged:
-        bare = np.full(r.size, np.nan)
     pace = other_pace(model, reference.Ts, "the reference has")
     notes = [*filter(None, [pace]), *(text for text in said if text != found.holds)]
     return Tracked(
-        reference.t, r, found.m, y, plain, bare, found.held, limits, found.holds,
+        reference.t, r, found.m, y, straight(model, r, limits, rate), found.held, limits, found.holds,
         tuple(text[0].upper() + text[1:] for text in notes),
     )  # fmt: skip

@@ -146,7 +146,12 @@ def fleet(listed: Sequence[Entry], settings: Settings, jobs: int | None = -1) ->
     The work spreads to what `joblib.parallel_config` names; inside `narx_sym.resuming(file)` it goes on from there.
     """
     check_kind(settings.base)
-    rows = sweep(look, [(entry, settings) for entry in listed], f"Diagnosing {len(listed)} records", jobs)
+
+    def holds(row: Row) -> bool:
+        """Whether the report of a row that was kept is still there."""
+        return settings.reports is None or not row["report"] or (settings.reports / row["report"]).is_file()
+
+    rows = sweep(look, [(entry, settings) for entry in listed], f"Diagnosing {len(listed)} records", jobs, holds)
     return sorted(rows, key=lambda r: (bool(r["problem"]), -r["explained"], r["tag"], r["file"]))
 
 
@@ -154,8 +159,8 @@ def look(entry: Entry, settings: Settings) -> Row:
     """Diagnose one record; whatever goes wrong becomes its row."""
     begin = time.monotonic()
     row: Row = {
-        "file": str(entry.file), "tag": entry.tag, "verdict": "", "missing": [], "sizes": {}, "before": None,
-        "after": None, "unit": "", "explained": 0.0, "report": "", "problem": "",
+        "file": str(entry.file), "tag": entry.tag, "verdict": "", "finding": "", "missing": [], "sizes": {},
+        "before": None, "after": None, "unit": "", "explained": 0.0, "report": "", "problem": "",
     }  # fmt: skip
 
     def watch(_: str) -> None:
@@ -199,6 +204,7 @@ def _told(found: Diagnosis) -> Row:
         best = found.best
         sizes = {f"{best.effect} {name}": float(value) for name, value in best.parameters.items()}
     return {
-        "verdict": first.verdict, "missing": missing, "sizes": sizes, "before": float(before), "after": float(after),
+        "verdict": first.verdict, "finding": first.finding, "missing": missing, "sizes": sizes,
+        "before": float(before), "after": float(after),
         "explained": max(0.0, float(before - after)) / spread,
     }  # fmt: skip

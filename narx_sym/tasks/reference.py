@@ -151,7 +151,7 @@ def from_file(path: Path, shown: str, column: str | None = None, unit: str = "")
         That of the output; a column that says another one is converted.
     """
     try:
-        r, Ts, stamps = read_signal(path, column, option="--column", prefer="r", unit=unit)
+        r, Ts, stamps = read_signal(path, column, option="--column", prefer="r", unit=unit, offers=())
     except DataError as error:
         raise DataError(str(error).replace(str(path), shown)) from None
     _count(r.size * (Ts or 1.0), Ts or 1.0, shown)

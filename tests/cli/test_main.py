@@ -165,6 +165,54 @@ def test_bad_model_gives_one_message(run, tmp_path, name):
     assert code == 2 and expected in err and "Traceback" not in err, (out, err)
 
 
+@pytest.mark.parametrize("asked, more", (("r", ()), ("r_um", ()), ("r [um]", ()), ("r", ("--channels", "all"))))
+def test_a_reference_is_found_by_its_name_before_the_unit(run, tmp_path, asked, more):
+    t = np.arange(60) * 0.1
+    rows = np.column_stack([t, 1.1 * np.sin(t), np.sin(t) + 0.01 * np.cos(9 * t), np.sin(t)])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t [s],m [V],y [um],r [um]", comments="")
+    ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 0.5], Ts=0.1).save(tmp_path / "model.json")
+    code, out, err = run(
+        "compare",
+        tmp_path / "model.json",
+        tmp_path / "log.csv",
+        "--input",
+        "m",
+        "--reference",
+        asked,
+        "--no-plot",
+        *more,
+    )
+    assert code == 0 and "Tracking of the reference" in out and "NSAVI" in out, err
+
+
+def test_a_constant_output_is_told_by_its_record(run, bench, tmp_path):
+    (tmp_path / "still.csv").write_text("t,u,y\n" + "".join(f"{i / 200},{i % 7},3\n" for i in range(60)))
+    code, _, err = run("compare", bench / "model.json", tmp_path / "still.csv", "--plot", tmp_path / "p.png")
+    assert code == 2 and "record 'still': y is constant (3)" in err and "--output" in err
+    assert not (tmp_path / "p.png").exists()
+
+
+def test_a_gap_in_a_reference_is_not_said_to_be_split(run, bench, tmp_path):
+    (tmp_path / "r.csv").write_text("t,r\n" + "".join(f"{i / 10 + 9 * (i > 9)},{i % 3}\n" for i in range(20)))
+    code, _, err = run(
+        "compensate", bench / "model.json", "--reference", tmp_path / "r.csv", "--out", tmp_path / "m.csv"
+    )
+    assert code == 2 and "have a gap (line 12: gap of" in err and "split" not in err and "use --rows or use --ts" in err
+
+
+def test_what_is_told_to_do_about_a_hole_can_be_done(run, bench, tmp_path):
+    """A reference file is read whole by `commission`: no option drops or cuts its rows."""
+    text = "t,r\n" + "".join(f"{i / 10},{'' if i == 5 else i % 3}\n" for i in range(20))
+    (tmp_path / "holed.csv").write_text(text)
+    model, data, holed = bench / "model.json", bench / "data.csv", tmp_path / "holed.csv"
+    code, _, err = run("commission", model, data, "--reference", holed, "--plot", tmp_path / "c.png")
+    assert code == 2 and "line 7" in err and "--rows" not in err and "--missing" not in err
+    code, _, err = run("compensate", model, "--reference", holed, "--out", tmp_path / "m.csv")
+    assert code == 2 and "--rows A:B" in err and "--missing" not in err
+    code, _, err = run("fit", holed, "--input", "t", "--output", "r", "--out", tmp_path / "m.json")
+    assert code == 2 and "leave the rows out with --rows A:B, or drop them with --missing drop" in err
+
+
 def test_bad_usage(run, bench, tmp_path):
     for arguments, expected in {
         ("fit",): "Missing argument",

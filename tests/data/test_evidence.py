@@ -270,3 +270,29 @@ def test_friction_of_an_axis_under_control_is_named_and_a_healthy_one_has_none(f
     found = diagnose(identify(record, base="linear", lags={"setpoint": []}), record)
     assert verdict in (found.verdict, *found.confusion_set)
     assert "taken in closed loop" in found.sentence() and ("far less" in found.sentence()) == bool(friction)
+
+
+def test_what_y_remembers_of_steps_on_sines_is_no_answer():
+    """After a step the past of the input foretells it badly; what a lag makes of the step helps, but is no controller."""
+    found = []
+    for seed in range(6):
+        rng, t = np.random.default_rng(seed), 0.01 * np.arange(6000)
+        steps = np.repeat(rng.uniform(-4, 4, 100), 60)
+        u = 8 * np.sin(0.5 * np.pi * t) + 5 * np.sin(0.14 * np.pi * t) + steps
+        y = lfilter([0.0, 0.04 * 33], [1.0, -0.967], u) + 0.3 * rng.standard_normal(t.size)
+        found.append(feedback(ns.Record.from_arrays(u, y, Ts=0.01)).found)
+    assert sum(found) <= 1
+
+
+def test_the_force_of_a_viscoelastic_damper_is_no_answer_of_its_displacement():
+    """It follows the speed, and a speed returns to its mean by itself."""
+    found = []
+    for seed in range(6):
+        rng, over, fine = np.random.default_rng(seed), 20, 0.00025
+        b, a = butter(2, 3, fs=1 / fine)
+        u = lfilter(b, a, rng.standard_normal(3000 * over))
+        u *= 4 / u.std()
+        y = (12 * u + 0.3 * np.gradient(u, fine))[::over]
+        y += 0.008 * y.std() * rng.standard_normal(y.size)
+        found.append(feedback(ns.Record.from_arrays(u[::over], y, Ts=fine * over)).found)
+    assert sum(found) <= 1

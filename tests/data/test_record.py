@@ -567,6 +567,11 @@ def test_a_channel_with_a_unit_in_its_name(tmp_path):
     assert list(record.channels) == ["temp_C", "channel_2nd"]
     assert "column 'temp [C]' is the channel temp_C" in record.notes
     assert list(read(path, channels="temp_C").channels) == list(read(path, channels="temp [C]").channels) == ["temp_C"]
+    named = read(path, channels="temp", units={"u": "V"})
+    assert list(named.channels) == ["temp"] and named.units == {"u": "V", "temp": "C"}
+    assert "column 'temp [C]' is the channel temp" in named.notes
+    assert list(read(path, channels="all,temp").channels) == ["temp", "channel_2nd"]
+    assert set(read(path, channels="temp,temp_C,temp [C]").channels) == {"temp", "temp_C"}  # each by its name
     path.write_text("t,u,y,a b,a-b\n" + "".join(f"{i / 10},{i % 7},{i % 5},{i},{i}\n" for i in range(30)))
     with pytest.raises(DataError, match="'a b' and 'a-b' would both be called a_b"):
         read(path, channels="all")

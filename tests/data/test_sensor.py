@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import narx_sym as ns
-from narx_sym.data.sensor import sensor_faults
+from narx_sym.data.sensor import quantum, sensor_faults
+from narx_sym.diagnosis import procedure
 from narx_sym.report.words import what_next
 
 N, Ts = 3000, 0.01
@@ -90,3 +91,20 @@ def test_a_sensor_that_freezes_is_told_from_friction_that_holds():
         held[k] = min(max(held[k - 1], wave[k] - 0.4), wave[k] + 0.4)  # a play holds again and again
     for y in (noisy, held, np.round(noisy, 1)):
         assert "frozen_sensor" not in {f.effect for f in sensor_faults([ns.Record.from_arrays(wave, y, 0.01)], 0.0)}
+
+
+def test_the_steps_of_a_converter_are_those_that_were_measured(monkeypatch):
+    """Offsets that are taken off between records hide the steps: they are read once, before."""
+    rng = np.random.default_rng(4)
+    u = np.interp(np.arange(600), np.arange(0, 630, 30), rng.uniform(-2, 2, 21))
+    measured = [ns.Record.from_arrays(u, np.round((2 * u + level) / 0.05) * 0.05, 0.01) for level in (0.0, 3.0)]
+    moved = [ns.Record.from_arrays(r.u, r.y - off, 0.01) for r, off in zip(measured, (0.0131, 3.0274), strict=True)]
+    step = quantum(np.concatenate([r.y for r in measured]))
+    assert step == pytest.approx(0.05) and quantum(np.concatenate([r.y for r in moved])) == 0
+    (fault,) = sensor_faults(moved, 0.02, step)
+    assert fault.effect == "quantisation" and fault.size == step
+    read = []
+    monkeypatch.setattr(procedure, "quantum", lambda y: read.append(len(y)) or step)
+    monkeypatch.setattr(procedure, "_levelled", lambda *_: (moved, []) if len(read) == 1 else None)
+    found = ns.diagnose(ns.identify(measured[0], base="static", degree=1), measured)
+    assert read == [1200] and [f.effect for f in found.faults] == ["quantisation"]

@@ -23,6 +23,25 @@ def test_nothing_runs_across_a_gap():
     assert "NRMSE" in axes[0].get_title(loc="left") and float(axes[0].get_title(loc="left").split()[-1]) < 1e-12
 
 
+def test_the_errors_are_of_all_samples_whether_a_gap_lies_between_or_not():
+    """NRMSE is rms over the output's standard deviation: the table, the start's estimate and the picture say the same."""
+    rng = np.random.default_rng(0)
+    w = np.concatenate([rng.standard_normal(200), 5 + rng.standard_normal(200)])  # another level after the gap
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.2])
+    noisy = model.simulate(w, 0.0) + 0.3 * rng.standard_normal(400)
+    record = Record(w, noisy, np.arange(400) * 0.1, 0.1, breaks=(200,))
+    run, found = free_run(model, record), ns.evaluate(model, record)
+    assert found.free_run_nrmse == np.sqrt(np.mean((noisy - run) ** 2)) / np.std(noisy)
+    assert found.free_run_mape == ns.mape(noisy, run) and found.one_step_nrmse == ns.metrics.nrmse(
+        noisy, predict(model, record)
+    )
+    assert f"NRMSE {found.free_run_nrmse:.3g}" in model.plot_comparison(record).axes[0].get_title(loc="left")
+    rows = np.r_[50:200, 250:400]
+    assert model.aligned(record, first=4.9).raw == pytest.approx(ns.metrics.nrmse(noisy[rows], run[rows]), rel=1e-12)
+    parts = record.segments()
+    assert ns.evaluate(model, parts) == found
+
+
 LINEAR = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], [1.2, -0.4, 0.15, 0.1], Ts=0.01)
 CONTINUUM = ns.NARX.from_terms(
     ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]"], [1.0, 0.7, 0.1], Ts=0.01, operating_point={u: 0.3, y: -2.0}

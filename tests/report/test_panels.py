@@ -12,7 +12,7 @@ import pytest
 import narx_sym as ns
 from narx_sym.data.examples import STAGE_UNITS
 from narx_sym.diagnosis.bases import few
-from narx_sym.diagnosis.steps import NO_FLOOR
+from narx_sym.diagnosis.steps import NO_FLOOR, Step
 from narx_sym.diagnosis.table.candidates import Pair
 from narx_sym.fit.alignment import aligned
 from narx_sym.report import page, words
@@ -226,21 +226,43 @@ def test_few_digits_need_no_exponent(value, said):
 
 
 @pytest.mark.parametrize(
-    "nothing, trace, unexplained, title, advice",
+    "nothing, trace, unexplained, title, badge, advice",
     [
-        (False, "", "", "Nothing is missing", "Keep the model"),
-        (False, "Something is left", "more", "Something is left, too little", "A longer record"),
-        (False, "", "more", "No effect of the catalogue", "what disturbs the machine"),
-        (True, "", "more", "The base does not follow the output", "another base"),
+        (False, "", "", "Nothing is missing", "nothing found", "Keep the model"),
+        (
+            False,
+            "Something is left",
+            "more",
+            "Something is left, too little",
+            "something left, too little",
+            "A longer record",
+        ),
+        (False, "", "more", "No effect of the catalogue", "more left than noise", "what disturbs the machine"),
+        (True, "", "more", "The base does not follow the output", "the base does not follow", "another base"),
     ],
 )
-def test_nothing_found_is_four_things(nothing, trace, unexplained, title, advice):
+def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge, advice):
     step = SimpleNamespace(
         verdict="nothing_detectable", confusion_set=[], unexplained=unexplained, base=None, chosen=None,
         valves=[], trace=trace, follows_nothing=nothing,
     )  # fmt: skip
     found = SimpleNamespace(steps=[step], rungs=["base"], faults=[])
     assert words.headline(found).startswith(title) and advice in words.what_next(found)
+    assert words.BADGES[Step.finding.fget(step)] == badge
+
+
+@pytest.mark.parametrize(
+    "valves, loop, badge",
+    [
+        ([], SimpleNamespace(given=True, unseen=False), "taken in closed loop"),
+        ([], SimpleNamespace(given=False, unseen=False), "probably in closed loop"),
+        ([], SimpleNamespace(given=False, unseen=True), "perhaps in closed loop"),
+    ],
+)
+def test_the_badge_of_a_loop_is_no_surer_than_its_headline(valves, loop, badge):
+    step = SimpleNamespace(verdict="closed_loop", confusion_set=[], valves=valves, loop=loop, pair=None)
+    said = words.headline(SimpleNamespace(steps=[step]))
+    assert words.BADGES[Step.finding.fget(step)] == badge and badge.split()[0].removesuffix("en") in said.lower()
 
 
 def test_a_damped_law_starts_from_the_states_that_its_script_has():

@@ -59,10 +59,45 @@ def test_nothing_speaks_against_a_good_law(found):
     )
 
 
+def lag(u, share, gain=2.0):
+    y = np.zeros(len(u))
+    for k in range(1, len(u)):
+        y[k] = (1 - share) * y[k - 1] + share * gain * u[k - 1]
+    return y
+
+
+def test_the_law_is_compared_with_the_best_constant_gain():
+    """An actuator with lag: the line through its record has less than its gain, which is no fault of who has no law."""
+    u, noise = log(0).u, NOISE * np.random.default_rng(5).standard_normal(N)
+    record = ns.Record.from_arrays(u, lag(u, 0.01) + noise, Ts=TS)
+    one = law_from(record).commission(GOAL, record, draws=40)
+    grid = [np.sqrt(np.mean((lag(GOAL * b, 0.01) - GOAL) ** 2)) for b in np.linspace(0.05, 3, 300)]
+    assert one.law.model.info.line[1] < 1  # its inverse would make the error more than 5 times what it need be
+    assert one.without == pytest.approx(np.hypot(min(grid), one.unexplained), rel=0.05)
+    assert f"{one.without / one.expected:.3g} times less than with the best constant gain" in one.sentence()
+    assert f"(input = {one.plain.slope:.3g} r" in one.sentence()
+
+
+def test_what_holds_the_input_is_said_once():
+    record, limits = log(0), (-0.5, 0.5)
+    law = law_from(record)
+    one = law.commission(GOAL, record, draws=20, limits=limits)
+    assert 0 < one.at_limits == law.follow(GOAL, limits=limits).held.mean()
+
+
 def test_with_and_without_the_law_are_measured_alike():
     record = log(0)
     one = law_from(record).commission(np.full(N, 0.3), record, draws=60)
-    assert one.go and one.without > one.unexplained  # what the model leaves unexplained is part of both
+    assert one.go and one.without == pytest.approx(one.expected, rel=0.01)  # at rest a law is no better
+    assert one.without == pytest.approx(one.unexplained, rel=0.01)  # what is left is part of both
+    assert "no less than with the best constant gain" in one.sentence()
+
+
+def test_a_law_that_does_worse_than_a_constant_gain_is_no_go():
+    record = log(0)
+    law = law_from(record)
+    slow = law.commission(GOAL, record, draws=30, m0=5.0, rate=0.02)  # it comes from far away
+    assert not slow.go and any("larger than with the best constant gain" in text for text in slow.against)
 
 
 @pytest.mark.parametrize(
@@ -98,6 +133,7 @@ def test_on_the_command_line(run, tmp_path):
     assert code == 0 and out.startswith("Go. Expected") and (tmp_path / "c.png").stat().st_size > 10_000
     said = json.loads((tmp_path / "c.json").read_text())
     assert said["go"] and said["expected"] < said["worst"] < said["without"] and said["against"] == []
+    assert set(said["without_input"]) == {"offset", "slope"}
     code, _, err = run(
         "commission", tmp_path / "model.json", tmp_path / "log.csv", "--reference", tmp_path / "none.csv",
         "--plot", tmp_path / "d.png",

@@ -16,7 +16,7 @@ from narx_sym.tasks.fleet import Settings, entries, fleet, look
 
 N, TS = 900, 0.01
 ROW = {
-    "file": "a.csv", "tag": "V1", "verdict": "named", "missing": ["backlash"], "sizes": {"backlash r": 0.3}, "before": 0.2,
+    "file": "a.csv", "tag": "V1", "verdict": "named", "finding": "named", "missing": ["backlash"], "sizes": {"backlash r": 0.3}, "before": 0.2,
     "after": 0.05, "unit": "mm", "explained": 0.6, "seconds": 1.0, "report": "", "problem": "",
 }  # fmt: skip
 
@@ -56,18 +56,40 @@ def test_a_fleet_is_diagnosed_and_a_bad_file_stops_nothing(folder, tmp_path):
         assert journal.found == 3
 
 
+def test_going_on_writes_again_what_was_deleted(folder, tmp_path, run):
+    command = (
+        "fleet", folder, "--out", tmp_path / "plant.html", "--base", "static", "--jobs", "1",
+        "--reports", tmp_path / "reports", "--resume", tmp_path / "kept",
+    )  # fmt: skip
+    assert run(*command)[0] == 0
+    first, second = sorted((tmp_path / "reports").iterdir())
+    title, other = first.read_text().partition("</title>")[0], second.stat().st_mtime_ns
+    first.unlink()
+    assert run(*command)[0] == 0
+    assert first.read_text().startswith(title) and second.stat().st_mtime_ns == other
+    assert "3 results were taken" in run(*command)[2]
+
+
 def test_the_page_and_the_csv_say_the_same(tmp_path):
     grows = [ROW | {"file": f"{i}.csv", "sizes": {"backlash r": 0.3 + 0.1 * i}} for i in range(3)]
-    healthy = ROW | {"tag": "V<2>", "verdict": "nothing_detectable", "missing": [], "sizes": {}}
+    healthy = ROW | {
+        "tag": "V<2>",
+        "verdict": "nothing_detectable",
+        "finding": "nothing_detectable",
+        "missing": [],
+        "sizes": {},
+    }
+    left = healthy | {"tag": "V4", "finding": "trace"}
     broken = ROW | {"tag": "V3", "verdict": "", "missing": [], "sizes": {}, "problem": "no column y"}
-    rows = [*grows, healthy, broken]
+    rows = [*grows, healthy, left, broken]
     page, table, *_ = write_fleet(rows, tmp_path / "plant.html", "reports/")
     text = page.read_text()
-    assert "3 of 5 records" in text and "V&lt;2&gt;" in text and "no column y" in text and "polyline" in text
+    assert "3 of 6 records" in text and "V&lt;2&gt;" in text and "no column y" in text and "polyline" in text
     assert "http" not in text.split("</style>")[1] and "<script" not in text
     read = list(csv.DictReader(table.open()))
-    assert [r["missing"] for r in read] == ["backlash"] * 3 + ["", ""] and read[2]["sizes"] == "backlash r=0.5"
-    assert heat(rows)["counts"] == {"V1": [3], "V3": [0], "V<2>": [0]}
+    assert [r["missing"] for r in read] == ["backlash"] * 3 + ["", "", ""] and read[2]["sizes"] == "backlash r=0.5"
+    assert heat(rows)["counts"] == {"V1": [3], "V3": [0], "V4": [0], "V<2>": [0]}
+    assert text.count("nothing that the record shows") == 1 and "something left, too little" in text
     (trend,) = trends(rows)
     assert trend["values"] == pytest.approx([0.3, 0.4, 0.5])
 
@@ -137,7 +159,7 @@ def test_parquet_where_its_writer_is_there(folder, tmp_path, run, monkeypatch):
         assert len(write_fleet(rows, tmp_path / "bare.html")) == 2 and not (tmp_path / "bare.parquet").exists()
     monkeypatch.setattr(fleets, "look", lambda entry, settings: ROW | {"file": str(entry.file), "tag": entry.tag})
     code, text, err = run("fleet", folder, "--out", tmp_path / "all.html", "--jobs", "1")
-    assert code == 0 and "all.parquet" in text.replace("\n", "") and len(load(tmp_path / "all.parquet").columns) == 11
+    assert code == 0 and "all.parquet" in text.replace("\n", "") and len(load(tmp_path / "all.parquet").columns) == 12
     code, _, err = run("fleet", folder, "--out", tmp_path / "p.parquet", "--jobs", "1")
     assert code and "two results would go to the same file" in err and not (tmp_path / "p.parquet").exists()
     before = (tmp_path / "all.parquet").read_bytes()

@@ -108,7 +108,8 @@ def test_what_is_tracked_is_what_the_api_gives(law, limits, rate):
     found = track(law, reference, limits, rate)
     m = law.run(reference.r, limits=limits, rate=rate)
     y = law.model.simulate(m, reference.r[0], u0=law.rest_input(reference.r[0], limits))
-    bare = law.model.simulate(found.plain, reference.r[0], u0=found.plain[0])
+    bare = law.model.simulate(found.plain.m, reference.r[0], u0=found.plain.m[0])
+    assert np.array_equal(bare, found.plain.y)
     assert np.array_equal(found.m, m) and np.array_equal(found.y, y)
     gap = y - reference.r
     rms, most = found.errors["with the law"]
@@ -122,12 +123,34 @@ def test_what_is_tracked_is_what_the_api_gives(law, limits, rate):
     assert list(columns) == ["t [s]", "r", "m [V]", "y"] and columns["y"] is found.y
 
 
-def test_without_the_law_the_line_goes_in_within_the_same_limits(law):
+def test_without_the_law_the_best_constant_gain_goes_in_within_the_same_limits(law):
     r = staircase(TS, 0.0, 1.0, 1, 0.05).r
-    offset, slope = law.model.info.line
-    free, held = straight(law.model.info, r), straight(law.model.info, r, (-0.1, 0.1), 0.03)
-    assert np.allclose(offset + slope * free, r)
-    assert np.abs(held).max() <= 0.1 and np.abs(np.diff(held)).max() == pytest.approx(0.03)
+    free, held = straight(law.model, r), straight(law.model, r, (-0.1, 0.1), 0.03)
+    assert np.allclose(free.offset + free.slope * r, free.m)
+    assert np.abs(held.m).max() <= 0.1 and np.abs(np.diff(held.m)).max() == pytest.approx(0.03)
+
+
+def test_no_other_constant_gain_comes_nearer(law):
+    r = sine(TS, 0.3, 0.7, 0.5, 6.0).r
+    best = straight(law.model, r)
+
+    def error(offset, slope):
+        m = offset + slope * r
+        return np.sqrt(np.mean((law.model.simulate(m, r[0], u0=m[0]) - r) ** 2))
+
+    least = error(best.offset, best.slope)
+    for offset in (-0.02, 0, 0.02):
+        for slope in (-0.02, 0, 0.02):
+            assert error(best.offset + offset, best.slope + slope) >= least
+
+
+@pytest.mark.parametrize("model", (["y[k-1]", "phi1[k-1]"], ["y[k-1]", "u[k-1]"]), ids=["paper", "integrator"])
+def test_a_constant_gain_is_found_where_there_is_no_gain_at_rest(model):
+    built = ns.NARX.from_terms(model, [1.0, 0.5])
+    r = 0.4 * np.sin(np.arange(400) / 40)
+    best = straight(built, r)
+    unscaled = built.simulate(r, r[0], u0=r[0])
+    assert np.std(best.y - r) <= np.std(unscaled - r) and np.all(np.isfinite(best.m))
 
 
 def test_another_pace_is_said_and_a_channel_is_refused(law):

@@ -37,7 +37,7 @@ class LawTab:
                 ui.button("Open the compensator", on_click=self.open).props("no-caps outline")
             laws = Part(lambda: bench.law, self.law)
         with section("Run it over a reference"):
-            said("What the model makes of it with the law, and without: from the straight line through the data alone.")
+            said("What the model makes of it with the law, and without: with the constant gain that suits it best.")
             with ui.element("div").props('role=group aria-label="Reference"'):
                 kinds = ui.radio(KINDS, value=bench.wanted.kind, on_change=lambda event: self.choose(event.value))
                 kinds.props("inline")

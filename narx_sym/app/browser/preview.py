@@ -90,7 +90,7 @@ def ran(tracked: Tracked, units: Mapping[str, str]) -> Ran:
     ]
     told = f"Error of the model's output against the reference: {'; '.join(said)}."
     holds = f"{tracked.holds[0].upper()}{tracked.holds[1:]}." if tracked.holds else "No limit holds the input."
-    outputs = {"with the law": tracked.y, "without": tracked.bare}
+    outputs = {"with the law": tracked.y, "without": tracked.plain.y}
     picture = plot_compensation(tracked.t, tracked.r, tracked.m, outputs, dict(units), tracked.limits)
     notes = [*tracked.notes]
     for name, known in units.items():

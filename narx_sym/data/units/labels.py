@@ -13,7 +13,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any, TypeVar
 
-from ...errors import DataError
+from ...errors import DataError, ModelError
 
 Measured = TypeVar("Measured", bound=Any)  # a Record: that module uses this one
 LONGEST = 40  # characters of a label
@@ -122,6 +122,20 @@ def converted(values: Any, own: str, wanted: str) -> Any:
         return None
 
 
+def listed(records: Any) -> list[Any]:
+    """Return one record or several as a list; refuse anything else.
+
+    Raises
+    ------
+    ModelError
+        For what is no record, and for none.
+    """
+    found = [records] if isinstance(records, str) or not isinstance(records, Iterable) else list(records)
+    if not found or not all(hasattr(record, "segments") for record in found):
+        raise ModelError("Give a Record or a non-empty list of Records (ns.read, ns.Record.from_arrays).")
+    return found
+
+
 def in_units(
     records: Sequence[Measured], units: Mapping[str, str] | None = None, whose: str = "the model was identified"
 ) -> list[Measured]:
@@ -139,7 +153,7 @@ def in_units(
     DataError
         Where a unit does not convert.
     """
-    wanted = dict(units or {})
+    records, wanted = listed(records), dict(units or {})
     for record in records:
         wanted = said_first(record.units, wanted)
     return [_converted(record, wanted, whose if units else "the record before it was measured") for record in records]

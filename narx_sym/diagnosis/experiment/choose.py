@@ -111,11 +111,13 @@ def check_limits(limits: tuple[float, float] | None) -> None:
     ------
     ModelError
     """
-    if limits is not None and not (np.isfinite(limits).all() and limits[0] < limits[1]):
-        raise ModelError(
-            "The limits of the input must be two finite numbers, the smaller one first, not "
-            f"{limits[0]:g} and {limits[1]:g}."
-        )
+    said = "The limits of the input must be two finite numbers, the smaller one first, not"
+    try:
+        low, high = (0.0, 1.0) if limits is None else map(float, limits)
+    except (TypeError, ValueError):
+        raise ModelError(f"{said} {limits!r}.") from None
+    if not -np.inf < low < high < np.inf:
+        raise ModelError(f"{said} {low:g} and {high:g}.")
 
 
 def _best(

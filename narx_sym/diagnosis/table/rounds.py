@@ -13,7 +13,6 @@ import numpy as np
 
 from ...data.evidence.rate import means, working
 from ...data.record import Record
-from ...data.sensor import quantum
 from ...errors import FitError
 from ...fit.identify import OPEN
 from ...models.effects import Catalogue
@@ -23,7 +22,7 @@ from ..directions import Linearised
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted, Split, settle
 from .arx import resampled
-from .hypotheses import Hypothesis, linear_in_signals, written
+from .hypotheses import Core, Hypothesis, linear_in_signals, written
 from .screening import Scored, linearised, score, shortlist
 from .search import Row, Search, family_of
 from .verdict import ALIKE, PER_EFFECT, ROUNDING, cheapest, price
@@ -43,6 +42,7 @@ class Table:
         Samples of the record that are one at the working rate.
     rounding : float
         Mean square, over the variance of y, of what arithmetic and the steps of a converter make: less says nothing.
+        (These steps are the parameter `quantum` [unit of y].)
     """
 
     def __init__(
@@ -54,6 +54,7 @@ class Table:
         seed: int,
         course: Course,
         delay: int | None = None,
+        quantum: float = 0.0,
     ):
         self.given, self.records = given, list(records)
         self.channels, self.catalogue, self.seed, self.course = tuple(channels), catalogue, seed, course
@@ -61,10 +62,10 @@ class Table:
         self.search = Search(given if self.factor == 1 else given.replace(Ts=work[0].Ts), work)
         self._screened: dict[Row, Scored] = {}
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
+        self._tried: dict[tuple[Variant, ...], set[Core]] = {}  # cores that were fitted with these effects alone
         self._fitted: dict[Row, Fitted] = {}
         self._own: dict[Row, Fitted] = {}
-        values = np.concatenate([r.y for r in self.records])
-        steps = quantum(values) ** 2 / 12 / (float(np.var(values)) or 1.0)
+        steps = quantum**2 / 12 / (float(np.var(np.concatenate([r.y for r in self.records]))) or 1.0)
         self.rounding = max(ROUNDING**2, steps * float(np.exp(ALIKE)))
         self.delay = delay
         if delay is None:
@@ -231,7 +232,7 @@ class Table:
         """
         while True:
             base, best = choose()
-            if best is not None and self.search.bare([r for r in self.beside(base) if r.price < base.price], base):
+            if best is not None and self._bare(base):
                 continue
             lost = [r for r in (base, best) if r is not None and not self.holds(r)]
             if not lost and best is not None and not self.worth(best, base):
@@ -239,6 +240,24 @@ class Table:
             if not lost:
                 return base, best
             self.rows.remove(lost[0])
+
+    def _bare(self, base: Row) -> bool:
+        """Put the cores of what is cheaper than a base, with their delays, into the table with its effects alone.
+
+        False where all of them stand there.
+        """
+        alone = [r for r in self.rows if r.ids == base.ids and not r.hypothesis.core.given]
+        cheaper = {r.hypothesis.core: r for r in self.beside(base) if r.price < base.price}
+        tried = {r.hypothesis.core for r in alone} | self._tried.setdefault(base.hypothesis.effects, set())
+        found = []
+        for core, row in cheaper.items():
+            if alone and not core.given and core not in tried:
+                self._tried[base.hypothesis.effects].add(core)
+                x, n = alone[0].values.copy(), alone[0].frame.n_core
+                x[:n] = row.values[:n]
+                found.append(self.search.fitted(replace(alone[0].hypothesis, core=core), x, 40))
+        self.rows.extend(r.judged() for r in found if r is not None)
+        return any(r is not None for r in found)
 
     def worth(self, row: Row, base: Row) -> bool:
         """Whether a row is worth its price over another at the records' own rate too, on all but the sealed samples.

@@ -135,7 +135,6 @@ class Search:
         self.rows: list[Row] = []
         self.higher: list[tuple[int, int]] = []
         self.integrating = self.swings = self.leaks = False
-        self._bare: set[Hypothesis] = set()  # what `bare` has tried
         self.tunes = True  # whether delays are free
         self.slow = slowest_seen(self.records)
 
@@ -363,25 +362,6 @@ class Search:
             if row is before:
                 break
         return row
-
-    def bare(self, rows: Sequence[Row], base: Row) -> bool:
-        """Put the cores of rows, with their delays, into the table with the effects of a base alone.
-
-        False where all of them stand there.
-        """
-        alone = [r for r in self.rows if r.ids == base.ids and not r.hypothesis.core.given]
-        cores = {r.hypothesis.core for r in rows} - {r.hypothesis.core for r in alone}
-        found = []
-        for core in sorted((c for c in cores if alone and not c.given), key=str):
-            hypothesis = replace(alone[0].hypothesis, core=core)
-            if hypothesis in self._bare:
-                continue
-            self._bare.add(hypothesis)
-            x, n = alone[0].values.copy(), alone[0].frame.n_core
-            x[:n] = next(r for r in rows if r.hypothesis.core == core).values[:n]
-            found.append(self.fitted(hypothesis, x, 40))
-        self.rows += [r.judged() for r in found if r is not None]
-        return any(r is not None for r in found)
 
     def finish(self, row: Row, steps: int = 40, worth: float = np.inf) -> Row:
         """Fit a row to the end, with its delay tuned, and put it into the table.

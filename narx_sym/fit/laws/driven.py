@@ -11,7 +11,7 @@ import numpy as np
 from ...engines.compile import Compiled
 from ...inversion.compensator import Compensator
 from ...symbolic.signals import t
-from ..simulate import fitted, rest_states, vector
+from ..simulate import fitted, named, rest_states, vector
 
 Array = np.ndarray
 
@@ -97,7 +97,7 @@ def driven(
 
 def _padded(law: Compensator, compiled: Compiled, target: Array, channels: Mapping[str, Any]) -> dict[str, Array]:
     """Put the time before the start in front: everything rests at its first value; after the end at its last."""
-    given = {"r": target, **{name: vector(c, f"channel {name}") for name, c in channels.items()}}
+    given = {"r": target, **{name: vector(c, f"channel {name}") for name, c in named(channels).items()}}
     depth, ahead, Ts = compiled.recursion.depth, 0, law.model.Ts or 1.0
     if t in compiled.recursion.inputs and "t" not in given:
         given["t"], ahead = np.arange(target.size) * Ts, compiled.recursion.lead

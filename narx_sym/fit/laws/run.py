@@ -153,7 +153,8 @@ def run_law(
         Where no input gives the wanted output: the first sample, and how near the model comes.
     """
     fitted(law.model)
-    target = vector(reference, "reference", least=2)
+    target, limits = vector(reference, "reference", least=2), ends(limits)
+    m0 = None if m0 is None else vector(np.atleast_1d(m0), "input before the start, m0,")[0]
     start = rest_input(law, float(target[0]), limits) if m0 is None else float(m0)
     found, said = told(law, target, start, channels, limits, rate, clip, share)
     for warning in said:
@@ -171,6 +172,17 @@ def exported(
     part = share_of(law, share)
     alone = limits is None and rate is None and part == 1 and law.staged is None
     return law.recursion if alone else law.limited(limits, rate, part)
+
+
+def ends(limits: Any) -> tuple[float, float] | None:
+    """Return limits as two numbers."""
+    if limits is None:
+        return None
+    try:
+        low, high = map(float, limits)
+    except (TypeError, ValueError):
+        raise ModelError(f"Limits are a lower and a higher number, not {limits!r}.") from None
+    return low, high
 
 
 def told(
@@ -212,7 +224,8 @@ def follow(
         machine cannot; see `narx_sym.fit.laws.lookback`.
     """
     fitted(law.model)
-    target, n = vector(reference, "reference", least=2), len(reference)
+    target, limits = vector(reference, "reference", least=2), ends(limits)
+    n = target.size
     start = rest_input(law, float(target[0]), limits) if m0 is None else float(m0)
     if not np.isfinite(start):
         raise ModelError("The input before the start, m0, is not finite.")

@@ -55,7 +55,7 @@ def verdict(material: Material) -> dict[str, Any]:
     rows = [r for r in rows if r["share"] > 0.05]
     named = {p.name: p.label for p in d.misfit.panels}
     return {
-        "badge": words.BADGES[d.verdict], "fall": words.fall(d, units), "bars": bars(d, units),
+        "badge": words.BADGES[d.steps[0].finding], "fall": words.fall(d, units), "bars": bars(d, units),
         "added": added(d, units),
         "sentence": words.without_ids(d.sentence(units)), "next": words.what_next(d), "notes": d.data_notes,
         "worst": {**rows[0], "label": named[rows[0]["panel"]]} if rows else None,

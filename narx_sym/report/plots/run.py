@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...data.metrics import rmse
+from ...data.metrics import nrmse
 from ...data.record import Record
 from ...data.units import headed, in_units, said_first
 from ...fit.simulate import arrays, free_run, simulate
@@ -36,8 +36,8 @@ def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[
     measured, driver = (np.concatenate([d[name] for d in listed]) for name in (output, source))
     time = np.concatenate([part.t[: d[output].size] for part, d in zip(parts, listed, strict=True)])
     told = {"measured": ("measured", measured), "free run": ("before", simulated)}
-    share = rmse(measured, simulated) / float(np.std(measured) or 1.0)
-    title = f"{record.name}: free-run NRMSE {share:.3g}"
+    moves = np.ptp(measured) > 0  # else an error has nothing to be compared with
+    title = f"{record.name}{f': free-run NRMSE {nrmse(measured, simulated):.3g}' if moves else ''}"
     y, u = (headed(name, units.get(name)) for name in (output, source))
     left = {"": ("before", measured - simulated)}
     draw(axes[0], traces(TIME, time, y, told, title=title))
@@ -135,7 +135,7 @@ def plot_commissioning(found: Commissioning, units: dict[str, str] | None = None
     time = np.arange(found.r.size) * (found.law.model.Ts or 1.0)
     t = TIME if found.law.model.Ts else "time [samples]"
     verdict, unit = "Go" if found.go else "No go", f" {units['y']}" if units.get("y") else ""
-    title = f"{verdict}: error {found.expected:.3g}{unit} rms, without the law {found.without:.3g}{unit}"
+    title = f"{verdict}: error {found.expected:.3g}{unit} rms, a constant gain {found.without:.3g}{unit}"
     way = np.concatenate([time, time[::-1]]), np.concatenate([found.low, found.high[::-1]])
     band = Line(*way, "95 % of what the records allow", "range")
     return draw(
