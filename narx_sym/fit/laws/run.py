@@ -36,13 +36,16 @@ class Following:
     ----------
     m : (N,) array [unit of u]
     y : (N,) array [unit of y]
-        What the model gives: the reference wherever it is reached, once the law's first command has arrived.
+        What the model makes of that input by itself, all at rest before the start: infinite from where it runs away.
     held : (N,) bool array
         Where a limit or the rate holds the input back.
     missed : (N,) bool array
-        Where the model's output is not the reference.
+        Where that is not the reference, once the law's first command has arrived.
+    unreached : (N,) bool array
+        The same of a model whose output stays at the first sample of the reference until then, as the law has it: what
+        the law itself misses, whatever the start.
     error : float
-        The largest distance between both [unit of y].
+        The largest distance between both from there on [unit of y].
     values : mapping of names to (N + preview,) arrays
         Every sequence of the law as the recursion computes it.
     share : float
@@ -51,18 +54,22 @@ class Following:
         How many other choices between several inputs were tried, where the first one missed; see
         `narx_sym.fit.laws.lookback`.
     grown : float
-        Where something is missed: by how much a disturbance of the input grows until then.
+        Where something is not reached: by how much a disturbance of the input grows until then.
+    aside : float
+        By how much the model leaves that sample before any command arrives, where it does not rest at the start.
     """
 
     m: Array
     y: Array
     held: Array
     missed: Array
+    unreached: Array
     error: float
     values: Mapping[str, Array]
     share: float = 1.0
     tried: int = 0
     grown: float = 0.0
+    aside: float = 0.0
 
     @property
     def runs_away(self) -> bool:
@@ -79,6 +86,11 @@ class Following:
             return (
                 f"{self.tried} other choices between several inputs that are right for a sample were tried up to "
                 "there: each of them misses some sample later"
+            )
+        if self.aside:
+            return (
+                "The model does not rest at the start: it has moved by "
+                f"{self.aside:.3g} when the first command arrives, which the law does not know"
             )
         return ""
 
@@ -174,7 +186,7 @@ def told(
     found = follow(law, target, start, channels, limits, rate, share)
     # A law that runs away misses too: the cause is said first.
     known = law_warnings(law, target, found.m, start, found.share < 1)
-    if found.missed.any() and limits is None and rate is None and found.share == 1 and not clip:
+    if found.unreached.any() and limits is None and rate is None and found.share == 1 and not clip:
         raise _unreachable(law, found, target)
     rings = [damping(law).sentence] if share == "auto" and found.share < 1 else []
     return found, [*rings, *found.report, *_unstable(law.model, found, target, start, channels or {}), *known]
@@ -214,17 +226,22 @@ def follow(
     asked = values.get("m_wanted", values["m"])[:n]
     asked = asked if part == 1 else last + part * (asked - last)
     held = np.abs(asked - command) > 1e-12 * (1.0 + np.abs(command)) if beside else np.zeros(n, dtype=bool)
+    none = np.zeros(n, dtype=bool)
     if not beside or law.model.input == y:
-        return Following(command, target, held, np.zeros(n, dtype=bool), 0.0, values)
-    ahead = law.staged.delay if law.staged else law.preview
-    reached = np.concatenate([np.full(ahead, target[0]), values["y"]])[:n]
-    gap = np.abs(reached - target)
-    gap[:ahead] = 0.0  # no law reaches these
-    size = float(np.abs(target).max())
-    missed = gap > MISSED * max(float(np.ptp(target)), 1e-3 * size) + 1e-12 * (1.0 + size)
-    off = gap > INEXACT * size if free else missed
+        return Following(command, target, held, none, none, 0.0, values)
+    ahead, size = law.staged.delay if law.staged else law.preview, float(np.abs(target).max())
+    least = MISSED * max(float(np.ptp(target)), 1e-3 * size) + 1e-12 * (1.0 + size)
+    reached = _alone(law.model, command, target[0], start, channels or {})
+    seen = np.concatenate([np.full(ahead, target[0]), values["y"]])[:n]
+    gap, own = (np.where(np.arange(n) < ahead, 0.0, np.abs(x - target)) for x in (reached, seen))
+    missed, unreached = gap > least, own > least
+    off = own > INEXACT * size if free else unreached
     grown = growth(law, target, start, channels or {}, int(np.argmax(off))) if free and off.any() else 0.0
-    return Following(command, reached, held, missed, float(gap.max()), values, part, tried, grown)
+    moved = float(np.abs(reached - target[0])[: max(1, ahead)].max()) if ahead else 0.0
+    return Following(
+        command, reached, held, missed, unreached, float(gap.max()), values, part, tried, grown,
+        moved if moved > least else 0.0,
+    )  # fmt: skip
 
 
 def _alone(model: Model, command: Array, first: float, start: float, channels: Mapping[str, Any]) -> Array:
@@ -283,7 +300,7 @@ def _values(
 
 def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachable:
     """Say where a reference cannot be reached, and how near the model comes."""
-    at = int(np.argmax(found.missed))
+    at = int(np.argmax(found.unreached))
     limit = "at most" if found.y[at] < target[at] else "at least"
     stages = law.staged.stages if law.staged else ()
     why = f"{found.why}. " if found.why else ""
