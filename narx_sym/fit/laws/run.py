@@ -54,7 +54,8 @@ class Following:
         How many other choices between several inputs were tried, where the first one missed; see
         `narx_sym.fit.laws.lookback`.
     grown : float
-        Where something is not reached: by how much a disturbance of the input grows until then.
+        Where something is not reached: by how much a disturbance of the input grows until then, or along that of the
+        other choices that came furthest, whichever is more.
     aside : float
         By how much the model leaves that sample before any command arrives, where it does not rest at the start.
     """
@@ -81,7 +82,9 @@ class Following:
         """Say what led to the first miss; empty where nothing is known."""
         if self.runs_away:
             times = f"{self.grown:.1g} times" if self.grown < np.inf else "beyond all numbers"
-            return f"The law runs away: a disturbance of its input grows {times} until then"
+            where = " along the one of them that comes furthest" if self.tried else ""
+            other = f"{self.tried} other choices between several inputs were tried. " if self.tried else ""
+            return f"{other}The law runs away: a disturbance of its input grows {times} until then{where}"
         if self.tried:
             return (
                 f"{self.tried} other choices between several inputs that are right for a sample were tried up to "
@@ -220,7 +223,7 @@ def follow(
     beside = law.model.input != y or limits is not None or rate is not None
     compiled = compile(law.limited(limits, rate, part) if beside else law.recursion)
     free = back and beside and law.model.input != y and limits is None and rate is None and part == 1
-    values, tried = _values(law, compiled, target, start, channels or {}, beside, free)
+    values, tried, furthest = _values(law, compiled, target, start, channels or {}, beside, free)
     command = values["m"][:n]
     last = np.concatenate([[start], command[:-1]])
     asked = values.get("m_wanted", values["m"])[:n]
@@ -237,6 +240,7 @@ def follow(
     missed, unreached = gap > least, own > least
     off = own > INEXACT * size if free else unreached
     grown = growth(law, target, start, channels or {}, int(np.argmax(off))) if free and off.any() else 0.0
+    grown = max(grown, furthest)
     moved = float(np.abs(reached - target[0])[: max(1, ahead)].max()) if ahead else 0.0
     return Following(
         command, reached, held, missed, unreached, float(gap.max()), values, part, tried, grown,
@@ -280,22 +284,22 @@ def _values(
     channels: Mapping[str, Any],
     beside: bool,
     free: bool,
-) -> tuple[dict[str, Array], int]:
-    """Run a law; a free one goes back where it misses. Return also how many other choices were tried."""
-    diverged, values, tried = None, None, 0
+) -> tuple[dict[str, Array], int, float]:
+    """Run a law; a free one goes back where it misses. Return also what `narx_sym.fit.laws.lookback.right` says."""
+    diverged, values, tried, furthest = None, None, 0, 0.0
     try:
         values = driven(law, compiled, target, start, channels, beside)
     except Diverged as error:
         diverged = error
     if free:
-        values, tried = right(law, target, start, channels, values)
+        values, tried, furthest = right(law, target, start, channels, values)
     if values is None:
         assert diverged is not None
         depth = compiled.recursion.depth
         path = np.asarray(diverged.trajectory)[depth : max(depth, diverged.at - 1)]
         said = " ".join(run_away(law, target, path, start))
         raise Diverged(f"{diverged} {said}".strip(), diverged.at, diverged.trajectory) from None
-    return values, tried
+    return values, tried, furthest
 
 
 def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachable:
