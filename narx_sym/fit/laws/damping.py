@@ -93,9 +93,12 @@ def share_of(law: Compensator, share: Share = "auto") -> float:
     if share == "auto":
         return damping(law).share
     try:
-        return float(share)
+        part = float(share)
     except ValueError:
-        raise ModelError(f"A share is a number above 0, up to 1, not {share!r}.") from None
+        part = float("nan")
+    if not 0 < part <= 1:
+        raise ModelError(f"A share is a number above 0, up to 1, not {share!r}.")
+    return part
 
 
 def damping(law: Compensator) -> Damping:

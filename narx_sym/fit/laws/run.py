@@ -12,7 +12,7 @@ import sympy as sp
 
 from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError, Unreachable
-from ...inversion.compensator import Compensator
+from ...inversion.compensator import Compensator, allowed
 from ...models.model import Model
 from ...symbolic.signals import y
 from ..simulate import fitted, simulate, vector
@@ -218,6 +218,9 @@ def follow(
     start = rest_input(law, float(target[0]), limits) if m0 is None else float(m0)
     if not np.isfinite(start):
         raise ModelError("The input before the start, m0, is not finite.")
+    low, high = allowed(limits, rate)
+    if not low <= start <= high:
+        raise ModelError(f"The input before the start, m0 = {start:.6g}, is outside of the limits {low:g} to {high:g}.")
     part = share_of(law, share)
     # The model runs beside the law, from the first output on: what acts on it then is made up for.
     beside = law.model.input != y or limits is not None or rate is not None
