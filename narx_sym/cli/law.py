@@ -49,7 +49,9 @@ def compensate(
     from ..data.units import coefficients_latex, said_first
     from ..files.atomic import write_bytes, write_text
     from ..files.store import load
+    from ..inversion.compensator import allowed
 
+    allowed(limits, rate)
     own = [(name, path) for name, path in (("c", c), ("st", st), ("fmu", fmu), ("fmu2", fmu2)) if path]
     sources = [*((target_of(path), path) for path in export or []), *own]
     check_targets([latex, *(path for _, path in sources), out], model_file, reference)

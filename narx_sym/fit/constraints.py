@@ -59,9 +59,10 @@ class Elimination:
         return cls(t0, Z)
 
 
-def constraint_equations(model: Model, constraints: Sequence[Any] | None) -> list[Any]:
+def constraint_equations(model: Model, constraints: Sequence[Any] | str | None) -> list[Any]:
     """Return the equations; the word "continuum" stands for all conditions of Lemma 1."""
-    chosen = list(model.constraints if constraints is None else constraints)
+    given = model.constraints if constraints is None else constraints
+    chosen = [given] if isinstance(given, str) else list(given)
     listed = []
     for c in chosen:
         if isinstance(c, str):

@@ -211,7 +211,7 @@ def check_method(method: str) -> None:
 def fit(
     model: Model,
     records: Records,
-    constraints: Sequence[Any] | None = None,
+    constraints: Sequence[Any] | str | None = None,
     method: str = "one_step",
     max_steps: int = 60,
     starts: int = 1,
@@ -225,8 +225,8 @@ def fit(
     model : Model
         `one_step` needs one that is linear in its parameters; `free_run` starts from its theta, or from `one_step`.
     records : Record or list of Record
-    constraints : sequence of Eq in the model's symbols, or "continuum", optional
-        By default those that the model carries.
+    constraints : sequence of Eq in the model's symbols and of "continuum", or "continuum" alone, optional
+        "continuum" stands for all conditions under which every output may rest. By default what the model carries.
     method : "one_step", "free_run", "els" or "auto"
         `auto` fits one step ahead, then in free run, and keeps the better free run. `els` is one step ahead with a
         moving average of the noise.
@@ -292,7 +292,7 @@ def free_run_error(model: Model) -> float:
 
 
 def _better_fit(
-    model: Model, records: Records, constraints: Sequence[Any] | None, max_steps: int, starts: int, seed: int
+    model: Model, records: Records, constraints: Sequence[Any] | str | None, max_steps: int, starts: int, seed: int
 ) -> Model:
     """Fit one step ahead and in free run, and return the better free run; a failed free-run fit counts for nothing."""
     if not isinstance(model, NARX):

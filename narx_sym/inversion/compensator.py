@@ -99,9 +99,7 @@ class Compensator(CompensatorDoors):
         ModelError
             For limits that are not increasing, a rate that is not positive, and a share that is no part of one.
         """
-        low, high = (float("-inf"), float("inf")) if limits is None else map(float, limits)
-        if not low < high or (rate is not None and not 0 < float(rate) < float("inf")):
-            raise ModelError("Limits are a lower and a higher number, and a rate is a positive number.")
+        low, high = allowed(limits, rate)
         if not 0 < share <= 1 or (share < 1 and self.model.input == y):
             raise ModelError("A share is a number above 0, up to 1; an identified inverse is not damped.")
 
@@ -269,6 +267,19 @@ class Compensator(CompensatorDoors):
 
     def __repr__(self) -> str:
         return f"Compensator({'; '.join(self._equations(self.model.values))})"
+
+
+def allowed(limits: Sequence[float] | None = None, rate: float | None = None) -> tuple[float, float]:
+    """Return the lowest and the highest input; refuse limits that are not increasing, and a rate that is not positive.
+
+    Raises
+    ------
+    ModelError
+    """
+    low, high = (float("-inf"), float("inf")) if limits is None else map(float, limits)
+    if not low < high or (rate is not None and not 0 < float(rate) < float("inf")):
+        raise ModelError("Limits are a lower and a higher number, and a rate is a positive number.")
+    return low, high
 
 
 def compensator(model: Model) -> Compensator:

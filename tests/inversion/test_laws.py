@@ -519,3 +519,29 @@ def test_an_unstable_model_is_told(pole, unstable):
     reference = 1 + 0.3 * np.sin(np.arange(600) / 60)
     _, said = told(law, reference, (1 - pole) / 0.1)
     assert any("the model is unstable" in text for text in said) == unstable
+
+
+@pytest.mark.parametrize(
+    "options, why",
+    [
+        (("--limits", "1", "0"), "a lower and a higher number"),
+        (("--rate", "-1"), "a rate is a positive number"),
+        (("--share", "3"), "A share is a number above 0, up to 1"),
+        (("--share", "0"), "A share is a number above 0, up to 1"),
+    ],
+)
+def test_what_no_actuator_has_is_refused_without_a_reference_too(tmp_path, capsys, monkeypatch, options, why):
+    from narx_sym.cli import main as cli
+
+    ns.save(BASES["first order"], tmp_path / "model.json")
+    monkeypatch.setattr("sys.argv", ["narx-sym", "compensate", str(tmp_path / "model.json"), *options])
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    assert stop.value.code == 2 and why in " ".join(capsys.readouterr().err.split())
+
+
+def test_an_input_before_the_start_is_within_the_limits():
+    law, target = BASES["first order"].compensator(), np.linspace(0.0, 0.5, 40)
+    assert law.run(target, 0.8, limits=(-1.0, 0.8)).max() <= 0.8
+    with pytest.raises(ns.errors.ModelError, match=r"m0 = 5, is outside of the limits -1 to 0\.8"):
+        law.run(target, 5.0, limits=(-1.0, 0.8))

@@ -120,3 +120,33 @@ def test_a_square_is_solved_at_its_vertex():
     found = solve_for((m[k] - m[k - 1]) * sp.Abs(m[k] - m[k - 1]) / 4, m[k], r[k], m[k - 1], {sp.Symbol("a"): 1.0})
     for target, wanted in ((0.0, 0.3), (0.25, 1.3), (-1.0, -1.7)):
         assert float(found.value.xreplace({r[k]: sp.Float(target), m[k - 1]: sp.Float(0.3)})) == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("seed", (7, 9))
+def test_a_sensor_that_folds_leaves_a_choice(seed):
+    """Only the output reads the sensor, but the input that its side asks for has a future."""
+    base = bases()["delayed continuum"]
+    listed = [v for v in variants(base, []) if (v.id, v.where) == ("absolute_sensor", "sensor")]
+    model = with_effect(base, listed[0], np.random.default_rng(0)).replace(theta=[1.0, 0.7, 0.1, 0.9])
+    run = Run(model, np.random.default_rng(seed))
+    assert missed(run, follow(run, back=False)).any()
+    found = follow(run)
+    assert found.tried and not missed(run, found).any()
+
+
+@pytest.mark.long
+def test_what_was_tried_from_a_state_is_not_tried_again():
+    """With 200 choices, many of which lead to the same state, none followed; the law goes through a gain that moves."""
+    rng = np.random.default_rng(82319)
+    run = Run(drawn(rng, 2)[1], rng)
+    found = follow(run)
+    assert found.tried < 200 and not missed(run, found).any()
+
+
+@pytest.mark.long
+def test_the_growth_along_the_choice_that_comes_furthest_is_told():
+    """Its own input is the only one that follows, and along it the law multiplies its own errors."""
+    rng = np.random.default_rng(90045)
+    run = Run(drawn(rng, 2)[1], rng)
+    found = follow(run)
+    assert missed(run, found).any() and found.runs_away and "along the one of them that comes furthest" in found.why

@@ -45,6 +45,8 @@ COMBINED = {
 }
 
 
+DELAY = ("input_delay", "input", "", 0)
+
 MARKS = dict.fromkeys((n for n in COMBINED if "Stribeck" in n), pytest.mark.long)
 
 
@@ -78,12 +80,32 @@ def test_a_delay_leaves_no_offset():
         assert law.follow(target, 0.0).y[law.preview :] == pytest.approx(out[law.preview :], abs=1e-9)
 
 
-def test_follow_simulates_a_plain_law():
-    """A channel that is not at rest at the start moves the output before the first command."""
+def test_a_channel_that_moves_the_start_is_no_error_of_zero():
+    """It moves the output before the first command, which a law that starts from rest does not know."""
     law = ns.NARX.from_terms(["y[k-1]", "phi1[k-3]", "w[k-1]"], [1.0, 0.5, 0.1], channels=["w"]).compensator()
     target = np.zeros(40)
     found = law.follow(target, 0.0, {"w": np.ones(40)})
-    assert found.y[law.preview + 1 :] == pytest.approx(target[law.preview + 1 :], abs=1e-9)
+    made = law.model.simulate(found.m, 0.0, {"w": np.ones(40)}, u0=0.0)
+    assert np.array_equal(found.y, made) and found.error == pytest.approx(np.abs(made)[law.preview :].max())
+    assert found.missed[law.preview :].all() and not found.unreached.any() and "does not rest at the start" in found.why
+
+
+@pytest.mark.parametrize("options", ({}, {"limits": (-9.0, 9.0)}, {"rate": 0.5}, {"share": 0.6}))
+@pytest.mark.parametrize("base", ("first order", "delayed", "continuum", "delayed, a further delay"))
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_what_is_reported_is_what_the_model_does_by_itself(base, options):
+    """Whether it rests at the start or not: the model rests nowhere near 5 with the output at 1."""
+    model = made_of(bases()["delayed"], DELAY, sizes={"c_input_delay": 0.3}) if "," in base else bases()[base]
+    law, target, ahead = model.compensator(), 1.0 + 0.5 * np.sin(np.arange(60) / 6), model.compensator().preview
+    found = law.follow(target, 5.0, **options)
+    made = model.simulate(found.m, target[0], u0=5.0)
+    gap = np.abs(made - target)[ahead:]
+    assert np.array_equal(found.y, made) and found.error == gap.max()
+    assert np.array_equal(found.missed[ahead:], gap > 1e-6 * np.ptp(target) + 1e-12 * (1 + target.max()))
+    assert (base == "continuum") == (found.aside == 0)
+    if not options and found.aside:  # no sample is out of reach, and the report says what is missed
+        assert not found.unreached.any() and found.error > 0.1 and np.array_equal(law.run(target, 5.0), found.m)
+        assert f"by {found.error:.3g} at most. The model does not rest at the start" in found.report[-1]
 
 
 def test_nothing_is_proved_that_does_not_hold():

@@ -9,6 +9,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from paper import BENCH
 
+from narx_sym.data.record import Record
 from narx_sym.engines.columns import evaluate_quasi_static
 from narx_sym.errors import FitError, ModelError
 from narx_sym.fit.bases.play import Shape
@@ -601,3 +602,36 @@ def test_an_added_backlash_is_a_play():
     sets = evaluate_quasi_static(model.quasi_static(), cycle, cycle - np.roll(cycle, 1))
     loop = model.simulate(np.tile(cycle, 3), 0.0, warn=False)[-cycle.size :]
     assert np.nanmax(np.abs(sets.ytilde - loop)) < 1e-3 * np.ptp(loop) and np.ptp(loop) > 2
+
+
+def test_a_double_root_is_judged_the_same_whatever_rounding_says():
+    """The output comes to it from one side and leaves it on the other: its eigenvalue is 1."""
+    rng = np.random.default_rng(0)
+    for a, at in zip(rng.uniform(0.05, 1.5, 40), rng.uniform(-2, 2, 40), strict=True):
+        model = NARX.from_terms(["y[k-1]", "y[k-1]**2", "1"], [1 + 2 * a * at, -a, -a * at**2])
+        verdict = property_1(model)
+        assert verdict.equilibria == [pytest.approx(at, abs=1e-5)] and verdict.diverging and not verdict.holds
+    for first in rng.uniform(-1.5, 1.9, 20):  # of a continuum, the other eigenvalue is first - 1
+        model = NARX.from_terms(["y[k-1]", "y[k-2]", "phi1[k-1]"], [first, 1 - first, 0.3])
+        assert property_1(model).diverging == (abs(first - 1) >= 1)
+    assert property_1(NARX.from_terms(["y[k-1]", "y[k-2]", "phi1[k-1]"], [2.0, -1.0, 0.3])).diverging
+
+
+def test_a_continuum_is_judged_along_it():
+    """Its other eigenvalue is g (c - ybar**2): beyond 1 near the origin, or everywhere from -1 to 1."""
+    g, c, b = sp.symbols("g c b", real=True)
+    F = y[k - 1] + g * (y[k - 1] - y[k - 2]) * (c - y[k - 1] ** 2) + b * phi1[k - 1]
+    for theta, steady, said in (([0.9, 1.0, 0.3], True, "(Lemma 1)"), ([1.5, 1.0, 0.3], True, "at 44% of the outputs"),
+                                ([1e3, 2.0, 0.3], False, "(Lemma 1)")):  # fmt: skip
+        verdict = property_1(Model(F, (g, c, b), theta))
+        assert verdict.equilibria == "continuum" and verdict.reason.endswith(said)
+        assert verdict.holds == steady and verdict.diverging != steady
+
+
+def test_continuum_alone_is_a_constraint():
+    rng = np.random.default_rng(0)
+    moved = np.cumsum(rng.standard_normal(200))
+    record = Record.from_arrays(moved, 0.3 * moved + 0.01 * rng.standard_normal(200), 1.0)
+    model = NARX.from_terms(["y[k-1]", "phi1[k-1]"])
+    found = model.fit(record, constraints="continuum")
+    assert found.theta.tolist() == model.fit(record, constraints=["continuum"]).theta.tolist() and found.theta[0] == 1.0

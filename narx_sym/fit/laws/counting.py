@@ -96,7 +96,7 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
     for stage in stages:
         reached = found.values[str(stage.unknown.base.label)][:n]
         several |= crossings(gaps(law, stage, found.values, target, chosen, around(reached)[None, :])).sum(axis=1) > 1
-    none = found.missed[chosen + ahead]
+    none = found.unreached[chosen + ahead]
     several &= ~none
     first = {
         name: float(target[chosen + ahead][mask][0])

@@ -11,7 +11,7 @@ Both are measured on the law itself: it makes what the model makes of a slow ram
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 from weakref import WeakKeyDictionary
@@ -23,6 +23,7 @@ from ...errors import ModelError, NarxError
 from ...inversion.compensator import Compensator
 from ...inversion.stages import in_order
 from ...models.model import Model
+from ...symbolic.recursion import Recursion
 from ...symbolic.signals import k, m, signal, y
 from ..simulate import rest_output, simulate
 from .driven import driven
@@ -92,9 +93,12 @@ def share_of(law: Compensator, share: Share = "auto") -> float:
     if share == "auto":
         return damping(law).share
     try:
-        return float(share)
+        part = float(share)
     except ValueError:
-        raise ModelError(f"A share is a number above 0, up to 1, not {share!r}.") from None
+        part = float("nan")
+    if not 0 < part <= 1:
+        raise ModelError(f"A share is a number above 0, up to 1, not {share!r}.")
+    return part
 
 
 def damping(law: Compensator) -> Damping:
@@ -121,12 +125,17 @@ def _measured(law: Compensator) -> Damping:
     return Damping(ring, lasts, -share, best) if best < lasts else Damping(ring, lasts)
 
 
-def growth(law: Compensator, target: Array, start: float, channels: Mapping[str, Any], at: int) -> float:
+def growth(
+    law: Compensator, target: Array, start: float, channels: Mapping[str, Any], at: int,
+    made: Callable[[Any], Recursion] | None = None,
+) -> float:  # fmt: skip
     """Return by how much a small disturbance of the input grows along a run, at most, until a sample.
 
-    Parameters as for `narx_sym.fit.laws.driven.driven`; `at` is the sample.
+    Parameters as for `narx_sym.fit.laws.driven.driven`; `at` is the sample, and `made` the law with the model beside
+    it, as a function of what becomes of the wanted input.
     """
-    compiled = compile(in_order(law.beside(lambda asked: asked + KICK[k]), law.symbols))
+    own = made or (lambda clipped: in_order(law.beside(clipped), law.symbols))
+    compiled = compile(own(lambda asked: asked + KICK[k]))
     stop = at + 1 + compiled.recursion.lead
     target, channels = target[:stop], {name: np.asarray(c)[:stop] for name, c in channels.items()}
 

@@ -1,14 +1,15 @@
 """Of several inputs that are right for a sample a law takes one; where that leaves none later, it goes back.
 
 The run returns to where a stage had a further solution, the latest first, takes that one, and runs on from there
-(backtracking; of the runs at hand the one that came furthest is changed next). A machine cannot do so: what it meets
-is not known to it beforehand.
+(backtracking; of the runs at hand the one that came furthest is changed next). Where it comes to a state in which an
+earlier run was at that sample, it goes on as that one did, and what lies beyond is not tried again. A machine cannot do
+so: what it meets is not known to it beforehand.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import Any
@@ -26,10 +27,12 @@ from ...symbolic.recursion import Recursion
 from ...symbolic.signals import k, m, samples, signal
 from ..simulate import simulate
 from .crossings import OUTSIDE, around, beyond, crossings, gaps
+from .damping import growth
 from .driven import Prepared
 
 Array = np.ndarray
-TRIES, BACK, ON = 200, 100, 200  # runs; how far back of a miss a choice is changed; how far a run goes on at first
+TRIES, BACK, ON = 200, 100, 200  # runs; how far back of a miss a choice is changed; how far the first run goes on
+LONGER = 4  # the next stretch of a run is so many times as long
 WIDER = 1.0  # of what a sequence has been: solutions further beyond are looked for in steps that grow
 INEXACT = 1e-9  # of the largest reference: what is further off is missed
 FREE = 1e300  # a hint that is none
@@ -42,13 +45,15 @@ def open_stages(law: Compensator) -> list[Solution]:
 
 
 def _lasts(law: Compensator, stage: Solution) -> bool:
-    """Whether more of the model than the one sample that a stage solves for is made from what it takes."""
-    own = law.model.input if stage.unknown.base == m else stage.unknown.base
-    made = {(left, s) for left, right in law.model.recursion.updates for s in samples(right) if s.base == own}
-    return len(made) > 1
+    """Whether more of the model than the samples that stages solve for is made from what a stage takes, or leads to."""
+    assert law.staged is not None
+    later = law.staged.stages[law.staged.stages.index(stage) :]
+    own = {law.model.input if one.unknown.base == m else one.unknown.base for one in later}
+    made = {(left, s) for left, right in law.model.recursion.updates for s in samples(right) if s.base in own}
+    return len(made) > len(own)
 
 
-def steered(law: Compensator) -> Recursion:
+def steered(law: Compensator, clipped: Callable[[Any], Any] = lambda asked: asked) -> Recursion:
     """Return a law with the model beside it whose open stages take the solution nearest to a hint, where it is given.
 
     The hint of a sequence s is the channel s_hint.
@@ -63,28 +68,32 @@ def steered(law: Compensator) -> Recursion:
         (left, sp.Piecewise(*swapped[left].args, (right, True)) if left in swapped else right)
         for left, right in staged.updates
     )
-    return in_order(guarded(replace(staged, updates=updates), lambda asked: asked), law.symbols)
+    return in_order(guarded(replace(staged, updates=updates), clipped), law.symbols)
 
 
 def right(
     law: Compensator, target: Array, start: float, channels: Mapping[str, Any], values: dict[str, Array] | None
-) -> tuple[dict[str, Array] | None, int]:
+) -> tuple[dict[str, Array] | None, int, float]:
     """Return a run that misses nothing, if a law has one, and how many further solutions were tried.
+
+    Where none was found, also by how much a disturbance of the input grows along the run that came furthest.
 
     Parameters
     ----------
     values : what the law's own run computed; None where it diverged
     """
     if not open_stages(law):
-        return values, 0
+        return values, 0, 0.0
     runs, missed = Lookback(law, target, start, channels), None
     if values is not None:
         values = runs.own(values)
         missed = runs.missed(values["y"])
         if missed is None:
-            return values, 0
+            return values, 0, 0.0
     found = runs.best(missed)
-    return (values if found is None else found), runs.tried
+    if found is not None:
+        return found, runs.tried, 0.0
+    return values, runs.tried, runs.grown() if runs.tried else 0.0
 
 
 def _hint(stage: Solution) -> Any:
@@ -99,6 +108,7 @@ class _Path:
     missed: int | None
     begin: int = 0  # the first sample that may still be changed
     hints: Hints = field(default_factory=dict)
+    end: int | None = None  # from there on it is as an earlier run was
     tried: int = 0
     ways: Iterator[tuple[str, int, float]] | None = None
 
@@ -119,6 +129,7 @@ class Lookback:
         self.delay, self.tried = law.staged.delay, 0
         self.n = target.size - self.delay
         self.size = INEXACT * float(np.abs(target).max())
+        self.known: list[tuple[Array, _Path]] = []  # the runs so far, and what each remembers, sample by sample
 
     def missed(self, reached: Array) -> int | None:
         """Return the first input whose output is not the reference."""
@@ -151,7 +162,7 @@ class Lookback:
         `missed` is the first input after which the law's own run misses, where that is known.
         """
         self.prepared = Prepared.of(self.law, compile(steered(self.law)), self.target, self.start, self.channels)
-        order = count()
+        order, self.known = count(), []
         waiting = [(0, next(order), self._run(_Path({}, missed), {}, 0))]
         while waiting and self.tried < TRIES:
             path = heapq.heappop(waiting)[2]
@@ -161,28 +172,70 @@ class Lookback:
             way = next(path.ways, None)
             if way is None:
                 continue
-            self.tried += 1
-            path.tried += 1
             name, at, hint = way
             hints = {n: dict(held) for n, held in path.hints.items()}
             hints.setdefault(name, {})[at] = hint
-            for one in (path, self._run(path, hints, at)):
+            other = self._run(path, hints, at)
+            new = other.end is None or other.end > other.begin
+            self.tried += new
+            path.tried += new
+            for one in (path, other) if new else (path,):
                 came = self.n if one.missed is None else one.missed
                 heapq.heappush(waiting, (one.tried - came, next(order), one))
         return None
 
+    def grown(self) -> float:
+        """Return by how much a disturbance of the input grows along the run that came furthest."""
+        path = max((p for _, p in self.known), key=lambda p: -1 if p.missed is None else p.missed)
+        held = {str(_hint(s).label): self._column(path.hints.get(str(_hint(s).label), {})) for s in self.open}
+        at, more = path.missed or 0, {**self.channels, **held}
+        return growth(self.law, self.target, self.start, more, at, lambda clipped: steered(self.law, clipped))
+
     def _run(self, before: _Path, hints: Hints, at: int) -> _Path:
-        """Run on from a sample of a run; first a stretch, then to the end."""
+        """Run on from a sample of a run, in stretches that grow, until it misses or is as an earlier run was."""
         values, begin, changed = before.values, at, at + 1 if hints else 0
         names = [str(_hint(s).label) for s in self.open]
         more = {n: (self._column(hints.get(n, {})), FREE) for n in names}
-        for end in (self.n,) if before.missed is None else (min(self.n, before.missed + ON), self.n):
-            values = self.prepared.run(more, values, begin, end + self.delay)
-            missed = self.missed(values["y"][self.prepared.depth :])
-            if missed is not None:
-                return _Path(values, missed, changed, hints)
+        met: tuple[int, int] | None = None
+        stretch = 1 if hints else self.n if before.missed is None else before.missed + ON
+        while begin < self.n:
+            end = min(self.n, begin + stretch)
+            values, stretch = self.prepared.run(more, values, begin, end + self.delay), LONGER * stretch
+            seen = self.prepared.depth + end  # beyond, the reference was not read
+            own, missed = self._remembered(values)[:, :seen], self.missed(values["y"][self.prepared.depth : seen])
+            met = self._met(own, changed)
+            if missed is not None or met:
+                break
             begin = end
-        return _Path(values, self.missed(self.own(self.prepared.shown(values))["y"]), changed, hints)
+        else:
+            missed = self.missed(self.own(self.prepared.shown(values))["y"])
+        if met and (missed is None or met[0] <= max(missed, changed)):
+            return _Path(values, met[1], changed, hints, met[0])
+        path = _Path(values, missed, changed, hints)
+        until = (
+            own.shape[1] if missed is None else self.prepared.depth + missed + 1
+        )  # what follows is off the reference
+        self.known.append((own[:, :until], path))
+        return path
+
+    def _remembered(self, values: Mapping[str, Array]) -> Array:
+        """Return what later samples read, sequence by sequence."""
+        layout = self.prepared.compiled.layout
+        return np.array([values[layout.states[i]] for i in layout.remembered])
+
+    def _met(self, own: Array, begin: int) -> tuple[int, int] | None:
+        """Return the first sample from `begin` on at which an earlier run was in the same state, and what that misses.
+
+        None where there is no such sample.
+        """
+        depth, found = self.prepared.depth, []
+        size = INEXACT * np.nanmax(np.abs(own), axis=1, initial=1e-300)[:, None]
+        for other, path in self.known:
+            n = min(own.shape[1], other.shape[1])
+            same = (np.abs(own[:, :n] - other[:, :n]) <= size).all(axis=0)
+            run = np.convolve(same, np.ones(depth, dtype=int))[:n] == depth  # all that is remembered
+            found += [(begin + int(i), path.missed or 0) for i in np.flatnonzero(run[depth + begin - 1 :])[:1]]
+        return min(found, default=None)
 
     def _column(self, hints: Mapping[int, float]) -> Array:
         column = np.full(self.target.size, FREE)
@@ -192,17 +245,18 @@ class Lookback:
     def _ways(self, path: _Path) -> Iterator[tuple[str, int, float]]:
         """Return the further solutions on the way to a miss, the latest first: sequence, sample, and where."""
         assert path.missed is not None
-        at = np.arange(max(path.begin, path.missed - BACK), path.missed + 1)
+        stop = path.missed + 1 if path.end is None else min(path.missed + 1, path.end)
+        at = np.arange(max(path.begin, path.missed - BACK), stop)
         if not at.size:
             return
         depth = self.prepared.depth
-        columns = {n: c[: depth + path.missed + 1] for n, c in {**path.values, **self.prepared.given}.items()}
+        columns = {n: c[: depth + stop] for n, c in {**path.values, **self.prepared.given}.items()}
         found: list[tuple[int, float, str, float]] = []
         for stage in self.open:
             name, hint = str(stage.unknown.base.label), str(_hint(stage).label)
             before = columns[name][max(depth - 1, 0) :][:1]
             column = np.concatenate([before, columns[name][depth:]])  # from the value before the first one on
-            grid, last = beyond(around(column[: path.missed + 1], WIDER)), column[at]
+            grid, last = beyond(around(column[:stop], WIDER)), column[at]
             taken = columns[f"{name}_wanted"][depth + at]
             # The last value is where a step turns, so often where the gap has a kink: between a pair of roots.
             points = np.sort(np.column_stack([np.broadcast_to(grid, (at.size, grid.size)), last]), axis=1)

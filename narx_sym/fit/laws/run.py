@@ -12,7 +12,7 @@ import sympy as sp
 
 from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError, Unreachable
-from ...inversion.compensator import Compensator
+from ...inversion.compensator import Compensator, allowed
 from ...models.model import Model
 from ...symbolic.recursion import Recursion
 from ...symbolic.signals import y
@@ -37,13 +37,16 @@ class Following:
     ----------
     m : (N,) array [unit of u]
     y : (N,) array [unit of y]
-        What the model gives: the reference wherever it is reached, once the law's first command has arrived.
+        What the model makes of that input by itself, all at rest before the start: infinite from where it runs away.
     held : (N,) bool array
         Where a limit or the rate holds the input back.
     missed : (N,) bool array
-        Where the model's output is not the reference.
+        Where that is not the reference, once the law's first command has arrived.
+    unreached : (N,) bool array
+        The same of a model whose output stays at the first sample of the reference until then, as the law has it: what
+        the law itself misses, whatever the start.
     error : float
-        The largest distance between both [unit of y].
+        The largest distance between both from there on [unit of y].
     values : mapping of names to (N + preview,) arrays
         Every sequence of the law as the recursion computes it.
     share : float
@@ -52,18 +55,23 @@ class Following:
         How many other choices between several inputs were tried, where the first one missed; see
         `narx_sym.fit.laws.lookback`.
     grown : float
-        Where something is missed: by how much a disturbance of the input grows until then.
+        Where something is not reached: by how much a disturbance of the input grows until then, or along that of the
+        other choices that came furthest, whichever is more.
+    aside : float
+        By how much the model leaves that sample before any command arrives, where it does not rest at the start.
     """
 
     m: Array
     y: Array
     held: Array
     missed: Array
+    unreached: Array
     error: float
     values: Mapping[str, Array]
     share: float = 1.0
     tried: int = 0
     grown: float = 0.0
+    aside: float = 0.0
 
     @property
     def runs_away(self) -> bool:
@@ -75,11 +83,18 @@ class Following:
         """Say what led to the first miss; empty where nothing is known."""
         if self.runs_away:
             times = f"{self.grown:.1g} times" if self.grown < np.inf else "beyond all numbers"
-            return f"The law runs away: a disturbance of its input grows {times} until then"
+            where = " along the one of them that comes furthest" if self.tried else ""
+            other = f"{self.tried} other choices between several inputs were tried. " if self.tried else ""
+            return f"{other}The law runs away: a disturbance of its input grows {times} until then{where}"
         if self.tried:
             return (
                 f"{self.tried} other choices between several inputs that are right for a sample were tried up to "
                 "there: each of them misses some sample later"
+            )
+        if self.aside:
+            return (
+                "The model does not rest at the start: it has moved by "
+                f"{self.aside:.3g} when the first command arrives, which the law does not know"
             )
         return ""
 
@@ -199,7 +214,7 @@ def told(
     found = follow(law, target, start, channels, limits, rate, share)
     # A law that runs away misses too: the cause is said first.
     known = law_warnings(law, target, found.m, start, found.share < 1)
-    if found.missed.any() and limits is None and rate is None and found.share == 1 and not clip:
+    if found.unreached.any() and limits is None and rate is None and found.share == 1 and not clip:
         raise _unreachable(law, found, target)
     rings = [damping(law).sentence] if share == "auto" and found.share < 1 else []
     return found, [*rings, *found.report, *_unstable(law.model, found, target, start, channels or {}), *known]
@@ -229,28 +244,37 @@ def follow(
     start = rest_input(law, float(target[0]), limits) if m0 is None else float(m0)
     if not np.isfinite(start):
         raise ModelError("The input before the start, m0, is not finite.")
+    low, high = allowed(limits, rate)
+    if not low <= start <= high:
+        raise ModelError(f"The input before the start, m0 = {start:.6g}, is outside of the limits {low:g} to {high:g}.")
     part = share_of(law, share)
     # The model runs beside the law, from the first output on: what acts on it then is made up for.
     beside = law.model.input != y or limits is not None or rate is not None
     compiled = compile(law.limited(limits, rate, part) if beside else law.recursion)
     free = back and beside and law.model.input != y and limits is None and rate is None and part == 1
-    values, tried = _values(law, compiled, target, start, channels or {}, beside, free)
+    values, tried, furthest = _values(law, compiled, target, start, channels or {}, beside, free)
     command = values["m"][:n]
     last = np.concatenate([[start], command[:-1]])
     asked = values.get("m_wanted", values["m"])[:n]
     asked = asked if part == 1 else last + part * (asked - last)
     held = np.abs(asked - command) > 1e-12 * (1.0 + np.abs(command)) if beside else np.zeros(n, dtype=bool)
+    none = np.zeros(n, dtype=bool)
     if not beside or law.model.input == y:
-        return Following(command, target, held, np.zeros(n, dtype=bool), 0.0, values)
-    ahead = law.staged.delay if law.staged else law.preview
-    reached = np.concatenate([np.full(ahead, target[0]), values["y"]])[:n]
-    gap = np.abs(reached - target)
-    gap[:ahead] = 0.0  # no law reaches these
-    size = float(np.abs(target).max())
-    missed = gap > MISSED * max(float(np.ptp(target)), 1e-3 * size) + 1e-12 * (1.0 + size)
-    off = gap > INEXACT * size if free else missed
+        return Following(command, target, held, none, none, 0.0, values)
+    ahead, size = law.staged.delay if law.staged else law.preview, float(np.abs(target).max())
+    least = MISSED * max(float(np.ptp(target)), 1e-3 * size) + 1e-12 * (1.0 + size)
+    reached = _alone(law.model, command, target[0], start, channels or {})
+    seen = np.concatenate([np.full(ahead, target[0]), values["y"]])[:n]
+    gap, own = (np.where(np.arange(n) < ahead, 0.0, np.abs(x - target)) for x in (reached, seen))
+    missed, unreached = gap > least, own > least
+    off = own > INEXACT * size if free else unreached
     grown = growth(law, target, start, channels or {}, int(np.argmax(off))) if free and off.any() else 0.0
-    return Following(command, reached, held, missed, float(gap.max()), values, part, tried, grown)
+    grown = max(grown, furthest)
+    moved = float(np.abs(reached - target[0])[: max(1, ahead)].max()) if ahead else 0.0
+    return Following(
+        command, reached, held, missed, unreached, float(gap.max()), values, part, tried, grown,
+        moved if moved > least else 0.0,
+    )  # fmt: skip
 
 
 def _alone(model: Model, command: Array, first: float, start: float, channels: Mapping[str, Any]) -> Array:
@@ -289,27 +313,27 @@ def _values(
     channels: Mapping[str, Any],
     beside: bool,
     free: bool,
-) -> tuple[dict[str, Array], int]:
-    """Run a law; a free one goes back where it misses. Return also how many other choices were tried."""
-    diverged, values, tried = None, None, 0
+) -> tuple[dict[str, Array], int, float]:
+    """Run a law; a free one goes back where it misses. Return also what `narx_sym.fit.laws.lookback.right` says."""
+    diverged, values, tried, furthest = None, None, 0, 0.0
     try:
         values = driven(law, compiled, target, start, channels, beside)
     except Diverged as error:
         diverged = error
     if free:
-        values, tried = right(law, target, start, channels, values)
+        values, tried, furthest = right(law, target, start, channels, values)
     if values is None:
         assert diverged is not None
         depth = compiled.recursion.depth
         path = np.asarray(diverged.trajectory)[depth : max(depth, diverged.at - 1)]
         said = " ".join(run_away(law, target, path, start))
         raise Diverged(f"{diverged} {said}".strip(), diverged.at, diverged.trajectory) from None
-    return values, tried
+    return values, tried, furthest
 
 
 def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachable:
     """Say where a reference cannot be reached, and how near the model comes."""
-    at = int(np.argmax(found.missed))
+    at = int(np.argmax(found.unreached))
     limit = "at most" if found.y[at] < target[at] else "at least"
     stages = law.staged.stages if law.staged else ()
     why = f"{found.why}. " if found.why else ""
