@@ -107,8 +107,11 @@ def settle(
     start: Array | None = None,
     limits: Mapping[Any, Any] | None = None,
     steps: int = STEPS,
+    runs: Sequence[Array] | None = None,
 ) -> Fitted:
     """Fit a model in free run on the training samples.
+
+    It starts from the measured initial outputs, or from those of free runs where that is nearer.
 
     Raises
     ------
@@ -119,12 +122,20 @@ def settle(
     equations = constraint_equations(model, None)
     problem = FreeRun(model, list(split.records), equations, split.train)
     begin = problem.start(model.theta if start is None else start)
+    if runs is not None:
+        begin = min((begin, problem.begun(begin, runs)), key=lambda z: _error(problem, z))
     unknowns, std, converged = remembered(_minimum, problem, begin, steps, limits)
     problem.model = model.replace(theta=problem.theta(unknowns).tolist(), standard_errors=std)
     made = Fitted(problem.model, split, problem, unknowns, converged, std, limits)
     if not all(np.all(np.isfinite(e)) for e in made.errors):
         raise FitError("The fitted model is unstable.")
     return made
+
+
+def _error(problem: FreeRun, z: Array) -> float:
+    with np.errstate(all="ignore"):
+        error = float(np.sum(problem.run(z)[0] ** 2))
+    return error if np.isfinite(error) else np.inf
 
 
 def _minimum(problem: FreeRun, begin: Array, steps: int, limits: Mapping[Any, Any]) -> tuple[Array, Array, bool]:

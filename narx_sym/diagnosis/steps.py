@@ -271,15 +271,9 @@ def step(
         REPEATED if repeats else "estimate", scored.scores.p_value, detectable(scored), absorbed(scored),
         loop=loop,
     )  # fmt: skip
-    seen = scored.scores.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
+    seen = made.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
     if best is None or not seen:
-        near = [r for r in cheapest(table.beside(known), by=lambda r: r.before_judged) if len(r.beyond(known)) == 1]
-        listed = [r for r in near[:RIVALS] if r.judged().held < known.held]
-        removed = max((1 - r.held / known.held for r in listed), default=0.0)
-        made.verdict = nothing_named(scored.structure if known.held > table.rounding else 0.0, removed)
-        if made.verdict == "nothing_detectable" and scored.scores.p_value <= gate.LEVEL:
-            made.nearest = [new_effect(r, known) for r in listed]
-        return made, known
+        return _unnamed(made, table, known), known
     left = table.screened(best).missing
     lowest = best.held * (1 - left)
     found = alike(table.beside(known), best)
@@ -312,6 +306,19 @@ def step(
         chosen = alone[0].fitted
     made.chosen = prune(chosen, base)
     return made, best
+
+
+def _unnamed(made: Step, table: Table, known: Row) -> Step:
+    """Return a step in which no effect is worth its price: with what is left, if there is, and what comes nearest."""
+    scored = table.checked(known)
+    made.p_value = scored.scores.p_value
+    near = [r for r in cheapest(table.beside(known), by=lambda r: r.before_judged) if len(r.beyond(known)) == 1]
+    listed = [r for r in near[:RIVALS] if r.judged().held < known.held]
+    removed = max((1 - r.held / known.held for r in listed), default=0.0)
+    made.verdict = nothing_named(scored.structure if known.held > table.rounding else 0.0, removed)
+    if made.verdict == "nothing_detectable" and made.p_value <= gate.LEVEL:
+        made.nearest = [new_effect(r, known) for r in listed]
+    return made
 
 
 def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:

@@ -132,6 +132,19 @@ class FreeRun:
         z = self.elimination.Z.T @ (np.asarray(theta) - self.elimination.t0)
         return np.concatenate([z, np.zeros(self.shifts)])
 
+    def begun(self, z: Array, runs: Sequence[Array]) -> Array:
+        """Return unknowns whose initial outputs are those of free runs, (N,) each, one per segment.
+
+        Poles near 1 make much of the noise of measured ones.
+        """
+        z = z.copy()
+        for i, (run, data) in enumerate(zip(runs, self.data, strict=True)):
+            for at, start in enumerate(self.starts, self.own(i).start):
+                if start.back is not None:
+                    sample = self.depth - 1 - start.back
+                    z[at] = run[sample] - data[self.name][sample]
+        return z
+
     def theta(self, z: Array) -> Array:
         """Return the parameters of given unknowns."""
         return self.elimination.t0 + self.elimination.Z @ z[: self.free]

@@ -80,6 +80,13 @@ class Variant:
         """The shape parameters that are refined."""
         return tuple(p for p in self.effect.shape if p not in dict(self.fixed))
 
+    def beside(self, n_y: int) -> bool:
+        """Whether it is an effect of its own beside a model of so many older outputs.
+
+        Without memory inside and output are one, and what holds the motion is a play.
+        """
+        return bool(n_y) or not (self.where == "motion" or (self.where == "inside" and self.driver != "y"))
+
     def __str__(self) -> str:
         parts = [self.effect.form, PLACES[self.where]]
         parts += [f"driven by {self.driver}"] if self.driver in ("u", "y") else []
@@ -99,8 +106,6 @@ def variants(model: Model, channels: Iterable[str] = (), catalogue: Catalogue = 
             choices = [(*c, o) for c in choices for o in options]
         for where, drivers in one.places.items():
             for driver in drivers:
-                if not model.n_y and (where == "motion" or (where == "inside" and driver != "y")):
-                    continue  # without memory inside and output are one, and what holds the motion is a play
                 # A sensor and a speed have one zero; what acts on the machine may be centred where it works.
                 about = (True,) if where == "sensor" or one.standing else (False, True)
                 centred = (one.centred or one.standing) and origin(model, driver) != 0
@@ -109,7 +114,9 @@ def variants(model: Model, channels: Iterable[str] = (), catalogue: Catalogue = 
                     for raw in about if centred else (False,):
                         for fixed in choices:
                             for name in named if driver == "channel" else (None,):
-                                yield Variant(one, where, driver, name, lag, raw, fixed)
+                                made = Variant(one, where, driver, name, lag, raw, fixed)
+                                if made.beside(model.n_y):
+                                    yield made
 
 
 def origin(model: Model, driver: str) -> float:

@@ -78,7 +78,7 @@ def in_an_fmu(law, taken, folder):
 def test_it_goes_on_from_where_the_machine_is(name, language, tmp_path):
     law = MODELS[name].compensator()
     run = law.follow(REFERENCE, 0.1)
-    assert 0.1 < run.missed.mean() < 0.9 and law.closed_form
+    assert 0.1 < run.unreached.mean() < 0.9 and law.closed_form
     taken = np.concatenate([REFERENCE, np.full(law.preview, REFERENCE[-1])])[law.preview :]
     found = language(law, taken, tmp_path)
     assert np.abs(found - run.m).max() <= 1e-9 * np.abs(run.m).max()

@@ -63,10 +63,11 @@ def resampled(a: Array, factor: int) -> Array:
     return -np.atleast_1d(np.real(np.poly((np.abs(at) * np.exp(1j * angles)) ** (1 / factor))))[1:]
 
 
-def start_beside(records: Sequence[Record], core: Core, a: Array) -> Array:
-    """Return a, b and the constant of a core with given coefficients a of older outputs.
+def start_beside(records: Sequence[Record], core: Core, a: Array) -> tuple[Array, list[Array]]:
+    """Return a, b and the constant of a core with given coefficients a of older outputs, and its free runs.
 
-    The rest is least squares of the free run; where each record starts is unknown. NaN where its poles run away.
+    The rest is least squares of the free run, with where each record starts: poles near 1 make much of the noise of
+    measured starts. NaN where its poles run away.
     """
     n, width = core.n_y, core.n_u + 1
     rows = []
@@ -79,9 +80,9 @@ def start_beside(records: Sequence[Record], core: Core, a: Array) -> Array:
         rows.append(lfilter([1.0], _polynomial(a), columns, axis=0))
     runs = np.concatenate(rows)
     if not np.isfinite(runs).all():
-        return np.full(n + width, np.nan)
+        return np.full(n + width, np.nan), [np.full(len(r), np.nan) for r in records]
     found = np.linalg.lstsq(runs, np.concatenate([r.y for r in records]), rcond=1e-10)[0]
-    return np.concatenate([a, found[:width]])
+    return np.concatenate([a, found[:width]]), [r @ found for r in rows]
 
 
 def later(x: Array, delay: int) -> Array:

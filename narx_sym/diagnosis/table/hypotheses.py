@@ -100,3 +100,15 @@ def ladder(given: Model, family: str, integrating: bool, delays: Sequence[int]) 
     open_ones = [Core(a, b, d, integrating) for a, b in sizes for d in delays]
     # Terms of a polynomial base may only imitate what is missing: it competes with linear cores.
     return [Core(given=True), *open_ones] if family == "narx" else open_ones
+
+
+def family_of(given: Model) -> str:
+    """Return which cores may stand for a base: those of its kind, or only itself."""
+    if not isinstance(given, NARX) or any(
+        x.base not in (given.input, given.output) for t in given.terms for x in samples(t)
+    ):
+        return "given"
+    chosen = given.info.selection
+    if chosen.base == "static" and any(t.is_Pow for t in given.terms):
+        return "given"
+    return chosen.base or ("narx" if chosen.candidates else "given")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...data.evidence.rate import means, working
+from ...data.evidence.rate import MOST, means, working
 from ...data.record import Record
 from ...errors import FitError
 from ...fit.identify import OPEN
@@ -22,13 +22,14 @@ from ..directions import Linearised
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted, Split, settle
 from .arx import resampled
-from .hypotheses import Core, Hypothesis, linear_in_signals, written
+from .hypotheses import Core, Hypothesis, family_of, linear_in_signals, written
 from .screening import Scored, linearised, score, shortlist
-from .search import Row, Search, family_of
+from .search import Row, Search
 from .verdict import ALIKE, PER_EFFECT, ROUNDING, cheapest, price
 
 Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
+SAME = 0.01  # difference of the log errors of one free run under two names: half a percent rms
 PARTNERS, TOGETHER = 2, 5  # effects that may be the stronger one of a pair, and weaker ones that are tried with each
 
 
@@ -109,7 +110,8 @@ class Table:
         if row not in self._fitted:
             made = written(row.hypothesis, self.search.given)
             made = made.replace(theta=row.frame.theta(row.values, row.hypothesis.core))
-            self._fitted[row] = settle(made, Split.of(self.search.cut), made.theta, row.frame.limits(made))
+            limits, runs = row.frame.limits(made), row.frame.runs(row.values, row.hypothesis.core)
+            self._fitted[row] = settle(made, Split.of(self.search.cut), made.theta, limits, runs=runs)
         return self._fitted[row]
 
     def screened(self, row: Row) -> Scored:
@@ -117,6 +119,15 @@ class Table:
         if row not in self._screened:
             self._screened[row] = score(self.fitted(row), self.channels, self.catalogue, self.seed)
         return self._screened[row]
+
+    def checked(self, row: Row) -> Scored:
+        """Return what the directions say at a row at the records' own rate, where these are short enough.
+
+        A mean over several samples follows no recursion of the same order: what that leaves is no effect.
+        """
+        if self.factor == 1 or sum(map(len, self.records)) > MOST:
+            return self.screened(row)
+        return score(self.own(row), self.channels, self.catalogue, self.seed)
 
     # -- rounds ----------------------------------------------------------------------------------------------------
 
@@ -141,7 +152,7 @@ class Table:
         # What is half of a pair bends to what the other half does, in each fold otherwise: where it was fitted counts.
         alone = [r for r in self.rows if len(r.beyond(base)) == 1 and (np.isfinite(r.held) or not r.blocks.size)]
         listed = cheapest(alone, by=lambda r: r.before_judged)
-        for turn, first in enumerate(islice(filter(self.settles, listed), PARTNERS)):
+        for turn, first in enumerate(islice(filter(self.settles, _distinct(listed)), PARTNERS)):
             scored = self.screened(first)
             kind = "given" if first.hypothesis.core.given else self.search.family
             others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids}
@@ -260,18 +271,10 @@ class Table:
         return any(r is not None for r in found)
 
     def worth(self, row: Row, base: Row) -> bool:
-        """Whether a row is worth its price over another at the records' own rate too, on all but the sealed samples.
-
-        Errors are averaged as the records of the table are. What lies past the samples of a fit is left out: there a
-        model may only go on as it did.
-        """
+        """Whether a row is worth its price over another at the records' own rate too, on all but the sealed samples."""
 
         def paid(r: Row) -> float:
-            made = self.own(r)
-            errors = np.concatenate(
-                [means(e[~m], self.factor) for e, m in zip(made.errors, made.split.test, strict=True)]
-            )
-            return price(float(np.mean(errors**2)), r.parameters, r.count)
+            return price(self._averaged(self.own(r)), r.parameters, r.count)
 
         return paid(row) < paid(base)
 
@@ -300,7 +303,8 @@ class Table:
         delays: Sequence[int] = range(max(0, first), first + 2 * D, max(1, D // 3)) if D > 1 else [core.delay]
         if self.delay is not None and not core.given:
             delays = [self.delay]
-        # From the data, where nothing holds from the poles of the table.
+        # From the poles of the table; from the data too, where that leaves more than the table says.
+        best: Fitted | None = None
         for beside in (None,) if core.given else (resampled(row.a, D), None):
             found = [made for delay in delays if (made := self._rebuilt(fine, row, delay, beside)) is not None]
             if not found:
@@ -309,8 +313,22 @@ class Table:
             model = written(Hypothesis(made.hypothesis.core, row.hypothesis.effects), self.given)
             theta = made.frame.theta(made.values, made.hypothesis.core)
             with suppress(FitError):
-                return settle(model, Split.of(fine.cut), np.array(theta), made.frame.limits(model))
-        raise FitError(f"{row.hypothesis} has no stable fit at the record's own rate.")
+                limits, runs = made.frame.limits(model), made.frame.runs(made.values, made.hypothesis.core)
+                fitted = settle(model, Split.of(fine.cut), np.array(theta), limits, runs=runs)
+                best = fitted if best is None else min(best, fitted, key=self._averaged)
+            if best is not None and self._averaged(best) < row.held * np.exp(ALIKE):
+                break
+        if best is None:
+            raise FitError(f"{row.hypothesis} has no stable fit at the record's own rate.")
+        return best
+
+    def _averaged(self, made: Fitted) -> float:
+        """Return the mean squared error over the variance of y, averaged as the records of the table are.
+
+        What lies past the samples of a fit is left out: there a model may only go on as it did.
+        """
+        errors = [means(e[~m], self.factor) for e, m in zip(made.errors, made.split.test, strict=True)]
+        return float(np.mean(np.concatenate(errors) ** 2)) / made.problem.spread**2
 
     def _scaled(self, variant: Variant) -> list[tuple[tuple[str, tuple[float, float]], int]]:
         """Return the limits of each shape parameter, and by what it shrinks at the own rate: a step per sample does."""
@@ -339,3 +357,12 @@ def _settles(fit: Callable[[Row], Fitted], row: Row) -> bool:
     except FitError:
         return False
     return True
+
+
+def _distinct(rows: Sequence[Row]) -> Iterator[Row]:
+    """Give rows, but none whose free run is that of one before: one effect may have two names along a record."""
+    seen: list[Row] = []
+    for row in rows:
+        if all(row.parameters != r.parameters or abs(row.before_judged - r.before_judged) > SAME for r in seen):
+            seen.append(row)
+            yield row

@@ -14,11 +14,10 @@ from ...errors import FitError
 from ...fit.bases.integrating import DRIVEN, at_one, drives, lasting, slowest, slowest_seen
 from ...fit.identify import FEWEST
 from ...models.extend import Variant
-from ...models.model import NARX, Model
-from ...symbolic.signals import samples
+from ...models.model import Model
 from .arx import arx_start, start_beside
 from .frame import BLOCKS, Frame, parts
-from .hypotheses import Core, Hypothesis, ladder
+from .hypotheses import Core, Hypothesis, family_of, ladder
 from .verdict import PER_EFFECT, price
 
 Array = np.ndarray
@@ -265,12 +264,15 @@ class Search:
             x[: frame.n_core] = self.given.theta
             yield x
             return
-        records = frame.pieced
         for at in (None,) if beside is None else (beside, None):
-            start = arx_start(records, core) if at is None else start_beside(records, core, at)
-            x = np.zeros(frame.size)
+            guess = arx_start(frame.pieced, core) if at is None else at
+            start, runs = start_beside(frame.pieced, core, guess[: core.n_y])
             x[frame.used(core)[: start.size]] = start
-            yield x
+            told = [frame.problem.begun(x, runs)]
+            if at is None:
+                x[frame.used(core)[: start.size]] = guess
+                told.append(x.copy())
+            yield min(told, key=lambda x: frame.error(x, core))
 
     def fitted(self, hypothesis: Hypothesis, x: Array, steps: int, any_pole: bool = False) -> Row | None:
         """Fit one hypothesis from one start; None where it diverges, or integrates where the axis does not."""
@@ -336,9 +338,12 @@ class Search:
         return sorted(rows, key=lambda r: r.before_judged)
 
     def _beside(self, base: Row, variant: Variant, shape: Sequence[float], steps: int) -> Row | None:
-        """Fit an effect beside what a row has, from one shape."""
+        """Fit an effect beside what a row has, from one shape; None also where it would be another one there."""
+        core = base.hypothesis.core
+        if not core.given and not variant.beside(core.n_y):
+            return None
         hypothesis = replace(base.hypothesis, effects=(*base.hypothesis.effects, variant))
-        frame = self.frame(hypothesis.effects, base.hypothesis.core.given)
+        frame = self.frame(hypothesis.effects, core.given)
         cs, where = frame.added[-1]
         x = np.concatenate(
             [base.values[: cs[0]], np.zeros(len(cs) + len(where)), frame.shifts(base.frame, base.values)]
@@ -372,15 +377,3 @@ class Search:
         best = self.tuned(self.fitted(row.hypothesis, row.values, steps) or row, steps)
         self.rows.append(best.judged() if best.before_judged < worth else best)
         return best
-
-
-def family_of(given: Model) -> str:
-    """Return which cores may stand for a base: those of its kind, or only itself."""
-    if not isinstance(given, NARX) or any(
-        x.base not in (given.input, given.output) for t in given.terms for x in samples(t)
-    ):
-        return "given"
-    chosen = given.info.selection
-    if chosen.base == "static" and any(t.is_Pow for t in given.terms):
-        return "given"
-    return chosen.base or ("narx" if chosen.candidates else "given")

@@ -41,13 +41,13 @@ def channel(channel: Any) -> Any:
     return channel[k]
 
 
-@effect("input", driver="channel", source="Billings 2013")
+@effect("input", driver="channel", centred=True, source="Billings 2013")
 def channel_gain(channel: Any, x: Any) -> Any:
     """The gain depends on another measured quantity."""
     return channel[k] * x[k]
 
 
-@effect("input", driver="t", source="Ljung 1999")
+@effect("input", driver="t", centred=True, source="Ljung 1999")
 def ageing(t: Any, x: Any) -> Any:
     """The gain changes steadily with time."""
     return t[k] * x[k]

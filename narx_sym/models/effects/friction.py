@@ -222,3 +222,9 @@ def stribeck_friction(x: Any, s: Any) -> Any:
 def quadratic_drag(x: Any) -> Any:
     """Drag that grows with the square of the speed, as in a fluid."""
     return step(x) * sp.Abs(step(x))
+
+
+@effect({"inside": "y"}, id="quadratic_drag", form=OF_A_SPEED, standing=True, source="Rayleigh 1876")
+def quadratic_drag_of_speed(x: Any) -> Any:
+    """Drag that grows with the square of the speed, as in a fluid."""
+    return x[k] * sp.Abs(x[k])

@@ -1,0 +1,113 @@
+"""Machines that are simulated by other means than the package's own equations, diagnosed with all defaults."""
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, dlsim, lfilter
+
+import narx_sym as ns
+from narx_sym.diagnosis.table.arx import start_beside
+from narx_sym.diagnosis.table.hypotheses import Core
+from narx_sym.diagnosis.table.rounds import _distinct
+from narx_sym.diagnosis.table.search import Search
+from narx_sym.models.effects import EFFECTS
+from narx_sym.models.extend import Variant, variants
+
+
+def record_of(u, y, Ts, noise, seed=0):
+    """Return a record with noise, a share of the spread of y."""
+    y = y + noise * np.std(y) * np.random.default_rng(seed).standard_normal(y.size)
+    return ns.Record.from_arrays(u, y, Ts=Ts)
+
+
+def linear(num, den, u, Ts):
+    """Return the response of a continuous transfer function to a held input."""
+    b, a, dt = cont2discrete((num, den), Ts)
+    return dlsim((b.ravel(), a, dt), u)[1].ravel()
+
+
+def smooth(rng, n, pole):
+    """Return noise through a lag, from -1 to 1 or so."""
+    x = lfilter([1 - pole], [1, -pole], rng.standard_normal(n + 300))[300:]
+    return x / np.std(x)
+
+
+def diagnosed(record):
+    return ns.diagnose(ns.identify(record, base="linear"), record)
+
+
+@pytest.fixture(scope="module")
+def flexible():
+    """Return a linear axis, an integrator and a resonance, sampled so fast that its poles are all near 1."""
+    rng, Ts = np.random.default_rng(212), 0.004
+    t = Ts * np.arange(6000)
+    u = sum(
+        np.cos(2 * np.pi * f * t + p) for f, p in zip(np.geomspace(0.3, 25, 40), rng.uniform(0, 6, 40), strict=True)
+    )
+    y = linear([1], np.convolve([0.03, 0.25, 0], [1 / 60**2, 0.1 / 60, 1]), u, Ts)
+    return record_of(u, y, Ts, 0.002)
+
+
+def test_poles_near_one_start_where_the_free_run_does(flexible):
+    a = -np.real(np.poly([1.0, np.exp(-0.004 / 0.12), *np.exp(np.roots([1, 6, 3600]) * 0.004)]))[1:]
+    search = Search(ns.identify(flexible, base="linear"), [flexible], [(4, 4)])
+    core, frame = Core(4, 4, 1), search.frame((), False)
+    start, runs = start_beside(frame.pieced, core, a)
+    x = np.zeros(frame.size)
+    x[frame.used(core)[: start.size]] = start
+    begun = frame.problem.begun(x, runs)
+    assert np.sqrt(frame.error(begun, core)) < 0.0025 < 0.1 < np.sqrt(frame.error(x, core))
+
+
+@pytest.mark.long
+def test_a_fast_sampled_flexible_axis_misses_nothing(flexible):
+    found = diagnosed(flexible).steps[0]
+    assert found.verdict == "nothing_detectable" and not found.nearest
+    assert found.nrmse(found.base)["validation"] < 0.003  # the noise is 0.002
+
+
+def test_a_mean_over_samples_leaves_no_trace():
+    """An input that is held and averaged makes a linear model of the same order inexact, not the machine."""
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.uniform(-1, 1, 100), 25)
+    record = record_of(u, linear([-0.25, 1], [0.25, 1.0, 1], u, 0.05), 0.05, 0.01)
+    found = diagnosed(record).steps[0]
+    assert found.verdict == "nothing_detectable" and not found.nearest
+
+
+def test_drag_of_a_speed_is_named():
+    rng, Ts = np.random.default_rng(5), 0.1
+    u = 40 * smooth(rng, 1500, 0.97)
+    y, v = np.zeros(u.size), 0.0
+    for k in range(1, u.size):
+        for _ in range(20):
+            v += Ts / 20 * (u[k - 1] - 3 * v - 4 * v * abs(v)) / 30
+        y[k] = v
+    found = diagnosed(record_of(u, y, Ts, 0.005))
+    assert found.verdict == "named" and found.confusion_set == ["quadratic_drag"]
+
+
+def test_a_gain_that_wears_is_ageing_and_no_drift():
+    """It acts on the whole input, not on what is left of it after the mean."""
+    rng, Ts = np.random.default_rng(6), 1.0
+    u = 5 + np.repeat(rng.uniform(-2, 2, 40), 30)
+    t = np.arange(u.size)
+    y = linear([3], [6, 1], u * (1 - 0.0002 * t), Ts)
+    found = diagnosed(record_of(u[60:], y[60:], Ts, 0.005))
+    assert found.verdict == "named" and found.confusion_set == ["ageing"]
+
+
+def test_what_holds_the_motion_of_a_static_core_is_a_play():
+    holding = next(Variant(e, "motion", "y") for e in EFFECTS["coulomb_friction"] if "motion" in e.places)
+    static, lag = (ns.NARX.from_terms(terms, [0.5] * len(terms)) for terms in (["u[k-1]"], ["y[k-1]", "u[k-1]"]))
+    assert holding.beside(1) and not holding.beside(0)
+    assert not [v for v in variants(static) if v.where == "motion"]
+    assert [v for v in variants(lag) if v.where == "motion"]
+
+
+def test_one_free_run_under_two_names_is_one_partner():
+    class Fitted:
+        def __init__(self, parameters, price):
+            self.parameters, self.before_judged = parameters, price
+
+    rows = [Fitted(5, -4.0), Fitted(5, -3.999), Fitted(6, -3.998), Fitted(5, -3.9)]
+    assert list(_distinct(rows)) == [rows[0], rows[2], rows[3]]
