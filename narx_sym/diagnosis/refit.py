@@ -107,11 +107,12 @@ def settle(
     start: Array | None = None,
     limits: Mapping[Any, Any] | None = None,
     steps: int = STEPS,
-    runs: Sequence[Array] | None = None,
+    errors: Sequence[Array] | None = None,
 ) -> Fitted:
     """Fit a model in free run on the training samples.
 
-    It starts from the measured initial outputs, or from those of free runs where that is nearer.
+    It starts from the measured initial outputs, or from those of free runs where that is nearer: of each segment the
+    `errors` are given, simulated minus measured, (N,).
 
     Raises
     ------
@@ -122,8 +123,8 @@ def settle(
     equations = constraint_equations(model, None)
     problem = FreeRun(model, list(split.records), equations, split.train)
     begin = problem.start(model.theta if start is None else start)
-    if runs is not None:
-        begin = min((begin, problem.begun(begin, runs)), key=lambda z: _error(problem, z))
+    if errors is not None:
+        begin = min((begin, problem.begun(begin, errors)), key=lambda z: _error(problem, z))
     unknowns, std, converged = remembered(_minimum, problem, begin, steps, limits)
     problem.model = model.replace(theta=problem.theta(unknowns).tolist(), standard_errors=std)
     made = Fitted(problem.model, split, problem, unknowns, converged, std, limits)

@@ -26,10 +26,8 @@ from .table.screening import absorbed
 from .table.search import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, cheapest, nothing_named, verdict, winner
 
-NO_FLOOR, REPEATED = (
-    "not estimated",
-    "repeated periods",
-)  # kinds of the noise floor: in closed loop, and where it is sure
+NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
+REPEATED = "repeated periods"  # the kind that is sure
 RIVALS = 3  # that are named: of a pair, and of what comes nearest
 SHOWN = 6  # candidates at most, and the confusion set
 

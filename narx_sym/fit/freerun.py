@@ -132,17 +132,16 @@ class FreeRun:
         z = self.elimination.Z.T @ (np.asarray(theta) - self.elimination.t0)
         return np.concatenate([z, np.zeros(self.shifts)])
 
-    def begun(self, z: Array, runs: Sequence[Array]) -> Array:
-        """Return unknowns whose initial outputs are those of free runs, (N,) each, one per segment.
+    def begun(self, z: Array, errors: Sequence[Array]) -> Array:
+        """Return unknowns whose initial outputs are those of free runs with errors (N,), one per segment.
 
         Poles near 1 make much of the noise of measured ones.
         """
         z = z.copy()
-        for i, (run, data) in enumerate(zip(runs, self.data, strict=True)):
+        for i, error in enumerate(errors):
             for at, start in enumerate(self.starts, self.own(i).start):
                 if start.back is not None:
-                    sample = self.depth - 1 - start.back
-                    z[at] = run[sample] - data[self.name][sample]
+                    z[at] = error[self.depth - 1 - start.back]
         return z
 
     def theta(self, z: Array) -> Array:

@@ -269,6 +269,17 @@ class Compensator(CompensatorDoors):
         return f"Compensator({'; '.join(self._equations(self.model.values))})"
 
 
+def ends(limits: Any) -> tuple[float, float] | None:
+    """Return limits as two numbers."""
+    if limits is None:
+        return None
+    try:
+        low, high = map(float, limits)
+    except (TypeError, ValueError):
+        raise ModelError(f"Limits are a lower and a higher number, not {limits!r}.") from None
+    return low, high
+
+
 def allowed(limits: Sequence[float] | None = None, rate: float | None = None) -> tuple[float, float]:
     """Return the lowest and the highest input; refuse limits that are not increasing, and a rate that is not positive.
 
@@ -276,7 +287,7 @@ def allowed(limits: Sequence[float] | None = None, rate: float | None = None) ->
     ------
     ModelError
     """
-    low, high = (float("-inf"), float("inf")) if limits is None else map(float, limits)
+    low, high = ends(limits) or (float("-inf"), float("inf"))
     if not low < high or (rate is not None and not 0 < float(rate) < float("inf")):
         raise ModelError("Limits are a lower and a higher number, and a rate is a positive number.")
     return low, high

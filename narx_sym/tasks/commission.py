@@ -16,10 +16,9 @@ from ..errors import Diverged, ModelError
 from ..fit.bootstrap import block_bootstrap, moving_blocks
 from ..fit.identify import prepare
 from ..fit.laws.damping import Share
-from ..fit.laws.run import ends
 from ..fit.least_squares import describe
 from ..fit.simulate import Records, free_run, simulate, vector
-from ..inversion.compensator import Compensator
+from ..inversion.compensator import Compensator, ends
 from ..models.info import whole
 from ..models.model import Model
 from ..symbolic.signals import u

@@ -19,10 +19,10 @@ from ..engines.compile import compile
 from ..errors import Diverged, ModelError, NarxError, NotInvertible
 from ..fit.laws.damping import Share
 from ..fit.laws.excursions import operating_range
-from ..fit.laws.run import ends, told
+from ..fit.laws.run import told
 from ..fit.laws.start import rests_at, rests_with
 from ..fit.simulate import simulate, vector
-from ..inversion.compensator import Compensator, compensator
+from ..inversion.compensator import Compensator, compensator, ends
 from ..models.model import Model
 from ..symbolic.functions import follows
 from ..symbolic.recursion import Recursion

@@ -51,10 +51,10 @@ def test_poles_near_one_start_where_the_free_run_does(flexible):
     a = -np.real(np.poly([1.0, np.exp(-0.004 / 0.12), *np.exp(np.roots([1, 6, 3600]) * 0.004)]))[1:]
     search = Search(ns.identify(flexible, base="linear"), [flexible], [(4, 4)])
     core, frame = Core(4, 4, 1), search.frame((), False)
-    start, runs = start_beside(frame.pieced, core, a)
+    start, errors = start_beside(frame.pieced, core, a)
     x = np.zeros(frame.size)
     x[frame.used(core)[: start.size]] = start
-    begun = frame.problem.begun(x, runs)
+    begun = frame.problem.begun(x, errors)
     assert np.sqrt(frame.error(begun, core)) < 0.0025 < 0.1 < np.sqrt(frame.error(x, core))
 
 

@@ -64,7 +64,7 @@ def resampled(a: Array, factor: int) -> Array:
 
 
 def start_beside(records: Sequence[Record], core: Core, a: Array) -> tuple[Array, list[Array]]:
-    """Return a, b and the constant of a core with given coefficients a of older outputs, and its free runs.
+    """Return a, b and the constant of a core with given coefficients a of older outputs, and its errors, (N,) each.
 
     The rest is least squares of the free run, with where each record starts: poles near 1 make much of the noise of
     measured starts. NaN where its poles run away.
@@ -82,7 +82,7 @@ def start_beside(records: Sequence[Record], core: Core, a: Array) -> tuple[Array
     if not np.isfinite(runs).all():
         return np.full(n + width, np.nan), [np.full(len(r), np.nan) for r in records]
     found = np.linalg.lstsq(runs, np.concatenate([r.y for r in records]), rcond=1e-10)[0]
-    return np.concatenate([a, found[:width]]), [r @ found for r in rows]
+    return np.concatenate([a, found[:width]]), [run @ found - r.y for run, r in zip(rows, records, strict=True)]
 
 
 def later(x: Array, delay: int) -> Array:

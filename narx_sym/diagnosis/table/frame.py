@@ -209,10 +209,11 @@ class Frame:
             made[i * t : i * t + s] = x[old.free + i * s : old.free + (i + 1) * s]
         return made
 
-    def runs(self, x: Array, core: Core) -> list[Array]:
-        """Return the free runs at a point, one (N,) array per segment."""
+    def errors(self, x: Array, core: Core) -> list[Array]:
+        """Return simulated minus measured outputs at a point, one (N,) array per segment."""
         self.late(core.delay)
-        return [self.problem.simulate(x, i) for i in range(len(self.problem.data))]
+        problem, theta = self.problem, self.problem.theta(x)
+        return [problem.compared(i, theta, x[problem.own(i)])[:, -1].copy() for i in range(len(problem.data))]
 
     def near(self, x: Array, core: Core) -> Array:
         """Return x in single precision, where its free run is as good: no fit starts from what BLAS leaves open."""

@@ -110,8 +110,8 @@ class Table:
         if row not in self._fitted:
             made = written(row.hypothesis, self.search.given)
             made = made.replace(theta=row.frame.theta(row.values, row.hypothesis.core))
-            limits, runs = row.frame.limits(made), row.frame.runs(row.values, row.hypothesis.core)
-            self._fitted[row] = settle(made, Split.of(self.search.cut), made.theta, limits, runs=runs)
+            limits, errors = row.frame.limits(made), row.frame.errors(row.values, row.hypothesis.core)
+            self._fitted[row] = settle(made, Split.of(self.search.cut), made.theta, limits, errors=errors)
         return self._fitted[row]
 
     def screened(self, row: Row) -> Scored:
@@ -257,13 +257,14 @@ class Table:
 
         False where all of them stand there.
         """
-        alone = [r for r in self.rows if r.ids == base.ids and not r.hypothesis.core.given]
+        effects = base.hypothesis.effects
+        alone = [r for r in self.rows if r.hypothesis.effects == effects and not r.hypothesis.core.given]
         cheaper = {r.hypothesis.core: r for r in self.beside(base) if r.price < base.price}
-        tried = {r.hypothesis.core for r in alone} | self._tried.setdefault(base.hypothesis.effects, set())
+        tried = {r.hypothesis.core for r in alone} | self._tried.setdefault(effects, set())
         found = []
         for core, row in cheaper.items():
             if alone and not core.given and core not in tried:
-                self._tried[base.hypothesis.effects].add(core)
+                self._tried[effects].add(core)
                 x, n = alone[0].values.copy(), alone[0].frame.n_core
                 x[:n] = row.values[:n]
                 found.append(self.search.fitted(replace(alone[0].hypothesis, core=core), x, 40))
@@ -313,8 +314,8 @@ class Table:
             model = written(Hypothesis(made.hypothesis.core, row.hypothesis.effects), self.given)
             theta = made.frame.theta(made.values, made.hypothesis.core)
             with suppress(FitError):
-                limits, runs = made.frame.limits(model), made.frame.runs(made.values, made.hypothesis.core)
-                fitted = settle(model, Split.of(fine.cut), np.array(theta), limits, runs=runs)
+                limits, errors = made.frame.limits(model), made.frame.errors(made.values, made.hypothesis.core)
+                fitted = settle(model, Split.of(fine.cut), np.array(theta), limits, errors=errors)
                 best = fitted if best is None else min(best, fitted, key=self._averaged)
             if best is not None and self._averaged(best) < row.held * np.exp(ALIKE):
                 break

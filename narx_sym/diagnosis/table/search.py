@@ -264,15 +264,18 @@ class Search:
             x[: frame.n_core] = self.given.theta
             yield x
             return
-        for at in (None,) if beside is None else (beside, None):
-            guess = arx_start(frame.pieced, core) if at is None else at
-            start, runs = start_beside(frame.pieced, core, guess[: core.n_y])
+
+        def from_poles(a: Array) -> Array:
+            start, errors = start_beside(frame.pieced, core, a)
             x[frame.used(core)[: start.size]] = start
-            told = [frame.problem.begun(x, runs)]
-            if at is None:
-                x[frame.used(core)[: start.size]] = guess
-                told.append(x.copy())
-            yield min(told, key=lambda x: frame.error(x, core))
+            return frame.problem.begun(x, errors)
+
+        if beside is not None:
+            yield from_poles(beside)
+        guess = arx_start(frame.pieced, core)
+        begun = from_poles(guess[: core.n_y])
+        x[frame.used(core)[: guess.size]] = guess
+        yield min((begun, x), key=lambda z: frame.error(z, core))
 
     def fitted(self, hypothesis: Hypothesis, x: Array, steps: int, any_pole: bool = False) -> Row | None:
         """Fit one hypothesis from one start; None where it diverges, or integrates where the axis does not."""

@@ -212,9 +212,8 @@ class Lookback:
         if met and (missed is None or met[0] <= max(missed, changed)):
             return _Path(values, met[1], changed, hints, met[0])
         path = _Path(values, missed, changed, hints)
-        until = (
-            own.shape[1] if missed is None else self.prepared.depth + missed + 1
-        )  # what follows is off the reference
+        # What follows a miss is off the reference.
+        until = own.shape[1] if missed is None else self.prepared.depth + missed + 1
         self.known.append((own[:, :until], path))
         return path
 

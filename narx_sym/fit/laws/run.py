@@ -12,7 +12,7 @@ import sympy as sp
 
 from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError, Unreachable
-from ...inversion.compensator import Compensator, allowed
+from ...inversion.compensator import Compensator, allowed, ends
 from ...models.model import Model
 from ...symbolic.recursion import Recursion
 from ...symbolic.signals import y
@@ -189,17 +189,6 @@ def exported(
     return law.recursion if alone else law.limited(limits, rate, part)
 
 
-def ends(limits: Any) -> tuple[float, float] | None:
-    """Return limits as two numbers."""
-    if limits is None:
-        return None
-    try:
-        low, high = map(float, limits)
-    except (TypeError, ValueError):
-        raise ModelError(f"Limits are a lower and a higher number, not {limits!r}.") from None
-    return low, high
-
-
 def told(
     law: Compensator,
     target: Array,
@@ -297,8 +286,8 @@ def _unstable(model: Model, found: Following, target: Array, start: float, chann
         return []
     aside = ASIDE * (float(np.ptp(target)) or 1.0)
     with np.errstate(all="ignore"):
-        here, there = (_alone(model, found.m, first, start, channels) for first in (target[0], target[0] + aside))
-        grown = float(np.nan_to_num(np.abs(there - here), nan=np.inf).max() / aside)
+        there = _alone(model, found.m, target[0] + aside, start, channels)
+        grown = float(np.nan_to_num(np.abs(there - found.y), nan=np.inf).max() / aside)
     if grown < RUNS_AWAY:
         return []
     times = f"{grown:.1g} times" if grown < np.inf else "beyond all numbers"
