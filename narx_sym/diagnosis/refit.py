@@ -108,11 +108,12 @@ def settle(
     limits: Mapping[Any, Any] | None = None,
     steps: int = STEPS,
     errors: Sequence[Array] | None = None,
+    unknowns: Array | None = None,
 ) -> Fitted:
     """Fit a model in free run on the training samples.
 
-    It starts from the measured initial outputs, or from those of free runs where that is nearer: of each segment the
-    `errors` are given, simulated minus measured, (N,).
+    It starts from the measured initial outputs, or from what is nearer: those of free runs, of which the `errors` are
+    given per segment, simulated minus measured, (N,); or all `unknowns` of a fit before.
 
     Raises
     ------
@@ -122,9 +123,10 @@ def settle(
     limits = {s: pair for s, pair in (limits or {}).items() if s in model.symbols}
     equations = constraint_equations(model, None)
     problem = FreeRun(model, list(split.records), equations, split.train)
-    begin = problem.start(model.theta if start is None else start)
-    if errors is not None:
-        begin = min((begin, problem.begun(begin, errors)), key=lambda z: _error(problem, z))
+    begins = [problem.start(model.theta if start is None else start)]
+    begins += [problem.begun(begins[0], errors)] if errors is not None else []
+    begins += [unknowns] if unknowns is not None else []
+    begin = min(begins, key=lambda z: _error(problem, z)) if begins[1:] else begins[0]
     unknowns, std, converged = remembered(_minimum, problem, begin, steps, limits)
     problem.model = model.replace(theta=problem.theta(unknowns).tolist(), standard_errors=std)
     made = Fitted(problem.model, split, problem, unknowns, converged, std, limits)

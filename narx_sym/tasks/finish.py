@@ -14,7 +14,7 @@ from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.refit import Fitted, Split, settle
 from ..errors import FitError
 from ..fit.least_squares import describe, unfinished
-from ..fit.simulate import Errors, evaluate
+from ..fit.simulate import Errors, evaluate, segments
 from ..models.model import Model
 
 WORSE = 1.2  # than what was shown
@@ -43,7 +43,11 @@ class Finished:
 
 
 def fit_on_all(
-    model: Model, records: Sequence[Record], limits: Mapping[Any, Any] | None = None, shown: float = np.inf
+    model: Model,
+    records: Sequence[Record],
+    limits: Mapping[Any, Any] | None = None,
+    shown: float = np.inf,
+    unknowns: np.ndarray | None = None,
 ) -> Finished:
     """Fit a model in free run on all samples; where that fails, or is not what was shown, keep its parameters.
 
@@ -52,11 +56,12 @@ def fit_on_all(
     limits : of some parameters, as in the fit before
     shown : float
         The free-run NRMSE that was told; the new one may be larger by `WORSE`.
+    unknowns : of the fit before, on the same segments: where it starts, if that is nearer
     """
     listed = list(records)
     kept = "the one on the training blocks is kept"
     try:
-        made = settle(model, Split.whole(listed), limits=limits, steps=FINAL)
+        made = settle(model, Split.whole(listed), limits=limits, steps=FINAL, unknowns=unknowns)
     except FitError as error:
         return Finished(describe(model, listed, "free_run", True), f"the fit on all samples failed ({error}); {kept}")
     after = _over_all(made)
@@ -69,30 +74,39 @@ def fit_on_all(
 def finish(found: Diagnosis, records: Sequence[Record]) -> tuple[Finished, list[tuple[str, Errors]]]:
     """Return the model of a diagnosis to take away, fitted on all samples, with the errors on the way there by name.
 
-    What is saved is what was shown: its free run is as good as the ladder says, and over whole records, from the
-    measured start, better than that of the base. Else the model before it is taken, and the note says why.
+    What is saved is what was shown: its free run is as good as the ladder says, and over whole records better than
+    that of the base, each from the start that its fit found. Else the model before it is taken, and the note says why.
+    It also says where the noise of measured starts grows.
     """
     names, notes = found.rungs, []
     rungs = [found.steps[0].base, *(s.chosen for s in found.steps if s.chosen is not None)]
     listed = found.judged or list(records)
-    base = evaluate(rungs[0].model, listed)
-    errors = [("base", base)] if len(rungs) > 1 else []
+    base = _over_all(rungs[0])
+    errors = [("base", evaluate(rungs[0].model, listed))] if len(rungs) > 1 else []
     while True:
         fitted, what = rungs.pop(), " ".join(names[: len(rungs) + 1])
         shown = max(found.steps[0].nrmse(fitted).values())
         errors.append((f"{what}, fitted on the training blocks", evaluate(fitted.model, listed)))
-        made = fit_on_all(fitted.model, listed, fitted.limits, shown)
+        same = [len(s) for s in segments(listed)] == [len(s) for s in fitted.split.records]
+        made = fit_on_all(fitted.model, listed, fitted.limits, shown, fitted.unknowns if same else None)
         if made.note:
             made = replace(made, nrmse=_over_all(fitted), shown=shown)
         notes += [made.note] if made.note else []
         whole = evaluate(made.model, listed)
         if not made.note:  # else its parameters are those of the row before
             errors.append((f"{what}, fitted on all samples", whole))
-        if not rungs or whole.free_run_nrmse < base.free_run_nrmse:
+        measured = whole.free_run_nrmse
+        if not rungs or (made.nrmse < base and np.isfinite(measured)):
+            if measured > WORSE * made.nrmse:
+                notes.append(
+                    f"the noise of the first samples grows: from measured starts the free run leaves {measured:.3g}, "
+                    f"from fitted ones {made.nrmse:.3g}"
+                )
             return replace(made, note="; ".join(notes)), errors
+        left = made.nrmse if np.isfinite(measured) else measured
         notes.append(
-            f"with {what} the free run over whole records is no better than that of the base (NRMSE "
-            f"{whole.free_run_nrmse:.3g}, {base.free_run_nrmse:.3g}): the model before it is taken"
+            f"with {what} the free run over whole records is no better than that of the base (NRMSE {left:.3g}, "
+            f"{base:.3g}): the model before it is taken"
         )
 
 

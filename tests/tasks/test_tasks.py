@@ -118,6 +118,27 @@ def test_a_model_worse_than_its_base_is_not_saved(monkeypatch):
     assert [name for name, _ in errors][-1] == "base, fitted on the training blocks"
 
 
+def test_noise_of_the_first_samples_does_not_keep_a_model_back():
+    """Three slow poles make much of it: from the start that its fit found the free run follows."""
+    from scipy.signal import lfilter
+
+    a, u = np.poly([0.99, 0.98, 0.97]), np.repeat(np.random.default_rng(2).uniform(-1, 1, 100), 20)
+    clean = lfilter([0, 1e-5], a, u + 0.4 * u**3)
+    record = ns.Record.from_arrays(
+        u, clean + 0.01 * np.std(clean) * np.random.default_rng(3).standard_normal(u.size), TS
+    )
+    terms = ["y[k-1]", "y[k-2]", "y[k-3]", "u[k-1]"]
+    straight = ns.NARX.from_terms(terms, [*-a[1:], 1.2e-5], Ts=TS)
+    bent = ns.NARX.from_terms([*terms, "u[k-1]**3"], [*-a[1:], 1e-5, 4e-6], Ts=TS)
+    found = Found(record, bent)
+    base, chosen = (settle(m, Split.of([record])) for m in (straight, bent))
+    found.steps = [SimpleNamespace(base=base, chosen=chosen, nrmse=lambda fitted: {"train": 0.011})]
+    made, errors = finish.finish(found, [record])
+    assert len(made.model.terms) == 5 and made.nrmse < 0.013
+    measured = errors[-1][1].free_run_nrmse
+    assert measured > 1.2 * made.nrmse and f"from measured starts the free run leaves {measured:.3g}" in made.note
+
+
 def test_compare_says_the_errors_and_where_it_fails():
     found = compare(LINEAR, [simulated(0.1)])
     ((name, errors),) = found.errors
