@@ -333,25 +333,25 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
         table.course.say(", and what the best one leaves")
     # What the best single effect leaves, of what there was: too much, and two effects may hide each other.
     left = table.screened(alone).missing * alone.held / at.held if alone is not None else 1.0
-    if scored.structure > HELPS and left > LEFT / 2:
+    if table.screened(at).structure > HELPS and left > LEFT / 2:
         table.pairs(known)
     return table.held(lambda: won(table.beside(known), known))
 
 
 def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
-    """Return the base and the winner with an effect; where the base's own memory wins, the base moves there.
+    """Return the base and the winner with an effect; where what a core does itself wins, the base moves there.
 
     None wins that these data cannot tell from nothing: the rows without it are in the table too.
     """
     best = winner(rows, known)
     while best is not None and not best.beyond(known):
         rivals = [r for r in alike(rows, best) if r.beyond(known)]
-        if rivals:  # what memory explains, an effect explains as well
+        if rivals:  # what a core explains, an effect explains as well
             best = rivals[0]
             break
         known = best
         best = winner(rows, known)
-    if best is not None and not all(r.beyond(known) or r.memory for r in alike(rows, best)):
+    if best is not None and not all(r.beyond(known) or r.more for r in alike(rows, best)):
         return known, None
     return known, best
 

@@ -77,7 +77,7 @@ def outcome(record: Any, accept: set[str]) -> tuple[Any, float, float]:
     begin = time.process_time()
     found = ns.diagnose(ns.identify(record, base="linear"), record)
     rows = [r for r in found.hypotheses if r.blocks.size]
-    known, best = won(rows, min((r for r in rows if not r.ids), key=lambda r: (r.memory, r.price)))
+    known, best = won(rows, min((r for r in rows if not r.ids), key=lambda r: (r.more, r.price)))
     return read(rows, accept), float(np.sqrt((best or known).held)), time.process_time() - begin
 
 

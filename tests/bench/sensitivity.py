@@ -61,7 +61,7 @@ class Read:
 
 def read(rows: list[Any], accept: set[str]) -> Read:
     """Read a table: what is named first, and what cannot be told from it."""
-    known, best = won(rows, min((r for r in rows if not r.ids), key=lambda r: (r.memory, r.price)))
+    known, best = won(rows, min((r for r in rows if not r.ids), key=lambda r: (r.more, r.price)))
     if best is None:
         return Read("-", False, False)
     names = {v.id for v in best.beyond(known)}

@@ -1,13 +1,15 @@
 """Machines that are simulated by other means than the package's own equations, diagnosed with all defaults."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, dlsim, lfilter
 
 import narx_sym as ns
-from narx_sym.diagnosis.table.arx import start_beside
+from narx_sym.diagnosis.table.arx import resampled, start_beside, zeroed
 from narx_sym.diagnosis.table.hypotheses import Core
-from narx_sym.diagnosis.table.rounds import _distinct
+from narx_sym.diagnosis.table.rounds import Table, _distinct
 from narx_sym.diagnosis.table.search import Search
 from narx_sym.models.effects import EFFECTS
 from narx_sym.models.extend import Variant, variants
@@ -111,3 +113,45 @@ def test_one_free_run_under_two_names_is_one_partner():
 
     rows = [Fitted(5, -4.0), Fitted(5, -3.999), Fitted(6, -3.998), Fitted(5, -3.9)]
     assert list(_distinct(rows)) == [rows[0], rows[2], rows[3]]
+
+
+def test_half_of_a_pair_is_what_promises_most():
+    """A curve alone removes more of a loop than the loop alone does, but only beside the loop a curve explains all."""
+
+    def row(price, *shares):
+        named = [SimpleNamespace(variant=SimpleNamespace(id=name)) for name, _ in shares]
+        scores = SimpleNamespace(share=np.array([share for _, share in shares]))
+        return SimpleNamespace(
+            ids=("hysteresis",), before_judged=price, scored=SimpleNamespace(directions=named, scores=scores)
+        )
+
+    table = SimpleNamespace(screened=lambda r: r.scored)
+    curve = row(-7.0, ("creep", 0.4))
+    loop = row(-6.9, ("hysteresis", 0.99), ("saturation", 0.8))  # what it has itself it needs no more
+    assert Table._promised(table, curve) == pytest.approx(-7.0 + np.log(0.6))
+    assert Table._promised(table, loop) == pytest.approx(-6.9 + np.log(0.2))
+
+
+def test_a_large_core_that_imitates_a_line_is_priced_as_an_effect():
+    """On a sine undamped poles of a large core follow the third harmonic of a bent response."""
+    rng, t = np.random.default_rng(3), 0.03 * np.arange(2400)
+    u = 1.8 + 1.78 * np.sin(2 * np.pi * t)
+    y = lfilter([0.5], [1, -0.5], 11.9 * (u - 0.003 * u**3))
+    record = ns.Record.from_arrays(u, y - y.mean() + 0.07 * rng.standard_normal(u.size), 0.03)
+    search = Search(ns.identify(record, base="linear"), [record])
+    large = [r for r in search.bases([0, 1, 2, 3]) if r.size.n_y > 3]
+    assert all(r.more == (r.size.n_y - 3) // 2 == r.count for r in large)
+    found = ns.diagnose(ns.identify(record, base="linear"), record)
+    assert "cubic_gain" in found.confusion_set
+
+
+def test_a_row_is_carried_to_a_higher_rate():
+    """Poles and zeros decay as much in as many samples; the gain stays."""
+    factor, a, b = 5, np.array([1.3, -0.4]), np.array([0.5, -0.3, 0.2])
+    a_own, b_own = resampled(a, factor), zeroed(b, factor)
+    gain = b_own[:-1].sum() * (1 - a_own.sum()) / (1 - a.sum()) / (1 - a_own.sum())
+    assert gain == pytest.approx(b[:-1].sum() / (1 - a.sum()))
+    assert -b_own[1] / b_own[0] == pytest.approx(0.6 ** (1 / factor)) and b_own[-1] == b[-1]
+    for unclear in ([0.0, 0.3, 0.2], [0.3, -0.3, 0.2]):  # no first coefficient, no gain
+        made = zeroed(np.array(unclear), factor)
+        assert np.isfinite(made).all() and made[:-1].sum() == pytest.approx(sum(unclear[:2]))

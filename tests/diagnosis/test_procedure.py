@@ -300,6 +300,15 @@ def test_boucwen_benchmark_has_hysteresis_inside():
 
 @pytest.mark.bench
 @needs_shared
+def test_a_piezo_stage_has_hysteresis_and_a_curve():
+    # As its authors model it: an operator of backlashes behind a static curve. One sine excites little else.
+    record = ns.read(SHARED / "piezo_dbo" / "train_1Hz_full_range.csv")
+    d = ns.diagnose(ns.identify(record, base="linear"), record, max_effects=2)
+    assert "hysteresis" in d.confusion_set and d.ladder[-1]["validation"] < d.ladder[0]["validation"] / 2
+
+
+@pytest.mark.bench
+@needs_shared
 def test_seal_has_coulomb_friction():
     record = ns.read(SHARED / "pneumatic_seal_friction" / "Oring_1bar.csv")[:4300]  # six strokes
     d = ns.diagnose(ns.identify(record, base="static"), record, channels=[])

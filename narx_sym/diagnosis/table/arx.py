@@ -63,6 +63,16 @@ def resampled(a: Array, factor: int) -> Array:
     return -np.atleast_1d(np.real(np.poly((np.abs(at) * np.exp(1j * angles)) ** (1 / factor))))[1:]
 
 
+def zeroed(b: Array, factor: int) -> Array:
+    """Return inputs' coefficients and the constant, of the same sums, with zeros as `resampled` has poles."""
+    inputs, made = b[:-1], np.eye(1, b.size - 1)[0]
+    with np.errstate(all="ignore"):
+        more = -inputs[1:] / inputs[0]
+    if np.isfinite(more).all() and more.sum() != 1.0:
+        made[1:] = -resampled(more, factor)
+    return np.append(made * inputs.sum() / made.sum(), b[-1])
+
+
 def start_beside(records: Sequence[Record], core: Core, a: Array) -> tuple[Array, list[Array]]:
     """Return a, b and the constant of a core with given coefficients a of older outputs, and its errors, (N,) each.
 

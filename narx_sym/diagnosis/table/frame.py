@@ -24,7 +24,7 @@ from ...models.extend import Variant, extend
 from ...models.model import NARX, Model
 from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import k, lag, samples, signal
-from .arx import later
+from .arx import later, start_beside
 from .hypotheses import Core, linear
 from .span import Span
 
@@ -214,6 +214,17 @@ class Frame:
         self.late(core.delay)
         problem, theta = self.problem, self.problem.theta(x)
         return [problem.compared(i, theta, x[problem.own(i)])[:, -1].copy() for i in range(len(problem.data))]
+
+    def placed(self, core: Core, linear: Array) -> Array:
+        """Return the point at which a core has given a, b and constant, and effects are absent, (unknowns,)."""
+        x = np.zeros(self.size)
+        x[self.used(core)[: linear.size]] = linear
+        return x
+
+    def beside(self, core: Core, a: Array) -> Array:
+        """Return the point with given coefficients a of older outputs, the rest of the core beside them."""
+        linear, errors = start_beside(self.pieced, core, a)
+        return self.problem.begun(self.placed(core, linear), errors)
 
     def near(self, x: Array, core: Core) -> Array:
         """Return x in single precision, where its free run is as good: no fit starts from what BLAS leaves open."""

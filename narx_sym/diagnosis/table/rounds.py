@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import islice
+from itertools import islice, product
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from ...models.model import Model
 from ..directions import Linearised
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted, Split, settle
-from .arx import resampled
+from .arx import resampled, zeroed
 from .hypotheses import Core, Hypothesis, family_of, linear_in_signals, written
 from .screening import Scored, linearised, score, shortlist
 from .search import Row, Search
@@ -30,7 +30,8 @@ from .verdict import ALIKE, PER_EFFECT, ROUNDING, cheapest, price
 Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
 SAME = 0.01  # difference of the log errors of one free run under two names: half a percent rms
-PARTNERS, TOGETHER = 2, 5  # effects that may be the stronger one of a pair, and weaker ones that are tried with each
+HALVES = 8  # effects of which it is asked what their directions promise beside them
+PARTNERS, TOGETHER = 2, 5  # of these, how many may be half of a pair, and effects that are tried with each
 
 
 class Table:
@@ -78,7 +79,7 @@ class Table:
             self.search.tunes = False
         course.reach(BASE)
         rows = self.search.bases(sorted(tried))
-        ordered = sorted(rows, key=lambda r: (not r.hypothesis.core.given, r.memory, r.price))
+        ordered = sorted(rows, key=lambda r: (not r.hypothesis.core.given, r.more, r.price))
         held = next(filter(self.holds, ordered), None)
         if held is None:
             raise FitError("The base model cannot follow these data in free run: choose another base.")
@@ -151,8 +152,8 @@ class Table:
         self.course.reach(PAIRS)
         # What is half of a pair bends to what the other half does, in each fold otherwise: where it was fitted counts.
         alone = [r for r in self.rows if len(r.beyond(base)) == 1 and (np.isfinite(r.held) or not r.blocks.size)]
-        listed = cheapest(alone, by=lambda r: r.before_judged)
-        for turn, first in enumerate(islice(filter(self.settles, _distinct(listed)), PARTNERS)):
+        listed = islice(filter(self.settles, _distinct(cheapest(alone, by=lambda r: r.before_judged))), HALVES)
+        for turn, first in enumerate(sorted(listed, key=self._promised)[:PARTNERS]):
             scored = self.screened(first)
             kind = "given" if first.hypothesis.core.given else self.search.family
             others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids}
@@ -161,6 +162,13 @@ class Table:
             tell = partial(self._tell, base, f", one of them {first.ids[-1]}", turn, PARTNERS)
             worth = cheapest(self.rows)[0].price + PER_EFFECT  # dearer ones neither win nor are taken for the winner
             self._fit(bases, others, scored.line, tell, worth, first)
+
+    def _promised(self, first: Row) -> float:
+        """Return the price of a row where a further effect removes what its direction promises."""
+        scored = self.screened(first)
+        shares = zip(scored.directions, scored.scores.share, strict=True)
+        best = max((float(share) for d, share in shares if d.variant.id not in first.ids), default=0.0)
+        return first.before_judged + float(np.log(max(1.0 - best, ROUNDING)))
 
     def _ways(self, model: Model, given: bool) -> list[Variant]:
         """Return every way in which the catalogue's effects may act; what an open core has itself is none."""
@@ -237,20 +245,25 @@ class Table:
     def held(self, choose: Callable[[], tuple[Row, Row | None]]) -> tuple[Row, Row | None]:
         """Return the first base and winner that can both be held at both rates; others leave the table.
 
-        So does a winner that is not worth its price at the records' own rate, over all samples. The core of what is
-        cheaper than the base, with its delay, stands in the table without the effects too: what a delay explains they
-        do not.
+        So does a winner that is not worth its price at the records' own rate, or where fewer effects clearly cost
+        less there. The core of what is cheaper than the base, with its delay, stands in the table without the
+        effects too: what a delay explains they do not.
         """
         while True:
             base, best = choose()
             if best is not None and self._bare(base):
                 continue
             lost = [r for r in (base, best) if r is not None and not self.holds(r)]
-            if not lost and best is not None and not self.worth(best, base):
+            if not lost and best is not None and not (self.worth(best, base) and self._needed(best, base)):
                 lost = [best]
             if not lost:
                 return base, best
             self.rows.remove(lost[0])
+
+    def _needed(self, best: Row, base: Row) -> bool:
+        """Whether no fewer effects, the cheapest of them, clearly cost less at the records' own rate."""
+        fewer = [r for r in cheapest(self.beside(base)) if 0 < len(r.beyond(base)) < len(best.beyond(base))]
+        return not any(self.worth(r, best, ALIKE) for r in islice(filter(self.holds, fewer), 1))
 
     def _bare(self, base: Row) -> bool:
         """Put the cores of what is cheaper than a base, with their delays, into the table with its effects alone.
@@ -271,13 +284,13 @@ class Table:
         self.rows.extend(r.judged() for r in found if r is not None)
         return any(r is not None for r in found)
 
-    def worth(self, row: Row, base: Row) -> bool:
-        """Whether a row is worth its price over another at the records' own rate too, on all but the sealed samples."""
+    def worth(self, row: Row, base: Row, by: float = 0.0) -> bool:
+        """Whether a row costs less than another, `by` so much, at the records' own rate, on all but sealed samples."""
 
         def paid(r: Row) -> float:
             return price(self._averaged(self.own(r)), r.parameters, r.count)
 
-        return paid(row) < paid(base)
+        return paid(row) + by < paid(base)
 
     def holds(self, row: Row) -> bool:
         """Whether the free run of a row can be held at the working rate and at the records' own."""
@@ -304,10 +317,10 @@ class Table:
         delays: Sequence[int] = range(max(0, first), first + 2 * D, max(1, D // 3)) if D > 1 else [core.delay]
         if self.delay is not None and not core.given:
             delays = [self.delay]
-        # From the poles of the table; from the data too, where that leaves more than the table says.
+        # From where it stands in the table; from the data too, where that leaves more than the table says.
         best: Fitted | None = None
-        for beside in (None,) if core.given else (resampled(row.a, D), None):
-            found = [made for delay in delays if (made := self._rebuilt(fine, row, delay, beside)) is not None]
+        for fit in (self._rebuilt,) if core.given else (self._carried, self._rebuilt):
+            found = [made for delay in delays if (made := fit(fine, row, delay)) is not None]
             if not found:
                 continue
             made = fine.tuned(min(found, key=lambda r: r.fitted))
@@ -336,20 +349,36 @@ class Table:
         speed = {p: variant.effect.scan[p].of == "speed" for p in variant.shape}
         return [((p, self.search.limits[variant][p]), self.factor if speed[p] else 1) for p in variant.shape]
 
-    def _rebuilt(self, fine: Search, row: Row, delay: int, beside: Array | None) -> Row | None:
-        """Fit the core beside some poles or from the data, then one effect after the other from its shape in the table.
+    def _carried(self, fine: Search, row: Row, delay: int) -> Row | None:
+        """Fit a hypothesis from its poles and effects in the table, at this rate."""
+        core, effects = replace(row.hypothesis.core, delay=delay), row.hypothesis.effects
+        frame, a = fine.frame(effects, False), resampled(row.a, self.factor)
+        # What a sample adds to y is less at a higher rate; what follows the steps of a signal is not.
+        step = 1 / self.factor if core.integrating else (1 - a.sum()) / (1 - row.a.sum())
+        b = row.values[row.frame.used(row.hypothesis.core)][core.n_y :][: core.n_u + 1]
+        begins = frame.beside(core, a), frame.placed(core, np.concatenate([a, step * zeroed(b, self.factor)]))
+        starts = []
+        for begin, inside in product(begins, (step, 1.0)):
+            x = begin.copy()
+            for variant, new, old in zip(effects, frame.added, row.frame.added, strict=True):
+                x[new[0]] = row.values[old[0]] * (inside if variant.where in ("inside", "motion") else 1.0)
+                x[new[1]] = self._shape(row, variant, old[1])
+            starts.append(x)
+        return fine.fitted(Hypothesis(core, effects), min(starts, key=lambda z: frame.error(z, core)), 40)
 
-        An effect may hold what its core lets go.
-        """
-        cores = fine.cored([delay], beside is not None and bool(row.hypothesis.effects), beside)
-        made = min(cores, key=lambda r: r.fitted, default=None)
+    def _rebuilt(self, fine: Search, row: Row, delay: int) -> Row | None:
+        """Fit the core from the data, then one effect after the other from its shape in the table."""
+        made = min(fine.cored([delay]), key=lambda r: r.fitted, default=None)
         for variant, (_, where) in zip(row.hypothesis.effects, row.frame.added, strict=True):
             if made is None:
                 return None
-            shape = tuple(float(row.values[i]) / at for i, (_, at) in zip(where, self._scaled(variant), strict=True))
-            looks = fine.look([made], variant, [shape])
+            looks = fine.look([made], variant, [self._shape(row, variant, where)])
             made = fine.one_more([made], looks)[0] if looks else None
         return made
+
+    def _shape(self, row: Row, variant: Variant, where: Sequence[int]) -> tuple[float, ...]:
+        """Return the shape of an effect of a row at the records' own rate."""
+        return tuple(float(row.values[i]) / at for i, (_, at) in zip(where, self._scaled(variant), strict=True))
 
 
 def _settles(fit: Callable[[Row], Fitted], row: Row) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -15,10 +15,10 @@ from ...fit.bases.integrating import DRIVEN, at_one, drives, lasting, slowest, s
 from ...fit.identify import FEWEST
 from ...models.extend import Variant
 from ...models.model import Model
-from .arx import arx_start, start_beside
+from .arx import arx_start
 from .frame import BLOCKS, Frame, parts
 from .hypotheses import Core, Hypothesis, family_of, ladder
-from .verdict import PER_EFFECT, price
+from .verdict import price
 
 Array = np.ndarray
 HIGHER = (5, 7, 9)  # orders of further cores, tried in turn
@@ -40,8 +40,9 @@ class Row:
     parameters : int
     blocks : (BLOCKS,) array
         The error on each block where the other folds fitted it; empty where it was not judged.
-    memory : bool
-        Whether its core remembers, although the base is static.
+    more : int
+        What its core does that the base does not, each like an effect: the memory of a core beside a static base, a
+        further resonance beside a linear one.
     """
 
     hypothesis: Hypothesis
@@ -51,7 +52,7 @@ class Row:
     parameters: int
     blocks: Array = field(default_factory=lambda: np.zeros(0))
     shape: tuple[float, ...] = ()  # from which its last effect was fitted
-    memory: bool = False
+    more: int = 0
 
     @cached_property
     def held(self) -> float:
@@ -81,8 +82,8 @@ class Row:
 
     @property
     def count(self) -> int:
-        """How many effects it has; the memory of a core counts as one where the base has none."""
-        return len(self.hypothesis.effects) + self.memory
+        """How many effects it has, with what its core does like one."""
+        return len(self.hypothesis.effects) + self.more
 
     def beyond(self, known: Row) -> tuple[Variant, ...]:
         """Return the effects that another row does not have."""
@@ -224,14 +225,14 @@ class Search:
     def _climbed(self, found: list[Row], delays: Sequence[int]) -> list[Row]:
         """Fit larger cores too, as long as each is the cheapest: a structure may have several resonances.
 
-        A further resonance is a further effect, and is priced so: a free one also imitates a disturbance.
+        A further resonance is priced as an effect: a free one also imitates a disturbance.
         """
         for n in HIGHER if self.family == "linear" and self.sizes is None and not self.integrating else ():
             frames, before = self.frames, list(self.higher)
             self._grow([*before, (n, n)])
             made = [r.judged() for r in self.cored(delays)]
             grown = min((r.price for r in made if r.size == self.largest), default=np.inf)
-            if grown + PER_EFFECT >= min(r.price for r in found):
+            if grown >= min(r.price for r in found):
                 self._grow(before)
                 self.frames = frames
                 break
@@ -242,40 +243,25 @@ class Search:
         """Let larger cores stand among the others: all frames hold the largest."""
         self.higher, self.frames = higher, {}
 
-    def cored(self, delays: Sequence[int], any_pole: bool = False, beside: Array | None = None) -> list[Row]:
-        """Fit every core, each with its best delay; not judged yet.
-
-        `beside`, (n_y,), are coefficients of older outputs that are tried first, as of another rate.
-        """
+    def cored(self, delays: Sequence[int], any_pole: bool = False) -> list[Row]:
+        """Fit every core, each with its best delay; not judged yet."""
         best: dict[Core, Row] = {}
         for core in self.cores(delays):
             frame = self.frame((), core.given)
-            starts = (frame.near(x, core) for x in self._starts(core, frame, beside))
-            rows = (self.fitted(Hypothesis(core), x, 15, any_pole) for x in starts)
-            row = next((r for r in rows if r is not None), None)
+            row = self.fitted(Hypothesis(core), frame.near(self._start(core, frame), core), 15, any_pole)
             if row is not None and (row.size not in best or row.fitted < 0.999 * best[row.size].fitted):
                 best[row.size] = row
         return [self.fitted(r.hypothesis, r.values, 40, any_pole) or r for r in best.values()]
 
-    def _starts(self, core: Core, frame: Frame, beside: Array | None) -> Iterator[Array]:
-        """Give the points from which a core is fitted, (unknowns,) each, until a fit holds."""
-        x = np.zeros(frame.size)
+    def _start(self, core: Core, frame: Frame) -> Array:
+        """Return the point from which a core is fitted, (unknowns,)."""
         if core.given:
+            x = np.zeros(frame.size)
             x[: frame.n_core] = self.given.theta
-            yield x
-            return
-
-        def from_poles(a: Array) -> Array:
-            start, errors = start_beside(frame.pieced, core, a)
-            x[frame.used(core)[: start.size]] = start
-            return frame.problem.begun(x, errors)
-
-        if beside is not None:
-            yield from_poles(beside)
+            return x
         guess = arx_start(frame.pieced, core)
-        begun = from_poles(guess[: core.n_y])
-        x[frame.used(core)[: guess.size]] = guess
-        yield min((begun, x), key=lambda z: frame.error(z, core))
+        x = frame.placed(core, guess)
+        return min((frame.beside(core, guess[: core.n_y]), x), key=lambda z: frame.error(z, core))
 
     def fitted(self, hypothesis: Hypothesis, x: Array, steps: int, any_pole: bool = False) -> Row | None:
         """Fit one hypothesis from one start; None where it diverges, or integrates where the axis does not."""
@@ -283,8 +269,10 @@ class Search:
         x, cost = frame.fit(x, hypothesis.core, steps)
         if not np.isfinite(cost):
             return None
-        memory = self.family == "static" and (hypothesis.core.n_y, hypothesis.core.n_u) != (0, 1)
-        row = Row(hypothesis, frame, x, cost, frame.parameters(hypothesis.core), memory=memory)
+        core = hypothesis.core
+        remembers = self.family == "static" and (core.n_y, core.n_u) != (0, 1)
+        more = int(remembers) + max(0, (core.n_y - HIGHER[0]) // 2 + 1)
+        row = Row(hypothesis, frame, x, cost, frame.parameters(core), more=more)
         return row if any_pole or self._keeps(row) else None
 
     def _runs_away(self, row: Row, a: Array | None = None) -> bool:

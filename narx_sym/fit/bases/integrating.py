@@ -70,11 +70,12 @@ def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: floa
     for s in (s for r in records for s in r.segments()):
         k = np.arange(len(s))
         filtered = lfilter([1.0], np.poly(found[~stay]).real, s.u - s.u.mean())
-        columns = [np.where(k < delay + i, 0.0, np.roll(filtered, delay + i)) for i in range(n_u + 2)]
+        first = max(found.size, delay + n_u + 1)  # a free run starts from the samples before, whatever they are
+        columns = [np.roll(filtered, delay + i) for i in range(n_u + 2)]
         since = [k - k[-1] if abs(p) > 1 else k for p in found]  # of what grows, backwards: it stays finite
         columns += [part(p**i) for p, i in zip(found, since, strict=True) for part in (np.real, np.imag)]
-        matrix = np.column_stack([*columns, np.ones(len(s))])
-        left.append(s.y - matrix @ np.linalg.lstsq(matrix, s.y, rcond=None)[0])
+        matrix, measured = np.column_stack([*columns, np.ones(len(s))])[first:], s.y[first:]
+        left.append(measured - matrix @ np.linalg.lstsq(matrix, measured, rcond=None)[0])
     return bool(np.mean(np.concatenate(left) ** 2) > DRIVEN * error)
 
 
