@@ -18,7 +18,7 @@ from ..models.model import Model
 from .refit import Fitted, Split, settle
 from .table.candidates import Candidate
 from .table.hypotheses import written
-from .table.screening import score, shortlist
+from .table.screening import screen, shortlist
 from .table.search import Search
 
 FINAL = 200  # steps of the last fit: a kink is passed slowly
@@ -63,7 +63,7 @@ class Addition:
     def _search(self, split: Split, seed: int, progress: Callable[[str], Any]) -> Fitted:
         only = Catalogue({self.forms[0].id: self.forms})
         base = settle(self.model, split)
-        scored = score(base, [self.channel] if self.channel else [], only, seed)
+        scored = screen(base, [self.channel] if self.channel else [], only, seed)
         search = Search(base.model, split.records, family="given")
         found = []
         for variant, shapes in shortlist(scored, "given").items():

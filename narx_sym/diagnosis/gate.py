@@ -197,6 +197,20 @@ def _dominant(
     return (best if best[0] < found[0][0] - CLEAR else found[0])[1:]
 
 
+def shares(residual: Array, own: Array, directions: Array, groups: Sequence[slice]) -> tuple[Array, Array]:
+    """Return what each group of directions explains of a residual's energy, and what a refit absorbs of the group's."""
+    energy = np.einsum("ij,ij->j", directions, directions)
+    e, D, _ = reduced(own, residual, directions)
+    share, absorbed = np.zeros(len(groups)), np.zeros(len(groups))
+    total = float(e @ e) or 1.0
+    for i, columns in enumerate(groups):
+        basis = orthonormal(D[:, columns], energy[columns])
+        share[i] = float(np.sum((basis.T @ e) ** 2)) / total
+        left = np.einsum("ij,ij->", D[:, columns], D[:, columns])
+        absorbed[i] = 1 - left / (energy[columns].sum() or 1.0)
+    return share, absorbed
+
+
 def score(
     residual: Array,
     own: Array,
@@ -231,22 +245,16 @@ def score(
         pieces = np.concatenate([oaconvolve(m, a, mode="valid") for m in measured])
         variance = float(np.mean(pieces**2))
     variance = variance or float(np.finfo(float).tiny)  # a base that follows the data exactly leaves nothing to explain
-    energy, level_energy = (np.einsum("ij,ij->j", X, X) for X in (D, directions[rows]))
+    energy = np.einsum("ij,ij->j", D, D)
     e, D, _ = reduced(P, e, D)
-    level_e, level_D, _ = reduced(own[rows], residual[rows], directions[rows])
-
+    share, absorbed = shares(residual[rows], own[rows], directions[rows], groups)
     count = len(groups)
-    share, gain, log_p, absorbed = (np.zeros(count) for _ in range(4))
+    gain, log_p = np.zeros(count), np.zeros(count)
     bases, owners, freedoms = [], [], np.zeros(count, dtype=int)
-    total = float(level_e @ level_e) or 1.0
     for i, columns in enumerate(groups):
         group = orthonormal(D[:, columns], energy[columns])
-        level = orthonormal(level_D[:, columns], level_energy[columns])
-        share[i] = float(np.sum((level.T @ level_e) ** 2)) / total
         gain[i] = float(np.sum((group.T @ e) ** 2)) / variance
         freedoms[i] = group.shape[1]
-        left_over = np.einsum("ij,ij->", level_D[:, columns], level_D[:, columns])
-        absorbed[i] = 1 - left_over / (level_energy[columns].sum() or 1.0)
         log_p[i] = chi2.logsf(gain[i], freedoms[i]) + np.log(searched[i]) if freedoms[i] else 0.0
         bases.append(group)
         owners.append(np.full(freedoms[i], i))

@@ -6,7 +6,7 @@ import truths
 
 import narx_sym as ns
 from narx_sym.diagnosis.refit import Split, settle
-from narx_sym.diagnosis.table.screening import score
+from narx_sym.diagnosis.table.screening import screen
 from narx_sym.models.effects import EFFECTS
 
 N, Ts = 2000, 0.01
@@ -26,7 +26,7 @@ def structure(y, catalogue=EFFECTS):
     """Return the share of the linear base's held-out error that follows from the signals."""
     record = ns.Record.from_arrays(u, y, Ts)
     base = settle(ns.identify(record, base="linear", n_y=1, n_u=1, delay=1), Split.of([record]))
-    return score(base, [], catalogue, 0).structure
+    return screen(base, [], catalogue, 0).structure
 
 
 @pytest.mark.parametrize(

@@ -120,10 +120,8 @@ def test_half_of_a_pair_is_what_promises_most():
 
     def row(price, *shares):
         named = [SimpleNamespace(variant=SimpleNamespace(id=name)) for name, _ in shares]
-        scores = SimpleNamespace(share=np.array([share for _, share in shares]))
-        return SimpleNamespace(
-            ids=("hysteresis",), before_judged=price, scored=SimpleNamespace(directions=named, scores=scores)
-        )
+        scored = SimpleNamespace(directions=named, shares=np.array([share for _, share in shares]))
+        return SimpleNamespace(ids=("hysteresis",), before_judged=price, scored=scored)
 
     table = SimpleNamespace(screened=lambda r: r.scored)
     curve = row(-7.0, ("creep", 0.4))

@@ -74,7 +74,7 @@ def test_what_cannot_be_told_apart():
 
 @dataclass
 class Told(Entry):
-    memory = False
+    more = 0
 
     def beyond(self, known):
         return self.ids[len(known.ids) :]

@@ -23,7 +23,7 @@ from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted, Split, settle
 from .arx import resampled, zeroed
 from .hypotheses import Core, Hypothesis, family_of, linear_in_signals, written
-from .screening import Scored, linearised, score, shortlist
+from .screening import Scored, linearised, screen, shortlist
 from .search import Row, Search
 from .verdict import ALIKE, PER_EFFECT, ROUNDING, cheapest, price
 
@@ -118,7 +118,7 @@ class Table:
     def screened(self, row: Row) -> Scored:
         """Return what the directions say at a row."""
         if row not in self._screened:
-            self._screened[row] = score(self.fitted(row), self.channels, self.catalogue, self.seed)
+            self._screened[row] = screen(self.fitted(row), self.channels, self.catalogue, self.seed)
         return self._screened[row]
 
     def checked(self, row: Row) -> Scored:
@@ -128,7 +128,7 @@ class Table:
         """
         if self.factor == 1 or sum(map(len, self.records)) > MOST:
             return self.screened(row)
-        return score(self.own(row), self.channels, self.catalogue, self.seed)
+        return screen(self.own(row), self.channels, self.catalogue, self.seed)
 
     # -- rounds ----------------------------------------------------------------------------------------------------
 
@@ -166,8 +166,8 @@ class Table:
     def _promised(self, first: Row) -> float:
         """Return the price of a row where a further effect removes what its direction promises."""
         scored = self.screened(first)
-        shares = zip(scored.directions, scored.scores.share, strict=True)
-        best = max((float(share) for d, share in shares if d.variant.id not in first.ids), default=0.0)
+        promised = zip(scored.directions, scored.shares, strict=True)
+        best = max((float(share) for d, share in promised if d.variant.id not in first.ids), default=0.0)
         return first.before_judged + float(np.log(max(1.0 - best, ROUNDING)))
 
     def _ways(self, model: Model, given: bool) -> list[Variant]:

@@ -24,14 +24,37 @@ EFFECTS_TRIED, FORMS_TRIED, HALF = 8, 2, 0.5  # effects that are fitted; forms o
 
 @dataclass
 class Scored:
-    """Step 3 to 5: directions and scores of everything in the catalogue."""
+    """Step 3 to 5: directions of everything in the catalogue, and their scores when they are asked for."""
 
     fitted: Fitted
     line: Linearised
     channels: tuple[str, ...]
     directions: list[Direction]
     matrix: Array
-    scores: gate.Scores
+    seed: int
+
+    @cached_property
+    def _rows(self) -> Array:
+        """Which samples count."""
+        return np.concatenate([m[self.line.problem.depth :] for m in self.fitted.split.train])
+
+    @cached_property
+    def shares(self) -> Array:
+        """What each direction explains of the squared error, beside a refit of the model: `scores` have it too."""
+        line, rows = self.line, self._rows
+        return gate.shares(
+            line.residual[rows], line.own[rows], self.matrix[rows], [d.columns for d in self.directions]
+        )[0]
+
+    @cached_property
+    def scores(self) -> gate.Scores:
+        """All scores, grid-corrected and whitened."""
+        line, directions = self.line, self.directions
+        return gate.score(
+            line.residual, line.own, self.matrix, [d.columns for d in directions], [d.searched for d in directions],
+            line.problem.edges, self._rows, self.seed, [d.columns for d in directions if d.line],
+            self.fitted.split.noise,
+        )  # fmt: skip
 
     @cached_property
     def structure(self) -> float:
@@ -54,16 +77,11 @@ def linearised(fitted: Fitted) -> Linearised:
     return Linearised(FreeRun(fitted.model, list(fitted.split.records), equations), fitted.unknowns)
 
 
-def score(fitted: Fitted, channels: Iterable[str], catalogue: Catalogue, seed: int) -> Scored:
-    """Derive all directions at a fitted model and score them, grid-corrected and whitened."""
+def screen(fitted: Fitted, channels: Iterable[str], catalogue: Catalogue, seed: int) -> Scored:
+    """Derive all directions at a fitted model: their scores are computed where they are read."""
     line = linearised(fitted)
     directions, matrix = line.directions(channels, catalogue)
-    rows = np.concatenate([m[line.problem.depth :] for m in fitted.split.train])
-    scores = gate.score(
-        line.residual, line.own, matrix, [d.columns for d in directions], [d.searched for d in directions],
-        line.problem.edges, rows, seed, [d.columns for d in directions if d.line], fitted.split.noise,
-    )  # fmt: skip
-    return Scored(fitted, line, tuple(channels), directions, matrix, scores)
+    return Scored(fitted, line, tuple(channels), directions, matrix, seed)
 
 
 def shortlist(scored: Scored, family: str) -> dict[Variant, list[tuple[float, ...]]]:
