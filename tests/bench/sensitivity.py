@@ -32,7 +32,7 @@ SEARCHED = (
     ("diagnosis.table.verdict", "HELPS"), ("diagnosis.table.verdict", "LEFT"),
     ("diagnosis.table.verdict", "LARGE"), ("fit.bases.integrating", "DRIVEN"),
     ("diagnosis.table.screening", "EFFECTS_TRIED"), ("diagnosis.table.rounds", "PARTNERS"),
-    ("diagnosis.table.rounds", "TOGETHER"), ("diagnosis.gate", "LEVEL"),
+    ("diagnosis.table.rounds", "HALVES"), ("diagnosis.table.rounds", "TOGETHER"), ("diagnosis.gate", "LEVEL"),
 )  # fmt: skip
 FRICTION = {"coulomb_friction", "stribeck_friction", "stiction"}
 RECORDS: dict[str, tuple[str, slice, set[str]]] = {

@@ -12,7 +12,7 @@ from narx_sym.data.evidence.rate import MOST, working
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
 from narx_sym.diagnosis.table.search import Row, Search
-from narx_sym.fit.bases.integrating import at_one, slowest
+from narx_sym.fit.bases.integrating import at_one, drives, slowest
 from narx_sym.fit.simulate import free_run
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.models.extend import Variant
@@ -248,6 +248,20 @@ def test_a_resonance_that_hardly_decays_is_no_line_of_the_spectrum():
     assert np.sqrt(best.held) * np.std(record.y) == pytest.approx(noise, rel=0.1)
     found = ns.diagnose(base, record)
     assert found.verdict == "nothing_detectable"
+
+
+def test_a_line_is_not_driven_where_the_record_does_not_begin_at_rest():
+    """A free run starts from the first samples, whatever they are: they say nothing for a drive."""
+    k, noise = np.arange(1200), 0.02 * np.random.default_rng(7).standard_normal(1200)
+    wave, line = np.sin(0.25 * k), 0.3 * np.cos(0.75 * k)
+    jump = np.where(k < 2, 5.0, 0.0)
+    poles = 0.99999 * np.exp([0.75j, -0.75j])
+    record = ns.Record.from_arrays(wave, wave + line + jump + noise, Ts)
+    a = -np.poly(poles)[1:].real
+    assert not drives(a, 2, 2, [record], 0.997, float(np.var(noise)))
+    swings = lfilter([0.0, 0.1], [1.0, *-a], wave + np.random.default_rng(8).standard_normal(1200))
+    record = ns.Record.from_arrays(wave, swings + jump + noise, Ts)
+    assert drives(a, 2, 2, [record], 0.997, float(np.var(noise)))
 
 
 def test_an_axis_that_leaks_slowly_keeps_its_pole():

@@ -14,7 +14,7 @@ from ...symbolic.signals import lag, u, y
 from ..simulate import evaluate
 
 Array = np.ndarray
-DRIVEN = 4.0  # times the mean square, where nothing drives a pole that hardly decays: less, and it imitates a drift
+DRIVEN = 2.0  # times the mean square, where nothing drives a pole that hardly decays: less, and it imitates a drift
 
 
 def slowest_seen(records: Sequence[Record]) -> float:
