@@ -354,7 +354,8 @@ class Table:
         core, effects = replace(row.hypothesis.core, delay=delay), row.hypothesis.effects
         frame, a = fine.frame(effects, False), resampled(row.a, self.factor)
         # What a sample adds to y is less at a higher rate; what follows the steps of a signal is not.
-        step = 1 / self.factor if core.integrating else (1 - a.sum()) / (1 - row.a.sum())
+        with np.errstate(all="ignore"):  # without a decay there is no such step, and no fit from it
+            step = 1 / self.factor if core.integrating else (1 - a.sum()) / (1 - row.a.sum())
         b = row.values[row.frame.used(row.hypothesis.core)][core.n_y :][: core.n_u + 1]
         begins = frame.beside(core, a), frame.placed(core, np.concatenate([a, step * zeroed(b, self.factor)]))
         starts = []
