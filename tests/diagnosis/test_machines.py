@@ -130,6 +130,7 @@ def test_half_of_a_pair_is_what_promises_most():
     assert Table._promised(table, loop) == pytest.approx(-6.9 + np.log(0.2))
 
 
+@pytest.mark.long
 def test_a_large_core_that_imitates_a_line_is_priced_as_an_effect():
     """On a sine undamped poles of a large core follow the third harmonic of a bent response."""
     rng, t = np.random.default_rng(3), 0.03 * np.arange(2400)
