@@ -109,10 +109,7 @@ class Table:
             Where its free run cannot be held on the training samples alone.
         """
         if row not in self._fitted:
-            made = written(row.hypothesis, self.search.given)
-            made = made.replace(theta=row.frame.theta(row.values, row.hypothesis.core))
-            limits, errors = row.frame.limits(made), row.frame.errors(row.values, row.hypothesis.core)
-            self._fitted[row] = settle(made, Split.of(self.search.cut), made.theta, limits, errors=errors)
+            self._fitted[row] = _settled(row, self.search)
         return self._fitted[row]
 
     def screened(self, row: Row) -> Scored:
@@ -262,8 +259,9 @@ class Table:
 
     def _needed(self, best: Row, base: Row) -> bool:
         """Whether no fewer effects, the cheapest of them, clearly cost less at the records' own rate."""
-        fewer = [r for r in cheapest(self.beside(base)) if 0 < len(r.beyond(base)) < len(best.beyond(base))]
-        return not any(self.worth(r, best, ALIKE) for r in islice(filter(self.holds, fewer), 1))
+        rows = (r for r in cheapest(self.beside(base)) if 0 < len(r.beyond(base)) < len(best.beyond(base)))
+        fewer = next(filter(self.holds, rows), None)
+        return fewer is None or not self.worth(fewer, best, ALIKE)
 
     def _bare(self, base: Row) -> bool:
         """Put the cores of what is cheaper than a base, with their delays, into the table with its effects alone.
@@ -318,23 +316,17 @@ class Table:
         if self.delay is not None and not core.given:
             delays = [self.delay]
         # From where it stands in the table; from the data too, where that leaves more than the table says.
-        best: Fitted | None = None
+        fits: list[Fitted] = []
         for fit in (self._rebuilt,) if core.given else (self._carried, self._rebuilt):
             found = [made for delay in delays if (made := fit(fine, row, delay)) is not None]
-            if not found:
-                continue
-            made = fine.tuned(min(found, key=lambda r: r.fitted))
-            model = written(Hypothesis(made.hypothesis.core, row.hypothesis.effects), self.given)
-            theta = made.frame.theta(made.values, made.hypothesis.core)
-            with suppress(FitError):
-                limits, errors = made.frame.limits(model), made.frame.errors(made.values, made.hypothesis.core)
-                fitted = settle(model, Split.of(fine.cut), np.array(theta), limits, errors=errors)
-                best = fitted if best is None else min(best, fitted, key=self._averaged)
-            if best is not None and self._averaged(best) < row.held * np.exp(ALIKE):
+            if found:
+                with suppress(FitError):
+                    fits.append(_settled(fine.tuned(min(found, key=lambda r: r.fitted)), fine))
+            if fits and min(map(self._averaged, fits)) < row.held * np.exp(ALIKE):
                 break
-        if best is None:
+        if not fits:
             raise FitError(f"{row.hypothesis} has no stable fit at the record's own rate.")
-        return best
+        return min(fits, key=self._averaged)
 
     def _averaged(self, made: Fitted) -> float:
         """Return the mean squared error over the variance of y, averaged as the records of the table are.
@@ -380,6 +372,13 @@ class Table:
     def _shape(self, row: Row, variant: Variant, where: Sequence[int]) -> tuple[float, ...]:
         """Return the shape of an effect of a row at the records' own rate."""
         return tuple(float(row.values[i]) / at for i, (_, at) in zip(where, self._scaled(variant), strict=True))
+
+
+def _settled(row: Row, search: Search) -> Fitted:
+    """Fit a row of a search again, as a model and on its training samples, from where its free run begins."""
+    core, frame = row.hypothesis.core, row.frame
+    made, theta = written(row.hypothesis, search.given), np.array(frame.theta(row.values, core))
+    return settle(made, Split.of(search.cut), theta, frame.limits(made), errors=frame.errors(row.values, core))
 
 
 def _settles(fit: Callable[[Row], Fitted], row: Row) -> bool:

@@ -256,20 +256,18 @@ class Search:
     def _start(self, core: Core, frame: Frame) -> Array:
         """Return the point from which a core is fitted, (unknowns,)."""
         if core.given:
-            x = np.zeros(frame.size)
-            x[: frame.n_core] = self.given.theta
-            return x
+            return frame.placed(core, np.asarray(self.given.theta))
         guess = arx_start(frame.pieced, core)
         x = frame.placed(core, guess)
         return min((frame.beside(core, guess[: core.n_y]), x), key=lambda z: frame.error(z, core))
 
     def fitted(self, hypothesis: Hypothesis, x: Array, steps: int, any_pole: bool = False) -> Row | None:
         """Fit one hypothesis from one start; None where it diverges, or integrates where the axis does not."""
-        frame = self.frame(hypothesis.effects, hypothesis.core.given)
-        x, cost = frame.fit(x, hypothesis.core, steps)
+        core = hypothesis.core
+        frame = self.frame(hypothesis.effects, core.given)
+        x, cost = frame.fit(x, core, steps)
         if not np.isfinite(cost):
             return None
-        core = hypothesis.core
         remembers = self.family == "static" and (core.n_y, core.n_u) != (0, 1)
         more = int(remembers) + max(0, (core.n_y - HIGHER[0]) // 2 + 1)
         row = Row(hypothesis, frame, x, cost, frame.parameters(core), more=more)
