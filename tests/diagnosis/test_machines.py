@@ -8,9 +8,10 @@ from scipy.signal import cont2discrete, dlsim, lfilter
 
 import narx_sym as ns
 from narx_sym.diagnosis.table.arx import resampled, start_beside, zeroed
-from narx_sym.diagnosis.table.hypotheses import Core
-from narx_sym.diagnosis.table.rounds import Table, _distinct
+from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis
+from narx_sym.diagnosis.table.rounds import Table
 from narx_sym.diagnosis.table.search import Search
+from narx_sym.diagnosis.table.verdict import distinct
 from narx_sym.models.effects import EFFECTS
 from narx_sym.models.extend import Variant, variants
 
@@ -112,7 +113,7 @@ def test_one_free_run_under_two_names_is_one_partner():
             self.parameters, self.before_judged = parameters, price
 
     rows = [Fitted(5, -4.0), Fitted(5, -3.999), Fitted(6, -3.998), Fitted(5, -3.9)]
-    assert list(_distinct(rows)) == [rows[0], rows[2], rows[3]]
+    assert list(distinct(rows)) == [rows[0], rows[2], rows[3]]
 
 
 def test_half_of_a_pair_is_what_promises_most():
@@ -142,6 +143,22 @@ def test_a_large_core_that_imitates_a_line_is_priced_as_an_effect():
     assert all(r.more == (r.size.n_y - 3) // 2 == r.count for r in large)
     found = ns.diagnose(ns.identify(record, base="linear"), record)
     assert "cubic_gain" in found.confusion_set
+
+
+@pytest.mark.parametrize(("tail", "counts"), [((), {1: 2, 0: 1}), ((0.8,), {2: 2, 1: 1, 0: 1})], ids=["one", "two"])
+def test_a_lag_of_an_effects_own_is_priced_where_the_machine_has_no_such_pole(tail, counts):
+    """Behind a pole that the linear core has too, an effect has its place; a pole more is a rate dependence beside it."""
+    rng = np.random.default_rng(5)
+    u = np.repeat(rng.uniform(-1, 1, 80), 15)
+    y = lfilter([1.0], np.poly([0.9, *tail]), np.concatenate([[0.0], u[:-1]]))
+    record = ns.Record.from_arrays(u, y + 0.002 * y.std() * rng.standard_normal(u.size), 0.01)
+    base = ns.identify(record, base="linear")
+    search = Search(base, [record])
+    search.bases([0, 1])
+    saturation = {v.effect.lagged: v for v in variants(base, [], EFFECTS) if v.id == "saturation" and not v.lag}
+    for n_y, count in counts.items():
+        assert 1 + search._more(Hypothesis(Core(n_y, 1), (saturation[True],))) == count
+        assert 1 + search._more(Hypothesis(Core(n_y, 1), (saturation[False],))) == 1
 
 
 def test_a_row_is_carried_to_a_higher_rate():

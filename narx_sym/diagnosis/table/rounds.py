@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -25,11 +25,10 @@ from .arx import resampled, zeroed
 from .hypotheses import Core, Hypothesis, family_of, linear_in_signals, written
 from .screening import Scored, linearised, screen, shortlist
 from .search import Row, Search
-from .verdict import ALIKE, PER_EFFECT, ROUNDING, cheapest, price
+from .verdict import ALIKE, PER_EFFECT, ROUNDING, cheapest, distinct, price
 
 Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
-SAME = 0.01  # difference of the log errors of one free run under two names: half a percent rms
 HALVES = 8  # effects of which it is asked what their directions promise beside them
 PARTNERS, TOGETHER = 2, 5  # of these, how many may be half of a pair, and effects that are tried with each
 
@@ -142,23 +141,28 @@ class Table:
             taken = {(v.id, v.where) for v in base.hypothesis.effects}  # elsewhere the same effect may act again
             tried = [v for v in self._ways(line.model, given) if (v.id, v.where) not in taken]
             tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
-            self._fit(bases, {v: line.grid(v) for v in tried}, line, tell, base.price)
+            self._fit(self._every_core(bases), {v: line.grid(v) for v in tried}, line, tell, base.price)
 
     def pairs(self, base: Row) -> None:
         """Fit pairs: the best effects, and what the directions show beside each of them."""
         self.course.reach(PAIRS)
         # What is half of a pair bends to what the other half does, in each fold otherwise: where it was fitted counts.
         alone = [r for r in self.rows if len(r.beyond(base)) == 1 and (np.isfinite(r.held) or not r.blocks.size)]
-        listed = islice(filter(self.settles, _distinct(cheapest(alone, by=lambda r: r.before_judged))), HALVES)
+        listed = islice(filter(self.settles, distinct(cheapest(alone, by=lambda r: r.before_judged))), HALVES)
         for turn, first in enumerate(sorted(listed, key=self._promised)[:PARTNERS]):
             scored = self.screened(first)
             kind = "given" if first.hypothesis.core.given else self.search.family
             others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids}
-            bases = self._cores.get((first.hypothesis.effects, first.hypothesis.core.given), [])
-            bases = [first, *(r for r in bases if r.size != first.size)]
             tell = partial(self._tell, base, f", one of them {first.ids[-1]}", turn, PARTNERS)
             worth = cheapest(self.rows)[0].price + PER_EFFECT  # dearer ones neither win nor are taken for the winner
-            self._fit(bases, others, scored.line, tell, worth, first)
+            self._fit(self._every_core([first]), others, scored.line, tell, worth, first)
+
+    def _every_core(self, rows: list[Row]) -> list[Row]:
+        """Return rows, and behind them their effects as they were fitted with the other cores."""
+        had = {(r.hypothesis.effects, r.size) for r in rows}
+        sets = dict.fromkeys((r.hypothesis.effects, r.hypothesis.core.given) for r in rows)
+        more = [r for key in sets for r in self._cores.get(key, [])]
+        return rows + [r for r in more if (r.hypothesis.effects, r.size) not in had]
 
     def _promised(self, first: Row) -> float:
         """Return the price of a row where a further effect removes what its direction promises."""
@@ -387,12 +391,3 @@ def _settles(fit: Callable[[Row], Fitted], row: Row) -> bool:
     except FitError:
         return False
     return True
-
-
-def _distinct(rows: Sequence[Row]) -> Iterator[Row]:
-    """Give rows, but none whose free run is that of one before: one effect may have two names along a record."""
-    seen: list[Row] = []
-    for row in rows:
-        if all(row.parameters != r.parameters or abs(row.before_judged - r.before_judged) > SAME for r in seen):
-            seen.append(row)
-            yield row

@@ -41,8 +41,8 @@ class Row:
     blocks : (BLOCKS,) array
         The error on each block where the other folds fitted it; empty where it was not judged.
     more : int
-        What its core does that the base does not, each like an effect: the memory of a core beside a static base, a
-        further resonance beside a linear one.
+        What it does that the base does not, each like an effect: the memory of a core beside a static base, a further
+        resonance beside a linear one, and a lag of an effect's own that is no pole of the best core without effects.
     """
 
     hypothesis: Hypothesis
@@ -123,6 +123,8 @@ class Search:
         Whether the input drives poles that hardly decay within the record: of a resonance, near 1.
     integrating : bool
         Whether the axis integrates: its free run is started again at block edges.
+    modes : int
+        Poles of the cheapest core without an effect; infinite where none was looked for.
     """
 
     def __init__(
@@ -135,6 +137,7 @@ class Search:
         self.rows: list[Row] = []
         self.higher: list[tuple[int, int]] = []
         self.integrating = self.swings = self.leaks = False
+        self.modes: float = np.inf
         self.tunes = True  # whether delays are free
         self.slow = slowest_seen(self.records)
 
@@ -210,6 +213,7 @@ class Search:
             raise FitError("The base model cannot follow these data in free run: choose another base.")
         found = self._climbed(found, delays)
         self.rows += found
+        self.modes = self._poles(min(found, key=lambda r: r.price).hypothesis.core)
         return found
 
     def _integrated(self, near: Row, every: Sequence[Row], delays: Sequence[int]) -> list[Row]:
@@ -271,10 +275,18 @@ class Search:
         x, cost = frame.fit(x, core, steps)
         if not np.isfinite(cost) or (not core.given and alternates(x[: core.n_y])):
             return None
-        remembers = self.family == "static" and (core.n_y, core.n_u) != (0, 1)
-        more = int(remembers) + max(0, (core.n_y - HIGHER[0]) // 2 + 1)
-        row = Row(hypothesis, frame, x, cost, frame.parameters(core), more=more)
+        row = Row(hypothesis, frame, x, cost, frame.parameters(core), more=self._more(hypothesis))
         return row if any_pole or self._keeps(row) else None
+
+    def _more(self, hypothesis: Hypothesis) -> int:
+        """Return how much else a hypothesis has that is priced as an effect: see `Row.more`."""
+        core, lags = hypothesis.core, sum(v.effect.lagged for v in hypothesis.effects)
+        remembers = self.family == "static" and (core.n_y, core.n_u) != (0, 1)
+        resonances = max(0, (core.n_y - HIGHER[0]) // 2 + 1)
+        return int(remembers + resonances + min(lags, max(0, self._poles(core) + lags - self.modes)))
+
+    def _poles(self, core: Core) -> int:
+        return self.given.n_y if core.given else core.n_y
 
     def _runs_away(self, row: Row, a: Array | None = None) -> bool:
         """Whether a pole has moved to the unit circle, as far as the record tells: it imitates a drift, or a line.

@@ -6,7 +6,7 @@ costs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -18,6 +18,7 @@ PER_PARAMETER = PRICE  # that of bases; half and twice of it name the same real 
 PER_EFFECT = 0.27  # an effect is picked among 25: ln 25 / 12 blocks (extended BIC, Chen & Chen 2008)
 MOST = 0.9  # fewer effects win if they remove this share of the rms error that more of them remove
 ALIKE = 0.1  # difference of log errors, or of prices, that counts as none, whatever its standard error: 5 % rms
+SAME = 0.01  # difference of the log errors of one free run under two names: half a percent rms
 HELPS = 0.3  # share of the removable error: what removes less, or a base's structure below it, explains nothing
 LEFT = 0.1  # of the winner's error follows from the signals, and rms beside what it removes: more, and it is not all
 LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
@@ -34,6 +35,10 @@ class Entry(Protocol):
     @property
     def held(self) -> float:
         """Mean squared held-out error."""
+
+    @property
+    def before_judged(self) -> float:
+        """The same price of the error where it was fitted."""
 
     @property
     def count(self) -> int:
@@ -66,6 +71,15 @@ def cheapest(rows: Sequence[E], by: Callable[[E], Any] = lambda r: (r.price, r.p
     for row in sorted(rows, key=by):
         best.setdefault(tuple(sorted(row.ids)), row)
     return list(best.values())
+
+
+def distinct(rows: Sequence[E]) -> Iterator[E]:
+    """Give rows, but none whose free run is that of one before: one effect may have two names along a record."""
+    seen: list[E] = []
+    for row in rows:
+        if all(row.parameters != r.parameters or abs(row.before_judged - r.before_judged) > SAME for r in seen):
+            seen.append(row)
+            yield row
 
 
 def winner(rows: Sequence[E], base: E) -> E | None:

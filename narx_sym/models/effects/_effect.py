@@ -90,6 +90,8 @@ class Effect:
         Whether its driver is a speed: zero is where the part stands, wherever the operating point is.
     limit : (shape parameter, value, id), or nothing
         At this value of a shape parameter it is another effect, which needs one parameter less.
+    lagged : bool
+        Whether it stands behind a lag of its own.
     """
 
     id: str
@@ -107,6 +109,7 @@ class Effect:
     limit: tuple[str, float, str] | tuple[()] = ()
     standing: bool = False
     least: float = 0.0
+    lagged: bool = False
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -225,6 +228,7 @@ def effect(
     limit: tuple[str, float, str] | tuple[()] = (),
     standing: bool = False,
     least: float = 0.0,
+    lagged: bool = False,
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Turn a function into an effect and put it into the catalogue.
@@ -236,6 +240,7 @@ def effect(
     scan : a Scan for every shape parameter of the function
     limit : at which value of a shape parameter it is another effect: (parameter, value, id)
     least : the smallest size of a coefficient that still means this effect, where its sign is given
+    lagged : whether it stands behind a lag of its own, which costs as an effect does where the machine has no such pole
     register : bool
         False keeps it out of the catalogue.
 
@@ -259,7 +264,7 @@ def effect(
         plain = " ".join((function.__doc__ or "").split())
         one = Effect(
             name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
-            full, (function.__module__ or "").rpartition(".")[2], limit, standing, least,
+            full, (function.__module__ or "").rpartition(".")[2], limit, standing, least, lagged,
         )  # fmt: skip
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:
