@@ -12,7 +12,7 @@ from narx_sym.data.evidence.rate import MOST, working
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
 from narx_sym.diagnosis.table.search import Row, Search
-from narx_sym.fit.bases.integrating import alternates, at_one, drives, slowest
+from narx_sym.fit.bases.integrating import at_one, drives, slowest
 from narx_sym.fit.simulate import free_run
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.models.extend import Variant
@@ -225,19 +225,6 @@ def test_a_bent_response_to_a_sine_is_no_axis_that_integrates():
     search = Search(ns.identify(record, base="linear"), [record])
     search.bases([0, 1, 2, 3])
     assert not search.integrating
-
-
-def test_a_machine_does_not_alternate():
-    """A real negative pole that outlasts all others is of no sampled machine; a short one only shapes the zeros."""
-    assert alternates(np.array([-0.072, 0.926])) and alternates(np.array([-0.5]))
-    assert not alternates(np.array([-0.2])) and not alternates(np.array([0.3, 0.54]))  # poles 0.9 and -0.6
-    assert not alternates(-np.poly([-0.6 + 0.5j, -0.6 - 0.5j])[1:].real)  # a swing near half the sampling rate
-    rng = np.random.default_rng(2)
-    u = np.repeat(rng.uniform(-1, 1, 60), 20)
-    y = lfilter([1.0], [1.0, -0.3, -0.6], u)
-    y = lfilter([1.0], [1.0, 0.999], y) + 0.01 * rng.standard_normal(u.size)  # made so on purpose
-    found = Search(ns.identify(record := ns.Record.from_arrays(u, y, 0.01), base="linear"), [record]).bases([0, 1])
-    assert not any(alternates(r.a) for r in found)
 
 
 def test_poles_at_one():

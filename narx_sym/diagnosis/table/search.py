@@ -11,7 +11,7 @@ import numpy as np
 
 from ...data.record import Record
 from ...errors import FitError
-from ...fit.bases.integrating import DRIVEN, alternates, at_one, drives, lasting, slowest, slowest_seen
+from ...fit.bases.integrating import DRIVEN, at_one, drives, lasting, slowest, slowest_seen
 from ...fit.identify import FEWEST
 from ...models.extend import Variant
 from ...models.model import Model
@@ -266,14 +266,11 @@ class Search:
         return min((frame.beside(core, guess[: core.n_y]), x), key=lambda z: frame.error(z, core))
 
     def fitted(self, hypothesis: Hypothesis, x: Array, steps: int, any_pole: bool = False) -> Row | None:
-        """Fit one hypothesis from one start; None where it is of no machine.
-
-        That is where it diverges, alternates from sample to sample, or integrates where the axis does not.
-        """
+        """Fit one hypothesis from one start; None where it diverges, or integrates where the axis does not."""
         core = hypothesis.core
         frame = self.frame(hypothesis.effects, core.given)
         x, cost = frame.fit(x, core, steps)
-        if not np.isfinite(cost) or (not core.given and alternates(x[: core.n_y])):
+        if not np.isfinite(cost):
             return None
         row = Row(hypothesis, frame, x, cost, frame.parameters(core), more=self._more(hypothesis))
         return row if any_pole or self._keeps(row) else None

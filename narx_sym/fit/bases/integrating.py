@@ -50,12 +50,6 @@ def at_one(a: Array, slow: float) -> bool:
     return lasting(a, slow)[0]
 
 
-def alternates(a: Array) -> bool:
-    """Whether the slowest pole is real and negative, and lasts longer than a sample: so no sampled machine swings."""
-    found = poles(a)
-    return any(p.imag == 0 and p.real < -np.exp(-1) and abs(p) >= slowest(a) for p in found)
-
-
 def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: float, error: float) -> bool:
     """Whether the input drives the poles of A y = B u that hardly decay: without it much more would be left.
 
