@@ -38,7 +38,7 @@ class Entry(Protocol):
 
     @property
     def before_judged(self) -> float:
-        """The same price of the error where it was fitted."""
+        """The price of the error where it was fitted."""
 
     @property
     def count(self) -> int:
