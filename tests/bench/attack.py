@@ -26,7 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import narx_sym as ns
-from narx_sym.errors import NarxError, NotInvertible
+from narx_sym.errors import Diverged, NarxError, NotInvertible
 from narx_sym.fit.laws.damping import growth
 from narx_sym.fit.laws.run import RUNS_AWAY
 from narx_sym.models.extend import Variant, extend, variants
@@ -118,11 +118,14 @@ class Run:
             self.channels["t"] = TS * np.maximum(np.arange(self.u.size) - ahead, 0)
         self.u0, self.y0, self.ahead = u0, y0, ahead
         rests = False
-        for _ in range(20):  # to where it rests; else the output drifts, or t moves it
+        for _ in range(100):  # to where it rests and stays; else the output drifts, or t moves it
             still = {n: np.full(SETTLES, c[0]) for n, c in self.channels.items()}
             settled = self._simulated(np.full(ahead + SETTLES, u0), still)
-            if np.ptp(settled[-50:]) < 1e-12 and np.isfinite(settled).all():
-                self.y0, rests = float(settled[-1]), True
+            if np.ptp(settled[-50:]) > 1e-12 or not np.isfinite(settled).all():
+                break
+            rests, moved_on, self.y0 = True, abs(settled[-1] - self.y0), float(settled[-1])
+            if moved_on < 1e-12:
+                break
         if not rests:  # from an output that it can give: a sensor of |y| gives none below 0
             self.y0 = float(self.output(self.u)[ahead])
         self.y = self.output(self.u)
@@ -187,8 +190,10 @@ def outcome(seed: int) -> tuple[str, str, int]:
             return "unstable", name, 0
         try:
             found = run.follow()
+        except Diverged as error:
+            return "refused: it runs away" if "runs away" in str(error) else "diverges", name, N
         except NarxError:
-            return "runs away", name, N
+            return "refused", name, N
         try:
             missed = np.abs(run.output(found.m) - run.y) > run.size
         except NarxError:

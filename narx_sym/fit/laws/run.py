@@ -314,9 +314,14 @@ def _values(
     if values is None:
         assert diverged is not None
         depth = compiled.recursion.depth
-        path = np.asarray(diverged.trajectory)[depth : max(depth, diverged.at - 1)]
-        said = " ".join(run_away(law, target, path, start))
-        raise Diverged(f"{diverged} {said}".strip(), diverged.at, diverged.trajectory) from None
+        path = np.asarray(diverged.trajectory)[depth : max(depth, diverged.at)]
+        before = ", ".join(f"{v:.3g}" for v in path[-3:])
+        causes = " ".join(run_away(law, target, path[:-1], start)) or (
+            "Likely causes: zeros of the model outside the unit circle, an input before the start that does not fit the "
+            "reference, or a reference that the model cannot follow."
+        )
+        said = f"The law runs away: its input m diverges, and is not finite at sample {diverged.at - depth}"
+        raise Diverged(f"{said} (before it: {before}). {causes}", diverged.at, diverged.trajectory) from None
     return values, tried, furthest
 
 
