@@ -153,6 +153,12 @@ class Piece:
         ends = [at for at in (self.left, self.right) if at is not None] if self.curve != 0 else []
         return [self.slope.xreplace({w: at}) for at in ends or [sp.S.Zero]]
 
+    def rise(self, w: Any) -> Any:
+        """Return a slope that has its direction: that at a kink, or a step inside where a curve begins flat."""
+        slope = self.slopes(w)[0]
+        at, inside = (self.right, -1) if self.left is None else (self.left, 1)
+        return slope if slope != 0 or at is None else self.slope.xreplace({w: at + inside})
+
     def solve(self, target: Any, w: Any, side: int = 1) -> Any:
         """Return where the piece equals the target, written as short as it can be.
 
@@ -194,7 +200,7 @@ def solve_kinked(
     # A decreasing map is an increasing one seen from below.
     known = [p.size for p in pieces if p.size is not None]
     steepest = max((abs(s) for s in known), default=0.0)
-    rising = sum(_direction(p.slopes(w)[0], rest, values) for p in pieces if p.size is None)
+    rising = sum(_direction(p.rise(w), rest, values) for p in pieces if p.size is None)
     # Of a side that rises and one that falls alike, as of an absolute value, the rising one is used.
     flip = -1 if (max(known, key=lambda s: (abs(s), s)) if steepest else rising) < 0 else 1
     kept = [p for p in pieces if p.size is None or flip * p.size > FLAT * steepest]

@@ -19,9 +19,18 @@ from .signals import k, lag, renamed, samples, signal
 
 @lru_cache(maxsize=20_000)
 def derivative(expr: Any, variable: Any) -> Any:
-    """Differentiate with the kinks of sign, abs, Max and Min taken as they are away from them."""
+    """Differentiate with the kinks of sign, abs, Max and Min taken as they are away from them.
+
+    Sums term by term, each once: models share their terms, and SymPy takes longer over the whole.
+    """
     if not expr.has(variable):
         return sp.S.Zero
+    if expr.is_Add:
+        return sp.Add(*(derivative(term, variable) for term in expr.args))
+    if expr.is_Mul:
+        moving = [factor for factor in expr.args if factor.has(variable)]
+        if len(moving) == 1:
+            return sp.Mul(derivative(moving[0], variable), *(f for f in expr.args if f is not moving[0]))
     plain, names = _plain(expr)
     result = sp.diff(plain, _stand_in(variable) if isinstance(variable, sp.Indexed) else variable)
     if result.has(sp.DiracDelta):

@@ -146,6 +146,20 @@ def test_a_quadratic_gain_keeps_its_side():
         assert value_of(turned, known) == pytest.approx(wanted, abs=1e-12)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("linear", [0, d])
+def test_a_curve_that_begins_flat_rises_or_falls_with_its_coefficient(sign, linear):
+    """A drag c s |s| of the step s has the slope zero at its kink on both sides, whatever its sign."""
+    step = m[k] - m[k - 1]
+    found = solve(sign * (linear * step + c * step * sp.Abs(step)) + p[k - 1])
+    assert "exactly one" in found.proof
+    for wanted, last in ((0.8, 0.3), (-0.9, 0.1), (2.0, -1.0), (0.4, 0.4)):
+        s = wanted - last
+        target = sign * (NUMBERS.get(linear, 0) * s + NUMBERS[c] * s * abs(s)) + 0.2
+        known = NUMBERS | {v[k]: target, LAST: last, p[k - 1]: 0.2}
+        assert value_of(found, known) == pytest.approx(wanted, abs=1e-7)
+
+
 # ---------------------------------------------------------------- where there is a choice, or none
 
 

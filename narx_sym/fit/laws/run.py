@@ -317,8 +317,8 @@ def _values(
         path = np.asarray(diverged.trajectory)[depth : max(depth, diverged.at)]
         before = ", ".join(f"{v:.3g}" for v in path[-3:])
         causes = " ".join(run_away(law, target, path[:-1], start)) or (
-            "Likely causes: zeros of the model outside the unit circle, an input before the start that does not fit the "
-            "reference, or a reference that the model cannot follow."
+            "Likely causes: zeros of the model outside the unit circle, an input before the start that does not fit, "
+            "or a reference that the model cannot follow."
         )
         said = f"The law runs away: its input m diverges, and is not finite at sample {diverged.at - depth}"
         raise Diverged(f"{said} (before it: {before}). {causes}", diverged.at, diverged.trajectory) from None
