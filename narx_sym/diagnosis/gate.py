@@ -9,13 +9,13 @@ directions), so neither the number of effects nor the number of shapes makes fal
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lstsq, qr
-from scipy.signal import oaconvolve
-from scipy.stats import chi2
+from scipy.linalg import lapack, lstsq, qr, solve_triangular, toeplitz
+from scipy.special import chdtrc, chdtri
 
 Array = np.ndarray
 DRAWS, LEVEL, POWER = 999, 0.05, 0.8416  # the last: standard normal quantile of 80 %
@@ -23,6 +23,7 @@ LONGEST = 120  # lags of the noise model at most
 TRIALS = 6
 MOST, CLEAR = 12, 18.0  # columns that the noise is freed of at most, and the gain (in variances) of each at least
 TINY = 1e-7  # share of a column's energy below which nothing but rounding is left
+BLOCK, CHUNK = 64, 2048  # rows that are filtered by one product, and that are held filtered at a time
 
 
 @dataclass(frozen=True)
@@ -76,33 +77,127 @@ def orthonormal(columns: Array, energy: Array | None = None) -> Array:
     return np.asarray(Q[:, np.abs(np.diag(R)) ** 2 > TINY])
 
 
-def reduced(own: Array, residual: Array, directions: Array) -> tuple[Array, Array, int]:
-    """Return a residual and directions without what a refit of the model absorbs, and how many columns do that."""
-    Q = orthonormal(own)
-    return residual - Q @ (Q.T @ residual), directions - Q @ (Q.T @ directions), Q.shape[1]
+@dataclass(frozen=True)
+class Left:
+    """What a refit of the model leaves of a residual and of directions, as inner products along the samples.
+
+    All that is asked of them are lengths and angles, so that thousands of rows are read once.
+
+    Attributes
+    ----------
+    energy : (M,) array
+        Of each column before.
+    columns : (M, M) array
+        Inner products of the columns with each other.
+    residual : (M,) array
+        And with the residual.
+    power : float
+        Of the residual with itself.
+    rank : int
+        How many directions the refit has.
+    count : int
+        Samples.
+    """
+
+    energy: Array
+    columns: Array
+    residual: Array
+    power: float
+    rank: int
+    count: int
+
+    @classmethod
+    def of(
+        cls, own: Array, residual: Array, directions: Array, edges: Array, rows: Array, a: Array | None = None
+    ) -> Left:
+        """Take a refit out, after filtering each segment by A(q); see `score` for the arguments."""
+        a = np.ones(1) if a is None else a
+        seen = np.concatenate(list(whitened(np.column_stack([residual, own]), a, edges, rows)))
+        Q = orthonormal(seen[:, 1:])
+        e = seen[:, 0] - Q @ (Q.T @ seen[:, 0])
+        m, at = directions.shape[1], 0
+        whole, along, with_e = np.zeros((m, m)), np.zeros((Q.shape[1], m)), np.zeros(m)
+        for part in whitened(directions, a, edges, rows):
+            here = slice(at, at := at + len(part))
+            whole += part.T @ part
+            along += Q[here].T @ part
+            with_e += e[here] @ part
+        return cls(whole.diagonal().copy(), whole - along.T @ along, with_e, float(e @ e), Q.shape[1], int(rows.sum()))
+
+    @cached_property
+    def usable(self) -> Array:
+        """Which columns a refit leaves more of than rounding, (M,)."""
+        return self.columns.diagonal() > 1e-6 * self.energy
+
+    def without(self, column: int) -> Left:
+        """Take out what one of the columns explains too."""
+        own = self.columns[column] / np.sqrt(self.columns[column, column])
+        part = self.residual[column] / np.sqrt(self.columns[column, column])
+        return Left(
+            self.energy, self.columns - np.outer(own, own), self.residual - part * own, self.power - part**2,
+            self.rank + 1, self.count,
+        )  # fmt: skip
+
+    @property
+    def gains(self) -> Array:
+        """What each column explains of the residual's power, (M,)."""
+        return np.where(self.usable, self.residual**2 / np.where(self.usable, self.columns.diagonal(), 1.0), 0.0)
+
+    def basis(self, groups: Sequence[slice]) -> tuple[Array, Array]:
+        """Return orthonormal sums of each group's columns, (M, sums), and the group that each belongs to, (sums,)."""
+        return bases(self.columns, self.energy, groups)
+
+    def shares(self, groups: Sequence[slice]) -> tuple[Array, Array]:
+        """Return what each group explains of the residual's energy, and what a refit absorbs of the group's."""
+        basis, owner = self.basis(groups)
+        share = np.bincount(owner, (basis.T @ self.residual) ** 2, len(groups)) / (self.power or 1.0)
+        left = np.array([[x[c].sum() for c in groups] for x in (self.columns.diagonal(), self.energy)])
+        return share, 1 - left[0] / np.where(left[1] > 0, left[1], 1.0)
 
 
-def explain(own: Array, directions: Array, residual: Array) -> Array:
-    """Return which few columns clearly explain a residual.
+def bases(products: Array, energy: Array, groups: Sequence[slice]) -> tuple[Array, Array]:
+    """Return orthonormal sums of the columns of each group, (M, sums), and the group that each belongs to, (sums,).
+
+    Parameters
+    ----------
+    products : (M, M) array
+        Inner products of the columns.
+    energy : (M,) array
+        A sum below rounding of it is left out.
+    groups : slices of columns
+    """
+    size = np.sqrt(np.where(energy > 0, energy, 1.0))
+    made, owner = [], []
+    for i, group in enumerate(groups):
+        scaled = products[group, group] / np.outer(size[group], size[group])
+        R, order, rank, _ = lapack.dpstrf(scaled, tol=TINY)
+        rank = int(rank) if scaled.max() > TINY else 0
+        sums = np.zeros((products.shape[0], rank))
+        at = group.start + order[:rank] - 1
+        sums[at] = solve_triangular(np.triu(R[:rank, :rank]), np.eye(rank)) / size[at, None]
+        made.append(sums)
+        owner.append(np.full(rank, i))
+    return np.column_stack(made), np.concatenate(owner)
+
+
+def explain(left: Left, first: Sequence[int]) -> list[int]:
+    """Return which few columns clearly explain a residual, beside the first ones.
 
     Greedy, like forward selection: taking out all columns would take out the slow part of the noise too.
     """
-    size = np.linalg.norm(directions, axis=0)
-    e, D, rank = reduced(own, residual, directions / np.where(size > 0, size, 1.0))
+    for column in first:
+        if left.columns[column, column] > TINY * left.energy[column]:
+            left = left.without(column)
     picked: list[int] = []
     for _ in range(MOST):
-        left = np.einsum("ij,ij->j", D, D)
-        usable = left > 1e-6
-        gain = np.where(usable, (D.T @ e) ** 2 / np.where(usable, left, 1.0), 0.0)
+        gain = left.gains
         best = int(np.argmax(gain))
-        noise = float(e @ e - gain[best]) / max(1, e.size - rank - len(picked) - 1)
-        if gain[best] < CLEAR * noise:
+        noise = (left.power - gain[best]) / max(1, left.count - left.rank - 1)
+        if gain[best] <= 0 or gain[best] < CLEAR * noise:
             break
-        q = D[:, best] / np.sqrt(left[best])
         picked.append(best)
-        e = e - q * (q @ e)
-        D = D - np.outer(q, q @ D)
-    return np.array(picked, dtype=int)
+        left = left.without(best)
+    return picked
 
 
 def autoregression(noise: Sequence[Array]) -> tuple[Array, float]:
@@ -133,42 +228,57 @@ def autoregression(noise: Sequence[Array]) -> tuple[Array, float]:
     return np.asarray(chosen), float(best * count)
 
 
-def whiten(columns: Array, a: Array, edges: Array) -> Array:
-    """Filter each segment by A(q); the first samples, which have no past, become zero."""
-    out = np.empty_like(columns)
-    for begin, end in itertools.pairwise(edges):
-        out[begin:end] = oaconvolve(columns[begin:end], a[:, None], axes=0)[: end - begin]
-        out[begin : begin + a.size - 1] = 0.0
+def filtered(x: Array, a: Array) -> Array:
+    """Filter columns, (N, M), by A(q) where all of the past is there, (N - p, M): products with a banded matrix."""
+    past = a.size - 1
+    if not past:
+        return x * a[0]
+    band = toeplitz(np.r_[a[-1], np.zeros(BLOCK - 1)], np.r_[a[::-1], np.zeros(BLOCK - 1)])
+    out = np.empty((max(0, len(x) - past), x.shape[1]))
+    for at in range(0, len(out), BLOCK):
+        n = min(BLOCK, len(out) - at)
+        np.matmul(band[:n, : n + past], x[at : at + n + past], out=out[at : at + n])
     return out
 
 
-def whitened(
+def whitened(columns: Array, a: Array, edges: Array, rows: Array) -> Iterator[Array]:
+    """Filter each segment by A(q); yield the rows that count, some at a time, without the first, which have no past."""
+    past = a.size - 1
+    for begin, end in itertools.pairwise(edges):
+        for at in range(begin + past, end, CHUNK):
+            to = min(at + CHUNK, end)
+            yield filtered(columns[at - past : to], a)[rows[at:to]]
+
+
+def noise_model(
     residual: Array,
     own: Array,
     directions: Array,
     edges: Array,
     rows: Array,
+    plain: Left,
     lines: Sequence[slice] = (),
     measured: Sequence[Array] = (),
-) -> tuple[Array, Array, Array, Array, float]:
-    """Estimate the noise and filter by it, in turns: the filter, whitened e, own and directions, and e's variance."""
-    always = [np.arange(s.start, s.stop) for s in lines]
-    first = np.unique(np.concatenate(always)).astype(int) if always else np.zeros(0, dtype=int)
+) -> tuple[Array, Left, float]:
+    """Estimate the noise and filter by it, in turns: the filter, what is left after it, and the variance of the noise.
+
+    `plain` is what is left without a filter; for the others see `score`.
+    """
+    first = [j for s in lines for j in range(s.start, s.stop)]
     if measured:
         a = autoregression(measured)[0]
     else:
-        first, a = _dominant(residual, own, directions, edges, rows, first)
-    for left in (0,) if measured else (2, 1, 0):  # the noise model and what it is estimated from improve each other
-        white = whiten(np.column_stack([residual, own, directions]), a, edges)[rows]
-        e, P, D = white[:, 0], white[:, 1 : own.shape[1] + 1], white[:, own.shape[1] + 1 :]
-        more = explain(np.column_stack([P, D[:, first]]), D, e)
-        picked = np.unique(np.concatenate([first, more]))
-        chosen = np.column_stack([P, D[:, picked]])
-        solution = lstsq(chosen, e)[0]
-        remaining = e - chosen @ solution
-        if left:
-            a = autoregression(_pieces(residual - np.column_stack([own, directions[:, picked]]) @ solution, edges))[0]
-    return a, e, P, D, float(remaining @ remaining) / max(1, e.size - P.shape[1] - picked.size)
+        first, a = _dominant(residual, own, directions, edges, rows, plain, first)
+    for turns in (0,) if measured else (2, 1, 0):  # the noise model and what it is estimated from improve each other
+        left = Left.of(own, residual, directions, edges, rows, a)
+        picked = directions[:, sorted({*first, *explain(left, first)})]
+        columns = np.column_stack([residual, own, picked])
+        white = np.concatenate(list(whitened(columns, a, edges, rows)))
+        solution = lstsq(white[:, 1:], white[:, 0])[0]
+        remaining = white[:, 0] - white[:, 1:] @ solution
+        if turns:
+            a = autoregression(_pieces(residual - columns[:, 1:] @ solution, edges))[0]
+    return a, left, float(remaining @ remaining) / max(1, left.count - columns.shape[1] + 1)
 
 
 def _pieces(noise: Array, edges: Array) -> list[Array]:
@@ -176,39 +286,22 @@ def _pieces(noise: Array, edges: Array) -> list[Array]:
 
 
 def _dominant(
-    residual: Array, own: Array, directions: Array, edges: Array, rows: Array, first: Array
-) -> tuple[Array, Array]:
+    residual: Array, own: Array, directions: Array, edges: Array, rows: Array, plain: Left, first: list[int]
+) -> tuple[list[int], Array]:
     """Take out the one column without which the noise looks much slower than it is (AIC), if there is one.
 
     An autoregressive model takes a strong drift for noise, and then nothing is left to be seen.
     """
-    e, D, _ = reduced(own[rows], residual[rows], directions[rows])
-    size = np.einsum("ij,ij->j", D, D)
-    usable = size > 1e-6 * np.einsum("ij,ij->j", directions[rows], directions[rows])
-    share = np.where(usable, (D.T @ e) ** 2 / np.where(usable, size, 1.0), 0.0)
-    trials = [first, *(np.append(first, j) for j in np.argsort(-share, kind="stable")[:TRIALS] if j not in first)]
+    order = np.argsort(-plain.gains, kind="stable")[:TRIALS]
+    trials = [first, *([*first, int(j)] for j in order if j not in first)]
     found = []
     for trial in trials:
         used = np.column_stack([own, directions[:, trial]])
         noise = residual - used @ lstsq(used[rows], residual[rows])[0]
         a, criterion = autoregression(_pieces(noise, edges))
-        found.append((criterion, trial.astype(int), a))
+        found.append((criterion, trial, a))
     best = min(found, key=lambda f: f[0])
     return (best if best[0] < found[0][0] - CLEAR else found[0])[1:]
-
-
-def shares(residual: Array, own: Array, directions: Array, groups: Sequence[slice]) -> tuple[Array, Array]:
-    """Return what each group of directions explains of a residual's energy, and what a refit absorbs of the group's."""
-    energy = np.einsum("ij,ij->j", directions, directions)
-    e, D, _ = reduced(own, residual, directions)
-    share, absorbed = np.zeros(len(groups)), np.zeros(len(groups))
-    total = float(e @ e) or 1.0
-    for i, columns in enumerate(groups):
-        basis = orthonormal(D[:, columns], energy[columns])
-        share[i] = float(np.sum((basis.T @ e) ** 2)) / total
-        left = np.einsum("ij,ij->", D[:, columns], D[:, columns])
-        absorbed[i] = 1 - left / (energy[columns].sum() or 1.0)
-    return share, absorbed
 
 
 def score(
@@ -240,39 +333,37 @@ def score(
         An autoregressive model would take them for noise.
     measured : pieces of the noise itself, from repeated periods, where there are any
     """
-    a, e, P, D, variance = whitened(residual, own, directions, edges, rows, lines, measured)
+    plain = Left.of(own, residual, directions, edges, rows)
+    a, left, variance = noise_model(residual, own, directions, edges, rows, plain, lines, measured)
     if measured:
-        pieces = np.concatenate([oaconvolve(m, a, mode="valid") for m in measured])
+        pieces = np.concatenate([np.convolve(m, a, mode="valid") for m in measured])
         variance = float(np.mean(pieces**2))
     variance = variance or float(np.finfo(float).tiny)  # a base that follows the data exactly leaves nothing to explain
-    energy = np.einsum("ij,ij->j", D, D)
-    e, D, _ = reduced(P, e, D)
-    share, absorbed = shares(residual[rows], own[rows], directions[rows], groups)
-    count = len(groups)
-    gain, log_p = np.zeros(count), np.zeros(count)
-    bases, owners, freedoms = [], [], np.zeros(count, dtype=int)
-    for i, columns in enumerate(groups):
-        group = orthonormal(D[:, columns], energy[columns])
-        gain[i] = float(np.sum((group.T @ e) ** 2)) / variance
-        freedoms[i] = group.shape[1]
-        log_p[i] = chi2.logsf(gain[i], freedoms[i]) + np.log(searched[i]) if freedoms[i] else 0.0
-        bases.append(group)
-        owners.append(np.full(freedoms[i], i))
+    share, absorbed = plain.shares(groups)
+    basis, owner = left.basis(groups)
+    freedoms = np.bincount(owner, minlength=len(groups))
+    gain = np.bincount(owner, (basis.T @ left.residual) ** 2, len(groups)) / variance
+    log_p = np.where(freedoms > 0, log_chance(freedoms, gain) + np.log(searched), 0.0)
     log_p = np.minimum(log_p, 0.0)
-    basis, owner = np.column_stack(bases), np.concatenate(owners)
-    lowest = _null(basis, owner, freedoms, searched, seed)
+    lowest = _null(basis.T @ left.columns @ basis, owner, freedoms, searched, seed)
     best = float(log_p.min())
     p_value = (1 + int(np.sum(lowest <= best))) / (DRAWS + 1)
     critical = float(np.quantile(lowest, LEVEL))
     needed = [_needed(variance, critical - np.log(n), int(f)) for n, f in zip(searched, freedoms, strict=True)]
-    known = told(groups, D, basis, owner) * (freedoms > 0)[:, None]  # what a refit absorbs is never seen
+    known = told(groups, left.columns, basis, owner) * (freedoms > 0)[:, None]  # what a refit absorbs is never seen
     passes = np.divide(np.square(needed), known, out=np.full_like(known, np.inf), where=known > 0)
     return Scores(share, gain, log_p, absorbed, p_value, critical, passes)
 
 
-def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float], seed: int) -> Array:
+def log_chance(freedom: Array | int, gain: Array) -> Array:
+    """Return the logarithm of the chance that noise gains as much: of a chi-square with so many degrees of freedom."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(chdtrc(freedom, gain)))
+
+
+def _null(products: Array, owner: Array, freedoms: Array, searched: Sequence[float], seed: int) -> Array:
     """Return the smallest log p-value of each of many records without any effect, (DRAWS,)."""
-    values, vectors = np.linalg.eigh(basis.T @ basis)
+    values, vectors = np.linalg.eigh(products)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     rng = np.random.default_rng(seed)
     drawn = rng.standard_normal((DRAWS, root.shape[1])) @ root.T
@@ -283,17 +374,17 @@ def _null(basis: Array, owner: Array, freedoms: Array, searched: Sequence[float]
     for f in np.unique(freedoms[freedoms > 0]):
         of = np.flatnonzero((freedoms == f) & (np.asarray(searched) == 1.0))
         if of.size:
-            lowest = np.minimum(lowest, chi2.logsf(energy[:, of].max(axis=1), f))
+            lowest = np.minimum(lowest, log_chance(f, energy[:, of].max(axis=1)))
     return lowest
 
 
-def told(groups: Sequence[slice], D: Array, basis: Array, owner: Array) -> Array:
+def told(groups: Sequence[slice], products: Array, basis: Array, owner: Array) -> Array:
     """Return how much energy of each group's columns (row) each group's basis has (column), (groups, groups)."""
-    energy = np.zeros((len(groups), D.shape[1]))
-    np.add.at(energy, owner, (basis.T @ D) ** 2)
+    energy = np.zeros((len(groups), len(products)))
+    np.add.at(energy, owner, (basis.T @ products) ** 2)
     return np.array([energy[:, columns].sum(axis=1) for columns in groups])
 
 
 def _needed(variance: float, log_p: float, freedom: int) -> float:
     """Return the whitened size of a contribution whose gain passes the critical value in 80 % of the cases."""
-    return float((np.sqrt(chi2.isf(np.exp(max(log_p, -700.0)), freedom)) + POWER) * np.sqrt(variance))
+    return float((np.sqrt(chdtri(freedom, np.exp(max(log_p, -700.0)))) + POWER) * np.sqrt(variance))

@@ -171,3 +171,18 @@ def test_a_row_is_carried_to_a_higher_rate():
     for unclear in ([0.0, 0.3, 0.2], [0.3, -0.3, 0.2]):  # no first coefficient, no gain
         made = zeroed(np.array(unclear), factor)
         assert np.isfinite(made).all() and made[:-1].sum() == pytest.approx(sum(unclear[:2]))
+
+
+def test_a_structure_of_four_resonances_is_followed():
+    """None of its parts does for the whole: the core is found by where fits of larger ones begin."""
+    rng, Ts, N = np.random.default_rng(77), 0.002, 4000
+    t = Ts * np.arange(N)
+    u = np.sin(2 * np.pi * (0.5 + 8.0 * t) * t) + 0.25 * smooth(rng, N, 0.6)
+    y = linear([4.0], [0.3, 1.0], u, Ts)
+    for f, damping, gain in ((7, 0.02, 9.0), (18, 0.015, 13.0), (34, 0.012, 15.0), (52, 0.012, 18.0)):
+        w = 2 * np.pi * f
+        y = y + linear([gain, 0.0], [1.0, 2 * damping * w, w**2], u, Ts)
+    record = record_of(u, y, Ts, 0.01)
+    rows = Search(ns.identify(record, base="linear"), [record]).bases([0, 1])
+    best = min(rows, key=lambda r: r.price)
+    assert best.size.n_y >= 9 and best.held < 0.02**2

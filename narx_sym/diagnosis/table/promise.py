@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import lstsq
+from scipy.linalg import pinv
 
-from ..gate import orthonormal, told
+from ..gate import bases, orthonormal, told
 from .frame import BLOCKS, FOLDS, UNSEEN
 from .screening import Scored
 from .verdict import ALIKE, price
@@ -27,7 +27,8 @@ def detectable(scored: Scored) -> dict[str, float]:
     costs = [price(1.0, n, 1) + ALIKE for n in unknowns]  # what costs as much as nothing is not seen
     residual, own, matrix = scored.line.residual, scored.line.own, scored.matrix
     folds = np.arange(residual.size) * BLOCKS // residual.size % FOLDS
-    worth = paid(groups, left_out(own, matrix, folds), float(residual @ residual), costs)
+    left = left_out(own, matrix, folds)
+    worth = paid(groups, left.T @ left, float(residual @ residual), costs)
     energy = np.array([np.einsum("ij,ij->", matrix[:, c], matrix[:, c]) for c in groups]) / residual.size
     sizes = np.sqrt(np.min(np.maximum(scored.scores.passes, worth), axis=1) * energy)
     found: dict[str, dict[str, list[float]]] = {}
@@ -50,21 +51,20 @@ def left_out(own: Array, directions: Array, folds: Array) -> Array:
         of = folds == fold
         seen = np.einsum("ij,ij->j", own[~of], own[~of]) > UNSEEN**2
         fitted, starts = own[:, seen], orthonormal(own[of][:, ~seen])
-        left[of] = directions[of] - fitted[of] @ lstsq(fitted[~of], directions[~of])[0]
+        left[of] = directions[of] - fitted[of] @ (pinv(np.where(of[:, None], 0.0, fitted)) @ directions)
         left[of] -= starts @ (starts.T @ left[of])
     return left
 
 
-def paid(groups: Sequence[slice], directions: Array, error: float, costs: Sequence[float]) -> Array:
+def paid(groups: Sequence[slice], products: Array, error: float, costs: Sequence[float]) -> Array:
     """Return by how much the energy of a group's columns (row) is to grow until a group (column) is worth its price.
 
     Grown by s, an effect makes of the squared `error` e the sum e + s E; a group explains its own columns' part of s E,
-    and is to lower the logarithm of that sum by its cost.
+    and is to lower the logarithm of that sum by its cost. `products`, (M, M), are those of the columns.
     """
-    whole = np.einsum("ij,ij->j", directions, directions)
-    bases = [orthonormal(directions[:, columns], whole[columns]) for columns in groups]
-    owner = np.repeat(np.arange(len(groups)), [b.shape[1] for b in bases])
-    explained = told(groups, directions, np.column_stack(bases), owner)
+    whole = products.diagonal()
+    basis, owner = bases(products, whole, groups)
+    explained = told(groups, products, basis, owner)
     energy = np.array([whole[columns].sum() for columns in groups])[:, None]
     share, prices = explained / np.where(energy > 0, energy, 1.0), np.expm1(costs)
     worth = share - prices * np.maximum(1 - share, 0.0)

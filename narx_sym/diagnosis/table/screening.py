@@ -41,10 +41,9 @@ class Scored:
     @cached_property
     def shares(self) -> Array:
         """What each direction explains of the squared error, beside a refit of the model: `scores` have it too."""
-        line, rows = self.line, self._rows
-        return gate.shares(
-            line.residual[rows], line.own[rows], self.matrix[rows], [d.columns for d in self.directions]
-        )[0]
+        line = self.line
+        left = gate.Left.of(line.own, line.residual, self.matrix, line.problem.edges, self._rows)
+        return left.shares([d.columns for d in self.directions])[0]
 
     @cached_property
     def scores(self) -> gate.Scores:

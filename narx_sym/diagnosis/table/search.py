@@ -21,7 +21,7 @@ from .hypotheses import Core, Hypothesis, family_of, ladder
 from .verdict import price
 
 Array = np.ndarray
-HIGHER = (5, 7, 9)  # orders of further cores, tried in turn
+HIGHER = (5, 7, 9, 11)  # orders of further cores, tried in turn
 LOOKS = 4  # shapes from which a fit is begun
 HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
@@ -227,21 +227,31 @@ class Search:
         return [r for r in every if not self._runs_away(r)]
 
     def _climbed(self, found: list[Row], delays: Sequence[int]) -> list[Row]:
-        """Fit larger cores too, as long as each is the cheapest: a structure may have several resonances.
+        """Fit larger cores too, while each is the cheapest or begins cheaper: a structure may have several resonances.
 
-        A further resonance is priced as an effect: a free one also imitates a disturbance.
+        Where no part of them does for the whole, only the start of a core of enough of them says so. A further
+        resonance is priced as an effect: a free one also imitates a disturbance.
         """
+        climbs = True
         for n in HIGHER if self.family == "linear" and self.sizes is None and not self.integrating else ():
-            frames, before = self.frames, list(self.higher)
+            frames, before, worth = self.frames, list(self.higher), min(r.price for r in found)
+            if not climbs and self._begins(Core(n, n, min(delays))) >= worth:
+                continue
             self._grow([*before, (n, n)])
             made = [r.judged() for r in self.cored(delays)]
-            grown = min((r.price for r in made if r.size == self.largest), default=np.inf)
-            if grown >= min(r.price for r in found):
+            climbs = min((r.price for r in made if r.size == self.largest), default=np.inf) < worth
+            if climbs:
+                found = made
+            else:
                 self._grow(before)
                 self.frames = frames
-                break
-            found = made
         return found
+
+    def _begins(self, core: Core) -> float:
+        """Return the price of a core where its fit begins."""
+        frame = Frame(self.given, core, (), self.records)
+        hypothesis = Hypothesis(core)
+        return price(frame.error(self._start(core, frame), core), frame.parameters(core), self._more(hypothesis))
 
     def _grow(self, higher: list[tuple[int, int]]) -> None:
         """Let larger cores stand among the others: all frames hold the largest."""
