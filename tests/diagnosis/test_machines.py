@@ -186,3 +186,24 @@ def test_a_structure_of_four_resonances_is_followed():
     rows = Search(ns.identify(record, base="linear"), [record]).bases([0, 1])
     best = min(rows, key=lambda r: r.price)
     assert best.size.n_y >= 9 and best.held < 0.02**2
+
+
+def test_a_gap_in_an_elastic_gear_is_named():
+    """The gap lies between what is driven and what is measured: neither the input nor the output has a play."""
+    rng, Ts, N, sub, gap = np.random.default_rng(5), 0.004, 2500, 8, 4.0
+    t = Ts * np.arange(N + 1)
+    u = 4 * sum(
+        np.cos(2 * np.pi * f * t + p) for f, p in zip(np.geomspace(0.2, 5, 15), rng.uniform(0, 6, 15), strict=True)
+    )
+    y, x, speed = np.zeros(N), 4.0, 0.0
+    for k in range(N):
+        y[k] = x
+        for i in range(sub):
+            twist = u[k] + (u[k + 1] - u[k]) * i / sub - x
+            force = np.sign(twist) * max(abs(twist) - gap, 0.0)
+            speed += Ts / sub * (1200.0 * force - 8.0 * speed)
+            x += Ts / sub * speed
+    found = diagnosed(record_of(u[:N], y, Ts, 0.004))
+    best = found.best
+    assert found.confusion_set[0] == "backlash" and best.variant.effect.form == "elastic"
+    assert best.parameters["r"] == pytest.approx(gap, rel=0.05) and best.parameters["d"] == pytest.approx(1.0, rel=0.02)

@@ -9,7 +9,7 @@ import sympy as sp
 
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
-from ._effect import AMPLITUDE, CURVATURE, GAIN, RATIO, Form, Scan, effect, step
+from ._effect import AMPLITUDE, CURVATURE, GAIN, RATIO, Form, Scan, clip, effect, step
 
 PLAYS = 5
 
@@ -31,6 +31,20 @@ def backlash(x: Any, r: Any) -> Form:
     """Play of half-width r: after a reversal nothing moves until the slack is taken up."""
     p = signal("p")
     return Form((p[k] - x[k],), (play(x, p, r),))
+
+
+@effect(
+    {"inside": "uy"},
+    scan={"r": Scan("amplitude", (0.02, 0.06, 0.15, 0.4)), "d": Scan("gain", (0.8, 1.0, 1.25))},
+    sign=1,
+    unit={"r": "unit of the driver", "d": "unit of y / unit of u"},
+    id="backlash",
+    form="elastic",
+    source="Nordin & Gutman 2002 (dead zone of an elastic shaft)",
+)
+def elastic_backlash(u: Any, y: Any, r: Any, d: Any) -> Any:
+    """Play of half-width r: after a reversal nothing moves until the slack is taken up."""
+    return -clip(d * u[k - 1] - y[k - 1], d * r)  # within the gap the shaft between u and y gives no force
 
 
 @effect(
