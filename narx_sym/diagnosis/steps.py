@@ -274,7 +274,8 @@ def step(
         return _unnamed(made, table, known), known
     left = table.screened(best).missing
     lowest = best.held * (1 - left)
-    found = alike(table.beside(known), best)
+    # Two effects are no rival of one, though it be priced as two: it would be shown as if its first were enough.
+    found = alike([r for r in table.beside(known) if len(r.beyond(known)) <= len(best.beyond(known))], best)
     share = (known.held - best.held) / (known.held - lowest)
     made.candidates = _candidates(table, known, best, found, lowest)
     shown = {c.effect for c in made.candidates} | {BASE}  # a rival that cannot be held is none
