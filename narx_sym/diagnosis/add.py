@@ -16,9 +16,9 @@ from ..models.effects import EFFECTS, Catalogue
 from ..models.extend import find
 from ..models.model import Model
 from .refit import Fitted, Split, settle
+from .screening.scored import screen, shortlist
 from .table.candidates import Candidate
 from .table.hypotheses import written
-from .table.screening import screen, shortlist
 from .table.search import Search
 
 FINAL = 200  # steps of the last fit: a kink is passed slowly

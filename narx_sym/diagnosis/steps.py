@@ -14,15 +14,15 @@ from ..data.evidence.stiction import Sticking
 from ..models.extend import newer
 from ..models.model import NARX
 from ..symbolic import printing
-from . import gate
 from .bases import BASE, few
 from .experiment import Experiment, propose, wider_file
 from .progress import JUDGE, WAYS
 from .refit import Fitted, prune
+from .screening import gate
+from .screening.promise import detectable
+from .screening.scored import absorbed
 from .table.candidates import Candidate, Pair
-from .table.promise import detectable
 from .table.rounds import Table
-from .table.screening import absorbed
 from .table.search import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, cheapest, nothing_named, verdict, winner
 

@@ -44,8 +44,8 @@ import sympy as sp
 import truths
 
 from narx_sym import NARX, Model, Record, identify
-from narx_sym.diagnosis.directions import Linearised
 from narx_sym.diagnosis.refit import Fitted, Split, settle
+from narx_sym.diagnosis.screening.directions import Linearised
 from narx_sym.engines.columns import Columns
 from narx_sym.errors import NarxError
 from narx_sym.files.parallel import one_blas_thread

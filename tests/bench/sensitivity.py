@@ -31,8 +31,8 @@ CHANGED = ("PER_PARAMETER", "PER_EFFECT", "MOST", "ALIKE")  # those that the nam
 SEARCHED = (
     ("diagnosis.table.verdict", "HELPS"), ("diagnosis.table.verdict", "LEFT"),
     ("diagnosis.table.verdict", "LARGE"), ("fit.bases.integrating", "DRIVEN"),
-    ("diagnosis.table.screening", "EFFECTS_TRIED"), ("diagnosis.table.rounds", "PARTNERS"),
-    ("diagnosis.table.rounds", "HALVES"), ("diagnosis.table.rounds", "TOGETHER"), ("diagnosis.gate", "LEVEL"),
+    ("diagnosis.screening.scored", "EFFECTS_TRIED"), ("diagnosis.table.rounds", "PARTNERS"),
+    ("diagnosis.table.rounds", "HALVES"), ("diagnosis.table.rounds", "TOGETHER"), ("diagnosis.screening.gate", "LEVEL"),
 )  # fmt: skip
 FRICTION = {"coulomb_friction", "stribeck_friction", "stiction"}
 RECORDS: dict[str, tuple[str, slice, set[str]]] = {

@@ -6,7 +6,7 @@ import truths
 
 import narx_sym as ns
 from narx_sym.diagnosis.refit import Split, settle
-from narx_sym.diagnosis.table.screening import screen
+from narx_sym.diagnosis.screening.scored import screen
 from narx_sym.models.effects import EFFECTS
 
 N, Ts = 2000, 0.01

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import narx_sym as ns
-from narx_sym.diagnosis.directions import CYCLES, Linearised
 from narx_sym.diagnosis.refit import Split, prune, settle
+from narx_sym.diagnosis.screening.directions import CYCLES, Linearised
 from narx_sym.fit.freerun import FreeRun
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.models.extend import Variant, extend

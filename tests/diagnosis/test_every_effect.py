@@ -10,7 +10,7 @@ import pytest
 import truths
 
 import narx_sym as ns
-from narx_sym.diagnosis.directions import Linearised
+from narx_sym.diagnosis.screening.directions import Linearised
 from narx_sym.fit.freerun import FreeRun
 from narx_sym.models.effects import EFFECTS, Catalogue
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from narx_sym.diagnosis.table.promise import left_out, paid
+from narx_sym.diagnosis.screening.promise import left_out, paid
 
 
 def test_at_the_promised_size_an_effect_is_just_worth_its_price():

@@ -10,7 +10,7 @@ import pytest
 import sympy as sp
 
 import narx_sym as ns
-from narx_sym.diagnosis.directions import Linearised
+from narx_sym.diagnosis.screening.directions import Linearised
 from narx_sym.engines.compile import compile
 from narx_sym.errors import Diverged, ModelError, NotInvertible
 from narx_sym.fit.constraints import constraint_equations

@@ -16,16 +16,16 @@ import numpy as np
 import sympy as sp
 from scipy.signal import find_peaks
 
-from ..engines.algebra import single
-from ..engines.compile import Compiled, compile
-from ..errors import ModelError
-from ..fit.freerun import LARGEST, FreeRun
-from ..fit.simulate import segments, shifted
-from ..models.effects import EFFECTS, Catalogue, Form, Scan, effect
-from ..models.extend import Variant, equations, extend, origin, variants
-from ..symbolic.recursion import Recursion
-from ..symbolic.sensitivity import sensitivities
-from ..symbolic.signals import k, samples, sensed, signal
+from ...engines.algebra import single
+from ...engines.compile import Compiled, compile
+from ...errors import ModelError
+from ...fit.freerun import LARGEST, FreeRun
+from ...fit.simulate import segments, shifted
+from ...models.effects import EFFECTS, Catalogue, Form, Scan, effect
+from ...models.extend import Variant, equations, extend, origin, variants
+from ...symbolic.recursion import Recursion
+from ...symbolic.sensitivity import sensitivities
+from ...symbolic.signals import k, samples, sensed, signal
 
 Array = np.ndarray
 PUSH = "injected sequence"  # no column may be called so: a name of two words is no symbol of a model

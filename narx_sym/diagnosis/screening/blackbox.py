@@ -11,8 +11,8 @@ import numpy as np
 from scipy.linalg import eigh, lstsq
 from scipy.signal import lfilter
 
+from ..refit import Split
 from .directions import Direction, Linearised
-from .refit import Split
 
 Array = np.ndarray
 FEATURES, SOME = 60, 0.4  # random cosines, and the share of the signals that each looks at

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import pinv
 
-from ..gate import bases, orthonormal, told
-from .frame import BLOCKS, FOLDS, UNSEEN
-from .screening import Scored
-from .verdict import ALIKE, price
+from ..table.frame import BLOCKS, FOLDS, UNSEEN
+from ..table.verdict import ALIKE, price
+from .products import bases, orthonormal, told
+from .scored import Scored
 
 Array = np.ndarray
 

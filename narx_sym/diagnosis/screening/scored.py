@@ -13,10 +13,11 @@ from ...fit.constraints import constraint_equations
 from ...fit.freerun import FreeRun
 from ...models.effects import Catalogue
 from ...models.extend import Variant
-from .. import gate
-from ..blackbox import predictable
-from ..directions import Direction, Linearised
 from ..refit import Fitted
+from . import gate
+from .blackbox import predictable
+from .directions import Direction, Linearised
+from .products import Left
 
 Array = np.ndarray
 EFFECTS_TRIED, FORMS_TRIED, HALF = 8, 2, 0.5  # effects that are fitted; forms of each that explain half of its best
@@ -42,7 +43,7 @@ class Scored:
     def shares(self) -> Array:
         """What each direction explains of the squared error, beside a refit of the model: `scores` have it too."""
         line = self.line
-        left = gate.Left.of(line.own, line.residual, self.matrix, line.problem.edges, self._rows)
+        left = Left.of(line.own, line.residual, self.matrix, line.problem.edges, self._rows)
         return left.shares([d.columns for d in self.directions])[0]
 
     @cached_property

@@ -1,0 +1,1 @@
+"""What the directions of all effects say at a fitted model: is anything missing, and what is worth a fit."""
