@@ -38,10 +38,11 @@ def slowest(a: Array) -> float:
 def lasting(a: Array, slow: float) -> tuple[bool, bool]:
     """Whether there are poles that hardly decay, near 1 and elsewhere: as slow as `slow` (`slowest_seen`).
 
-    A pair elsewhere swings within the record; undamped it imitates a line of the output's spectrum, such as the third
-    harmonic of a bent response to a sine; no axis integrates there.
+    A pair elsewhere swings within the record, once at least; undamped it imitates a line of the output's spectrum, such
+    as the third harmonic of a bent response to a sine; no axis integrates there.
     """
-    near = [abs(np.angle(p)) <= 1 - slow for p in poles(a) if abs(p) > slow]
+    once = -np.log(slow) * np.pi / 2  # `slow` decays four times in the longest segment, this turns once in it
+    near = [abs(np.angle(p)) <= once for p in poles(a) if abs(p) > slow]
     return any(near), not all(near)
 
 
