@@ -32,7 +32,7 @@ FIELDS = {
     "Ts", "constraints", "channels", "states", "info", "effects",
 }  # fmt: skip
 STATE_FIELDS = {"state", "update", "initial", "group"}
-# `x`, `v`, `free` and `sensed` are names of states: see `narx_sym.symbolic.signals`.
+# `x`, `v`, `free`, `sensed` and `acting` are names of states: see `narx_sym.symbolic.signals`.
 RESERVED = {*SIGNALS, *NAMES, "k", "t", "r", "m", "pi", "prediction"}
 
 

@@ -19,7 +19,7 @@ from ..models.model import Model
 from ..symbolic.graph import Graph
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import free, held, k, lag, m, r, samples, sensed, shift, signal, swap, v, x, y
+from ..symbolic.signals import acting, free, held, k, lag, m, r, samples, sensed, shift, signal, swap, v, x, y
 from .branches import solve_for
 from .monotone import JUMPS
 from .solution import Solution, resting
@@ -216,7 +216,7 @@ def _limits(model: Model, base: Any) -> tuple[float, float]:
 def _rest(model: Model) -> Any:
     """Return a function that puts the middle of the identified ranges in the place of all samples."""
     middle = {}
-    for base, outer, inners in ((model.input, m, (v,)), (model.output, r, (x, free, sensed))):
+    for base, outer, inners in ((model.input, m, (v, acting)), (model.output, r, (x, free, sensed))):
         low, high = model.info.ranges.get(str(base.label), (0.0, 0.0))
         origin = float(model.operating_point.get(base, 0.0))
         middle[outer] = (low + high) / 2 if high > low else origin

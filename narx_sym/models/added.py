@@ -9,7 +9,7 @@ from typing import Any
 import sympy as sp
 
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import expand_phi, k, lag, samples, sensed, shift, v, x
+from ..symbolic.signals import acting, expand_phi, k, lag, lags, samples, sensed, shift, v, x
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,13 @@ def starts(model: Any) -> dict[Any, Any]:
     inner = _inner(known(added), x, shown)
     found = {b: e.xreplace({s: shift(inner, -lag(s)) for s in samples(e, x)}) for b, e in found.items()}
     return found | {x: inner}
+
+
+def input_lags(model: Any, expr: Any) -> list[int]:
+    """Return the lags at which an expression reads the input, what effects have made of it, and it beside a force."""
+    beside = next((s.right for s in model.states if s.left.base == acting), sp.S.Zero)
+    read = [[i for b in (model.input, v) for i in lags(e, b)] for e in (expr, beside)]
+    return read[0] + [i + min(read[1]) for i in lags(expr, acting)]
 
 
 def _inner(beside: Any, base: Any, output: Any) -> Any:

@@ -13,8 +13,10 @@ from ..errors import ModelError
 from ..symbolic.graph import Graph
 from ..symbolic.recursion import State
 from ..symbolic.signals import (
+    acting,
     breve_phi1,
     breve_phi2,
+    differences,
     expand_phi,
     free,
     k,
@@ -41,7 +43,7 @@ from .model import Model
 
 MANY = 20  # coefficients of one effect
 # Names that no channel and no state of an effect may have.
-SIGNALS = (u, y, t, x, v, free, sensed, r, m, phi1, phi2, breve_phi1, breve_phi2)
+SIGNALS = (u, y, t, x, v, free, sensed, acting, r, m, phi1, phi2, breve_phi1, breve_phi2)
 RESERVED = {str(b.label) for b in SIGNALS} | {"k", "prediction"}
 
 
@@ -85,7 +87,7 @@ class Variant:
 
         Without memory inside and output are one, and what holds the motion is a play.
         """
-        return bool(n_y) or not (self.where == "motion" or (self.where == "inside" and self.driver != "y"))
+        return bool(n_y) or not (self.where in ("motion", "force") or (self.where == "inside" and self.driver != "y"))
 
     def __str__(self) -> str:
         parts = [self.effect.form, PLACES[self.where]]
@@ -105,6 +107,8 @@ def variants(model: Model, channels: Iterable[str] = (), catalogue: Catalogue = 
         for options in stepped:
             choices = [(*c, o) for c in choices for o in options]
         for where, drivers in one.places.items():
+            if where == "force" and not _forced(model):
+                continue
             for driver in drivers:
                 # A sensor and a speed have one zero; what acts on the machine may be centred where it works.
                 about = (True,) if where == "sensor" or one.standing else (False, True)
@@ -119,6 +123,15 @@ def variants(model: Model, channels: Iterable[str] = (), catalogue: Catalogue = 
                                     yield made
 
 
+def _forced(model: Model) -> bool:
+    """Whether a force beside the input is an effect of its own: without zeros it is one inside.
+
+    A core that asks for the sign of the input's step would ask for that of a force that hardly changes.
+    """
+    steps = any(samples(model.core, d) for d in differences(model.input))
+    return model.n_u > model.delay and not steps
+
+
 def origin(model: Model, driver: str) -> float:
     """Return where the operating point of what drives an effect is."""
     return model.operating_point.get(model.output if driver == "y" else model.input, 0.0)
@@ -127,13 +140,13 @@ def origin(model: Model, driver: str) -> float:
 def sequences(model: Model, variant: Variant) -> dict[str, Any]:
     """Return what each placeholder of an effect's equations means in a model: a function of the time index."""
     offset = origin(model, variant.driver) if variant.raw else 0.0
-    later = 1 if variant.where == "inside" else 0
+    later = 1 if variant.where in ("inside", "force") else 0
     # Behind an effect at the input everything sees what passes it: friction behind a slack is friction of what moves.
     named = {s.left.base for s in model.states}
-    acting = v if variant.where != "input" and v in named else model.input
+    passed = v if variant.where != "input" and v in named else model.input
 
     def source(i: Any) -> Any:
-        return acting[i - variant.lag] + offset
+        return passed[i - variant.lag] + offset
 
     def inner(i: Any) -> Any:
         if variant.where == "motion":  # the step that the core would make
@@ -208,7 +221,7 @@ def _check_channels(model: Model, variant: Variant) -> None:
 
 def _measured(model: Model, initial: Any) -> Any:
     """Before the start the inner outputs are taken as measured, and the input as it is."""
-    meant = dict.fromkeys((x, free, sensed), model.output) | {v: model.input}
+    meant = dict.fromkeys((x, free, sensed), model.output) | dict.fromkeys((v, acting), model.input)
     return initial.xreplace({s: meant[b][s.indices[0]] for b in meant for s in samples(initial, b)})
 
 
@@ -225,7 +238,9 @@ class Extended:
 def extend(model: Model, variant: Variant) -> Extended:
     """Put an effect into a model.
 
-    Input effects act on u: the core sees v[k] = u[k] + c z[k]. Inside, c z[k] joins the core's terms. On the motion it
+    Input effects act on u: the core sees v[k] = u[k] + c z[k]. A force acts where the input does, once that has
+    arrived, as friction of the mass that is driven: acting[k] = u[k-d] + c z[k] takes the way of the input, with all
+    its zeros, and is not delayed. Inside, c z[k] joins the core's terms. On the motion it
     is driven by the step that the core would make, free[k] - y[k-1]: y[k] = free[k] + c z[k]. Output effects add to
     the core's output x: y[k] = x[k] + c z[k]. The sensor shows y[k] = sensed[k] + c z[k] of all that.
 
@@ -275,6 +290,7 @@ def _placed(model: Model, variant: Variant, own: Sequence[State], total: Any) ->
     inner = x if x in named else model.output
     target = {
         "input": v,
+        "force": acting,
         "inside": free if free in named else inner,
         "motion": inner,
         "output": sensed if sensed in named else model.output,
@@ -309,6 +325,13 @@ def _split(model: Model, where: str) -> list[State]:
         source = model.input
         chain = [State(s.left, moved(s.right, source, v), s.initial, s.group) for s in chain]
         chain.insert(0, State(v[k], source[k], source[k]))
+    if where == "force" and acting not in named:
+        source = v if v in named else model.input
+        at = next(i for i, s in enumerate(chain) if s.left.base == model.driven)
+        core, delay = expand_phi(chain[at].right, model.input), model.delay
+        arrived = {s: acting[s.indices[0] + delay] for s in samples(core, source) if k - s.indices[0] >= delay}
+        chain[at] = State(chain[at].left, renamed(core, arrived), chain[at].initial, chain[at].group)
+        chain.insert(at, State(acting[k], source[k - delay], model.input[k]))
     if where == "motion" and free not in named:
         between(model.inner, free)
     if where in ("output", "sensor") and x not in named:

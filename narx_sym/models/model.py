@@ -14,9 +14,9 @@ from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.grammar import parse
 from ..symbolic.recursion import Recursion, State
-from ..symbolic.signals import differences, expand_phi, free, k, lags, pairs, renamed, samples, signal, t, u, v, x, y
+from ..symbolic.signals import differences, expand_phi, free, k, lags, pairs, renamed, samples, signal, t, u, x, y
 from . import assumptions
-from .added import AddedEffect, flat, measured, starts
+from .added import AddedEffect, flat, input_lags, measured, starts
 from .doors import ModelDoors
 from .info import Info, around
 
@@ -269,14 +269,13 @@ class Model(ModelDoors):
     @cached_property
     def n_u(self) -> int:
         """The largest lag of the input (phi1[k-2] and phi2[k-2] count as lag 2)."""
-        drivers = (self.input, v, *differences(self.input))
-        return max([0, *(i for b in drivers for i in lags(self.core, b))])
+        steps = (i for d in differences(self.input) for i in lags(self.core, d))
+        return max([0, *steps, *input_lags(self, self.core)])
 
     @cached_property
     def delay(self) -> int:
         """The pure delay tau_d: the smallest lag of the input."""
-        core = expand_phi(self.core)
-        return min((i for b in (self.input, v) for i in lags(core, b)), default=0)
+        return min(input_lags(self, expand_phi(self.core)), default=0)
 
     @cached_property
     def structure(self) -> assumptions.Structure:

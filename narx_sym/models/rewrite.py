@@ -11,7 +11,7 @@ from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.grammar import parse
 from ..symbolic.recursion import State
-from ..symbolic.signals import free, k, pairs, samples, sensed, v, x
+from ..symbolic.signals import acting, free, k, pairs, samples, sensed, v, x
 from ..symbolic.smoothing import smoothed, widths
 from .equilibria import continuum_conditions
 from .extend import without, written_constraints
@@ -106,7 +106,7 @@ def _constrained(old: Model, made: Model, name: str) -> Model:
 
 def _conditions(model: Model) -> list[Any]:
     """Conditions of the continuum on the core, as if no effect had been added."""
-    plain = dict.fromkeys((x, free, sensed), model.output) | {v: model.input}
+    plain = dict.fromkeys((x, free, sensed), model.output) | dict.fromkeys((v, acting), model.input)
     core = model.core.xreplace({s: plain[s.base][s.indices[0]] for s in samples(model.core) if s.base in plain})
     return continuum_conditions(Model(core, model.symbols, output=model.output, input=model.input))
 

@@ -11,7 +11,7 @@ from ..data.units import coefficient_units
 from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.table.candidates import Candidate
 from ..models.model import Model
-from ..symbolic.signals import expand_phi, free, samples, sensed, u, v, x, y
+from ..symbolic.signals import acting, expand_phi, free, samples, sensed, u, v, x, y
 from .words import Row, Units, number
 
 MOVED = 3.0  # standard errors
@@ -65,7 +65,7 @@ def _meaning(model: Model, row: Row) -> str:
     if term is None or not row["symbol"].startswith("theta"):
         return str(row["symbol"])
     written = expand_phi(term)
-    plain = dict.fromkeys((x, free, sensed), y) | {v: u}
+    plain = dict.fromkeys((x, free, sensed), y) | dict.fromkeys((v, acting), u)
     return str(written.xreplace({s: plain.get(s.base, s.base)[s.indices[0]] for s in samples(written)}))
 
 

@@ -34,7 +34,7 @@ BELOW = 4.0  # how far a shape parameter may leave its grid downwards
 PADDING, LINE = 4, 6.0  # zero padding of spectra; a line is this many times (and the log of their number) above noise
 
 
-@effect({"input": "channel", "inside": "channel"}, id="injection", register=False)
+@effect({"input": "channel", "force": "channel", "inside": "channel"}, id="injection", register=False)
 def injection(channel: Any) -> Any:
     """Something given acts on the model."""
     return channel[k]

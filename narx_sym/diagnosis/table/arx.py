@@ -27,7 +27,7 @@ def arx_start(records: Sequence[Record], core: Core) -> Array:
         rows, targets = [], []
         for y, u in pairs:
             f = [lfilter([1.0], _polynomial(a), x) for x in (y, u, np.ones(y.size))]
-            d = max(n, core.n_u)
+            d = max(n, core.n_u) + core.delay  # before, nobody knows what drives the output
             lag = [f[0][d - i : y.size - i] for i in range(1, n + 1)]
             lag += [f[1][d - j : y.size - j] for j in range(core.n_u)] + [f[2][d:]]
             target = f[0][d:]
@@ -48,7 +48,7 @@ def arx_start(records: Sequence[Record], core: Core) -> Array:
         for y, u in pairs:
             e = lfilter(solution[n:-1], _polynomial(a), u)
             e = e + lfilter([solution[-1]], _polynomial(a), np.ones(u.size)) - y
-            error += float(np.sum(e**2))
+            error += float(np.sum(e[core.delay :] ** 2))
         if error < best or not np.isfinite(best):
             best, found = error, solution.copy()
         if not n or core.integrating:
@@ -91,7 +91,9 @@ def start_beside(records: Sequence[Record], core: Core, a: Array) -> tuple[Array
     runs = np.concatenate(rows)
     if not np.isfinite(runs).all():
         return np.full(n + width, np.nan), [np.full(len(r), np.nan) for r in records]
-    found = np.linalg.lstsq(runs, np.concatenate([r.y for r in records]), rcond=1e-10)[0]
+    arrived = np.concatenate([np.arange(len(r)) >= core.delay for r in records])
+    measured = np.concatenate([r.y for r in records])
+    found = np.linalg.lstsq(runs[arrived], measured[arrived], rcond=1e-10)[0]
     return np.concatenate([a, found[:width]]), [run @ found - r.y for run, r in zip(rows, records, strict=True)]
 
 

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from .rounds import Table
 
 TARGETS = {
-    "input": "v_{k} - u_{k}", "inside": r"\Delta F", "motion": r"y_{k} - \mathrm{free}_{k}", "output": "y_{k} - x_{k}",
+    "input": "v_{k} - u_{k}", "force": r"\mathrm{acting}_{k} - u_{k-d}",
+    "inside": r"\Delta F", "motion": r"y_{k} - \mathrm{free}_{k}", "output": "y_{k} - x_{k}",
     "sensor": r"y_{k} - \mathrm{sensed}_{k}",
 }  # fmt: skip
 DRAWS = 200  # of the blocks, for an interval

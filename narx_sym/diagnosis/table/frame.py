@@ -80,24 +80,34 @@ class Frame:
         self._data = {0: self.problem.data}
         self._free: dict[Any, Span] = {}
         self._delay = 0
-        self.cuts = {count: self._cut(count) for count in (1, BLOCKS)}
+        self._begins = [s.start == 0 for r in self.cut for s in parts(len(r), pieces)]
+        self._cuts = {0: self._judged(0)}
+        self.cuts, self.counts = self._cuts[0]
         # Where the columns of each segment stand: the parameters, its own starts, and last the error.
         own = [np.arange(self.size)[self.problem.own(i)] for i in range(len(self.problem.data))]
         each = [np.concatenate([np.arange(self.problem.free), at, [self.size]]) for at in own]
         self._at: list[Any] = [np.ix_(at, at) if len(each) > 1 else ... for at in each]
-        self.weights = np.zeros(BLOCKS)
-        for b, rows in itertools.chain(*self.cuts[BLOCKS]):
-            self.weights[b] += rows.stop - rows.start
         self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         self._near()
 
-    def _cut(self, blocks: int) -> list[list[tuple[int, slice]]]:
-        """Return, per segment, which of its samples are in which of so many blocks of all."""
+    def _judged(self, delay: int) -> tuple[dict[int, list[list[tuple[int, slice]]]], Array]:
+        """Return the samples that count, per number of blocks, and how many there are in each of `BLOCKS`."""
+        cuts, counts = {count: self._cut(count, delay) for count in (1, BLOCKS)}, np.zeros(BLOCKS)
+        for b, rows in itertools.chain(*cuts[BLOCKS]):
+            counts[b] += rows.stop - rows.start
+        return cuts, counts
+
+    def _cut(self, blocks: int, delay: int) -> list[list[tuple[int, slice]]]:
+        """Return, per segment, which of its samples are in which of so many blocks of all.
+
+        Until the first input of a record arrives, nobody knows what drives the output: that is not judged.
+        """
         lengths = [len(d[self.problem.name]) for d in self.problem.data]
         edges = [-(-b * sum(lengths) // blocks) for b in range(blocks + 1)]
         found, begin = [], 0
-        for n in lengths:
-            cut = [int(np.clip(e - begin, self.problem.depth, n)) for e in edges]
+        for n, begins in zip(lengths, self._begins, strict=True):
+            first = min(self.problem.depth + delay * begins, n - 1)
+            cut = [int(np.clip(e - begin, first, n)) for e in edges]
             found.append([(b, slice(*pair)) for b, pair in enumerate(itertools.pairwise(cut)) if pair[0] < pair[1]])
             begin += n
         return found
@@ -141,14 +151,16 @@ class Frame:
         model = self.problem.model
         measured = np.concatenate([d[self.problem.name] for d in self._data[0]])
         for variant, (cs, shapes) in zip(self.effects, self.added, strict=True):
-            if variant.where != "inside" or variant.driver != "y":
+            if variant.where not in ("inside", "force") or variant.driver != "y":
                 continue
+            through = x[self.used(core)][core.n_y : core.n_y + core.n_u] if variant.where == "force" else np.ones(1)
             offset = 0.0 if variant.raw else float(model.operating_point.get(model.output, 0.0))
             for i, z in enumerate(_slopes(variant)):
                 for j, slope in enumerate(z[: core.n_y]):
                     with np.errstate(all="ignore"):
                         added = slope(measured - offset, *x[shapes])
-                    a[j] += x[cs[i]] * float(added[np.argsort(np.abs(added))[added.size // 10]])
+                    often = x[cs[i]] * float(added[np.argsort(np.abs(added))[added.size // 10]])
+                    a[j : j + through.size] += often * through[: core.n_y - j]
         return a
 
     def late(self, delay: int) -> None:
@@ -157,8 +169,10 @@ class Frame:
             name, moved = str(self.problem.model.input.label), (later(r.u, delay) for r in self.cut)
             shown = [u[s] for u in moved for s in parts(len(u), self.pieces)]
             self._data[delay] = [{**d, name: x} for d, x in zip(self._data[0], shown, strict=True)]
+            self._cuts[delay] = self._judged(delay)
         if delay != self._delay:
             self.problem.data, self._delay = self._data[delay], delay
+            self.cuts, self.counts = self._cuts[delay]
 
     def free(self, core: Core) -> Span:
         """Return the points that a core leaves free."""
@@ -291,9 +305,9 @@ class Frame:
         if use is None:
             r, g, G = self.sums(x, 1)
             all_of = G[0]
-            return float(r[0] / self.weights.sum()), g[0], all_of, all_of
+            return float(r[0] / self.counts.sum()), g[0], all_of, all_of
         r, g, G = self.sums(x, BLOCKS)
-        return float(r[use].sum() / self.weights[use].sum()), g[use].sum(axis=0), G[use].sum(axis=0), G.sum(axis=0)
+        return float(r[use].sum() / self.counts[use].sum()), g[use].sum(axis=0), G[use].sum(axis=0), G.sum(axis=0)
 
     def sums(self, x: Array, count: int) -> tuple[Array, Array, Array]:
         """Return r'r (count,), J'r (count, unknowns) and J'J (count, unknowns, unknowns) of the free run's errors.
@@ -325,15 +339,18 @@ class Frame:
         return found
 
     def held_out(self, x: Array, core: Core, steps: int) -> Array:
-        """Return the mean squared error of each block where the other folds fitted the parameters, (BLOCKS,)."""
+        """Return the mean squared error of each block where the other folds fitted the parameters, (BLOCKS,).
+
+        Infinite where its free run diverges, or nothing of the block is judged.
+        """
         losses = np.full(BLOCKS, np.inf)
         for fold in range(FOLDS):
-            held = np.arange(BLOCKS) % FOLDS == fold
+            held = (np.arange(BLOCKS) % FOLDS == fold) & (self.counts > 0)
             found, cost = self.fit(x, core, steps, ~held)
             found, _ = self.fit(found, core, 3, only_starts=True)
             if np.isfinite(cost):
                 with np.errstate(all="ignore"):
-                    losses[held] = self.sums(found, BLOCKS)[0][held] / np.maximum(self.weights[held], 1)
+                    losses[held] = self.sums(found, BLOCKS)[0][held] / self.counts[held]
         return np.where(np.isfinite(losses), losses, np.inf)
 
 

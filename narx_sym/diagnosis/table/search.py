@@ -38,8 +38,8 @@ class Row:
     fitted : float
         Mean squared free-run error where it was fitted, over the variance of y.
     parameters : int
-    blocks : (BLOCKS,) array
-        The error on each block where the other folds fitted it; empty where it was not judged.
+    blocks, weights : (BLOCKS,) array
+        The error on each block where the other folds fitted it, and its samples; empty where it was not judged.
     more : int
         What it does that the base does not, each like an effect: the memory of a core beside a static base, a further
         resonance beside a linear one, and a lag of an effect's own that is no pole of the best core without effects.
@@ -51,14 +51,15 @@ class Row:
     fitted: float
     parameters: int
     blocks: Array = field(default_factory=lambda: np.zeros(0))
+    weights: Array = field(default_factory=lambda: np.zeros(0))
     shape: tuple[float, ...] = ()  # from which its last effect was fitted
     more: int = 0
 
     @cached_property
     def held(self) -> float:
         """Mean squared held-out error, over the variance of y."""
-        w = self.frame.weights
-        return float(np.sum(self.blocks * w) / w.sum()) if self.blocks.size else np.inf
+        w, seen = self.weights, self.weights > 0
+        return float(np.sum((self.blocks * w)[seen]) / w.sum()) if self.blocks.size else np.inf
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -94,6 +95,7 @@ class Row:
         if not self.blocks.size:
             self.frame.late(self.hypothesis.core.delay)
             self.blocks = self.frame.held_out(self.values, self.hypothesis.core, 6)
+            self.weights = self.frame.counts
             self.__dict__.pop("held", None)  # infinite until now
         return self
 

@@ -19,8 +19,8 @@ from ...symbolic.signals import k, signal
 
 # Where an effect may act, in words: from the input to what is measured.
 PLACES = {
-    "input": "at the input", "inside": "inside", "motion": "on the motion", "output": "at the output",
-    "sensor": "at the sensor",
+    "input": "at the input", "force": "beside the input", "inside": "inside", "motion": "on the motion",
+    "output": "at the output", "sensor": "at the sensor",
 }  # fmt: skip
 SEQUENCES = ("x", "u", "y", "t", "channel")  # names of arguments that are sequences; all others are shape parameters
 

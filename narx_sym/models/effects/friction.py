@@ -15,6 +15,7 @@ from ...symbolic.signals import k, signal
 from ._effect import SLOW_SPEED, SPEED, Form, Scan, clip, effect, step
 
 MOVING = {"inside": "y", "output": "u"}
+DRIVEN = {"inside": "y", "force": "y", "output": "u"}  # also at the mass that is driven, behind whose force are zeros
 OF_A_SPEED = "of a speed"
 SLOW = Scan("amplitude", (0.01, 0.03, 0.1), beyond=1.0)  # well below the speed: tanh reaches its plateau
 
@@ -26,7 +27,7 @@ def coulomb_friction(x: Any) -> Any:
 
 
 @effect(
-    MOVING,
+    DRIVEN,
     scan={"s": SLOW_SPEED},
     unit={"s": "unit of the driver per sample"},
     id="coulomb_friction",
@@ -38,14 +39,14 @@ def smooth_coulomb_friction(x: Any, s: Any) -> Any:
     return sp.tanh(step(x) / s)
 
 
-@effect(MOVING, id="coulomb_friction", form=OF_A_SPEED, standing=True, source="Coulomb 1785")
+@effect(DRIVEN, id="coulomb_friction", form=OF_A_SPEED, standing=True, source="Coulomb 1785")
 def coulomb_friction_of_speed(x: Any) -> Any:
     """Dry friction: a constant force against the motion, whatever the speed."""
     return sp.sign(x[k])
 
 
 @effect(
-    {"output": "u"},
+    {"force": "y", "output": "u"},
     scan={"s": SLOW},
     unit={"s": "unit of the driver"},
     id="coulomb_friction",
@@ -207,7 +208,7 @@ def smooth_channel_friction(channel: Any, x: Any, s: Any) -> list[Any]:
 
 
 @effect(
-    MOVING,
+    DRIVEN,
     scan={"s": SPEED},
     unit={"s": "unit of the driver per sample"},
     source="Stribeck 1902, Tustin 1947",
@@ -218,13 +219,13 @@ def stribeck_friction(x: Any, s: Any) -> Any:
     return sp.exp(-((step(x) / s) ** 2)) * sp.sign(step(x))
 
 
-@effect(MOVING, source="Rayleigh 1876")
+@effect(DRIVEN, source="Rayleigh 1876")
 def quadratic_drag(x: Any) -> Any:
     """Drag that grows with the square of the speed, as in a fluid."""
     return step(x) * sp.Abs(step(x))
 
 
-@effect({"inside": "y"}, id="quadratic_drag", form=OF_A_SPEED, standing=True, source="Rayleigh 1876")
+@effect(("inside", "force"), driver="y", id="quadratic_drag", form=OF_A_SPEED, standing=True, source="Rayleigh 1876")
 def quadratic_drag_of_speed(x: Any) -> Any:
     """Drag that grows with the square of the speed, as in a fluid."""
     return x[k] * sp.Abs(x[k])

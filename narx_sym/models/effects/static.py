@@ -85,7 +85,7 @@ def cubic_gain(x: Any) -> Any:
     return x[k] ** 3
 
 
-@effect("inside", driver="y", source="Duffing 1918")
+@effect(("inside", "force"), driver="y", source="Duffing 1918")
 def hardening_spring(x: Any) -> Any:
     """A spring that stiffens (or softens) with the deflection, alike in both directions."""
     return x[k] ** 3
