@@ -207,3 +207,32 @@ def test_a_gap_in_an_elastic_gear_is_named():
     best = found.best
     assert found.confusion_set[0] == "backlash" and best.variant.effect.form == "elastic"
     assert best.parameters["r"] == pytest.approx(gap, rel=0.05) and best.parameters["d"] == pytest.approx(1.0, rel=0.02)
+
+
+def test_friction_of_the_driven_mass_of_a_drive_train():
+    """Its torque passes the zeros of the train, as the motor's does: motor torque in, motor speed out."""
+    rng, Ts, N, sub = np.random.default_rng(12), 0.002, 4000, 10
+    u = smooth(rng, N, 0.6) * 1.2
+    y, motor, load, twist = np.zeros(N), 0.0, 0.0, 0.0
+    for k in range(N):
+        y[k] = motor
+        for _ in range(sub):
+            coupling = 60.0 * twist + 0.05 * (motor - load)
+            motor += Ts / sub * (u[k] - coupling - 0.35 * np.tanh(motor / 0.05)) / 0.002
+            load += Ts / sub * (coupling - 0.01 * load) / 0.006
+            twist += Ts / sub * (motor - load)
+    found = diagnosed(record_of(u, y, Ts, 0.005))
+    assert found.confusion_set[0] == "coulomb_friction" and found.best.variant.where == "force"
+    base, after = (rung["validation"] for rung in found.ladder[:2])
+    assert after < base / 3
+
+
+def test_what_nobody_recorded_before_the_start_is_no_effect():
+    """A record begins with a step, and with a dead time its first samples answer the input before it."""
+    rng, N, late = np.random.default_rng(3), 2400, 30
+    u = np.repeat(rng.choice([-1.0, 1.0], N // 40), 40)
+    y = lfilter([0.01], np.convolve([1, -0.96], [1, -0.85]), np.r_[np.zeros(late), u][:N])
+    record = record_of(u, y, 10.0, 0.01)
+    found = diagnosed(record)
+    assert found.verdict == "nothing_detectable" and found.steps[0].finding == "nothing_detectable"
+    assert found.ladder[0]["validation"] < 0.015

@@ -233,6 +233,9 @@ def test_poles_at_one():
     swings = np.exp([0.05j, -0.05j])
     assert not at_one(-np.poly(swings)[1:].real, 0.998) and not at_one(np.array([0.9]), 0.998)
     assert not at_one(np.array([-1.0]), 0.998)
+    for turns, near in ((0.8, True), (1.2, False)):  # within the record, whose quarter is the slowest time constant
+        pair = 0.9999 * np.exp([1j * turns * 2 * np.pi / 1200, -1j * turns * 2 * np.pi / 1200])
+        assert at_one(-np.poly(pair)[1:].real, np.exp(-4 / 1200)) == near
 
 
 def test_a_resonance_that_hardly_decays_is_no_line_of_the_spectrum():

@@ -71,6 +71,8 @@ EFFECTS = {
     ("stribeck_friction", "inside", "y", ""): (-0.02, 0.02),
     ("quadratic_drag", "inside", "y", ""): (-0.02, 0.02),
     ("inertia", "inside", "y", ""): (-0.05, 0.05),
+    ("coulomb_friction", "force", "y", "smooth"): (-0.2, 0.2),
+    ("hardening_spring", "force", "y", ""): (-0.1, 0.1),
     ("quadratic_spring", "inside", "y", ""): (-0.02, 0.02),
     ("end_stop", "inside", "y", "upper"): (0.0, 0.3),
     ("sqrt_outflow", "inside", "y", ""): (-0.05, 0.05),
@@ -351,6 +353,24 @@ def test_an_identified_inverse_has_limits_too():
     with pytest.warns(UserWarning, match="hold the input"):
         driven = law.run(target, 0.0, limits=(-0.7, 0.8))
     assert driven.min() == -0.7 and driven.max() == 0.8
+
+
+def test_a_force_beside_the_input_takes_its_way_without_its_delay():
+    """Friction of the driven mass passes the zeros of the core, from the newest output on; the law takes it off."""
+    base = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-3]", "u[k-4]"], [1.2, -0.4, 0.15, 0.1], Ts=0.01)
+    model = with_effect(base, ("coulomb_friction", "force", "y", "smooth"), -0.2)
+    assert (model.delay, model.n_u, model.n_y) == (3, 4, 2)
+    rng = np.random.default_rng(0)
+    driven, found = np.r_[np.zeros(4), np.cumsum(rng.standard_normal(296)) / 4], np.zeros(300)
+    s = float(model.theta[-1])
+    for i in range(4, 300):
+        forces = [driven[i - 3 - j] - 0.2 * np.tanh((found[i - 1 - j] - found[i - 2 - j]) / s) for j in range(2)]
+        found[i] = 1.2 * found[i - 1] - 0.4 * found[i - 2] + 0.15 * forces[0] + 0.1 * forces[1]
+    np.testing.assert_allclose(model.simulate(driven, 0.0, u0=0.0), found, atol=1e-12)
+    law = model.compensator()
+    assert "exactly one" in str(law.checked)
+    target = reference(model)
+    assert followed(model, law, target) < 1e-9
 
 
 # ---------------------------------------------------------------- numbers, C, LaTeX
