@@ -1,6 +1,7 @@
 """One compiled frame holds every core: its points are the models, its fits find them; rates and integrating axes."""
 
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from scipy.signal import lfilter
 
 import narx_sym as ns
 from narx_sym.data.evidence.rate import MOST, working
+from narx_sym.diagnosis.progress import BASE, ROUND, Course
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
+from narx_sym.diagnosis.table.rounds import Table
 from narx_sym.diagnosis.table.search import Row, Search
 from narx_sym.fit.bases.integrating import at_one, drives, slowest
 from narx_sym.fit.simulate import free_run
@@ -330,3 +333,17 @@ def test_a_row_that_is_judged_later_has_its_error():
     frame = SimpleNamespace(weights=np.ones(12), late=lambda delay: None, held_out=lambda *_: np.full(12, 0.5))
     row = Row(Hypothesis(Core(1, 1, 0)), frame, np.zeros(3), 0.4, 3)
     assert np.isinf(row.held) and row.judged().held == 0.5
+
+
+def test_what_needs_memory_is_tried_though_the_best_core_has_none():
+    """A gain that depends on the output is none beside a core without memory, but it is beside the others."""
+    rng = np.random.default_rng(4)
+    u = np.sin(np.arange(1200) / 12) + 0.1 * rng.standard_normal(1200)
+    record = ns.Record.from_arrays(u, 2.0 * u + 0.05 * rng.standard_normal(1200), Ts=0.01)
+    table = Table(
+        ns.identify(record, base="linear"), [record], [], ns.EFFECTS, 0, Course(lambda *_: None, [BASE, *ROUND])
+    )
+    assert table.base.hypothesis.core.n_y == 0
+    with patch.object(Table, "_fit") as fit:
+        table.singles(table.base)
+    assert "bilinear_gain" in {v.id for v in fit.call_args.args[1]}

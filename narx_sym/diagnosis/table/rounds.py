@@ -22,7 +22,7 @@ from ..refit import Fitted
 from ..screening.directions import Linearised
 from ..screening.scored import Scored, linearised, screen, shortlist
 from .finer import Finer, settled
-from .hypotheses import Core, family_of, linear_in_signals
+from .hypotheses import Core, family_of, linear_in_signals, written
 from .search import Row, Search
 from .verdict import ALIKE, PER_EFFECT, ROUNDING, cheapest, distinct, price
 
@@ -139,7 +139,9 @@ class Table:
                 continue
             line = linearised(self.fitted(at))
             taken = {(v.id, v.where) for v in base.hypothesis.effects}  # elsewhere the same effect may act again
-            tried = [v for v in self._ways(line.model, given) if (v.id, v.where) not in taken]
+            largest = max((r.hypothesis for r in bases), key=lambda h: (h.core.n_y, h.core.n_u))
+            ways = self._ways(written(largest, self.search.given), given)
+            tried = [v for v in ways if (v.id, v.where) not in taken]
             tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
             self._fit(self._every_core(bases), {v: line.grid(v) for v in tried}, line, tell, base.price)
 
@@ -172,7 +174,10 @@ class Table:
         return first.before_judged + float(np.log(max(1.0 - best, ROUNDING)))
 
     def _ways(self, model: Model, given: bool) -> list[Variant]:
-        """Return every way in which the catalogue's effects may act; what an open core has itself is none."""
+        """Return every way in which the catalogue's effects may act; what an open core has itself is none.
+
+        The model has the largest core: beside a smaller one, as without memory, some are none.
+        """
         listed = list(variants(model, self.channels, self.catalogue))
         if given:
             return listed
