@@ -330,7 +330,7 @@ def test_a_given_dead_time_is_kept():
 
 def test_a_row_that_is_judged_later_has_its_error():
     """Its error is infinite while it is not judged: that is not kept."""
-    frame = SimpleNamespace(weights=np.ones(12), late=lambda delay: None, held_out=lambda *_: np.full(12, 0.5))
+    frame = SimpleNamespace(counts=np.ones(12), late=lambda delay: None, held_out=lambda *_: np.full(12, 0.5))
     row = Row(Hypothesis(Core(1, 1, 0)), frame, np.zeros(3), 0.4, 3)
     assert np.isinf(row.held) and row.judged().held == 0.5
 

@@ -15,12 +15,16 @@ from narx_sym.inversion.branches import solve_for
 from narx_sym.models.extend import variants
 from narx_sym.symbolic.signals import k, m, r
 
+
 # The models that the seeds below stand for are drawn from these effects.
+def as_drawn(e):
+    """Return an effect as it was when the seeds were drawn."""
+    places = {place: drivers for place, drivers in e.places.items() if place != "force"}
+    return replace(e, centred=e.centred and e.family != "disturbance", places=places)
+
+
 DRAWN = ns.effects.Catalogue(
-    {
-        name: [replace(e, centred=e.centred and e.family != "disturbance") for e in forms if not e.standing]
-        for name, forms in ns.EFFECTS.items()
-    }
+    {name: [as_drawn(e) for e in forms if not e.standing and e.form != "elastic"] for name, forms in ns.EFFECTS.items()}
 )
 
 

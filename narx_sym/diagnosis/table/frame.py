@@ -72,7 +72,10 @@ class Frame:
             model, self.added = _extended(given if largest is None else linear(largest, given), self.effects)
         self.n_core = len(model.symbols) - sum(len(part) for pair in self.added for part in pair)
         self.cut, self.pieces = list(records), pieces
-        self.pieced = [r[s] for r in self.cut for s in parts(len(r), pieces)]
+        pieced = [(s.start == 0, r[s]) for r in self.cut for s in parts(len(r), pieces)]
+        self.pieced = [part for _, part in pieced]
+        # After a gap as at the start of a record nobody knows the input before.
+        self._begins = [first or i > 0 for first, part in pieced for i in range(len(part.segments()))]
         self.problem = FreeRun(model, self.pieced, [])
         self.problem.elimination = Elimination.of([], model.symbols)
         self.size = self.problem.free + self.problem.shifts
@@ -80,7 +83,6 @@ class Frame:
         self._data = {0: self.problem.data}
         self._free: dict[Any, Span] = {}
         self._delay = 0
-        self._begins = [s.start == 0 for r in self.cut for s in parts(len(r), pieces)]
         self._cuts = {0: self._judged(0)}
         self.cuts, self.counts = self._cuts[0]
         # Where the columns of each segment stand: the parameters, its own starts, and last the error.
