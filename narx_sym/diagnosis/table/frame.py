@@ -74,7 +74,6 @@ class Frame:
         self.cut, self.pieces = list(records), pieces
         pieced = [(s.start == 0, r[s]) for r in self.cut for s in parts(len(r), pieces)]
         self.pieced = [part for _, part in pieced]
-        # After a gap as at the start of a record nobody knows the input before.
         self._begins = [first or i > 0 for first, part in pieced for i in range(len(part.segments()))]
         self.problem = FreeRun(model, self.pieced, [])
         self.problem.elimination = Elimination.of([], model.symbols)
@@ -102,7 +101,7 @@ class Frame:
     def _cut(self, blocks: int, delay: int) -> list[list[tuple[int, slice]]]:
         """Return, per segment, which of its samples are in which of so many blocks of all.
 
-        Until the first input of a record arrives, nobody knows what drives the output: that is not judged.
+        Until the first input of a record arrives, or that after a gap, nobody knows what drives the output.
         """
         lengths = [len(d[self.problem.name]) for d in self.problem.data]
         edges = [-(-b * sum(lengths) // blocks) for b in range(blocks + 1)]
