@@ -173,6 +173,7 @@ def test_a_row_is_carried_to_a_higher_rate():
         assert np.isfinite(made).all() and made[:-1].sum() == pytest.approx(sum(unclear[:2]))
 
 
+@pytest.mark.long
 def test_a_structure_of_four_resonances_is_followed():
     """None of its parts does for the whole: the core is found by where fits of larger ones begin."""
     rng, Ts, N = np.random.default_rng(77), 0.002, 4000
@@ -188,6 +189,7 @@ def test_a_structure_of_four_resonances_is_followed():
     assert best.size.n_y >= 9 and best.held < 0.02**2
 
 
+@pytest.mark.long
 def test_a_gap_in_an_elastic_gear_is_named():
     """The gap lies between what is driven and what is measured: neither the input nor the output has a play."""
     rng, Ts, N, sub, gap = np.random.default_rng(5), 0.004, 2500, 8, 4.0
@@ -209,6 +211,7 @@ def test_a_gap_in_an_elastic_gear_is_named():
     assert best.parameters["r"] == pytest.approx(gap, rel=0.05) and best.parameters["d"] == pytest.approx(1.0, rel=0.02)
 
 
+@pytest.mark.long
 def test_friction_of_the_driven_mass_of_a_drive_train():
     """Its torque passes the zeros of the train, as the motor's does: motor torque in, motor speed out."""
     rng, Ts, N, sub = np.random.default_rng(12), 0.002, 4000, 10
@@ -227,6 +230,7 @@ def test_friction_of_the_driven_mass_of_a_drive_train():
     assert after < base / 3
 
 
+@pytest.mark.long
 def test_what_nobody_recorded_before_the_start_is_no_effect():
     """A record begins with a step, and with a dead time its first samples answer the input before it."""
     rng, N, late = np.random.default_rng(3), 2400, 30
