@@ -112,24 +112,24 @@ def autoregression(noise: Sequence[Array]) -> tuple[Array, float]:
 
 
 def noise_model(
+    plain: Left,
     residual: Array,
     own: Array,
     directions: Array,
     edges: Array,
     rows: Array,
-    plain: Left,
     lines: Sequence[slice] = (),
     measured: Sequence[Array] = (),
 ) -> tuple[Array, Left, float]:
     """Estimate the noise and filter by it, in turns: the filter, what is left after it, and the variance of the noise.
 
-    `plain` is what is left without a filter; for the others see `score`.
+    For the arguments see `score`.
     """
     first = [j for s in lines for j in range(s.start, s.stop)]
     if measured:
         a = autoregression(measured)[0]
     else:
-        first, a = _dominant(residual, own, directions, edges, rows, plain, first)
+        first, a = _dominant(plain, residual, own, directions, edges, rows, first)
     for turns in (0,) if measured else (2, 1, 0):  # the noise model and what it is estimated from improve each other
         left = Left.of(own, residual, directions, edges, rows, a)
         picked = directions[:, sorted({*first, *explain(left, first)})]
@@ -147,7 +147,7 @@ def _pieces(noise: Array, edges: Array) -> list[Array]:
 
 
 def _dominant(
-    residual: Array, own: Array, directions: Array, edges: Array, rows: Array, plain: Left, first: list[int]
+    plain: Left, residual: Array, own: Array, directions: Array, edges: Array, rows: Array, first: list[int]
 ) -> tuple[list[int], Array]:
     """Take out the one column without which the noise looks much slower than it is (AIC), if there is one.
 
@@ -166,6 +166,7 @@ def _dominant(
 
 
 def score(
+    plain: Left,
     residual: Array,
     own: Array,
     directions: Array,
@@ -181,6 +182,7 @@ def score(
 
     Parameters
     ----------
+    plain : what a refit leaves of them without a filter
     residual : (N,) array, measured minus simulated [unit of y]
     own : (N, n) array
         The model's own directions: parameters and initial values.
@@ -194,8 +196,7 @@ def score(
         An autoregressive model would take them for noise.
     measured : pieces of the noise itself, from repeated periods, where there are any
     """
-    plain = Left.of(own, residual, directions, edges, rows)
-    a, left, variance = noise_model(residual, own, directions, edges, rows, plain, lines, measured)
+    a, left, variance = noise_model(plain, residual, own, directions, edges, rows, lines, measured)
     if measured:
         pieces = np.concatenate([np.convolve(m, a, mode="valid") for m in measured])
         variance = float(np.mean(pieces**2))

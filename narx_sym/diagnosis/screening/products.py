@@ -18,11 +18,11 @@ TINY = 1e-7  # share of a column's energy below which nothing but rounding is le
 BLOCK, CHUNK = 64, 2048  # rows that are filtered by one product, and that are held filtered at a time
 
 
-def orthonormal(columns: Array, energy: Array | None = None) -> Array:
-    """Return an orthonormal basis of columns; what is below rounding of `energy` is left out."""
+def orthonormal(columns: Array) -> Array:
+    """Return an orthonormal basis of columns; what is below rounding is left out."""
     if columns.shape[1] == 0:
         return columns
-    size = np.linalg.norm(columns, axis=0) if energy is None else np.sqrt(energy)
+    size = np.linalg.norm(columns, axis=0)
     scaled = columns / np.where(size > 0, size, 1.0)
     if columns.shape[1] == 1:
         length = float(np.linalg.norm(scaled))

@@ -40,19 +40,23 @@ class Scored:
         return np.concatenate([m[self.line.problem.depth :] for m in self.fitted.split.train])
 
     @cached_property
+    def _plain(self) -> Left:
+        """What a refit of the model leaves of the residual and of the directions, not whitened."""
+        line = self.line
+        return Left.of(line.own, line.residual, self.matrix, line.problem.edges, self._rows)
+
+    @cached_property
     def shares(self) -> Array:
         """What each direction explains of the squared error, beside a refit of the model: `scores` have it too."""
-        line = self.line
-        left = Left.of(line.own, line.residual, self.matrix, line.problem.edges, self._rows)
-        return left.shares([d.columns for d in self.directions])[0]
+        return self._plain.shares([d.columns for d in self.directions])[0]
 
     @cached_property
     def scores(self) -> gate.Scores:
         """All scores, grid-corrected and whitened."""
-        line, directions = self.line, self.directions
+        line, groups = self.line, [d.columns for d in self.directions]
         return gate.score(
-            line.residual, line.own, self.matrix, [d.columns for d in directions], [d.searched for d in directions],
-            line.problem.edges, self._rows, self.seed, [d.columns for d in directions if d.line],
+            self._plain, line.residual, line.own, self.matrix, groups, [d.searched for d in self.directions],
+            line.problem.edges, self._rows, self.seed, [d.columns for d in self.directions if d.line],
             self.fitted.split.noise,
         )  # fmt: skip
 
