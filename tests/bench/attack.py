@@ -4,12 +4,12 @@
 
 Random models with one or two effects of the catalogue, in every place, are driven by a random input that also rests;
 the law must then make the model's own output from the same state, and its C and its Structured Text (where gcc and
-blark are at hand) must give the same input, within limits that never act. Where it misses, every input is tried: "lost" means
-that some input would have given the wanted output, "dead end" that an earlier choice between two inputs, both right,
-left none; "by other choices" that it follows once such a choice is made otherwise. "Runs away, as it says" means that the law says that it is unstable there, "last digits decide" that it follows,
-but that what differs between languages are last digits that grow, or turn a sign, or that the last digits of the
-reference move the input as far. A proof ("exactly one") is refuted where a search over inputs finds none
-or two. Nothing is tuned.
+blark are at hand) must give the same input, within limits that never act. Where it misses, every input is tried: "lost"
+means that some input would have given the wanted output, "dead end" that an earlier choice between two inputs, both
+right, left none; "by other choices" that it follows once such a choice is made otherwise. "Runs away, as it says" means
+that the law says that it is unstable there, "last digits decide" that it follows, but that what differs between
+languages are last digits that grow, or turn a sign, or that the last digits of the reference move the input as far. A
+proof ("exactly one") is refuted where a search over inputs finds none or two. Nothing is tuned.
 """
 
 from __future__ import annotations
