@@ -19,7 +19,7 @@ from ..models.model import Model
 from ..symbolic.graph import Graph
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import acting, free, held, k, lag, m, r, samples, sensed, shift, signal, swap, v, x, y
+from ..symbolic.signals import INNER_INPUTS, INNER_OUTPUTS, held, k, lag, m, r, samples, shift, signal, swap, x, y
 from .branches import solve_for
 from .monotone import JUMPS
 from .solution import Solution, resting
@@ -204,7 +204,7 @@ def guarded(staged: Staged, clipped: Any) -> Updates:
 
 def _limits(model: Model, base: Any) -> tuple[float, float]:
     """Return where a root of a sequence is looked for."""
-    outer = model.output if base in (x, free, sensed) else model.input
+    outer = model.output if base in INNER_OUTPUTS else model.input
     ranges = model.info.ranges
     if str(outer.label) not in ranges:
         return -1e9, 1e9
@@ -216,7 +216,7 @@ def _limits(model: Model, base: Any) -> tuple[float, float]:
 def _rest(model: Model) -> Any:
     """Return a function that puts the middle of the identified ranges in the place of all samples."""
     middle = {}
-    for base, outer, inners in ((model.input, m, (v, acting)), (model.output, r, (x, free, sensed))):
+    for base, outer, inners in ((model.input, m, INNER_INPUTS), (model.output, r, INNER_OUTPUTS)):
         low, high = model.info.ranges.get(str(base.label), (0.0, 0.0))
         origin = float(model.operating_point.get(base, 0.0))
         middle[outer] = (low + high) / 2 if high > low else origin

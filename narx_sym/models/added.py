@@ -9,7 +9,21 @@ from typing import Any
 import sympy as sp
 
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import acting, expand_phi, k, lag, lags, samples, sensed, shift, v, x
+from ..symbolic.signals import (
+    INNER_INPUTS,
+    INNER_OUTPUTS,
+    acting,
+    expand_phi,
+    k,
+    lag,
+    lags,
+    renamed,
+    samples,
+    sensed,
+    shift,
+    v,
+    x,
+)
 
 
 @dataclass(frozen=True)
@@ -81,11 +95,14 @@ def starts(model: Any) -> dict[Any, Any]:
     return found | {x: inner}
 
 
-def input_lags(model: Any, expr: Any) -> list[int]:
-    """Return the lags at which an expression reads the input, what effects have made of it, and it beside a force."""
+def outside(model: Any, expr: Any) -> Any:
+    """Write an expression in the input and the output alone, as if no effect had been added: `acting` comes later."""
     beside = next((s.right for s in model.states if s.left.base == acting), sp.S.Zero)
-    read = [[i for b in (model.input, v) for i in lags(e, b)] for e in (expr, beside)]
-    return read[0] + [i + min(read[1]) for i in lags(expr, acting)]
+    arrives = min((i for b in (model.input, v) for i in lags(beside, b)), default=0)
+    plain = dict.fromkeys(INNER_OUTPUTS, model.output) | dict.fromkeys(INNER_INPUTS, model.input)
+    late = {acting: arrives}
+    meant = {s: plain[s.base][s.indices[0] - late.get(s.base, 0)] for s in samples(expr) if s.base in plain}
+    return renamed(expr, meant)
 
 
 def _inner(beside: Any, base: Any, output: Any) -> Any:

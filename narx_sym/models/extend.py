@@ -13,6 +13,8 @@ from ..errors import ModelError
 from ..symbolic.graph import Graph
 from ..symbolic.recursion import State
 from ..symbolic.signals import (
+    INNER_INPUTS,
+    INNER_OUTPUTS,
     acting,
     breve_phi1,
     breve_phi2,
@@ -35,7 +37,7 @@ from ..symbolic.signals import (
     x,
     y,
 )
-from .added import AddedEffect
+from .added import AddedEffect, outside
 from .effects import EFFECTS, PLACES, Catalogue, Effect, Form
 from .equilibria import continuum_conditions
 from .info import Info
@@ -43,7 +45,7 @@ from .model import Model
 
 MANY = 20  # coefficients of one effect
 # Names that no channel and no state of an effect may have.
-SIGNALS = (u, y, t, x, v, free, sensed, acting, r, m, phi1, phi2, breve_phi1, breve_phi2)
+SIGNALS = (u, y, t, *INNER_INPUTS, *INNER_OUTPUTS, r, m, phi1, phi2, breve_phi1, breve_phi2)
 RESERVED = {str(b.label) for b in SIGNALS} | {"k", "prediction"}
 
 
@@ -85,7 +87,7 @@ class Variant:
     def beside(self, n_y: int) -> bool:
         """Whether it is an effect of its own beside a model of so many older outputs.
 
-        Without memory inside and output are one, and what holds the motion is a play.
+        Without memory inside and output are one, a force has no way of its own, and what holds the motion is a play.
         """
         return bool(n_y) or not (self.where in ("motion", "force") or (self.where == "inside" and self.driver != "y"))
 
@@ -100,14 +102,14 @@ class Variant:
 
 def variants(model: Model, channels: Iterable[str] = (), catalogue: Catalogue = EFFECTS) -> Iterator[Variant]:
     """Yield every way in which the catalogue's effects may act on a model."""
-    named = tuple(channels)
+    named, forced = tuple(channels), _forced(model)
     for one in catalogue.all():
         stepped = [[(p, i) for i in map(int, s.values)] for p, s in one.scan.items() if s.of == "steps"]
         choices: list[tuple[tuple[str, int], ...]] = [()]
         for options in stepped:
             choices = [(*c, o) for c in choices for o in options]
         for where, drivers in one.places.items():
-            if where == "force" and not _forced(model):
+            if where == "force" and not forced:
                 continue
             for driver in drivers:
                 # A sensor and a speed have one zero; what acts on the machine may be centred where it works.
@@ -195,8 +197,9 @@ def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[
                 changed[s] = meant[str(s.base.label)](s.indices[0])
         return renamed(expr, changed)
 
+    # Before the start the inner outputs are taken as measured, and the input as it is.
     states = tuple(
-        State(st.left, st.right, _measured(model, st.initial), suffix or "effect")
+        State(st.left, st.right, outside(model, st.initial), suffix or "effect")
         for st in (s.map(written) for s in form.states)
     )
     return Form(tuple(written(sp.sympify(z)) for z in form.z), states)
@@ -217,12 +220,6 @@ def _check_channels(model: Model, variant: Variant) -> None:
             raise ModelError(
                 f"The channel {name!r} has a name that means something else in the model: rename the column."
             )
-
-
-def _measured(model: Model, initial: Any) -> Any:
-    """Before the start the inner outputs are taken as measured, and the input as it is."""
-    meant = dict.fromkeys((x, free, sensed), model.output) | dict.fromkeys((v, acting), model.input)
-    return initial.xreplace({s: meant[b][s.indices[0]] for b in meant for s in samples(initial, b)})
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from ..symbolic.grammar import parse
 from ..symbolic.recursion import Recursion, State
 from ..symbolic.signals import differences, expand_phi, free, k, lags, pairs, renamed, samples, signal, t, u, x, y
 from . import assumptions
-from .added import AddedEffect, flat, input_lags, measured, starts
+from .added import AddedEffect, flat, measured, outside, starts
 from .doors import ModelDoors
 from .info import Info, around
 
@@ -269,13 +269,13 @@ class Model(ModelDoors):
     @cached_property
     def n_u(self) -> int:
         """The largest lag of the input (phi1[k-2] and phi2[k-2] count as lag 2)."""
-        steps = (i for d in differences(self.input) for i in lags(self.core, d))
-        return max([0, *steps, *input_lags(self, self.core)])
+        core = outside(self, self.core)
+        return max([0, *(i for b in (self.input, *differences(self.input)) for i in lags(core, b))])
 
     @cached_property
     def delay(self) -> int:
         """The pure delay tau_d: the smallest lag of the input."""
-        return min(input_lags(self, expand_phi(self.core)), default=0)
+        return min(lags(outside(self, expand_phi(self.core)), self.input), default=0)
 
     @cached_property
     def structure(self) -> assumptions.Structure:

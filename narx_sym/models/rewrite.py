@@ -11,8 +11,9 @@ from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.grammar import parse
 from ..symbolic.recursion import State
-from ..symbolic.signals import acting, free, k, pairs, samples, sensed, v, x
+from ..symbolic.signals import k, pairs, samples
 from ..symbolic.smoothing import smoothed, widths
+from .added import outside
 from .equilibria import continuum_conditions
 from .extend import without, written_constraints
 from .info import Info
@@ -106,8 +107,7 @@ def _constrained(old: Model, made: Model, name: str) -> Model:
 
 def _conditions(model: Model) -> list[Any]:
     """Conditions of the continuum on the core, as if no effect had been added."""
-    plain = dict.fromkeys((x, free, sensed), model.output) | dict.fromkeys((v, acting), model.input)
-    core = model.core.xreplace({s: plain[s.base][s.indices[0]] for s in samples(model.core) if s.base in plain})
+    core = outside(model, model.core)
     return continuum_conditions(Model(core, model.symbols, output=model.output, input=model.input))
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from ..data.units import coefficient_units
 from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.table.candidates import Candidate
+from ..models.added import outside
 from ..models.model import Model
-from ..symbolic.signals import acting, expand_phi, free, samples, sensed, u, v, x, y
+from ..symbolic.signals import expand_phi
 from .words import Row, Units, number
 
 MOVED = 3.0  # standard errors
@@ -64,9 +65,7 @@ def _meaning(model: Model, row: Row) -> str:
     term = next((e for _, listed in model.system() for c, e in listed if str(c) == row["symbol"]), None)
     if term is None or not row["symbol"].startswith("theta"):
         return str(row["symbol"])
-    written = expand_phi(term)
-    plain = dict.fromkeys((x, free, sensed), y) | dict.fromkeys((v, acting), u)
-    return str(written.xreplace({s: plain.get(s.base, s.base)[s.indices[0]] for s in samples(written)}))
+    return str(outside(model, expand_phi(term)))
 
 
 def shape_units(diagnosis: Diagnosis, units: Units, model: Model | None = None) -> dict[str, str]:

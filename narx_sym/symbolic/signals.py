@@ -43,6 +43,7 @@ y, u, r, m = (signal(name) for name in "yurm")
 t, v, x = (signal(name) for name in "tvx")
 # Where the core would go if nothing held it; what the sensor sees; the input once it has arrived, with other forces.
 free, sensed, acting = signal("free"), signal("sensed"), signal("acting")
+INNER_INPUTS, INNER_OUTPUTS = (v, acting), (x, free, sensed)  # what effects make of the input, and of the output
 phi1, phi2 = signal("phi1"), signal("phi2")
 breve_phi1, breve_phi2 = signal("breve_phi1"), signal("breve_phi2")
 

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 import narx_sym as ns
 from narx_sym.data.examples import STAGE_UNITS
 from narx_sym.models.effects import Catalogue
+from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
 from narx_sym.report import comparison as traces
 from narx_sym.report import page as report
@@ -105,6 +106,17 @@ def test_the_new_term_is_marked_and_deleted_parameters_are_listed(stage_diagnosi
     assert rows["r_backlash"].status == "new" and rows["r_backlash"].unit == "rad"
     kept = {str(s) for s in stage_diagnosis.model.symbols}
     assert all((r.status == "deleted") == (name not in kept) for name, r in rows.items())
+
+
+def test_a_parameter_of_the_base_is_known_again_beside_a_force():
+    """acting[k] is the input that has arrived: its coefficient is that of u[k-2], not of u[k]."""
+    before = ns.NARX.from_terms(["y[k-1]", "u[k-2]", "u[k-3]"], [0.7, 0.4, 0.2], Ts=0.01)
+    found = next(v for v in variants(before) if (v.id, v.where) == ("hardening_spring", "force"))
+    after = extend(before, found).model.replace(theta=[0.7, 0.4, 0.2, -0.1])
+    rows = {r.name: r for r in parameters.parameters(before, after, {}, {})}
+    assert {name: r.status for name, r in rows.items()} == {
+        "theta_1": "", "theta_2": "", "theta_3": "", "c_hardening_spring": "new",
+    }  # fmt: skip
 
 
 def test_the_sets_of_an_added_play_are_derived(parts):

@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from ...symbolic.printing import latex, text
-from ...symbolic.signals import acting, expand_phi, free, k, m, r, samples, sensed, t, u, v, x, y
+from ...symbolic.signals import INNER_INPUTS, INNER_OUTPUTS, expand_phi, k, m, r, samples, t, u, y
 from .dimensions import Dimensions, Powers
 from .labels import powers, product, shown
 
@@ -118,8 +118,9 @@ def _of_model(model: Model, labels: Mapping[str, str], given: Mapping[str, Power
     found = Dimensions(known, given)
     for left, right in (*((s.left, s.right) for s in model.states), (model.output[k], model.F)):
         found.equal(left, expand_phi(right))
-    for base, other in ((m, driven), (v, driven), (acting, driven), (r, y), (x, y), (free, y), (sensed, y)):
-        found.alike(base, other)
+    for bases, other in (((m, *INNER_INPUTS), driven), ((r, *INNER_OUTPUTS), y)):
+        for base in bases:
+            found.alike(base, other)
     return found
 
 

@@ -9,7 +9,7 @@ from ...files.store import to_text
 from ...models.info import acts
 from ...models.model import Model
 from ...symbolic.mathml import marked
-from ...symbolic.signals import acting, free, sensed, v, x
+from ...symbolic.signals import INNER_INPUTS, INNER_OUTPUTS
 from ..parameters import moved, parameters, shape_units
 from .registry import WAY, Material, panel
 
@@ -22,7 +22,8 @@ def model(material: Material) -> dict[str, Any]:
     d, units = material.diagnosis, material.units
     before, after = d.steps[0].base.model, d.model
     # Of the base's own equation, and of the input that it sees, only what was added is new.
-    states = {s.left.base for s in after.states} - {s.left.base for s in before.states} - {x, v, free, sensed, acting}
+    named = {*INNER_INPUTS, *INNER_OUTPUTS}
+    states = {s.left.base for s in after.states} - {s.left.base for s in before.states} - named
     new = (set(after.symbols) - set(before.symbols)) | states
     rows = parameters(before, after, units, shape_units(d, units))
     try:
