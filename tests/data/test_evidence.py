@@ -91,6 +91,7 @@ def test_nothing_is_named_in_closed_loop():
     assert "closed_loop" in str(found.to_dict()) and found.model is found.steps[0].base.model
 
 
+@pytest.mark.long
 def test_a_valve_is_asked_for_without_a_setpoint_too():
     """That the loop is closed is seen; the valve then "may stick", and nothing is said of one in order."""
     told = {5.0: 0, 0.1: 0}
@@ -262,7 +263,8 @@ def test_hysteresis_is_no_dead_time():
     assert not dead_time([ns.Record.from_arrays(u, held + 0.01 * rng.standard_normal(1200), Ts=0.01)]).long
 
 
-@pytest.mark.parametrize("friction", (0.3, pytest.param(0.0, marks=pytest.mark.long)))
+@pytest.mark.long
+@pytest.mark.parametrize("friction", (0.0, 0.3))
 def test_friction_of_an_axis_under_control_is_named_and_a_healthy_one_has_none(friction):
     rng = np.random.default_rng(3)
     verdict = "coulomb_friction" if friction else "closed_loop"

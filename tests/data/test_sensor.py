@@ -54,6 +54,7 @@ def test_rounding_cuts_nothing_off():
     assert "sensor_saturation" in [f.effect for f in sensor_faults([ns.Record.from_arrays(held, cut, Ts)], 0.005)]
 
 
+@pytest.mark.long
 def test_the_next_step_leaves_the_frozen_rows_out():
     frozen = np.where((t > 18) & (t < 27), y[1801], y)
     record = ns.Record.from_arrays(u, frozen, Ts, name="stage")

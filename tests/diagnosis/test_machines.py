@@ -77,6 +77,7 @@ def test_a_mean_over_samples_leaves_no_trace():
     assert found.verdict == "nothing_detectable" and not found.nearest
 
 
+@pytest.mark.long
 def test_drag_of_a_speed_is_named():
     rng, Ts = np.random.default_rng(5), 0.1
     u = 40 * smooth(rng, 1500, 0.97)
@@ -89,6 +90,7 @@ def test_drag_of_a_speed_is_named():
     assert found.verdict == "named" and found.confusion_set == ["quadratic_drag"]
 
 
+@pytest.mark.long
 def test_a_gain_that_wears_is_ageing_and_no_drift():
     """It acts on the whole input, not on what is left of it after the mean."""
     rng, Ts = np.random.default_rng(6), 1.0

@@ -408,7 +408,7 @@ def test_noise_on_an_input_of_two_levels_is_no_saturation():
         assert saved.nrmse < 1.2 * max(d.ladder[-1][part] for part in ("train", "validation"))
 
 
-@pytest.mark.parametrize("gap", [False, True])
+@pytest.mark.parametrize("gap", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_sensor_that_was_moved_is_no_play(gap):
     """Between records, or across a gap: a play that never moves is a constant for each of them."""
     rng = np.random.default_rng(11)
@@ -428,6 +428,7 @@ def test_a_sensor_that_was_moved_is_no_play(gap):
     assert saved.nrmse < 1.2 * max(d.ladder[-1][part] for part in ("train", "validation"))
 
 
+@pytest.mark.long
 def test_a_single_sample_between_gaps_has_no_offset():
     """It is no segment; the offsets of the others stay in their places."""
     rng = np.random.default_rng(12)

@@ -164,6 +164,7 @@ def test_a_structure_with_several_resonances():
     assert found["hum"][0] == [(5, 5)]
 
 
+@pytest.mark.long
 def test_a_tank_is_an_integrator_but_for_its_outflow():
     rng, n = np.random.default_rng(6), 1000
     inflow = np.repeat(rng.uniform(0.1, 3.0, n // 50), 50)
@@ -178,7 +179,7 @@ def test_a_tank_is_an_integrator_but_for_its_outflow():
     assert slowest(row.values[: core.n_y]) > slowest(row.frame.linearised(row.values, core))
 
 
-@pytest.mark.parametrize("standing", (False, True))
+@pytest.mark.parametrize("standing", (False, pytest.param(True, marks=pytest.mark.long)))
 def test_friction_of_a_motor_that_is_recorded_as_a_speed(standing):
     """J w' = k u - b w - F sign(w), exact for a held input while it moves; it stands until the torque overcomes F."""
     rng, n = np.random.default_rng(8), 1500
@@ -204,6 +205,7 @@ def slack(x, r):
     return p
 
 
+@pytest.mark.long
 def test_an_effect_is_found_again_where_it_acts_elsewhere():
     """A slack before the actuator and one behind it."""
     rng, n = np.random.default_rng(4), 1500
@@ -299,6 +301,7 @@ def test_a_base_that_follows_exactly_misses_nothing(kind, n):
     assert all(np.isfinite(size) for size in found.steps[0].smallest_detectable.values())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [100, 150])
 def test_an_axis_of_few_samples_is_judged(n):
     """Its free run starts again and again; each piece must be longer than what is fitted to it."""
@@ -317,6 +320,7 @@ def test_an_axis_of_few_samples_is_judged(n):
     assert "coulomb_friction" in found.confusion_set
 
 
+@pytest.mark.long
 def test_a_given_dead_time_is_kept():
     rng = np.random.default_rng(1)
     u = np.repeat(rng.normal(size=20), 30)

@@ -56,6 +56,7 @@ def test_a_fleet_is_diagnosed_and_a_bad_file_stops_nothing(folder, tmp_path):
         assert journal.found == 3
 
 
+@pytest.mark.long
 def test_going_on_writes_again_what_was_deleted(folder, tmp_path, run):
     command = (
         "fleet", folder, "--out", tmp_path / "plant.html", "--base", "static", "--jobs", "1",
