@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import sympy as sp
 from scipy.linalg import LinAlgError, qr, solve_triangular
 from scipy.linalg.lapack import dgeqrf
 from scipy.optimize import least_squares
@@ -15,12 +16,13 @@ from scipy.optimize import least_squares
 from ..engines.algebra import banded
 from ..engines.columns import Columns
 from ..engines.compile import compile
+from ..engines.numpy import lambdify
 from ..engines.slopes import Walk, with_slopes
 from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep
 from ..models.model import NARX, Model
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import k, lags
+from ..symbolic.signals import expand_phi, k, lag, lags, samples
 from .constraints import Elimination
 from .ensemble import costs
 from .simulate import Records, arrays, initial_values, segments
@@ -61,7 +63,7 @@ def determined(z: Array, size: Array) -> bool:
 
 
 def _label(base: Any) -> str:
-    return str(base.label)
+    return base.name
 
 
 class FreeRun:
@@ -82,7 +84,7 @@ class FreeRun:
     def __init__(self, model: Model, records: Records, equations: Sequence[Any], use: Sequence[Array] | None = None):
         self.model, self.records, self.equations, self.use = model, records, equations, use
         self.elimination = Elimination.of(equations, model.symbols)
-        self.name, self.depth = str(model.output.label), max(1, model.recursion.depth)
+        self.name, self.depth = model.output.name, max(1, model.recursion.depth)
         self.data = [arrays(model, p) for p in segments(records)]
         self.free = self.elimination.Z.shape[1]
         self.rows = [
@@ -244,7 +246,10 @@ class FreeRun:
         model = self.model
         compiled = compile(model.recursion)
         orders = range(1, model.n_y + 1)
-        gradients = [derivative(model.right, model.output[k - i]) for i in orders]
+        gradients = [expand_phi(derivative(model.right, model.output[k - i])) for i in orders]
+        read = sorted({s for g in gradients for s in samples(g)}, key=str)
+        names = {s: sp.Dummy(real=True) for s in read}
+        steepness = lambdify([g.xreplace(names) for g in gradients], [*names.values(), *model.symbols])
         terms = [model.in_user_units(t) for t in model.terms]  # type: ignore[attr-defined]
         psi = Columns(terms)
 
@@ -259,11 +264,10 @@ class FreeRun:
             values = {**d, self.name: run}
             moved[depth:, :p] = psi.block(values, depth, n)
             moved[:depth, p:-1] = np.column_stack([s.shape(depth) for s in self.starts])
-            known = dict(zip(model.symbols, theta, strict=True))
+            older = [values[s.base.name][depth - lag(s) : n - lag(s)] for s in read]
             slopes = np.zeros((len(orders), n))
-            for column, slope in zip(slopes, gradients, strict=True):
-                if slope != 0:
-                    column[depth:] = Columns([slope.xreplace(known)]).block(values, depth, n)[:, 0]
+            for column, slope in zip(slopes, steepness(*older, *theta), strict=True):
+                column[depth:] = slope
             return run, banded(orders, list(slopes), moved)
 
         return move
