@@ -142,14 +142,14 @@ def simulate(
     model = load(model_file)
     if model.channels:
         raise DataError(f"{model_file}: the model needs the channel {model.channels[0]!r}; use Python for this one.")
-    own = str(model.input.label)
+    own = model.input.name
     values, step, stamps = read_signal(
         input_file, u, Ts=ts, t=t, rows=rows, prefer=own, unit=model.info.units.get(own, ""), offers=("--rows", "--ts")
     )
     if pace := other_pace(model, step, "the input has"):
         note(pace)
-    name = str(model.output.label)
+    name = model.output.name
     simulated = model.simulate(values, y0, u0=u0)
-    write_csv(out, {"t": stamps, str(model.input.label): values, name: simulated})
+    write_csv(out, {"t": stamps, model.input.name: values, name: simulated})
     low, high = float(simulated.min()), float(simulated.max())
     console().print(f"{len(values)} samples, {name} in [{low:.4g}, {high:.4g}], written to {out}")

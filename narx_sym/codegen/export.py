@@ -171,7 +171,7 @@ def to_js(
 
 def _returned(recursion: Recursion, output: Any) -> Any:
     wanted = str(getattr(output, "label", recursion.states[-1].label if output is None else output))
-    returned = next((base for base in recursion.states if str(base.label) == wanted), None)
+    returned = next((base for base in recursion.states if base.name == wanted), None)
     if returned is None:
         raise ModelError(f"The recursion does not compute {wanted}; it has {', '.join(map(str, recursion.states))}.")
     return returned
@@ -210,9 +210,7 @@ def _starts(recursion: Recursion, initial: Mapping[Any, Any]) -> dict[Any, Any]:
 def _notes(recursion: Recursion, returned: Any, Ts: float | None, units: Mapping[str, str]) -> list[str]:
     """Return what the comment on top says: the sampling time, and units of what is taken and returned."""
     said = [
-        f"{plain(base)} in {plain(units[str(base.label)])}"
-        for base in (*recursion.inputs, returned)
-        if units.get(str(base.label))
+        f"{plain(base)} in {plain(units[base.name])}" for base in (*recursion.inputs, returned) if units.get(base.name)
     ]
     return [
         *([] if Ts is None else [f"Sampling time: {Ts:.10g} s."]),
@@ -241,7 +239,7 @@ def _example(
     for size in (1.0, 0.1, 0.01):
         waves, rest = {}, {}
         for i, base in enumerate((*recursion.inputs, *recursion.states)):
-            low, high = ranges.get(str(base.label), (-1.0, 1.0))
+            low, high = ranges.get(base.name, (-1.0, 1.0))
             waves[base] = (low + high) / 2 + size * (high - low) / 2 * np.sin((1 + i / 7) * phases + 0.7 * i + 0.3)
             rest[base] = float(waves[base][0])
         start = {b: rest[b] for b in recursion.states}
@@ -254,7 +252,7 @@ def _example(
             # One factor for each wave: what rests goes on resting.
             waved, begun = ({b: x * bits(1)[0] for b, x in of.items()} for of in (given, begin))
             moved = compiled(waved, theta * bits(theta.size), begun, length=phases.size, on_divergence="nan")
-            return moved[str(output.label)][depth : depth + n]
+            return moved[output.name][depth : depth + n]
 
         expected, rounding = run(np.ones), 0.0
         rng, eps = np.random.default_rng(0), float(np.finfo("f" if single else "d").eps)

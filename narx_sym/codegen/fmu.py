@@ -103,12 +103,12 @@ def _variables(request: Request, layout: Layout) -> list[Variable]:
         return name
 
     def about(base: Any, what: str) -> str:
-        known = request.ranges.get(str(base.label))
+        known = request.ranges.get(base.name)
         where = f", identified between {known[0]:.6g} and {known[1]:.6g}" if known else ""
         return f"{what} {plain(base)}{where}"
 
     def signal(kind: str, base: Any, name: str, what: str, ranged: bool) -> Variable:
-        own = str(base.label)
+        own = base.name
         rest, known = request.rest.get(own, 0.0), request.ranges.get(own)
         limits = (known[0], known[1]) if ranged and known and known[0] <= rest <= known[1] else None
         return Variable(kind, named(name), about(base, what), rest, _unit(request.units, own), limits)

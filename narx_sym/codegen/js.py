@@ -171,7 +171,7 @@ def _unpacked(layout: Layout) -> list[str]:
 
 
 def _plain(base: Any) -> str:
-    return shortened(str(base.label), 40)
+    return shortened(base.name, 40)
 
 
 def _names(listed: Any) -> str:

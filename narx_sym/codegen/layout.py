@@ -107,7 +107,7 @@ class Layout:
 
     def at_rest(self, base: Any, names: Mapping[Any, str]) -> tuple[Any, dict[Any, str]]:
         """Return the initial value of a state over plain symbols, and the text of each symbol."""
-        plain = {b: sp.Dummy(str(b.label), real=True) for b in names}
+        plain = {b: sp.Dummy(b.name, real=True) for b in names}
         e = self.initial[base]
         return e.xreplace({s: plain[s.base] for s in samples(e)}), {plain[b]: shown for b, shown in names.items()}
 

@@ -101,7 +101,7 @@ def export_law(
     NotInvertible
         Where the law has no closed form.
     """
-    recursion, driven = _exported(law, limits, rate, share), "u" if law.model.input == y else str(law.model.input.label)
+    recursion, driven = _exported(law, limits, rate, share), "u" if law.model.input == y else law.model.input.name
 
     def own(of: Mapping[str, Any]) -> dict[str, Any]:
         return {**of, **{a: of[b] for a, b in (("m", driven), ("r", "y")) if b in of}}
@@ -202,10 +202,10 @@ def _rest(model: Model) -> dict[str, float]:
     the line through the records.
     """
     inside = {name: 0.0 if low <= 0 <= high else (low + high) / 2 for name, (low, high) in model.info.ranges.items()}
-    found = inside | {str(b.label): value for b, value in model.operating_point.items()}
+    found = inside | {b.name: value for b, value in model.operating_point.items()}
     if model.info.line is not None and not model.operating_point:
         offset, slope = model.info.line
-        found[str(model.output.label)] = offset + slope * found.get(str(model.input.label), 0.0)
+        found[model.output.name] = offset + slope * found.get(model.input.name, 0.0)
     return found
 
 

@@ -65,7 +65,7 @@ class Columns:
         values = []
         for s in self._samples:
             i = lag(s)
-            values.append(data[str(s.base.label)][start - i : stop - i])
+            values.append(data[s.base.name][start - i : stop - i])
         with np.errstate(all="ignore"):
             factors = [np.broadcast_to(np.asarray(f, dtype=float), n) for f in self._evaluate(*values)]
         products = np.empty((n, max(1, len(self._tree))), order="F")
@@ -83,11 +83,7 @@ class Columns:
 
     def __call__(self, data: Mapping[str, Array]) -> Array:
         """Return all rows for which every sample exists: (N - depth - lead, n_terms)."""
-        n = (
-            min(len(data[str(s.base.label)]) for s in self._samples)
-            if self._samples
-            else len(next(iter(data.values())))
-        )
+        n = min(len(data[s.base.name]) for s in self._samples) if self._samples else len(next(iter(data.values())))
         return self.block(data, self.depth, n - self.lead)
 
 

@@ -61,7 +61,7 @@ class Layout:
     def of(cls, plan: Plan) -> Layout:
         """Read the layout off a plan: names once, SymPy's printer would take longer than a short run."""
         made = plan.recursion
-        states, inputs = (tuple(str(base.label) for base in bases) for bases in (made.states, made.inputs))
+        states, inputs = (tuple(base.name for base in bases) for bases in (made.states, made.inputs))
         remembered = tuple(sorted({s for s, i in plan.sample if i >= 1}))
         return cls(states, inputs, remembered, len(made.parameters), made.depth, made.lead)
 

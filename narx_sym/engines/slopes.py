@@ -89,12 +89,12 @@ class Extended:
     def over(self, inputs: Mapping[str, Array], initial: Mapping[str, Any], begin: Begin) -> Walk:
         """Return the run over some samples."""
         n = len(next(iter(inputs.values())))
-        start: dict[str, Any] = dict.fromkeys((str(s.label) for d in self.moved for s in d.values()), 0.0)
+        start: dict[str, Any] = dict.fromkeys((s.name for d in self.moved for s in d.values()), 0.0)
         for (names, shape), direction in zip(begin, self.moved[len(self.moved) - len(begin) :], strict=True):
-            start |= {str(moved.label): shape for state, moved in direction.items() if str(state.label) in names}
+            start |= {moved.name: shape for state, moved in direction.items() if state.name in names}
         states = {name: np.empty(n) for name in self.compiled.layout.states}
         move = self.compiled.over(inputs, {**initial, **start}, states)
-        columns = [(j, states[str(d[self.output].label)]) for j, d in enumerate(self.moved) if self.output in d]
+        columns = [(j, states[d[self.output].name]) for j, d in enumerate(self.moved) if self.output in d]
         slopes = np.zeros((n, len(self.moved) + 1))
 
         def run(theta: Array) -> None:
@@ -134,5 +134,5 @@ def with_slopes(
         lanes = Lanes.of(plain, Tangent.of(plain, parameters), groups, at)
         return (Layout.of(lanes.plan).plain, lanes.keys, lanes.width), *coded(lanes.plan, lanes)
 
-    found = kept(f"with slopes of {output.label} {len(groups)} {fixed} {written(plain)}", make)
+    found = kept(f"with slopes of {output.name} {len(groups)} {fixed} {written(plain)}", make)
     return Tangents(*found, directions, numbers)

@@ -40,16 +40,16 @@ def to_dict(model: Model) -> dict[str, Any]:
     """Return the model as plain data."""
     linear = isinstance(model, NARX)
     names = {"parameter": list(map(str, model.symbols)), "channel": list(model.channels)}
-    for what, listed in (names | {"state": [str(s.left.base.label) for s in model.states]}).items():
+    for what, listed in (names | {"state": [s.left.base.name for s in model.states]}).items():
         _check_names(listed, what, set())
     return {
         "schema": SCHEMA,
         "kind": "narx" if linear else "equation",
-        "input": str(model.input.label),
-        "output": str(model.output.label),
+        "input": model.input.name,
+        "output": model.output.name,
         "lead": model.lead,
         "Ts": model.Ts,
-        "operating_point": {str(b.label): v for b, v in model.operating_point.items()},
+        "operating_point": {b.name: v for b, v in model.operating_point.items()},
         **({"terms": [text(t) for t in model.terms]} if isinstance(model, NARX) else {"F": text(model.F)}),
         "symbols": [str(s) for s in model.symbols],
         "theta": None if model.theta is None else model.theta.tolist(),
@@ -126,7 +126,7 @@ def from_dict(data: Any) -> Model:
     if length > MAX_TEXT:
         raise ModelError(f"the equations have {length} characters; at most {MAX_TEXT} are read.")
     states = _states(data, channels, parameters)
-    signals = [*channels, "t", *(str(s.left.base.label) for s in states)]
+    signals = [*channels, "t", *(s.left.base.name for s in states)]
     bases = {"u": u, "y": y}
     if [data.get("input"), data.get("output")] not in (["u", "y"], ["y", "u"]):
         raise ModelError("'input' and 'output' must be 'u' and 'y', or 'y' and 'u'.")
@@ -222,7 +222,7 @@ def _check_constraints(model: Model) -> None:
 
 def _state_to_dict(state: State) -> dict[str, str]:
     return {
-        "state": str(state.left.base.label), "update": text(state.right), "initial": text(state.initial),
+        "state": state.left.base.name, "update": text(state.right), "initial": text(state.initial),
         "group": state.group,
     }  # fmt: skip
 

@@ -114,7 +114,7 @@ def aligned(model: Model, records: Records, first: float | None = None) -> Align
 
 
 def _length(model: Model, part: Record) -> int:
-    return int(arrays(model, part)[str(model.output.label)].size)
+    return int(arrays(model, part)[model.output.name].size)
 
 
 def _samples(model: Model, part: Record, first: float | None) -> int:

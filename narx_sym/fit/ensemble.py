@@ -40,8 +40,8 @@ def _run(model: Model, thetas: Array, record: Record, keep: bool) -> Iterator[tu
     states = model.recursion.states
     plan, run, keys, sets = _built(model.recursion, keep, states.index(model.output))
     data = arrays(model, record)
-    measured = np.ascontiguousarray(data[str(model.output.label)])
-    inputs = [np.ascontiguousarray(data[str(base.label)]) for base in plan.recursion.inputs]
+    measured = np.ascontiguousarray(data[model.output.name])
+    inputs = [np.ascontiguousarray(data[base.name]) for base in plan.recursion.inputs]
     n, depth = measured.size, max(1, plan.recursion.depth)
     if n <= depth:
         raise ModelError(f"The record {record.name!r} is shorter than the largest lag ({depth} samples).")
@@ -49,7 +49,7 @@ def _run(model: Model, thetas: Array, record: Record, keep: bool) -> Iterator[tu
     def begin_of(theta: Array) -> list[float]:
         """Return what one set remembers before the first computed sample: what its effects start from is its own."""
         initial = initial_values(model.replace(theta=theta), data, depth)
-        return [initial[str(states[s].label)][depth - i] for s, i in keys]
+        return [initial[states[s].name][depth - i] for s, i in keys]
 
     sets_of = thetas if model.states else thetas[:1]
     begins = np.array([begin_of(theta) for theta in sets_of]).T

@@ -62,10 +62,6 @@ def determined(z: Array, size: Array) -> bool:
     return bool(np.all(size * np.abs(z) < HUGE) and np.all(size < LARGEST))
 
 
-def _label(base: Any) -> str:
-    return base.name
-
-
 class FreeRun:
     """Residuals and their derivatives of a model along records, under linear constraints.
 
@@ -98,7 +94,7 @@ class FreeRun:
             raise FitError(f"{self.free} parameters cannot be estimated from {max(self.edges[-1], 0)} samples.")
         self.initial = [initial_values(model, d, self.depth) for d in self.data]
         self.starts = starts(model)
-        self._moved = [([_label(state) for state in s.states], s.shape(self.depth)) for s in self.starts]
+        self._moved = [([state.name for state in s.states], s.shape(self.depth)) for s in self.starts]
         self.shifts = len(self.data) * len(self.starts)
         self._last: Array | None = None
         self._reduced: tuple[Array, Array] | None = None

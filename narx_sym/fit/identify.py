@@ -48,7 +48,7 @@ def operating_point(records: Records) -> dict[Any, float]:
     parts = segments(records)
     point = {}
     for base in (u, y):
-        x = np.concatenate([getattr(p, str(base.label)) for p in parts])
+        x = np.concatenate([getattr(p, base.name) for p in parts])
         digit = 10.0 ** (np.floor(np.log10(np.ptp(x) / 2)) - 2)
         point[base] = float(np.round(centre(x) / digit) * digit)
     return {b: float(f"{v:.12g}") for b, v in point.items() if v}
@@ -97,7 +97,7 @@ def judged(model: Model, records: Sequence[Record]) -> Model:
 
 def periodic_growth(model: Model) -> float:
     """Return how far repeated loops over the identified input range move, in ranges of the output."""
-    (low, high), (bottom, top) = (model.info.ranges[str(b.label)] for b in (model.input, model.output))
+    (low, high), (bottom, top) = (model.info.ranges[b.name] for b in (model.input, model.output))
     if model.channels or top <= bottom:
         return 0.0
     sine = (low + high) / 2 + (high - low) / 2 * np.sin(2 * np.pi * np.arange(400 * CYCLES) / 400)

@@ -41,14 +41,14 @@ def rest_state(recursion: Recursion, initial: Mapping[Any, Any], rest: Mapping[s
     """
     needed = {s.base for e in initial.values() for s in samples(e)}
     needed |= {s.base for s in recursion.past if s.base not in initial}
-    known = {str(base.label) for base in (*needed, *recursion.states, *recursion.inputs)}
-    missing, foreign = sorted({str(b.label) for b in needed} - set(rest)), sorted(set(rest) - known)
+    known = {base.name for base in (*needed, *recursion.states, *recursion.inputs)}
+    missing, foreign = sorted({b.name for b in needed} - set(rest)), sorted(set(rest) - known)
     if missing or foreign:
         raise ModelError(f"The state at rest needs {', '.join(missing)}." if missing else f"There is no {foreign[0]}.")
     values = {}
     for base in {s.base for s in recursion.past}:
         expr = sp.sympify(initial.get(base, base[k]))
-        values[base] = expr.xreplace({s: sp.Float(float(rest[str(s.base.label)])) for s in samples(expr)})
+        values[base] = expr.xreplace({s: sp.Float(float(rest[s.base.name])) for s in samples(expr)})
     return np.array([float(values[s.base]) for s in recursion.past])
 
 
@@ -65,7 +65,7 @@ def law_rest_state(law: Compensator, share: Any = "auto", **rest: float) -> Arra
     What the model computes counts where it runs beside the law.
     """
     recursion = law.exported(share=share)
-    idle = {str(b.label) for b in (law.model.output, *law.starts) if b not in recursion.states}
+    idle = {b.name for b in (law.model.output, *law.starts) if b not in recursion.states}
     rest = {name: value for name, value in rest.items() if name not in idle}
     begin = {b: e.xreplace(law.model.values) for b, e in law.starts.items() if b in recursion.states}
     clock = {"t": 0.0} if t in recursion.inputs else {}
@@ -93,7 +93,7 @@ def to_control(model: Model, name: str = "model") -> Any:
     own = [s for s in recursion.given if s.base != t]
     labels: dict[Any, str] = {}
     for base in dict.fromkeys(s.base for s in (*recursion.past, *recursion.given)):
-        labels[base] = numbered(shortened(str(base.label), 60), lambda n: n not in labels.values())
+        labels[base] = numbered(shortened(base.name, 60), lambda n: n not in labels.values())
 
     def step(time: float, state: Array, inputs: Array) -> Any:
         given = dict(zip(own, inputs, strict=True))
@@ -103,7 +103,7 @@ def to_control(model: Model, name: str = "model") -> Any:
         lambda time, state, inputs, _: np.array(step(time, state, inputs)[0]).ravel(),
         lambda time, state, inputs, _: np.array(step(time, state, inputs)[1]).ravel(),
         inputs=[labels[s.base] for s in own],
-        outputs=[str(model.output.label)],
+        outputs=[model.output.name],
         states=[text(signal(labels[s.base])[s.indices[0]]) for s in recursion.past],
         dt=model.Ts or True,
         name=name,

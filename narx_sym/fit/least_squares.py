@@ -194,7 +194,7 @@ def extended(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[A
 def _with_residuals(model: Model, part: Record) -> Record:
     """Return a segment with the residuals of the one-step prediction beside its channels."""
     ahead = predict(model, part)
-    own = arrays(model, part)[str(model.output.label)] - ahead
+    own = arrays(model, part)[model.output.name] - ahead
     residuals = np.concatenate([own, np.zeros(len(part) - own.size)])  # an inverse model ends earlier
     return replace(part, channels={**part.channels, NOISE: residuals})
 
@@ -309,7 +309,7 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> Mo
     """Return a model with what it was fitted on: ranges, the line through the data and the band around it, errors."""
     parts = segments(records)
     used = [arrays(model, p) for p in parts]
-    signals = {str(b.label): [one[str(b.label)] for one in used] for b in (model.input, model.output)}
+    signals = {b.name: [one[b.name] for one in used] for b in (model.input, model.output)}
     source, output = map(np.concatenate, signals.values())
     slope = np.polyfit(source, output, 1)[0]
     # Through the centre: a line fitted to all data has an offset where the input merely lingered on one side.

@@ -77,7 +77,7 @@ def initial_values(model: Model, data: Mapping[str, Array], depth: int, engine: 
     ModelError
         For an initial value that contains parameters, or is not finite.
     """
-    found = {str(model.output.label): np.asarray(data[str(model.output.label)][:depth])}
+    found = {model.output.name: np.asarray(data[model.output.name][:depth])}
     for state in model.states:
         # Without values nothing is known about an effect: it is taken as absent.
         begin = model.starts[state.left.base] if model.values else model.in_user_units(state.initial)
@@ -86,8 +86,8 @@ def initial_values(model: Model, data: Mapping[str, Array], depth: int, engine: 
         if expression.free_symbols - {b for s in read for b in s.free_symbols}:
             raise ModelError(f"The initial value of {state.left} must contain signals and numbers only.")
         # Before the first sample everything is as at the first sample.
-        given = [[np.float64(data[str(s.base.label)][max(0, i - lag(s))]) for s in read] for i in range(depth)]
-        name = str(state.left.base.label)
+        given = [[np.float64(data[s.base.name][max(0, i - lag(s))]) for s in read] for i in range(depth)]
+        name = state.left.base.name
         found[name] = np.array([float(value(*row)[0]) for row in given])
         if not np.all(np.isfinite(found[name])):
             shown = ", ".join(f"{text(s)} = {v:g}" for s, v in zip(read, given[0], strict=True))
@@ -111,12 +111,12 @@ def _driven(
     if not free or not model.values:
         return {}
     recursion = Recursion(tuple(free), model.symbols)
-    wanted = [str(b.label) for b in recursion.inputs]
+    wanted = [b.name for b in recursion.inputs]
     if any(data[n].size < depth for n in wanted):
         return {}
     ahead = recursion.depth
     padded = {n: np.concatenate([np.full(ahead, data[n][0]), data[n][:depth]]) for n in wanted}
-    first = {str(b.label): begin[str(b.label)][0] for b in recursion.states}
+    first = {b.name: begin[b.name][0] for b in recursion.states}
     run = compile(recursion, engine)(
         padded, fitted(model), first, start=ahead, length=ahead + depth, on_divergence="nan"
     )
@@ -125,7 +125,7 @@ def _driven(
 
 def shifted(model: Model, data: Mapping[str, Array]) -> dict[str, Array]:
     """Measure the sequences from the model's operating point."""
-    point = {str(b.label): v for b, v in model.operating_point.items()}
+    point = {b.name: v for b, v in model.operating_point.items()}
     return {name: x - point[name] if name in point else x for name, x in data.items()}
 
 
@@ -196,21 +196,21 @@ def _run(
     """Run a model from its first outputs; what it remembers starts from `rest`, or from its initial values."""
     theta = fitted(model)
     compiled = compile(model.recursion, engine)
-    given = {str(model.input.label): source, **channels}
+    given = {model.input.name: source, **channels}
     depth = compiled.recursion.depth
     if source.size <= depth:
         return np.resize(np.asarray(y0, dtype=float), source.size)
     if t in compiled.recursion.inputs and "t" not in given:
         given["t"] = np.arange(source.size) * (model.Ts or 1.0)
-    initial: dict[str, Any] = {str(model.output.label): y0}
+    initial: dict[str, Any] = {model.output.name: y0}
     if rest is not None:
         initial |= rest
     elif model.states:
-        before = {**given, str(model.output.label): np.resize(np.asarray(y0, dtype=float), max(1, depth))}
+        before = {**given, model.output.name: np.resize(np.asarray(y0, dtype=float), max(1, depth))}
         initial = initial_values(model, before, max(1, depth), engine) | initial
-    runs = {str(base.label): np.empty(source.size) for base in compiled.recursion.states}
+    runs = {base.name: np.empty(source.size) for base in compiled.recursion.states}
     try:
-        return compiled(given, theta, initial, out=runs, output=model.output)[str(model.output.label)]
+        return compiled(given, theta, initial, out=runs, output=model.output)[model.output.name]
     except Diverged as error:
         raise Diverged(f"{error}{_what_grew(model, given | runs, error.at)}", error.at, error.trajectory) from None
 
@@ -228,11 +228,11 @@ def rest_states(
     known : mapping of names to numbers
         Further channels, and `t`.
     """
-    data = {str(model.input.label): start, str(model.output.label): output, "t": 0.0, **(known or {})}
+    data = {model.input.name: start, model.output.name: output, "t": 0.0, **(known or {})}
     if not model.states:
         return {}
     held = initial_values(model, {n: np.full(1, float(value)) for n, value in data.items()}, 1, engine)
-    return {name: float(c[0]) for name, c in held.items() if name != str(model.output.label)}
+    return {name: float(c[0]) for name, c in held.items() if name != model.output.name}
 
 
 def _what_grew(model: Model, runs: Mapping[str, Any], at: int) -> str:
@@ -253,7 +253,7 @@ def _what_grew(model: Model, runs: Mapping[str, Any], at: int) -> str:
     if not order:
         return ""
     grown = ", ".join(f"{text(terms[i][1])} ({sizes[i]:.3g})" for i in order)
-    said = f"; |dF/d{inner.label}[k-1]| = {slope:.3g} there (stable below 1)" if model.n_y else ""
+    said = f"; |dF/d{inner.name}[k-1]| = {slope:.3g} there (stable below 1)" if model.n_y else ""
     return f" Largest terms at sample {end}: {grown}{said}."
 
 
@@ -324,7 +324,7 @@ def _predicted(model: Model, record: Record) -> Array:
     predictor = compile(model.predictor)
     initial = initial_values(model, data, max(1, predictor.recursion.depth)) if model.states else {}
     result = predictor(data, theta, initial)["prediction"]
-    result[: predictor.recursion.depth] = data[str(model.output.label)][: predictor.recursion.depth]
+    result[: predictor.recursion.depth] = data[model.output.name][: predictor.recursion.depth]
     return result
 
 
@@ -340,9 +340,9 @@ def free_run(model: Model, record: Record, engine: str = "native") -> Array:
 
 def _simulated(model: Model, record: Record, engine: str) -> Array:
     data = arrays(model, record)
-    output = str(model.output.label)
+    output = model.output.name
     first = data[output][: max(1, model.recursion.depth)]
-    return simulate(model, data[str(model.input.label)], first, data, engine, warn=False)
+    return simulate(model, data[model.input.name], first, data, engine, warn=False)
 
 
 def extrapolates(model: Model, inputs: Sequence[Array], Ts: float | None = None) -> list[str]:
@@ -354,7 +354,7 @@ def extrapolates(model: Model, inputs: Sequence[Array], Ts: float | None = None)
     Ts : float, optional [s]
         Of the inputs; by default that of the model.
     """
-    name = str(model.input.label)
+    name = model.input.name
     return [f"{said}: this extrapolates" for said in beyond(model.info, name, "input", inputs, Ts or model.Ts)]
 
 
@@ -381,7 +381,7 @@ def evaluate(model: Model, records: Records) -> Errors:
                 f"The record {record.name!r} has Ts = {record.Ts:g} s, the model was identified at {model.Ts:g} s.",
                 stacklevel=2,
             )
-        data = arrays(model, record)[str(model.output.label)]
+        data = arrays(model, record)[model.output.name]
         measured.append(data)
         predicted.append(predict(model, record))
         try:
@@ -391,7 +391,7 @@ def evaluate(model: Model, records: Records) -> Errors:
     target, one, free = (np.concatenate(parts) for parts in (measured, predicted, simulated))
     if np.ptp(target) == 0:
         raise DataError(
-            f"record {record.name!r}: {model.output.label} is constant ({target[0]:.6g}): an error has nothing to be "
+            f"record {record.name!r}: {model.output.name} is constant ({target[0]:.6g}): an error has nothing to be "
             "compared with. Check the columns (--input, --output) and the rows (--rows)."
         )
     finite = float(np.abs(free).max()) < HUGE * float(np.ptp(target) or 1.0)

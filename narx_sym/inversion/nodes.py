@@ -57,7 +57,7 @@ def solve_nodes(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: di
     if rising is None:
         return None  # the levels must rise from kink to kink
     growth, jumps = rising
-    T, index, name = flip * target, made["unknown"].indices[0], made["unknown"].base.label
+    T, index, name = flip * target, made["unknown"].indices[0], made["unknown"].base.name
     steps: list[tuple[str, Any]] = []
 
     def step(what: str, expr: Any) -> Any:

@@ -75,7 +75,7 @@ def solve_plays(
         return None
     p, r = [first, *(one.weight for one in plays)], [sp.S.Zero, *(one.radius for one in plays)]
     weights, radii = inverse_of(p, r)
-    index, name = made["unknown"].indices[0], made["unknown"].base.label
+    index, name = made["unknown"].indices[0], made["unknown"].base.name
     steps: list[tuple[str, Any]] = []
 
     def step(what: str, expr: Any) -> Any:

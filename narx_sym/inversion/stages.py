@@ -174,7 +174,7 @@ def in_order(updates: Sequence[tuple[Any, Any]], symbols: Sequence[Any]) -> Recu
 
 def wanted(base: Any) -> Any:
     """Return the sequence of what a stage asks for, beside what is then reached."""
-    return signal(f"{base.label}_wanted")
+    return signal(f"{base.name}_wanted")
 
 
 def guarded(staged: Staged, clipped: Any) -> Updates:
@@ -206,9 +206,9 @@ def _limits(model: Model, base: Any) -> tuple[float, float]:
     """Return where a root of a sequence is looked for."""
     outer = model.output if base in INNER_OUTPUTS else model.input
     ranges = model.info.ranges
-    if str(outer.label) not in ranges:
+    if outer.name not in ranges:
         return -1e9, 1e9
-    low, high = ranges[str(outer.label)]
+    low, high = ranges[outer.name]
     wide, origin = WIDER * (high - low), 0.0 if base == m else float(model.operating_point.get(outer, 0.0))
     return low - wide - origin, high + wide - origin
 
@@ -217,7 +217,7 @@ def _rest(model: Model) -> Any:
     """Return a function that puts the middle of the identified ranges in the place of all samples."""
     middle = {}
     for base, outer, inners in ((model.input, m, INNER_INPUTS), (model.output, r, INNER_OUTPUTS)):
-        low, high = model.info.ranges.get(str(base.label), (0.0, 0.0))
+        low, high = model.info.ranges.get(base.name, (0.0, 0.0))
         origin = float(model.operating_point.get(base, 0.0))
         middle[outer] = (low + high) / 2 if high > low else origin
         middle |= dict.fromkeys(inners, middle[outer] - origin)

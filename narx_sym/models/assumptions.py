@@ -40,7 +40,7 @@ class Structure:
         """Return the term at rest: y[k] = ybar, u[k] = ubar for all k."""
         ybar, ubar = sp.symbols("ybar ubar", real=True)
         rest = {self.output: ybar, self.input: ubar}
-        return held(expand_phi(term), lambda base: rest.get(base, sp.Symbol(str(base.label), real=True)))
+        return held(expand_phi(term), lambda base: rest.get(base, sp.Symbol(base.name, real=True)))
 
 
 @dataclass(frozen=True)

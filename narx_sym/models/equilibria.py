@@ -180,7 +180,7 @@ STAYS = 1.0 - 1e-6  # an eigenvalue beyond it does not attract: a double root ha
 
 def constant_inputs(model: Model) -> list[float]:
     """Return where a model is judged at rest: at its operating point, then over the identified range of the input."""
-    low, high = model.info.ranges.get(str(model.input.label), (0.0, 0.0))
+    low, high = model.info.ranges.get(model.input.name, (0.0, 0.0))
     centre = model.operating_point.get(model.input, 0.0 if low <= 0 <= high or low == high else (low + high) / 2)
     return [centre, *((low + (high - low) * i / (INPUTS - 1)) for i in range(INPUTS) if high > low)]
 
@@ -209,7 +209,7 @@ def property_1(model: Model) -> Verdict:
     excess = excess.xreplace({s: sp.S.Zero for s in excess.free_symbols - {ybar, ubar}})
     if continuum(model) or excess == 0:
         return _along(model, polynomial)
-    low, high = model.info.ranges.get(str(model.output.label), (-1.0, 1.0))
+    low, high = model.info.ranges.get(model.output.name, (-1.0, 1.0))
     verdicts = [_at_rest(excess, polynomial, at, max(abs(low), abs(high))) for at in constant_inputs(model)]
     if not excess.has(ubar):
         return verdicts[0]
@@ -221,7 +221,7 @@ def property_1(model: Model) -> Verdict:
 def _along(model: Model, polynomial: Any) -> Verdict:
     """Judge a continuum where the model was identified: at many outputs and inputs, for its other eigenvalues move."""
     reduced = sp.div(sp.Poly(polynomial, z), sp.Poly(z - 1, z))[0].as_expr()
-    low, high = model.info.ranges.get(str(model.output.label), (-1.0, 1.0))
+    low, high = model.info.ranges.get(model.output.name, (-1.0, 1.0))
     outputs = [low + (high - low) * i / (INPUTS - 1) for i in range(INPUTS)] if reduced.has(ybar) else [0.0]
     inputs = constant_inputs(model) if reduced.has(ubar) else [0.0]
     every = "every output is an equilibrium at rest (Lemma 1)"

@@ -46,7 +46,7 @@ from .model import Model
 MANY = 20  # coefficients of one effect
 # Names that no channel and no state of an effect may have.
 SIGNALS = (u, y, t, *INNER_INPUTS, *INNER_OUTPUTS, r, m, phi1, phi2, breve_phi1, breve_phi2)
-RESERVED = {str(b.label) for b in SIGNALS} | {"k", "prediction"}
+RESERVED = {b.name for b in SIGNALS} | {"k", "prediction"}
 
 
 @dataclass(frozen=True)
@@ -175,11 +175,11 @@ def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[
     _check_channels(model, variant)
     values: dict[str, Any] = {p: sp.Symbol(f"{p}_{suffix}" if suffix else p, real=True) for p in variant.shape}
     form = variant.effect.equations(Ts=model.Ts or 1.0, **values, **dict(variant.fixed))
-    used = {str(b.label) for b in taken} | {*model.channels, variant.channel or ""} | {str(s) for s in model.symbols}
+    used = {b.name for b in taken} | {*model.channels, variant.channel or ""} | {str(s) for s in model.symbols}
     used |= RESERVED | _new_names(variant, suffix)
     own = {}
     for state in form.states:
-        name = plain = str(state.left.base.label)
+        name = plain = state.left.base.name
         number = 1
         while name in used:
             number += 1
@@ -193,8 +193,8 @@ def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[
         for s in samples(expr):
             if s.base in own:
                 changed[s] = own[s.base][s.indices[0]]
-            elif str(s.base.label) in meant:
-                changed[s] = meant[str(s.base.label)](s.indices[0])
+            elif s.base.name in meant:
+                changed[s] = meant[s.base.name](s.indices[0])
         return renamed(expr, changed)
 
     # Before the start the inner outputs are taken as measured, and the input as it is.
@@ -213,7 +213,7 @@ def _new_names(variant: Variant, suffix: str) -> set[str]:
 
 def _check_channels(model: Model, variant: Variant) -> None:
     """Refuse channels whose names mean something else in an extended model."""
-    used = {str(s.left.base.label) for s in model.states} | {str(s) for s in model.symbols}
+    used = {s.left.base.name for s in model.states} | {str(s) for s in model.symbols}
     own = [variant.channel] if variant.channel else []
     for name in (*own, *model.channels):
         if name in RESERVED or name in used:
@@ -249,7 +249,7 @@ def extend(model: Model, variant: Variant) -> Extended:
     """
     name = variant.id.replace(":", "_")
     names = {str(s) for s in model.symbols}
-    signals = {*model.channels, variant.channel, *(str(s.left.base.label) for s in model.states)}
+    signals = {*model.channels, variant.channel, *(s.left.base.name for s in model.states)}
     suffix, count = name, 1
     while any(n.endswith(f"_{suffix}") for n in names) or signals & _new_names(variant, suffix):
         count += 1

@@ -18,7 +18,7 @@ def around(point: Any) -> dict[Any, float]:
     ----------
     point : mapping of u and y, or of their names, to numbers; None for zero
     """
-    known = {str(base.label): base for base in (u, y)}
+    known = {base.name: base for base in (u, y)}
     if not isinstance(point or {}, Mapping):
         raise ModelError('The operating point must be a mapping, such as {"u": 1.0, "y": 2.0}.')
     found: dict[Any, float] = {}

@@ -100,9 +100,7 @@ class Model(ModelDoors):
         )  # fmt: skip
         self._carry(theta, standard_errors, Ts, constraints, info or Info(), effects)
         if self.recursion.lead:
-            raise ModelError(
-                f"{output.label}[k] depends on samples after k; a model uses present and past inputs only."
-            )
+            raise ModelError(f"{output.name}[k] depends on samples after k; a model uses present and past inputs only.")
 
     def _carry(
         self,
@@ -250,7 +248,7 @@ class Model(ModelDoors):
     @property
     def usual(self) -> dict[str, Any]:
         """Where the signals usually are, (low, high) by name: as identified, or around the operating point."""
-        around = {str(b.label): (value - 1.0, value + 1.0) for b, value in self.operating_point.items()}
+        around = {b.name: (value - 1.0, value + 1.0) for b, value in self.operating_point.items()}
         return around | dict(self.info.ranges)
 
     @cached_property
@@ -285,12 +283,12 @@ class Model(ModelDoors):
     @cached_property
     def channels(self) -> tuple[str, ...]:
         """Names of the further measured sequences that enter."""
-        return tuple(str(b.label) for b in self.recursion.inputs if b not in (self.input, self.output, t))
+        return tuple(b.name for b in self.recursion.inputs if b not in (self.input, self.output, t))
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of all that drives it: the input, and the channels beside it."""
-        return (str(self.input.label), *self.channels)
+        return (self.input.name, *self.channels)
 
     def latex(self, numbers: bool = False) -> str:
         """LaTeX of the equations, states first and the output last, with symbols or with numbers."""
@@ -298,7 +296,7 @@ class Model(ModelDoors):
         system = [(left, [(c.xreplace(values), e.xreplace(values)) for c, e in pairs]) for left, pairs in self.system()]
         shown = printing.latex_system(system)
         if self.operating_point:
-            where = ", ".join(rf"{b.label} \to {b.label} - ({v:.6g})" for b, v in self.operating_point.items())
+            where = ", ".join(rf"{b.name} \to {b.label} - ({v:.6g})" for b, v in self.operating_point.items())
             shown += rf" \quad \text{{(around the operating point: }} {where} \text{{)}}"
         return shown
 

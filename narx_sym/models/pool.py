@@ -102,10 +102,10 @@ def pool(
     if delay < 0 or n_u < delay or n_y < 0 or degree < 1:
         raise ModelError(f"A pool needs n_y >= 0, degree >= 1 and n_u >= delay >= 0; got n_u = {n_u}, delay = {delay}.")
     chosen: dict[str, Any] = {
-        str(output.label): range(1, n_y + 1),
+        output.name: range(1, n_y + 1),
         "phi1": range(delay, n_u + 1) if phi else (),
         "phi2": range(delay, n_u + 1) if phi else (),
-        str(source.label): range(delay, n_u + 1),
+        source.name: range(delay, n_u + 1),
     }
     factors = lagged(chosen | dict(lags or {}), {"phi1": first, "phi2": second})
     for name in functions:

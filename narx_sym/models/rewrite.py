@@ -54,7 +54,7 @@ def rewritten(model: Model, name: str, text: str, channels: Iterable[str] = ()) 
         if not name:
             raise ModelError("Write a term, such as u[k-2].")
         return _constrained(model, _less(model, sp.Symbol(name, real=True)), name)
-    signals = dict.fromkeys([*channels, *model.channels, "t", *(str(s.left.base.label) for s in model.states)])
+    signals = dict.fromkeys([*channels, *model.channels, "t", *(s.left.base.name for s in model.states)])
     term = parse(text, signals=signals, symbols=map(str, model.symbols))
     if printing.text(term) in known.values():
         raise ModelError(f"The term {printing.text(term)} is in the model already.")
@@ -126,7 +126,7 @@ def smooth(model: Model, eps: Any = None, form: Any = "tanh") -> Any:
     -------
     A model of the same parameters and values; `.fit(record)` fits it anew.
     """
-    eps = widths(eps, {b: str(b.label) for b in (model.output, model.input)}, model.info.steps)
+    eps = widths(eps, {b: b.name for b in (model.output, model.input)}, model.info.steps)
 
     def change(expr: Any) -> Any:
         return smoothed(expr, eps, form)

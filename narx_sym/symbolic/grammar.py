@@ -37,7 +37,7 @@ GRAMMAR = r"""
     NUMBER: /([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?/
     %ignore /[ \t\n]+/
 """
-SIGNALS = {str(b.label): b for b in (y, u, phi1, phi2, breve_phi1, breve_phi2)}
+SIGNALS = {b.name: b for b in (y, u, phi1, phi2, breve_phi1, breve_phi2)}
 MAX_LENGTH, MAX_DEPTH, MAX_POWER, MAX_DIGITS, MAX_LAG = 20_000, 40, 16, 310, 100_000
 MAX_COMPARED, LARGEST = 1_000, 1e300
 MAX_FACTORS, MAX_CALLS, MAX_CONSTANTS = 200, 500, 3  # in a product; functions, and those in a constant argument

@@ -29,7 +29,7 @@ def _upright(name: str) -> str:
 
 class _Latex(LatexPrinter):
     def _print_Indexed(self, expr: Any) -> str:
-        name, index = str(expr.base.label), self._print(expr.indices[0]).replace(" ", "")
+        name, index = expr.base.name, self._print(expr.indices[0]).replace(" ", "")
         breve = name.startswith("breve_")
         head, digits = name.removeprefix("breve_"), ""
         if head in ("phi1", "phi2"):
@@ -150,7 +150,7 @@ def _factors(term: Any) -> str:
     def rank(factor: Any) -> tuple[int, int, str]:
         base = factor.as_base_exp()[0]
         if isinstance(base, sp.Indexed):
-            name = str(base.base.label).removeprefix("breve_")
+            name = base.base.name.removeprefix("breve_")
             return (order.index(name) if name in order else 4, lag(base), name)
         return (5, 0, str(factor))
 
@@ -162,7 +162,7 @@ class _Text(StrPrinter):
     printmethod = "_narx_text"  # Indexed carries its own "_sympystr", which would win otherwise
 
     def _print_Indexed(self, expr: Any) -> str:
-        return f"{expr.base.label}[{str(expr.indices[0]).replace(' ', '')}]"
+        return f"{expr.base.name}[{str(expr.indices[0]).replace(' ', '')}]"
 
     def _print_Float(self, expr: Any) -> str:
         return repr(float(expr))

@@ -111,7 +111,7 @@ def sensitivities(
             more = {state for state, slopes in local.items() if any(s.base in reached for s, _ in slopes)} - reached
             reached |= more
             grown = bool(more)
-        moved = {state: signal(f"d{state.label}_{position}") for state in recursion.states if state in reached}
+        moved = {state: signal(f"d{state.name}_{position}") for state in recursion.states if state in reached}
         for state in moved:
             through = (slope * moved[s.base][k - lag(s)] for s, slope in local[state] if s.base in moved)
             updates.append((moved[state][k], sp.Add(forced.get(state, sp.S.Zero), *through)))

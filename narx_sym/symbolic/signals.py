@@ -23,7 +23,7 @@ class Sequence(sp.IndexedBase):
         return _sample(self, index)
 
     def __reduce__(self) -> Any:
-        return signal, (str(self.label),)
+        return signal, (self.name,)
 
 
 @lru_cache(maxsize=100_000)

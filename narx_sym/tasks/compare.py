@@ -54,9 +54,7 @@ def compare(model: Model, records: Sequence[Record], first: float | None = None)
     notes = [
         f"{record.name}: {said}"
         for record in records
-        for said in extrapolates(
-            model, [arrays(model, s)[str(model.input.label)] for s in record.segments()], record.Ts
-        )
+        for said in extrapolates(model, [arrays(model, s)[model.input.name] for s in record.segments()], record.Ts)
     ]
     fair = []
     for record in records:

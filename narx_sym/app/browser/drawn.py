@@ -31,7 +31,7 @@ def drawing(bench: Workbench) -> None:
     if current is None or record is None:
         return
     model, unit = current.base.model, said_first(record.units, bench.choice.units).get("y", "")
-    low, high = model.info.ranges.get(str(model.output.label), (float(record.y.min()), float(record.y.max())))
+    low, high = model.info.ranges.get(model.output.name, (float(record.y.min()), float(record.y.max())))
     rests = law.rests if law is not None and law.rests else ()
     told = {"y": [low, high], "rests": rests, "label": headed("r", unit), "unit": unit}
     said(

@@ -112,8 +112,8 @@ def _labels(units: Mapping[str, str]) -> dict[str, str]:
 def _of_model(model: Model, labels: Mapping[str, str], given: Mapping[str, Powers]) -> Dimensions:
     """Return what a model's equations say; m is an input and r an output."""
     driven = u if model.input == y else model.input
-    known = {name: powers(label) for name, label in labels.items()} | {str(t.label): {"second": Fraction(1)}}
-    outer = {str(m.label): str(driven.label), str(r.label): str(y.label)}
+    known = {name: powers(label) for name, label in labels.items()} | {t.name: {"second": Fraction(1)}}
+    outer = {m.name: driven.name, r.name: y.name}
     known |= {own: known[name] for own, name in outer.items() if name in known}
     found = Dimensions(known, given)
     for left, right in (*((s.left, s.right) for s in model.states), (model.output[k], model.F)):

@@ -131,7 +131,7 @@ def misfit_of(model: Model, record: Record, error: Array, floor: float | None) -
             slopes[:, j] = float(slope)
             continue
         columns = Columns([model.in_user_units(expand_phi(slope))])
-        if all(str(s.base.label) in seen for s in samples(columns.terms[0])):
+        if all(s.base.name in seen for s in samples(columns.terms[0])):
             slopes[columns.depth :, j] = columns(seen)[:, 0]
     missing = missing_input(error, slopes, floor)
     return where_it_fails(record.u, record.y, simulated, record.Ts, record.channels, missing, floor, float(record.t[0]))

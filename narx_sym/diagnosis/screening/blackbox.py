@@ -31,7 +31,7 @@ def features(line: Linearised, channels: Sequence[str] = ()) -> Array:
     weights = phases = None
     made = []
     for seen in line.seen:
-        driving = [seen[str(b.label)] for b in (line.model.input, line.model.inner)]
+        driving = [seen[b.name] for b in (line.model.input, line.model.inner)]
         base = np.column_stack([part for x in driving for part in _versions(x)] + [seen[c] for c in channels])
         spread = base.std(axis=0)
         base = (base - base.mean(axis=0)) / np.where(spread > 0, spread, 1.0)

@@ -111,7 +111,7 @@ class Linearised:
     def _contribution(
         self, read: Recursion, compiled: Compiled, form: Form, outputs: Any, values: Any, seen: Any
     ) -> Array:
-        n = len(seen[str(self.model.output.label)])
+        n = len(seen[self.model.output.name])
         if not read.inputs and not form.states:
             constants = [float(e.xreplace(values)) for _, e in read.updates]
             return np.tile(constants, (n, 1))
@@ -120,10 +120,10 @@ class Linearised:
             return np.zeros((n, len(outputs)))  # it looks further back than the segment is long
         initial = {}
         for state in form.states:
-            at = {s: float(seen[str(s.base.label)][max(0, depth - 1)]) for s in samples(state.initial)}
-            initial[str(state.left.base.label)] = float(sp.sympify(state.initial).xreplace(at))
+            at = {s: float(seen[s.base.name][max(0, depth - 1)]) for s in samples(state.initial)}
+            initial[state.left.base.name] = float(sp.sympify(state.initial).xreplace(at))
         run = compiled(seen, list(values.values()), initial, on_divergence="nan")
-        columns = np.column_stack([run[str(o.label)] for o in outputs])
+        columns = np.column_stack([run[o.name] for o in outputs])
         columns[:depth] = columns[depth]
         return columns
 
@@ -139,7 +139,7 @@ class Linearised:
             return np.zeros((self.problem.edges[-1], z[0].shape[1]))
         compiled = compile(recursion)
         theta = [self.values[p] for p in recursion.parameters]
-        zero = dict.fromkeys((str(s.label) for s in recursion.states), 0.0)
+        zero = dict.fromkeys((s.name for s in recursion.states), 0.0)
         parts = []
         for run, columns in zip(self.runs, z, strict=True):
             found = np.empty(columns.shape, order="F")
@@ -171,11 +171,11 @@ class Linearised:
                 for left, right in updates
             ]
         moved = direction.get(self.model.output)
-        return Recursion(tuple(updates), self.model.symbols), None if moved is None else str(moved.label)
+        return Recursion(tuple(updates), self.model.symbols), None if moved is None else moved.name
 
     def scale(self, scan: Scan, variant: Variant) -> list[float]:
         """Return the grid of one shape parameter."""
-        driver = str(self.model.inner.label) if variant.driver == "y" else str(self.model.input.label)
+        driver = self.model.inner.name if variant.driver == "y" else self.model.input.name
         offset = origin(self.model, variant.driver) if variant.raw else 0.0
         x = np.concatenate([seen[driver] for seen in self.seen]) + offset
         Ts, n = self.model.Ts or 1.0, max(len(r) for r in (s[driver] for s in self.seen))
@@ -196,7 +196,7 @@ class Linearised:
             low, high = 3 * Ts, max(n * Ts / 4, 30 * Ts)
             return [low * (high / low) ** v for v in scan.values]
         elif scan.of == "gain":
-            y = np.concatenate([r[str(self.model.output.label)] for r in self.runs])
+            y = np.concatenate([r[self.model.output.name] for r in self.runs])
             unit = float(np.abs(np.polyfit(x, y, 1)[0])) or 1.0
         else:
             raise ModelError(f"Unknown scan rule {scan.of!r}.")
@@ -236,7 +236,7 @@ class Linearised:
         A line that is not seen four times cannot be told from the slow end of a random input. What bends shows in low
         multiples first: a line above all lower ones, from the fourth on, is near a multiple by chance.
         """
-        u = self.runs[0][str(self.model.input.label)][self.problem.depth :]
+        u = self.runs[0][self.model.input.name][self.problem.depth :]
         power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size), PADDING * u.size)) ** 2
         peak = int(np.argmax(power))
         if peak < 4 * PADDING or power[max(0, peak - 3 * PADDING) : peak + 3 * PADDING].sum() < power.sum() / 2:

@@ -82,7 +82,7 @@ def linear_in_signals(model: Model, variant: Variant) -> bool:
     """Whether an effect only adds lags of the input and the output, or a constant: an open core has them itself."""
     form = equations(model, variant)
     seen = [x for z in form.z for x in samples(z)]
-    if form.states or variant.shape or any(str(x.base.label) not in ("u", "v", "x", "y") for x in seen):
+    if form.states or variant.shape or any(x.base.name not in ("u", "v", "x", "y") for x in seen):
         return False
     return all(not sp.diff(z.xreplace({x: sp.Symbol("s")}), sp.Symbol("s")).free_symbols for z in form.z for x in seen)
 

@@ -179,7 +179,7 @@ def _plays_along(parts: Sequence[Record], origin: Mapping[Any, float], radii: Se
     run, listed = compile(recursion), []
     for part in parts:
         driver = part.u - origin.get(u, 0.0)
-        memory = run({"u": driver}, [], {str(b.label): driver[0] for b in recursion.states}, start=1)
+        memory = run({"u": driver}, [], {b.name: driver[0] for b in recursion.states}, start=1)
         listed.append(np.column_stack([driver, *memory.values()]))
     return listed
 
@@ -237,7 +237,7 @@ def branch_after(model: Model, history: Any) -> Any:
     rest = rest_map(model).xreplace(model.values)
     for one in found:
         low, high = one.between(u[k])
-        rest = rest.xreplace({one.rest: sp.Max(low, sp.Min(high, sp.Float(run[str(one.base.label)][-1])))})
+        rest = rest.xreplace({one.rest: sp.Max(low, sp.Min(high, sp.Float(run[one.base.name][-1])))})
     rest = rest.xreplace({ubar: u[k]})
     slope = derivative(rest, ybar)
     if slope.has(ybar) or abs(float(slope) - 1) < SETTLES:

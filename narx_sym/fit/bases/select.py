@@ -163,7 +163,7 @@ def path_of(
 ) -> Path:
     """Read the records once and order the candidates, those in `first` before the others."""
     columns = Columns([*candidates, target])
-    read = {str(s.base.label) for term in candidates for s in samples(expand_phi(term))}
+    read = {s.base.name for term in candidates for s in samples(expand_phi(term))}
     R, rows = factor(columns, [shifted(frame, arrays(frame, p, sorted(read))) for p in segments(records)])
     return err_path(R, rows, max_terms, [list(candidates).index(t) for t in first])
 

@@ -94,7 +94,7 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
     chosen = np.unique(np.linspace(2, n - ahead - 1, min(POINTS, n - ahead - 2)).astype(int))
     several = np.zeros(chosen.size, dtype=bool)
     for stage in stages:
-        reached = found.values[str(stage.unknown.base.label)][:n]
+        reached = found.values[stage.unknown.base.name][:n]
         several |= crossings(gaps(law, stage, found.values, target, chosen, around(reached)[None, :])).sum(axis=1) > 1
     none = found.unreached[chosen + ahead]
     several &= ~none

@@ -68,8 +68,8 @@ def gaps(
             past = np.concatenate([np.full(delay, target[0]), values["y"][front:]])
             return held[at + delay] if -lag(s) == delay else past[np.maximum(at - lag(s), 0)]
         if s == stage.target:
-            return values[f"{s.base.label}_wanted"][at + front]
-        column = values[str(s.base.label)]
+            return values[f"{s.base.name}_wanted"][at + front]
+        column = values[s.base.name]
         place = at + front - lag(s) - leads.get(s.base, 0)
         return column[np.clip(place, 0, column.size - 1)]
 

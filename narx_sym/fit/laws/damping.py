@@ -156,7 +156,7 @@ class _Trial:
 
     def __init__(self, law: Compensator):
         model, self.law = law.model, law
-        low, high = model.info.ranges.get(str(model.input.label), (0.0, 1.0))
+        low, high = model.info.ranges.get(model.input.name, (0.0, 1.0))
         self.step = (high - low) / STEPS
         begin = RISE // 2 + law.preview
         n = begin + RISE + LASTS + law.preview

@@ -39,7 +39,7 @@ class Prepared:
         given = _padded(law, compiled, target, channels)
         first = {name: float(c[0]) for name, c in given.items()}
         initial = rest_states(law.model, start, float(target[0]), first) if beside else {}
-        initial |= {"m": start, str(law.model.output.label): float(target[0])}
+        initial |= {"m": start, law.model.output.name: float(target[0])}
         return cls(compiled, given, initial, fitted(law.model))
 
     @property

@@ -235,7 +235,7 @@ def operating_range(law: Compensator) -> OperatingRange | None:
     m_grid, r_grid = (x.ravel() for x in np.meshgrid(inputs, outputs))
     if info.band is not None and info.line is not None:
         offset, slope = info.line
-        direct = str(law.model.input.label) == "u"
+        direct = law.model.input.name == "u"
         distance = r_grid - offset - slope * m_grid if direct else m_grid - offset - slope * r_grid
         inside = np.abs(distance) <= info.band
         m_grid, r_grid = m_grid[inside], r_grid[inside]

@@ -97,7 +97,7 @@ def right(
 
 
 def _hint(stage: Solution) -> Any:
-    return signal(f"{stage.unknown.base.label}_hint")
+    return signal(f"{stage.unknown.base.name}_hint")
 
 
 @dataclass
@@ -187,14 +187,14 @@ class Lookback:
     def grown(self) -> float:
         """Return by how much a disturbance of the input grows along the run that came furthest."""
         path = max((p for _, p in self.known), key=lambda p: -1 if p.missed is None else p.missed)
-        held = {str(_hint(s).label): self._column(path.hints.get(str(_hint(s).label), {})) for s in self.open}
+        held = {_hint(s).name: self._column(path.hints.get(_hint(s).name, {})) for s in self.open}
         at, more = path.missed or 0, {**self.channels, **held}
         return growth(self.law, self.target, self.start, more, at, lambda clipped: steered(self.law, clipped))
 
     def _run(self, before: _Path, hints: Hints, at: int) -> _Path:
         """Run on from a sample of a run, in stretches that grow, until it misses or is as an earlier run was."""
         values, begin, changed = before.values, at, at + 1 if hints else 0
-        names = [str(_hint(s).label) for s in self.open]
+        names = [_hint(s).name for s in self.open]
         more = {n: (self._column(hints.get(n, {})), FREE) for n in names}
         met: tuple[int, int] | None = None
         stretch = 1 if hints else self.n if before.missed is None else before.missed + ON
@@ -252,7 +252,7 @@ class Lookback:
         columns = {n: c[: depth + stop] for n, c in {**path.values, **self.prepared.given}.items()}
         found: list[tuple[int, float, str, float]] = []
         for stage in self.open:
-            name, hint = str(stage.unknown.base.label), str(_hint(stage).label)
+            name, hint = stage.unknown.base.name, _hint(stage).name
             before = columns[name][max(depth - 1, 0) :][:1]
             column = np.concatenate([before, columns[name][depth:]])  # from the value before the first one on
             grid, last = beyond(around(column[:stop], WIDER)), column[at]

@@ -23,7 +23,7 @@ def law_start(law: Compensator, output: float, m0: float | None = None) -> dict[
     """Return the values before the start, at rest, by name: what the recursion and the C source begin with."""
     begin = rest_input(law, float(output)) if m0 is None else float(m0)
     rest = rest_states(law.model, begin, float(output))
-    return {"m": begin, "r": float(output), str(law.model.output.label): float(output)} | rest
+    return {"m": begin, "r": float(output), law.model.output.name: float(output)} | rest
 
 
 def rest_input(law: Compensator, output: float, limits: Sequence[float] | None = None) -> float:
@@ -49,14 +49,14 @@ def rest_input(law: Compensator, output: float, limits: Sequence[float] | None =
         offset = model.info.start[1] - slope * model.info.start[0]
     if inverse:
         return _inside(float(offset + slope * output), limits)
-    seen = model.info.ranges.get(str(model.input.label))
+    seen = model.info.ranges.get(model.input.name)
     near = _inside(_inside(float((output - offset) / slope) if slope else 0.0, seen), limits)
     return near if seen is None or model.channels else _resting(model, output, near, _both(seen, limits))
 
 
 def rests_with(model: Model, held: float, output: float) -> bool:
     """Whether a model stays at an output while its input is held."""
-    low, high = model.info.ranges.get(str(model.output.label), (output, output))
+    low, high = model.info.ranges.get(model.output.name, (output, output))
     return bool(np.abs(_moved(model, held, output)).max() <= RESTS * max(high - low, abs(output), 1e-300))
 
 
@@ -70,7 +70,7 @@ def _moved(model: Model, held: float, output: float) -> np.ndarray:
 
 def _resting(model: Model, output: float, near: float, ends: tuple[float, float]) -> float:
     """Return the input between two ends at which a model rests, on the side of `near` where it is."""
-    low, high = model.info.ranges.get(str(model.output.label), (output, output))
+    low, high = model.info.ranges.get(model.output.name, (output, output))
     size = STAYS * max(high - low, abs(output), 1e-300)
 
     def drift(held: float) -> float:
@@ -106,7 +106,7 @@ def rests_at(model: Model, limits: Sequence[float]) -> tuple[float, float] | Non
     (output at the lowest, output at the highest input) [unit of y]; None where it does not come to rest, and for a
     model that was not fitted to records, or needs a channel.
     """
-    seen = model.info.ranges.get(str(model.output.label))
+    seen = model.info.ranges.get(model.output.name)
     if seen is None or model.channels:
         return None
     middle, size = float(np.mean(limits)), STAYS * (seen[1] - seen[0])

@@ -52,7 +52,7 @@ class Written:
         self._read: dict[tuple[int, ...], Form] = {}
         form = self.read((1,) * len(steps))
         read = [*form.z, *(e for s in form.states for e in (s.right, s.initial))]
-        bases = {str(s.base.label) for e in read for s in samples(e)}
+        bases = {s.base.name for e in read for s in samples(e)}
         names = {s.name for e in read for s in e.free_symbols if isinstance(s, sp.Symbol)}
         sequences = [n for n in SEQUENCES if n in bases]
         order = [*sequences, *(["Ts"] if "Ts" in names else []), *shape]
@@ -70,7 +70,7 @@ class Written:
             for name, value in zip(self.steps, values, strict=True):
                 text = re.sub(rf"\[\s*k\s*([+-])\s*{name}\s*\]", rf"[k\g<1>{value}]", text)
             expr = parse(text, signals=[*SEQUENCES, *names], symbols=[*self.shape, "Ts"])
-            foreign = [s for s in samples(expr) if str(s.base.label) not in (*SEQUENCES, *names)]
+            foreign = [s for s in samples(expr) if s.base.name not in (*SEQUENCES, *names)]
             if foreign:
                 raise ModelError(f"{foreign[0]} is not known here; write x[k] - x[k-1] for a difference.")
             return expr
@@ -85,7 +85,7 @@ class Written:
         known = {sp.Symbol(n, real=True): sp.sympify(given[n]) for n in (*self.shape, "Ts") if n in given}
 
         def written(expr: Any) -> Any:
-            moved = {s: given[n][s.indices[0]] for s in samples(expr) if (n := str(s.base.label)) in given}
+            moved = {s: given[n][s.indices[0]] for s in samples(expr) if (n := s.base.name) in given}
             return expr.xreplace(known | moved)
 
         return Form(tuple(map(written, form.z)), tuple(s.map(written) for s in form.states))
@@ -335,16 +335,16 @@ def _computable(form: Form, places: Mapping[str, tuple[str, ...]], shape: tuple[
     Recursion(tuple(updates), tuple(sp.Symbol(n, real=True) for n in (*shape, "Ts")))
     if sum(written_out(e, form.states) for e in form.z) > MAX_WRITTEN:
         raise ModelError("the equations grow too large when the states are written out.")
-    own = {str(s.left.base.label) for s in form.states}
+    own = {s.left.base.name for s in form.states}
     for _, right in updates:
         for s in samples(right):
-            name = str(s.base.label)
+            name = s.base.name
             late = name == "y" or (name == "x" and "y" in places.get("input", ()))
             if name not in own and lag(s) < (1 if late else 0):
                 raise ModelError(f"{s} is not known at time k there; use earlier samples.")
     for state in form.states:
         for s in samples(state.initial):
-            if str(s.base.label) not in ("x", "u", "y") or lag(s) < 0:
+            if s.base.name not in ("x", "u", "y") or lag(s) < 0:
                 raise ModelError(f"the initial value of {state.left} may contain samples of x, u and y, not {s}.")
         if state.initial.free_symbols & {sp.Symbol(n, real=True) for n in (*shape, "Ts")}:
             raise ModelError(f"the initial value of {state.left} contains a shape parameter; only signals and numbers.")

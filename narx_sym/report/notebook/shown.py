@@ -31,7 +31,7 @@ def model_html(model: Model) -> str:
     rows = [[r["symbol"], r["term"], *("" if r[n] is None else number(r[n], d) for n, d in digits)]
             for r in model.table()]  # fmt: skip
     shown = table(["parameter", "multiplies", "value", "standard error"], rows)
-    point = ", ".join(f"{b.label} = {number(v, 4)}" for b, v in model.operating_point.items())
+    point = ", ".join(f"{b.name} = {number(v, 4)}" for b, v in model.operating_point.items())
     around = f"<p>Around the operating point {escape(point)}.</p>" if point else ""
     return f"{marked(model)}<p>{acts(model.delay, model.Ts)}</p>{around}{shown}"
 

@@ -128,7 +128,7 @@ def reference(law: Compensator, listed: Sequence[Tried], c: Comparison) -> dict[
     period = int(np.clip(c.worst.stop - c.worst.start, 20, LONGEST // 4))
     return {
         "model": next(i for i, one in enumerate(listed) if one.fitted.model is law.model),
-        "start": [begin.get(str(b.label), 0.0) for b in recursion.states], "lead": max(1, recursion.depth),
+        "start": [begin.get(b.name, 0.0) for b in recursion.states], "lead": max(1, recursion.depth),
         "n": 4 * period, "ahead": recursion.lead, "middle": middle, "amplitude": float(np.ptp(c.y)) / 4,
         "period": period, "limits": [float(c.u.min()), float(c.u.max())],
     }  # fmt: skip
@@ -149,19 +149,19 @@ def content(diagnosis: Diagnosis, listed: Sequence[Tried], c: Comparison, units:
     """Return what the page's script reads."""
     base = listed[0].fitted
     i = int(np.argmax([len(r) for r in base.split.records]))
-    output, driving = base.problem.name, str(base.model.input.label)
+    output, driving = base.problem.name, base.model.input.name
     record, data = base.split.records[i], base.problem.data[i]
     n = min(data[output].size, MOST_SAMPLES)
     names = dict.fromkeys([output, driving])
     for tried in listed:
-        names |= dict.fromkeys(str(b.label) for b in tried.fitted.model.recursion.inputs if b != t)
+        names |= dict.fromkeys(b.name for b in tried.fitted.model.recursion.inputs if b != t)
     every = {name: one for tried in listed for name, one in tried.fitted.problem.data[i].items()}
     told = []
     for tried in listed:
         first, recursion = start(tried.fitted, i), tried.fitted.model.recursion
         told.append({
-            "start": [first.get(str(b.label), 0) for b in recursion.states], "skip": tried.fitted.problem.depth,
-            "inputs": [None if b == t else list(names).index(str(b.label)) for b in recursion.inputs],
+            "start": [first.get(b.name, 0) for b in recursion.states], "skip": tried.fitted.problem.depth,
+            "inputs": [None if b == t else list(names).index(b.name) for b in recursion.inputs],
             "parameters": sliders(diagnosis, tried, units),
         })  # fmt: skip
     return {

@@ -31,7 +31,7 @@ def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[
         axes = [*split(left, (3, 1)), right]
     parts = record.segments()
     listed = [arrays(model, part) for part in parts]
-    source, output = str(model.input.label), str(model.output.label)
+    source, output = model.input.name, model.output.name
     simulated = np.concatenate([free_run(model, part) for part in parts])
     measured, driver = (np.concatenate([d[name] for d in listed]) for name in (output, source))
     time = np.concatenate([part.t[: d[output].size] for part, d in zip(parts, listed, strict=True)])
@@ -54,7 +54,7 @@ def reversal_curves(model: Model, count: int = 8, leg: int = 400) -> list[tuple[
     -------
     list of (u, y), (leg,) arrays [units of u and y], from the highest level to the lowest
     """
-    low, high = model.info.ranges.get(str(model.input.label), (-1.0, 1.0))
+    low, high = model.info.ranges.get(model.input.name, (-1.0, 1.0))
     levels = [high - (high - low) * i / count for i in range(1, count + 1)]
     path = [np.linspace(low, high, leg)]
     for level in levels:

@@ -34,7 +34,7 @@ def plot_quasi_static(
         default three quarters of the points of each set that matters are inside.
     """
     units = said_first(model.info.units, units)
-    source, output = str(model.input.label), str(model.output.label)
+    source, output = model.input.name, model.output.name
     if u is None:
         low, high = model.info.ranges.get(source, (-1.0, 1.0))
         u = (low + high) / 2 + (high - low) / 2 * np.sin(2 * np.pi * np.arange(1000) / 1000)
