@@ -108,7 +108,7 @@ class Finer:
 
     def _rebuilt(self, fine: Search, row: Row, delay: int) -> Row | None:
         """Fit the core from the data, then one effect after the other from its shape in the table."""
-        made = min(fine.cored([delay]), key=lambda r: r.fitted, default=None)
+        made = min(fine.cored(fine.cores([delay])), key=lambda r: r.fitted, default=None)
         for variant, (_, where) in zip(row.hypothesis.effects, row.frame.added, strict=True):
             if made is None:
                 return None

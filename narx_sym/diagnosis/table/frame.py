@@ -167,7 +167,7 @@ class Frame:
     def late(self, delay: int) -> None:
         """Let the input come later by some samples."""
         if delay not in self._data:
-            name, moved = str(self.problem.model.input.label), (later(r.u, delay) for r in self.cut)
+            name, moved = self.problem.model.input.name, (later(r.u, delay) for r in self.cut)
             shown = [u[s] for u in moved for s in parts(len(u), self.pieces)]
             self._data[delay] = [{**d, name: x} for d, x in zip(self._data[0], shown, strict=True)]
             self._cuts[delay] = self._judged(delay)
@@ -254,7 +254,7 @@ class Frame:
         return found if np.isfinite(found) else np.inf
 
     def fit(
-        self, x: Array, core: Core, steps: int, use: Array | None = None, only_starts: bool = False
+        self, x: Array, core: Core, steps: int, use: Array | None = None, only_starts: bool = False, gain: float = GAIN
     ) -> tuple[Array, float]:
         """Minimise the mean squared free-run error from x (Levenberg 1944, Marquardt 1963); return x and that error.
 
@@ -287,7 +287,7 @@ class Frame:
                     if w is None:
                         damping *= 8
                         continue
-                    if np.sum((added * w - g) * w) < GAIN * cost:  # as far as it is linear, nothing is gained
+                    if np.sum((added * w - g) * w) < gain * cost:  # as far as it is linear, nothing is gained
                         return x, cost
                     new = np.clip(x + span.along(w / size), self.low, self.high)
                     now, gradient, G, every = self._squares(new, use)
@@ -297,7 +297,7 @@ class Frame:
                 else:
                     break
                 x, gained, cost, damping = new, cost - now, now, damping / 6
-                if gained < GAIN * cost:
+                if gained < gain * cost:
                     break
         return x, cost
 

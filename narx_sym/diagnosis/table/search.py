@@ -16,7 +16,7 @@ from ...fit.identify import FEWEST
 from ...models.extend import Variant
 from ...models.model import Model
 from .arx import arx_start
-from .frame import BLOCKS, Frame, parts
+from .frame import BLOCKS, GAIN, Frame, parts
 from .hypotheses import Core, Hypothesis, family_of, ladder
 from .verdict import price
 
@@ -24,6 +24,7 @@ Array = np.ndarray
 HIGHER = (5, 7, 9, 11)  # orders of further cores, tried in turn
 LOOKS = 4  # shapes from which a fit is begun
 HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
+BRIEF = 1e-3  # relative gain of a step at which a brief fit ends: a hundredth of what a parameter must buy
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
 
 
@@ -59,7 +60,7 @@ class Row:
     def held(self) -> float:
         """Mean squared held-out error, over the variance of y."""
         w, seen = self.weights, self.weights > 0
-        return float(np.sum((self.blocks * w)[seen]) / w.sum()) if self.blocks.size else np.inf
+        return float(self.blocks[seen] @ w[seen] / w.sum()) if self.blocks.size else np.inf
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -203,7 +204,7 @@ class Search:
         FitError
             Where no core follows the data.
         """
-        every = [r.judged() for r in self.cored(delays, any_pole=True)]
+        every = [r.judged() for r in self.cored(self.cores(delays), any_pole=True)]
         away = [r for r in every if self._runs_away(r)]
         self.swings = any(slowest(r.a) < 1 and not at_one(r.a, self.slow) and self._driven(r, r.held) for r in away)
         found = [r for r in every if not self._runs_away(r)]
@@ -221,7 +222,7 @@ class Search:
     def _integrated(self, near: Row, every: Sequence[Row], delays: Sequence[int]) -> list[Row]:
         """Fit every core with a pole at 1, in pieces; where the pole that only is near does better, it stays there."""
         self.integrating = True
-        found = [r.judged() for r in self.cored(delays)]
+        found = [r.judged() for r in self.cored(self.cores(delays))]
         if slowest(near.a) >= 1 or near.held > min((r.held for r in found), default=np.inf):
             return found
         self.integrating, self.leaks = False, True
@@ -234,20 +235,21 @@ class Search:
         Where no part of them does for the whole, only the start of a core of enough of them says so. A further
         resonance is priced as an effect: a free one also imitates a disturbance.
         """
-        climbs = True
+        climbs, worth, frames = True, min(r.price for r in found), self.frames
+        sizes: list[tuple[int, int]] = []
         for n in HIGHER if self.family == "linear" and self.sizes is None and not self.integrating else ():
-            frames, before, worth = self.frames, list(self.higher), min(r.price for r in found)
             if not climbs and self._begins(Core(n, n, min(delays))) >= worth:
                 continue
-            self._grow([*before, (n, n)])
-            made = [r.judged() for r in self.cored(delays)]
-            climbs = min((r.price for r in made if r.size == self.largest), default=np.inf) < worth
+            self._grow([(n, n)])
+            least = min((r.judged().price for r in self.cored([Core(n, n, d) for d in delays])), default=np.inf)
+            climbs = least < worth
             if climbs:
-                found = made
-            else:
-                self._grow(before)
-                self.frames = frames
-        return found
+                worth, sizes = least, [*sizes, (n, n)]
+        self._grow(sizes)
+        if not sizes:
+            self.frames = frames
+            return found
+        return [r.judged() for r in self.cored(self.cores(delays))]
 
     def _begins(self, core: Core) -> float:
         """Return the price of a core where its fit begins."""
@@ -259,10 +261,10 @@ class Search:
         """Let larger cores stand among the others: all frames hold the largest."""
         self.higher, self.frames = higher, {}
 
-    def cored(self, delays: Sequence[int], any_pole: bool = False) -> list[Row]:
-        """Fit every core, each with its best delay; not judged yet."""
+    def cored(self, cores: Sequence[Core], any_pole: bool = False) -> list[Row]:
+        """Fit cores, each size with its best delay; not judged yet."""
         best: dict[Core, Row] = {}
-        for core in self.cores(delays):
+        for core in cores:
             frame = self.frame((), core.given)
             row = self.fitted(Hypothesis(core), frame.near(self._start(core, frame), core), 15, any_pole)
             if row is not None and (row.size not in best or row.fitted < 0.999 * best[row.size].fitted):
@@ -277,11 +279,13 @@ class Search:
         x = frame.placed(core, guess)
         return min((frame.beside(core, guess[: core.n_y]), x), key=lambda z: frame.error(z, core))
 
-    def fitted(self, hypothesis: Hypothesis, x: Array, steps: int, any_pole: bool = False) -> Row | None:
+    def fitted(
+        self, hypothesis: Hypothesis, x: Array, steps: int, any_pole: bool = False, gain: float = GAIN
+    ) -> Row | None:
         """Fit one hypothesis from one start; None where it diverges, or integrates where the axis does not."""
         core = hypothesis.core
         frame = self.frame(hypothesis.effects, core.given)
-        x, cost = frame.fit(x, core, steps)
+        x, cost = frame.fit(x, core, steps, gain=gain)
         if not np.isfinite(cost):
             return None
         row = Row(hypothesis, frame, x, cost, frame.parameters(core), more=self._more(hypothesis))
@@ -362,7 +366,7 @@ class Search:
             [base.values[: cs[0]], np.zeros(len(cs) + len(where)), frame.shifts(base.frame, base.values)]
         )
         x[cs], x[where] = HALF if variant.effect.full else 0.0, shape
-        row = self.fitted(hypothesis, x, steps)
+        row = self.fitted(hypothesis, x, steps, gain=BRIEF)
         if row is not None:
             row.shape = tuple(shape)
         return row
