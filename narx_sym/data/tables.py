@@ -23,6 +23,7 @@ MOST_NAMED = 40  # columns in a message
 LARGEST_FILE = 8_000_000_000  # bytes of all arrays that are read from a file
 LARGEST = 1e100  # in any unit
 ALL = "all"  # instead of names of columns
+SETPOINTS = ("setpoint", "sp", "sv", "r", "ref", "reference")  # names of a channel that is the setpoint of a loop
 
 
 @contextmanager
@@ -112,6 +113,12 @@ class Table:
                 )
             if name != n and (said := f"column '{n}' is the channel {name}") not in self.notes:
                 self.notes.append(said)
+        left = [n for n in (*self.columns, *self.unread) if n and n not in {*called.values(), *used}]
+        if not any(map(is_setpoint, called)) and (aside := next(filter(is_setpoint, map(plain_name, left)), None)):
+            self.notes.append(
+                f"column '{aside}' is not read; where it is the setpoint of a controller that made the input, name it: "
+                f"--channels {aside}"
+            )
         return called
 
     def complete(self, names: Sequence[str], cut: slice) -> NDArray[np.bool_]:
@@ -210,6 +217,11 @@ class Table:
             except (TypeError, ValueError):
                 return i
         return None
+
+
+def is_setpoint(name: str) -> bool:
+    """Whether a channel has the name of a setpoint: "Setpoint [m3/h]" is the channel Setpoint_m3_h."""
+    return name.lower().partition("_")[0] in SETPOINTS
 
 
 def wants_all(wanted: str | Sequence[str]) -> bool:

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ..data.evidence.feedback import Feedback, closed_loop, is_setpoint, setpoint
+from ..data.evidence.feedback import Feedback, closed_loop, setpoint
 from ..data.evidence.levels import at_levels
 from ..data.evidence.noise import repeated, sensor_noise
 from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
 from ..data.sensor import Fault, quantum, sensor_faults
+from ..data.tables import is_setpoint
 from ..data.units import said_first
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread

@@ -601,3 +601,11 @@ def test_dates_are_no_seconds():
     for stamps in (days, days - days[0]):
         with pytest.raises(DataError, match="not an array of real numbers"):
             Record.from_arrays(np.arange(3.0), np.arange(3.0), t=stamps)
+
+
+def test_a_setpoint_that_nobody_reads_is_noted(tmp_path):
+    path = tmp_path / "loop.csv"
+    path.write_text("t,u,y,Setpoint [mm]\n" + "".join(f"{k},{k % 3},{k % 5},1\n" for k in range(20)))
+    told = "column 'Setpoint_mm' is not read"
+    assert any(told in note for note in ns.read(path).notes)
+    assert not any("is not read" in note for note in ns.read(path, channels="Setpoint_mm").notes)

@@ -24,10 +24,10 @@ from scipy.linalg import lstsq
 from scipy.signal import lfilter
 
 from ..record import Record
+from ..tables import is_setpoint
 from .noise import usual_size
 
 Array = np.ndarray
-SETPOINTS = ("setpoint", "sp", "sv", "r", "ref", "reference")  # names of a channel that is the setpoint of a loop
 OWN, TURNS = 12, 8  # lags of each signal; rounds of the robust fit
 FRESH = 0.03  # of the input's movement: less than that is new, and there is nothing to explain
 LEFT = 0.65  # share of what is new in the input that the output leaves unexplained, under feedback at most
@@ -110,11 +110,6 @@ class Feedback:
             f"This record was taken in closed loop; {100 * self.led:.0f} % of what moves the input follows from the "
             "setpoint, so that disturbances that reach it through the controller imitate far less than is explained"
         )
-
-
-def is_setpoint(name: str) -> bool:
-    """Whether a channel has the name of a setpoint: "Setpoint [m3/h]" is the channel Setpoint_m3_h."""
-    return name.lower().partition("_")[0] in SETPOINTS
 
 
 def setpoint(record: Record) -> Array | None:
