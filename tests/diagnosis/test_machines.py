@@ -242,3 +242,25 @@ def test_what_nobody_recorded_before_the_start_is_no_effect():
     found = diagnosed(record)
     assert found.verdict == "nothing_detectable" and found.steps[0].finding == "nothing_detectable"
     assert found.ladder[0]["validation"] < 0.015
+
+
+@pytest.mark.long
+def test_a_motor_that_is_recorded_as_a_speed_breaks_loose_by_a_jump():
+    """It stands until the voltage is well above that at which it stops again."""
+    Ts, fine, tau, gain = 0.02, 40, 0.1, 18.0
+    t = Ts * np.arange(2000)
+    u = 3 * (2 / np.pi) * np.arcsin(np.sin(2 * np.pi * t / 4))  # a slow triangle
+    y, speed = np.zeros(t.size), 0.0
+    for k in range(t.size):
+        y[k] = speed
+        for _ in range(fine):
+            holds = 0.2 + 0.7 * np.exp(-((speed / 0.5) ** 2))  # [V]
+            if speed == 0 and abs(u[k]) <= holds:
+                continue
+            side = np.sign(speed) or np.sign(u[k])
+            new = speed + Ts / fine / tau * (gain * (u[k] - holds * side) - speed)
+            speed = new if new * side > 0 else 0.0
+    found = diagnosed(record_of(u, y, Ts, 0.01))
+    assert found.confusion_set == ["stiction"]
+    base, after = (rung["validation"] for rung in found.ladder)
+    assert after < 0.02 < 0.04 < base

@@ -256,20 +256,26 @@ class Table:
     def held(self, choose: Callable[[], tuple[Row, Row | None]]) -> tuple[Row, Row | None]:
         """Return the first base and winner that can both be held at both rates; others leave the table.
 
-        So does a winner that is not worth its price at the records' own rate, or where fewer effects clearly cost
-        less there. The core of what is cheaper than the base, with its delay, stands in the table without the
-        effects too: what a delay explains they do not.
+        So does a winner that is not worth its price at the records' own rate, that raises the error on samples that
+        were held out there, or where fewer effects clearly cost less. The core of what is cheaper than the base, with
+        its delay, stands in the table without the effects too: what a delay explains they do not.
         """
         while True:
             base, best = choose()
             if best is not None and self._bare(base):
                 continue
             lost = [r for r in (base, best) if r is not None and not self.holds(r)]
-            if not lost and best is not None and not (self.worth(best, base) and self._needed(best, base)):
+            if not lost and best is not None and not self._shows(best, base):
                 lost = [best]
             if not lost:
                 return base, best
             self.rows.remove(lost[0])
+
+    def _shows(self, best: Row, base: Row) -> bool:
+        """Whether a winner is one at the records' own rate too, and the error that is shown does not clearly rise."""
+        before, after = (self.own(r) for r in (base, best))
+        held = before.mean_square(before.split.held) * np.exp(ALIKE)
+        return after.mean_square(after.split.held) <= held and self.worth(best, base) and self._needed(best, base)
 
     def _needed(self, best: Row, base: Row) -> bool:
         """Whether no fewer effects, the cheapest of them, clearly cost less at the records' own rate."""

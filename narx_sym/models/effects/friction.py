@@ -166,6 +166,25 @@ def stiction(x: Any, y: Any, r: Any, e: Any) -> Form:
 
 
 @effect(
+    {"motion": "y"},
+    scan={"r": Scan("amplitude", (0.01, 0.03, 0.1), beyond=2.0), "e": Scan("amplitude", (0.03, 0.1), beyond=3.0)},
+    sign=1,
+    full=True,
+    unit={"r": "unit of the driver", "e": "unit of the driver"},
+    id="stiction",
+    form=OF_A_SPEED,
+    standing=True,
+    source="Stribeck 1902; implicit Euler step (Moreau 1988)",
+    limit=("e", 0.0, "coulomb_friction"),
+)
+def stiction_of_speed(x: Any, y: Any, r: Any, e: Any) -> Form:
+    """Friction that holds: to break loose takes more than to go on, so that it moves by sticking and slipping."""
+    reached = y[k - 1] + x[k]  # by the core, if nothing held it
+    left, holds = held(reached, y[k - 1], r, e)
+    return Form((left - reached,), (holds,))
+
+
+@effect(
     {"input": "u", "output": "y"},
     scan={"r": Scan("amplitude", (0.05, 0.2, 0.4), beyond=2.0), "e": Scan("amplitude", (0.05, 0.2), beyond=2.0)},
     sign=1,
