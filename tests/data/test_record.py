@@ -607,5 +607,5 @@ def test_a_setpoint_that_nobody_reads_is_noted(tmp_path):
     path = tmp_path / "loop.csv"
     path.write_text("t,u,y,Setpoint [mm]\n" + "".join(f"{k},{k % 3},{k % 5},1\n" for k in range(20)))
     told = "column 'Setpoint_mm' is not read"
-    assert any(told in note for note in ns.read(path).notes)
-    assert not any("is not read" in note for note in ns.read(path, channels="Setpoint_mm").notes)
+    assert any(told in note for note in read(path).notes)
+    assert not any("is not read" in note for note in read(path, channels="Setpoint_mm").notes)
