@@ -369,7 +369,7 @@ class Errors:
 
 
 def evaluate(model: Model, records: Records) -> Errors:
-    """Compare a model with measurements; a free run that diverges has an infinite error.
+    """Compare a model with measurements; what diverges, as the memory of an effect may, has an infinite error.
 
     All samples count alike: over several records, or across a gap, the errors are those of the samples put together.
     """
@@ -383,17 +383,20 @@ def evaluate(model: Model, records: Records) -> Errors:
             )
         data = arrays(model, record)[model.output.name]
         measured.append(data)
-        predicted.append(predict(model, record))
-        try:
-            simulated.append(free_run(model, record))
-        except Diverged:
-            simulated.append(np.full(data.size, np.inf))
+        for runs, run in ((predicted, predict), (simulated, free_run)):
+            try:
+                runs.append(run(model, record))
+            except Diverged:
+                runs.append(np.full(data.size, np.inf))
     target, one, free = (np.concatenate(parts) for parts in (measured, predicted, simulated))
     if np.ptp(target) == 0:
         raise DataError(
             f"record {record.name!r}: {model.output.name} is constant ({target[0]:.6g}): an error has nothing to be "
             "compared with. Check the columns (--input, --output) and the rows (--rows)."
         )
-    finite = float(np.abs(free).max()) < HUGE * float(np.ptp(target) or 1.0)
-    free_nrmse, free_mape = (measure(target, free) if finite else float("inf") for measure in (nrmse, mape))
-    return Errors(nrmse(target, one), free_nrmse, mape(target, one), free_mape)
+    most = HUGE * float(np.ptp(target) or 1.0)
+
+    def error(measure: Callable[[Array, Array], float], run: Array) -> float:
+        return measure(target, run) if np.abs(run).max() < most else float("inf")
+
+    return Errors(error(nrmse, one), error(nrmse, free), error(mape, one), error(mape, free))

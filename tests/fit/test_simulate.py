@@ -99,3 +99,13 @@ def test_the_engines_agree_about_a_direction_at_rest():
         for engine in ("native", "python", "numpy"):
             run = model.simulate(np.full(30, at), -1.0, u0=at, engine=engine)
             assert np.array_equal(run, np.full(30, run[0])) and abs(run[0] + 1) < 1e-12
+
+
+def test_a_memory_that_runs_away_has_an_infinite_error_one_step_ahead_too():
+    """The measured output does not hold what an effect remembers."""
+    loop = next(v for v in variants(LINEAR) if v.effect.form == "Bouc-Wen" and v.where == "output")
+    model = valued(LINEAR, loop)
+    model = model.replace(theta=[-5.0 if str(s).startswith("b_") else v for s, v in model.values.items()])
+    w = 50 * np.random.default_rng(0).standard_normal(300)
+    found = ns.evaluate(model, ns.Record.from_arrays(w, w, Ts=0.01))
+    assert (found.one_step_nrmse, found.free_run_nrmse) == (np.inf, np.inf)
