@@ -374,7 +374,9 @@ def evaluate(model: Model, records: Records) -> Errors:
     All samples count alike: over several records, or across a gap, the errors are those of the samples put together.
     """
     fitted(model)
-    measured, predicted, simulated = [], [], []
+    measured: list[Array] = []
+    predicted: list[Array] = []
+    simulated: list[Array] = []
     for record in in_units(segments(records), model.info.units):
         if model.Ts and not same_pace(record.Ts, model.Ts):
             warnings.warn(
