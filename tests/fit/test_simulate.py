@@ -68,7 +68,7 @@ def test_a_free_run_makes_its_own_data_again(base):
     temp[: still + 8] = temp[0]
     tried = 0
     for variant in variants(base, ["temp"]):
-        model = valued(base, variant, 0.02 if variant.where == "inside" else 0.2)
+        model = valued(base, variant, -0.02 if variant.where in ("inside", "force") else 0.2)  # they hold it back
         channels = {"temp": temp} if model.channels else {}
         driven = np.concatenate([np.full(still, wave[0]), wave])
         rest = base.operating_point.get(y, 0.0)
