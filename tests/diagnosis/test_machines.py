@@ -118,6 +118,17 @@ def test_one_free_run_under_two_names_is_one_partner():
     assert list(distinct(rows)) == [rows[0], rows[2], rows[3]]
 
 
+@pytest.mark.parametrize(("after", "shows"), [(0.9, True), (1.04, True), (1.2, False)])
+def test_no_winner_raises_the_error_that_is_shown(after, shows):
+    """On all blocks it may fall all the same: of a record with one step most of it is before that."""
+
+    def own(error):
+        return SimpleNamespace(split=SimpleNamespace(held="held"), mean_square=lambda masks: error)
+
+    table = SimpleNamespace(own=own, worth=lambda best, base: True, _needed=lambda best, base: True)
+    assert Table._shows(table, after, 1.0) == shows
+
+
 def test_half_of_a_pair_is_what_promises_most():
     """A curve alone removes more of a loop than the loop alone does, but only beside the loop a curve explains all."""
 

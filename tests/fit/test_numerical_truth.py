@@ -14,7 +14,9 @@ from narx_sym.data.record import Record
 from narx_sym.engines.columns import Columns
 from narx_sym.engines.compile import compile
 from narx_sym.errors import FitError
+from narx_sym.fit import freerun
 from narx_sym.fit.constraints import Elimination
+from narx_sym.fit.freerun import FreeRun
 from narx_sym.fit.least_squares import CORRECTED, factor, one_step, refined, solve_factor
 from narx_sym.models.model import NARX
 from narx_sym.symbolic.recursion import Recursion
@@ -184,3 +186,20 @@ def test_the_unit_of_a_constraint_does_not_matter():
         assert both.Z.shape == (3, 1)
         theta = both.t0 + both.Z @ [0.7]
         assert theta[0] + 2 * theta[1] == pytest.approx(3) and theta[1] + theta[2] == pytest.approx(1)
+
+
+def test_slopes_of_many_parameters_are_those_of_few_and_printed_once(monkeypatch):
+    """One banded solve per run, or one equation per parameter: the same derivatives."""
+    older = [f"y[k-{i}]" for i in range(1, 9)] + [f"u[k-{i}]" for i in range(1, 7)]
+    model = NARX.from_terms([*older, "y[k-1]**2", "y[k-2]*u[k-1]", "phi1[k-1]*y[k-1]", "phi2[k-1]*phi1[k-1]*y[k-2]"])
+    rng = np.random.default_rng(0)
+    theta = [0.3, 0.2, -0.1, 0.1, 0.05, 0.02, 0.01, 0.01, *rng.normal(size=6), 0.02, 0.03, 0.02, 0.01]
+    record = Record.from_arrays(rng.uniform(-1, 1, 300), rng.normal(size=300), Ts=1.0)
+    many, few = (FreeRun(model, record, []) for _ in range(2))
+    assert len(theta) > freerun.MANY
+    r, S = (x.copy() for x in many.run(many.start(theta)))
+    monkeypatch.setattr(freerun, "MANY", 100)
+    assert r == pytest.approx(few.run(few.start(theta))[0], abs=1e-12)
+    assert S == pytest.approx(few.run(few.start(theta))[1], rel=1e-9, abs=1e-12)
+    monkeypatch.setattr(sp, "lambdify", None)
+    assert not np.array_equal(many.run(1.01 * many.start(theta))[0], r)
