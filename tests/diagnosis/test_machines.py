@@ -129,6 +129,16 @@ def test_no_winner_raises_the_error_that_is_shown(after, shows):
     assert Table._shows(table, after, 1.0) == shows
 
 
+@pytest.mark.parametrize(
+    ("pole", "effects", "grows"), [(0.9, 0, False), (1.0005, 0, False), (1.08, 0, True), (1.08, 1, False)]
+)
+def test_no_base_of_an_axis_has_a_pole_that_grows(pole, effects, grows):
+    """Its free run starts again and again, and would hide it; a friction holds such an axis."""
+    a = -np.poly([1.0, pole])[1:]
+    row = SimpleNamespace(a=a, hypothesis=SimpleNamespace(core=Core(2, 2, 0, True), effects=(None,) * effects))
+    assert Search.grows(SimpleNamespace(slow=np.exp(-4 / 1000)), row) == grows
+
+
 def test_half_of_a_pair_is_what_promises_most():
     """A curve alone removes more of a loop than the loop alone does, but only beside the loop a curve explains all."""
 

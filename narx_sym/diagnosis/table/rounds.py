@@ -311,8 +311,8 @@ class Table:
         return paid(row) + by < paid(base)
 
     def holds(self, row: Row) -> bool:
-        """Whether the free run of a row can be held at the working rate and at the records' own."""
-        return self.settles(row) and _settles(self.own, row)
+        """Whether the free run of a row can be held at the working rate and at the records' own, however long it is."""
+        return not self.search.grows(row) and self.settles(row) and _settles(self.own, row)
 
     def settles(self, row: Row) -> bool:
         """Whether the free run of a row can be held on the training samples alone, at the working rate."""

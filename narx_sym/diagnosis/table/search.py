@@ -312,6 +312,10 @@ class Search:
         near, swinging = lasting(a, self.slow)
         return slowest(a) >= 1 or (near and not self.leaks) or (swinging and not self.swings)
 
+    def grows(self, row: Row) -> bool:
+        """Whether a pole beside that at 1 grows by more than the slowest one decays, and no effect holds it."""
+        return row.hypothesis.core.integrating and not row.hypothesis.effects and slowest(row.a) > 1 / self.slow
+
     def _keeps(self, row: Row) -> bool:
         """Whether no pole has moved to the unit circle, or the effects hold what the input drives through it."""
         if not self._runs_away(row):
