@@ -374,9 +374,7 @@ def evaluate(model: Model, records: Records) -> Errors:
     All samples count alike: over several records, or across a gap, the errors are those of the samples put together.
     """
     fitted(model)
-    measured: list[Array] = []
-    predicted: list[Array] = []
-    simulated: list[Array] = []
+    measured, predicted, simulated = (list[Array]() for _ in range(3))
     for record in in_units(segments(records), model.info.units):
         if model.Ts and not same_pace(record.Ts, model.Ts):
             warnings.warn(
@@ -397,8 +395,5 @@ def evaluate(model: Model, records: Records) -> Errors:
             "compared with. Check the columns (--input, --output) and the rows (--rows)."
         )
     most = HUGE * float(np.ptp(target) or 1.0)
-
-    def error(measure: Callable[[Array, Array], float], run: Array) -> float:
-        return measure(target, run) if np.abs(run).max() < most else float("inf")
-
-    return Errors(error(nrmse, one), error(nrmse, free), error(mape, one), error(mape, free))
+    pairs = [(measure, run) for measure in (nrmse, mape) for run in (one, free)]
+    return Errors(*(measure(target, run) if np.abs(run).max() < most else np.inf for measure, run in pairs))
