@@ -199,8 +199,7 @@ def largest_root(polynomial: Any, z: Any, arguments: Mapping[Any, Array]) -> Arr
 
 
 @lru_cache(maxsize=2048)
-def reader(expression: Any) -> tuple[list[Any], Any]:
-    """Return the samples in an expression, and a function of their values that returns it in a list."""
-    read = samples(expression)
-    names = [sp.Symbol(f"s{j}") for j in range(len(read))]
-    return read, lambdify([expression.xreplace(dict(zip(read, names, strict=True)))], names)
+def reader(expressions: tuple[Any, ...], parameters: tuple[Any, ...] = ()) -> tuple[list[Any], Any]:
+    """Return the samples in expressions, and a function of their values, then of parameters, that returns the list."""
+    names = {s: sp.Dummy(real=True) for s in samples(sp.Tuple(*expressions))}
+    return list(names), lambdify([e.xreplace(names) for e in expressions], [*names.values(), *parameters])

@@ -8,21 +8,19 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import sympy as sp
 from scipy.linalg import LinAlgError, qr, solve_triangular
 from scipy.linalg.lapack import dgeqrf
 from scipy.optimize import least_squares
 
 from ..engines.algebra import banded
-from ..engines.columns import Columns
+from ..engines.columns import Columns, reader
 from ..engines.compile import compile
-from ..engines.numpy import lambdify
 from ..engines.slopes import Walk, with_slopes
 from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep
 from ..models.model import NARX, Model
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import expand_phi, k, lag, lags, samples
+from ..symbolic.signals import expand_phi, k, lag, lags
 from .constraints import Elimination
 from .ensemble import costs
 from .simulate import Records, arrays, initial_values, segments
@@ -242,10 +240,8 @@ class FreeRun:
         model = self.model
         compiled = compile(model.recursion)
         orders = range(1, model.n_y + 1)
-        gradients = [expand_phi(derivative(model.right, model.output[k - i])) for i in orders]
-        read = sorted({s for g in gradients for s in samples(g)}, key=str)
-        names = {s: sp.Dummy(real=True) for s in read}
-        steepness = lambdify([g.xreplace(names) for g in gradients], [*names.values(), *model.symbols])
+        gradients = (expand_phi(derivative(model.right, model.output[k - i])) for i in orders)
+        read, steepness = reader(tuple(gradients), tuple(model.symbols))
         terms = [model.in_user_units(t) for t in model.terms]  # type: ignore[attr-defined]
         psi = Columns(terms)
 

@@ -82,7 +82,7 @@ def initial_values(model: Model, data: Mapping[str, Array], depth: int, engine: 
         # Without values nothing is known about an effect: it is taken as absent.
         begin = model.starts[state.left.base] if model.values else model.in_user_units(state.initial)
         expression = begin.xreplace(model.values)
-        read, value = reader(expression)
+        read, value = reader((expression,))
         if expression.free_symbols - {b for s in read for b in s.free_symbols}:
             raise ModelError(f"The initial value of {state.left} must contain signals and numbers only.")
         # Before the first sample everything is as at the first sample.

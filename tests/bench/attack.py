@@ -38,7 +38,6 @@ N, TS = 100, 0.01
 SETTLES = 6000  # samples
 SAME = 1e-9  # of the largest input: by how much languages may differ
 GOOD = 1e-9  # of the largest output
-UNREST = "The model does not rest at the start"
 SHAPES = {"tau": 0.05, "b": 0.7, "g": 0.9, "d": 1.1, "f": 3.0, "s": 0.1}
 CHANNEL = "temp"
 
@@ -205,7 +204,7 @@ def outcome(seed: int) -> tuple[str, str, int]:
         if not missed.any():
             return _as_source(run, name) if not found.tried else ("follows by other choices", name, found.tried)
         if not (run.law.staged and run.law.staged.note):
-            if found.why.startswith(UNREST):
+            if found.aside:
                 return "does not rest at the start, as it says", name, int(missed.sum())
             if run.lost(found.m, int(np.argmax(missed))):
                 return "lost", name, int(missed.sum())
