@@ -16,7 +16,7 @@ from .kinks import places, solve_kinked
 from .monotone import steepness
 from .nodes import solve_nodes
 from .plays import solve_plays
-from .solution import Branch, Root, Solution, number
+from .solution import Branch, Root, Solution, number, summed
 
 FAR = 1e9  # where a root finder ends
 SEARCHED = (*KINKED, sp.tanh, sp.atan, sp.exp, sp.log, sp.sin, sp.cos)  # functions whose bounds are known
@@ -99,7 +99,7 @@ def _searched(
         return Solution(how="root finder", branches=(Branch(sp.true, root),), steep=steep, **made)
     more: tuple[Any, ...] = ()
     if all(isinstance(n, SEARCHED) for n in gap.atoms(sp.Function, sp.Piecewise, sp.Max, sp.Min) if n.has(w)):
-        size = sp.Add(*map(sp.Abs, sp.Add.make_args(sp.expand(gap)))).xreplace({w: made["last"]})
+        size = summed(gap).xreplace({w: made["last"]})
         more = (size, *places(G, w, values))
     root = Root(gap, w, made["last"], *map(sp.Float, limits), *more)
     return Solution(how="root finder", branches=(Branch(sp.true, root),), **made)

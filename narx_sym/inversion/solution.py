@@ -216,14 +216,19 @@ class Solution:
         return "; ".join([said, *self.notes])
 
 
-def resting(unknown: Any, target: Any, expr: Any, last: Any) -> Branch:
+def resting(unknown: Any, target: Any, expr: Any, last: Any, beside: Any = sp.S.Zero) -> Branch:
     """Return the branch of what rests: a value that already gives the target stays, whatever rounding says.
 
     Else the way there and back moves it by its last digit, which a sign of its step or a flat piece makes a jump of.
+    Where the target was solved for, `beside` is the size of what was added up there: its last digit is the target's.
     """
     gap = expr.xreplace({unknown: last}) - target
-    size = sp.Add(*map(sp.Abs, sp.Add.make_args(sp.expand(gap))))
-    return Branch(sp.Abs(gap) <= STILL * size, last)
+    return Branch(sp.Abs(gap) <= STILL * (summed(gap) + beside), last)
+
+
+def summed(gap: Any) -> Any:
+    """Return the size of what is added up in an expression, which decides how large its rounding is."""
+    return sp.Add(*map(sp.Abs, sp.Add.make_args(sp.expand(gap))))
 
 
 def _rounded(expr: Any) -> bool:

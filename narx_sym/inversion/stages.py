@@ -22,7 +22,7 @@ from ..symbolic.recursion import Recursion
 from ..symbolic.signals import INNER_INPUTS, INNER_OUTPUTS, held, k, lag, m, r, samples, shift, signal, swap, x, y
 from .branches import solve_for
 from .monotone import JUMPS
-from .solution import Solution, resting
+from .solution import Solution, resting, summed
 
 Updates = tuple[tuple[Any, Any], ...]
 WIDER = 3.0  # how many ranges beyond the identified ones a root finder looks
@@ -69,6 +69,7 @@ def stages_of(model: Model) -> Staged:
     together = {s.left.base: s.initial for s in model.states}
     turns = any(e.has(*JUMPS) for e in own.values())  # what asks for the sign of a step notices its last digit
     solved, updates = [], []
+    above: Any = sp.S.Zero  # the size of what is added up in the stages above
     for upper, lower in pairwise(chain):
         delay = delays[upper]
         unknown = lower[k + (0 if lower == m else delays[lower])]
@@ -79,7 +80,8 @@ def stages_of(model: Model) -> Staged:
             together,
         )  # fmt: skip
         if turns and upper != y and found.closed_form:
-            found = replace(found, branches=(resting(unknown, target, expr, found.last), *found.branches))
+            found = replace(found, branches=(resting(unknown, target, expr, found.last, above), *found.branches))
+        above += summed(expr - target) if turns else sp.S.Zero
         solved.append(found)
         updates += [(signal(name)[unknown.indices[0]], e) for name, e in found.steps]
         updates.append((unknown, found.value))

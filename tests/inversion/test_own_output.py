@@ -180,3 +180,16 @@ def test_at_rest_the_input_rests(effect):
     for options in ({}, {"limits": (-50.0, 50.0)}):
         found = law.follow(target, 0.0, **options)
         assert found.error < 1e-9 and np.abs(np.diff(found.m[-40:])).max() < 1e-6, effect
+
+
+def test_at_rest_no_sign_is_one_of_rounding():
+    """What is measured is 2 away from where it rests, so its last digits are those of 2: the memory inside is 1e-15."""
+    sizes = {
+        "c_creep": 0.382914285394765, "tau_creep": 0.0449881341885663,
+        "c1_channel_friction_temp": -0.0185803993833454, "c2_channel_friction_temp": 0.0270760450472614,
+    }  # fmt: skip
+    model = made_of(
+        bases()["continuum"], ("creep", "output", "", 0), ("channel_friction:temp", "inside", "", 0), sizes=sizes
+    )
+    run = Run(model, np.random.default_rng(101071))
+    assert np.abs(run.output(run.follow().m) - run.y).max() < run.size
