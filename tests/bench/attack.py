@@ -117,28 +117,29 @@ class Run:
             self.channels[CHANNEL] = wave
         if "t" in map(str, (b.label for b in model.recursion.inputs)):
             self.channels["t"] = TS * np.maximum(np.arange(self.u.size) - ahead, 0)
-        self.u0, self.y0, self.ahead = u0, y0, ahead
+        self.u0, self.y0, self.ahead, self.held = u0, y0, ahead, 0
         rests = False
         for _ in range(100):  # to where it rests and stays; else the output drifts, or t moves it
             still = {n: np.full(SETTLES, c[0]) for n, c in self.channels.items()}
-            settled = self._simulated(np.full(ahead + SETTLES, u0), still)
+            settled = self._simulated(np.full(SETTLES, u0), still)
             if np.ptp(settled[-50:]) > 1e-12 or not np.isfinite(settled).all():
                 break
             rests, moved_on, self.y0 = True, abs(settled[-1] - self.y0), float(settled[-1])
             if moved_on < 1e-12:
                 break
-        if not rests:  # from an output that it can give: a sensor of |y| gives none below 0
-            self.y0 = float(self.output(self.u)[ahead])
+        if not rests:  # held until the first command can arrive, at an output that it can give: |y| is none below 0
+            self.held, self.y0 = ahead, float(self.output(self.u)[ahead])
         self.y = self.output(self.u)
         self.size = GOOD * max(1.0, float(np.abs(self.y).max()))
 
     def output(self, driven: Array) -> Array:
-        """What the model gives; it is at rest until the first command can arrive."""
-        later = {n: c[self.ahead :] for n, c in self.channels.items()}
-        return np.concatenate([np.full(self.ahead, self.y0), self._simulated(driven, later)])
+        """What the model gives; where it does not rest, its first output until the first command can arrive."""
+        held, n = self.held, driven.size
+        given = {name: c[held:n] for name, c in self.channels.items()}
+        return np.concatenate([np.full(held, self.y0), self._simulated(driven[held:], given)])
 
     def _simulated(self, driven: Array, channels: dict[str, Array]) -> Array:
-        return self.model.simulate(driven[self.ahead :], self.y0, channels, u0=self.u0)
+        return self.model.simulate(driven, self.y0, channels, u0=self.u0)
 
     def lost(self, driven: Array, at: int) -> bool:
         """Return whether another command would have given the output that was missed first."""
@@ -148,12 +149,7 @@ class Run:
         def gap(w: float) -> float:
             commands = np.concatenate([driven[:when], [w], np.full(self.ahead, w)])
             try:
-                short = {n: c[: commands.size] for n, c in self.channels.items()}
-                before = np.full(self.ahead, self.y0)
-                found = self.model.simulate(
-                    commands[self.ahead :], self.y0, {n: c[self.ahead :] for n, c in short.items()}, u0=self.u0
-                )
-                return float(np.concatenate([before, found])[at] - self.y[at])
+                return float(self.output(commands)[at] - self.y[at])
             except NarxError:
                 return float("nan")
 
