@@ -198,13 +198,18 @@ def processor() -> str:
     return "\n".join((*made_by, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()))
 
 
-def machine_code(module: ir.Module) -> tuple[Any, bytes]:
-    """Optimise and load a module; return its engine, to be kept alive while its functions are used, and its code."""
+def machine_code(module: ir.Module, straight: bool = False) -> tuple[Any, bytes]:
+    """Load a module; return its engine, to be kept alive while its functions are used, and its code.
+
+    Code that is `straight` already, with its common parts taken out and its vectors written down, is not optimised
+    once more: that takes longer than all that follows, and what comes out runs as fast.
+    """
     parsed = llvm.parse_assembly(str(module))
     parsed.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
-    passes = llvm.create_pass_builder(_target(), options)
-    passes.getModulePassManager().run(parsed, passes)
+    if not straight:
+        options = llvm.create_pipeline_tuning_options(speed_level=3)
+        passes = llvm.create_pass_builder(_target(), options)
+        passes.getModulePassManager().run(parsed, passes)
     engine = llvm.create_mcjit_compiler(parsed, _machine())
     made: list[bytes] = []
     engine.set_object_cache(notify_func=lambda _, code: made.append(code))

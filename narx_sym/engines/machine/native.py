@@ -193,7 +193,7 @@ def _emit_steps(plan: Plan, lanes: Lanes | None = None) -> ir.Module:
 
 def coded(plan: Plan, lanes: Lanes | None = None) -> tuple[Any, bytes]:
     """Return the engine and the machine code of a plan, of its tangents too where they are given."""
-    return machine_code(emit(plan) if lanes is None else _emit_steps(plan, lanes))
+    return machine_code(emit(plan)) if lanes is None else machine_code(_emit_steps(plan, lanes), straight=True)
 
 
 def build(plan: Plan) -> Callable[..., int]:
