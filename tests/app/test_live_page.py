@@ -9,6 +9,7 @@ from pathlib import Path
 
 import live
 import pytest
+from sampling import more
 
 import narx_sym as ns
 from narx_sym.engines.compile import compile
@@ -378,6 +379,7 @@ def ladder(page):
     return [float(row.locator("td").nth(1).text_content()) for row in rows]
 
 
+@more
 @in_browser
 def test_two_pages_do_not_see_each_other_and_each_is_found_again(page, browser, server, data):
     u, y = data

@@ -10,6 +10,7 @@ import sympy as sp
 from drawn import recursions
 from exported import AWKWARD, SUBJECTS, Subject, valued
 from hypothesis import HealthCheck, assume, given, reject, settings
+from sampling import some
 
 import narx_sym as ns
 from narx_sym.codegen.export import to_c
@@ -73,7 +74,7 @@ def resting(subject, source, name):
 
 @needs_gcc
 @pytest.mark.parametrize("single", (False, True))
-@pytest.mark.parametrize("name", SUBJECTS)
+@pytest.mark.parametrize("name", some(SUBJECTS))
 def test_compiles_cleanly_and_passes_its_own_test(name, single, tmp_path):
     source = SUBJECTS[name].c("x1", single=single)
     told = subprocess.run([built(tmp_path, source, "-DX1_SELF_TEST")], capture_output=True, text=True)
@@ -81,7 +82,7 @@ def test_compiles_cleanly_and_passes_its_own_test(name, single, tmp_path):
 
 
 @needs_gcc
-@pytest.mark.parametrize("name", [n for n in SUBJECTS if n != "awkward"])
+@pytest.mark.parametrize("name", some([n for n in SUBJECTS if n != "awkward"], every=2))
 def test_agrees_with_python_on_50_000_samples(name, tmp_path):
     subject = SUBJECTS[name]
     source = subject.c("x1")

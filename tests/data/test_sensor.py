@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sampling import more
 
 import narx_sym as ns
 from narx_sym.data.sensor import quantum, sensor_faults
@@ -62,6 +63,7 @@ def test_the_next_step_leaves_the_frozen_rows_out():
     assert "1801:2700 of 'stage'" in what_next(found) and "frozen_sensor" in found.sentence()
 
 
+@more
 def test_where_nothing_follows_the_frozen_rows_go_first():
     frozen = np.where((t > 3) & (t < 27), y[1801], y)
     record = ns.Record.from_arrays(u, frozen, Ts, name="stage")

@@ -12,6 +12,7 @@ import pytest
 import truths
 from joblib import Parallel, delayed
 from places import SHARED, needs_shared
+from sampling import more
 from scipy.signal import lfilter
 
 import narx_sym as ns
@@ -408,7 +409,7 @@ def test_noise_on_an_input_of_two_levels_is_no_saturation():
         assert saved.nrmse < 1.2 * max(d.ladder[-1][part] for part in ("train", "validation"))
 
 
-@pytest.mark.parametrize("gap", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.parametrize("gap", [pytest.param(False, marks=more), pytest.param(True, marks=pytest.mark.long)])
 def test_a_sensor_that_was_moved_is_no_play(gap):
     """Between records, or across a gap: a play that never moves is a constant for each of them."""
     rng = np.random.default_rng(11)

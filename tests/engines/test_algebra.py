@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from sampling import more
 
 from narx_sym.engines import algebra
 from narx_sym.engines.compile import has_llvm
@@ -96,6 +97,7 @@ def test_without_llvm_numpy_does_it(monkeypatch):
     assert algebra.banded([1], [np.ones(3)], np.ones((3, 1)))[:, 0] == pytest.approx([1.0, 2.0, 3.0])
 
 
+@more
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="other kernels")
 @pytest.mark.skipif(not has_llvm(), reason="llvmlite is not installed")
 def test_a_fit_with_kinks_is_the_same_under_other_kernels():

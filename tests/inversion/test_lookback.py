@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from bench.attack import Run, bases, drawn, with_effect
+from sampling import more
 
 import narx_sym as ns
 from narx_sym.errors import Unreachable
@@ -45,7 +46,13 @@ def follow(run, **options):
 
 
 # A drag that turns back, a stop that spills over, a sticking valve, a friction that two inputs overcome, a hysteresis that turns.
-SEEDS = (7212, 52423, pytest.param(7099, marks=pytest.mark.long), pytest.param(7100, marks=pytest.mark.long), 31065)
+SEEDS = (
+    7212,
+    pytest.param(52423, marks=more),
+    pytest.param(7099, marks=pytest.mark.long),
+    pytest.param(7100, marks=pytest.mark.long),
+    31065,
+)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

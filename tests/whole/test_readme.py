@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from places import PACKAGE, ROOT
+from sampling import more
 
 import narx_sym as ns
 from narx_sym.cli import main as cli
@@ -58,6 +59,7 @@ def own_data(tmp_path, monkeypatch):
     return tmp_path
 
 
+@more
 def test_walk_through_own_csv(own_data, monkeypatch, capsys):
     commands = [line for line in lines(README) if line.startswith("narx-sym ")]
     assert len(commands) == 5
