@@ -33,7 +33,7 @@ from .steps import Step, looped, step
 from .table.candidates import Candidate
 from .table.offsets import without_offsets
 from .table.rounds import Table
-from .table.search import Row
+from .table.row import Row
 from .table.verdict import VERDICTS
 
 Array = np.ndarray

@@ -23,7 +23,7 @@ from .screening.promise import detectable
 from .screening.scored import absorbed
 from .table.candidates import Candidate, Pair
 from .table.rounds import Table
-from .table.search import Row
+from .table.row import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, cheapest, nothing_named, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop

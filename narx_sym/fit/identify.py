@@ -37,6 +37,7 @@ HELD_OUT = 0.3
 CYCLES = 10
 CANCELS, CALM = 5.0, 2.0
 FEWEST = 20  # samples; below this a structure cannot be told from chance
+LITTLE = 0.5  # NRMSE of a free run that explains little of the output
 
 
 def operating_point(records: Records) -> dict[Any, float]:
@@ -77,7 +78,7 @@ def judged(model: Model, records: Sequence[Record]) -> Model:
             "delay or input column may fit; noise on the input of an inverse model has this effect too.",
             stacklevel=3,
         )
-    elif error >= 0.5:
+    elif error >= LITTLE:
         warnings.warn(f"The free run explains little of the output (NRMSE {error:.3g}).", stacklevel=3)
     for record in records if len(records) > 1 and error < 0.95 else ():  # offsets between them may hide it
         if (own := evaluate(model, record).free_run_nrmse) >= 0.95:

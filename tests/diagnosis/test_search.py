@@ -15,7 +15,8 @@ from narx_sym.diagnosis.progress import BASE, ROUND, Course
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
 from narx_sym.diagnosis.table.rounds import Table
-from narx_sym.diagnosis.table.search import Row, Search
+from narx_sym.diagnosis.table.row import Row
+from narx_sym.diagnosis.table.search import Search
 from narx_sym.fit.bases.integrating import at_one, drives, slowest
 from narx_sym.fit.simulate import free_run
 from narx_sym.models.effects import EFFECTS, Catalogue
@@ -121,6 +122,20 @@ def test_a_sensor_that_drifts_is_no_axis_that_integrates():
     search = Search(ns.identify(record, base="linear", n_y=1, n_u=1, delay=1), [record])
     search.bases([0, 1, 2])
     assert not search.integrating
+
+
+@pytest.mark.parametrize("seed", [2, 4, 8, pytest.param(12, marks=pytest.mark.long)])
+def test_what_wanders_beside_a_lag_is_no_axis_that_integrates(seed):
+    """As a heater in a room: in pieces a pole at 1 follows what wanders, but no input makes it."""
+    rng = np.random.default_rng(seed)
+    levels = np.repeat(rng.choice([-1.0, 1.0], N // 12 + 1), 12)[:N]
+    y, away = lagged(levels, 0.975, 0.025), np.cumsum(np.cumsum(rng.standard_normal(N)))
+    away -= np.linspace(away[0], away[-1], N)
+    made = y / np.std(y) + 0.06 * away / np.std(away) + 0.003 * rng.standard_normal(N)
+    record = ns.Record.from_arrays(levels, made, 0.8)
+    search = Search(ns.identify(record, base="linear", n_y=1, n_u=1, delay=1), [record])
+    search.bases([0, 1, 2])
+    assert not search.integrating and not search.leaks
 
 
 def test_the_working_rate_keeps_what_moves():

@@ -16,7 +16,7 @@ from ...models.extend import Variant, equations
 from ...models.model import Model
 from ...symbolic import printing
 from ..refit import Fitted
-from .search import Row
+from .row import Row
 
 if TYPE_CHECKING:
     from .rounds import Table

@@ -17,7 +17,8 @@ from ...models.model import Model
 from ..refit import Fitted, Split, settle
 from .arx import resampled, zeroed
 from .hypotheses import Hypothesis, written
-from .search import Row, Search
+from .row import Row
+from .search import Search
 from .verdict import ALIKE
 
 Array = np.ndarray

@@ -23,7 +23,8 @@ from ..screening.directions import Linearised
 from ..screening.scored import Scored, linearised, screen, shortlist
 from .finer import Finer, settled
 from .hypotheses import Core, family_of, linear_in_signals, written
-from .search import Row, Search
+from .row import Row
+from .search import Search
 from .verdict import ALIKE, PER_EFFECT, ROUNDING, cheapest, distinct, price
 
 Array = np.ndarray

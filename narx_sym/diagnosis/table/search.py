@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,13 @@ import numpy as np
 from ...data.record import Record
 from ...errors import FitError
 from ...fit.bases.integrating import DRIVEN, at_one, drives, lasting, slowest, slowest_seen
-from ...fit.identify import FEWEST
+from ...fit.identify import FEWEST, LITTLE
 from ...models.extend import Variant
 from ...models.model import Model
 from .arx import arx_start
 from .frame import BLOCKS, GAIN, Frame, parts
 from .hypotheses import Core, Hypothesis, family_of, ladder
+from .row import Row
 from .verdict import price
 
 Array = np.ndarray
@@ -26,92 +26,6 @@ LOOKS = 4  # shapes from which a fit is begun
 HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
 BRIEF = 1e-3  # relative gain of a step at which a brief fit ends: a hundredth of what a parameter must buy
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
-
-
-@dataclass(eq=False)
-class Row:
-    """One hypothesis of the table, fitted: what it costs, and what it leaves of the error.
-
-    Attributes
-    ----------
-    values : (n,) array
-        The unknowns of its frame.
-    fitted : float
-        Mean squared free-run error where it was fitted, over the variance of y.
-    parameters : int
-    blocks, weights : (BLOCKS,) array
-        The error on each block where the other folds fitted it, and its samples; empty where it was not judged.
-    more : int
-        What it does that the base does not, each like an effect: the memory of a core beside a static base, a further
-        resonance beside a linear one, and a lag of an effect's own that is no pole of the best core without effects.
-    """
-
-    hypothesis: Hypothesis
-    frame: Frame
-    values: Array
-    fitted: float
-    parameters: int
-    blocks: Array = field(default_factory=lambda: np.zeros(0))
-    weights: Array = field(default_factory=lambda: np.zeros(0))
-    shape: tuple[float, ...] = ()  # from which its last effect was fitted
-    more: int = 0
-
-    @cached_property
-    def held(self) -> float:
-        """Mean squared held-out error, over the variance of y."""
-        w, seen = self.weights, self.weights > 0
-        return float(self.blocks[seen] @ w[seen] / w.sum()) if self.blocks.size else np.inf
-
-    @property
-    def ids(self) -> tuple[str, ...]:
-        """The ids of its effects."""
-        return self.hypothesis.ids
-
-    @property
-    def becomes(self) -> frozenset[str]:
-        """The ids of effects that one of its own is at a limit of its shape."""
-        return frozenset(v.effect.limit[2] for v in self.hypothesis.effects if v.effect.limit)
-
-    @property
-    def a(self) -> Array:
-        """The coefficients of older outputs in its core, (n_y,)."""
-        return self.values[: self.hypothesis.core.n_y]
-
-    @property
-    def size(self) -> Core:
-        """Its core without the delay, which is tuned for each."""
-        return replace(self.hypothesis.core, delay=0)
-
-    @property
-    def count(self) -> int:
-        """How many effects it has, with what its core does like one."""
-        return len(self.hypothesis.effects) + self.more
-
-    def beyond(self, known: Row) -> tuple[Variant, ...]:
-        """Return the effects that another row does not have."""
-        return self.hypothesis.effects[len(known.hypothesis.effects) :]
-
-    def judged(self) -> Row:
-        """Score it on held-out blocks, once, and return it."""
-        if not self.blocks.size:
-            self.frame.late(self.hypothesis.core.delay)
-            self.blocks = self.frame.held_out(self.values, self.hypothesis.core, 6)
-            self.weights = self.frame.counts
-            self.__dict__.pop("held", None)  # infinite until now
-        return self
-
-    @property
-    def price(self) -> float:
-        """The one price: logarithm of the held-out mean square, plus what parameters and effects cost."""
-        return price(self.held, self.parameters, self.count)
-
-    @property
-    def before_judged(self) -> float:
-        """The same price of the error where it was fitted: it orders rows that are not judged."""
-        return price(self.fitted, self.parameters, self.count)
-
-    def __repr__(self) -> str:
-        return f"Row({self.hypothesis}, nrmse {np.sqrt(self.held):.4g}, price {self.price:.3f})"
 
 
 class Search:
@@ -211,7 +125,7 @@ class Search:
         least = min((r.held for r in found), default=np.inf)
         near = sorted((r for r in away if at_one(r.a, self.slow)), key=lambda r: r.held)
         if near and least > DRIVEN * near[0].held and any(self._driven(r, r.held) for r in near):
-            found = self._integrated(near[0], every, delays)
+            found = self._integrated(near[0], least, delays) or [r for r in every if not self._runs_away(r)]
         if not found:
             raise FitError("The base model cannot follow these data in free run: choose another base.")
         found = self._climbed(found, delays)
@@ -219,15 +133,22 @@ class Search:
         self.modes = self._poles(min(found, key=lambda r: r.price).hypothesis.core)
         return found
 
-    def _integrated(self, near: Row, every: Sequence[Row], delays: Sequence[int]) -> list[Row]:
-        """Fit every core with a pole at 1, in pieces; where the pole that only is near does better, it stays there."""
+    def _integrated(self, near: Row, whole: float, delays: Sequence[int]) -> list[Row]:
+        """Fit every core with a pole at 1, in pieces; nothing where the axis does not integrate after all.
+
+        So it is where the pole that only is near does better. Or where other cores explain the `whole` record but for
+        that share, and pieces, each with a level of its own, are followed nearly as well where no input drives the pole
+        at 1: it stands for a drift.
+        """
         self.integrating = True
         found = [r.judged() for r in self.cored(self.cores(delays))]
-        if slowest(near.a) >= 1 or near.held > min((r.held for r in found), default=np.inf):
+        best = min(found, key=lambda r: r.held, default=None)
+        if best is None or (slowest(near.a) < 1 and near.held <= best.held):
+            self.leaks, self.swings = True, self.swings or lasting(near.a, self.slow)[1]
+        elif whole >= LITTLE**2 or self._driven(best, best.held):
             return found
-        self.integrating, self.leaks = False, True
-        self.swings = self.swings or lasting(near.a, self.slow)[1]
-        return [r for r in every if not self._runs_away(r)]
+        self.integrating = False
+        return []
 
     def _climbed(self, found: list[Row], delays: Sequence[int]) -> list[Row]:
         """Fit larger cores too, while each is the cheapest or begins cheaper: a structure may have several resonances.
@@ -328,7 +249,7 @@ class Search:
     def _driven(self, row: Row, error: float) -> bool:
         """Whether the input drives the poles of a core that hardly decay; `error` is what is left with them."""
         core, spread = row.hypothesis.core, row.frame.problem.spread
-        return drives(row.a, core.n_u, core.delay, self.records, self.slow, error * spread**2)
+        return drives(row.a, core.n_u, core.delay, self.cut, self.slow, error * spread**2)
 
     # -- with one more effect -----------------------------------------------------------------------------------------
 

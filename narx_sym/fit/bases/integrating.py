@@ -54,9 +54,9 @@ def at_one(a: Array, slow: float) -> bool:
 def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: float, error: float) -> bool:
     """Whether the input drives the poles of A y = B u that hardly decay: without it much more would be left.
 
-    Undriven these poles keep their free response, and the input the other poles: least squares in each segment. A
-    drift, or a line of the spectrum, which no input makes, is described as well without a drive; an axis or a resonance
-    is not.
+    Undriven these poles keep their free response in each segment, and the input the other poles: least squares. A
+    drift, or a line of the spectrum, which no input makes, is described as well without a drive; an axis or a
+    resonance is not.
 
     Parameters
     ----------
@@ -67,17 +67,22 @@ def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: floa
     """
     found = poles(a)
     stay = np.abs(found) > slow
-    left = []
+    inputs, outputs = [], []
     for s in (s for r in records for s in r.segments()):
         k = np.arange(len(s))
         filtered = lfilter([1.0], np.poly(found[~stay]).real, s.u - s.u.mean())
         first = max(found.size, delay + n_u + 1)  # a free run starts from the samples before, whatever they are
-        columns = [np.roll(filtered, delay + i) for i in range(n_u + 2)]
+        driven = np.column_stack([np.roll(filtered, delay + i) for i in range(n_u + 2)])[first:]
         since = [k - k[-1] if abs(p) > 1 else k for p in found]  # of what grows, backwards: it stays finite
-        columns += [part(p**i) for p, i in zip(found, since, strict=True) for part in (np.real, np.imag)]
-        matrix, measured = np.column_stack([*columns, np.ones(len(s))])[first:], s.y[first:]
-        left.append(measured - matrix @ np.linalg.lstsq(matrix, measured, rcond=None)[0])
-    return bool(np.mean(np.concatenate(left) ** 2) > DRIVEN * error)
+        free = [part(p**i) for p, i in zip(found, since, strict=True) for part in (np.real, np.imag)]
+        own = np.column_stack([*free, np.ones(len(s))])[first:]
+        both = np.column_stack([driven, s.y[first:]])
+        both -= own @ np.linalg.lstsq(own, both, rcond=None)[0]  # each segment has its own free response
+        inputs.append(both[:, :-1])
+        outputs.append(both[:, -1])
+    matrix, measured = np.vstack(inputs), np.concatenate(outputs)
+    left = measured - matrix @ np.linalg.lstsq(matrix, measured, rcond=None)[0]
+    return bool(np.mean(left**2) > DRIVEN * error)
 
 
 def integrates(model: Model, records: Sequence[Record]) -> bool:

@@ -1,0 +1,101 @@
+"""A row of the table: one hypothesis, fitted and judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from ...models.extend import Variant
+from .frame import Frame
+from .hypotheses import Core, Hypothesis
+from .verdict import price
+
+Array = np.ndarray
+
+
+@dataclass(eq=False)
+class Row:
+    """One hypothesis of the table, fitted: what it costs, and what it leaves of the error.
+
+    Attributes
+    ----------
+    values : (n,) array
+        The unknowns of its frame.
+    fitted : float
+        Mean squared free-run error where it was fitted, over the variance of y.
+    parameters : int
+    blocks, weights : (BLOCKS,) array
+        The error on each block where the other folds fitted it, and its samples; empty where it was not judged.
+    more : int
+        What it does that the base does not, each like an effect: the memory of a core beside a static base, a further
+        resonance beside a linear one, and a lag of an effect's own that is no pole of the best core without effects.
+    """
+
+    hypothesis: Hypothesis
+    frame: Frame
+    values: Array
+    fitted: float
+    parameters: int
+    blocks: Array = field(default_factory=lambda: np.zeros(0))
+    weights: Array = field(default_factory=lambda: np.zeros(0))
+    shape: tuple[float, ...] = ()  # from which its last effect was fitted
+    more: int = 0
+
+    @cached_property
+    def held(self) -> float:
+        """Mean squared held-out error, over the variance of y."""
+        w, seen = self.weights, self.weights > 0
+        return float(self.blocks[seen] @ w[seen] / w.sum()) if self.blocks.size else np.inf
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The ids of its effects."""
+        return self.hypothesis.ids
+
+    @property
+    def becomes(self) -> frozenset[str]:
+        """The ids of effects that one of its own is at a limit of its shape."""
+        return frozenset(v.effect.limit[2] for v in self.hypothesis.effects if v.effect.limit)
+
+    @property
+    def a(self) -> Array:
+        """The coefficients of older outputs in its core, (n_y,)."""
+        return self.values[: self.hypothesis.core.n_y]
+
+    @property
+    def size(self) -> Core:
+        """Its core without the delay, which is tuned for each."""
+        return replace(self.hypothesis.core, delay=0)
+
+    @property
+    def count(self) -> int:
+        """How many effects it has, with what its core does like one."""
+        return len(self.hypothesis.effects) + self.more
+
+    def beyond(self, known: Row) -> tuple[Variant, ...]:
+        """Return the effects that another row does not have."""
+        return self.hypothesis.effects[len(known.hypothesis.effects) :]
+
+    def judged(self) -> Row:
+        """Score it on held-out blocks, once, and return it."""
+        if not self.blocks.size:
+            self.frame.late(self.hypothesis.core.delay)
+            self.blocks = self.frame.held_out(self.values, self.hypothesis.core, 6)
+            self.weights = self.frame.counts
+            self.__dict__.pop("held", None)  # infinite until now
+        return self
+
+    @property
+    def price(self) -> float:
+        """The one price: logarithm of the held-out mean square, plus what parameters and effects cost."""
+        return price(self.held, self.parameters, self.count)
+
+    @property
+    def before_judged(self) -> float:
+        """The same price of the error where it was fitted: it orders rows that are not judged."""
+        return price(self.fitted, self.parameters, self.count)
+
+    def __repr__(self) -> str:
+        return f"Row({self.hypothesis}, nrmse {np.sqrt(self.held):.4g}, price {self.price:.3f})"
