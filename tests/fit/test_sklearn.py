@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from sampling import more
 
 import narx_sym as ns
 from narx_sym.errors import DataError, ModelError
@@ -87,6 +88,7 @@ def test_records_stand_apart():
     assert made.score(u, y, groups=groups) > 0.999
 
 
+@more
 def test_channels_take_part_under_their_names():
     import pandas as pd
 

@@ -398,7 +398,7 @@ LIMITS = {"limits": (-2, 2), "rate": 0.3}
     "name, limits",
     [
         *((name, {}) for name in EXPORTED),
-        ("physical", LIMITS),
+        pytest.param("physical", LIMITS, marks=more),
         ("delayed", LIMITS),
         pytest.param("backlash", LIMITS, marks=pytest.mark.long),
     ],

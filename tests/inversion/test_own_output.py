@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from bench.attack import Run, bases, moved, outcome, with_effect
+from sampling import more
 
 import narx_sym as ns
 from narx_sym.engines.roots import nearest
@@ -50,7 +51,9 @@ DELAY = ("input_delay", "input", "", 0)
 MARKS = dict.fromkeys((n for n in COMBINED if "Stribeck" in n), pytest.mark.long)
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=MARKS.get(n, ())) for n in COMBINED])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=MARKS.get(n, more if i % 2 else ())) for i, n in enumerate(COMBINED)]
+)
 def test_a_law_makes_its_models_own_output(name):
     """The jumps of a sign, and pairs of roots, are found whatever stands beside them."""
     run = Run(made_of(FIRST, *COMBINED[name], seed=1), np.random.default_rng(1))

@@ -7,6 +7,7 @@ import re
 import live
 import numpy as np
 import pytest
+from sampling import more
 
 import narx_sym as ns
 from narx_sym.engines.compile import compile
@@ -165,6 +166,7 @@ def test_the_optimum_is_the_figure_of_the_report(opened, tried, told, stage_diag
     assert state(opened)["held"] == pytest.approx(ladder[-1], rel=1e-4)
 
 
+@more
 def test_gaps_channels_and_the_time(browser, gapped):
     """The longest segment is run; the channel and the time come from the record too."""
     diagnosis, path = gapped
