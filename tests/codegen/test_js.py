@@ -9,7 +9,7 @@ import sympy as sp
 from drawn import inputs_of, recursions
 from exported import AWKWARD, SUBJECTS, valued
 from hypothesis import HealthCheck, assume, given, settings
-from sampling import some
+from sampling import more, some
 
 import narx_sym as ns
 from narx_sym.codegen.export import to_js
@@ -65,13 +65,11 @@ def test_it_agrees_with_the_engine_for_parameters_of_the_call(name):
         assert found["parameters"] == [str(s) for s in recursion.parameters]
 
 
-QUICK = ("hysteresis", "quadratic_drag", "stiction")  # memory, signs, jumps
+QUICK = dict.fromkeys(("hysteresis", "quadratic_drag", "stiction"), ()) | dict.fromkeys(("backlash", "dead_zone"), more)
 
 
 @needs_javascript
-@pytest.mark.parametrize(
-    "effect", [pytest.param(e, marks=() if e in QUICK else pytest.mark.long) for e in sorted(ns.EFFECTS)]
-)
+@pytest.mark.parametrize("effect", [pytest.param(e, marks=QUICK.get(e, pytest.mark.long)) for e in sorted(ns.EFFECTS)])
 def test_every_effect_of_the_catalogue(effect):
     """At every place where it acts, along a random walk, from rest."""
     rng = np.random.default_rng(len(effect))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from bench.attack import Run, bases, moved, outcome, with_effect
-from sampling import more
+from sampling import some
 
 import narx_sym as ns
 from narx_sym.engines.roots import nearest
@@ -48,11 +48,15 @@ COMBINED = {
 
 DELAY = ("input_delay", "input", "", 0)
 
-MARKS = dict.fromkeys((n for n in COMBINED if "Stribeck" in n), pytest.mark.long)
+SLOW = [n for n in COMBINED if "Stribeck" in n]
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=MARKS.get(n, more if i % 2 else ())) for i, n in enumerate(COMBINED)]
+    "name",
+    [
+        *some([n for n in COMBINED if n not in SLOW], every=2),
+        *(pytest.param(n, marks=pytest.mark.long) for n in SLOW),
+    ],
 )
 def test_a_law_makes_its_models_own_output(name):
     """The jumps of a sign, and pairs of roots, are found whatever stands beside them."""

@@ -121,11 +121,11 @@ class Search:
         every = [r.judged() for r in self.cored(self.cores(delays), any_pole=True)]
         away = [r for r in every if self._runs_away(r)]
         self.swings = any(slowest(r.a) < 1 and not at_one(r.a, self.slow) and self._driven(r, r.held) for r in away)
-        found = [r for r in every if not self._runs_away(r)]
+        found = self._staying(every)
         least = min((r.held for r in found), default=np.inf)
         near = sorted((r for r in away if at_one(r.a, self.slow)), key=lambda r: r.held)
         if near and least > DRIVEN * near[0].held and any(self._driven(r, r.held) for r in near):
-            found = self._integrated(near[0], least, delays) or [r for r in every if not self._runs_away(r)]
+            found = self._integrated(near[0], least, delays) or self._staying(every)
         if not found:
             raise FitError("The base model cannot follow these data in free run: choose another base.")
         found = self._climbed(found, delays)
@@ -133,19 +133,22 @@ class Search:
         self.modes = self._poles(min(found, key=lambda r: r.price).hypothesis.core)
         return found
 
-    def _integrated(self, near: Row, whole: float, delays: Sequence[int]) -> list[Row]:
-        """Fit every core with a pole at 1, in pieces; nothing where the axis does not integrate after all.
+    def _staying(self, rows: Sequence[Row]) -> list[Row]:
+        return [r for r in rows if not self._runs_away(r)]
 
-        So it is where the pole that only is near does better. Or where other cores explain the `whole` record but for
-        that share, and pieces, each with a level of its own, are followed nearly as well where no input drives the pole
-        at 1: it stands for a drift.
+    def _integrated(self, near: Row, whole: float, delays: Sequence[int]) -> list[Row]:
+        """Fit every core with a pole at 1, in pieces; return none where the axis does not integrate after all.
+
+        It leaks where the pole that only is near 1 does better. And the pole at 1 stands for a drift where other cores
+        leave little of the `whole` record, and pieces, each with a level of its own, are followed nearly as well
+        without an input to that pole.
         """
         self.integrating = True
         found = [r.judged() for r in self.cored(self.cores(delays))]
         best = min(found, key=lambda r: r.held, default=None)
-        if best is None or (slowest(near.a) < 1 and near.held <= best.held):
+        if slowest(near.a) < 1 and (best is None or near.held <= best.held):
             self.leaks, self.swings = True, self.swings or lasting(near.a, self.slow)[1]
-        elif whole >= LITTLE**2 or self._driven(best, best.held):
+        elif best is not None and (whole >= LITTLE**2 or self._driven(best, best.held)):
             return found
         self.integrating = False
         return []
