@@ -1,6 +1,6 @@
 """What a record says before any model, against simulated plants: dead times, feedback, noise.
 
-    python tests/bench/evidence.py dead_time|feedback|valves|imitated|servos|nulls [--seed 0] [--plants 25]
+    python tests/bench/evidence.py dead_time|feedback|valves|imitated|servos|nulls|noise [--seed 0] [--plants 25]
 
 Plants of first and second order and resonant ones, with time constants of 1 to 30 samples; noise of 1 % on the output.
 Nothing here comes from the package but what is asked.
@@ -27,6 +27,7 @@ from scipy.signal import butter, lfilter
 from narx_sym import diagnose, identify
 from narx_sym.data.evidence.dead_time import dead_time
 from narx_sym.data.evidence.feedback import feedback
+from narx_sym.data.evidence.noise import repeated, sensor_noise
 from narx_sym.data.evidence.stiction import sticking
 from narx_sym.data.record import Record
 
@@ -285,9 +286,118 @@ def nulls(seed: int, plants: int) -> None:
         print(f"| {name} | {count} of {plants} |")
 
 
+def sines(t: Array, rng: np.random.Generator, slowest: float) -> Array:
+    """Return three sines that repeat exactly after `slowest` [s], of peak 1 about."""
+    lines = (1, int(rng.integers(2, 5)), int(rng.integers(5, 9)))
+    return sum(np.sin(2 * np.pi * n * t / slowest + rng.uniform(0, 6.28)) / n**0.5 for n in lines) / 2
+
+
+def stepped(n: int, rng: np.random.Generator, hold: int) -> Array:
+    """Return levels between -1 and 1, each held for a while."""
+    return np.repeat(rng.uniform(-1, 1, n // hold + 1), hold)[:n]
+
+
+def piezo(rng: np.random.Generator) -> tuple[float, Array, Array]:
+    """Return a stage with Bouc-Wen hysteresis, a lightly damped resonance at 200 Hz and logarithmic creep, at 2 kHz."""
+    n, fine = 4000, 8
+    h = 5e-4 / fine
+    t = h * np.arange(n * fine)
+    u = sines(t, rng, 0.5)
+    memory, x, v = 0.0, 0.0, 0.0
+    beta, gamma, w, zeta = rng.uniform(1, 3), rng.uniform(-1, 1), 2 * np.pi * 200, rng.uniform(0.01, 0.05)
+    y = np.zeros(u.size)
+    for i in range(1, u.size):
+        du = u[i] - u[i - 1]
+        memory += 0.5 * du - beta * abs(du) * memory - gamma * du * abs(memory)
+        v += h * (w * w * (u[i] - 0.4 * memory - x) - 2 * zeta * w * v)
+        x += h * v
+        y[i] = x
+    slow = np.mean([lfilter([1 - s], [1, -s], y) for s in np.exp(-h / np.array([0.05, 0.3, 1.5]))], axis=0)
+    return h * fine, u[::fine], (y + rng.uniform(0.1, 0.3) * slow)[::fine]
+
+
+def valve(rng: np.random.Generator) -> tuple[float, Array, Array]:
+    """Return the flow behind a valve that sticks and jumps (Kano et al. 2004), command in random steps or ramps."""
+    n = 4000
+    u = 50 + 20 * (stepped(n, rng, 60) if rng.random() < 0.5 else sines(np.arange(n), rng, 1000))
+    slack, jump = rng.uniform(2, 6), rng.uniform(0.5, 2)
+    stem, moved = u[0], np.zeros(n)
+    for i in range(n):
+        if abs(u[i] - stem) > slack / 2 + jump / 2:
+            stem = u[i] - np.sign(u[i] - stem) * (slack - jump) / 2
+        moved[i] = stem
+    pole = rng.uniform(0.7, 0.95)
+    return 1.0, u, lfilter([1 - pole], [1, -pole], moved - u[0])
+
+
+def loaded(rng: np.random.Generator, load: Array) -> tuple[float, Array, Array]:
+    """Return a lag of second order under a load that enters as its input does."""
+    u = sines(np.arange(load.size) * TS, rng, 50.0) if rng.random() < 0.5 else stepped(load.size, rng, 40)
+    first, second = rng.uniform(0.7, 0.95), rng.uniform(0.2, 0.7)
+    return TS, u, lfilter([1 - second], [1, -second], lfilter([0, 1 - first], [1, -first], u + load))
+
+
+def coloured_load(rng: np.random.Generator) -> tuple[float, Array, Array]:
+    """Return a lag under a load that wanders: 10 to 30 % of the input, correlated over 20 to 100 samples."""
+    pole = np.exp(-1 / rng.uniform(20, 100))
+    load = lfilter([np.sqrt(1 - pole**2)], [1, -pole], rng.standard_normal(4000))
+    return loaded(rng, rng.uniform(0.1, 0.3) * load)
+
+
+def step_load(rng: np.random.Generator) -> tuple[float, Array, Array]:
+    """Return a lag under a load that comes once and stays."""
+    load = np.zeros(4000)
+    load[int(rng.integers(500, 3500)) :] = rng.choice([-1, 1]) * rng.uniform(0.1, 0.5)
+    return loaded(rng, load)
+
+
+def hidden_temperature(rng: np.random.Generator) -> tuple[float, Array, Array]:
+    """Return a lag whose output a room moves slowly."""
+    pace, u, y = loaded(rng, np.zeros(4000))
+    return pace, u, y + 0.3 * sines(np.arange(4000) * pace, rng, rng.uniform(150, 400))
+
+
+def motor(rng: np.random.Generator) -> tuple[float, Array, Array]:
+    """Return a position under a periodic current with dry friction: its periods drift."""
+    n, fine = 4000, 8
+    pace = 0.01
+    u = sines(np.arange(n) * pace, rng, 4.0)
+    dry, drag, bias = rng.uniform(0.05, 0.2), rng.uniform(0.5, 3), rng.uniform(-0.05, 0.05)
+    x = v = 0.0
+    y = np.zeros(n)
+    for i in range(1, n):
+        for _ in range(fine):
+            free = v + pace / fine * (u[i - 1] + bias - drag * v)
+            v = np.sign(free) * max(abs(free) - pace / fine * dry, 0.0)
+            x += pace / fine * v
+        y[i] = x
+    return pace, u, y
+
+
+PLANTS = (piezo, valve, coloured_load, step_load, hidden_temperature, motor)
+
+
+def noise(seed: int, plants: int) -> None:
+    """Compare the stated noise of the sensor with the true one, at 0.1 to 2 % of the output."""
+    every = []
+    for made in PLANTS:
+        ratios = []
+        for i in range(plants):
+            rng = np.random.default_rng([seed, i])
+            pace, u, clean = made(rng)
+            size = np.std(clean) * 10 ** rng.uniform(-3, np.log10(0.02))
+            record = Record.from_arrays(u, clean + size * rng.standard_normal(clean.size), Ts=pace)
+            ratios.append(sensor_noise([record], repeated(record)) / size)
+        right = sum(0.7 <= r <= 1.5 for r in ratios)
+        every += ratios
+        name = made.__name__.replace("_", " ")
+        print(f"| {name} | {right} of {plants} | {min(ratios):.2f} ... {np.median(ratios):.2f} ... {max(ratios):.2f} |")
+    print(f"| all | {sum(0.7 <= r <= 1.5 for r in every)} of {len(every)} | |")
+
+
 PARTS: dict[str, Callable[[int, int], Any]] = {
     "dead_time": dead_times, "feedback": loops, "valves": valves, "imitated": imitated, "servos": servos,
-    "nulls": nulls,
+    "nulls": nulls, "noise": noise,
 }  # fmt: skip
 
 
