@@ -16,8 +16,14 @@ Array = np.ndarray
 
 
 def single(x: Sequence[float] | Array) -> Array:
-    """Return numbers in single precision, as floats: of what starts a fit the digits that BLAS leaves open go."""
-    return np.asarray(x).astype(np.float32).astype(float)
+    """Return numbers in single precision, as floats: of what starts a fit the digits that BLAS leaves open go.
+
+    What is too large for it stays as it is.
+    """
+    x = np.asarray(x, dtype=float)
+    with np.errstate(over="ignore"):
+        rough = x.astype(np.float32).astype(float)
+    return np.where(np.isinf(rough), x, rough)
 
 
 def add_grams(J: Array, blocks: Sequence[tuple[int, slice]], out: Array) -> None:

@@ -1,8 +1,10 @@
 """What is promised to be seen, against brute force."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
-from narx_sym.diagnosis.screening.promise import left_out, paid
+from narx_sym.diagnosis.screening.promise import detectable, left_out, paid
 
 
 def test_at_the_promised_size_an_effect_is_just_worth_its_price():
@@ -42,3 +44,18 @@ def test_what_the_other_folds_explain_is_left_out_of_each():
             expected = expected - start @ np.linalg.lstsq(start, expected, rcond=None)[0]
         np.testing.assert_allclose(left[of], expected, atol=1e-12)
     np.testing.assert_allclose(left_out(own * [1e9, 1e-9], directions, folds), left, atol=1e-12)  # in any units
+
+
+@np.errstate(all="raise")
+def test_of_what_moves_nothing_nothing_is_promised():
+    """A dead zone under two levels adds nothing that a test could pass, or fail."""
+    rng = np.random.default_rng(2)
+    matrix = np.column_stack([rng.standard_normal(120), np.zeros(120)])
+    named = [SimpleNamespace(id=name, where="input", shape=()) for name in ("drift", "dead_zone")]
+    columns = [slice(0, 1), slice(1, 2)]
+    scored = SimpleNamespace(
+        directions=[SimpleNamespace(columns=c, variant=v) for c, v in zip(columns, named, strict=True)],
+        line=SimpleNamespace(residual=rng.standard_normal(120), own=np.ones((120, 1))),
+        matrix=matrix, scores=SimpleNamespace(passes=np.array([[1.0, np.inf], [np.inf, np.inf]])),
+    )  # fmt: skip
+    assert set(detectable(scored)) == {"drift"}

@@ -113,3 +113,11 @@ def test_a_fit_with_kinks_is_the_same_under_other_kernels():
     told = [run.communicate(timeout=120) for run in runs]
     assert all(run.returncode == 0 for run in runs), told
     assert told[0][0] == told[1][0] and len(told[0][0].splitlines()) == 6
+
+
+@np.errstate(all="raise")
+def test_what_single_precision_cannot_hold_stays_as_it_is():
+    x = np.array([1 / 3, -1e39, np.inf, np.nan])
+    rough = algebra.single(x)
+    assert rough[0] == np.float32(1 / 3)
+    np.testing.assert_array_equal(rough[1:], x[1:])

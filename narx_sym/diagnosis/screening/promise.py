@@ -30,7 +30,10 @@ def detectable(scored: Scored) -> dict[str, float]:
     left = left_out(own, matrix, folds)
     worth = paid(groups, left.T @ left, float(residual @ residual), costs)
     energy = np.array([np.einsum("ij,ij->", matrix[:, c], matrix[:, c]) for c in groups]) / residual.size
-    sizes = np.sqrt(np.min(np.maximum(scored.scores.passes, worth), axis=1) * energy)
+    shows = np.min(np.maximum(scored.scores.passes, worth), axis=1)
+    sizes = np.sqrt(
+        np.where(energy > 0, shows, np.inf) * np.where(energy > 0, energy, 1.0)
+    )  # what moves nothing never does
     found: dict[str, dict[str, list[float]]] = {}
     for direction, size in zip(scored.directions, sizes, strict=True):
         variant = direction.variant
