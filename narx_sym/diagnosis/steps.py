@@ -346,7 +346,7 @@ def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
     """
     best = winner(rows, known)
     while best is not None and not best.beyond(known):
-        rivals = [r for r in alike(rows, best) if r.beyond(known)]
+        rivals = [r for r in alike(rows, best) if r.beyond(known) and r.held <= np.exp(ALIKE) * best.held]
         if rivals:  # what a core explains, an effect explains as well
             best = rivals[0]
             break

@@ -14,14 +14,15 @@ from typing import Any
 import sympy as sp
 
 from .recursion import Recursion
-from .signals import k, lag, renamed, samples, signal
+from .signals import k, lag, renamed, rewritten, samples, signal
 
 
 @lru_cache(maxsize=20_000)
 def derivative(expr: Any, variable: Any) -> Any:
     """Differentiate with the kinks of sign, abs, Max and Min taken as they are away from them.
 
-    Sums term by term, each once: models share their terms, and SymPy takes longer over the whole.
+    Where two arguments of Max or Min are equal, it moves with one of them, as a play does whose input rests. Sums term by
+    term, each once: models share their terms, and SymPy takes longer over the whole.
     """
     if not expr.has(variable):
         return sp.S.Zero
@@ -32,10 +33,48 @@ def derivative(expr: Any, variable: Any) -> Any:
         if len(moving) == 1:
             return sp.Mul(derivative(moving[0], variable), *(f for f in expr.args if f is not moving[0]))
     plain, names = _plain(expr)
-    result = sp.diff(plain, _stand_in(variable) if isinstance(variable, sp.Indexed) else variable)
+    in_pairs, extremes = _in_pairs(plain)
+    result = sp.diff(in_pairs, _stand_in(variable) if isinstance(variable, sp.Indexed) else variable)
     if result.has(sp.DiracDelta):
         result = result.replace(sp.DiracDelta, lambda *_: sp.S.Zero)
-    return renamed(result, names)
+    return renamed(renamed(result, extremes), names)
+
+
+class _Larger(sp.Function):  # type: ignore[misc]
+    """The larger of two; of equal ones the second. SymPy's Max moves with neither where they are equal."""
+
+    nargs = 2
+    is_real = True
+    sign = 1
+
+    def fdiff(self, argindex: int = 1) -> Any:
+        """Return 1 for the argument that it is, 0 for the other."""
+        first = sp.Heaviside(self.sign * (self.args[0] - self.args[1]))
+        return first if argindex == 1 else 1 - first
+
+
+class _Smaller(_Larger):
+    """The smaller of two; of equal ones the second."""
+
+    sign = -1
+
+
+def _in_pairs(expr: Any) -> tuple[Any, dict[Any, Any]]:
+    """Return an expression with extremes of two arguments each, and what these stand for."""
+    known: dict[Any, Any] = {}
+
+    def paired(node: Any) -> Any:
+        if not isinstance(node, (sp.Max, sp.Min)):
+            return None
+        *others, last = node.args
+        kind, found, whole = (_Larger if isinstance(node, sp.Max) else _Smaller), rewritten(last, paired), last
+        for argument in reversed(others):
+            found = kind(rewritten(argument, paired), found)
+            whole = node.func(argument, whole, evaluate=False) if argument is not node.args[0] else node
+            known[found] = whole
+        return found
+
+    return rewritten(expr, paired), known
 
 
 @lru_cache(maxsize=10_000)

@@ -7,6 +7,7 @@ import pytest
 
 from narx_sym.diagnosis.steps import won
 from narx_sym.diagnosis.table.verdict import (
+    ALIKE,
     PER_EFFECT,
     PER_PARAMETER,
     VERDICTS,
@@ -87,6 +88,18 @@ def test_nothing_is_named_that_cannot_be_told_from_nothing():
     assert won([base, clear], base) == (base, clear)
     wavering = Told(("a",), 0.55, 4, wobble=0.9)  # so do its blocks
     assert won([base, wavering], base) == (base, None)
+
+
+class Resonant(Told):
+    more, count = 2, 2  # two further resonances, each priced as an effect
+
+
+def test_an_effect_stands_for_a_core_only_where_it_explains_as_much():
+    base, core = Told((), 0.12, 7), Resonant((), 0.02, 15)
+    as_well, less = Told(("a",), 0.021, 18), Told(("a", "b"), 0.044, 8)
+    assert as_well.price - core.price < PER_EFFECT and less.price - core.price < ALIKE
+    assert won([base, core, as_well], base) == (base, as_well)
+    assert won([base, core, less], base) == (core, None)  # it costs the same, but leaves twice as much
 
 
 def test_what_is_dearer_but_costs_the_same_is_in_the_set():
