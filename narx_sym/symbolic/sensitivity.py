@@ -21,8 +21,8 @@ from .signals import k, lag, renamed, rewritten, samples, signal
 def derivative(expr: Any, variable: Any) -> Any:
     """Differentiate with the kinks of sign, abs, Max and Min taken as they are away from them.
 
-    Where two arguments of Max or Min are equal, it moves with one of them, as a play does whose input rests. Sums term by
-    term, each once: models share their terms, and SymPy takes longer over the whole.
+    Where two arguments of Max or Min are equal, it moves with one of them, as a play does whose input rests. Sums go
+    term by term, each once: models share their terms, and SymPy takes longer over the whole.
     """
     if not expr.has(variable):
         return sp.S.Zero
@@ -40,7 +40,7 @@ def derivative(expr: Any, variable: Any) -> Any:
     return renamed(renamed(result, extremes), names)
 
 
-class _Larger(sp.Function):  # type: ignore[misc]
+class _Larger(sp.Function):
     """The larger of two; of equal ones the second. SymPy's Max moves with neither where they are equal."""
 
     nargs = 2
