@@ -50,7 +50,10 @@ class Step:
     valves : list of Sticking
         Of each record with a setpoint: whether the valve of the loop sticks.
     nearest : list of str
-        Where a trace is left that no effect explains well enough to be named: those that come nearest, best first.
+        Where something is left that no effect explains well enough to be named: those that come nearest, best first. Of
+        what the catalogue does not know: the one effect, or the two, that cost least.
+    nearest_share : float
+        How much of the squared error the first of them removes, in held-out blocks.
     sensor : float
         Standard deviation of the sensor's noise [unit of y]; 0 where it is not known. What is left above it is not
         noise, though no effect may be seen in it.
@@ -72,6 +75,7 @@ class Step:
     loop: Feedback | None = None
     valves: list[Sticking] = field(default_factory=list)
     nearest: list[str] = field(default_factory=list)
+    nearest_share: float = 0.0
     sensor: float = 0.0
 
     @property
@@ -87,6 +91,12 @@ class Step:
         spread, split = fitted.problem.spread, self.base.split
         parts = {"train": split.train, "validation": split.held, "sealed": split.test}
         return {name: float(np.sqrt(fitted.mean_square(masks)) / spread) for name, masks in parts.items()}
+
+    def near(self, known: Row, *rows: Row) -> Step:
+        """Take rows for what comes nearest, and return the step."""
+        self.nearest = [" with ".join(v.id for v in r.beyond(known)) for r in rows]
+        self.nearest_share = 1 - rows[0].held / known.held if rows else 0.0
+        return self
 
     @property
     def unseen(self) -> list[tuple[str, float]]:
@@ -155,9 +165,11 @@ class Step:
             alone = f"of the sensor alone {few(self.sensor)}{unit}"
             sizes += f" ({alone if self.sensor < self.floor else 'all of it the noise of the sensor'})"
         if self.verdict == "outside_library":
+            removes = f"comes nearest, and removes {100 * self.nearest_share:.0f} % of the squared error"
+            near = f" Of what it knows, {self.nearest[0]} {removes}: too little to be named." if self.nearest else ""
             return (
-                f"Something is missing that the catalogue does not know. {sizes}. Look at where the model fails, and "
-                "at the equivalent missing input."
+                f"Something is missing that the catalogue does not know. {sizes}.{near} Look at where the model fails, "
+                "and at the equivalent missing input."
             )
         if self.pair is not None:
             return (
@@ -191,7 +203,7 @@ class Step:
             "verdict": self.verdict,
             "sentence": self.sentence({}),
             "confusion_set": self.confusion_set,
-            "nearest": self.nearest,
+            "nearest": self.nearest, "nearest_share": self.nearest_share,
             "p_value": self.p_value,
             "base": {
                 "latex": base.latex(), "terms": terms, "theta": [float(v) for v in base.theta],
@@ -285,7 +297,7 @@ def step(
     if not repeats:
         made.floor = float(np.sqrt(min(chosen.mean_square(base.split.held) * (1 - left), floor)))
     if made.verdict == "outside_library":
-        return made, known
+        return made.near(known, best), known
     pair = len(best.beyond(known)) > 1
     both = [v.id for v in best.beyond(known)]
     made.confusion_set = both if pair else list(names)
@@ -311,13 +323,14 @@ def _unnamed(made: Step, table: Table, known: Row) -> Step:
     """Return a step in which no effect is worth its price: with what is left, if there is, and what comes nearest."""
     scored = table.checked(known)
     made.p_value = scored.scores.p_value
-    near = [r for r in cheapest(table.beside(known), by=lambda r: r.before_judged) if len(r.beyond(known)) == 1]
-    listed = [r for r in near[:RIVALS] if r.judged().held < known.held]
+    listed = table.nearest(known, 1, RIVALS)
     removed = max((1 - r.held / known.held for r in listed), default=0.0)
     made.verdict = nothing_named(scored.structure if known.held > table.rounding else 0.0, removed)
-    if made.verdict == "nothing_detectable" and made.p_value <= gate.LEVEL:
-        made.nearest = [new_effect(r, known) for r in listed]
-    return made
+    if made.verdict == "outside_library":
+        listed = sorted(listed + table.nearest(known, 2, RIVALS), key=lambda r: r.price)[:1]
+    elif made.p_value > gate.LEVEL:
+        listed = []
+    return made.near(known, *listed)
 
 
 def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:

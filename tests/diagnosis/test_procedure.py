@@ -154,6 +154,14 @@ def test_reproducible(play):
     assert list(base.theta) == theta  # the caller's model stays as it is
 
 
+def test_of_what_the_catalogue_does_not_know_the_nearest_is_told(play):
+    record, base, _ = play
+    found = ns.diagnose(base, record, catalogue=Catalogue({"drift": EFFECTS["drift"]}))
+    step = found.steps[0]
+    assert found.verdict == "outside_library" and step.nearest == ["drift"] and 0 < step.nearest_share < 0.2
+    assert f"drift comes nearest, and removes {100 * step.nearest_share:.0f} % of" in found.sentence()
+
+
 @pytest.fixture(scope="module")
 def nothing():
     """Return a record without a hidden effect, its base, and its diagnosis."""

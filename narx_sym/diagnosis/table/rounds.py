@@ -94,6 +94,12 @@ class Table:
         """Return the rows that have all effects of another."""
         return [r for r in self.rows if set(known.ids) <= set(r.ids)]
 
+    def nearest(self, known: Row, count: int, most: int) -> list[Row]:
+        """Return those of the cheapest hypotheses with so many effects more that lessen the error."""
+        near = cheapest(self.beside(known), by=lambda r: r.before_judged)
+        near = [r for r in near if len(r.beyond(known)) == count]
+        return [r for r in near[:most] if r.judged().held < known.held]
+
     def judge_alone(self, known: Row, effect: str) -> None:
         """Judge an effect of a pair by itself, which need not be worth its price."""
         for row in self.beside(known):
