@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..data.evidence.feedback import Feedback, closed_loop, setpoint
-from ..data.evidence.levels import at_levels
+from ..data.evidence.levels import at_levels, one_way
 from ..data.evidence.noise import repeated, sensor_noise
 from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
@@ -252,7 +252,7 @@ def diagnose(
         one.sensor = sensor
     failed = _misfit(steps[0].base, steps[0].floor)
     faults = sensor_faults(listed, min(s.floor for s in steps), converter)
-    said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())] + held
+    said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())] + one_way(listed) + held
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
     return Diagnosis(steps, failed, time.perf_counter() - begin, seed, faults, said, table.rows, listed if held else [])

@@ -8,6 +8,7 @@ from scipy.signal import butter, lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.dead_time import dead_time
 from narx_sym.data.evidence.feedback import feedback
+from narx_sym.data.evidence.levels import turns
 from narx_sym.data.evidence.noise import sensor_noise, unexplained
 from narx_sym.data.evidence.stiction import held, sticking
 from narx_sym.diagnosis.procedure import diagnose
@@ -298,3 +299,12 @@ def test_the_force_of_a_viscoelastic_damper_is_no_answer_of_its_displacement():
         y += 0.008 * y.std() * rng.standard_normal(y.size)
         found.append(feedback(ns.Record.from_arrays(u[::over], y, Ts=fine * over)).found)
     assert sum(found) <= 1
+
+
+@pytest.mark.parametrize(("way", "back"), [("up", False), ("down", False), ("up and down", True), ("noisy up", False)])
+def test_whether_a_signal_turns_back(way, back):
+    up = np.linspace(-1, 3, 400)
+    ways = {"up": up, "down": -up, "up and down": np.concatenate([up, up[:200:-1]])}
+    noisy = up + 0.02 * np.random.default_rng(0).standard_normal(400)
+    assert turns(ways.get(way, noisy)) is back
+    assert not turns(np.ones(3))

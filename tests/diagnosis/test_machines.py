@@ -12,7 +12,7 @@ from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis
 from narx_sym.diagnosis.table.rounds import Table
 from narx_sym.diagnosis.table.search import Search
 from narx_sym.diagnosis.table.verdict import distinct
-from narx_sym.models.effects import EFFECTS
+from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.models.extend import Variant, variants
 
 
@@ -285,3 +285,22 @@ def test_a_motor_that_is_recorded_as_a_speed_breaks_loose_by_a_jump():
     assert found.confusion_set == ["stiction"]
     base, after = (rung["validation"] for rung in found.ladder)
     assert after < 0.02 < 0.04 < base
+
+
+def test_an_input_that_never_turns_back_shows_no_loop():
+    """On a ramp a hysteresis is a curve, and follows any bend: it was named for a gain that falls beyond a level."""
+    u = np.linspace(0, 10, 2000)
+    y = lfilter([0.1], [1, -0.9], np.where(u < 7, u, 7 - 0.8 * (u - 7)))
+    few = Catalogue({name: EFFECTS[name] for name in ("backlash", "cubic_gain", "hysteresis")})
+
+    def told(u, y):
+        record = record_of(u, y, 0.01, 0.005)
+        found = ns.diagnose(ns.identify(record, base="linear"), record, catalogue=few)
+        ways = {(v.id, v.driver) for row in found.hypotheses for v in row.hypothesis.effects}
+        return found, ways & {("hysteresis", "u"), ("backlash", "u")}
+
+    found, loops = told(u, y)
+    assert not loops and found.confusion_set[:1] != ["hysteresis"]
+    assert any("never turns back" in note for note in found.data_notes)
+    back, loops = told(np.concatenate([u, u[::-20]]), np.concatenate([y, y[::-20]]))
+    assert loops and not any("never turns back" in note for note in back.data_notes)

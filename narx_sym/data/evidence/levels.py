@@ -1,4 +1,4 @@
-"""Noise on an input of two levels: it bends the static curve at the levels as a saturation does."""
+"""What an input of two levels hides, whose noise bends the static curve as a saturation does, and one of one way."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from ..record import Record
 
 Array = np.ndarray
+TURN = 0.05  # of the range of a signal: what it goes back by less is held for noise, and closes no loop
 NEAR = 0.1  # of the way between the levels: a wider spread about them is excitation
 
 
@@ -21,6 +22,21 @@ def two_levels(u: Array) -> Array | None:
     levels = np.where(high, u[high].mean(), u[~high].mean())
     noise = float(np.std(u - levels))
     return levels if 0 < noise <= NEAR * float(np.ptp(levels)) else None
+
+
+def turns(x: Array) -> bool:
+    """Whether a signal goes back on its way: up and down, by more than a part of its range."""
+    back = min(np.max(np.maximum.accumulate(x) - x), np.max(x - np.minimum.accumulate(x)))
+    return bool(back > TURN * np.ptp(x))
+
+
+def one_way(records: Sequence[Record]) -> list[str]:
+    """Say of which records the input never turns back."""
+    ways = [r for r in records if np.ptp(r.u) > 0 and not any(turns(part.u) for part in r.segments())]
+    return [
+        f"{r.name}: the input never turns back: what remembers where it turned (hysteresis, slack) is a curve there"
+        for r in ways
+    ]
 
 
 def at_levels(records: Sequence[Record], error: Callable[[Sequence[Record]], float]) -> tuple[list[Record], list[str]]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
+from ...data.evidence.levels import turns
 from ...data.evidence.rate import MOST, working
 from ...data.record import Record
 from ...errors import FitError
@@ -161,7 +162,7 @@ class Table:
         for turn, first in enumerate(sorted(listed, key=self._promised)[:PARTNERS]):
             scored = self.screened(first)
             kind = "given" if first.hypothesis.core.given else self.search.family
-            others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids}
+            others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids and self._may_show(v)}
             tell = partial(self._tell, base, f", one of them {first.ids[-1]}", turn, PARTNERS)
             worth = cheapest(self.rows)[0].price + PER_EFFECT  # dearer ones neither win nor are taken for the winner
             self._fit(self._every_core([first]), others, scored.line, tell, worth, first)
@@ -180,12 +181,22 @@ class Table:
         best = max((float(share) for d, share in promised if d.variant.id not in first.ids), default=0.0)
         return first.before_judged + float(np.log(max(1.0 - best, ROUNDING)))
 
+    @cached_property
+    def _turning(self) -> set[str]:
+        """Which of u and y turn back within a segment."""
+        parts = [part for r in self.records for part in r.segments()]
+        return {name for name in ("u", "y") if any(turns(getattr(part, name)) for part in parts)}
+
+    def _may_show(self, variant: Variant) -> bool:
+        """Whether these data can show an effect: what remembers where its driver turned needs a turn."""
+        return not variant.effect.turning or not self._turning.isdisjoint(variant.driver)
+
     def _ways(self, model: Model, given: bool) -> list[Variant]:
         """Return every way in which the catalogue's effects may act; what an open core has itself is none.
 
         The model has the largest core: beside a smaller one, as without memory, some are none.
         """
-        listed = list(variants(model, self.channels, self.catalogue))
+        listed = [v for v in variants(model, self.channels, self.catalogue) if self._may_show(v)]
         if given:
             return listed
         open_ones = dict.fromkeys(replace(v, lag=0) for v in listed)

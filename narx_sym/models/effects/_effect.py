@@ -92,6 +92,8 @@ class Effect:
         At this value of a shape parameter it is another effect, which needs one parameter less.
     lagged : bool
         Whether it stands behind a lag of its own.
+    turning : bool
+        Whether it shows only where its driver turns back: on one way it is a curve.
     """
 
     id: str
@@ -110,6 +112,7 @@ class Effect:
     standing: bool = False
     least: float = 0.0
     lagged: bool = False
+    turning: bool = False
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -229,6 +232,7 @@ def effect(
     standing: bool = False,
     least: float = 0.0,
     lagged: bool = False,
+    turning: bool = False,
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Turn a function into an effect and put it into the catalogue.
@@ -241,6 +245,7 @@ def effect(
     limit : at which value of a shape parameter it is another effect: (parameter, value, id)
     least : the smallest size of a coefficient that still means this effect, where its sign is given
     lagged : whether it stands behind a lag of its own, which costs as an effect does where the machine has no such pole
+    turning : whether it shows only where its driver turns back
     register : bool
         False keeps it out of the catalogue.
 
@@ -265,6 +270,7 @@ def effect(
         one = Effect(
             name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
             full, (function.__module__ or "").rpartition(".")[2], limit, standing, least, lagged,
+            turning,
         )  # fmt: skip
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:

@@ -31,7 +31,7 @@ def behind_a_lag(id: str, form: str = BETWEEN, source: str = "Billings & Fakhour
     """Declare a form of an effect that stands behind a first-order lag, with the sentence of its other forms."""
     return effect(
         "input", scan={"r": LIMIT, "tau": FIRST}, sign=1, full=True, unit=UNITS, id=id, form=form, source=source,
-        sentence=EFFECTS[id][0].sentence, lagged=True,
+        sentence=EFFECTS[id][0].sentence, turning=EFFECTS[id][0].turning, lagged=True,
     )  # fmt: skip
 
 

@@ -26,6 +26,7 @@ def play(x: Any, p: Any, r: Any) -> State:
     full=True,
     unit={"r": "unit of the driver"},
     source="Brokate & Sprekels 1996",
+    turning=True,
 )
 def backlash(x: Any, r: Any) -> Form:
     """Play of half-width r: after a reversal nothing moves until the slack is taken up."""
@@ -41,6 +42,7 @@ def backlash(x: Any, r: Any) -> Form:
     id="backlash",
     form="elastic",
     source="Nordin & Gutman 2002 (dead zone of an elastic shaft)",
+    turning=True,
 )
 def elastic_backlash(u: Any, y: Any, r: Any, d: Any) -> Any:
     """Play of half-width r: after a reversal nothing moves until the slack is taken up."""
@@ -53,6 +55,7 @@ def elastic_backlash(u: Any, y: Any, r: Any, d: Any) -> Any:
     unit={"b": "1 / unit of the driver", "g": "1"},
     source="Bouc 1967, Wen 1976 (rate-independent form)",
     form="Bouc-Wen",
+    turning=True,
 )
 def hysteresis(x: Any, b: Any, g: Any) -> Form:
     """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
@@ -77,6 +80,7 @@ def quarter_steps(x: Any) -> list[Any]:
     id="hysteresis",
     form="Bouc-Wen force",
     source="Noel & Schoukens 2016 (benchmark); midpoint rule in four sub-steps",
+    turning=True,
 )
 def hysteretic_force(x: Any, b: Any, g: Any) -> Form:
     """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
@@ -102,6 +106,7 @@ def hysteretic_force(x: Any, b: Any, g: Any) -> Form:
     id="hysteresis",
     form="play superposition",
     source="Prandtl 1928, Ishlinskii 1944",
+    turning=True,
 )
 def play_superposition(x: Any, r: Any) -> Form:
     """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
@@ -117,6 +122,7 @@ def play_superposition(x: Any, r: Any) -> Form:
     id="hysteresis",
     form="Bouc-Wen actuator",
     source="Rakotondrabe 2011; Martins & Aguirre 2016, Eq. System",
+    turning=True,
 )
 def actuator_hysteresis(u: Any, y: Any, d: Any) -> list[Any]:
     """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
