@@ -166,7 +166,8 @@ class Step:
             sizes += f" ({alone if self.sensor < self.floor else 'all of it the noise of the sensor'})"
         if self.verdict == "outside_library":
             removes = f"comes nearest, and removes {100 * self.nearest_share:.0f} % of the squared error"
-            near = f" Of what it knows, {self.nearest[0]} {removes}: too little to be named." if self.nearest else ""
+            told = f" Of what it knows, {self.nearest[0]} {removes}: too little to be named." if self.nearest else ""
+            near = told if self.nearest_share > 0 else ""
             return (
                 f"Something is missing that the catalogue does not know. {sizes}.{near} Look at where the model fails, "
                 "and at the equivalent missing input."

@@ -10,7 +10,9 @@ import numpy as np
 from ..record import Record
 
 Array = np.ndarray
-TURN = 0.05  # of the range of a signal: what it goes back by less is held for noise, and closes no loop
+# Of the range of a signal: what it goes back by less is held for noise, and closes no loop. The inputs of 60 measured
+# records go back by nothing or by more than 0.14.
+TURN = 0.05
 NEAR = 0.1  # of the way between the levels: a wider spread about them is excitation
 
 

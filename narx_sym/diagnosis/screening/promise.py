@@ -31,9 +31,8 @@ def detectable(scored: Scored) -> dict[str, float]:
     worth = paid(groups, left.T @ left, float(residual @ residual), costs)
     energy = np.array([np.einsum("ij,ij->", matrix[:, c], matrix[:, c]) for c in groups]) / residual.size
     shows = np.min(np.maximum(scored.scores.passes, worth), axis=1)
-    sizes = np.sqrt(
-        np.where(energy > 0, shows, np.inf) * np.where(energy > 0, energy, 1.0)
-    )  # what moves nothing never does
+    moves = energy > 0  # what moves nothing never shows
+    sizes = np.sqrt(np.where(moves, shows, np.inf) * np.where(moves, energy, 1.0))
     found: dict[str, dict[str, list[float]]] = {}
     for direction, size in zip(scored.directions, sizes, strict=True):
         variant = direction.variant
