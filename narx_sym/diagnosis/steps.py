@@ -93,9 +93,10 @@ class Step:
         return {name: float(np.sqrt(fitted.mean_square(masks)) / spread) for name, masks in parts.items()}
 
     def near(self, known: Row, *rows: Row) -> Step:
-        """Take rows for what comes nearest, and return the step."""
-        self.nearest = [" with ".join(v.id for v in r.beyond(known)) for r in rows]
-        self.nearest_share = 1 - rows[0].held / known.held if rows else 0.0
+        """Take those of some rows that lessen the error for what comes nearest, and return the step."""
+        less = [r for r in rows if r.held < known.held]
+        self.nearest = [" with ".join(v.id for v in r.beyond(known)) for r in less]
+        self.nearest_share = 1 - less[0].held / known.held if less else 0.0
         return self
 
     @property
@@ -166,8 +167,7 @@ class Step:
             sizes += f" ({alone if self.sensor < self.floor else 'all of it the noise of the sensor'})"
         if self.verdict == "outside_library":
             removes = f"comes nearest, and removes {100 * self.nearest_share:.0f} % of the squared error"
-            told = f" Of what it knows, {self.nearest[0]} {removes}: too little to be named." if self.nearest else ""
-            near = told if self.nearest_share > 0 else ""
+            near = f" Of what it knows, {self.nearest[0]} {removes}: too little to be named." if self.nearest else ""
             return (
                 f"Something is missing that the catalogue does not know. {sizes}.{near} Look at where the model fails, "
                 "and at the equivalent missing input."
@@ -328,10 +328,8 @@ def _unnamed(made: Step, table: Table, known: Row) -> Step:
     removed = max((1 - r.held / known.held for r in listed), default=0.0)
     made.verdict = nothing_named(scored.structure if known.held > table.rounding else 0.0, removed)
     if made.verdict == "outside_library":
-        listed = sorted(listed + table.nearest(known, 2, RIVALS), key=lambda r: r.price)[:1]
-    elif made.p_value > gate.LEVEL:
-        listed = []
-    return made.near(known, *listed)
+        return made.near(known, min(listed + table.nearest(known, 2, RIVALS), key=lambda r: r.price, default=known))
+    return made.near(known, *(listed if made.p_value <= gate.LEVEL else ()))
 
 
 def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
