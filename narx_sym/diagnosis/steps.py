@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..data.evidence.feedback import Feedback
-from ..data.evidence.noise import unexplained
+from ..data.evidence.noise import CLEARLY, unexplained
 from ..data.evidence.stiction import Sticking
 from ..models.extend import newer
 from ..models.model import NARX
@@ -55,8 +55,7 @@ class Step:
     nearest_share : float
         How much of the squared error the first of them removes, in held-out blocks.
     sensor : float
-        Standard deviation of the sensor's noise [unit of y]; 0 where it is not known. What is left above it is not
-        noise, though no effect may be seen in it.
+        Standard deviation of the sensor's noise [unit of y]; 0 where it is not known. What is above it is not noise.
     """
 
     base: Fitted
@@ -108,9 +107,12 @@ class Step:
 
     @property
     def unexplained(self) -> str:
-        """What of the last error the sensor cannot make, in words; an empty text where it can."""
+        """What of the last error on samples that were not fitted the sensor cannot make; an empty text where it can."""
         last = self.chosen or self.base
-        return unexplained(last.error(last.split.held), self.sensor, last.split.records[0].Ts)
+        others, size = [h | t for h, t in zip(last.split.held, last.split.test, strict=True)], self.nrmse(last)
+        late = ", most of it in the last samples" if size["sealed"] > CLEARLY * size["validation"] else ""
+        said = unexplained(last.error(others), self.sensor, last.split.records[0].Ts)
+        return said and said + late
 
     @property
     def trace(self) -> str:
@@ -141,8 +143,7 @@ class Step:
         """Return the verdict in plain words."""
         unit = f" {units['y']}" if units.get("y") else ""
         error = np.sqrt(self.base.mean_square(self.base.split.held))
-        spread = self.base.problem.spread
-        percent = float(f"{100 * error / spread:.2g}")
+        percent = float(f"{100 * error / self.base.problem.spread:.2g}")
         sizes = f"The error is {few(error)}{unit} rms ({percent:g} % of the output's standard deviation)"
         if self.verdict == "nothing_detectable":
             if self.follows_nothing:

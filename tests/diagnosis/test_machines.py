@@ -304,3 +304,13 @@ def test_an_input_that_never_turns_back_shows_no_loop():
     assert any("never turns back" in note for note in found.data_notes)
     back, loops = told(np.concatenate([u, u[::-20]]), np.concatenate([y, y[::-20]]))
     assert loops and not any("never turns back" in note for note in back.data_notes)
+
+
+def test_what_acts_in_the_last_samples_only_is_not_called_nothing():
+    """A gain that ends where the amplitude goes at last: no sample that is compared shows it."""
+    k, n = np.arange(3000), 3000
+    u = np.where(k < 0.93 * n, 1.0, 1.6) * np.sin(2 * np.pi * k / 120 * (1 + k / n))
+    y = lfilter([0.05], [1, -0.95], np.clip(u, -1.02, 1.02))
+    found = diagnosed(record_of(u, y, 0.01, 0.01))
+    assert found.verdict == "nothing_detectable" and found.ladder[0]["sealed"] > 3 * found.ladder[0]["validation"]
+    assert found.steps[0].finding == "unexplained" and "most of it in the last samples" in found.sentence()
