@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..data.evidence.feedback import Feedback
-from ..data.evidence.noise import CLEARLY, unexplained
+from ..data.evidence.noise import unexplained
 from ..data.evidence.stiction import Sticking
 from ..models.extend import newer
 from ..models.model import NARX
@@ -109,10 +109,9 @@ class Step:
     def unexplained(self) -> str:
         """What of the last error on samples that were not fitted the sensor cannot make; an empty text where it can."""
         last = self.chosen or self.base
-        others, size = [h | t for h, t in zip(last.split.held, last.split.test, strict=True)], self.nrmse(last)
-        late = ", most of it in the last samples" if size["sealed"] > CLEARLY * size["validation"] else ""
-        said = unexplained(last.error(others), self.sensor, last.split.records[0].Ts)
-        return said and said + late
+        held, sealed = last.error(last.split.held), last.error(last.split.test)
+        said = unexplained(np.concatenate([held, sealed]), self.sensor, last.split.records[0].Ts)
+        return f"{said}, most of it in the last samples" if said and sealed @ sealed > held @ held else said
 
     @property
     def trace(self) -> str:

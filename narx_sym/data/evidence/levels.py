@@ -32,12 +32,18 @@ def turns(x: Array) -> bool:
     return bool(back > TURN * np.ptp(x))
 
 
+def turning(records: Sequence[Record]) -> set[str]:
+    """Return which of u and y turn back within a segment."""
+    parts = [part for r in records for part in r.segments()]
+    return {name for name in ("u", "y") if any(turns(getattr(part, name)) for part in parts)}
+
+
 def one_way(records: Sequence[Record]) -> list[str]:
     """Say of which records the input never turns back."""
-    ways = [r for r in records if np.ptp(r.u) > 0 and not any(turns(part.u) for part in r.segments())]
     return [
         f"{r.name}: the input never turns back: what remembers where it turned (hysteresis, slack) is a curve there"
-        for r in ways
+        for r in records
+        if np.ptp(r.u) > 0 and "u" not in turning([r])
     ]
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
-from ...data.evidence.levels import turns
+from ...data.evidence.levels import turning
 from ...data.evidence.rate import MOST, working
 from ...data.record import Record
 from ...errors import FitError
@@ -69,6 +69,7 @@ class Table:
         self._own: dict[Row, Fitted] = {}
         steps = quantum**2 / 12 / (float(np.var(np.concatenate([r.y for r in self.records]))) or 1.0)
         self.rounding = max(ROUNDING**2, steps * float(np.exp(ALIKE)))
+        self.turning = turning(self.records)
         self.delay = delay
         if delay is None:
             begin = int(getattr(given, "delay", 0) or 0)
@@ -181,15 +182,9 @@ class Table:
         best = max((float(share) for d, share in promised if d.variant.id not in first.ids), default=0.0)
         return first.before_judged + float(np.log(max(1.0 - best, ROUNDING)))
 
-    @cached_property
-    def _turning(self) -> set[str]:
-        """Which of u and y turn back within a segment."""
-        parts = [part for r in self.records for part in r.segments()]
-        return {name for name in ("u", "y") if any(turns(getattr(part, name)) for part in parts)}
-
     def _may_show(self, variant: Variant) -> bool:
         """Whether these data can show an effect: what remembers where its driver turned needs a turn."""
-        return not variant.effect.turning or not self._turning.isdisjoint(variant.driver)
+        return not variant.effect.turning or not self.turning.isdisjoint(variant.driver)
 
     def _ways(self, model: Model, given: bool) -> list[Variant]:
         """Return every way in which the catalogue's effects may act; what an open core has itself is none.
