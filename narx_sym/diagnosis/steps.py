@@ -24,7 +24,7 @@ from .screening.scored import absorbed
 from .table.candidates import Candidate, Pair
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, cheapest, nothing_named, verdict, winner
+from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, cheapest, explained, nothing_named, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
 REPEATED = "repeated periods"  # the kind that is sure
@@ -285,11 +285,12 @@ def step(
     seen = made.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
     if best is None or not seen:
         return _unnamed(made, table, known), known
-    left = table.screened(best).missing
+    left = table.left(best, known)
     lowest = best.held * (1 - left)
     # Two effects are no rival of one, though it be priced as two: it would be shown as if its first were enough.
-    found = alike([r for r in table.beside(known) if len(r.beyond(known)) <= len(best.beyond(known))], best)
-    share = (known.held - best.held) / (known.held - lowest)
+    enough = [r for r in table.beside(known) if len(r.beyond(known)) <= len(best.beyond(known))]
+    found = alike(enough, best, min(left, ALIKE))
+    share = explained(best, known, left)
     made.candidates = _candidates(table, known, best, found, lowest)
     shown = {c.effect for c in made.candidates} | {BASE}  # a rival that cannot be held is none
     names = dict.fromkeys(name for name in (new_effect(r, known) for r in found) if name in shown)

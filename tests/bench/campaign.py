@@ -5,7 +5,8 @@
 A machine of `truths` with one hidden effect is driven by a slow sine of one size. Where the verdict is `confused`, the
 proposed input is run on the same machine, and both records are diagnosed together; so up to `--experiments` times.
 `--reach 2` is a user whose actuator may go twice as far as in the first record. Right
-is a case that ends `named` with what is hidden (or another id that `truths` accepts for it). Nothing is tuned.
+is a case that ends `named` with what is hidden (or another id that `truths` accepts for it). What the first record
+decides by itself is counted beside. Nothing is tuned.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ class Machine:
 
 
 def told(kind: str, seed: int, experiments: int, reach: float) -> dict[str, Any] | None:
-    """Run the campaign of one machine: the verdicts, and whether it ends right; None where its first one is decided."""
+    """Run the campaign of one machine: the verdicts, and whether it ends right; None where its effect has no such size."""
     warnings.simplefilter("ignore")
     try:
         machine = Machine(kind, seed)
@@ -101,9 +102,7 @@ def told(kind: str, seed: int, experiments: int, reach: float) -> dict[str, Any]
     records = [machine.measured(machine.first, "first")]
     limits = (-reach * machine.amplitude, reach * machine.amplitude) if reach > 1 else None
     found = ns.diagnose(ns.identify(records[0], base="linear"), records, limits=limits)
-    if found.verdict != "confused":
-        return None
-    sets, accept = [list(found.confusion_set)], truths._ACCEPT[kind]
+    first, sets, accept = found.verdict, [list(found.confusion_set)], truths._ACCEPT[kind]
     for i in range(experiments):
         if found.verdict != "confused" or found.experiment is None:
             break
@@ -115,8 +114,8 @@ def told(kind: str, seed: int, experiments: int, reach: float) -> dict[str, Any]
         end = "named, right" if names <= accept else "named, wrong"
     else:
         end = f"{found.verdict}, {'with' if names & accept else 'without'} the truth"
-    first = "with" if set(sets[0]) & accept else "without"
-    return {"kind": kind, "seed": seed, "sets": sets, "end": end, "first": first}
+    held = "with" if set(sets[0]) & accept else "without"
+    return {"kind": kind, "seed": seed, "sets": sets, "end": end, "first": first, "held": held}
 
 
 def main() -> int:
@@ -128,7 +127,7 @@ def main() -> int:
     parser.add_argument("--experiments", type=int, default=2)
     parser.add_argument("--reach", type=float, default=1.0)
     options = parser.parse_args()
-    ends: Counter[str] = Counter()
+    ends, others = Counter[str](), Counter[str]()
     tried, confused = 0, 0
     drawn = ((kind, seed) for seed in count(options.seed) for kind in KINDS)
     run = Parallel(n_jobs=options.jobs, return_as="generator_unordered", pre_dispatch=options.jobs)
@@ -136,15 +135,19 @@ def main() -> int:
         tried += 1
         if row is None:
             continue
+        if row["first"] != "confused":
+            others[row["end"]] += 1
+            continue
         confused += 1
         ends[row["end"]] += 1
         sets = " -> ".join(", ".join(names) or "-" for names in row["sets"])
-        print(f"{row['kind']} {row['seed']} (truth {row['first']} at first): {sets}: {row['end']}", flush=True)
+        print(f"{row['kind']} {row['seed']} (truth {row['held']} at first): {sets}: {row['end']}", flush=True)
         if confused == options.cases:
             break
     print(f"\n{confused} of {tried} first records are confused. They end:")
     for end, n in ends.most_common():
         print(f"- {end}: {n}")
+    print("The other ones, at once:", ", ".join(f"{end} {n}" for end, n in others.most_common()))
     return 0
 
 

@@ -17,6 +17,7 @@ from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
 from narx_sym.diagnosis.table.rounds import Table
 from narx_sym.diagnosis.table.row import Row
 from narx_sym.diagnosis.table.search import Search
+from narx_sym.diagnosis.table.verdict import ALIKE, PER_EFFECT
 from narx_sym.fit.bases.integrating import at_one, drives, slowest
 from narx_sym.fit.simulate import free_run
 from narx_sym.models.effects import EFFECTS, Catalogue
@@ -367,3 +368,93 @@ def test_what_needs_memory_is_tried_though_the_best_core_has_none():
     with patch.object(Table, "_fit") as fit:
         table.singles(table.base)
     assert "bilinear_gain" in {v.id for v in fit.call_args.args[1]}
+
+
+# -- larger cores, places, the own rate ---------------------------------------------------------------------------------
+
+
+def of(id, form, where, driver="u"):
+    return next(Variant(e, where, driver) for e in EFFECTS[id] if e.form == form)
+
+
+def test_a_further_lag_takes_the_place_of_a_dead_time():
+    """A saturation before two lags: beside one lag with a dead time it is found, but not the second lag."""
+    rng, noise = np.random.default_rng(2), 0.01
+    swing = u - u.mean()
+    driven = lagged(lagged(2 * np.tanh(swing / 2), 0.85, 0.15), 0.85, 0.15)
+    record = ns.Record.from_arrays(swing, driven - driven.mean() + noise * rng.standard_normal(N), Ts)
+    search = Search(ns.identify(record, base="linear"), [record])
+    soft = of("saturation", "soft", "input")
+    search.limits[soft] = {p: (1e-3, 10.0) for p in soft.shape}
+    frame = search.frame((soft,), False)
+    start = frame.placed(Core(1, 1, 4), np.array([0.85, 0.15, 0.0]))
+    start[frame.added[0][0]], start[frame.added[0][1]] = 0.5, 1.0
+    row = search.fitted(Hypothesis(Core(1, 1, 4), (soft,)), start, 40)
+    assert np.sqrt(row.fitted) * np.std(record.y) > 1.5 * noise
+    assert [(c.n_y, c.n_u) for c in search.next_to(row.size)] == [(1, 2), (2, 1)]
+    larger = search.finish(search.enlarged(row, Core(2, 1)))
+    assert np.sqrt(larger.fitted) * np.std(record.y) == pytest.approx(noise, rel=0.1)
+    assert larger.price < row.judged().price and larger.hypothesis.core.delay == 2
+    assert search.next_to(Core(given=True)) == []
+
+
+def test_an_effect_is_placed_after_a_closer_look():
+    """A brief look likes one place better; fitted with every core the other one is."""
+    worse, better = (
+        SimpleNamespace(hypothesis=name, values=0, before_judged=b) for name, b in (("x", 1.0), ("y", 0.0))
+    )
+    forgotten = []
+    search = SimpleNamespace(
+        one_more=lambda bases, looks: [worse if looks == "first" else better, "other core"],
+        fitted=lambda hypothesis, values, steps: None,  # what diverges stays as it was
+        forget=forgotten.append,
+    )
+    assert Table._placed(SimpleNamespace(search=search), [], ["first", "second"])[0] is better
+    assert forgotten == ["x"]
+
+
+@pytest.mark.parametrize("weights, charged", [([0.1, 0.2, 0.3], 1), ([-0.1, -0.2, -0.3], 1), ([0.1, -0.2, 0.3], 2)])
+def test_a_superposition_with_weights_of_both_signs_costs_two(linear, weights, charged):
+    plays = of("hysteresis", "play superposition", "output")
+    frame = Frame(linear[1], LARGEST, (plays,), [linear[0]])
+    values = np.zeros(frame.size)
+    values[frame.added[0][0][:3]] = weights
+    row = Row(Hypothesis(Core(1, 1), (plays,)), frame, values, 0.1, 4)
+    assert (row.count, row.charged) == (1, charged)
+
+
+def test_no_winner_costs_clearly_more_at_the_own_rate_than_another():
+    names = [("a",), ("b",), ("c", "d"), ("e", "f")]
+    rows = [SimpleNamespace(ids=n, price=i, parameters=0, beyond=lambda base, n=n: n) for i, n in enumerate(names)]
+    asked = []
+
+    def worth(row, base, by):
+        asked.append((row.ids, by))
+        return row.ids in dear
+
+    table = SimpleNamespace(beside=lambda base: rows, holds=lambda row: True, worth=worth)
+    dear = []
+    assert Table._needed(table, rows[0], None) and Table._needed(table, rows[3], None)
+    assert asked == [(("b",), PER_EFFECT), (("a",), ALIKE), (("c", "d"), PER_EFFECT)]
+    for other, best in ((("b",), 0), (("a",), 3), (("c", "d"), 3)):
+        dear = [other]
+        assert not Table._needed(table, rows[best], None)
+
+
+def test_a_single_sine_grows_no_core():
+    search = SimpleNamespace(next_to=lambda size: 1 / 0)
+    assert not Table._larger(SimpleNamespace(one_sine=True, search=search), None, None)
+
+
+def test_what_is_missing_beside_a_winner_is_missing_at_the_own_rate():
+    """A mean over several samples leaves what no effect removes: it is asked where it would decide."""
+    base, near, far = (SimpleNamespace(held=h) for h in (1.0, 0.001, 0.2))
+    rates = SimpleNamespace(
+        screened=lambda row: SimpleNamespace(missing=0.4), checked=lambda row: SimpleNamespace(missing=0.05)
+    )
+    assert Table.left(rates, near, base) == 0.4  # it removes all but a tenth of the rms: nothing to decide
+    assert Table.left(rates, far, base) == 0.05
+    rates.checked = lambda row: SimpleNamespace(missing=0.2)
+    assert Table.left(rates, far, base) == 0.4  # something is left at both rates
+    rates.screened = lambda row: SimpleNamespace(missing=0.02)
+    assert Table.left(rates, far, base) == 0.02

@@ -73,6 +73,17 @@ def test_what_cannot_be_told_apart():
     assert [r.ids for r in found] == [("a",), ("b",), ("d",), ("e",)]
 
 
+def test_what_the_best_leaves_says_how_small_a_difference_counts():
+    best, near = Entry(("a",), 0.10), Entry(("b",), 0.105)
+    assert alike([best, near], best) == alike([best, near], best, 0.06) == [best, near]
+    assert alike([best, near], best, 0.02) == [best]
+    # Its blocks scatter: a difference below twice the standard error of their mean counts as none.
+    scattered = [Entry(("b",), 0.105, wobble=w) for w in (0.05, 0.15)]
+    errors = [np.log(r.blocks / best.blocks) for r in scattered]
+    assert [bool(e.mean() < 2 * e.std() / np.sqrt(e.size)) for e in errors] == [False, True]
+    assert [len(alike([best, r], best, 0.0)) for r in scattered] == [1, 2]
+
+
 @dataclass
 class Told(Entry):
     more = 0

@@ -35,6 +35,10 @@ class Core:
             return "the given model"
         return f"{'integrating ' if self.integrating else ''}core ({self.n_y}, {self.n_u}) after {self.delay}"
 
+    def holds(self, other: Core) -> bool:
+        """Whether its orders are no smaller than those of another."""
+        return self.n_y >= other.n_y and self.n_u >= other.n_u
+
     def terms(self) -> list[Any]:
         """Return the terms of the core."""
         inputs = [u[k - self.delay - j] for j in range(self.n_u)]

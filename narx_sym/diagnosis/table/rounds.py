@@ -12,7 +12,7 @@ import numpy as np
 
 from ...data.evidence.levels import turning
 from ...data.evidence.rate import MOST, working
-from ...data.record import Record
+from ...data.record import Record, one_sine
 from ...errors import FitError
 from ...fit.identify import OPEN
 from ...models.effects import Catalogue
@@ -23,10 +23,10 @@ from ..refit import Fitted
 from ..screening.directions import Linearised
 from ..screening.scored import Scored, linearised, screen, shortlist
 from .finer import Finer, settled
-from .hypotheses import Core, family_of, linear_in_signals, written
+from .hypotheses import Core, Hypothesis, family_of, linear_in_signals, written
 from .row import Row
 from .search import Search
-from .verdict import ALIKE, PER_EFFECT, ROUNDING, cheapest, distinct, price
+from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, explained, price, verdict
 
 Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
@@ -65,11 +65,13 @@ class Table:
         self._screened: dict[Row, Scored] = {}
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
         self._tried: dict[tuple[Variant, ...], set[Core]] = {}  # cores that were fitted with these effects alone
+        self._enlarged: set[tuple[Hypothesis, Core]] = set()  # which larger cores were fitted from which hypotheses
         self._fitted: dict[Row, Fitted] = {}
         self._own: dict[Row, Fitted] = {}
         steps = quantum**2 / 12 / (float(np.var(np.concatenate([r.y for r in self.records]))) or 1.0)
         self.rounding = max(ROUNDING**2, steps * float(np.exp(ALIKE)))
         self.turning = turning(self.records)
+        self.one_sine = all(one_sine(r.u, r.Ts) for r in self.records)  # of a core it shows a gain and a phase alone
         self.delay = delay
         if delay is None:
             begin = int(getattr(given, "delay", 0) or 0)
@@ -134,6 +136,18 @@ class Table:
         if self.factor == 1 or sum(map(len, self.records)) > MOST:
             return self.screened(row)
         return screen(self.own(row), self.channels, self.catalogue, self.seed)
+
+    def left(self, row: Row, base: Row) -> float:
+        """Return the share of a row's error that follows from the signals.
+
+        Where that says that more is missing than a row adds to a base, the records' own rate must say so too: what only
+        a mean over several samples leaves is not missing.
+        """
+        left = self.screened(row).missing
+        if verdict(explained(row, base, left), left, 1) == "helps_but_incomplete":
+            checked = self.checked(row).missing
+            left = checked if checked <= LEFT else left
+        return left
 
     # -- rounds ----------------------------------------------------------------------------------------------------
 
@@ -217,18 +231,18 @@ class Table:
             search.limits[variant] = line.ranges(variant)
             looks.append(search.look(bases, variant, points, first))
             search.rest()
-        places: dict[str, dict[str, list[Row]]] = {}
+        places: dict[str, dict[str, list[list[Row]]]] = {}
         for rows in sorted(filter(None, looks), key=best):
             added = rows[0].hypothesis.effects[-1]
-            places.setdefault(added.id, {}).setdefault(added.effect.form, rows)
+            places.setdefault(added.id, {}).setdefault(added.effect.form, []).append(rows)
         chosen = [list(forms.values()) for forms in places.values()][:most]
-        kept = [rows for forms in chosen for rows in forms]
+        kept = [rows for forms in chosen for form in forms for rows in form]
         for rows in looks:
             if rows and rows not in kept:
                 search.forget(rows[0].hypothesis)
         for done, forms in enumerate(chosen, count - len(chosen)):
             tell(done, count)
-            closer = sorted((search.one_more(bases, rows) for rows in forms), key=best)
+            closer = sorted((self._placed(bases, form) for form in forms), key=best)
             for rows in closer:
                 self._cores[rows[0].hypothesis.effects, rows[0].hypothesis.core.given] = rows
                 search.finish(rows[0], worth=worth)
@@ -236,6 +250,17 @@ class Table:
                 search.finish(row, 15, worth)
             search.rest()
         tell(count, count)
+
+    def _placed(self, bases: Sequence[Row], places: Sequence[Sequence[Row]]) -> list[Row]:
+        """Return a form of an effect in its best place, with every core: a brief look does not tell which that is."""
+        closer = [self.search.one_more(bases, looks) for looks in places]
+        if len(closer) > 1:
+            for rows in closer:
+                rows[0] = self.search.fitted(rows[0].hypothesis, rows[0].values, 40) or rows[0]
+            closer.sort(key=lambda rows: rows[0].before_judged)
+        for rows in closer[1:]:
+            self.search.forget(rows[0].hypothesis)
+        return closer[0]
 
     def _tell(self, base: Row, more: str, turn: int, turns: int, done: int, of: int) -> None:
         """Tell how far a round is, and what the best row so far does to the error of the base."""
@@ -275,7 +300,7 @@ class Table:
         """
         while True:
             base, best = choose()
-            if best is not None and self._bare(base):
+            if best is not None and (self._bare(base) or self._larger(best, base)):
                 continue
             lost = [r for r in (base, best) if r is not None and not self.holds(r)]
             if not lost and best is not None and not self._shows(best, base):
@@ -291,10 +316,13 @@ class Table:
         return after.mean_square(after.split.held) <= held and self.worth(best, base) and self._needed(best, base)
 
     def _needed(self, best: Row, base: Row) -> bool:
-        """Whether no fewer effects, the cheapest of them, clearly cost less at the records' own rate."""
-        rows = (r for r in cheapest(self.beside(base)) if 0 < len(r.beyond(base)) < len(best.beyond(base)))
-        fewer = next(filter(self.holds, rows), None)
-        return fewer is None or not self.worth(fewer, best, ALIKE)
+        """Whether no other effects clearly cost less at the records' own rate: the cheapest of fewer or as many."""
+        size = len(best.beyond(base))
+        others = [r for r in cheapest(self.beside(base)) if r.beyond(base) and r.ids != best.ids]
+        fewer = filter(self.holds, (r for r in others if len(r.beyond(base)) < size))
+        same = filter(self.holds, (r for r in others if len(r.beyond(base)) == size))
+        rivals = ((next(fewer, None), ALIKE), (next(same, None), PER_EFFECT))
+        return not any(rival is not None and self.worth(rival, best, by) for rival, by in rivals)
 
     def _bare(self, base: Row) -> bool:
         """Put the cores of what is cheaper than a base, with their delays, into the table with its effects alone.
@@ -315,11 +343,29 @@ class Table:
         self.rows.extend(r.judged() for r in found if r is not None)
         return any(r is not None for r in found)
 
+    def _larger(self, best: Row, base: Row) -> bool:
+        """Fit what wins, and what may be taken for it, with the next larger cores, from where it stands.
+
+        A core that was fitted without an effect begins where it imitates the effect, and a dead time imitates a lag.
+        False where nothing came of it, or all was tried.
+        """
+        if self.one_sine:
+            return False
+        found = []
+        for row in (r for r in cheapest(self.beside(base)) if r.beyond(base) and r.price <= best.price + PER_EFFECT):
+            tried = {(row.hypothesis, size) for size in self.search.next_to(row.size)} - self._enlarged
+            self._enlarged |= tried
+            made = (self.search.enlarged(row, size) for _, size in sorted(tried, key=lambda t: (t[1].n_y, t[1].n_u)))
+            found += [r for r in made if r is not None and r.before_judged < row.before_judged]
+        for row in found:
+            self.search.finish(row)
+        return bool(found)
+
     def worth(self, row: Row, base: Row, by: float = 0.0) -> bool:
         """Whether a row costs less than another, `by` so much, at the records' own rate, on all but sealed samples."""
 
         def paid(r: Row) -> float:
-            return price(self.finer.averaged(self.own(r)), r.parameters, r.count)
+            return price(self.finer.averaged(self.own(r)), r.parameters, r.charged)
 
         return paid(row) + by < paid(base)
 

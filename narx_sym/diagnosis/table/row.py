@@ -74,6 +74,13 @@ class Row:
         """How many effects it has, with what its core does like one."""
         return len(self.hypothesis.effects) + self.more
 
+    @property
+    def charged(self) -> int:
+        """How many effects it pays for: a sum of like parts with weights of both signs is two, one against another."""
+        added = zip(self.hypothesis.effects, self.frame.added, strict=True)
+        weights = (self.values[cs] for variant, (cs, _) in added if variant.effect.weights)
+        return self.count + sum(int(w.min() < 0 < w.max()) for w in weights)
+
     def beyond(self, known: Row) -> tuple[Variant, ...]:
         """Return the effects that another row does not have."""
         return self.hypothesis.effects[len(known.hypothesis.effects) :]
@@ -90,12 +97,12 @@ class Row:
     @property
     def price(self) -> float:
         """The one price: logarithm of the held-out mean square, plus what parameters and effects cost."""
-        return price(self.held, self.parameters, self.count)
+        return price(self.held, self.parameters, self.charged)
 
     @property
     def before_judged(self) -> float:
         """The same price of the error where it was fitted: it orders rows that are not judged."""
-        return price(self.fitted, self.parameters, self.count)
+        return price(self.fitted, self.parameters, self.charged)
 
     def __repr__(self) -> str:
         return f"Row({self.hypothesis}, nrmse {np.sqrt(self.held):.4g}, price {self.price:.3f})"

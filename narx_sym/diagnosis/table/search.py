@@ -299,6 +299,19 @@ class Search:
             row.shape = tuple(shape)
         return row
 
+    def next_to(self, size: Core) -> list[Core]:
+        """Return the open cores that hold one of this size, and no other that does."""
+        larger = [c for c in self.cores([0]) if not (c.given or size.given or c == size) and c.holds(size)]
+        return [c for c in larger if not any(c.holds(other) for other in larger if other != c)]
+
+    def enlarged(self, row: Row, size: Core) -> Row | None:
+        """Fit a larger core from where a row stands; a lag more is none yet, or stands for a part of the dead time."""
+        core, found = row.hypothesis.core, []
+        for less in range(core.delay + 1 if self.tunes and size.n_y > core.n_y and not core.integrating else 1):
+            other = replace(row.hypothesis, core=replace(size, delay=core.delay - less))
+            found.append(self.fitted(other, _slower(row, less / (1 + less)), 8, gain=BRIEF))
+        return min((r for r in found if r is not None), key=lambda r: r.fitted, default=None)
+
     def tuned(self, row: Row, steps: int = 40) -> Row:
         """Move the delay of a row while that helps."""
         while self.tunes and not row.hypothesis.core.given:
@@ -322,3 +335,14 @@ class Search:
         best = self.tuned(self.fitted(row.hypothesis, row.values, steps) or row, steps)
         self.rows.append(best.judged() if best.before_judged < worth else best)
         return best
+
+
+def _slower(row: Row, pole: float) -> Array:
+    """Return where a row stands with one more pole in front of its core, of the same gain."""
+    x, core = row.values.copy(), row.hypothesis.core
+    if pole:
+        x[: core.n_y + 1] = -np.convolve(np.append(1.0, -row.a), [1.0, -pole])[1:]
+        x[row.frame.used(core)[core.n_y :][: core.n_u + 1]] *= 1 - pole
+        for variant, (cs, _) in zip(row.hypothesis.effects, row.frame.added, strict=True):
+            x[cs] *= 1 - pole if variant.where in ("inside", "force", "motion") else 1.0
+    return x

@@ -99,11 +99,12 @@ def winner(rows: Sequence[E], base: E) -> E | None:
     return listed[0]
 
 
-def alike(rows: Sequence[E], best: E) -> list[E]:
+def alike(rows: Sequence[E], best: E, coarse: float = ALIKE) -> list[E]:
     """Return the hypotheses that these data cannot tell from the best, the best first.
 
     As many effects or none more, and no dearer than by the price of one effect. Within that, what is no worse than by
-    the scatter of the blocks: in their errors, whatever it costs, or in its price, whatever its error.
+    the scatter of the blocks (twice its standard error), or by what is `coarse`: in their errors, whatever it costs, or
+    in its price, whatever its error. A difference below the share of its error that the best leaves says nothing.
     What becomes the best at a limit, and needs more parameters, is no rival: no data could ever speak against it.
     """
     found = [best]
@@ -117,9 +118,14 @@ def alike(rows: Sequence[E], best: E) -> list[E]:
             continue
         gap = np.log(np.maximum(row.blocks, 1e-300)) - np.log(np.maximum(best.blocks, 1e-300))
         gap = gap[np.isfinite(gap)]
-        if gap.size and min(gap.mean(), dearer) <= max(gap.std() / np.sqrt(gap.size), ALIKE):
+        if gap.size and min(gap.mean(), dearer) <= max(2 * gap.std() / np.sqrt(gap.size), coarse):
             found.append(row)
     return found
+
+
+def explained(best: E, base: E, left: float) -> float:
+    """Return the share of the removable error that the best hypothesis removes, which leaves that share of its own."""
+    return (base.held - best.held) / (base.held - best.held * (1 - left))
 
 
 def nothing_named(structure: float, removed: float) -> str:

@@ -94,6 +94,8 @@ class Effect:
         Whether it stands behind a lag of its own.
     turning : bool
         Whether it shows only where its driver turns back: on one way it is a curve.
+    weights : bool
+        Whether its coefficients are weights of like parts: with both signs it is two, one against the other.
     """
 
     id: str
@@ -113,6 +115,7 @@ class Effect:
     least: float = 0.0
     lagged: bool = False
     turning: bool = False
+    weights: bool = False
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -233,6 +236,7 @@ def effect(
     least: float = 0.0,
     lagged: bool = False,
     turning: bool = False,
+    weights: bool = False,
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Turn a function into an effect and put it into the catalogue.
@@ -246,6 +250,7 @@ def effect(
     least : the smallest size of a coefficient that still means this effect, where its sign is given
     lagged : whether it stands behind a lag of its own, which costs as an effect does where the machine has no such pole
     turning : whether it shows only where its driver turns back
+    weights : whether its coefficients are weights of like parts, which cost as two effects do where their signs differ
     register : bool
         False keeps it out of the catalogue.
 
@@ -270,7 +275,7 @@ def effect(
         one = Effect(
             name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
             full, (function.__module__ or "").rpartition(".")[2], limit, standing, least, lagged,
-            turning,
+            turning, weights,
         )  # fmt: skip
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:

@@ -107,6 +107,7 @@ def hysteretic_force(x: Any, b: Any, g: Any) -> Form:
     form="play superposition",
     source="Prandtl 1928, Ishlinskii 1944",
     turning=True,
+    weights=True,
 )
 def play_superposition(x: Any, r: Any) -> Form:
     """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
