@@ -289,7 +289,7 @@ def step(
     lowest = best.held * (1 - left)
     # Two effects are no rival of one, though it be priced as two: it would be shown as if its first were enough.
     enough = [r for r in table.beside(known) if len(r.beyond(known)) <= len(best.beyond(known))]
-    found = alike(enough, best, min(left, ALIKE))
+    found = table.unsure(alike(enough, best, left), enough)
     share = explained(best, known, left)
     made.candidates = _candidates(table, known, best, found, lowest)
     shown = {c.effect for c in made.candidates} | {BASE}  # a rival that cannot be held is none

@@ -458,3 +458,18 @@ def test_what_is_missing_beside_a_winner_is_missing_at_the_own_rate():
     assert Table.left(rates, far, base) == 0.4  # something is left at both rates
     rates.screened = lambda row: SimpleNamespace(missing=0.02)
     assert Table.left(rates, far, base) == 0.02
+
+
+def test_what_costs_less_at_the_own_rate_is_a_rival():
+    """Where nothing else is one; a hypothesis that cannot be held is none, nor one that is far dearer."""
+    kinds = {"parameters": 4, "becomes": frozenset(), "count": 1}
+    best, missed, dear, wild = (
+        SimpleNamespace(ids=(n,), price=p, **kinds) for n, p in (("a", 0.0), ("b", 0.4), ("c", 1.0), ("d", 0.3))
+    )
+    rows = [best, missed, dear, wild]
+    table = SimpleNamespace(holds=lambda row: row is not wild, worth=lambda row, than: row in cheaper)
+    cheaper = [missed, dear, wild]
+    assert Table.unsure(table, [best], rows) == [best, missed]
+    assert Table.unsure(table, [best, dear], rows) == [best, dear]
+    cheaper = []
+    assert Table.unsure(table, [best], rows) == [best]

@@ -82,6 +82,7 @@ def test_what_the_best_leaves_says_how_small_a_difference_counts():
     errors = [np.log(r.blocks / best.blocks) for r in scattered]
     assert [bool(e.mean() < 2 * e.std() / np.sqrt(e.size)) for e in errors] == [False, True]
     assert [len(alike([best, r], best, 0.0)) for r in scattered] == [1, 2]
+    assert len(alike([best, Entry(("c",), 0.12, wobble=0.3)], best, 0.0)) == 1  # but never more than ALIKE for this
 
 
 @dataclass

@@ -26,7 +26,7 @@ from .finer import Finer, settled
 from .hypotheses import Core, Hypothesis, family_of, linear_in_signals, written
 from .row import Row
 from .search import Search
-from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, explained, price, verdict
+from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, explained, price, rivals, verdict
 
 Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
@@ -323,6 +323,15 @@ class Table:
         same = filter(self.holds, (r for r in others if len(r.beyond(base)) == size))
         rivals = ((next(fewer, None), ALIKE), (next(same, None), PER_EFFECT))
         return not any(rival is not None and self.worth(rival, best, by) for rival, by in rivals)
+
+    def unsure(self, found: list[Row], rows: Sequence[Row]) -> list[Row]:
+        """Return what cannot be told from the best, the first one found, with what costs less at the records' own rate.
+
+        A fit at the working rate may have missed a minimum. It is asked where nothing else is a rival.
+        """
+        best = found[0]
+        missed = (r for r in rivals(rows, best, 2 * PER_EFFECT) if self.holds(r) and self.worth(r, best))
+        return found if len(found) > 1 else [best, *missed]
 
     def _bare(self, base: Row) -> bool:
         """Put the cores of what is cheaper than a base, with their delays, into the table with its effects alone.

@@ -99,27 +99,33 @@ def winner(rows: Sequence[E], base: E) -> E | None:
     return listed[0]
 
 
+def rivals(rows: Sequence[E], best: E, dearer: float = PER_EFFECT) -> Iterator[E]:
+    """Give what may be taken for the best: of as many effects or none more, and no dearer than by so much.
+
+    What becomes the best at a limit, and needs more parameters, is none: no data could ever speak against it.
+    """
+    for row in cheapest(rows):
+        wider = row.parameters > best.parameters and set(best.ids) <= {*row.ids, *row.becomes}
+        other = set(row.ids) != set(best.ids) and not wider
+        if other and row.count <= best.count and row.price - best.price <= dearer:
+            yield row
+
+
 def alike(rows: Sequence[E], best: E, coarse: float = ALIKE) -> list[E]:
     """Return the hypotheses that these data cannot tell from the best, the best first.
 
-    As many effects or none more, and no dearer than by the price of one effect. Within that, what is no worse than by
-    the scatter of the blocks (twice its standard error), or by what is `coarse`: in their errors, whatever it costs, or
-    in its price, whatever its error. A difference below the share of its error that the best leaves says nothing.
-    What becomes the best at a limit, and needs more parameters, is no rival: no data could ever speak against it.
+    Of the rivals what is no worse than by the scatter of the blocks, or by `ALIKE`: in their errors, whatever it costs,
+    or in its price, whatever its error. Where the best leaves less than that of its error, `coarse`, a smaller
+    difference says something: from twice its standard error on.
     """
     found = [best]
-    for row in cheapest(rows):
-        if set(row.ids) == set(best.ids) or row.count > best.count:
-            continue
-        if row.parameters > best.parameters and set(best.ids) <= {*row.ids, *row.becomes}:
-            continue
-        dearer = row.price - best.price
-        if not dearer <= PER_EFFECT:
-            continue
+    for row in rivals(rows, best):
         gap = np.log(np.maximum(row.blocks, 1e-300)) - np.log(np.maximum(best.blocks, 1e-300))
         gap = gap[np.isfinite(gap)]
-        if gap.size and min(gap.mean(), dearer) <= max(2 * gap.std() / np.sqrt(gap.size), coarse):
-            found.append(row)
+        if gap.size:
+            scatter = gap.std() / np.sqrt(gap.size)
+            none = max(scatter, min(ALIKE, max(coarse, 2 * scatter)))
+            found += [row] if min(gap.mean(), row.price - best.price) <= none else []
     return found
 
 
