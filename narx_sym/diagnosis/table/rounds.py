@@ -318,11 +318,11 @@ class Table:
     def _needed(self, best: Row, base: Row) -> bool:
         """Whether no other effects clearly cost less at the records' own rate: the cheapest of fewer or as many."""
         size = len(best.beyond(base))
-        others = [r for r in cheapest(self.beside(base)) if r.beyond(base) and r.ids != best.ids]
+        others = [r for r in cheapest(self.beside(base)) if r.beyond(base) and set(r.ids) != set(best.ids)]
         fewer = filter(self.holds, (r for r in others if len(r.beyond(base)) < size))
         same = filter(self.holds, (r for r in others if len(r.beyond(base)) == size))
-        rivals = ((next(fewer, None), ALIKE), (next(same, None), PER_EFFECT))
-        return not any(rival is not None and self.worth(rival, best, by) for rival, by in rivals)
+        asked = ((next(fewer, None), ALIKE), (next(same, None), PER_EFFECT))
+        return not any(row is not None and self.worth(row, best, by) for row, by in asked)
 
     def unsure(self, found: list[Row], rows: Sequence[Row]) -> list[Row]:
         """Return what cannot be told from the best, the first one found, with what costs less at the records' own rate.
