@@ -290,7 +290,7 @@ def step(
     # Two effects are no rival of one, though it be priced as two: it would be shown as if its first were enough.
     enough = [r for r in table.beside(known) if len(r.beyond(known)) <= len(best.beyond(known))]
     found = table.unsure(alike(enough, best, left), enough)
-    share = explained(best, known, left)
+    share = explained(known.held - best.held, known, lowest)
     made.candidates = _candidates(table, known, best, found, lowest)
     shown = {c.effect for c in made.candidates} | {BASE}  # a rival that cannot be held is none
     names = dict.fromkeys(name for name in (new_effect(r, known) for r in found) if name in shown)

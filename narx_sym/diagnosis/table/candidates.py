@@ -17,6 +17,7 @@ from ...models.model import Model
 from ...symbolic import printing
 from ..refit import Fitted
 from .row import Row
+from .verdict import explained
 
 if TYPE_CHECKING:
     from .rounds import Table
@@ -78,9 +79,8 @@ class Candidate:
         `lowest` is the mean square of the noise, over the variance of y; a `likely` one is fitted at the own rate.
         """
         variant, spread = row.beyond(known)[0], row.frame.problem.spread
-        removable = max(known.held - lowest, 1e-300)
         drawn = np.random.default_rng(table.seed).integers(0, len(row.blocks), size=(DRAWS, len(row.blocks)))
-        shares = (known.blocks - row.blocks)[drawn].mean(axis=1) / removable
+        shares = explained((known.blocks - row.blocks)[drawn].mean(axis=1), known, lowest)
         interval = (float(np.quantile(shares, 0.025)), float(np.quantile(shares, 0.975)))
         errors = {
             "train": float(np.sqrt(row.fitted)),
@@ -89,7 +89,7 @@ class Candidate:
         }
         return cls(
             variant.id, variant, row, p_value, row.held * spread**2, known.held * spread**2,
-            (known.held - row.held) / removable, interval, errors,
+            explained(known.held - row.held, known, lowest), interval, errors,
             table.own(row) if likely else table.fitted(row), 1 if likely else table.factor, lambda: table.own(row),
         )  # fmt: skip
 

@@ -144,7 +144,8 @@ class Table:
         a mean over several samples leaves is not missing.
         """
         left = self.screened(row).missing
-        if verdict(explained(row, base, left), left, 1) == "helps_but_incomplete":
+        share = explained(base.held - row.held, base, row.held * (1 - left))
+        if verdict(share, left, 1) == "helps_but_incomplete":
             checked = self.checked(row).missing
             left = checked if checked <= LEFT else left
         return left

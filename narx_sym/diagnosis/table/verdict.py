@@ -129,9 +129,9 @@ def alike(rows: Sequence[E], best: E, coarse: float = ALIKE) -> list[E]:
     return found
 
 
-def explained(best: E, base: E, left: float) -> float:
-    """Return the share of the removable error that the best hypothesis removes, which leaves that share of its own."""
-    return (base.held - best.held) / (base.held - best.held * (1 - left))
+def explained(removed: Any, base: E, lowest: float) -> Any:
+    """Return which share of the removable error of a base is `removed`; no hypothesis goes below `lowest`."""
+    return removed / max(base.held - lowest, 1e-300)
 
 
 def nothing_named(structure: float, removed: float) -> str:
