@@ -301,6 +301,17 @@ def test_the_force_of_a_viscoelastic_damper_is_no_answer_of_its_displacement():
     assert sum(found) <= 1
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_a_sweep_that_begins_again_is_no_answer(noise):
+    """Where it jumps back a fit of its past is bent everywhere: what goes on as before is not new all the same."""
+    rng, ramp = np.random.default_rng(0), np.arange(1.0, 71.0)
+    u = np.tile(np.concatenate([ramp, -ramp]), 10)
+    moved = np.sign(u) * np.maximum(np.abs(u) - 8, 0)
+    y = 2.2 * moved + noise * (moved != 0) * rng.standard_normal(u.size)
+    found = feedback(ns.Record.from_arrays(u, y, Ts=1.0))
+    assert not found.found and found.fresh < 0.03
+
+
 @pytest.mark.parametrize(("way", "back"), [("up", False), ("down", False), ("up and down", True), ("noisy up", False)])
 def test_whether_a_signal_turns_back(way, back):
     up = np.linspace(-1, 3, 400)

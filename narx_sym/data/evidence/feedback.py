@@ -145,7 +145,8 @@ def feedback(record: Record) -> Feedback:
     alone, _ = _robust(own, target)
     both, slopes = _robust([*own, past[0], now, *past[1:]], target)
     of = usual_size(alone) or 1.0
-    fresh, left = usual_size(alone) / moved, usual_size(both) / of
+    ramp = usual_size(target - own[1])  # what goes on as before is not new; where a sweep begins again, a fit is bent
+    fresh, left = min(usual_size(alone), ramp) / moved, usual_size(both) / of
     found = fresh > FRESH and left < LEFT
     late = usual_size(_robust([*own, *past], target)[0]) if found and r is None else 0.0
     if late > LATE * of:

@@ -91,7 +91,7 @@ def predictable(
 
 def _ridge(X: Array, e: Array) -> Array:
     """Return the ridge solutions for all penalties, (columns, penalties)."""
-    values, vectors = eigh(X.T @ X)
+    values, vectors = eigh(X.T @ X, driver="evd")
     return np.asarray(
         vectors @ ((vectors.T @ (X.T @ e))[:, None] / (np.maximum(values, 0.0)[:, None] + PENALTIES * values[-1]))
     )

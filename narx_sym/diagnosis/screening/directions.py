@@ -100,8 +100,7 @@ class Linearised:
                 *((o[k], e) for o, e in zip(outputs, form.z, strict=True)),
             )
             read = Recursion(updates, tuple(values))
-            # What has no memory needs no loop.
-            self._read[key] = read, compile(read, "native" if form.states else "numpy"), {}
+            self._read[key] = read, compile(read), {}
         read, compiled, known = self._read[key]
         point = tuple(values.values())
         if point not in known:
