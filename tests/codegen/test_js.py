@@ -92,6 +92,7 @@ def test_every_effect_of_the_catalogue(effect):
     assert seen
 
 
+@more
 @needs_javascript
 @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 @given(recursions())

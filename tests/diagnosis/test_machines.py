@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sampling import more
 from scipy.signal import cont2discrete, dlsim, lfilter
 
 import narx_sym as ns
@@ -287,6 +288,7 @@ def test_a_motor_that_is_recorded_as_a_speed_breaks_loose_by_a_jump():
     assert after < 0.02 < 0.04 < base
 
 
+@more
 def test_an_input_that_never_turns_back_shows_no_loop():
     """On a ramp a hysteresis is a curve, and follows any bend: it was named for a gain that falls beyond a level."""
     u = np.linspace(0, 10, 2000)
@@ -306,6 +308,7 @@ def test_an_input_that_never_turns_back_shows_no_loop():
     assert loops and not any("never turns back" in note for note in back.data_notes)
 
 
+@more
 def test_what_acts_in_the_last_samples_only_is_not_called_nothing():
     """A gain that ends where the amplitude goes at last: no sample that is compared shows it."""
     k, n = np.arange(3000), 3000

@@ -6,6 +6,7 @@ import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from paper import BENCH
+from sampling import more
 
 from narx_sym.engines.compile import compile
 from narx_sym.errors import Diverged, ModelError, NotInvertible, Unreachable
@@ -65,6 +66,7 @@ def test_the_papers_law_symbol_by_symbol():
     assert not law.expand().rhs.free_symbols & set(t)
 
 
+@more
 @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     delay=st.integers(0, 3),
