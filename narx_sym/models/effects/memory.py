@@ -16,7 +16,8 @@ PLAYS = 5
 
 def play(x: Any, p: Any, r: Any) -> State:
     """The play operator: p follows x once the slack r is taken up (Brokate & Sprekels 1996)."""
-    return State(p[k], sp.Max(x[k] - r, sp.Min(x[k] + r, p[k - 1])), x[k])
+    within_slack = sp.Min(x[k] + r, p[k - 1], evaluate=False)  # SymPy would compare all arguments: that takes it long
+    return State(p[k], sp.Max(x[k] - r, within_slack, evaluate=False), x[k])
 
 
 @effect(
