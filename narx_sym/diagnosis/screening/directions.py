@@ -100,7 +100,8 @@ class Linearised:
                 *((o[k], e) for o, e in zip(outputs, form.z, strict=True)),
             )
             read = Recursion(updates, tuple(values))
-            self._read[key] = read, compile(read), {}
+            # What has no memory needs no loop.
+            self._read[key] = read, compile(read, "native" if form.states else "numpy"), {}
         read, compiled, known = self._read[key]
         point = tuple(values.values())
         if point not in known:

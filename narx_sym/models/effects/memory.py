@@ -7,6 +7,7 @@ from typing import Any
 
 import sympy as sp
 
+from ...symbolic.functions import within
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
 from ._effect import AMPLITUDE, CURVATURE, GAIN, RATIO, Form, Scan, clip, effect, step
@@ -16,8 +17,7 @@ PLAYS = 5
 
 def play(x: Any, p: Any, r: Any) -> State:
     """The play operator: p follows x once the slack r is taken up (Brokate & Sprekels 1996)."""
-    within_slack = sp.Min(x[k] + r, p[k - 1], evaluate=False)  # SymPy would compare all arguments: that takes it long
-    return State(p[k], sp.Max(x[k] - r, within_slack, evaluate=False), x[k])
+    return State(p[k], within(p[k - 1], x[k] - r, x[k] + r), x[k])
 
 
 @effect(
