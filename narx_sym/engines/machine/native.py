@@ -79,10 +79,6 @@ class _Function:
                 b.ret(index)
 
 
-def emit(plan: Plan) -> ir.Module:
-    """Write the loop over k: in blocks where the algebra allows it, else step by step."""
-    levels = scan_levels(plan)
-    return _emit_steps(plan) if levels is None else _emit_blocks(plan, levels)
 
 
 def scan_levels(plan: Plan) -> list[list[int]] | None:
@@ -192,8 +188,12 @@ def _emit_steps(plan: Plan, lanes: Lanes | None = None) -> ir.Module:
 
 
 def coded(plan: Plan, lanes: Lanes | None = None) -> tuple[Any, bytes]:
-    """Return the engine and the machine code of a plan, of its tangents too where they are given."""
-    return machine_code(emit(plan)) if lanes is None else machine_code(_emit_steps(plan, lanes), straight=True)
+    """Return the engine and the machine code of a plan, of its tangents too where they are given.
+
+    The loop over k is written in blocks where the algebra allows it, else step by step: that code is straight.
+    """
+    levels = scan_levels(plan) if lanes is None else None
+    return machine_code(_emit_steps(plan, lanes) if levels is None else _emit_blocks(plan, levels), levels is None)
 
 
 def build(plan: Plan) -> Callable[..., int]:
