@@ -105,9 +105,9 @@ def shown(before: Sequence[Revision], made: Revision, units: Mapping[str, str]) 
     ]
     script = "\n".join(script for part in parts for script in SCRIPT.findall(part.html))
     html = {part.key: SCRIPT.sub("", part.html) for part in parts}
-    before_it = before[-1].base if before else None
+    before_it, i = before[-1].base if before else None, stories[WAY].steps[0].base.worst
     candidates = [fitted_of(c) for c in made.found.candidates]
-    html["sight"] = sight_svg(Comparison.of(stories[WAY]).worst, before_it, made.base, candidates, units)
+    html["sight"] = sight_svg(i, Comparison.of(stories[WAY]).worst, before_it, made.base, candidates, units)
     return Shown(
         **{f.name: getattr(made, f.name) for f in fields(Revision)}, html=html, script=script,
         live=framed(stories[WAY], units), headline=words.headline(stories[LAST]), fall=words.fall(stories[WAY], units),

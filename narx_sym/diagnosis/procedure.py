@@ -53,6 +53,7 @@ class Diagnosis(DiagnosisDoors):
     data_notes: list[str] = field(default_factory=list)  # what was dropped, resampled or split, and what to know
     hypotheses: list[Row] = field(default_factory=list)  # the table, at the working rate
     judged: list[Record] = field(default_factory=list)  # the records without what was taken off, where something was
+    max_effects: int = 1
 
     @property
     def verdict(self) -> str:
@@ -159,7 +160,7 @@ class Diagnosis(DiagnosisDoors):
         first["sensor"] = [{"effect": f.effect, "size": f.size, "share": f.share} for f in self.faults]
         first["data_notes"] = self.data_notes
         first["sentence"] = self._verdict({})  # the same whatever the units are called
-        if len(self.steps) > 1:
+        if max(self.max_effects, len(self.steps)) > 1:
             rest = [s.to_dict(None) for s in self.steps[1:]]
             first["steps"] = [{n: v for n, v in first.items() if n not in ("schema", "seconds", "seed")}, *rest]
         return first
@@ -249,13 +250,22 @@ def diagnose(
             table, steps = searched(listed)
     sensor = sensor_noise(listed, repeated(listed[0]))
     for one in steps:
-        one.sensor = sensor
+        one.hear(sensor)
     failed = _misfit(steps[0].base, steps[0].floor)
     faults = sensor_faults(listed, min(s.floor for s in steps), converter)
-    said = [f"{r.name}: {text}" for r in listed for text in (*r.notes, *r.remarks())] + one_way(listed) + held
+    said = [*_noted(listed, table), *held]
+    seconds = time.perf_counter() - begin
+    return Diagnosis(steps, failed, seconds, seed, faults, said, table.rows, listed if held else [], max_effects)
+
+
+def _noted(records: Sequence[Record], table: Table) -> list[str]:
+    """Return what is to know of records and of how they were compared, as sentences."""
+    said = [f"{r.name}: {text}" for r in records for text in (*r.notes, *r.remarks())] + one_way(records)
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
-    return Diagnosis(steps, failed, time.perf_counter() - begin, seed, faults, said, table.rows, listed if held else [])
+    if table.search.integrating:
+        said.append(f"The axis integrates: free runs are judged in {len(table.search.cut)} pieces, each by itself.")
+    return said
 
 
 def _levelled(records: list[Record], first: Step) -> tuple[list[Record], list[str]] | None:
@@ -277,8 +287,8 @@ def _valves(records: Sequence[Record], loop: Feedback | None) -> list[Sticking]:
 
 
 def _misfit(fitted: Fitted, floor: float | None) -> Misfit:
-    """Where a fitted model fails along the longest segment."""
-    i = int(np.argmax([len(r) for r in fitted.split.records]))
+    """Where a fitted model fails, along the segment with the most of its squared error."""
+    i = fitted.worst
     return misfit_of(fitted.model, fitted.split.records[i], fitted.errors[i], floor)
 
 

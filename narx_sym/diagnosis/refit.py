@@ -90,6 +90,11 @@ class Fitted:
             found.append(e)
         return found
 
+    @cached_property
+    def worst(self) -> int:
+        """The segment with the most of the squared error: of several, that which is looked at."""
+        return int(np.argmax([e @ e for e in self.errors]))
+
     def error(self, masks: Sequence[Array]) -> Array:
         """Return the errors on chosen samples, one array."""
         return np.concatenate([e[m] for e, m in zip(self.errors, masks, strict=True)])
@@ -130,7 +135,7 @@ def settle(
     unknowns, std, converged = remembered(_minimum, problem, begin, steps, limits)
     problem.model = model.replace(theta=problem.theta(unknowns).tolist(), standard_errors=std)
     made = Fitted(problem.model, split, problem, unknowns, converged, std, limits)
-    if not all(np.all(np.isfinite(e)) for e in made.errors):
+    if not all(np.all(np.isfinite(e)) for e in made.errors) or not problem.determined(unknowns):
         raise FitError("The fitted model is unstable.")
     return made
 

@@ -21,15 +21,14 @@ from .refit import Fitted, prune
 from .screening import gate
 from .screening.promise import detectable
 from .screening.scored import absorbed
-from .table.candidates import Candidate, Pair
+from .table.candidates import Candidate, Pair, candidates_of, new_effect
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, cheapest, explained, nothing_named, verdict, winner
+from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, explained, nothing_named, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
 REPEATED = "repeated periods"  # the kind that is sure
 RIVALS = 3  # that are named: of a pair, and of what comes nearest
-SHOWN = 6  # candidates at most, and the confusion set
 
 
 @dataclass
@@ -77,6 +76,17 @@ class Step:
     nearest_share: float = 0.0
     sensor: float = 0.0
 
+    def hear(self, sensor: float) -> None:
+        """Take in the sensor's noise [unit of y]: no model removes it, and none leaves less than the last one did."""
+        self.sensor = sensor
+        if self.floor_kind != REPEATED:
+            self.floor = min(max(self.floor, sensor), float(np.sqrt(self.last.mean_square(self.base.split.held))))
+
+    @property
+    def last(self) -> Fitted:
+        """The model that the step ends at."""
+        return self.chosen or self.base
+
     @property
     def added(self) -> list[str]:
         """The effects that this step added."""
@@ -108,9 +118,8 @@ class Step:
     @property
     def unexplained(self) -> str:
         """What of the last error on samples that were not fitted the sensor cannot make; an empty text where it can."""
-        last = self.chosen or self.base
-        held, sealed = last.error(last.split.held), last.error(last.split.test)
-        said = unexplained(np.concatenate([held, sealed]), self.sensor, last.split.records[0].Ts)
+        held, sealed = (self.last.error(m) for m in (self.last.split.held, self.last.split.test))
+        said = unexplained(np.concatenate([held, sealed]), self.sensor, self.last.split.records[0].Ts)
         return f"{said}, most of it in the last samples" if said and sealed @ sealed > held @ held else said
 
     @property
@@ -201,7 +210,7 @@ class Step:
         base = self.base.model
         terms = [printing.text(t) for t in base.terms] if isinstance(base, NARX) else [printing.text(base.F)]
         return {
-            "verdict": self.verdict,
+            "verdict": self.verdict, "finding": self.finding,
             "sentence": self.sentence({}),
             "confusion_set": self.confusion_set,
             "nearest": self.nearest, "nearest_share": self.nearest_share,
@@ -291,7 +300,7 @@ def step(
     enough = [r for r in table.beside(known) if len(r.beyond(known)) <= len(best.beyond(known))]
     found = table.unsure(alike(enough, best, left), enough)
     share = explained(known.held - best.held, known, lowest)
-    made.candidates = _candidates(table, known, best, found, lowest)
+    made.candidates = candidates_of(table, known, best, found, lowest)
     shown = {c.effect for c in made.candidates} | {BASE}  # a rival that cannot be held is none
     names = dict.fromkeys(name for name in (new_effect(r, known) for r in found) if name in shown)
     made.verdict = verdict(share, left, len(names))
@@ -313,10 +322,11 @@ def step(
         made.experiment = propose(models, list(base.split.records), made.floor, table.seed, limits=limits)
     table.course.say(": deleting what became redundant")
     if made.pair is not None and room == 1:  # one of them, where it is worth its price by itself
-        alone = [c for c in made.candidates if c.effect in both and table.worth(c.row, known)]
-        if not alone:
+        alone = next((c for c in made.candidates if c.effect in both and table.worth(c.row, known)), None)
+        if alone is None:
             return made, known
-        chosen = alone[0].fitted
+        made.candidates.sort(key=lambda c: c is not alone)
+        chosen = alone.fitted
     made.chosen = prune(chosen, base)
     return made, best
 
@@ -368,33 +378,3 @@ def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
     if best is not None and not all(r.beyond(known) or r.more for r in alike(rows, best)):
         return known, None
     return known, best
-
-
-def new_effect(row: Row, known: Row) -> str:
-    """Return the id of what a row adds."""
-    return next((v.id for v in row.beyond(known)), BASE)
-
-
-def _candidates(table: Table, known: Row, best: Row, found: Sequence[Row], lowest: float) -> list[Candidate]:
-    """Return the hypotheses with one effect more, the best of each: the confusion set first."""
-    both = best.beyond(known)
-    for variant in both if len(both) > 1 else ():
-        table.judge_alone(known, variant.id)
-    listed = [r for r in cheapest(table.beside(known)) if len(r.beyond(known)) == 1 and r.blocks.size]
-    members = {new_effect(r, known) for r in found} | {v.id for v in both}
-    own = {v.id for v in both} if len(both) > 1 else set()  # of a pair its own effects come first
-    listed.sort(key=lambda r: (r is not best and new_effect(r, known) not in own, new_effect(r, known) not in members))
-    scored = table.screened(known)
-    made: list[Candidate] = []
-    for row in listed:
-        variant = row.beyond(known)[0]
-        if len(made) == max(SHOWN, len(members)):
-            break
-        likely = variant.id in members
-        worth = row.held < known.held or (likely and np.isfinite(row.held))
-        if not worth or not (table.holds(row) if likely else table.settles(row)):
-            continue
-        tests = [i for i, d in enumerate(scored.directions) if d.variant.id == variant.id]
-        p = min((scored.scores.corrected(i) for i in tests), default=1.0)
-        made.append(Candidate.of(table, row, known, p, lowest, likely))
-    return made

@@ -210,6 +210,18 @@ class FreeRun:
         compiled = compile(self.model.recursion)
         return dict(compiled(self.data[i], self.theta(z), self.shifted(i, z[self.own(i)]), on_divergence="nan"))
 
+    def determined(self, z: Array) -> bool:
+        """Whether the unknowns determine the free run along all samples, those too that do not count."""
+        theta = self.theta(z)
+
+        def bounded(i: int) -> bool:
+            shifts = z[self.own(i)]
+            with np.errstate(all="ignore"):
+                size = np.linalg.norm(self.moved(i, theta, shifts)[1], axis=0) / self.spread
+                return determined(np.concatenate([theta, shifts]), size)
+
+        return all(bounded(i) for i in range(len(self.data)))
+
     def _forward(self) -> Any:
         """Sensitivities in the same compiled pass as the run."""
         fixed = () if self.free else self.model.symbols  # where only starts are unknown, only these are differentiated

@@ -116,6 +116,6 @@ class Info:
 def acts(delay: int, Ts: float | None) -> str:
     """Say after how many samples, and seconds, an input acts."""
     if delay == 0:
-        return "The input acts at once."
+        return "In the model the input acts at once."
     seconds = f" ({delay * Ts:.4g} s)" if Ts else ""
-    return f"The input acts after {delay} sample{'s' * (delay > 1)}{seconds}."
+    return f"In the model the input acts after {delay} sample{'s' * (delay > 1)}{seconds}."

@@ -28,7 +28,7 @@ Units = Mapping[str, str]
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Measured and simulated output along the longest segment, before and after what was added.
+    """Measured and simulated output along the segment with the largest error, before and after what was added.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Comparison:
         """Take it from a diagnosis."""
         base = diagnosis.steps[0].base
         last = diagnosis.last
-        i = int(np.argmax([len(r) for r in base.split.records]))
+        i = base.worst
         record = base.split.records[i]
         runs, nrmse = {"base": record.y - base.errors[i]}, {"base": diagnosis.ladder[0]["validation"]}
         if last is not None:

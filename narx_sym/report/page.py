@@ -106,7 +106,7 @@ def page(
 ) -> str:
     """Return the whole page; see `sections`."""
     parts = sections(diagnosis, units, files, settings)
-    name = diagnosis.steps[0].base.split.records[0].name
+    name = ", ".join(dict.fromkeys(r.name for r in diagnosis.steps[0].base.split.records))
     return str(
         templates().get_template("page.html").render(
             sections=parts, name=name, headline=words.headline(diagnosis), colours=describe.stylesheet(),

@@ -31,7 +31,7 @@ class Finished:
         Why the parameters are those of before; "" where the fit went well.
     nrmse : float
         Of the free run over all samples, each segment from the start that the fit found: as the ladder judges. From
-        the measured start (`evaluate`) it is larger by what the noise of the first samples does.
+        the measured start (`evaluate`) it is larger by what the first samples do not tell, and by their noise.
     shown : float
         What the ladder said of this model; infinite where it said nothing.
     """
@@ -76,7 +76,7 @@ def finish(found: Diagnosis, records: Sequence[Record]) -> tuple[Finished, list[
 
     What is saved is what was shown: its free run is as good as the ladder says, and over whole records better than
     that of the base, each from the start that its fit found. Else the model before it is taken, and the note says why.
-    It also says where the noise of measured starts grows.
+    It also says where runs from measured starts leave clearly more.
     """
     names, notes = found.rungs, []
     rungs = [found.steps[0].base, *(s.chosen for s in found.steps if s.chosen is not None)]
@@ -99,8 +99,8 @@ def finish(found: Diagnosis, records: Sequence[Record]) -> tuple[Finished, list[
         if not rungs or (made.nrmse < base and np.isfinite(measured)):
             if measured > WORSE * made.nrmse:
                 notes.append(
-                    f"the noise of the first samples grows: from measured starts the free run leaves {measured:.3g}, "
-                    f"from fitted ones {made.nrmse:.3g}"
+                    f"the first samples do not tell well where a run begins: from them it leaves {measured:.3g} (base "
+                    f"{errors[0][1].free_run_nrmse:.3g}), from fitted starts, as judged, {made.nrmse:.3g} ({base:.3g})"
                 )
             return replace(made, note="; ".join(notes)), errors
         left = made.nrmse if np.isfinite(measured) else measured

@@ -6,6 +6,7 @@ import pytest
 import narx_sym as ns
 from narx_sym.diagnosis.refit import Split, prune, settle
 from narx_sym.diagnosis.screening.directions import CYCLES, Linearised
+from narx_sym.diagnosis.screening.scored import linearised
 from narx_sym.fit.freerun import FreeRun
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.models.extend import Variant, extend
@@ -93,3 +94,16 @@ def test_an_outlet_is_sought_below_the_lowest_level():
     fitted = settle(ns.NARX.from_terms(["y[k-1]", "u[k]", "1"], Ts=Ts).fit(record), Split.of([record]))
     line, variant = line_of(fitted), Variant(sqrt, "inside", "y")
     assert 0.45 < min(a for (a,) in line.grid(variant)) < 0.55 < 0.2 * record.y.max()
+
+
+def test_directions_are_those_along_the_fitted_run_from_where_it_begins():
+    """Beside the input a spring acts before the first sample too: known or not when the fit began, it begins so."""
+    u = np.sin(3 * t) + np.sin(0.7 * t)
+    core = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-3]", "u[k-4]", "1"], theta=[1.5, -0.6, 0.06, 0.04, 0.0], Ts=Ts)
+    spring = Variant(EFFECTS["hardening_spring"][0], "force", "y")
+    model = extend(core, spring).model
+    plant = model.replace(theta=[*core.theta, -0.3])
+    record = ns.Record.from_arrays(u, plant.simulate(u, y0=0.0, warn=False) + noise, Ts)
+    fitted = settle(model, Split.of([record]), plant.theta)
+    line = linearised(fitted)
+    np.testing.assert_allclose(line.residual, fitted.errors[0][fitted.problem.depth :], rtol=1e-9, atol=1e-12)

@@ -18,6 +18,7 @@ from scipy.signal import lfilter
 import narx_sym as ns
 from narx_sym.diagnosis.procedure import VERDICTS
 from narx_sym.models.effects import EFFECTS, Catalogue
+from narx_sym.report.comparison import Comparison
 from narx_sym.tasks.finish import finish
 
 FIRST, N = 500, 3000
@@ -176,6 +177,27 @@ def test_nothing_is_found_where_nothing_is(nothing):
         _ = d.best
 
 
+def test_steps_and_finding_are_told_as_data(nothing):
+    """Of one step too where more are allowed; a floor below the noise of the sensor would be none."""
+    record, base, d = nothing
+    told = ns.diagnose(base, record, seed=3, catalogue=FEW, max_effects=2).to_dict()
+    assert [s["finding"] for s in told["steps"]] == [told["finding"]] == ["nothing_detectable"]
+    assert "steps" not in d.to_dict()
+    nrmse = d.to_dict()["base"]["nrmse"]
+    assert nrmse["noise_floor"] >= min(nrmse["sensor_noise"], nrmse["validation"]) - 1e-12
+
+
+def test_of_several_records_that_with_most_of_the_error_is_looked_at():
+    rng = np.random.default_rng(5)
+    records = []
+    for name, n, c in (("still", 900, 0.0), ("rubbing", 600, 0.5)):
+        u = np.sin(0.1 * np.arange(n))
+        y = u + c * np.sign(np.diff(u, prepend=0.0)) + 0.01 * rng.standard_normal(n)
+        records.append(ns.Record.from_arrays(u, y, 0.01, name=name))
+    found = ns.diagnose(ns.identify(records, base="static", degree=1), records, catalogue=FEW)
+    assert found.steps[0].base.worst == 1 and Comparison.of(found).name == "rubbing"
+
+
 @pytest.mark.long
 def test_nothing_is_reproducible_too(nothing):
     record, base, d = nothing
@@ -256,7 +278,10 @@ def test_a_pair_is_told_in_words_and_data(pair):
     first = d.steps[0]
     names = " and ".join(first.pair.effects)
     assert names in d.sentence() and "Together they remove" in d.sentence()
-    assert d.to_dict()["together"] == {"effects": list(first.pair.effects), "share": first.pair.share}
+    rivals = [list(rival) for rival in first.pair.rivals]
+    assert d.to_dict()["together"] == {
+        "effects": list(first.pair.effects), "share": first.pair.share, "rivals": rivals,
+    }  # fmt: skip
     assert [r["added"] for r in d.ladder[:2]] == ["base", " + ".join(first.added)]
     assert d.ladder[1]["validation"] < d.ladder[0]["validation"]
 
@@ -295,7 +320,7 @@ def test_of_a_pair_one_of_its_own_is_added_first():
     record = ns.read(SHARED / "friction_damper_brfd" / "d1_0.5Hz_35lb.csv")
     first = ns.diagnose(ns.identify(record, base="linear"), record).steps[0]
     assert set(first.pair.effects) == {"coulomb_friction", "backlash"}
-    assert first.candidates[0].effect in first.pair.effects and set(first.added) < set(first.pair.effects)
+    assert set(first.added) < set(first.pair.effects) and first.added == [first.candidates[0].effect]
 
 
 @pytest.mark.bench

@@ -136,7 +136,7 @@ def test_noise_of_the_first_samples_does_not_keep_a_model_back():
     made, errors = finish.finish(found, [record])
     assert len(made.model.terms) == 5 and made.nrmse < 0.013
     measured = errors[-1][1].free_run_nrmse
-    assert measured > 1.2 * made.nrmse and f"from measured starts the free run leaves {measured:.3g}" in made.note
+    assert measured > 1.2 * made.nrmse and f"from them it leaves {measured:.3g}" in made.note
 
 
 def test_compare_says_the_errors_and_where_it_fails():

@@ -28,17 +28,21 @@ def signals_svg(record: Record, units: Mapping[str, str]) -> str:
 
 
 def sight_svg(
-    part: slice, before: Fitted | None, now: Fitted, candidates: Sequence[Fitted | None], units: Mapping[str, str]
+    i: int,
+    part: slice,
+    before: Fitted | None,
+    now: Fitted,
+    candidates: Sequence[Fitted | None],
+    units: Mapping[str, str],
 ) -> str:
-    """Return a stretch of the longest segment over time and as a loop, as two `<svg>` elements.
+    """Return a stretch of a segment over time and as a loop, as two `<svg>` elements.
 
     Parameters
     ----------
-    part : slice of samples
+    i, part : which segment, and a slice of its samples
     before, now : the model before the last step, where there is one, and the last
     candidates : what each candidate would make of it; the page shows one at a time (`candidate_<i>` in their ids)
     """
-    i = int(np.argmax([len(r) for r in now.split.records]))
     record = now.split.records[i]
     t, u, y = record.t[part], record.u[part], record.y[part]
     runs = {"measured": ("measured", y)}

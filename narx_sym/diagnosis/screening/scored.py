@@ -77,8 +77,9 @@ class Scored:
 
 def linearised(fitted: Fitted) -> Linearised:
     """Return a fitted model linearised along its free run over all samples, the held-out ones too."""
-    equations = constraint_equations(fitted.model, None)
-    return Linearised(FreeRun(fitted.model, list(fitted.split.records), equations), fitted.unknowns)
+    problem = FreeRun(fitted.model, list(fitted.split.records), constraint_equations(fitted.model, None))
+    problem.initial = fitted.problem.initial  # from which its starts are counted, whatever is known since
+    return Linearised(problem, fitted.unknowns)
 
 
 def screen(fitted: Fitted, channels: Iterable[str], catalogue: Catalogue, seed: int) -> Scored:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,9 +15,10 @@ from ...errors import FitError
 from ...models.extend import Variant, equations
 from ...models.model import Model
 from ...symbolic import printing
+from ..bases import BASE
 from ..refit import Fitted
 from .row import Row
-from .verdict import explained
+from .verdict import cheapest, explained
 
 if TYPE_CHECKING:
     from .rounds import Table
@@ -28,6 +29,7 @@ TARGETS = {
     "sensor": r"y_{k} - \mathrm{sensed}_{k}",
 }  # fmt: skip
 DRAWS = 200  # of the blocks, for an interval
+SHOWN = 6  # candidates at most, and the confusion set
 
 
 @dataclass(repr=False)
@@ -185,3 +187,33 @@ class Pair:
 
     def __repr__(self) -> str:
         return f"Pair({' + '.join(self.effects)}, {100 * self.share:.0f} % of the removable error)"
+
+
+def new_effect(row: Row, known: Row) -> str:
+    """Return the id of what a row adds."""
+    return next((v.id for v in row.beyond(known)), BASE)
+
+
+def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], lowest: float) -> list[Candidate]:
+    """Return the hypotheses with one effect more, the best of each: the confusion set first."""
+    both = best.beyond(known)
+    for variant in both if len(both) > 1 else ():
+        table.judge_alone(known, variant.id)
+    listed = [r for r in cheapest(table.beside(known)) if len(r.beyond(known)) == 1 and r.blocks.size]
+    members = {new_effect(r, known) for r in found} | {v.id for v in both}
+    own = {v.id for v in both} if len(both) > 1 else set()  # of a pair its own effects come first
+    listed.sort(key=lambda r: (r is not best and new_effect(r, known) not in own, new_effect(r, known) not in members))
+    scored = table.screened(known)
+    made: list[Candidate] = []
+    for row in listed:
+        variant = row.beyond(known)[0]
+        if len(made) == max(SHOWN, len(members)):
+            break
+        likely = variant.id in members
+        worth = row.held < known.held or (likely and np.isfinite(row.held))
+        if not worth or not (table.holds(row) if likely else table.settles(row)):
+            continue
+        tests = [i for i, d in enumerate(scored.directions) if d.variant.id == variant.id]
+        p = min((scored.scores.corrected(i) for i in tests), default=1.0)
+        made.append(Candidate.of(table, row, known, p, lowest, likely))
+    return made

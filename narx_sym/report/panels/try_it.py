@@ -148,7 +148,7 @@ def law_of(subject: Subject, listed: Sequence[Tried]) -> Compensator | None:
 def content(diagnosis: Diagnosis, listed: Sequence[Tried], c: Comparison, units: Units) -> dict[str, Any]:
     """Return what the page's script reads."""
     base = listed[0].fitted
-    i = int(np.argmax([len(r) for r in base.split.records]))
+    i = diagnosis.steps[0].base.worst
     output, driving = base.problem.name, base.model.input.name
     record, data = base.split.records[i], base.problem.data[i]
     n = min(data[output].size, MOST_SAMPLES)
