@@ -23,6 +23,7 @@ from ..symbolic.signals import (
     free,
     k,
     m,
+    passed,
     phi1,
     phi2,
     plain_name,
@@ -145,10 +146,10 @@ def sequences(model: Model, variant: Variant) -> dict[str, Any]:
     later = 1 if variant.where in ("inside", "force") else 0
     # Behind an effect at the input everything sees what passes it: friction behind a slack is friction of what moves.
     named = {s.left.base for s in model.states}
-    passed = v if variant.where != "input" and v in named else model.input
+    before = (passed if variant.where == "input" else v) if v in named else model.input
 
     def source(i: Any) -> Any:
-        return passed[i - variant.lag] + offset
+        return before[i - variant.lag] + offset
 
     def inner(i: Any) -> Any:
         if variant.where == "motion":  # the step that the core would make
@@ -235,11 +236,12 @@ class Extended:
 def extend(model: Model, variant: Variant) -> Extended:
     """Put an effect into a model.
 
-    Input effects act on u: the core sees v[k] = u[k] + c z[k]. A force acts where the input does, once that has
-    arrived, as friction of the mass that is driven: acting[k] = u[k-d] + c z[k] takes the way of the input, with all
-    its zeros, and is not delayed. Inside, c z[k] joins the core's terms. On the motion it
-    is driven by the step that the core would make, free[k] - y[k-1]: y[k] = free[k] + c z[k]. Output effects add to
-    the core's output x: y[k] = x[k] + c z[k]. The sensor shows y[k] = sensed[k] + c z[k] of all that.
+    Input effects act on u: the core sees v[k] = u[k] + c z[k]. A second one acts on what the first one lets through, as
+    a slack behind an amplifier that saturates: v[k] = passed[k] + c z[k]; further ones act beside it. A force acts
+    where the input does, once that has arrived, as friction of the mass that is driven: acting[k] = u[k-d] + c z[k]
+    takes the way of the input, with all its zeros, and is not delayed. Inside, c z[k] joins the core's terms. On the
+    motion it is driven by the step that the core would make, free[k] - y[k-1]: y[k] = free[k] + c z[k]. Output effects
+    add to the core's output x: y[k] = x[k] + c z[k]. The sensor shows y[k] = sensed[k] + c z[k] of all that.
 
     Raises
     ------
@@ -314,14 +316,15 @@ def _split(model: Model, where: str) -> list[State]:
     def between(target: Any, name: Any) -> None:
         """Give what an equation has on its right a name of its own."""
         at = next(i for i, s in enumerate(chain) if s.left.base == target)
-        chain[at : at + 1] = [
-            State(name[k], chain[at].right, output[k]), State(target[k], name[k], chain[at].initial),
-        ]  # fmt: skip
+        begins = chain[at].initial if target == v else output[k]
+        chain[at : at + 1] = [State(name[k], chain[at].right, begins), State(target[k], name[k], chain[at].initial)]
 
     if where == "input" and v not in named:
         source = model.input
         chain = [State(s.left, moved(s.right, source, v), s.initial, s.group) for s in chain]
         chain.insert(0, State(v[k], source[k], source[k]))
+    elif where == "input" and passed not in named:
+        between(v, passed)
     if where == "force" and acting not in named:
         source = v if v in named else model.input
         at = next(i for i, s in enumerate(chain) if s.left.base == model.driven)

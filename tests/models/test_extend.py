@@ -288,12 +288,40 @@ def test_the_same_effect_twice_gets_numbers():
     three = extend(two.model, first(two.model, "backlash", "output"))
     names = [str(s) for s in three.model.symbols[4:]]
     assert names == ["c_backlash", "r_backlash", "c_backlash2", "r_backlash2", "c_backlash3", "r_backlash3"]
-    assert [str(s.left) for s in three.model.states] == ["p[k]", "p_2[k]", "v[k]", "x[k]", "p_3[k]"]
+    assert [str(s.left) for s in three.model.states] == ["p[k]", "passed[k]", "p_2[k]", "v[k]", "x[k]", "p_3[k]"]
     assert {s.group for s in three.model.memory} == {"backlash", "backlash2", "backlash3"}
-    # Both act on the measured input, side by side.
-    both = two.model.replace(theta=[*base.theta, 0.2, 0.3, 0.1, 0.3])
-    alone = one.model.replace(theta=[*base.theta, 0.3, 0.3])
+    # The second one acts on what the first one lets through: two plays are one of both slacks.
+    both = two.model.replace(theta=[*base.theta, 1.0, 0.3, 1.0, 0.2])
+    alone = one.model.replace(theta=[*base.theta, 1.0, 0.5])
     assert np.abs(run(both, record) - run(alone, record)).max() < 1e-12
+
+
+@pytest.mark.parametrize("order", permutations(("backlash", "saturation", "dead_zone")))
+def test_at_the_input_one_acts_behind_the_other(order):
+    """An amplifier that saturates and a slack behind it, by hand; the law takes off one after the other."""
+    base, record = BASES["linear"], RECORDS["linear"]
+    sizes = {"backlash": 0.2, "saturation": 0.6, "dead_zone": 0.1}
+    by_hand = {"saturation": lambda w: np.clip(w, -0.6, 0.6), "dead_zone": lambda w: w - np.clip(w, -0.1, 0.1)}
+
+    def slack(w):
+        p = np.full(w.size, w[0])
+        for i in range(1, w.size):
+            p[i] = max(w[i] - 0.2, min(w[i] + 0.2, p[i - 1]))
+        return p
+
+    model, passed, values = base, record.u, [*base.theta]
+    for wanted in order[:2]:
+        form = "hard" if wanted == "saturation" else ""
+        variant = next(v for v in variants(model) if (v.id, v.effect.form, v.where) == (wanted, form, "input"))
+        model, values = extend(model, variant).model, [*values, 1.0, sizes[wanted]]
+        passed = by_hand.get(wanted, slack)(passed)
+    model = model.replace(theta=values)
+    core = base.simulate(passed, record.y[0])
+    assert np.abs(run(model, record) - core)[2:].max() < 1e-12 and np.abs(passed - record.u).max() > 0.1
+    law = model.compensator()
+    assert law.residual() == 0 and law.closed_form
+    reference = 0.3 * np.sin(np.arange(N) / 20.0)
+    assert followed(model, law, reference, None, 150) < 1e-9
 
 
 def test_without_takes_an_effect_off_again():

@@ -88,6 +88,8 @@ class Linearised:
         for seen in self.seen:  # before effects act on the output, it is what the core computes
             for name in ("x", "free", "sensed"):
                 seen.setdefault(name, seen[str((self.model.output if name == "sensed" else self.model.inner).label)])
+            if "v" in seen:  # what acts at the input next is driven by what the first effect there lets through
+                seen.setdefault("passed", seen["v"])
         self.values = dict(zip(self.model.symbols, map(float, theta), strict=True))
 
     def contributions(self, form: Form, values: Mapping[Any, float]) -> list[Array]:
