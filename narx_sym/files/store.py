@@ -13,8 +13,8 @@ from typing import Any
 from sympy import Eq, Indexed, Symbol, expand, true
 
 from ..errors import ModelError, NarxError
-from ..models.equilibria import continuum_conditions
 from ..models.model import NARX, Model
+from ..models.rest.equilibria import continuum_conditions
 from ..models.rest_map import rest_map
 from ..symbolic.functions import NAMES
 from ..symbolic.grammar import SIGNALS, expanded_terms, parse, read_json

@@ -12,8 +12,8 @@ from scipy.linalg import qr, solve_triangular
 
 from ..errors import FitError
 from ..models.analysis import constraint_matrix
-from ..models.equilibria import continuum_conditions
 from ..models.model import Model
+from ..models.rest.equilibria import continuum_conditions
 
 Array = np.ndarray
 

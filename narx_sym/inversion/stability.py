@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import sympy as sp
 
 from ..errors import ModelError
-from ..models.equilibria import SteadyState, characteristic, jury, steady_state, without_integrator, z
 from ..models.model import Model
+from ..models.rest.equilibria import SteadyState, characteristic, jury, steady_state, without_integrator, z
 from ..models.rest_map import ubar, ybar
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import k, lag, m, r, samples, shift

@@ -14,21 +14,20 @@ from sympy.solvers.solveset import NonlinearError
 from ..errors import FitError
 from ..symbolic.signals import pairs
 from . import assumptions
-from .equilibria import (
+from .model import Model
+from .quasi_static import QuasiStatic, phi1_, quasi_static, u_, ytilde
+from .rest.equilibria import (
     SteadyState,
-    Verdict,
     characteristic,
     continuum,
     continuum_conditions,
     jacobian,
     jury,
-    property_1,
     steady_state,
     without_integrator,
     z,
 )
-from .model import Model
-from .quasi_static import QuasiStatic, phi1_, quasi_static, u_, ytilde
+from .rest.property_1 import Verdict, property_1
 from .rest_map import closed, effects_of, folded, newest_input, remembered, rest_map, sigma_y, ubar, ybar
 
 __all__ = [

@@ -40,9 +40,9 @@ from ..symbolic.signals import (
 )
 from .added import AddedEffect, outside
 from .effects import EFFECTS, PLACES, Catalogue, Effect, Form
-from .equilibria import continuum_conditions
 from .info import Info
 from .model import Model
+from .rest.equilibria import continuum_conditions
 
 MANY = 20  # coefficients of one effect
 # Names that no channel and no state of an effect may have.

@@ -12,8 +12,8 @@ from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.signals import differences, held, lags
 from .doors import QuasiStaticDoors
-from .equilibria import characteristic, jacobian, jury, solvable, without_integrator
 from .model import Model
+from .rest.equilibria import characteristic, jacobian, jury, solvable, without_integrator
 from .rest_map import Play, closed, folded, plays, rest_of
 
 ytilde = sp.Symbol(r"\tilde{y}", real=True)

@@ -14,10 +14,10 @@ from ..symbolic.recursion import State
 from ..symbolic.signals import k, pairs, samples
 from ..symbolic.smoothing import smoothed, widths
 from .added import outside
-from .equilibria import continuum_conditions
 from .extend import without, written_constraints
 from .info import Info
 from .model import NARX, Model
+from .rest.equilibria import continuum_conditions
 
 
 def written_terms(model: Model) -> dict[str, str]:

@@ -15,7 +15,7 @@ from ...engines.columns import lambdify, largest_root
 from ...errors import Diverged, ModelError
 from ...inversion.compensator import Compensator
 from ...inversion.stability import InternalDynamics, direction, heading, mbar, rbar
-from ...models.equilibria import z
+from ...models.rest.equilibria import z
 from ...symbolic.signals import lag, samples, signal
 from ..simulate import Records, segments
 

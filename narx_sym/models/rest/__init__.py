@@ -1,0 +1,1 @@
+"""Where a model rests, and whether it stays there."""

@@ -1,0 +1,63 @@
+"""Equilibria against brute force: as many as there are, in any units."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from narx_sym import NARX
+from narx_sym.models.analysis import continuum, property_1, steady_state, ubar
+from narx_sym.models.info import Info
+
+
+def polynomial(theta, **other):
+    """y[k] = theta_0 + theta_1 y[k-1] + theta_2 y[k-1]**2 + ..."""
+    terms = ["1", "y[k-1]", *(f"y[k-1]**{n}" for n in range(2, len(theta)))]
+    return NARX.from_terms(terms, list(theta), **other)
+
+
+def test_all_real_roots_are_equilibria():
+    """Those too that SymPy writes with complex numbers: three real roots of a cubic."""
+    rng = np.random.default_rng(0)
+    for i in range(40):
+        theta = rng.normal(size=5) if i % 2 else [rng.uniform(-0.03, 0.03), 1 + rng.uniform(0.1, 0.5), 0.0, -0.3]
+        roots = np.roots(np.polysub(theta[::-1], [1, 0]))
+        real = np.sort(roots[np.abs(roots.imag) < 1e-9].real)
+        found = steady_state(polynomial(theta)).equilibria
+        assert np.allclose(np.array(found, dtype=float), real, rtol=1e-6), (theta, found, real)
+
+
+def test_real_roots_at_an_input():
+    """With an input the equilibria are formulas, each an equilibrium where it is real."""
+    found = steady_state(NARX.from_terms(["y[k-1]", "y[k-1]**3", "u[k-1]"], [1.2, -0.1, 0.05])).equilibria
+    for level in (-3.0, 0.3, 1.0, 2.0):
+        at = [complex(sp.N(e.subs(ubar, level))) for e in found]
+        roots = np.roots([-0.1, 0.0, 0.2, 0.05 * level])
+        real = np.sort(roots[np.abs(roots.imag) < 1e-9].real)
+        assert np.allclose(sorted(e.real for e in at if abs(e.imag) < 1e-9), real)
+
+
+@pytest.mark.parametrize("size", (1e-12, 1e-9, 1.0, 1e9))
+def test_a_change_of_units_changes_no_equilibrium(size):
+    """0 and +-0.3, and a double root, in any unit of y; a pump that fills a cylinder, in any unit of u."""
+    bistable = polynomial([0.0, 1.5, 0.0, -0.5 / (0.3 * size) ** 2])
+    found = property_1(bistable)
+    assert found.holds and np.allclose(np.array(found.equilibria) / size, [-0.3, 0, 0.3], atol=1e-12)
+    double = [-0.3 * (0.7 * size) ** 2 / size, 1 + 2 * 0.3 * 0.7, -0.3 / size]
+    assert property_1(polynomial(double)).equilibria == [pytest.approx(0.7 * size)]
+    pump = NARX.from_terms(["y[k-1]", "u[k-1]"], [1.0, 1e-10 * size], info=Info(ranges={"u": (0.0, 1e7 / size)}))
+    assert not continuum(pump) and not property_1(pump).holds and steady_state(pump).equilibria == []
+
+
+@pytest.mark.parametrize("size", (1e-9, 1.0, 1e9))
+def test_what_cancels_but_for_rounding_is_zero(size):
+    terms = ["y[k-1]", "y[k-2]", "y[k-3]", "u[k-1]", "u[k-2]", "u[k-3]"]
+    model = NARX.from_terms(terms, [0.7, 0.2, 0.1, 0.1 * size, -0.3 * size, 0.2 * size])
+    assert continuum(model) and steady_state(model).equilibria == "continuum"
+    drifting = model.replace(theta=[0.7, 0.2, 0.1, 0.1 * size, -0.3 * size, 0.200001 * size])
+    assert not continuum(drifting) and steady_state(drifting).equilibria == []
+
+
+def test_neighbours_that_the_coefficients_tell_apart_are_two():
+    """Beside a root at 1 there are two at 1e-7 and 2e-7."""
+    theta = -np.poly([1.0, 1e-7, 2e-7])[::-1] + [0, 1, 0, 0]
+    assert np.allclose(np.array(steady_state(polynomial(theta)).equilibria, dtype=float), [1e-7, 2e-7, 1.0], rtol=1e-4)
