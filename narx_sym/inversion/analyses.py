@@ -220,7 +220,8 @@ def property_1(subject: Subject) -> Finding:
     if not subject.model.values:
         return Finding()
     verdict = derive.property_1(subject.model)
-    return Finding([f"{'holds' if verdict.holds else 'fails'}: {verdict.reason}"])
+    said = {True: "holds", False: "fails", None: "not decided"}[verdict.holds]
+    return Finding([f"{said}: {verdict.reason}"])
 
 
 @analysis(70, "Quasi-static solutions", "Quasi-static sets and attracting condition")

@@ -74,10 +74,9 @@ def continuum_conditions(model: Model) -> list[Any]:
     conditions = []
     for function in sorted(groups, key=sp.default_sort_key):
         balance = sp.expand(sp.Add(*groups[function]))
-        if function == ybar:
-            conditions.append(sp.Eq(balance + 1, 1, evaluate=False))
-        elif (factored := sp.factor_terms(balance)) != 0:
-            conditions.append(sp.Eq(factored, 0, evaluate=False))
+        if balance != 0:
+            own = function == ybar
+            conditions.append(sp.Eq(balance + 1 if own else sp.factor_terms(balance), int(own), evaluate=False))
     return conditions
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import sympy as sp
@@ -12,8 +15,9 @@ from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import k, samples
 from ..model import Model
 from ..rest_map import plays, ubar, ybar
-from .equilibria import characteristic, resting, z
-from .roots import resting_points
+from .equilibria import resting
+from .pieces import Linear, Piece, pieces, settles
+from .roots import Equilibria, resting_points
 
 
 @dataclass(frozen=True)
@@ -24,8 +28,9 @@ class Verdict:
     ----------
     equilibria : "continuum", or a list of numbers at the input `at`; None where it is not known whether there is one
     diverging : bool or None
-        Whether all of them repel.
-    holds : bool
+        Whether all of them repel; None where that is not known.
+    holds : bool or None
+        None where it depends on equilibria that the linearisation does not decide: at kinks and jumps.
     reason : text
     at : number
         The constant input that decides: one at which there are two, where there is such a one [unit of the input].
@@ -33,14 +38,14 @@ class Verdict:
 
     equilibria: Any
     diverging: bool | None
-    holds: bool
+    holds: bool | None
     reason: str
     at: float = 0.0
 
 
-INPUTS = 9  # constant inputs over the identified range, and outputs of a continuum
-BESIDE = 1e-9  # of the output's range: to either side of a kink
-STAYS = 1.0 - 1e-6  # an eigenvalue beyond it does not attract: a double root has one at 1, which rounding puts aside
+INPUTS = 9  # constant inputs over the identified range
+OUTPUTS = 255  # of a continuum, at no equal distances
+NEAR = 1e-9  # of the size of its terms: an expression as small as that is zero
 
 
 def constant_inputs(model: Model) -> list[float]:
@@ -53,74 +58,168 @@ def constant_inputs(model: Model) -> list[float]:
 def property_1(model: Model) -> Verdict:
     """Count the equilibria of a fitted model under constant inputs and say whether they diverge.
 
-    At a continuum the eigenvalue that is exactly 1 is taken out before the others are judged, over the identified
-    outputs and inputs. Further channels are held at zero.
+    At a continuum the eigenvalue that is exactly 1 is taken out before the others are judged, at many of the identified
+    outputs and inputs. At a kink all sides count. Further channels are held at zero.
     """
     if model.symbols and not model.values:
         raise ModelError("Property 1 is a verdict on numbers: fit the model or give theta first.")
-    held = {model.output: ybar, model.input: ubar}
-    slopes = [
-        derivative(model.right, model.output[k - i]).xreplace(
-            {s: held.get(s.base, sp.S.Zero) for s in samples(model.right)}
-        )
-        for i in range(1, model.n_y + 1)
-    ]
-    polynomial = characteristic([s.xreplace(model.values) for s in slopes])
+    local = Local(model)
     if plays(model):
-        roots = [abs(complex(root)) for root in sp.Poly(polynomial, z).nroots()] if model.n_y else []
-        diverging = any(root >= STAYS for root in roots)
-        return Verdict("continuum", diverging, not diverging, "a play rests wherever the input has left it")
+        return _along(local, "a play rests wherever the input has left it", lambda piece: piece)
     excess = resting(model)
     excess = sp.expand(excess.xreplace({s: sp.S.Zero for s in excess.free_symbols - {ybar, ubar}}))
     if excess == 0:
-        return _along(model, polynomial)
+        return _along(local, "every output is an equilibrium at rest (Lemma 1)", lambda piece: piece.differences)
     low, high = model.info.ranges.get(model.output.name, (-1.0, 1.0))
-    verdicts = [_at_rest(excess, polynomial, at, max(abs(low), abs(high))) for at in constant_inputs(model)]
-    if not excess.has(ubar):
-        return verdicts[0]
-    best = next((v for v in verdicts if v.holds), verdicts[0])
-    where = f" (at {model.input.label} = {best.at:.4g})" if best.at or len(verdicts) > 1 else ""
+    inputs = constant_inputs(model) if excess.has(ubar) else constant_inputs(model)[:1]
+    verdicts = [_at_rest(local, excess.xreplace({ubar: sp.Float(at)}), at, max(abs(low), abs(high))) for at in inputs]
+    ranked = sorted(verdicts, key=lambda v: {True: 0, None: 1, False: 2}[v.holds])
+    best = ranked[0]
+    where = f" (at {model.input.label} = {best.at:.4g})" if excess.has(ubar) and (best.at or len(inputs) > 1) else ""
     return Verdict(best.equilibria, best.diverging, best.holds, best.reason + where, best.at)
 
 
-def _along(model: Model, polynomial: Any) -> Verdict:
-    """Judge a continuum where the model was identified: at many outputs and inputs, for its other eigenvalues move."""
-    reduced = sp.div(sp.Poly(polynomial, z), sp.Poly(z - 1, z))[0].as_expr()
-    low, high = model.info.ranges.get(model.output.name, (-1.0, 1.0))
-    outputs = [low + (high - low) * i / (INPUTS - 1) for i in range(INPUTS)] if reduced.has(ybar) else [0.0]
-    inputs = constant_inputs(model) if reduced.has(ubar) else [0.0]
-    every = "every output is an equilibrium at rest (Lemma 1)"
-    shares: list[tuple[float, int, float]] = []
+@dataclass(frozen=True)
+class Local:
+    """A fitted model around its equilibria, under constant inputs."""
+
+    model: Model
+
+    @cached_property
+    def right(self) -> Any:
+        """The equation in samples of the output and ubar, with values."""
+        output, held = self.model.output, {self.model.input: ubar}
+        others = {s: held.get(s.base, sp.S.Zero) for s in samples(self.model.right) if s.base != output}
+        return self.model.right.xreplace({**others, **self.model.values})
+
+    @cached_property
+    def past(self) -> list[Any]:
+        """y[k-1], y[k-2], ..."""
+        return [self.model.output[k - i] for i in range(1, self.model.n_y + 1)]
+
+    def still(self, expr: Any) -> Any:
+        """Hold the output."""
+        return expr.xreplace(dict.fromkeys(self.past, ybar))
+
+    def everywhere(self, argument: Any) -> bool:
+        """Whether an argument is zero wherever the output rests."""
+        return bool(samples(argument)) and sp.expand(self.still(argument)) == 0
+
+    def at(self, point: float, reach: float) -> Callable[[Any], bool]:
+        """Return whether an argument is zero at a point, compared with its terms at `reach`."""
+
+        def zero(argument: Any) -> bool:
+            return bool(samples(argument)) and _vanishes(self.still(argument), point, reach)
+
+        return zero
+
+    def linear(self, listed: list[Piece] | None) -> Callable[[float, float], list[Linear] | None]:
+        """Return the pieces around an output and an input; None where they do not meet there or have no slope."""
+        parts = [
+            (
+                _function(self.still(p.right)),
+                [_function(self.still(derivative(p.right, s))) for s in self.past],
+                [([_function(self.still(derivative(a, s))) for s in self.past], sign) for a, sign in p.sides],
+            )
+            for p in listed or []
+        ]
+
+        def around(output: float, at: float) -> list[Linear] | None:
+            found = []
+            for value, slopes, sides in parts:
+                if len(parts) > 1 and abs(value(output, at) - output) > 1e-6 * (abs(output) + self.step):
+                    return None
+                gradients = tuple((tuple(g(output, at) for g in gradient), sign) for gradient, sign in sides)
+                found.append(Linear(tuple(f(output, at) for f in slopes), gradients))
+            return found or None
+
+        return around
+
+    @cached_property
+    def step(self) -> float:
+        """A size of the output: jumps that are small beside it are none."""
+        low, high = self.model.info.ranges.get(self.model.output.name, (0.0, 0.0))
+        return max(abs(low), abs(high)) * 1e-3
+
+
+def _function(expr: Any) -> Callable[[float, float], float]:
+    made = sp.lambdify([ybar, ubar], expr, modules=[{"Heaviside": lambda x, *_: float(x > 0)}, "math"])
+
+    def value(output: float, at: float) -> float:
+        try:
+            return float(made(output, at))
+        except (ArithmeticError, ValueError, TypeError):
+            return math.nan
+
+    return value
+
+
+def _vanishes(expr: Any, point: float, reach: float) -> bool:
+    terms = [_function(term) for term in sp.Add.make_args(sp.expand(expr))]
+    size = sum(abs(term(reach, 0.0)) for term in terms)
+    return abs(sum(term(point, 0.0) for term in terms)) <= NEAR * size
+
+
+def _along(local: Local, every: str, of: Callable[[Linear], Linear | None]) -> Verdict:
+    """Judge a continuum where the model was identified: at many outputs and inputs, for its eigenvalues move."""
+    listed = pieces(local.right, local.everywhere)
+    around = local.linear(listed)
+    moving = [local.still(derivative(p.right, s)) for p in listed or [] for s in local.past]
+    low, high = local.model.info.ranges.get(local.model.output.name, (-1.0, 1.0))
+    turns = [(i * (math.sqrt(5) - 1) / 2) % 1 for i in range(1, OUTPUTS + 1)]
+    outputs = [low + (high - low) * turn for turn in turns] if any(e.has(ybar) for e in moving) else [0.0]
+    inputs = constant_inputs(local.model) if any(e.has(ubar) for e in moving) else [0.0]
+    found = []
     for at in inputs:
-        rests = [not _repels(reduced.xreplace({ybar: sp.Float(one), ubar: sp.Float(at)})) for one in outputs]
-        shares.append((sum(rests) / len(rests), -len(shares), at))
-    share, _, at = max(shares)
-    if share == 1:
-        return Verdict("continuum", False, True, every, at)
-    where = f", non-diverging at {share:.0%} of the outputs" if share else ""
-    return Verdict("continuum", not share, share > 0, every + where, at)  # beside one there are others
+        judged = [_settles(around(output, at), of) for output in outputs]
+        found.append((judged.count(True), judged.count(None), at))
+    best = max(range(len(found)), key=lambda i: (found[i][0], found[i][1], -i))
+    steady, unknown, at = found[best]
+    n = len(outputs)
+    kinds = (
+        (steady, "non-diverging"),
+        (unknown, "not decided by the linearisation"),
+        (n - steady - unknown, "diverging"),
+    )
+    told = ", ".join(
+        what if n == 1 else f"{what} at {_share(count, n)} of the outputs" for count, what in kinds if count
+    )
+    diverging = None if unknown and not steady else not steady
+    holds = True if steady else None if unknown else False  # beside one there are others
+    return Verdict("continuum", diverging, holds, f"{every}, {told}{f' ({n} looked at)' if n > 1 else ''}", at)
 
 
-def _repels(polynomial: Any) -> bool:
-    """Whether an eigenvalue does not lie inside the unit circle."""
-    return polynomial.has(z) and any(abs(complex(root)) >= STAYS for root in sp.Poly(polynomial, z).nroots())
+def _share(count: int, n: int) -> str:
+    return "all" if count == n else f"{max(1, round(100 * count / n))}%"
 
 
-def _at_rest(excess: Any, polynomial: Any, at: float, scale: float) -> Verdict:
+def _settles(found: list[Linear] | None, of: Callable[[Linear], Linear | None]) -> bool | None:
+    changed = [] if found is None else [of(piece) for piece in found]
+    kept = [piece for piece in changed if piece is not None]
+    return settles(kept) if kept and len(kept) == len(changed) else None
+
+
+def _at_rest(local: Local, excess: Any, at: float, scale: float) -> Verdict:
     """Judge the equilibria under one constant input."""
-    given = {ubar: sp.Float(at)}
-    if sp.expand(excess.xreplace(given)) == 0:
+    if sp.expand(excess) == 0:
         return Verdict("continuum", None, False, "every output is an equilibrium at this input", at)
-    found = resting_points(excess.xreplace(given), ybar, scale)
+    found = resting_points(excess, ybar, scale)
     if not found.points:
         drifts = ": the output drifts under a constant input" if found.complete else ": unknown"
         return Verdict([] if found.complete else None, None, False, f"{found}{drifts}", at)
-    flags, kinked = [], bool(polynomial.atoms(sp.sign, sp.Heaviside, sp.Piecewise))
-    for point in found.points:
-        aside = BESIDE * (scale + abs(point))  # at a kink the slopes of both sides count
-        sides = [point - aside, point, point + aside] if kinked else [point]
-        numbers = [polynomial.xreplace({ybar: sp.Float(x), **given}).doit() for x in sides]
-        flags.append(any(map(_repels, numbers)))
-    steady = len(flags) - sum(flags)
-    reason = f"{found} for a constant input, {steady} non-diverging; two are needed"
-    return Verdict(list(found.points), all(flags), steady >= 2, reason, at)
+    judged = [_judged(local, point, at, found) for point in found.points]
+    steady, unknown = judged.count(True), judged.count(None)
+    open_ = f", {unknown} not decided by the linearisation" if unknown else ""
+    reason = f"{found} for a constant input, {steady} non-diverging{open_}; two are needed"
+    diverging = False if steady else None if unknown else True
+    holds = True if steady >= 2 else None if steady + unknown >= 2 else False
+    return Verdict(list(found.points), diverging, holds, reason, at)
+
+
+def _judged(local: Local, point: float, at: float, found: Equilibria) -> bool | None:
+    """Return whether an equilibrium attracts; None where its linearisation does not say."""
+    fixed = Local(local.model)
+    vars(fixed)["right"] = local.right.xreplace({ubar: sp.Float(at)})
+    reach = max(fixed.step, *map(abs, found.points))
+    around = fixed.linear(pieces(fixed.right, fixed.at(point, reach)))
+    return _settles(around(point, at), lambda piece: piece)
