@@ -162,6 +162,74 @@ def test_a_law_that_runs_away_says_where_it_began():
         law.run(sine(900), 0.1, share=None)
 
 
+def response(step, m_values, r_values, at, size=1e-7):
+    """By how much an error of m at one sample is larger or smaller at each later one: the law run twice."""
+    moved = m_values.copy()
+    for j in range(at, m_values.size):
+        moved[j] = step(moved, r_values, j) + size * (j == at)
+    return np.abs(moved - m_values)[at:] / size
+
+
+def run_of(step, r_values):
+    """The law's output, by hand."""
+    volts = np.zeros(r_values.size)
+    for j in range(3, volts.size):
+        volts[j] = step(volts, r_values, j)
+    return volts
+
+
+def test_a_product_of_matrices_is_no_product_of_eigenvalues():
+    """m[k] = 1.9 r m[k-1] - 0.95 m[k-2] + ...: eigenvalues of 0.975, and growth without end where r changes sign."""
+    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "y[k-1]*u[k-2]", "u[k-3]"], [0.5, 1.0, -1.9, 0.95]).compensator()
+
+    def step(m_, r_, j):
+        return r_[min(j + 1, r_.size - 1)] - 0.5 * r_[j] + 1.9 * r_[j] * m_[j - 1] - 0.95 * m_[j - 2]
+
+    for every, grows in ((4, True), (16, True), (400, False)):
+        goal = 0.9999 * np.where((np.arange(400) // every) % 2, 1.0, -1.0)
+        volts = run_of(step, goal)
+        found = law.internal.along(volts, goal, 0.0)
+        assert found.first is None and found.noteworthy  # a transient, or more
+        assert (found.rate > 1) == grows and ("does not shrink" in found.sentence()) == grows
+        if not grows:
+            peak = max(response(step, volts, goal, at).max() for at in range(3, 380, 20))
+            assert found.growth == pytest.approx(peak, rel=0.02)
+
+
+def test_growth_against_the_law_run_twice():
+    """Random laws with three lags of m and a product: the largest response at any sample is what is said."""
+    rng = np.random.default_rng(0)
+    terms = ["y[k-1]", "u[k-1]", "u[k-2]", "u[k-3]", "u[k-4]", "u[k-2]*y[k-1]"]
+    goal = np.sin(0.9 * np.arange(120)) * 0.9
+    for a, b, c, d in rng.uniform(-0.5, 0.5, (8, 4)):
+        law = ns.NARX.from_terms(terms, [0.5, 1.0, -a, -b, -c, -d]).compensator()
+
+        def step(m_, r_, j, a=a, b=b, c=c, d=d):
+            known = r_[min(j + 1, 119)] - 0.5 * r_[j]
+            return known + a * m_[j - 1] + b * m_[j - 2] + c * m_[j - 3] + d * r_[j] * m_[j - 1]
+
+        volts = run_of(step, goal)
+        peak = max(response(step, volts, goal, at).max() for at in range(3, 120))
+        assert law.internal.along(volts, goal, 0.0).growth == pytest.approx(max(peak, 1.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("weight", (0.0, 1e-3))
+def test_a_law_that_integrates_keeps_an_error(weight):
+    """m[k] = m[k-1] + (r[k+1] - r[k]) / 0.77: for ever; with a term in |m[k-1] - m[k-2]| m[k-1] it fades."""
+    goal = 20 * np.sin(np.arange(2000) / 60)
+    terms = ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]"][: 3 if weight else 2]
+    law = ns.NARX.from_terms(terms, [1.0, 0.77, weight][: len(terms)]).compensator()
+
+    def step(m_, r_, j):
+        rise = r_[min(j + 1, 1999)] - r_[j]
+        return m_[j - 1] + (rise - weight * abs(m_[j - 1] - m_[j - 2]) * m_[j - 1]) / 0.77
+
+    volts = run_of(step, goal)
+    found = law.internal.along(volts, goal, 0.0)
+    assert found.kept == pytest.approx(response(step, volts, goal, 3)[-1], rel=1e-2)
+    assert f"integrates: of an error of 1 in m at the start {found.kept:.3g} is left" in found.sentence()
+
+
 def test_two_signals_of_one_length():
     for m_values, r_values in (([1.0], [1.0]), ([1.0, 2.0], [1.0, 2.0, 3.0])):
         with pytest.raises(ModelError, match="same length"):

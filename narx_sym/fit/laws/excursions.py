@@ -18,17 +18,18 @@ from ...inversion.stability import InternalDynamics, direction, heading, mbar, r
 from ...models.rest.equilibria import z
 from ...symbolic.signals import lag, samples, signal
 from ..simulate import Records, segments
+from .disturbances import disturbed, kept
 
 Array = np.ndarray
 DOUBLES = 2.0  # a disturbance that grows less than this before it shrinks again is not worth a warning
-SMALLEST = 1e-12  # of an eigenvalue, so that its logarithm is finite
+ROUNDING, FORGOTTEN = 1e-6, 1e-2  # of a disturbance: what is no growth, and what is left of one that is forgotten
 GRID = 81
 M, R = signal("m"), signal("r")
 
 
 @dataclass(frozen=True)
 class Excursion:
-    """The internal eigenvalue of a law along a run: where a disturbance of m grows from sample to sample.
+    """How a law reacts to its own errors along a run: its eigenvalues, and what becomes of a disturbance of m.
 
     Attributes
     ----------
@@ -40,9 +41,12 @@ class Excursion:
         The first of them.
     largest : float
     growth : float
-        The largest factor by which a disturbance of m grows before it shrinks again (a product of eigenvalues).
+        The largest factor by which a disturbance of m grows before it shrinks again: by the product of the Jacobians
+        along the run. Of a law that integrates, a disturbance of the changes of m.
     rate : float
-        The geometric mean of the eigenvalues: below 1, the run as a whole forgets disturbances.
+        The factor per sample over the whole run: below 1, the run as a whole forgets disturbances.
+    kept : float or None
+        What becomes of a lasting error of 1 in m over the run; None of a law that does not integrate.
     """
 
     radius: Array
@@ -51,27 +55,51 @@ class Excursion:
     largest: float
     growth: float
     rate: float
+    kept: float | None = None
 
     @property
     def noteworthy(self) -> bool:
         """Whether a disturbance at least doubles on the way."""
-        return self.growth >= DOUBLES
+        return max(self.growth, self.kept or 0.0) >= DOUBLES
+
+    @property
+    def unstable(self) -> bool:
+        """Whether there is anything to say but that it forgets."""
+        return self.first is not None or self.noteworthy or self.rate >= 1
 
     def sentence(self, Ts: float | None = None) -> str:
         """Say where it repels, by how much a disturbance grows, and whether it stays."""
-        if self.first is None:
-            return "the law forgets its own errors all along the run"
-        when = f"sample {self.first}" + (f" (t = {self.first * Ts:.4g} s)" if Ts else "")
+        lasting = "" if self.kept is None else (
+            f"the law integrates: of an error of 1 in m at the start {self.kept:.3g} is left at the end; beside that "
+        )  # fmt: skip
+        it = "it" if lasting else "the law"
+        if not self.unstable:
+            return f"{lasting}{it} {self._forgets()}"
         grown = f"{self.growth:.3g} times" if self.growth < 1e4 else "more than 10 000 times"
         stays = (
             f"over the whole run it shrinks ({self.rate:.3g} times per sample on average): a transient excursion"
             if self.rate < 1
             else "over the whole run it does not shrink: the law can run away"
         )
-        return (
-            f"the law amplifies its own errors at {100 * self.share:.3g} % of the samples, first at {when} (internal "
-            f"eigenvalue {self.largest:.3g}, stable below 1): there a disturbance of m grows up to {grown}; {stays}"
-        )
+        if self.first is None:
+            where = (
+                f"does not forget its own errors, with no internal eigenvalue beyond 1 ({self.largest:.3g} at most):"
+            )
+        else:
+            when = f"sample {self.first}" + (f" (t = {self.first * Ts:.4g} s)" if Ts else "")
+            where = (
+                f"amplifies its own errors at {100 * self.share:.3g} % of the samples, first at {when} (internal "
+                f"eigenvalue {self.largest:.3g}, stable below 1): there"
+            )
+        return f"{lasting}{it} {where} a disturbance of m grows up to {grown}; {stays}"
+
+    def _forgets(self) -> str:
+        if np.isnan(self.rate):
+            return "was not moved: how it reacts to its own errors is not known"
+        left = self.rate**self.radius.size
+        told = [f"one grows up to {self.growth:.3g} times before it shrinks"] * (self.growth > 1 + ROUNDING)
+        told += [f"of one at the start {left:.3g} is left at the end"] * (left > FORGOTTEN)
+        return "forgets its own errors all along the run" + (f" ({'; '.join(told)})" if told else "")
 
 
 def radius(internal: InternalDynamics, m: Any, r: Any, s: float | None = None) -> Array:
@@ -111,6 +139,7 @@ def _numbers(internal: InternalDynamics) -> Any:
     """Return the polynomial with numbers, or say what keeps it from being one."""
     polynomial = internal.numbers
     unknown = polynomial.free_symbols - {z, mbar, rbar, direction, heading}
+    unknown |= {s.base for slope in internal.jacobian for s in samples(slope)} - {M, R}
     if unknown:
         raise ModelError(
             f"The eigenvalues of this law depend on {', '.join(sorted(map(str, unknown)))}: give the model values, and "
@@ -155,16 +184,19 @@ def excursion(internal: InternalDynamics, m: Any, r: Any, m0: float | None = Non
         if internal.turns[name].has(sp.sign):
             found = np.where(way == 0, np.nan, found)
     beyond = found > 1
-    logs = np.log(np.maximum(np.nan_to_num(found, nan=1.0, posinf=1e300), SMALLEST))
-    heights = np.concatenate([[0.0], np.cumsum(logs)])
-    grown = float(np.max(heights - np.minimum.accumulate(heights)))
+    values = internal.law.model.values
+    slopes = np.array([_along(e.xreplace(values), past, goal) for e in internal.jacobian]).reshape(-1, goal.size)
+    integrates = len(slopes) > sp.Poly(polynomial, z).degree()
+    moved = ~np.isnan(found)
+    growth, rate = disturbed((-np.cumsum(slopes[::-1], axis=0)[-2::-1] if integrates else slopes)[:, moved])
     return Excursion(
         found,
         float(np.mean(beyond)),
         int(np.argmax(beyond)) if beyond.any() else None,
         float(np.nan_to_num(found, posinf=1e300).max()),
-        float(np.exp(min(grown, 700.0))),
-        float(np.exp(np.mean(logs))),
+        growth,
+        float(rate ** (moved.sum() / moved.size)),
+        kept(slopes) if integrates else None,
     )
 
 
@@ -175,7 +207,7 @@ def _along(turn: Any, past: Array, goal: Array) -> Array:
     for s in samples(turn):
         x, offset = sources[s.base]
         columns.append(x[np.clip(rows - lag(s) + offset, 0, x.size - 1)])
-    return np.asarray(_function(turn)(*columns)[0], dtype=float)
+    return np.broadcast_to(np.asarray(_function(turn)(*columns)[0], dtype=float), goal.shape)
 
 
 @lru_cache(maxsize=256)
@@ -267,7 +299,7 @@ def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None, 
     ranges = law.model.info.ranges
     found = [f"{s}: this extrapolates" for s in beyond(law.model.info, "y", "reference", [r], law.model.Ts)]
     visit = None if damped else _excursion(law, m, r, m0)
-    unstable = visit.sentence(law.model.Ts) if visit is not None and visit.first is not None else ""
+    unstable = visit.sentence(law.model.Ts) if visit is not None and visit.unstable else ""
     if "u" in ranges and (out := leaves(law.model.info, "u", "compensated input", [m])):
         if excess(m, *ranges["u"]) > 10:
             raise Diverged(f"The law runs away: {out}; {unstable or 'check m0 and the reference'}.")
@@ -279,7 +311,7 @@ def run_away(law: Compensator, r: Array, path: Array, m0: float | None = None) -
     """Say what may have made a law diverge: a reference outside what was identified, its own dynamics on the way."""
     outside = leaves(law.model.info, "y", "reference", [r])
     visit = _excursion(law, path, r[: path.size], m0) if path.size > 1 else None
-    repels = visit is not None and visit.first is not None
+    repels = visit is not None and visit.unstable
     return [
         *([f"Here {outside}."] if outside else []),
         *([f"Before that, {visit.sentence(law.model.Ts)}."] if visit is not None and repels else []),
