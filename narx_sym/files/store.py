@@ -65,12 +65,23 @@ def to_dict(model: Model) -> dict[str, Any]:
 
 
 def to_text(model: Model) -> str:
-    """Return the content of a model file."""
-    return json.dumps(to_dict(model), indent=1, sort_keys=True, allow_nan=False) + "\n"
+    """Return the content of a model file, which `load` surely reads.
+
+    Raises
+    ------
+    ModelError
+        For an equation that the grammar has no words for, such as a Piecewise.
+    """
+    written = json.dumps(to_dict(model), indent=1, sort_keys=True, allow_nan=False) + "\n"
+    try:
+        from_dict(read_json(written))
+    except NarxError as error:
+        raise ModelError(f"A model file could not be read again: {error}") from None
+    return written
 
 
 def save(model: Model, path: Any) -> None:
-    """Write a model file; it appears whole or not at all."""
+    """Write a model file; it appears whole or not at all, and only where it can be read again."""
     write_text(path, to_text(model))
 
 

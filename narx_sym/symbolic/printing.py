@@ -167,6 +167,9 @@ class _Text(StrPrinter):
     def _print_Float(self, expr: Any) -> str:
         return repr(float(expr))
 
+    def _print_Exp1(self, expr: Any) -> str:  # the grammar has no name for it
+        return repr(float(expr))
+
     def _print_Function(self, expr: Any) -> str:
         row = row_of(expr)
         shown = ", ".join(map(self._print, arguments_of(expr) if row else expr.args))

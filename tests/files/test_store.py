@@ -272,3 +272,22 @@ def test_a_parameter_may_be_called_k(tmp_path):
     assert loaded.F == model.F and loaded.symbols == model.symbols
     with pytest.raises(ParseError, match="unknown name 'k'"):
         parse("k*u[k-1]")
+
+
+@pytest.mark.parametrize(
+    "factor", (sp.Piecewise((u[k - 1], u[k - 1] > 0), (0, True)), u[k - 1] * sp.Float(1e-305), u[k - 1] ** 40)
+)
+def test_nothing_is_written_that_could_not_be_read(factor, tmp_path):
+    a, b = sp.symbols("a b", real=True)
+    path = tmp_path / "m.json"
+    path.write_text("what was there before")
+    with pytest.raises(ModelError, match="could not be read again"):
+        ns.save(ns.Model(a * y[k - 1] + b * factor, (a, b), [0.5, 1.0]), path)
+    assert path.read_text() == "what was there before"
+
+
+def test_constants_with_names_are_numbers_in_a_file(tmp_path):
+    a, b = sp.symbols("a b", real=True)
+    model = ns.Model(a * y[k - 1] + b * sp.E * u[k - 1] + sp.pi * u[k - 2], (a, b), [0.5, 1.0])
+    step = np.ones(9)
+    assert np.array_equal(saved_and_loaded(model, tmp_path).simulate(step, 0.0), model.simulate(step, 0.0))
