@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import sympy as sp
 
 from ..errors import ModelError
-from ..symbolic.functions import SQRT, Elementary, arguments_of, row_of
+from ..symbolic.functions import SQRT, Elementary, X, arguments_of, row_of
 from .plan import Plan
 
 SUM, PRODUCT, CALL, NAME = range(4)  # how tightly a text binds
@@ -120,10 +120,18 @@ class Writer:
     def applied(self, row: Elementary, *arguments: tuple[str, int]) -> str:
         """Write a function of texts; one that is needed twice gets a name."""
         pattern, given = getattr(row, self.words), {}
+        if not pattern:
+            return self.defined(row, *arguments[0])
         for letter, (shown, binding) in zip("xy", arguments, strict=False):
             twice = pattern.count(f"{{{letter}}}") > 1 and binding != NAME
             given[letter] = self.stored(shown) if twice else shown
         return pattern.format(**given)
+
+    def defined(self, row: Elementary, shown: str, binding: int) -> str:
+        """Write a function of a text that the language has no word for, by its definition."""
+        argument = sp.Dummy(real=True)
+        self.names[argument] = shown if binding == NAME else self.stored(shown)
+        return self(row.definition.xreplace({X: argument}), CALL)
 
     def checked(self, value: float) -> float:
         """Refuse numbers that the language has no literal for."""

@@ -103,6 +103,33 @@ def _extreme(name: str, cls: Any, compares: str, definition: Any) -> Elementary:
     )  # fmt: skip
 
 
+def within(x: Any, low: Any, high: Any) -> Any:
+    """Return x held between two limits."""
+    return sp.Max(low, sp.Min(high, x))
+
+
+def _continued(last: int) -> Any:
+    """Return Lambert's continued fraction of tanh, from X^2/(2 n + 1) on."""
+    found = sp.Integer(last)
+    for odd in range(last - 2, 0, -2):
+        found = odd + X**2 / found
+    return X / found
+
+
+def _series(last: int) -> Any:
+    """Return the series of sinh up to X^last, as nested products."""
+    found = sp.S.One
+    for odd in range(last, 1, -2):
+        found = 1 + X**2 / (odd * (odd - 1)) * found
+    return X * found
+
+
+# Structured Text has neither; EXP by itself loses the digits of what is small. Beyond 20 tanh is 1 to the last digit.
+SMALL = sp.Rational(1, 2)
+TANH = sp.Piecewise(
+    (_continued(13), sp.And(-SMALL < X, X < SMALL)), (1 - 2 / (sp.exp(2 * within(X, -20, 20)) + 1), True)
+)
+SINH = sp.Piecewise((_series(13), sp.And(-SMALL < X, X < SMALL)), ((sp.exp(X) - sp.exp(-X)) / 2, True))
 SQRT = _library("sqrt", native="llvm.sqrt", dimension="root", everywhere=False)
 TABLE: tuple[Elementary, ...] = (
     Elementary(
@@ -113,10 +140,8 @@ TABLE: tuple[Elementary, ...] = (
     _library("sin"),
     _library("cos"),
     _library("tan", constant=False),
-    # Structured Text has no tanh; beyond 20 it is 1 to the last digit, and EXP could overflow.
-    _library("tanh", st="(1.0 - 2.0/(EXP(2.0*LIMIT(-20.0, {x}, 20.0)) + 1.0))",
-             inverse=sp.log((1 + X) / (1 - X)) / 2, values=(-1, 1)),
-    _library("sinh", st="((EXP({x}) - EXP(-{x}))/2.0)", constant=False),
+    _library("tanh", st="", definition=TANH, inverse=sp.log((1 + X) / (1 - X)) / 2, values=(-1, 1)),
+    _library("sinh", st="", definition=SINH, constant=False),
     _library("cosh", st="((EXP({x}) + EXP(-{x}))/2.0)", constant=False),
     _library("asin", numpy="arcsin({x})", everywhere=False),
     _library("acos", numpy="arccos({x})", everywhere=False),
@@ -145,11 +170,6 @@ TABLE: tuple[Elementary, ...] = (
 NAMES: dict[str, Elementary] = {name: row for row in TABLE for name in (row.name, *row.also)}
 CLASSES: dict[Any, Elementary] = {row.cls: row for row in TABLE}
 KINKED: tuple[Any, ...] = tuple(row.cls for row in TABLE if row.sides or row.extreme)
-
-
-def within(x: Any, low: Any, high: Any) -> Any:
-    """Return x held between two limits."""
-    return sp.Max(low, sp.Min(high, x))
 
 
 def follows(asked: Any, last: Any, rate: Any) -> Any:

@@ -1,6 +1,7 @@
 """Structured Text: a parser of the standard's grammar reads it, and walking its tree gives what Python gives."""
 
 import importlib.util
+import math
 import os
 import re
 import shutil
@@ -181,3 +182,13 @@ def test_a_compiler_agrees(name, tmp_path):
     ran = subprocess.run([tmp_path / "x"], input=rows.tobytes(), capture_output=True, check=True)
     expected = subject.expected(N)
     assert np.abs(np.frombuffer(ran.stdout) - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+@needs_blark
+@pytest.mark.parametrize("name", ("tanh", "sinh"))
+def test_small_arguments_keep_their_digits(name):
+    """To the last digits of doubles, at any size and on both sides of where the formula changes."""
+    block = Block(ns.NARX.from_terms([f"{name}(u[k-1])"], [1.0]).to_st())
+    sizes = [1e-300, 1e-12, 1e-6, 1e-3, 0.1, 0.49999, 0.5, 0.50001, 1.0, 10.0, 19.9]
+    given = [sign * x for x in sizes for sign in (1, -1)]
+    np.testing.assert_allclose([block.scan(U=x) for x in given], [getattr(math, name)(x) for x in given], rtol=2e-15)
