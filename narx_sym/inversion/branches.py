@@ -11,7 +11,7 @@ from ..errors import NotInvertible
 from ..symbolic.functions import CLASSES, KINKED, X
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import samples
+from ..symbolic.signals import renamed, samples
 from .kinks import places, solve_kinked
 from .monotone import steepness
 from .nodes import solve_nodes
@@ -60,7 +60,9 @@ def solve_for(
     slope = derivative(G, w)
     kinks = [n for n in G.atoms(*KINKED) if n.has(w)]
     made = {"unknown": unknown, "target": target, "expr": expr, "last": last}
-    if not kinks and not slope.has(w) and (values or not samples(slope)):
+    names = {s: sp.Dummy() for s in samples(G)}
+    known = bool(values) or not renamed(G, names).free_symbols - {w, *names.values()}
+    if not kinks and not slope.has(w) and (known or not samples(slope)):
         size = number(slope, values)
         if slope == 0 or size == 0 or (size is not None and abs(size) < 1e-300):
             raise NotInvertible(f"{text(unknown)} does not matter: its coefficient is zero.")
@@ -70,7 +72,7 @@ def solve_for(
             return Solution(how="linear", branches=(solved,), **made)
         still = Branch(sp.Eq(slope, 0), last)  # where it does not act, it stays: nothing is divided by zero
         return Solution(how="linear", branches=(still, solved), needs=(sp.Ne(slope, 0),), **made)
-    if not values:
+    if not known:
         raise NotInvertible(f"{text(unknown)} is not alone in a linear term: a law needs the parameters' values.")
     if kinks:
         if slope == 0:

@@ -111,7 +111,8 @@ class Model(ModelDoors):
         info: Info,
         effects: Sequence[AddedEffect],
     ) -> None:
-        """Take what stands beside the equations."""
+        """Take what stands beside the equations; without parameters their values are known."""
+        theta = () if theta is None and not self.symbols else theta
         try:
             theta, standard_errors = (n if n is None else [float(v) for v in n] for n in (theta, standard_errors))
             Ts = None if Ts is None else float(Ts)

@@ -14,7 +14,7 @@ from narx_sym.errors import NotInvertible
 from narx_sym.inversion.branches import solve_for
 from narx_sym.inversion.solution import Branch, Root, Solution, number
 from narx_sym.models.effects import clip
-from narx_sym.symbolic.signals import k, m, r, samples, signal, v
+from narx_sym.symbolic.signals import k, m, r, samples, signal, u, v, y
 
 a, b, c, d, w, h = sp.symbols("a b c d width h", real=True)
 p = signal("p")
@@ -218,7 +218,7 @@ def test_what_cannot_be_solved():
     for expr in (sp.sign(m[k] - LAST) * p[k - 1], 0.0 * m[k] + p[k - 1], c * m[k] - c * m[k] + p[k - 1]):
         with pytest.raises(NotInvertible, match=r"only through its sign|does not matter"):
             solve(sp.sympify(expr))
-    for expr in (CASES["dead zone"], CASES["linear with a changing gain"], m[k] ** 2):
+    for expr in (CASES["dead zone"], CASES["linear with a changing gain"], c * m[k] ** 2):
         with pytest.raises(NotInvertible, match="values"):
             solve(expr, {})
     assert solve(a * m[k] + p[k - 1], {}).value == (v[k] - p[k - 1]) / a
@@ -283,3 +283,14 @@ def test_numbers_in_which_samples_cancel():
 def test_a_proof_says_what_brute_force_finds(terms, theta, said):
     proof = str(ns.NARX.from_terms(terms, theta, Ts=0.1).compensator().checked)
     assert said in proof and "False" not in proof and "oo*" not in proof
+
+
+def test_numbers_in_the_equation_are_known():
+    """y[k] = 0.5 y[k-1] + 2 u[k-1] + |u[k-1]|, with parameters and without."""
+    a, b, c = sp.symbols("a b c", real=True)
+    plain = ns.Model(0.5 * y[k - 1] + 2 * u[k - 1] + sp.Abs(u[k - 1]), [])
+    named = ns.Model(a * y[k - 1] + b * u[k - 1] + c * sp.Abs(u[k - 1]), [a, b, c], [0.5, 2.0, 1.0])
+    goal = np.sin(np.arange(40) / 5)
+    assert np.allclose(plain.compensator().run(goal, 0.0), named.compensator().run(goal, 0.0), rtol=1e-12)
+    with pytest.raises(ns.NarxError, match="needs the parameters' values"):
+        named.replace(theta=None).compensator()
