@@ -8,7 +8,7 @@ import numpy as np
 
 Array = np.ndarray
 SMALLEST, FAR = 1e-12, 1e100  # of a factor, so that its logarithm is finite; beyond which nothing is followed
-FORGOTTEN, LOOKED = 1e-2, 20_000_000  # of a disturbance; how many products at most
+FORGOTTEN, LOOKED = 1e-2, 5_000_000  # of a disturbance; how many products at most
 
 
 def disturbed(slopes: Array) -> tuple[float, float]:

@@ -69,9 +69,10 @@ class Excursion:
 
     def sentence(self, Ts: float | None = None) -> str:
         """Say where it repels, by how much a disturbance grows, and whether it stays."""
-        lasting = "" if self.kept is None else (
-            f"the law integrates: of an error of 1 in m at the start {self.kept:.3g} is left at the end; beside that "
-        )  # fmt: skip
+        lasting = ""
+        if self.kept is not None:
+            left = f"{self.kept:.3g}" if self.kept > FORGOTTEN else f"less than {FORGOTTEN:g}"
+            lasting = f"the law integrates: of an error of 1 in m at the start {left} is left at the end; beside that "
         it = "it" if lasting else "the law"
         if not self.unstable:
             return f"{lasting}{it} {self._forgets()}"
