@@ -4,7 +4,8 @@
 # integrated at 1 ms throughout. A model with $\phi_{1,k-1}$ answers one sample late, the plant does not: an error of
 # $T_s |\dot{r}|$ on average, 0.2 % per ms for 40 sin(2πt). "First differences of the input" are sensitive to $T_s$.
 # The inverse's $\theta_5$ and $\theta_6$ act per sample: its law's eigenvalue $\theta_1 + s_r\theta_5 r$ moves away
-# from 1 with $T_s$, and from 40 ms on the law runs away on some seeds (tests/bench/sweeps.py).
+# from 1 with $T_s$. Up to 30 ms an error of the law hardly grows along this run; from 40 ms on the law runs away on some
+# seeds (tests/bench/sweeps.py).
 
 # %%
 import warnings
@@ -80,6 +81,6 @@ assert np.all(np.diff(middle[:, :4], axis=0) > 0)  # accuracy deteriorates with 
 correlation = [np.corrcoef(middle[:, i], middle[:, i + 1])[0, 1] for i in (0, 2)]
 assert min(correlation) > 0.99  # ... and tracking follows the model
 assert np.all(middle[-1, :4] < 0.2 * STEPS[-1])
-assert middle[0, 5] < 2 < middle[-1, 5]  # law 2 forgets less and less
+assert middle[:, 5].max() < 1.1  # along the run law 2 forgets its own errors: it moves, its eigenvalue is for slow motion
 # The paper: strategy 1 is somewhat less sensitive to the model's accuracy.
 assert np.mean(middle[:, 1] / middle[:, 0]) < np.mean(middle[:, 3] / middle[:, 2])
