@@ -124,8 +124,8 @@ def print_fair(rows: list[tuple[str, Any]], align: bool, units: dict[str, str]) 
         columns += ["offset estimated", f"offset{f' [{unit}]' if unit else ''}"]
     table("Free-run NRMSE after the first part, which is used for the estimates", columns, shown)
     for name, a in rows:
-        if not align and a.offset_explains:
-            note(f"{name}: {a.sentence(unit)}; --align estimates it")
+        if said := a.advice(align, unit):
+            note(f"{name}: {said}")
 
 
 def print_equations(model: Model) -> None:

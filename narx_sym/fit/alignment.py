@@ -59,15 +59,43 @@ class Aligned:
     size: float
 
     @property
+    def helps(self) -> bool:
+        """Whether the offset of the first part lessens the error of the rest."""
+        return self.aligned < min(self.raw, self.started)
+
+    @property
     def offset_explains(self) -> bool:
-        """Whether a constant explains most of the raw error."""
-        return self.constant > MOST
+        """Whether a constant explains most of the raw error, and the first part shows it."""
+        return self.constant > MOST and self.helps
 
     def sentence(self, unit: str = "") -> str:
         """Say how much of the error a constant is; an empty text where it is not most of it."""
         if not self.offset_explains:
             return ""
-        return f"{self.size:.2g}{f' {unit}' if unit else ''} of the error is an offset of the new record"
+        return f"{self._amount(unit)} of the error is an offset of the new record"
+
+    def advice(self, asked: bool, unit: str = "") -> str:
+        """Say what comes of an estimate of the offset, or came of one that was `asked` for; empty where that is plain.
+
+        What the first part shows need not hold for the rest: it may be a transient from before the record.
+        """
+        if self.offset_explains:
+            return "" if asked else f"{self.sentence(unit)}; --align estimates it"
+        other = "leave that out with --rows A:, or estimate on more with --align-on SECONDS"
+        if asked and self.aligned > min(self.raw, self.started):
+            return (
+                f"the offset of the first part makes the error of the rest larger ({self.aligned:.3g} instead of "
+                f"{min(self.raw, self.started):.3g}): it begins with something else, such as a transient; {other}"
+            )
+        if self.constant > MOST:
+            return (
+                f"{self._amount(unit)} of the error is a constant that the first part does not show: it begins with "
+                f"something else, such as a transient; {other}, and --align"
+            )
+        return ""
+
+    def _amount(self, unit: str) -> str:
+        return f"{self.size:.2g}{f' {unit}' if unit else ''}"
 
 
 def aligned(model: Model, records: Records, first: float | None = None) -> Aligned:

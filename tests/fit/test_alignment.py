@@ -71,6 +71,22 @@ def test_each_segment_has_its_own_offset():
     assert found.constant > 0.9 and found.sentence("um").endswith(" um of the error is an offset of the new record")
 
 
+def test_a_first_part_that_shows_something_else_is_said():
+    """An offset that the start hides is no advice; what is estimated there all the same is told as what it is."""
+    still = ns.NARX.from_terms(["u[k]"], [0.7], Ts=TS)
+    y = 0.7 * U + 2.0
+    y[:41] -= 8.0
+    found = still.aligned(ns.Record.from_arrays(U, y, Ts=TS), first=0.4)
+    assert found.constant > 0.99 and found.aligned > found.started == found.raw
+    assert not found.offset_explains and not found.sentence()
+    assert found.advice(False, "um").startswith("2 um of the error is a constant that the first part does not show")
+    assert f"larger ({found.aligned:.3g} instead of {found.raw:.3g})" in found.advice(True)
+    shown = still.aligned(driven(still, offset=2.0))
+    assert shown.advice(False).endswith("--align estimates it") and not shown.advice(True)
+    none = LINEAR.aligned(driven(LINEAR))
+    assert not none.advice(False) and not none.advice(True)
+
+
 def test_refusals():
     with pytest.raises(ModelError, match="positive"):
         LINEAR.aligned(driven(LINEAR), first=-1.0)
