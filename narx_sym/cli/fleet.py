@@ -54,7 +54,7 @@ def fleet(
 ) -> None:
     """Diagnose many records in parallel: one page, the worst first, machine by effect, and what grows."""
     from ..files.journal import resuming
-    from ..report.fleet import beside, write_fleet
+    from ..report.fleet import beside, nothing, write_fleet
     from ..tasks.fleet import Settings, entries
     from ..tasks.fleet import fleet as run
 
@@ -76,7 +76,7 @@ def fleet(
         [
             r["tag"],
             Path(r["file"]).name,
-            r["problem"] or ", ".join(r["missing"]) or "-",
+            r["problem"] or ", ".join(r["missing"]) or nothing(r),
             f"{100 * r['explained']:.0f} %",
         ]
         for r in rows[:SHOWN]

@@ -38,12 +38,25 @@ def write_fleet(rows: Sequence[Row], path: Path, reports: str = "") -> list[Path
         rows=rows, unit=_same_unit(rows), reports=reports, badges=words.BADGES, heat=heat(rows), trends=trends(rows),
         colours=stylesheet(), style=style(), width=WIDTH, height=HEIGHT,
         found=sum(bool(r["missing"]) for r in rows), problems=sum(bool(r["problem"]) for r in rows),
+        judged=sum(map(judged, rows)), nothing=nothing,
     )  # fmt: skip
     write_text(path, told)
     tables = beside(path)
     for table in tables:
         write_bytes(table, as_csv(rows).encode("utf-8") if table.suffix == ".csv" else as_parquet(rows))
     return [path, *tables]
+
+
+def judged(row: Row) -> bool:
+    """Whether a record was judged: a file that cannot be read is not healthy, nor is a loop under a controller."""
+    return not row["problem"] and row["verdict"] != "closed_loop"
+
+
+def nothing(row: Row) -> str:
+    """Say in words that nothing is named in a record."""
+    if not judged(row):
+        return "not judged"
+    return "nothing that the record shows" if row["finding"] == "nothing_detectable" else "nothing is named"
 
 
 def _same_unit(rows: Sequence[Row]) -> str:
@@ -88,11 +101,13 @@ def as_csv(rows: Sequence[Row]) -> str:
 
 
 def heat(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return tag by effect: in how many records of a tag an effect may be missing, and of how many."""
+    """Return tag by effect: in how many records of a tag an effect may be missing, of how many that were judged."""
     tags = sorted({r["tag"] for r in rows})
     effects = sorted({e for r in rows for e in r["missing"]})
     counts = {t: [sum(e in r["missing"] for r in rows if r["tag"] == t) for e in effects] for t in tags}
-    return {"effects": effects, "counts": counts, "of": {t: sum(r["tag"] == t for r in rows) for t in tags}}
+    of = {t: sum(judged(r) for r in rows if r["tag"] == t) for t in tags}
+    left = {t: sum(not judged(r) for r in rows if r["tag"] == t) for t in tags}
+    return {"effects": effects, "counts": counts, "of": of, "left": left}
 
 
 def trends(rows: Sequence[Row]) -> list[Row]:

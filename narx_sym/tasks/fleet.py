@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import re
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ Row = dict[str, Any]
 SUFFIXES = (".csv", ".npz", ".mat", ".parquet", ".mf4", ".mdf", ".tdms")
 LIST = "file"  # the column that makes a CSV a list of records
 COLUMNS = {"u": "u", "y": "y", "t": "t"}
+UNKNOWN = "unknown"  # the machine of a record whose path does not tell it
 
 
 @dataclass(frozen=True)
@@ -73,14 +75,15 @@ def entries(source: str | Path, group: str = "", columns: dict[str, str] | None 
         The list may have the columns u, y and t (names of columns in that record); files are relative to it.
     group : str
         What tells the machine: a column of the list, or a regular expression for the path (its first group).
-        By default the column `tag`, or the folder that a record is in.
+        By default the column `tag`, or the folder that a record is in. A path that does not match is of the machine
+        `UNKNOWN`, and a warning says so.
     columns : dict, optional
         Names of the columns u, y, t.
 
     Raises
     ------
     DataError
-        Where nothing is found, or the list lacks a column or a file.
+        Where nothing is found, no path matches, or the list lacks a column or a file.
     """
     named, path = {**COLUMNS, **(columns or {})}, Path(source)
     listed = _listed(path, group, named) if path.is_file() else _found(path, group, named)
@@ -105,10 +108,23 @@ def _found(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
     found = []
     for file in files:
         if file.suffix.lower() in SUFFIXES and file.is_file():
-            match = pattern.search(str(file)) if pattern else None
-            tag = match[1 if match.re.groups else 0] if match else file.parent.name
+            tag = _machine(pattern, file) if pattern else file.parent.name
             found.append(Entry(file, tag, tuple(columns.items())))
+    others = [e.file for e in found if pattern and e.tag == UNKNOWN]
+    if others and len(others) == len(found):
+        raise DataError(f"--group {group!r} matches no path, such as {others[0]}.")
+    if others:
+        warnings.warn(
+            f"--group {group!r} does not match {len(others)} of {len(found)} paths, such as {others[0]}: their machine "
+            f"is called {UNKNOWN}",
+            stacklevel=3,
+        )
     return found
+
+
+def _machine(pattern: re.Pattern[str], file: Path) -> str:
+    match = pattern.search(str(file))
+    return (match[1 if pattern.groups else 0] if match else "") or UNKNOWN
 
 
 def _relative(path: Path) -> str:

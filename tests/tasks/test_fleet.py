@@ -85,11 +85,18 @@ def test_the_page_and_the_csv_say_the_same(tmp_path):
     rows = [*grows, healthy, left, broken]
     page, table, *_ = write_fleet(rows, tmp_path / "plant.html", "reports/")
     text = page.read_text()
-    assert "3 of 6 records" in text and "V&lt;2&gt;" in text and "no column y" in text and "polyline" in text
+    assert (
+        "3 of 5 records that were judged" in text
+        and "V&lt;2&gt;" in text
+        and "no column y" in text
+        and "polyline" in text
+    )
     assert "http" not in text.split("</style>")[1] and "<script" not in text
     read = list(csv.DictReader(table.open()))
     assert [r["missing"] for r in read] == ["backlash"] * 3 + ["", "", ""] and read[2]["sizes"] == "backlash r=0.5"
     assert heat(rows)["counts"] == {"V1": [3], "V3": [0], "V4": [0], "V<2>": [0]}
+    assert heat(rows)["of"] == {"V1": 3, "V3": 0, "V4": 1, "V<2>": 1} and heat(rows)["left"]["V3"] == 1
+    assert text.count(">0 of 1<") == 2 and '<td class="heat">-</td><td class="heat">1</td>' in text
     assert text.count("nothing that the record shows") == 1 and "something left, too little" in text
     (trend,) = trends(rows)
     assert trend["values"] == pytest.approx([0.3, 0.4, 0.5])
@@ -117,6 +124,15 @@ def test_entries_from_patterns_and_lists(folder, tmp_path):
     ):  # fmt: skip
         with pytest.raises(DataError, match=said):
             entries(source, group=group)
+
+
+def test_a_path_that_does_not_tell_its_machine_is_said(folder):
+    with pytest.warns(
+        UserWarning, match=r"does not match 1 of 3 paths, such as .*one.csv: their machine is called unk"
+    ):
+        assert [e.tag for e in entries(folder, group=r"V(2)|one")] == ["unknown", "2", "2"]
+    with pytest.raises(DataError, match=r"--group 'FV1' matches no path, such as .*one.csv"):
+        entries(folder, group="FV1")
 
 
 def test_a_budget_ends_one_record(folder, monkeypatch):
@@ -171,5 +187,7 @@ def test_parquet_where_its_writer_is_there(folder, tmp_path, run, monkeypatch):
 
 
 def test_what_was_not_judged_is_not_called_healthy(tmp_path):
-    page, *_ = write_fleet([ROW | {"verdict": "closed_loop", "missing": [], "sizes": {}}], tmp_path / "plant.html")
-    assert "not judged" in page.read_text() and "nothing that the record shows" not in page.read_text()
+    row = ROW | {"verdict": "closed_loop", "missing": [], "sizes": {}}
+    page, *_ = write_fleet([row], tmp_path / "plant.html")
+    assert "0 of 0 records that were judged" in page.read_text() and heat([row])["left"] == {"V1": 1}
+    assert ">not judged</td>" in page.read_text() and "nothing that the record shows" not in page.read_text()
