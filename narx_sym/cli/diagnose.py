@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,6 +27,7 @@ from .options import (
     Time,
     Ts,
     Units,
+    again,
     check_format,
     check_targets,
     records,
@@ -43,7 +45,11 @@ if TYPE_CHECKING:
     from ..models.model import Model
 
 
+RESULTS = ("json_file", "save", "plot", "experiment", "report", "verbose", "quiet")  # what is written and printed
+
+
 def diagnose(
+    context: typer.Context,
     data: DataFiles,
     base: Annotated[str, typer.Option(help="narx, linear, static, play, bouc-wen, auto, or a model file.")] = "linear",
     delay: Annotated[
@@ -84,7 +90,8 @@ def diagnose(
     from ..files.journal import resuming
 
     check_limits(limits)
-    targets = Targets(json_file, save, plot, experiment, report, -1 if quiet else int(verbose))
+    typed = again(context, RESULTS)
+    targets = Targets(json_file, save, plot, experiment, report, -1 if quiet else int(verbose), typed)
     file = Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
     check_targets([*targets.paths, resume], *data, *(effects or []), file)
     check_format(plot)
@@ -135,7 +142,7 @@ def _begin(base: Model | str, measured: list[Record], delay: int | None) -> Mode
 
 @dataclass(frozen=True)
 class Targets:
-    """The files that a diagnosis may write."""
+    """The files that a diagnosis may write, how much it prints, and the other options of the command."""
 
     json_file: Path | None
     save: Path | None
@@ -143,6 +150,7 @@ class Targets:
     experiment: Path | None
     report: Path | None
     loud: int = 0  # -1: one line; 1: tables too
+    typed: Mapping[str, list[str]] = field(default_factory=dict)
 
     @property
     def where(self) -> Path | None:
@@ -236,13 +244,16 @@ class Targets:
 
 
 def _command(found: Diagnosis, data: list[Path], base: str, targets: Targets) -> str:
-    """Return the command to go on with, if there is one."""
-    run = f"narx-sym diagnose {' '.join(shlex.quote(str(path)) for path in data)}"
-    base = shlex.quote(base)
+    """Return the command to go on with, if there is one: with every option that says what is read, and how."""
+    files, options = [*map(str, data)], {"--base": ["--base", base], **targets.typed}
     if found.verdict == "confused":
-        return f"{run} NEW_RECORD.csv --base {base}"
-    if found.verdict == "helps_but_incomplete" and not found.exhausted:
-        return f"{run} --base {base} --max-effects {1 + sum(len(s.added) for s in found.steps)}"
-    if found.rungs[1:] and targets.save is None:
-        return f"{run} --base {base} --save model.json"
-    return f"{run} --base {base} --report report.html" if targets.report is None else ""
+        files.append("NEW_RECORD.csv")
+    elif found.verdict == "helps_but_incomplete" and not found.exhausted:
+        options["--max-effects"] = ["--max-effects", str(1 + sum(len(s.added) for s in found.steps))]
+    elif found.rungs[1:] and targets.save is None:
+        options["--save"] = ["--save", "model.json"]
+    elif targets.report is None:
+        options["--report"] = ["--report", "report.html"]
+    else:
+        return ""
+    return shlex.join(["narx-sym", "diagnose", *files, *(word for words in options.values() for word in words)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -115,7 +116,10 @@ def _follow(law: Compensator, goal: Any, out: Path, model_file: Path, m0: float 
     say(f"Compensated input: {len(m)} samples, m in [{m.min():.4g}, {m.max():.4g}]")
     how = "starts from rest" if run.rests else "starts where the model does not rest,"
     say(f"It {how} at m = {run.start:.6g} with the output at {r[0]:.6g}. To see what the model expects:")
-    say(f"  narx-sym simulate {model_file} {out} --input m --u0 {run.start:.10g} --y0 {r[0]:.10g} --out expected.csv")
+    files = shlex.join([str(model_file), str(out)])
+    say(
+        f"  narx-sym simulate {files} --input m --u0 {run.start:.10g} --y0 {r[0]:.10g} --out expected.csv", markup=False
+    )
     if run.effort is not None:
         say(f"NSAVI (effort against the reference's): {run.effort:.4g}")
     say(f"Written to {out}")

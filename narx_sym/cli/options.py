@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperOption
 
 from ..errors import DataError
 from .printing import note
@@ -80,6 +81,19 @@ def records(
         for text in what_to_know(record):
             note(f"{file.name}: {text}")
     return listed
+
+
+def again(context: typer.Context, left_out: Sequence[str] = ()) -> dict[str, list[str]]:
+    """Return the options that were typed, as they would be typed again, by name; without some parameters."""
+    typed: dict[str, list[str]] = {}
+    for one in context.command.params:
+        name, source = one.name or "", context.get_parameter_source(one.name or "")
+        if not isinstance(one, TyperOption) or name in left_out or source is None or source.name != "COMMANDLINE":
+            continue
+        values = context.params[name] if one.multiple else [context.params[name]]
+        words = [[] if one.is_flag else map(str, value if one.nargs > 1 else [value]) for value in values]
+        typed[one.opts[0]] = [word for own in words for word in (one.opts[0], *own)]
+    return typed
 
 
 def say_resumed(journal: Journal | None, file: Path | None) -> None:

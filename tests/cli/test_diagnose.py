@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 import re
+import shlex
 import sys
 
 import numpy as np
@@ -134,6 +135,31 @@ def test_five_lines_first_and_the_same_data_and_seed_give_the_same_file(files, d
     first, second = ((files / name).read_text().splitlines() for name in ("d.json", "again.json"))
     differ = [(a, b) for a, b in zip(first, second, strict=True) if a != b]
     assert all('"seconds"' in a for a, _ in differ) and len(differ) <= 1
+
+
+def test_the_command_to_go_on_with_reads_the_data_as_this_one_did(files, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = (files / "dead.csv").read_text().replace("t,u,y,temp", "Zeit s,Spannung,Weg,temp").splitlines()
+    rows[50] = rows[50].replace(",", ",nan,", 1)[: rows[50].rindex(",")]
+    (tmp_path / "my record.csv").write_text("\n".join(rows[:602]))
+    options = [
+        "--time", "Zeit s", "--input", "Spannung", "--output", "Weg", "--rows", "10:600", "--missing", "drop", "--units",
+        "V,mm", "--channels", "temp", "--delay", "1", "--max-effects", "1", "--limits", "-3.0", "3.0", "--effects",
+        str(files / "own.toml"),
+    ]  # fmt: skip
+    code, text, err = run("diagnose", "my record.csv", *options, "--json", tmp_path / "d.json")
+    assert code == 0, err
+    (line,) = [line for line in text.splitlines() if line.startswith("  narx-sym ")]
+    said = shlex.split(line)
+    at = [said.index(option) for option in options if option.startswith("--")]
+    assert said[:3] == ["narx-sym", "diagnose", "my record.csv"] and "--json" not in said
+    assert all(said[i : i + 2] == options[options.index(said[i]) :][:2] for i in at)
+    assert said[said.index("--limits") + 2] == "3.0"
+    stop = said.index("NEW_RECORD.csv") if "NEW_RECORD.csv" in said else None
+    if stop is not None:
+        del said[stop]
+    code, _, err = run(*said[1:], "--quiet")
+    assert code == 0, err
 
 
 @pytest.mark.parametrize("given", some([3, 1]))
