@@ -62,6 +62,17 @@ def moving_blocks(x: Array, block: int, draws: int, rng: np.random.Generator) ->
     return np.asarray(x[(starts[:, :, None] + np.arange(block)).reshape(draws, -1)[:, :n]])
 
 
+def fresh_blocks(x: Array, block: int, draws: int, size: int, rng: np.random.Generator) -> Array:
+    """Return series as new records might show them, (draws, size): blocks drawn from those of a resampled record.
+
+    Each has a record of its own. So they also differ by what one record does not tell of its own noise.
+    """
+    starts = rng.integers(0, x.size - block + 1, size=(draws, -(-x.size // block)))
+    drawn = rng.integers(0, starts.shape[1], size=(draws, -(-size // block)))
+    own = np.take_along_axis(starts, drawn, axis=1)
+    return np.asarray(x[(own[:, :, None] + np.arange(block)).reshape(draws, -1)[:, :size]])
+
+
 def block_bootstrap(
     model: Model, records: Records, draws: int = 200, block: int | None = None, seed: int = 0, steps: int = 2
 ) -> Bootstrap:

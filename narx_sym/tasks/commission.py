@@ -13,7 +13,7 @@ from ..data.coverage import beyond
 from ..data.metrics import rms
 from ..data.units import said_first
 from ..errors import Diverged, ModelError
-from ..fit.bootstrap import block_bootstrap, moving_blocks
+from ..fit.bootstrap import block_bootstrap, fresh_blocks
 from ..fit.identify import prepare
 from ..fit.laws.damping import Share
 from ..fit.least_squares import describe
@@ -43,7 +43,7 @@ class Commissioning:
     run : the law's run: its input and where it starts
     low, high : (N,) arrays, the band of the tracking error, 95 % at each sample [unit of the output]
     errors : (draws,) array, rms tracking error of each parameter set with what its model leaves unexplained
-    unexplained : rms of what the model leaves on its records, part of every error [unit of the output]
+    unexplained : median rms of what is added of that, part of every error [unit of the output]
     plain : the input of the best constant gain, which the law is compared with
     without : median of the same errors under that input [unit of the output]
     steepest : largest change of the input [its unit per sample]
@@ -71,7 +71,7 @@ class Commissioning:
 
     @property
     def worst(self) -> float:
-        """The rms tracking error that 95 % of the parameter sets stay below [unit of the output]."""
+        """The rms tracking error that 95 % of the runs which the records allow stay below [unit of the output]."""
         return float(np.quantile(self.errors, LEVEL))
 
     @property
@@ -86,9 +86,9 @@ class Commissioning:
         gain = self.without / self.expected if self.expected else np.inf
         less = f"{gain:.3g} times less than" if gain > GAINS else "no less than"
         beside = f", {less} {WITHOUT} ({self.plain})" if np.isfinite(gain) else ""
-        text = f"Expected: an error of {self.expected:.3g}{of_y} rms{beside}; 95 % of the parameter sets stay below"
+        text = f"Expected: an error of {self.expected:.3g}{of_y} rms{beside}; 95 % of the runs that the records allow"
         left = f"What the model leaves unexplained, {self.unexplained:.3g}{of_y} rms, is part of it."
-        text += f" {self.worst:.3g}{of_y}. {left}"
+        text += f" stay below {self.worst:.3g}{of_y}. {left}"
         text += f" The input changes by up to {self.steepest:.3g}{of_u} per sample."
         return f"{'Go' if self.go else 'No go'}. {text}{''.join(f' {reason}.' for reason in self.against)}"
 
@@ -108,7 +108,8 @@ def commission(
     """Run a law over a reference, and its input through many models that the records allow as well.
 
     The parameter sets are those of a moving-block bootstrap (Kunsch 1989) of the records on which the model was
-    fitted; to each run a piece of what the model leaves unexplained there is added, drawn in blocks too.
+    fitted; to each run a piece of what the model leaves unexplained there is added, drawn in blocks too, from a
+    resampled record: how much is left on one record is not how much is left on the next.
 
     Parameters
     ----------
@@ -130,8 +131,7 @@ def commission(
     run = follow(law, r, m0, limits=limits, rate=rate, share=share)
     left = np.concatenate([s.y - free_run(model, s) for one in listed for s in one.segments()])
     drawn = block_bootstrap(model, listed, draws, seed=seed)
-    pieces = moving_blocks(left, drawn.block, draws * -(-r.size // left.size), np.random.default_rng(seed))
-    noise = pieces.reshape(draws, -1)[:, : r.size]
+    noise = fresh_blocks(left, drawn.block, draws, r.size, np.random.default_rng(seed))
 
     def missed(m: Array, start: float) -> Array:
         """Return y - r under an input for each parameter set, (sets, N); NaN where that one runs away."""
@@ -156,7 +156,7 @@ def commission(
     worse = float(np.mean(errors[stays] > GAINS * bare[stays]))  # set by set: the same machine, the same noise
     found = Commissioning(
         law, r, run, low, high,
-        errors=errors[stays], unexplained=float(rms(left)),
+        errors=errors[stays], unexplained=float(np.median(rms(noise[stays]))),
         plain=plain, without=float(np.median(np.nan_to_num(bare, nan=np.inf))),
         steepest=float(np.abs(np.diff(run.m, prepend=run.start)).max()),
         at_limits=float(run.held.mean()),

@@ -7,6 +7,7 @@ import pytest
 
 import narx_sym as ns
 from narx_sym.files.atomic import write_csv
+from narx_sym.fit.bootstrap import fresh_blocks, moving_blocks
 
 TS, NOISE, N = 0.01, 0.01, 1500
 T = np.arange(N) * TS
@@ -49,6 +50,23 @@ def test_what_is_expected_is_what_comes():
         inside.append(np.mean((one.low <= error) & (error <= one.high)))
         assert one.expected == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.1)
     assert below >= 17 and np.mean(inside) == pytest.approx(0.95, abs=0.02)
+
+
+def test_what_one_record_does_not_tell_of_its_own_noise_is_in_the_errors():
+    """Of white noise the mean square of a new record differs from that of an old one by two such spreads."""
+    x, rng = np.random.default_rng(1).standard_normal(900), np.random.default_rng(2)
+    fresh = np.mean(fresh_blocks(x, 10, 4000, 900, rng) ** 2, axis=1)
+    same = np.mean(moving_blocks(x, 10, 4000, rng) ** 2, axis=1)
+    assert np.var(fresh) == pytest.approx(2 * np.var(same), rel=0.15) and np.mean(fresh) == pytest.approx(1, abs=0.1)
+    assert fresh_blocks(x, 10, 3, 2000, rng).shape == (3, 2000)
+
+
+def test_a_part_is_no_larger_than_the_whole():
+    """What a start leaves in few blocks is not what is left as a rule."""
+    record = log(0)
+    y = record.y + 2.0 * 0.8 ** np.arange(N)
+    one = law_from(record).commission(GOAL, ns.Record.from_arrays(record.u, y, Ts=TS), draws=60)
+    assert one.unexplained < 1.001 * one.expected
 
 
 def test_nothing_speaks_against_a_good_law(found):
