@@ -54,6 +54,7 @@ def commission(
 ) -> None:
     """Go or no go: what a law would reach on the machine, by Monte Carlo over what the records allow."""
     from ..data.record import read_signal
+    from ..data.units import said_first
     from ..files.store import load
     from ..report.plots import plot_commissioning
     from ..tasks.base import other_pace
@@ -64,7 +65,7 @@ def commission(
     check_targets([plot, json], model_file, reference, *data)
     model = load(model_file)
     measured = records(data, u, y, t, ts, "", rows, missing, units, model)
-    names = dict(measured[0].units)
+    names = said_first(model.info.units, measured[0].units)
     goal, step, _ = read_signal(
         reference, column, t=t, option="--column", prefer="r", unit=names.get("y", ""), offers=()
     )

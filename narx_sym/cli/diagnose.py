@@ -88,6 +88,7 @@ def diagnose(
     from ..diagnosis.experiment import check_limits
     from ..diagnosis.procedure import diagnose as run
     from ..files.journal import resuming
+    from ..tasks.base import what_to_know
 
     check_limits(limits)
     typed = again(context, RESULTS)
@@ -107,6 +108,9 @@ def diagnose(
                 report=progress,
             )  # fmt: skip
     say_resumed(journal, resume)
+    known = {f"{r.name}: {text}" for r in measured for text in what_to_know(r)}
+    for said in [text for text in found.data_notes if text not in known]:  # the others were printed when it was read
+        note(said)
     settings = {
         "base": base,
         "delay": "found" if delay is None else delay,
@@ -179,6 +183,9 @@ class Targets:
         settings: dict[str, Any],
     ) -> None:
         """Write all files, and then print what was found: a closed pipe loses none."""
+        from ..report.words import with_units
+
+        found = with_units(found, units)
         self._write_next(found, units)
         if self.plot is not None and self.where is not None:
             from ..report.plots import plot_diagnosis, where_it_fails

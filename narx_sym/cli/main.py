@@ -149,6 +149,7 @@ def compare(
 
     With --reference the data are a log of reference, compensated input and measured output: tracking MAPE and NSAVI.
     """
+    from ..data.units import said_first
     from ..files.store import load
     from ..tasks import compare as task
 
@@ -160,7 +161,7 @@ def compare(
     measured = records(data, u, y, t, ts, named, rows, missing, units, model)
     with working("Simulating"):
         found = task.compare(model, measured, align_on)
-    names = dict(measured[0].units)
+    names = said_first(model.info.units, measured[0].units)
     for said in found.notes:
         note(said)
     print_errors(found.errors)

@@ -200,6 +200,7 @@ def print_headline(found: Diagnosis) -> None:
 
 def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
     """Print candidates, errors, where the base fails, and what could not have been seen."""
+    from ..report.parameters import candidate_parameters
     from ..report.words import PARTS, removed
 
     step = found.steps[0]
@@ -207,9 +208,9 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
         [
             f"{row['effect']}{' ' + MARK if row['in_confusion_set'] else ''}", row["where"],
             *removed(row), row["before"],
-            row["nrmse"], row["parameters"],
+            row["nrmse"], candidate_parameters(one, units),
         ]
-        for row in found.table()
+        for one, row in zip(found.candidates, found.table(), strict=True)
     ]  # fmt: skip
     if rows:
         meant = "both together are missing" if step.pair else "these data cannot tell apart"

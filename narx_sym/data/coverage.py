@@ -81,7 +81,7 @@ def beyond(info: Info, name: str, what: str, parts: Sequence[Array], Ts: float |
     most = info.rates.get(name)
     if most is not None and (now := rate(parts, Ts)) > (1 + SLIGHT["rate"]) * most:
         found.append(
-            f"the {what} changes by up to {now:.4g} [unit of {name}]/s, in identification by up to "
+            f"the {what} changes by up to {now:.4g} {_unit(info, name)}/s, in identification by up to "
             f"{most:.4g}{_so(now, most)}"
         )
     most = info.frequencies.get(name)
@@ -106,8 +106,12 @@ def leaves(info: Info, name: str, what: str, parts: Sequence[Array]) -> str:
         return ""
     return (
         f"the {what} leaves the identified {WORDS[name]} [{low:.4g}, {high:.4g}] by {most * (high - low):.3g} "
-        f"[unit of {name}], {100 * most:.3g} % of their range"
+        f"{_unit(info, name)}, {100 * most:.3g} % of their range"
     )
+
+
+def _unit(info: Info, name: str) -> str:
+    return info.units.get(name) or f"[unit of {name}]"
 
 
 def _so(now: float, most: float) -> str:

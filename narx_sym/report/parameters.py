@@ -10,7 +10,7 @@ import numpy as np
 from ..data.units import coefficient_units
 from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.table.candidates import Candidate
-from ..models.added import outside
+from ..models.added import AddedEffect, outside
 from ..models.model import Model
 from ..symbolic.signals import expand_phi
 from .words import Row, Units, number
@@ -88,11 +88,18 @@ def shape_unit(said: str, driver: str, units: Units) -> str:
 
 
 def candidate_parameters(candidate: Candidate, units: Units) -> str:
-    """Return the parameters of a candidate with the units of its shape."""
-    effect, driver = candidate.variant.effect, candidate.variant.driver
+    """Return the parameters of a candidate with their units."""
+    model, own = candidate.shown.model, candidate.variant.effect
+    added = model.effects[-1]
+    shapes = {str(s): shape_unit(own.unit.get(n, ""), added.driver, units) for n, s in added.shape.items()}
+    return effect_parameters(model, added, units, shapes)
+
+
+def effect_parameters(model: Model, effect: AddedEffect, units: Units, shapes: Mapping[str, str]) -> str:
+    """Return the parameters of an effect of a model with their units, as far as these follow."""
+    known = {n: "" if unit == "1" else unit for n, unit in coefficient_units(model, units, shapes).items()}
     return ", ".join(
-        f"{n} = {number(v, 4)} {shape_unit(effect.unit.get(n, ''), driver, units)}".rstrip()
-        for n, v in candidate.parameters.items()
+        f"{n} = {number(float(model.values[s]), 4)} {known.get(str(s), '')}".rstrip() for n, s in effect.symbols.items()
     )
 
 

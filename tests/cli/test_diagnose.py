@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -160,6 +161,20 @@ def test_the_command_to_go_on_with_reads_the_data_as_this_one_did(files, run, tm
         del said[stop]
     code, _, err = run(*said[1:], "--quiet")
     assert code == 0, err
+
+
+def test_what_was_done_with_the_data_and_every_unit_are_printed(files, run, stage_diagnosis, monkeypatch):
+    first = stage_diagnosis.steps[0]
+    slow = replace(first.experiment, name="steps of 0.5, moving at 62.6 per s")
+    kept = ["dead: read before", "The hypotheses were compared at 20 samples averaged into one."]
+    told = replace(stage_diagnosis, steps=[replace(first, experiment=slow)], data_notes=kept)
+    monkeypatch.setattr("narx_sym.diagnosis.procedure.diagnose", lambda *_, **__: told)
+    monkeypatch.setattr("narx_sym.tasks.base.what_to_know", lambda record: ["read before"])
+    monkeypatch.setattr(type(told), "units", {"u": "V", "y": "mm"})
+    arguments = ["diagnose", files / "dead.csv", "--base", files / "linear.json", "--units", "V,mm"]
+    code, text, err = run(*arguments, "--verbose")
+    assert code == 0 and err.count("read before") == 1 and f"note: {kept[1]}" in err, err
+    assert "steps of 0.5 V, moving at 62.6 V/s" in text and "62.6 per s" not in text
 
 
 @pytest.mark.parametrize("given", some([3, 1]))

@@ -127,6 +127,8 @@ def test_by_how_much():
     info = Info(ranges={"u": (0.0, 2.0)}, rates={"u": 2.0}, frequencies={"u": 1.0})
     assert beyond(info, "u", "input", [np.array([0.0, 2.019])], None) == []  # one per cent is not worth a word
     assert "by 0.03 [unit of u], 1.5 % of" in beyond(info, "u", "input", [np.array([-0.03, 0.0])], None)[0]
+    known = replace(info, units={"u": "V", "y": "mm"})
+    assert "by 0.03 V, 1.5 % of" in beyond(known, "u", "input", [np.array([-0.03, 0.0])], None)[0]
     assert len(beyond(info, "u", "input", [np.array([0.0, 2.1])], 1.0)) == 1
     assert (
         "4 [unit of u]/s, in identification by up to 2 (2 times)"

@@ -60,6 +60,12 @@ def hostile():
     return found
 
 
+def test_a_coefficient_of_a_candidate_has_its_unit(hostile):
+    (channel,) = hostile.best.shown.model.channels
+    told = parameters.candidate_parameters(hostile.best, {"u": "V", "y": "mm", channel: "A"})
+    assert re.fullmatch(r"c = [\d.-]+ 1/A", told)
+
+
 def downloads(html):
     """Return the files that a page holds, by name."""
     found = re.findall(r'download="([^"]+)" href="data:[^,]*,([^"]*)"', html)
@@ -90,6 +96,7 @@ def test_candidates_have_intervals_equations_and_sentences(stage_diagnosis, part
         assert c.variant.effect.sentence in parts["candidates"]
     assert parts["candidates"].count("<math") >= len(d.candidates)
     assert parts["candidates"].count('class="candidate chosen"') == len(d.confusion_set)
+    assert all(parameters.candidate_parameters(c, STAGE_UNITS) in parts["candidates"] for c in d.candidates)
     assert "What could not have been seen" in parts["candidates"]
 
 

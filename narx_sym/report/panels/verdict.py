@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ...data.units import coefficient_units
 from ...models.extend import newer
 from .. import words
 from ..comparison import Comparison, Units, worst
-from ..parameters import shape_units
+from ..parameters import effect_parameters, shape_units
 from ..picture import Picture
 from ..plots.valve import loop_panels
 from .registry import Material, panel
@@ -73,14 +72,8 @@ def bars(d: Diagnosis, units: Units) -> list[tuple[Any, ...]]:
 
 def added(d: Diagnosis, units: Units) -> list[str]:
     """Return each effect of the last model with the values that it has there."""
-    own = {
-        n: "" if unit == "1" else unit for n, unit in coefficient_units(d.model, units, shape_units(d, units)).items()
-    }
+    shapes = shape_units(d, units)
     return [
-        f"{words.spaced(e.effect)}: "
-        + ", ".join(
-            f"{n} = {words.number(float(d.model.values[s]), 4)} {own.get(str(s), '')}".rstrip()
-            for n, s in e.symbols.items()
-        )
+        f"{words.spaced(e.effect)}: {effect_parameters(d.model, e, units, shapes)}"
         for e in newer(d.model, d.steps[0].base.model)
     ]
