@@ -27,7 +27,7 @@ from .options import (
     records,
     save_figure,
 )
-from .printing import console, note, working
+from .printing import console, working
 
 
 def commission(
@@ -57,7 +57,7 @@ def commission(
     from ..data.units import said_first
     from ..files.store import load
     from ..report.plots import plot_commissioning
-    from ..tasks.base import other_pace
+    from ..tasks.base import check_pace
     from ..tasks.commission import commission as run
     from ..tasks.commission import write_commissioning
 
@@ -69,8 +69,7 @@ def commission(
     goal, step, _ = read_signal(
         reference, column, t=t, option="--column", prefer="r", unit=names.get("y", ""), offers=()
     )
-    if pace := other_pace(model, step, "the reference has"):
-        note(pace)
+    check_pace(model, step, f"{reference}: the reference has")
     with working("Running the law and the models that the records allow"):
         part: Any = None if share == "none" else share
         law = model.compensator()

@@ -88,7 +88,6 @@ def diagnose(
     from ..diagnosis.experiment import check_limits
     from ..diagnosis.procedure import diagnose as run
     from ..files.journal import resuming
-    from ..tasks.base import what_to_know
 
     check_limits(limits)
     typed = again(context, RESULTS)
@@ -108,17 +107,22 @@ def diagnose(
                 report=progress,
             )  # fmt: skip
     say_resumed(journal, resume)
-    known = {f"{r.name}: {text}" for r in measured for text in what_to_know(r)}
-    for said in [text for text in found.data_notes if text not in known]:  # the others were printed when it was read
-        note(said)
+    _say_done(found, measured)
     settings = {
-        "base": base,
-        "delay": "found" if delay is None else delay,
-        "max_effects": max_effects,
-        "channels": channels or "none",
-        "rows": rows or "all",
-    }
+        "base": base, "delay": "found" if delay is None else delay, "max_effects": max_effects,
+        "channels": channels or "none", "rows": rows or "all",
+    }  # fmt: skip
     targets.write(found, measured, found.units, data, settings)
+
+
+def _say_done(found: Diagnosis, measured: list[Record]) -> None:
+    """Print what was done with the data, and what to know of them, that was not printed when they were read."""
+    from ..tasks.base import what_to_know
+
+    known = {f"{r.name}: {text}" for r in measured for text in what_to_know(r)}
+    for said in found.data_notes:
+        if said not in known:
+            note(said)
 
 
 def _read(file: Path, delay: int | None) -> Model:
@@ -134,13 +138,11 @@ def _read(file: Path, delay: int | None) -> Model:
 
 def _begin(base: Model | str, measured: list[Record], delay: int | None) -> Model:
     """Return the model to begin with: the one given, or one that is identified."""
-    from ..tasks.base import check_kind, identify_base, other_pace
+    from ..tasks.base import check_kind, identify_base
 
     if isinstance(base, str):
         with working(f"Identifying a base ({check_kind(base)}) from {sum(len(r) for r in measured)} samples"):
             return identify_base(base, measured, delay)
-    if pace := other_pace(base, measured[0].Ts, "the data have"):
-        note(pace)
     return base
 
 

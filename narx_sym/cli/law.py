@@ -10,10 +10,11 @@ import typer
 
 from ..errors import DataError
 from .options import Column, Limits, ModelFile, Rate, Rows, Share, Time, Ts, Units, check_targets, unit_names
-from .printing import console, note, table, working
+from .printing import console, table, working
 
 if TYPE_CHECKING:
     from ..inversion.compensator import Compensator
+    from ..models.model import Model
 
 
 def compensate(
@@ -46,7 +47,6 @@ def compensate(
 ) -> None:
     """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
     from ..codegen.registry import exports, target_of
-    from ..data.record import read_signal
     from ..data.units import coefficients_latex, said_first
     from ..files.atomic import write_bytes, write_text
     from ..files.store import load
@@ -58,8 +58,11 @@ def compensate(
     check_targets([latex, *(path for _, path in sources), out], model_file, reference)
     if (reference is None) != (out is None):
         raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
-    law = load(model_file).compensator()
-    names = said_first(law.model.info.units, unit_names(units))
+    model = load(model_file)
+    names = said_first(model.info.units, unit_names(units))
+    how = {"Ts": ts, "t": t, "rows": rows, "unit": names.get("y", "")}
+    goal = reference and _signal(model, reference, column, "reference", prefer="r", option="--column", **how)
+    law = model.compensator()
     part = None if share == "none" else law.share(share)
     _tell(law, "auto" if share == "auto" else part, names)
     if latex:
@@ -71,9 +74,7 @@ def compensate(
         made = law.export(name, limits=limits, rate=rate, units=names, share=part)
         write_bytes(path, made if isinstance(made, bytes) else made.encode("utf-8"))
         console().print(f"{exports()[name].title} written to {path}")
-    if reference and out:
-        unit, offers = names.get("y", ""), ("--rows", "--ts")
-        goal = read_signal(reference, column, ts, t, rows, option="--column", prefer="r", unit=unit, offers=offers)
+    if goal and out:
         _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, share=part, clip=clip)
 
 
@@ -98,15 +99,14 @@ def _tell(law: Compensator, share: Any, known: dict[str, str]) -> None:
         console().print(said, markup=False)
 
 
-def _follow(law: Compensator, goal: Any, out: Path, model_file: Path, m0: float | None, **options: Any) -> None:
-    """Run a law over a reference: samples, sampling time and time stamps; say what came of it."""
+def _follow(
+    law: Compensator, goal: tuple[Any, Any], out: Path, model_file: Path, m0: float | None, **options: Any
+) -> None:
+    """Run a law over a reference: samples and time stamps; say what came of it."""
     from ..files.atomic import write_csv
-    from ..tasks.base import other_pace
     from ..tasks.compensate import follow
 
-    r, step, stamps = goal
-    if pace := other_pace(law.model, step, "the reference has"):
-        note(pace)
+    r, stamps = goal
     if law.model.channels:
         raise DataError(f"{model_file}: the law needs the channel {law.model.channels[0]!r}; use Python for this one.")
     run = follow(law, r, m0, **options)
@@ -125,6 +125,16 @@ def _follow(law: Compensator, goal: Any, out: Path, model_file: Path, m0: float 
     say(f"Written to {out}")
 
 
+def _signal(model: Model, file: Path, column: str | None, what: str, **how: Any) -> tuple[Any, Any]:
+    """Read samples and time stamps [s] of a signal; where it has no time, it is at the rate of the model."""
+    from ..data.record import read_signal
+    from ..tasks.base import check_pace
+
+    values, step, stamps = read_signal(file, column, offers=("--rows", "--ts"), **how)
+    check_pace(model, step, f"{file}: the {what} has")
+    return values, stamps if step or not model.Ts else stamps * model.Ts
+
+
 def simulate(
     model_file: ModelFile,
     input_file: Annotated[Path, typer.Argument(metavar="INPUT.csv", help="CSV with the input.")],
@@ -137,21 +147,16 @@ def simulate(
     rows: Rows = None,
 ) -> None:
     """Free run over an input."""
-    from ..data.record import read_signal
     from ..files.atomic import write_csv
     from ..files.store import load
-    from ..tasks.base import other_pace
 
     check_targets([out], model_file, input_file)
     model = load(model_file)
     if model.channels:
         raise DataError(f"{model_file}: the model needs the channel {model.channels[0]!r}; use Python for this one.")
     own = model.input.name
-    values, step, stamps = read_signal(
-        input_file, u, Ts=ts, t=t, rows=rows, prefer=own, unit=model.info.units.get(own, ""), offers=("--rows", "--ts")
-    )
-    if pace := other_pace(model, step, "the input has"):
-        note(pace)
+    how = {"Ts": ts, "t": t, "rows": rows, "unit": model.info.units.get(own, "")}
+    values, stamps = _signal(model, input_file, u, "input", prefer=own, **how)
     name = model.output.name
     simulated = model.simulate(values, y0, u0=u0)
     write_csv(out, {"t": stamps, model.input.name: values, name: simulated})

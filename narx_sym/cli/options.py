@@ -70,7 +70,7 @@ def records(
     """Read the data files in the units of a model, or of the first; say what was changed and what to know."""
     from ..data.record import read
     from ..data.units import in_units
-    from ..tasks.base import what_to_know
+    from ..tasks.base import check_pace, what_to_know
 
     said = unit_names(units)
     read_in = [
@@ -78,6 +78,8 @@ def records(
     ]
     listed = in_units(read_in, model.info.units if model else None)
     for file, record in zip(files, listed, strict=True):
+        if model:
+            check_pace(model, record.Ts, f"{file}: the record has")
         for text in what_to_know(record):
             note(f"{file.name}: {text}")
     return listed

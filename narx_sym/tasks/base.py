@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..data.record import Record, same_pace
 from ..data.sensor import sensor_faults
-from ..errors import ModelError, NarxError
+from ..errors import DataError, ModelError, NarxError
 from ..files.store import load
 from ..fit.identify import BASES, OPEN, identify, prepare
 from ..models.model import Model
@@ -67,14 +67,23 @@ def identify_base(kind: str, records: Sequence[Record], delay: int | None = None
         return identify(bare, base=kind, delay=delay)
 
 
-def other_pace(model: Model, Ts: float | None, what: str) -> str:
-    """Say that data have another sampling time [s] than the model; an empty text where they agree.
+def check_pace(model: Model, Ts: float | None, what: str) -> None:
+    """Refuse data with another sampling time [s] than the model: at another rate it is another model, and another law.
+
+    A model of the same sample alone, y[k] from u[k], is the same at every rate.
 
     Parameters
     ----------
     what : str
-        What the data are, such as "the reference has".
+        What the data are, such as "The reference has".
+
+    Raises
+    ------
+    DataError
     """
-    if Ts is None or not model.Ts or same_pace(Ts, model.Ts):
-        return ""
-    return f"{what} Ts = {Ts:g} s, the model was identified at {model.Ts:g} s"
+    if Ts is None or not model.Ts or same_pace(Ts, model.Ts) or not model.recursion.depth:
+        return
+    raise DataError(
+        f"{what} Ts = {Ts:g} s, the model was identified at {model.Ts:g} s, and at another rate it is another model: "
+        f"resample to {model.Ts:g} s, or fit a model to data at {Ts:g} s."
+    )

@@ -27,7 +27,7 @@ from ..models.model import Model
 from ..symbolic.functions import follows
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import k, m, u, y
-from .base import other_pace
+from .base import check_pace
 from .reference import Reference
 
 Array = np.ndarray
@@ -296,14 +296,16 @@ def track(
         Where the law runs away.
     ModelError
         Where the law needs more than a reference.
+    DataError
+        Where the reference has another sampling time than the model.
     """
     _alone(law)
     r, model = reference.r, law.model
+    check_pace(model, reference.Ts, "The reference has")
     start = law.rest_input(r[0], limits)
     found, said = told(law, r, start, limits=limits, rate=rate, share=share, clip=True)
     y = simulate(model, found.m, r[0], u0=start, warn=False)
-    pace = other_pace(model, reference.Ts, "the reference has")
-    notes = [*filter(None, [pace]), *(text for text in said if text != found.holds)]
+    notes = [text for text in said if text != found.holds]
     return Tracked(
         reference.t, r, found.m, y, straight(model, r, limits, rate), found.held, limits, found.holds,
         tuple(text[0].upper() + text[1:] for text in notes),

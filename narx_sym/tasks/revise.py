@@ -14,7 +14,7 @@ from ..diagnosis.refit import Fitted, prune
 from ..errors import FitError
 from ..models.effects import EFFECTS
 from ..models.model import Model
-from .base import identify_base, other_pace
+from .base import check_pace, identify_base
 from .finish import fit_on_all
 
 Progress = Callable[[str], Any]
@@ -59,8 +59,8 @@ def begin(base: str | Model, records: Sequence[Record], progress: Progress) -> R
     """Identify a base, unless it is a model already, and diagnose it."""
     if isinstance(base, Model):
         progress(Told("taking the model from its file", 1, STAGES))
-        pace = other_pace(base, records[0].Ts, "The data have")
-        return revised("model file", base, records, progress, notes=[f"{pace}."] if pace else [])
+        check_pace(base, records[0].Ts, "The data have")
+        return revised("model file", base, records, progress)
     progress(Told(f"identifying a {base} base from {sum(map(len, records))} samples", 1, STAGES))
     return revised(f"{base} base", identify_base(base, records), records, progress)
 
@@ -100,7 +100,6 @@ def revised(
     records: Sequence[Record],
     progress: Progress,
     effect: str = "",
-    notes: Sequence[str] = (),
 ) -> Revision:
     """Diagnose a model, and fit it on all samples."""
     found = diagnose(model, list(records), report=inside(progress, before=1, after=1))
@@ -108,4 +107,4 @@ def revised(
     base = found.steps[0].base
     final = fit_on_all(base.model, records, base.limits, max(found.steps[0].nrmse(base).values()))
     kept = [f"{final.note[0].upper()}{final.note[1:]}."] if final.note else []
-    return Revision(name, found, final.model, effect, (*notes, *kept))
+    return Revision(name, found, final.model, effect, tuple(kept))

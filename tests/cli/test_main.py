@@ -1,6 +1,7 @@
 """The command line: the main commands on real and simulated files, and one clear message for every bad input."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -190,6 +191,31 @@ def test_a_constant_output_is_told_by_its_record(run, bench, tmp_path):
     code, _, err = run("compare", bench / "model.json", tmp_path / "still.csv", "--plot", tmp_path / "p.png")
     assert code == 2 and "record 'still': y is constant (3)" in err and "--output" in err
     assert not (tmp_path / "p.png").exists()
+
+
+def test_another_rate_is_refused_and_no_rate_is_that_of_the_model(run, bench, tmp_path):
+    model, out = bench / "model.json", tmp_path / "m.csv"
+    for name in ("data", "ref"):
+        head, *rows = (bench / f"{name}.csv").read_text().splitlines()
+        (tmp_path / f"{name}.csv").write_text("\n".join([head, *rows[::2]]))
+    for given in (
+        ("compensate", model, "--reference", tmp_path / "ref.csv", "--out", out),
+        ("simulate", model, tmp_path / "data.csv", "--input", "u", "--out", out),
+        ("compare", model, tmp_path / "data.csv", "--no-plot"),
+        ("commission", model, bench / "data.csv", "--reference", tmp_path / "ref.csv", "--plot", tmp_path / "c.png"),
+        ("diagnose", tmp_path / "data.csv", "--base", model),
+        ("add", model, "backlash", tmp_path / "data.csv", "--out", tmp_path / "a.json"),
+    ):
+        code, text, err = run(*given)
+        assert code == 2 and "Ts = 0.01 s, the model was identified at 0.005 s" in err and "resample to" in err, err
+        assert not text and not out.exists()
+    bare = [line.split(",")[1] for line in (bench / "ref.csv").read_text().splitlines()]
+    (tmp_path / "bare.csv").write_text("\n".join(bare))
+    code, text, err = run("compensate", model, "--reference", tmp_path / "bare.csv", "--out", out)
+    assert code == 0 and ns.read(out, u="m", y="r").Ts == 0.005, err
+    (line,) = [line for line in text.splitlines() if line.startswith("  narx-sym ")]
+    code, _, err = run(*shlex.split(line)[1:-1], tmp_path / "expected.csv")
+    assert code == 0 and ns.read(tmp_path / "expected.csv", u="u").Ts == 0.005, err
 
 
 def test_a_gap_in_a_reference_is_not_said_to_be_split(run, bench, tmp_path):

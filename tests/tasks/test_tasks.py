@@ -48,9 +48,14 @@ def test_a_base_from_a_file_is_fitted_and_goes_from_u_to_y(tmp_path):
         base.check_kind("cubic")
 
 
-def test_another_sampling_time_is_said():
-    assert base.other_pace(LINEAR, TS, "the data have") == base.other_pace(LINEAR, None, "the data have") == ""
-    assert base.other_pace(LINEAR, 0.02, "the data have").startswith("the data have Ts = 0.02 s")
+def test_another_sampling_time_is_refused():
+    for same in (TS, None):
+        base.check_pace(LINEAR, same, "The data have")
+    with pytest.raises(
+        DataError, match=r"^The data have Ts = 0.02 s, .* resample to 0.01 s, or fit a model to data at"
+    ):
+        base.check_pace(LINEAR, 0.02, "The data have")
+    base.check_pace(ns.NARX.from_terms(["u[k]"], [2.0], Ts=TS), 0.02, "The data have")  # this one knows no rate
 
 
 def test_what_to_know_about_a_record():
@@ -186,10 +191,10 @@ def test_a_revision_knows_what_was_done(monkeypatch):
     asked = []
     monkeypatch.setattr(revise, "revised", lambda *given, **more: asked.append((given, more)) or "made")
     assert revise.begin(LINEAR, [simulated()], print) == "made"
-    assert asked[-1][0][0] == "model file" and asked[-1][1]["notes"] == []
+    assert asked[-1][0][0] == "model file"
     other = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=2 * TS)
-    revise.begin(other, [simulated()], print)
-    assert "the model was identified at 0.02 s" in asked[-1][1]["notes"][0]
+    with pytest.raises(DataError, match=r"the model was identified at 0.02 s"):
+        revise.begin(other, [simulated()], print)
     said = []
     revise.begin("static", [simulated(0.1)], said.append)
     assert asked[-1][0][0] == "static base" and said == ["Step 1 of 7: identifying a static base from 600 samples"]
