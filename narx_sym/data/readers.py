@@ -10,6 +10,7 @@ import re
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,9 @@ from .logs import MATLAB_NUMBERS, load_mat73, load_mdf, load_tdms
 from .tables import LARGEST_FILE, PathLike, Table, readable
 
 LONGEST_HEADER = 1_000_000  # characters
+FIRST_LINES = 200  # in which numbers must begin, for what stands above the names to be seen
+EXCEL = re.compile(r'"?sep=."?', re.IGNORECASE)  # its first line, which says the separator
+NUMBER = re.compile(r"[+-]?\d*[.,]?\d+([eE][+-]?\d+)?")
 
 
 def load(path: PathLike, wanted: Collection[str] | None = None) -> Table:
@@ -57,21 +61,23 @@ def _load_text(name: str) -> Table:
     raw, notes = _decode(Path(name).read_bytes(), name)
     raw = re.sub(rb"(?m)^[ \t\f\v]+$", b"", raw)  # lines of blanks are empty
     first, top, start = _header(name, raw, notes)
-    ends = np.flatnonzero(np.frombuffer(raw, dtype=np.uint8)[start:] == ord("\n")) + start
-    edges = np.concatenate(([start], ends + 1))
-    full = np.flatnonzero(np.diff(np.append(edges, len(raw) + 1)) > 1)  # the lines that are not empty
-    sep = _separator([top, raw[edges[full[0]] :].split(b"\n", 1)[0].decode()] if full.size else [top])
-    names = top.split() if sep == " " else next(csv.reader([top], delimiter=sep))
-    header = [h.strip() for h in names]
-    if all(re.fullmatch(r"[+-]?\d*[.,]?\d+([eE][+-]?\d+)?", h) for h in header):
+    body = raw[start:]
+    del raw  # a record of ten million samples is large
+    below = re.search(rb"[^\n]+", body)
+    sep = _separator([top, below[0].decode()] if below else [top])
+    header = _fields(top, sep)
+    if _numbers(header):
         raise DataError(
             f"{name}: line {first} has numbers where the column names should be; add a header such as t,u,y"
         )
-    body = raw[start:]
-    del raw  # a record of ten million samples is large
+    _nothing_above(name, first, top, body)
+    body = _without_comments(body, sep, len(header), notes)
+    ends = np.flatnonzero(np.frombuffer(body, dtype=np.uint8) == ord("\n"))
+    edges = np.concatenate(([0], ends + 1))
+    full = np.flatnonzero(np.diff(np.append(edges, len(body) + 1)) > 1)  # the lines that are not empty
     decimal = "," if sep != "," and re.search(rb"(?:^|[;\t ])[ \"]*[+-]?\d*,\d", body, re.M) else "."
     numbers = first + 1 + full
-    width = _width(name, body, edges - start, full, numbers, sep, len(header))
+    width = _width(name, body, edges, full, numbers, sep, len(header))
     frame = pd.DataFrame()
     if full.size:
         try:
@@ -128,6 +134,9 @@ def _header(name: str, raw: bytes, notes: list[str]) -> tuple[int, str, int]:
             raise DataError(
                 f"{name}: line {number} has more than {LONGEST_HEADER} characters; this is no header of names"
             )
+        if number == 1 and EXCEL.fullmatch(line.strip()):
+            start = end + 1
+            continue
         if line.strip() and line.lstrip()[0] not in "#%":
             break
         if line.strip():
@@ -140,6 +149,51 @@ def _header(name: str, raw: bytes, notes: list[str]) -> tuple[int, str, int]:
     if comments:
         notes.append(f"{comments} line(s) of comments above the header are skipped")
     return number, line, end + 1
+
+
+def _fields(line: str, sep: str) -> list[str]:
+    """Return the fields of a line."""
+    try:
+        return [x.strip() for x in (line.split() if sep == " " else next(csv.reader([line], delimiter=sep)))]
+    except csv.Error:  # a field that is too long
+        return line.split(sep)
+
+
+def _numbers(fields: Sequence[str]) -> bool:
+    return all(map(NUMBER.fullmatch, fields))
+
+
+def _nothing_above(name: str, first: int, top: str, body: bytes) -> None:
+    """Refuse lines above the names: the line above the first numbers has more names than what was taken for these."""
+    lines = [top, *(line.decode() for line in body.split(b"\n", FIRST_LINES)[:FIRST_LINES])]
+    full = [(first + i, line) for i, line in enumerate(lines) if line.strip()]
+    for (number, names), (_, line) in pairwise(full[1:]):
+        sep = _separator([names, line])
+        if len(_fields(line, sep)) > 1 and _numbers(_fields(line, sep)):
+            if sep in names and not _numbers(_fields(names, sep)) and len(_fields(names, sep)) > len(_fields(top, sep)):
+                raise DataError(
+                    f"{name}: the names seem to stand in line {number} ({names[:60]}), below other lines; delete the "
+                    "lines above it, or let each begin with #"
+                )
+            return
+
+
+def _without_comments(body: bytes, sep: str, width: int, notes: list[str]) -> bytes:
+    """Return the data with empty lines for comments: what begins with a mark and has fewer fields than the header."""
+    count = 0
+
+    def emptied(line: re.Match[bytes]) -> bytes:
+        nonlocal count
+        if sep != " " and line[0].count(sep.encode()) >= width - 1:
+            return line[0]
+        count += 1
+        return b""
+
+    if b"#" in body or b"%" in body:
+        body = re.sub(rb"(?m)^[ \t]*[#%].*$", emptied, body)
+    if count:
+        notes.append(f"{count} line(s) of comments below the header are skipped")
+    return body
 
 
 def _separator(lines: Sequence[str]) -> str:

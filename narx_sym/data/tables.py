@@ -183,7 +183,7 @@ class Table:
             return regular_time(kept * check_step(Ts), lambda i: self.where(int(kept[i])), f"{self.path}: ")
         if t is None or t not in self.columns:
             return None
-        stamps, own = self.numbers(t, "--time", cut, keep), self.unit(t) or "s"
+        stamps, own = self.numbers(t, "--time", cut, keep), self.unit(t) or _ending(t)
         if own != "s":
             seconds = converted(stamps, own, "s")
             if seconds is None:
@@ -217,6 +217,12 @@ class Table:
             except (TypeError, ValueError):
                 return i
         return None
+
+
+def _ending(t: str) -> str:
+    """Return the unit that a time column is named after, as t_ms; seconds where it is none."""
+    found = re.fullmatch(r".*_(ns|us|µs|ms|min|h)", t)
+    return found[1] if found else "s"
 
 
 def is_setpoint(name: str) -> bool:

@@ -100,7 +100,9 @@ REFUSED = {
     "binary without zeros": ("a.csv", HIGH, ["binary data"]),
     "zero bytes": ("a.csv", b"t,u,y\n0,1,2\n\0\n", ["binary data"]),
     "wrong names": ("a.csv", csv(head="time,in,out"), ["no column 'u'", "time, in, out (line 1)", "--input"]),
-    "preamble": ("a.csv", csv(top="Recorder: X\nDate; 2020\n"), ["no column 'u'", "(line 1)"]),
+    "preamble": ("a.csv", csv(top="Recorder: X\nDate; 2020\n"), ["names seem to stand in line 3 (t,u,y)", "begin with #"]),
+    "preamble and a blank line": ("a.csv", csv(top="Device: X100\nOperator: me\n\n", head="t;u;y", sep=";", dec=","),
+                                  ["names seem to stand in line 4 (t;u;y)", "delete the lines above"]),
     "two columns of one name": ("a.csv", csv(head="t,u,u,y", extra=Y), ["two columns are named 'u'"]),
     "two time columns": ("a.csv", csv(head="t,t,u,y", extra=Y), ["two columns are named 't'"]),
     "huge header": ("a.csv", csv(head="t,u,y" + "x" * 3_000_000), ["line 1 has more than 1000000 characters"]),
@@ -146,6 +148,9 @@ SAID = {
     "saturated sensor": ("a.csv", csv(y=np.clip(Y, -1, 1)), (), ["cut off at 1 in", "cut off at -1 in"]),
     "comments": ("a.csv", csv(top="# made by\n" * 2000), (), ["2000 line(s) of comments"]),
     "names behind a mark": ("a.csv", csv(head="# t,u,y"), (), []),
+    "separator said to Excel": ("a.csv", csv(head="t;u;y", sep=";", dec=",", top="sep=;\n"), (), []),
+    "comment at the end": ("a.csv", csv() + "# end of file\n", (), ["1 line(s) of comments below the header"]),
+    "milliseconds": ("a.csv", csv(1000 * T, head="t_ms,u,y"), ("--time", "t_ms"), ["'t_ms' is converted from ms to s"]),
     "jitter": ("a.csv", csv(JITTER), (), ["time stamps are irregular", "resampled by linear interpolation"]),
     "rounded stamps": ("a.csv", csv(np.round(np.arange(N) / 750, 4)), (), ["snapped"]),
     "lost samples": ("a.csv", csv(T[P < 397], U[P < 397], Y[P < 397]), (), ["3 sample(s) are missing", "filled by linear"]),
@@ -203,7 +208,7 @@ def test_said(case, run, tmp_path, plain_error):
     for word in words:
         assert any(word in n for n in notes), (word, notes)
     record = ns.read(
-        path, Ts=0.01 if "--ts" in options else None, missing="drop" if "drop" in options else "refuse",
+        path, t=options[1] if "--time" in options else "t", Ts=0.01 if "--ts" in options else None, missing="drop" if "drop" in options else "refuse",
         channels="all" if "all" in options else (),
     )  # fmt: skip
     changes = [n for n in notes if "takes only two" not in n and "cut off" not in n and "seems to last" not in n]
