@@ -69,10 +69,13 @@ def fit(
 ) -> None:
     """Select the structure and fit the parameters under Sigma_y = 1."""
     from ..files.store import save
-    from ..fit.identify import identify
+    from ..fit.identify import BASES, check_method, identify
     from ..fit.simulate import evaluate
 
     check_targets([out], *data)
+    check_method(method)
+    if base not in BASES:
+        raise DataError(f"Unknown base {base!r}: --base is one of {', '.join(BASES)}.")
     if u == y:
         raise DataError(f"Input and output are the same column {u!r}; choose with --input and --output.")
     measured = records(data, u, y, t, ts, channels, rows, missing, units)

@@ -72,8 +72,7 @@ def write_bytes(path: PathLike, raw: bytes) -> None:
         Where the folder is missing, the target is a folder, or the system refuses.
     """
     target = check_path(path)
-    # The same folder, because a rename is atomic only within one file system.
-    part = target.with_name(f".{target.name[:200]}.{os.getpid()}.part")
+    part, old = _part(target), target.exists()
     try:
         if target.exists() and not target.is_file():
             target.write_bytes(raw)
@@ -89,19 +88,32 @@ def write_bytes(path: PathLike, raw: bytes) -> None:
         finally:
             part.unlink(missing_ok=True)
     except OSError as error:
+        left = ", the file is as it was" if old else ""
         raise DataError(
-            f"{os.fspath(path)}: cannot be written ({error.strerror or error}), the file is as it was; check the "
-            "folder's space and permissions"
+            f"{os.fspath(path)}: cannot be written ({error.strerror or error}){left}; check the folder's space and "
+            "permissions"
         ) from None
 
 
+def _part(target: Path) -> Path:
+    """Return the temporary name: in the same folder, because a rename is atomic only within one file system."""
+    return target.with_name(f".{target.name[:200]}.{os.getpid()}.part")
+
+
 def check_path(path: PathLike) -> Path:
-    """Return where a file would be written, links followed; refuse a missing folder, and a folder as the target."""
+    """Return where a file would be written, links followed; refuse what cannot be: it is tried with an empty file."""
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
         raise DataError(f"{os.fspath(path)}: the folder {Path(path).parent} does not exist; make it first")
     if target.is_dir():
         raise DataError(f"{os.fspath(path)}: is a folder; give a file name")
-    if not os.access(target.parent, os.W_OK) and (target.is_file() or not target.exists()):
-        raise DataError(f"{os.fspath(path)}: the folder {Path(path).parent} is not writable; choose another")
+    if target.is_file() or not target.exists():
+        try:
+            _part(target).open("wb").close()
+            _part(target).unlink()
+        except OSError as error:
+            why = error.strerror or error
+            raise DataError(
+                f"{os.fspath(path)}: the folder {Path(path).parent} is not writable ({why}); choose another"
+            ) from None
     return target

@@ -179,9 +179,26 @@ def test_targets_are_checked_before_any_work(tmp_path, run, monkeypatch):
     for given, words in cases.items():
         code, _, err = run(*given)
         assert code == 2 and words in err and err.count("\n") == 1, err
-    monkeypatch.setattr(files.os, "access", lambda *_: False)
-    with pytest.raises(DataError, match="is not writable"):
+    code, _, err = run("fit", tmp_path / "d.csv", "--out", tmp_path / "new.json", "--base", "foo")
+    assert code == 2 and err.startswith("narx-sym: Unknown base 'foo': --base is one of narx,"), err
+    code, _, err = run("fit", tmp_path / "d.csv", "--out", tmp_path / "new.json", "--method", "foo")
+    assert code == 2 and "'foo'" in err and err.count("\n") == 1, err
+    if Path("/proc/self").exists():  # root may do anything there, says access(2)
+        with pytest.raises(DataError, match="is not writable"):
+            files.check_path("/proc/new.json")
+
+    def refused(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(files.Path, "open", refused)
+    with pytest.raises(DataError, match=r"is not writable \(Permission denied\)"):
         files.check_path(tmp_path / "new.json")
+    monkeypatch.setattr(files, "check_path", Path)
+    for name, left in (("new.json", False), ("m.json", True)):
+        with pytest.raises(DataError, match="cannot be written") as error:
+            files.write_text(tmp_path / name, "{}")
+        assert ("as it was" in str(error.value)) == left
+    monkeypatch.undo()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["d.csv", "folder", "m.json"]
 
 
