@@ -14,13 +14,15 @@ from ...symbolic.signals import lag, r, samples
 
 Array = np.ndarray
 GRID = 801  # points of a grid
+STILL = 1e-9  # of its size: what moves less rests
 FAR, OUTSIDE = 100.0, 100  # of a grid's width, how far a search goes on to each side, and its points there
 
 
 def around(reached: Array, more: float = 0.5) -> Array:
     """Return a grid over what was reached and this part of it more to each side."""
     low, high = float(reached.min()), float(reached.max())
-    wide = more * (high - low) or 1.0
+    size = max(abs(low), abs(high)) or 1.0
+    wide = more * (high - low) if high - low > STILL * size else size
     return np.linspace(low - wide, high + wide, GRID)
 
 
