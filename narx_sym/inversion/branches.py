@@ -12,13 +12,13 @@ from ..symbolic.functions import CLASSES, KINKED, X
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import renamed, samples
-from .kinks import places, solve_kinked
-from .monotone import steepness
+from .kinks import solve_kinked
 from .nodes import solve_nodes
 from .plays import solve_plays
+from .shape import places, steepness
 from .solution import Branch, Root, Solution, number, summed
 
-FAR = 1e9  # where a root finder ends
+FAR, EVERYWHERE = 1e9, 1e300  # where a search for roots ends, and one for a root that is proved to be there
 SEARCHED = (*KINKED, sp.tanh, sp.atan, sp.exp, sp.log, sp.sin, sp.cos)  # functions whose bounds are known
 EDGE = sp.Float(1e-12)  # how near the limit of a bounded function is approached
 
@@ -97,7 +97,7 @@ def _searched(
     """Leave the equation to a root finder; to one that divides the line where it may have several roots."""
     gap, steep = G - target, steepness(G, w, values)
     if steep is not None:  # one root, wherever it is
-        root = Root(gap, w, made["last"], sp.Float(-FAR), sp.Float(FAR))
+        root = Root(gap, w, made["last"], sp.Float(-EVERYWHERE), sp.Float(EVERYWHERE))
         return Solution(how="root finder", branches=(Branch(sp.true, root),), steep=steep, **made)
     more: tuple[Any, ...] = ()
     if all(isinstance(n, SEARCHED) for n in gap.atoms(sp.Function, sp.Piecewise, sp.Max, sp.Min) if n.has(w)):

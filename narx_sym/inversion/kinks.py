@@ -6,177 +6,27 @@ choice, and an end piece that is flat leaves targets that no value reaches; both
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import sympy as sp
 
-from ..symbolic.functions import CLASSES, KINKED, X, within
+from ..symbolic.functions import within
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
-from .solution import Branch, Solution, number, tidy
+from .shape import DIGITS, FLAT, Piece, Undecided, at_point, breaks_of, keeps_sign, ordered, pieces_of, smooth_part
+from .solution import ROUNDED, Branch, Solution, apart, number, tidy
 
-MANY = 64  # shapes that nested kinks may take
-# A flat piece reaches one target only: rounding, or this part of its width, does not make the unknown jump over it.
+# A flat piece reaches one target only: rounding, or this part of what a piece of its width beside it reaches, does not
+# make the unknown jump over it.
 DEAD_BAND = sp.Float(1e-10)
-LEVEL = 1e-12  # a slope this much below zero is one of rounding
-FLAT = 1e-9  # a slope this much smaller than the steepest one counts as flat
-
-
 FALLING = "pieces on which the map runs the other way reach some targets again: they are not used"
-
-
-class Undecided(Exception):  # noqa: N818
-    """The order of two kinks, or the side of one, depends on samples."""
-
-
-def _forms(expr: Any, w: Any) -> list[Any]:
-    """Return every smooth expression that one with kinks may be."""
-    if not any(n.has(w) for n in expr.atoms(*KINKED)):
-        return [expr]
-    row = CLASSES.get(type(expr))
-    if row and row.sides:
-        below, above = row.sides
-        return [side.xreplace({X: f}) for f in _forms(expr.args[0], w) for side in (above, below)]
-    if row and row.extreme:
-        return [f for a in expr.args for f in _forms(a, w)]
-    combined: list[tuple[Any, ...]] = [()]
-    for a in expr.args:
-        combined = [(*c, f) for c in combined for f in _forms(a, w)]
-        if len(combined) > MANY:
-            raise Undecided
-    return [expr.func(*c) for c in combined]
-
-
-def nodes_of(G: Any, w: Any) -> list[Any]:
-    """Return what has kinks in w, in a fixed order."""
-    return sorted((n for n in G.atoms(*KINKED) if n.has(w)), key=sp.default_sort_key)
-
-
-def switching_of(node: Any, w: Any, values: Mapping[Any, Any]) -> list[tuple[Any, float]]:
-    """Return where a node may have a kink, and the sign of the slope of what it looks at."""
-    if CLASSES[type(node)].extreme:
-        sides = [_forms(a, w) for a in node.args]
-        forms = [f - g for i, one in enumerate(sides) for other in sides[i + 1 :] for f in one for g in other]
-    else:
-        forms = _forms(node.args[0], w)
-    found = []
-    for f in forms:
-        slope = sp.expand(derivative(f, w))
-        size = None if slope.has(w) else number(slope, values)
-        if slope != 0 and size is None:
-            raise Undecided
-        if size:
-            found.append((sp.expand(-sp.expand(f).xreplace({w: sp.S.Zero}) / slope), 1.0 if size > 0 else -1.0))
-    return found
-
-
-def same(one: Any, other: Any, values: Mapping[Any, Any]) -> bool:
-    """Whether two places are one."""
-    return bool(tidy(one - other) == 0 or number(one - other, values) == 0)
-
-
-def breaks_of(G: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
-    """Return where a piecewise affine expression may have kinks."""
-    found: list[Any] = []
-    for node in nodes_of(G, w):
-        for at, _ in switching_of(node, w, values):
-            if not any(same(at, b, values) for b in found):
-                found.append(at)
-    return found
-
-
-def places(G: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
-    """Return the kinks of any expression whose place is known: those that look at something affine in w."""
-    found: list[Any] = []
-    for node in nodes_of(G, w):
-        try:
-            found += [at for at, _ in switching_of(node, w, values) if not any(same(at, b, values) for b in found)]
-        except Undecided:
-            continue
-    return found
-
-
-def _ordered(breaks: Sequence[Any], values: Mapping[Any, Any]) -> list[Any]:
-    """Return the kinks from left to right."""
-    places = []
-    for b in breaks:
-        place = number(b - breaks[0], values)
-        if place is None:
-            raise Undecided
-        places.append(place)
-    return [b for _, b in sorted(zip(places, breaks, strict=True), key=lambda p: p[0])]
-
-
-def _at(expr: Any, w: Any, point: Any, values: Mapping[Any, Any]) -> Any:
-    """Return the affine expression that one with kinks is at a point between them."""
-    if expr == w or not expr.has(w):
-        return expr
-    row = CLASSES.get(type(expr))
-    if row and row.sides:
-        inner = _at(expr.args[0], w, point, values)
-        value = number(inner.xreplace({w: point}), values)
-        if value is None:
-            raise Undecided
-        return row.sides[value > 0].xreplace({X: inner})
-    arguments = [_at(a, w, point, values) for a in expr.args]
-    if row and row.extreme:
-        best = arguments[0]
-        for other in arguments[1:]:
-            value = number((other - best).xreplace({w: point}), values)
-            if value is None:
-                raise Undecided
-            if (value > 0) == (row.extreme == ">"):
-                best = other
-        return best
-    return expr.func(*arguments)
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A piece between two kinks (None at the ends): affine, with its slope and the number of it (None where unknown).
-
-    A quadratic piece has the curve too, half its second derivative, and the slopes at its kinks.
-    """
-
-    expr: Any
-    slope: Any
-    size: float | None
-    left: Any
-    right: Any
-    curve: Any = sp.S.Zero
-
-    def slopes(self, w: Any) -> list[Any]:
-        """Return the slope, or that at each kink."""
-        ends = [at for at in (self.left, self.right) if at is not None] if self.curve != 0 else []
-        return [self.slope.xreplace({w: at}) for at in ends or [sp.S.Zero]]
-
-    def rise(self, w: Any) -> Any:
-        """Return a slope that has its direction: that at a kink, or a step inside where a curve begins flat."""
-        slope = self.slopes(w)[0]
-        at, inside = (self.right, -1) if self.left is None else (self.left, 1)
-        return slope if slope != 0 or at is None else self.slope.xreplace({w: at + inside})
-
-    def solve(self, target: Any, w: Any, side: int = 1) -> Any:
-        """Return where the piece equals the target, written as short as it can be.
-
-        A quadratic piece is solved from a kink, with the root next to it; `side` is the sign of the slope.
-        """
-        if self.curve != 0:
-            at = self.right if self.left is None else self.left
-            rise, slope = target - sp.expand(self.expr.xreplace({w: at})), sp.expand(self.slope.xreplace({w: at}))
-            if slope == 0:  # a vertex: the form below would be 0/0 there
-                return at + (1 if at == self.left else -1) * sp.sqrt(sp.Max(0, rise / self.curve))
-            return at + 2 * rise / (slope + side * sp.sqrt(sp.Max(0, slope**2 + 4 * self.curve * rise)))
-        zero = self.expr.xreplace({w: sp.S.Zero})
-        forms = [sp.expand(target - zero) / self.slope if self.slope != 1 else sp.expand(target - zero)]
-        for at in (self.left, self.right):
-            if at is not None:
-                rise = target - sp.expand(self.expr.xreplace({w: at}))
-                forms.append(at + rise / self.slope)
-        return min(forms, key=lambda f: (f.count_ops(), str(f)))
+FURTHER = "pieces that are not used reach further targets"
+TURNING = "the outermost piece turns back far away: further solutions there are not used"
 
 
 def solve_kinked(
@@ -190,51 +40,84 @@ def solve_kinked(
     if smooth_part(derivative(slope, w)).has(w):
         return None
     try:
-        breaks = breaks_of(G, w, values)
-    except Undecided:
-        return None
-    try:
-        pieces = _pieces(G, w, _ordered(breaks, values), values)
+        pieces = pieces_of(G, w, ordered(breaks_of(G, w, values), values), values)
     except Undecided:
         return None  # see `nodes`
+    steepest = max((abs(p.size) for p in pieces if p.size is not None), default=0.0)
+    known = [p for p in pieces if p.size is not None and not p.flat(steepest)]
     # A decreasing map is an increasing one seen from below.
-    known = [p.size for p in pieces if p.size is not None]
-    steepest = max((abs(s) for s in known), default=0.0)
-    rising = sum(_direction(p.rise(w), rest, values) for p in pieces if p.size is None)
-    # Of a side that rises and one that falls alike, as of an absolute value, the rising one is used.
-    flip = -1 if (max(known, key=lambda s: (abs(s), s)) if steepest else rising) < 0 else 1
-    kept = [p for p in pieces if p.size is None or flip * p.size > FLAT * steepest]
-    if not kept:
-        return None
-    chain = _Chain(w, target, values, made, flip, steepest)
-    branches, notes, reach = chain.solved(kept)
-    branches = [*chain.resting(G, kept), *branches]
+    up = _upwards(known) or sum(_direction(p.rise(w), rest, values) for p in pieces if p.size is None)
+    for flip in (1, -1) if up >= 0 else (-1, 1):
+        kept = [p for p in pieces if p.size is None or (flip * p.size > 0 and not p.flat(steepest))]
+        if not kept:
+            continue
+        slopes = [flip * p.rise(w) for p in kept]
+        turns = not known and not any(keeps_sign(s, values) for s in slopes)
+        seen = flip * sp.sign(sp.Max(*slopes)) if turns else flip  # from the other side where all of them turn
+        chain = _Chain(w, target, values, made, seen, pieces, steepest)
+        if not chain.hidden(kept):
+            return _joined(chain, G, kept, flip)
+    return None
+
+
+def _upwards(known: Sequence[Piece]) -> float:
+    """Return a slope with the direction that is used; 0 where only samples say it.
+
+    It is that of both ends, which reach every target, unless they are less certain than the steepest piece: small
+    differences of what is added up in them. Of an absolute value it is the side that rises.
+    """
+    sizes = [p.size or 0.0 for p in known]
+    sure = [abs(size) / p.made_of if p.made_of else 1.0 for size, p in zip(sizes, known, strict=True)]
+    steepest = max(range(len(known)), key=lambda i: (abs(sizes[i]), sizes[i]), default=None)
+    ends = [i for i, p in enumerate(known) if None in (p.left, p.right)]
+    if steepest is None:
+        return 0.0
+    through = len(ends) == 2 and sizes[ends[0]] * sizes[ends[1]] > 0
+    return sizes[ends[0] if through and min(sure[i] for i in ends) >= sure[steepest] else steepest]
+
+
+def _joined(chain: _Chain, G: Any, kept: Sequence[Piece], flip: int) -> Solution:
+    """Return the solution that a chain of pieces makes, with the direction that they have at rest."""
+    w, values = chain.w, chain.values
+    branches, notes, found = chain.solved(kept)
+    reach = [end if at is None else at for at, end in zip(found[::flip], (-sp.oo, sp.oo), strict=True)]
+    alone, said = chain.resting(G)
     # A curve may begin flat at a kink: it still rises beyond.
     slopes = [s for p in kept if p.size is None for s in p.slopes(w) if not (s == 0 and p.curve != 0)]
-    needs = dict.fromkeys(sp.Gt(flip * s, 0) for s in slopes)
+    needs = dict.fromkeys(sp.Gt(flip * s, 0) for s in slopes if not (number(s, values) or 0.0) * flip > 0)
     for end, bend in ((kept[0], -flip), (kept[-1], flip)):  # a curve without an end must not turn back
         bent = number(bend * end.curve, values) if None in (end.left, end.right) else 0.0
         if bent is None:
             needs[sp.Ge(bend * end.curve, 0)] = None
         elif bent < 0:
-            notes.append("the outermost piece turns back far away: further solutions there are not used")
-    if any(p.size is not None and flip * p.size < -FLAT * steepest for p in pieces):
-        notes.append(FALLING)
+            said.append(TURNING)
+    if any(p.size is not None and p not in kept and not p.flat(chain.steepest) for p in chain.pieces):
+        said.append(FALLING)
+    if chain.aside(kept):
+        said.append("a flat piece beside a jump reaches one more target, or one again")
+    if chain.beyond(kept, chain.pieces):
+        said.append(FURTHER)
+    if any(p.size and p.flat(chain.steepest) and not p.flat(chain.steepest, DIGITS) for p in chain.pieces):
+        said.append(f"a slope of less than {FLAT:.0e} of what is added up in it counts as flat")
     return Solution(
-        how="branches", branches=tuple(branches), reach=tuple(flip * e for e in reach[::flip]), needs=tuple(needs),
-        notes=tuple(dict.fromkeys(notes)), **made,
+        how="branches", branches=(*alone, *branches), reach=tuple(reach), needs=tuple(needs),
+        notes=tuple(dict.fromkeys([*notes, *said])), **chain.made,
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Chain:
-    """Increasing pieces from left to right, or decreasing ones seen from below: `flip` is -1 then."""
+    """Increasing pieces from left to right, or decreasing ones seen from below: `flip` is -1 then.
+
+    Where only samples say whether they rise, `flip` is the sign of the slopes.
+    """
 
     w: Any
     target: Any
     values: Mapping[Any, Any]
     made: Mapping[str, Any]
-    flip: int
+    flip: Any
+    pieces: Sequence[Piece]
     steepest: float
 
     @property
@@ -242,9 +125,12 @@ class _Chain:
         """The target, from the side from which the map increases."""
         return self.flip * self.target
 
+    def level(self, piece: Piece, at: Any) -> Any:
+        return tidy(piece.expr.xreplace({self.w: at}))
+
     def edge(self, piece: Piece, at: Any) -> Any:
         # A product: SymPy turns two conditions on sums of opposite signs to and fro for ever.
-        return sp.factor_terms(tidy(self.flip * piece.expr.xreplace({self.w: at})))
+        return sp.factor_terms(self.flip * self.level(piece, at))
 
     def branch(self, condition: Any, piece: Piece) -> Branch:
         solution = piece.solve(self.target, self.w, self.flip)
@@ -254,81 +140,142 @@ class _Chain:
         """Return the branches in order, what is chosen where there is a choice, and what is reached."""
         branches: list[Branch] = []
         notes: list[str] = []
-        reach = [-sp.oo, sp.oo]
+        reach: list[Any] = [None, None]
         if kept[0].left is not None:  # nothing lies below
-            reach[0] = self.edge(kept[0], kept[0].left)
-            branches.append(Branch(self.T < reach[0], kept[0].left))
+            reach[0] = self.level(kept[0], kept[0].left)
+            branches.append(Branch(self.T < self.edge(kept[0], kept[0].left), kept[0].left))
         for lower, upper in pairwise(kept):
             more, said = self.joint(lower, upper)
             branches, notes = [*branches, *more], [*notes, *said]
         if kept[-1].right is None:
             branches.append(self.branch(sp.true, kept[-1]))
         else:
-            reach[1] = self.edge(kept[-1], kept[-1].right)
-            branches += [self.branch(self.T <= reach[1], kept[-1]), Branch(sp.true, kept[-1].right)]
+            reach[1] = self.level(kept[-1], kept[-1].right)
+            top = self.edge(kept[-1], kept[-1].right)
+            branches += [self.branch(self.T <= top, kept[-1]), Branch(sp.true, kept[-1].right)]
         return branches, notes, reach
 
-    def resting(self, G: Any, kept: Sequence[Piece]) -> list[Branch]:
-        """Return what holds at the jumps of a sign: it is zero there itself, so that what rests goes on resting."""
-        found = []
-        for lower, upper in pairwise(kept):
-            size = sp.expand(self.edge(upper, lower.right) - self.edge(lower, lower.right))
-            known = number(size, self.values)
-            if lower.right == upper.left and size != 0 and (known is None or abs(known) > FLAT * self.steepest):
-                at_it = self.flip * G.xreplace({self.w: lower.right})
-                found.append(Branch(sp.Abs(self.T - at_it) <= DEAD_BAND * sp.Abs(size), lower.right))
-        return found
+    def resting(self, G: Any) -> tuple[list[Branch], list[str]]:
+        """Return what holds at the jumps of a sign: it is zero there itself, so that what rests goes on resting.
+
+        A sign that enters evenly leaves a value that the map has there alone.
+        """
+        found, notes, w = [], [], self.w
+        jumps = any(n.has(w) for n in G.atoms(sp.sign, sp.Heaviside))
+        for lower, upper in pairwise(self.pieces) if jumps else ():
+            at = upper.left
+            below, above = self.level(lower, at), self.level(upper, at)
+            here = tidy(at_point(G, w, at, self.values).xreplace({w: at}))
+            first, second = apart(here, below, self.values), apart(above, here, self.values)
+            if first == 0 and second == 0:
+                continue
+            size = sp.Abs(sp.expand(above - below))
+            within_jump = first is not None and second is not None and first * second >= 0
+            if not within_jump and tidy(above + below - 2 * here) != 0:
+                size = sp.Abs(sp.expand(here - below)) + sp.Abs(sp.expand(above - here))
+                x = text(self.made["unknown"])
+                notes.append(f"{x} = {text(at)} alone gives {text(here)}: it is taken, whatever else gives that")
+            found.append(Branch(sp.Abs(self.target - here) <= DEAD_BAND * size, at))
+        return found, notes
 
     def joint(self, lower: Piece, upper: Piece) -> tuple[list[Branch], list[str]]:
         """Return the branches up to the second of two neighbours: they meet, or a flat piece or a jump is between."""
         T, last, a, b = self.T, self.made["last"], lower.right, upper.left
         top, bottom = self.edge(lower, a), self.edge(upper, b)
-        jump = number(bottom - top, self.values)
-        flat = jump is not None and abs(jump) <= FLAT * self.steepest * max(number(b - a, self.values) or 0.0, 1.0)
+        jump = apart(self.level(upper, b), self.level(lower, a), self.values)
+        flat = jump is not None and abs(jump) <= self.slack(lower, upper)
         between = a if a == b else within(last, a, b)
-        if a == b and (flat or sp.expand(bottom - top) == 0):
+        if a == b and flat:
             return [self.branch(T < top, lower)], []
         if flat:
-            band = DEAD_BAND * (b - a)
+            band = DEAD_BAND * (b - a) * sp.Abs(upper.rise(self.w))
             said = f"where it is flat {text(self.made['unknown'])} stays as near as it can to its last value"
             return [self.branch(T - top < -band, lower), Branch(T - bottom <= band, between)], [said]
+        size = None if jump is None or self.flip not in (1, -1) else self.flip * jump
         nearer, after, notes = sp.true, [], []
-        if jump is None or jump < 0:  # both sides reach some targets
+        if size is None or size < 0:  # both sides reach some targets
             down, up = (piece.solve(self.target, self.w, self.flip) for piece in (lower, upper))
             nearer = sp.Or(T < bottom, (down - last) ** 2 <= (up - last) ** 2)
             notes.append(f"two solutions while {text(bottom)} <= {text(T)} <= {text(top)}: the nearer one is taken")
-        if jump is None or jump > 0:  # neither side does
+        if size is None or size > 0:  # neither side does
             after.append(Branch(T < bottom, between))
             notes.append(f"no solution while {text(top)} < {text(T)} < {text(bottom)}: it stays at the jump")
         return [self.branch(sp.And(T <= top, nearer), lower), *after], notes
 
+    def slack(self, lower: Piece, upper: Piece) -> float:
+        """Return by how much the flat pieces between two others may rise, or fall."""
+        return sum(
+            (FLAT * p.made_of + DIGITS * self.steepest) * abs(number(p.right - p.left, self.values) or 0.0)
+            for p in self.between(lower, upper)
+            if p.flat(self.steepest)
+        )
 
-def _pieces(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) -> list[Piece]:
-    """Return the pieces from left to right; neighbours that are the same become one."""
-    ends = [None, *breaks, None]
-    pieces: list[Piece] = []
-    for left, right in pairwise(ends):
-        if left is None and right is None:
-            point: Any = sp.S.Zero
-        elif left is None or right is None:
-            point = right - 1 if left is None else left + 1
-        else:
-            point = (left + right) / 2
-        expr = _at(G, w, point, values)
-        slope = derivative(expr, w)  # brackets are kept: they are the model's own
-        slope = sp.expand(slope) if slope.has(w) else slope
-        curve = derivative(slope, w) / 2
-        if curve.has(w) or (curve != 0 and len(ends) == 2):
-            raise Undecided
-        if pieces and sp.expand(expr - pieces[-1].expr) == 0:
-            left = pieces.pop().left
-        pieces.append(Piece(expr, slope, None if curve != 0 else number(slope, values), left, right, curve))
-    return pieces
+    def between(self, lower: Piece, upper: Piece) -> Sequence[Piece]:
+        places = list(self.pieces)
+        return places[places.index(lower) + 1 : places.index(upper)]
 
+    def hidden(self, kept: Sequence[Piece]) -> bool:
+        """Whether a piece reaches a target that the chain of those that are kept leaves out between its ends."""
+        spans, digits = self.spans, self.digits
+        for lower, upper in pairwise(kept) if spans else ():
+            top, bottom, room = spans[id(lower)][1], spans[id(upper)][0], self.slack(lower, upper) + digits
+            within_gap = (s[0] < bottom - digits and s[1] > top + digits for s in spans.values())
+            flat = [e for p in self.between(lower, upper) if p.flat(self.steepest) for e in spans[id(p)]]
+            apart = any(not min(top, bottom) - room <= e <= max(top, bottom) + room for e in flat)
+            if apart or (top + room < bottom and any(within_gap)):
+                return True
+        return self.beyond(kept, kept)
 
-def smooth_part(expr: Any) -> Any:
-    """Return an expression with constants in the place of its kinks."""
-    return expr.replace(lambda e: isinstance(e, KINKED), lambda e: sp.Dummy(real=True))
+    def aside(self, kept: Sequence[Piece]) -> bool:
+        """Whether a flat piece beside the chain of those that are kept has a level of its own."""
+        places = list(self.pieces)
+        first, last = places.index(kept[0]), places.index(kept[-1])
+        beside = [(p, q, q.left) for p, q in pairwise(places[: first + 1])]
+        beside += [(q, p, p.right) for p, q in pairwise(places[last:])]
+        return any(
+            p.flat(self.steepest) and apart(self.level(p, at), self.level(q, at), self.values) != 0
+            for p, q, at in beside
+        )
+
+    def beyond(self, kept: Sequence[Piece], others: Sequence[Piece]) -> bool:
+        """Whether one of other pieces reaches targets below or above the chain of those that are kept."""
+        if not self.spans:
+            return False
+        low, high = self.spans[id(kept[0])][0] - self.digits, self.spans[id(kept[-1])][1] + self.digits
+        return any(self.spans[id(p)][0] < low or self.spans[id(p)][1] > high for p in others)
+
+    @cached_property
+    def spans(self) -> dict[int, tuple[float, float]]:
+        """The least and the highest level of each piece by its id; none where samples say them."""
+        found = {id(p): span for p in self.pieces if (span := self.span(p)) is not None}
+        return found if len(found) == len(self.pieces) else {}
+
+    @property
+    def digits(self) -> float:
+        """Levels that differ by less are one."""
+        return ROUNDED * max((abs(e) for span in self.spans.values() for e in span if math.isfinite(e)), default=0.0)
+
+    def span(self, piece: Piece) -> tuple[float, float] | None:
+        """Return the least and the highest level of a piece, over that of the first kink; None where samples say it.
+
+        Of a curve without an end it is the part up to where it turns back.
+        """
+        ends = [at for at in (piece.left, piece.right) if at is not None]
+        if piece.size is None or self.flip not in (1, -1):
+            return None
+        zero = self.level(self.pieces[0], self.pieces[0].right) if ends else sp.S.Zero
+        heights = [apart(self.level(piece, at), zero, self.values) for at in ends]
+        found = [self.flip * h for h in heights if h is not None]
+        if len(found) < len(ends):
+            return None
+        for side in (s for s, at in ((-1, piece.left), (1, piece.right)) if at is None):
+            curve = self.flip * (number(piece.curve, self.values) or 0.0)
+            outwards = self.flip * side * (number(piece.slopes(self.w)[0], self.values) or 0.0)
+            if outwards * curve < 0:  # it turns back there
+                found.append(found[0] - outwards**2 / (4 * curve))
+            elif curve or not piece.flat(self.steepest):
+                found.append(math.copysign(math.inf, curve or outwards))
+        return (min(found), max(found)) if found else (-math.inf, math.inf)
 
 
 def _direction(slope: Any, rest: Any, values: Mapping[Any, Any]) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,9 +12,20 @@ from ..symbolic.functions import CLASSES, X, within
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import signal
-from .kinks import FLAT, LEVEL, Piece, Undecided, breaks_of, nodes_of, same, smooth_part, switching_of
-from .monotone import bounds
-from .solution import Branch, Solution, number, resting
+from .shape import (
+    DIGITS,
+    FLAT,
+    Piece,
+    Undecided,
+    bounds,
+    breaks_of,
+    nodes_of,
+    parts_of,
+    same,
+    smooth_part,
+    switching_of,
+)
+from .solution import Branch, Solution, number, resting, size_of
 
 
 def _beside(G: Any, w: Any, side: int, values: Mapping[Any, Any], at: Any = None) -> Any:
@@ -56,7 +68,7 @@ def solve_nodes(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: di
     rising = _rising(flip * G, w, breaks, values)
     if rising is None:
         return None  # the levels must rise from kink to kink
-    growth, jumps = rising
+    flat, jumps = rising
     T, index, name = flip * target, made["unknown"].indices[0], made["unknown"].base.name
     steps: list[tuple[str, Any]] = []
 
@@ -86,9 +98,9 @@ def solve_nodes(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: di
     above = best("above", end, lambda p, low, high, kept: sp.And(low >= T, p < kept))
     bottom, top = level("bottom", -1, first), level("top", 1, end)
     lower, upper = level("lower", 1, below), level("upper", -1, above)
-    outside = _outside(ends, slopes, sizes, (first, end), target, w)
+    outside = _outside(ends, slopes, (first, end), target, w, values)
     branches = (
-        *([resting(**made)] if any(jumps) or growth < FLAT else []),
+        *([resting(**made)] if any(jumps) or flat else []),
         Branch(T < bottom, outside[0]),
         Branch(T > top, outside[1]),
         *(Branch(sp.And(low <= T, high >= T), p) for p, low, high in listed if low != high),
@@ -97,28 +109,34 @@ def solve_nodes(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: di
     )
     held = text(made["unknown"])
     notes = [f"no {held} within a jump of the sign: it stays at the jump"] if any(jumps) else []
-    if growth < FLAT:
+    if flat:
         notes.append(f"where it is flat {held} stays as near as it can to its last value")
     return Solution(how="nodes", branches=branches, steps=tuple(steps), notes=tuple(notes), **made)
 
 
 def _outside(
-    ends: Sequence[Any], slopes: Sequence[Any], sizes: Sequence[float], kinks: Sequence[Any], target: Any, w: Any
+    ends: Sequence[Any], slopes: Sequence[Any], kinks: Sequence[Any], target: Any, w: Any, values: Mapping[Any, Any]
 ) -> list[Any]:
     """Return the solutions beyond the outermost kinks; where the end is flat nothing is reached there."""
-    flat = FLAT * max(map(abs, sizes))
-    listed = zip(ends, slopes, sizes, kinks, strict=True)
-    return [Piece(e, s, size, None, None).solve(target, w) if abs(size) > flat else at for e, s, size, at in listed]
+    sizes = [number(s, values) or 0.0 for s in slopes]
+    steepest, found = max(map(abs, sizes)), []
+    for end, slope, size, at in zip(ends, slopes, sizes, kinks, strict=True):
+        piece = Piece(end, slope, size, None, None, made_of=size_of(slope, values))
+        found.append(at if piece.flat(steepest) else piece.solve(target, w))
+    return found
 
 
-def _rising(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) -> tuple[float, list[float]] | None:
-    """Return the least slope and the jumps at the kinks; None where one falls, or may."""
-    growth = bounds(derivative(G, w), w, values)[0]
+def _rising(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) -> tuple[bool, list[float]] | None:
+    """Return whether some slope may be zero, and the jumps at the kinks; None where one falls, or may."""
+    slope = derivative(G, w)
+    growth = bounds(slope, w, values)[0]
+    sizes = [sorted(e for e in map(abs, part) if math.isfinite(e)) for part in parts_of(slope, w, values)]
+    rounding = FLAT * sum(part[0] for part in sizes) + DIGITS * sum(part[-1] for part in sizes)
     try:
         jumps = [_jump(G, w, b, values) for b in breaks]
     except Undecided:
         return None
-    return None if growth < -LEVEL or any(j < 0 for j in jumps) else (growth, jumps)
+    return None if growth < -rounding or any(j < 0 for j in jumps) else (growth <= rounding, jumps)
 
 
 def _jump(G: Any, w: Any, at: Any, values: Mapping[Any, Any]) -> float:

@@ -13,7 +13,7 @@ from ..symbolic.printing import latex_sum, text
 from ..symbolic.sensitivity import derivative
 
 STILL = sp.Float(1e-13)  # of what is added up: a gap below it is one of rounding
-ROUNDED = 1e-13  # a coefficient below it is none, where all others are gone
+ROUNDED, POINTS = 1e-13, 16  # of what is added up: rounding; where it is looked for
 UNIQUE = ("linear", "branches", "nodes", "inverse function")  # ways that leave no choice, unless their notes say so
 
 
@@ -163,14 +163,19 @@ class Solution:
     def residual(self) -> Any:
         """Put each branch back where it is meant and subtract the target: 0 where the algebra is exact."""
         for branch in self.branches:
-            if branch.form is not None:
-                gap = branch.form.xreplace({self.unknown: branch.solution}) - self.target
-                while limits := [f for f in gap.atoms(sp.Max, sp.Min) if f.has(self.target)]:
-                    reached = {f: next(e for e in f.args if e.has(self.target)) for f in limits}
-                    gap = gap.xreplace(reached)  # the discriminant where there is a solution
-                if not _rounded(gap) and not vanishes(gap):
+            turned = branch.solution.atoms(sp.sign) - (branch.form or branch.solution).atoms(sp.sign)
+            for side in (1, -1) if turned else (1,):  # a slope that samples turn
+                solution = branch.solution.xreplace(dict.fromkeys(turned, sp.Integer(side)))
+                if branch.form is not None and (gap := self._left(branch.form, solution)) != 0:
                     return gap
         return sp.S.Zero
+
+    def _left(self, form: Any, solution: Any) -> Any:
+        gap = form.xreplace({self.unknown: solution}) - self.target
+        while limits := [f for f in gap.atoms(sp.Max, sp.Min) if f.has(self.target)]:
+            reached = {f: next(e for e in f.args if e.has(self.target)) for f in limits}
+            gap = gap.xreplace(reached)  # the discriminant where there is a solution
+        return sp.S.Zero if vanishes(gap) or _rounded(gap) else gap
 
     @property
     def polynomial(self) -> Polynomial | None:
@@ -232,10 +237,19 @@ def summed(gap: Any) -> Any:
 
 
 def _rounded(expr: Any) -> bool:
-    """Whether nothing but rounding is left: numbers that stand in the place of symbols have been divided."""
-    return all(
-        c.is_Float and abs(c) < ROUNDED for c in (p.as_coeff_Mul()[0] for p in sp.Add.make_args(sp.expand(expr)))
-    )
+    """Whether nothing but rounding is left: numbers that stand in the place of symbols have been divided.
+
+    At points on all sides of its kinks the sum is nothing against what is added up in it.
+    """
+    symbols, parts, tried = sorted(expr.free_symbols, key=str), sp.Add.make_args(expr), 0
+    for i in range(POINTS):
+        at = {s: sp.Float(3 * ((0.618034 * (i * len(symbols) + j + 1)) % 1) - 1.5) for j, s in enumerate(symbols)}
+        values = [part.xreplace(at) for part in parts]
+        if all(v.is_number and v.is_extended_real and v.is_finite for v in values):
+            tried += 1
+            if abs(sum(values)) > ROUNDED * sum(map(abs, values)):
+                return False
+    return tried > POINTS // 4
 
 
 def tidy(expr: Any) -> Any:
@@ -253,3 +267,16 @@ def number(expr: Any, values: Mapping[Any, Any]) -> float | None:
     if held.free_symbols and (short := tidy(expr)) != expr:  # rounding must not keep samples that cancel
         held = sp.expand(short.xreplace(dict(values)))
     return float(held) if held.is_number and held.is_extended_real else None
+
+
+def size_of(expr: Any, values: Mapping[Any, Any]) -> float:
+    """Return the size of the numbers that are added up in an expression; 0 where all of it depends on samples."""
+    parts = (number(p, values) for p in sp.Add.make_args(sp.expand(expr)))
+    return sum(abs(p) for p in parts if p is not None)
+
+
+def apart(one: Any, other: Any, values: Mapping[Any, Any]) -> float | None:
+    """Return how far one expression lies above another: 0 where only rounding does it, None where samples do."""
+    found = 0.0 if tidy(one - other) == 0 else number(one - other, values)
+    rounding = ROUNDED * (size_of(one, values) + size_of(other, values)) if found else 0.0
+    return found if found is None or abs(found) > rounding else 0.0

@@ -20,8 +20,8 @@ from ..symbolic.graph import Graph
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import INNER_INPUTS, INNER_OUTPUTS, held, k, lag, m, r, samples, shift, signal, swap, x, y
-from .branches import solve_for
-from .monotone import JUMPS
+from .branches import FAR, solve_for
+from .shape import JUMPS
 from .solution import Solution, resting, summed
 
 Updates = tuple[tuple[Any, Any], ...]
@@ -209,7 +209,7 @@ def _limits(model: Model, base: Any) -> tuple[float, float]:
     outer = model.output if base in INNER_OUTPUTS else model.input
     ranges = model.info.ranges
     if outer.name not in ranges:
-        return -1e9, 1e9
+        return -FAR, FAR
     low, high = ranges[outer.name]
     wide, origin = WIDER * (high - low), 0.0 if base == m else float(model.operating_point.get(outer, 0.0))
     return low - wide - origin, high + wide - origin

@@ -13,6 +13,7 @@ import sympy as sp
 from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError, Unreachable
 from ...inversion.compensator import Compensator, allowed, ends
+from ...inversion.kinks import FURTHER, TURNING
 from ...models.model import Model
 from ...symbolic.recursion import Recursion
 from ...symbolic.signals import y
@@ -332,8 +333,12 @@ def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachab
     stages = law.staged.stages if law.staged else ()
     why = f"{found.why}. " if found.why else ""
     known = "; ".join(dict.fromkeys(s.proof for s in stages if s.reach != (-sp.oo, sp.oo) or s.needs or s.notes))
+    sure = all(
+        (s.closed_form or s.steep is not None) and not s.needs and not {FURTHER, TURNING} & {*s.notes} for s in stages
+    )
+    said = "The reference cannot be reached" if sure else "The law does not reach the reference"
     return Unreachable(
-        f"The reference cannot be reached at sample {at}: r = {target[at]:.6g}, the model gives {limit} "
+        f"{said} at sample {at}: r = {target[at]:.6g}, the model gives {limit} "
         f"{found.y[at]:.6g} there{f' ({known})' if known else ''}. {int(found.missed.sum())} of {target.size} samples "
         f"are missed, by {found.error:.3g} at most. {why}Shrink or shift the reference, or come as near as possible "
         "with clip=True (--clip).",
