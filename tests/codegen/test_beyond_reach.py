@@ -86,6 +86,17 @@ def test_it_goes_on_from_where_the_machine_is(name, language, tmp_path):
     assert np.array_equal(run.m, law.run(REFERENCE, 0.1, clip=True))
 
 
+@pytest.mark.parametrize("language", (in_c, in_st, in_casadi, in_javascript))
+def test_a_gain_that_turns_is_followed(language, tmp_path):
+    """Where the output is above 1 the gain is negative: the sides of the kink follow each other the other way round."""
+    regressors = ["y[k-1]", "u[k-1]", "u[k-1]*y[k-1]", "abs(u[k-1])"]
+    law = ns.NARX.from_terms(regressors, [0.5, 0.5, -0.5, 0.1], Ts=TS).compensator()
+    run = law.follow(REFERENCE, 0.1)
+    assert REFERENCE.max() > 1.5 and not run.unreached.any()
+    taken = np.concatenate([REFERENCE, np.full(law.preview, REFERENCE[-1])])[law.preview :]
+    assert np.abs(language(law, taken, tmp_path) - run.m).max() <= 1e-9 * np.abs(run.m).max()
+
+
 def test_it_is_said_on_top_of_the_source():
     bent, straight = MODELS["bent"].compensator(), ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 0.5]).compensator()
     for to in ("c", "st", "js", "plcopen"):
