@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sampling import some
+from sampling import more, some
 
 import narx_sym as ns
 from narx_sym.cli import main as cli
@@ -138,6 +138,7 @@ def test_five_lines_first_and_the_same_data_and_seed_give_the_same_file(files, d
     assert all('"seconds"' in a for a, _ in differ) and len(differ) <= 1
 
 
+@more
 def test_the_command_to_go_on_with_reads_the_data_as_this_one_did(files, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rows = (files / "dead.csv").read_text().replace("t,u,y,temp", "Zeit s,Spannung,Weg,temp").splitlines()

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import sympy as sp
+from sampling import some
 
 import narx_sym as ns
 from narx_sym.fit.laws.crossings import around, beyond
@@ -77,7 +78,7 @@ def attack(seed):
                 assert near or abs(at(got) - wanted) <= 10 * rounding
 
 
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", some(range(25), 5))
 def test_what_is_proved_and_what_is_reached(seed):
     attack(seed)
 
