@@ -81,6 +81,8 @@ assert np.all(np.diff(middle[:, :4], axis=0) > 0)  # accuracy deteriorates with 
 correlation = [np.corrcoef(middle[:, i], middle[:, i + 1])[0, 1] for i in (0, 2)]
 assert min(correlation) > 0.99  # ... and tracking follows the model
 assert np.all(middle[-1, :4] < 0.2 * STEPS[-1])
-assert middle[:, 5].max() < 1.1  # along the run law 2 forgets its own errors: it moves, its eigenvalue is for slow motion
+assert (
+    middle[:, 5].max() < 1.1
+)  # along the run law 2 forgets its own errors: it moves, its eigenvalue is for slow motion
 # The paper: strategy 1 is somewhat less sensitive to the model's accuracy.
 assert np.mean(middle[:, 1] / middle[:, 0]) < np.mean(middle[:, 3] / middle[:, 2])

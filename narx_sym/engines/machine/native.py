@@ -79,8 +79,6 @@ class _Function:
                 b.ret(index)
 
 
-
-
 def scan_levels(plan: Plan) -> list[list[int]] | None:
     """Group the states so that each is affine in its own last value with coefficients known from earlier groups.
 
