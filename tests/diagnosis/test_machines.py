@@ -317,3 +317,23 @@ def test_what_acts_in_the_last_samples_only_is_not_called_nothing():
     found = diagnosed(record_of(u, y, 0.01, 0.01))
     assert found.verdict == "nothing_detectable" and found.ladder[0]["sealed"] > 3 * found.ladder[0]["validation"]
     assert found.steps[0].finding == "unexplained" and "most of it in the last samples" in found.sentence()
+
+
+@more
+def test_of_two_effects_at_the_input_one_acts_behind_the_other():
+    """An amplifier that saturates behind a slack: side by side no two effects explain it, and friction was named."""
+    rng, n = np.random.default_rng(71), 3000
+    u = sum(
+        rng.uniform(0.5, 1.5) * np.sin(2 * np.pi * f * 0.01 * np.arange(n) + rng.uniform(0, 6.28))
+        for f in rng.uniform(0.15, 2.0, 4)
+    )
+    p, most = np.full(n, u[0]), np.abs(u).max()
+    for i in range(1, n):
+        p[i] = max(u[i] - 0.12 * most, min(u[i] + 0.12 * most, p[i - 1]))
+    y = lfilter([0, 0.06], np.convolve([1, -0.88], [1, -0.5]), np.clip(p, -0.6 * most, 0.6 * most))
+    record = record_of(u, y, 0.01, 0.01)
+    few = Catalogue({name: EFFECTS[name] for name in ("backlash", "saturation", "coulomb_friction")})
+    found = ns.diagnose(ns.identify(record, base="linear"), record, catalogue=few, max_effects=2)
+    assert sorted(e for s in found.steps for e in s.added) == ["backlash", "saturation"]
+    left = np.sqrt(found.last.mean_square(found.steps[0].base.split.held)) / np.std(record.y)
+    assert left < 1.2 * 0.01 and found.model.compensator().closed_form
