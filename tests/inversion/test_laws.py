@@ -19,7 +19,7 @@ from narx_sym.fit.laws.run import told
 from narx_sym.fit.simulate import rest_states
 from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
-from narx_sym.symbolic.signals import k, m, phi1, r, samples, signal, u, v, x, y
+from narx_sym.symbolic.signals import k, m, passed, phi1, r, samples, signal, u, v, x, y
 
 gcc = shutil.which("gcc")
 a, b, c, d = sp.symbols("a b c d", real=True)
@@ -204,7 +204,7 @@ def test_three_effects_at_once():
     ):  # fmt: skip
         model = with_effect(model, effect, size)
     law = model.compensator()
-    assert [s.unknown for s in law.staged.stages] == [x[k + 1], v[k + 0], m[k]]
+    assert [s.unknown for s in law.staged.stages] == [x[k + 1], v[k + 0], passed[k], m[k]]
     assert followed(model, law, reference(model)) < 1e-9
 
 
