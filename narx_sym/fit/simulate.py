@@ -321,8 +321,7 @@ def predict(model: Model, record: Record) -> Array:
 def _predicted(model: Model, record: Record) -> Array:
     theta = fitted(model)
     data = arrays(model, record)
-    # Of measured outputs nothing is fed back: all samples are computed at once, and no machine code is made for it.
-    predictor = compile(model.predictor, "native" if model.states else "numpy")
+    predictor = compile(model.predictor)
     initial = initial_values(model, data, max(1, predictor.recursion.depth)) if model.states else {}
     result = predictor(data, theta, initial)["prediction"]
     result[: predictor.recursion.depth] = data[model.output.name][: predictor.recursion.depth]
