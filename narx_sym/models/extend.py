@@ -306,7 +306,7 @@ def _placed(model: Model, variant: Variant, own: Sequence[State], total: Any) ->
 def _split(model: Model, where: str) -> list[State]:
     """Return a model's equations, the output's last, in which the sequence that a place acts on has a name."""
     output = model.output
-    chain = [*model.states, State(output[k], model.F)]
+    chain = [*model.states, State(output[k], model.F, output[k])]
     named = {s.left.base for s in chain}
 
     def moved(expr: Any, old: Any, new: Any) -> Any:
@@ -316,8 +316,8 @@ def _split(model: Model, where: str) -> list[State]:
     def between(target: Any, name: Any) -> None:
         """Give what an equation has on its right a name of its own."""
         at = next(i for i, s in enumerate(chain) if s.left.base == target)
-        begins = chain[at].initial if target == v else output[k]
-        chain[at : at + 1] = [State(name[k], chain[at].right, begins), State(target[k], name[k], chain[at].initial)]
+        begins = chain[at].initial
+        chain[at : at + 1] = [State(name[k], chain[at].right, begins), State(target[k], name[k], begins)]
 
     if where == "input" and v not in named:
         source = model.input
@@ -336,7 +336,7 @@ def _split(model: Model, where: str) -> list[State]:
         between(model.inner, free)
     if where in ("output", "sensor") and x not in named:
         states = [State(s.left, moved(s.right, output, x), s.initial, s.group) for s in chain[:-1]]
-        chain = [*states, State(x[k], moved(chain[-1].right, output, x), output[k]), State(output[k], x[k])]
+        chain = [*states, State(x[k], moved(chain[-1].right, output, x), output[k]), State(output[k], x[k], output[k])]
     if where == "sensor" and sensed not in named:
         between(output, sensed)
     return chain
