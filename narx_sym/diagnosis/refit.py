@@ -61,7 +61,7 @@ class Split:
         return cls(tuple(parts), every, every, every)
 
 
-@dataclass
+@dataclass(eq=False)
 class Fitted:
     """A model fitted on the training samples, with its free run everywhere.
 

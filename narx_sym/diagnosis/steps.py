@@ -294,11 +294,13 @@ def step(
     seen = made.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
     if best is None or not seen:
         return _unnamed(made, table, known), known
-    left = table.left(best, known)
-    lowest = best.held * (1 - left)
+    whole = table.complete(best, known)
+    left = table.left(whole, known)
     # Two effects are no rival of one, though it be priced as two: it would be shown as if its first were enough.
     enough = [r for r in table.beside(known) if len(r.beyond(known)) <= len(best.beyond(known))]
     found = table.unsure(alike(enough, best, left), enough)
+    best = found[0] = whole
+    lowest = best.held * (1 - left)
     share = explained(known.held - best.held, known, lowest)
     made.candidates = candidates_of(table, known, best, found, lowest)
     shown = {c.effect for c in made.candidates} | {BASE}  # a rival that cannot be held is none
@@ -359,7 +361,10 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     left = table.screened(alone).missing * alone.held / at.held if alone is not None else 1.0
     if table.screened(at).structure > HELPS and left > LEFT / 2:
         table.pairs(known)
-    return table.held(lambda: won(table.beside(known), known))
+    at, best = table.held(lambda: won(table.beside(known), known))
+    if best is not None and table.closer(best, at):
+        at, best = table.held(lambda: won(table.beside(known), known))
+    return at, best
 
 
 def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:

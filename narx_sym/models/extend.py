@@ -101,10 +101,12 @@ class Variant:
         return f"{self.id} ({', '.join(p for p in parts if p)})"
 
 
-def variants(model: Model, channels: Iterable[str] = (), catalogue: Catalogue = EFFECTS) -> Iterator[Variant]:
-    """Yield every way in which the catalogue's effects may act on a model."""
+def variants(
+    model: Model, channels: Iterable[str] = (), catalogue: Catalogue = EFFECTS, closer: bool = False
+) -> Iterator[Variant]:
+    """Yield every way in which the catalogue's effects may act on a model, in their usual forms or in `closer` ones."""
     named, forced = tuple(channels), _forced(model)
-    for one in catalogue.all():
+    for one in (e for e in catalogue.all() if e.closer == closer):
         stepped = [[(p, i) for i in map(int, s.values)] for p, s in one.scan.items() if s.of == "steps"]
         choices: list[tuple[tuple[str, int], ...]] = [()]
         for options in stepped:

@@ -61,6 +61,7 @@ class Machine:
         bare = plant.linear(plant.K * plant.fine)
         self.Y, self.V = float(np.std(bare)), float(np.std(np.diff(bare))) / plant.h
         target = float(np.exp(rng.uniform(*np.log(SIZE))))
+        self.unit = self.effect(plant).unit
         alone = self.simulated(self.first, None)
         self.strength = truths._calibrate(
             lambda s: float(np.std(self.simulated(self.first, s) - alone) / np.std(alone)),
@@ -73,7 +74,9 @@ class Machine:
         """Return the plant under a held input."""
         fine = np.repeat(u, truths.FINER)[: (len(u) - 1) * truths.FINER + 1]
         plant = truths.Plant(**self.draw, h=TS / truths.FINER, held=True, u=u, fine=fine, channels={}, A=self.amplitude)
-        plant.Y, plant.V = getattr(self, "Y", 1.0), getattr(self, "V", 1.0)
+        plant.Y, plant.V, plant.S = (
+            getattr(self, n, default) for n, default in (("Y", 1.0), ("V", 1.0), ("unit", 0.0))
+        )
         return plant
 
     def effect(self, plant: truths.Plant) -> truths.Effect:

@@ -98,6 +98,10 @@ PAIRS = {
     "bilinear_gain+drift": "position-dependent force and a sensor that drifts",
     "quadratic_gain+creep": "magnetic force and creep",
     "channel_gain:temperature+stribeck_friction": "warm coil on a sticking guide",
+    "dead_zone+backlash": "valve overlap, then a worn linkage",
+    "saturation+backlash": "amplifier limit, then a worn gear train",
+    "backlash+saturation": "worn lever, then a valve that is fully open",
+    "dead_zone+saturation": "valve overlap and a full opening",
 }
 GROUPS = {"in": IN, "off": OFF, "null": NULL, "pair": PAIRS}
 
@@ -170,6 +174,7 @@ class Plant:
     Y: float = 1.0  # std of the linear output
     V: float = 1.0  # rms of its velocity
     A: float = 1.0  # amplitude of the input
+    S: float = 0.0  # std of what an effect at the output adds at strength one and Y = 1; 0: as it is in this record
 
     def __post_init__(self) -> None:
         if self.order == 1:
@@ -223,6 +228,7 @@ class Effect:
     start: float = 0.1  # first guess of the strength
     params: dict[str, Any] = field(default_factory=dict)
     before: Callable[[Array], Array] | None = None  # linear dynamics that remain at strength zero
+    unit: float = 0.0  # of an effect at the output: the std by which its signal was scaled
 
 
 # ---- memories and solvers -------------------------------------------------------------------------------------------
@@ -517,8 +523,9 @@ def _added(plant: Plant, shape: Callable[[Array], Array], **params: Any) -> Effe
 
 def _output(plant: Plant, signal: Array, **params: Any) -> Effect:
     """Output effect s * signal, the signal scaled to the output."""
-    signal = signal * (plant.Y / np.std(signal))
-    return Effect("output", lambda s: s * signal, params=params)
+    unit = plant.S or float(np.std(signal))
+    signal = signal * (plant.Y / unit)
+    return Effect("output", lambda s: s * signal, params=params, unit=unit)
 
 
 def _force(plant: Plant, make: Callable[[float], Callable[[float, float, float], float]], **params: Any) -> Effect:

@@ -337,3 +337,50 @@ def test_of_two_effects_at_the_input_one_acts_behind_the_other():
     assert sorted(e for s in found.steps for e in s.added) == ["backlash", "saturation"]
     left = np.sqrt(found.last.mean_square(found.steps[0].base.split.held)) / np.std(record.y)
     assert left < 1.2 * 0.01 and found.model.compensator().closed_form
+
+
+def sharp_loop(path, width, beta):
+    """Return a Bouc-Wen memory of exponent 2 along a path, in small steps, (N,)."""
+    z, out = 0.0, []
+    for dx in np.diff(path, prepend=path[0]) / width:
+        parts = 1 + int(abs(dx) / 0.02)
+        for _ in range(parts):
+            z += dx / parts * (1 - z * z * (beta + (1 - beta) * (1 if z * dx >= 0 else -1)))
+        out.append(z)
+    return np.array(out)
+
+
+def staircase(rng, n):
+    """Return ramps between random turning points, of one speed, (n,)."""
+    points = np.cumsum(np.append(0.0, np.diff(rng.uniform(-2, 2, 40))))
+    at = np.cumsum(np.append(0.0, np.abs(np.diff(points))))
+    return np.interp(np.linspace(0, at[-1], n), at, points)
+
+
+@pytest.fixture(scope="module")
+def sharp():
+    u = staircase(np.random.default_rng(3), 3000)
+    y = lfilter([0, 0.2], [1, -0.8], u) + 0.4 * sharp_loop(u, 0.5, 0.55)
+    return record_of(u, y, 0.01, 0.01)
+
+
+def test_a_loop_that_leaves_something_is_asked_in_a_closer_form(sharp):
+    found = diagnosed(sharp)
+    assert found.verdict == "named" and found.confusion_set == ["hysteresis"]
+    assert found.best.variant.effect.form == "Bouc-Wen, sharp"
+    assert found.last.mean_square(found.last.split.held) < (1.1 * 0.01 * np.std(sharp.y)) ** 2
+    forms = {v.effect.form for row in found.hypotheses for v in row.hypothesis.effects if v.id != "hysteresis"}
+    assert not any("sharp" in form for form in forms)
+
+
+@more
+def test_without_a_closer_form_more_is_said_to_be_missing(sharp):
+    usual = Catalogue({name: [e for e in forms if not e.closer] for name, forms in EFFECTS.items()})
+    found = ns.diagnose(ns.identify(sharp, base="linear"), sharp, catalogue=usual)
+    assert found.verdict == "helps_but_incomplete" and found.steps[0].added == ["hysteresis"]
+
+
+def test_closer_forms_are_no_usual_ways():
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "1"])
+    assert {v.effect.form for v in variants(base, closer=True)} == {"Bouc-Wen, sharp"}
+    assert not any(v.effect.closer for v in variants(base))

@@ -67,6 +67,9 @@ EFFECTS = {
     ("channel:temp", "output", "channel", ""): (-0.5, 0.5),
     ("hysteresis", "inside", "y", "Bouc-Wen"): (-0.1, 0.1),
     ("hysteresis", "inside", "y", "Bouc-Wen force"): (-0.05, 0.05),
+    ("hysteresis", "input", "u", "Bouc-Wen, sharp"): (-0.3, 0.3),
+    ("hysteresis", "output", "y", "Bouc-Wen, sharp"): (-0.3, 0.3),
+    ("hysteresis", "inside", "y", "Bouc-Wen, sharp"): (-0.1, 0.1),
     ("hardening_spring", "inside", "y", ""): (-0.02, 0.02),
     ("coulomb_friction", "inside", "y", ""): (-0.02, 0.02),
     ("stribeck_friction", "inside", "y", ""): (-0.02, 0.02),
@@ -93,7 +96,8 @@ SHAPES = {"tau": 0.05, "b": 0.7, "g": 0.9, "d": 1.1, "f": 3.0}
 def with_effect(base, effect, coefficient):
     """Add one effect; None where it does not act on this base."""
     name, where, driver, form = effect
-    listed = (o for o in variants(base, ["temp"]) if (o.id, o.where, o.driver) == (name, where, driver))
+    every = [o for closer in (False, True) for o in variants(base, ["temp"], closer=closer)]
+    listed = (o for o in every if (o.id, o.where, o.driver) == (name, where, driver))
     found = next((o for o in listed if form in ("", o.effect.form)), None)
     if found is None:
         return None

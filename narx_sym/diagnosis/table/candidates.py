@@ -199,7 +199,8 @@ def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], low
     both = best.beyond(known)
     for variant in both if len(both) > 1 else ():
         table.judge_alone(known, variant.id)
-    listed = [r for r in cheapest(table.beside(known)) if len(r.beyond(known)) == 1 and r.blocks.size]
+    listed = [best if r.ids == best.ids else r for r in cheapest(table.beside(known))]
+    listed = [r for r in listed if len(r.beyond(known)) == 1 and r.blocks.size]
     members = {new_effect(r, known) for r in found} | {v.id for v in both}
     own = {v.id for v in both} if len(both) > 1 else set()  # of a pair its own effects come first
     listed.sort(key=lambda r: (r is not best and new_effect(r, known) not in own, new_effect(r, known) not in members))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
@@ -127,3 +127,12 @@ def settled(row: Row, search: Search) -> Fitted:
     core, frame = row.hypothesis.core, row.frame
     made, theta = written(row.hypothesis, search.given), np.array(frame.theta(row.values, core))
     return settle(made, Split.of(search.cut), theta, frame.limits(made), errors=frame.errors(row.values, core))
+
+
+def settles(fit: Callable[[Row], Fitted], row: Row) -> bool:
+    """Whether a row has a stable fit, by a function that raises FitError where it has none."""
+    try:
+        fit(row)
+    except FitError:
+        return False
+    return True

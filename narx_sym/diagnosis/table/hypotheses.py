@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ...models.extend import Variant, equations, extend
+from ...models.effects import Catalogue
+from ...models.extend import Variant, equations, extend, variants
 from ...models.info import Info
 from ...models.model import NARX, Model
 from ...symbolic.signals import k, samples, u, y
@@ -89,6 +90,19 @@ def linear_in_signals(model: Model, variant: Variant) -> bool:
     if form.states or variant.shape or any(x.base.name not in ("u", "v", "x", "y") for x in seen):
         return False
     return all(not sp.diff(z.xreplace({x: sp.Symbol("s")}), sp.Symbol("s")).free_symbols for z in form.z for x in seen)
+
+
+def ways(
+    model: Model, given: bool, channels: Sequence[str], catalogue: Catalogue, closer: bool = False
+) -> list[Variant]:
+    """Return every way in which a catalogue's effects may act; what an open core has itself is none.
+
+    The model has the largest core: beside a smaller one, as without memory, some are none.
+    """
+    listed = variants(model, channels, catalogue, closer)
+    if given:
+        return list(listed)
+    return [v for v in dict.fromkeys(replace(v, lag=0) for v in listed) if not linear_in_signals(model, v)]
 
 
 def ladder(given: Model, family: str, integrating: bool, delays: Sequence[int]) -> list[Core]:

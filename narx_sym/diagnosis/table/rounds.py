@@ -16,14 +16,14 @@ from ...data.record import Record, one_sine
 from ...errors import FitError
 from ...fit.identify import OPEN
 from ...models.effects import Catalogue
-from ...models.extend import Variant, variants
+from ...models.extend import Variant
 from ...models.model import Model
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted
 from ..screening.directions import Linearised
 from ..screening.scored import Scored, linearised, screen, shortlist
-from .finer import Finer, settled
-from .hypotheses import Core, Hypothesis, family_of, linear_in_signals, written
+from .finer import Finer, settled, settles
+from .hypotheses import Core, Hypothesis, family_of, ways, written
 from .row import Row
 from .search import Search
 from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, explained, price, rivals, verdict
@@ -39,12 +39,10 @@ class Table:
 
     Attributes
     ----------
-    search : Search
     factor : int
         Samples of the record that are one at the working rate.
     rounding : float
-        Mean square, over the variance of y, of what arithmetic and the steps of a converter make: less says nothing.
-        (These steps are the parameter `quantum` [unit of y].)
+        Mean square, over the variance of y, of what arithmetic and a converter's steps (`quantum` [unit of y]) make.
     """
 
     def __init__(
@@ -62,7 +60,7 @@ class Table:
         self.channels, self.catalogue, self.seed, self.course = tuple(channels), catalogue, seed, course
         work, self.factor = working(self.records) if family_of(given) in OPEN else (self.records, 1)
         self.search = Search(given if self.factor == 1 else given.replace(Ts=work[0].Ts), work)
-        self._screened: dict[Row, Scored] = {}
+        self._screened: dict[Fitted, Scored] = {}
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
         self._tried: dict[tuple[Variant, ...], set[Core]] = {}  # cores that were fitted with these effects alone
         self._enlarged: set[tuple[Hypothesis, Core]] = set()  # which larger cores were fitted from which hypotheses
@@ -124,9 +122,12 @@ class Table:
 
     def screened(self, row: Row) -> Scored:
         """Return what the directions say at a row."""
-        if row not in self._screened:
-            self._screened[row] = screen(self.fitted(row), self.channels, self.catalogue, self.seed)
-        return self._screened[row]
+        return self._scored(self.fitted(row))
+
+    def _scored(self, fitted: Fitted) -> Scored:
+        if fitted not in self._screened:
+            self._screened[fitted] = screen(fitted, self.channels, self.catalogue, self.seed)
+        return self._screened[fitted]
 
     def checked(self, row: Row) -> Scored:
         """Return what the directions say at a row at the records' own rate, where these are short enough.
@@ -135,7 +136,7 @@ class Table:
         """
         if self.factor == 1 or sum(map(len, self.records)) > MOST:
             return self.screened(row)
-        return screen(self.own(row), self.channels, self.catalogue, self.seed)
+        return self._scored(self.own(row))
 
     def left(self, row: Row, base: Row) -> float:
         """Return the share of a row's error that follows from the signals.
@@ -164,10 +165,32 @@ class Table:
             line = linearised(self.fitted(at))
             taken = {(v.id, v.where) for v in base.hypothesis.effects}  # elsewhere the same effect may act again
             largest = max((r.hypothesis for r in bases), key=lambda h: (h.core.n_y, h.core.n_u))
-            ways = self._ways(written(largest, self.search.given), given)
-            tried = [v for v in ways if (v.id, v.where) not in taken]
+            listed = ways(written(largest, self.search.given), given, self.channels, self.catalogue)
+            tried = [v for v in listed if (v.id, v.where) not in taken and self._may_show(v)]
             tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
             self._fit(self._every_core(bases), {v: line.grid(v) for v in tried}, line, tell, base.price)
+
+    def closer(self, best: Row, base: Row) -> bool:
+        """Fit the closer forms of an effect that wins alone and leaves something; return whether there are any."""
+        given, (added, *more) = best.hypothesis.core.given, best.beyond(base)
+        forms = [e for e in self.catalogue.get(added.id, []) if e.closer]
+        if more or not forms or self.left(best, base) <= LEFT:
+            return False
+        bare = written(replace(best.hypothesis, effects=base.hypothesis.effects), self.search.given)
+        bases = [r for r in self.rows if r.ids == base.ids and r.hypothesis.core.given == given]
+        line, tell = self.screened(best).line, partial(self._tell, base, ", in closer forms", 0, 1)
+        listed = ways(bare, given, self.channels, Catalogue({added.id: forms}), closer=True)
+        shapes = {v: line.grid(v) for v in listed if self._may_show(v)}
+        self._fit(self._every_core(bases), shapes, line, tell, base.price)
+        return bool(shapes)
+
+    def complete(self, best: Row, base: Row) -> Row:
+        """Return the effects of a winner in their cheapest forms that leave nothing: what is left costs one more."""
+        forms: dict[tuple[Variant, ...], Row] = {}
+        for row in sorted((r for r in self.rows if r.ids == best.ids), key=lambda r: r.price):
+            forms.setdefault(row.hypothesis.effects, row)
+        near = (r for r in forms.values() if r.price <= best.price + PER_EFFECT and self.holds(r))
+        return next((r for r in near if self.left(r, base) <= LEFT and self._shows(r, base)), best)
 
     def pairs(self, base: Row) -> None:
         """Fit pairs: the best effects, and what the directions show beside each of them."""
@@ -200,17 +223,6 @@ class Table:
     def _may_show(self, variant: Variant) -> bool:
         """Whether these data can show an effect: what remembers where its driver turned needs a turn."""
         return not variant.effect.turning or not self.turning.isdisjoint(variant.driver)
-
-    def _ways(self, model: Model, given: bool) -> list[Variant]:
-        """Return every way in which the catalogue's effects may act; what an open core has itself is none.
-
-        The model has the largest core: beside a smaller one, as without memory, some are none.
-        """
-        listed = [v for v in variants(model, self.channels, self.catalogue) if self._may_show(v)]
-        if given:
-            return listed
-        open_ones = dict.fromkeys(replace(v, lag=0) for v in listed)
-        return [v for v in open_ones if not linear_in_signals(model, v)]
 
     def _fit(
         self, bases: Sequence[Row], shapes: Mapping[Variant, Any], line: Linearised, tell: Callable[[int, int], None],
@@ -381,16 +393,8 @@ class Table:
 
     def holds(self, row: Row) -> bool:
         """Whether the free run of a row can be held at the working rate and at the records' own, however long it is."""
-        return not self.search.grows(row) and self.settles(row) and _settles(self.own, row)
+        return not self.search.grows(row) and self.settles(row) and settles(self.own, row)
 
     def settles(self, row: Row) -> bool:
         """Whether the free run of a row can be held on the training samples alone, at the working rate."""
-        return _settles(self.fitted, row)
-
-
-def _settles(fit: Callable[[Row], Fitted], row: Row) -> bool:
-    try:
-        fit(row)
-    except FitError:
-        return False
-    return True
+        return settles(self.fitted, row)

@@ -96,6 +96,8 @@ class Effect:
         Whether it shows only where its driver turns back: on one way it is a curve.
     weights : bool
         Whether its coefficients are weights of like parts: with both signs it is two, one against the other.
+    closer : bool
+        Whether it is a closer form of an effect that other forms of it find: asked where these leave something.
     """
 
     id: str
@@ -116,6 +118,7 @@ class Effect:
     lagged: bool = False
     turning: bool = False
     weights: bool = False
+    closer: bool = False
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -237,6 +240,7 @@ def effect(
     lagged: bool = False,
     turning: bool = False,
     weights: bool = False,
+    closer: bool = False,
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Turn a function into an effect and put it into the catalogue.
@@ -251,6 +255,7 @@ def effect(
     lagged : whether it stands behind a lag of its own, which costs as an effect does where the machine has no such pole
     turning : whether it shows only where its driver turns back
     weights : whether its coefficients are weights of like parts, which cost as two effects do where their signs differ
+    closer : whether it is asked only where the other forms of the effect leave something
     register : bool
         False keeps it out of the catalogue.
 
@@ -275,7 +280,7 @@ def effect(
         one = Effect(
             name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
             full, (function.__module__ or "").rpartition(".")[2], limit, standing, least, lagged,
-            turning, weights,
+            turning, weights, closer,
         )  # fmt: skip
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:
