@@ -442,8 +442,13 @@ def test_no_winner_costs_clearly_more_at_the_own_rate_than_another():
 
 
 def test_a_single_sine_grows_no_core():
-    search = SimpleNamespace(next_to=lambda size: 1 / 0)
-    assert not Table._larger(SimpleNamespace(one_sine=True, search=search), None, None)
+    row = SimpleNamespace(price=0.0, size=None, beyond=lambda base: [1], ids=("a",), parameters=1)
+    row.hypothesis = SimpleNamespace(effects=[SimpleNamespace(effect=None, where="input")])
+    asked = []
+    search = SimpleNamespace(next_to=lambda size: 1 / 0, near=lambda row, sizes, forms: asked.append(sizes) or [])
+    catalogue = SimpleNamespace(at_limit=lambda effect, where: [])
+    table = SimpleNamespace(one_sine=True, search=search, beside=lambda base: [row], catalogue=catalogue)
+    assert not Table._nearer(table, row, None) and asked == [[]]
 
 
 def test_what_is_missing_beside_a_winner_is_missing_at_the_own_rate():
@@ -473,3 +478,27 @@ def test_what_costs_less_at_the_own_rate_is_a_rival():
     assert Table.unsure(table, [best, dear], rows) == [best, dear]
     cheaper = []
     assert Table.unsure(table, [best], rows) == [best]
+
+
+def test_what_wins_is_fitted_at_its_limit_too():
+    """Stiction of a valve without a jump is a play: from where it stands, and only where that is cheaper."""
+    rng = np.random.default_rng(5)
+    u = np.cumsum(rng.standard_normal(800)) / 10
+    p = np.zeros(800)
+    for i in range(1, 800):
+        p[i] = min(max(p[i - 1], u[i] - 0.4), u[i] + 0.4)
+    y = lfilter([0, 0.2], [1, -0.8], p)
+    record = ns.Record.from_arrays(u, y + 0.01 * y.std() * rng.standard_normal(800), 0.01)
+    search = Search(ns.identify(record, base="linear"), [record], [(1, 1)])
+    (base,) = search.bases([1])
+    (valve,) = (e for e in EFFECTS["stiction"] if e.form == "of a valve")
+    (play,) = EFFECTS.at_limit(valve, "input")
+    assert play.id == "backlash" and not EFFECTS.at_limit(play, "input")
+    variant = Variant(valve, "input", "u")
+    search.limits[variant] = {"r": (0.01, 2.0), "e": (1e-4, 2.0)}
+    row = search.finish(search.look([base], variant, [(0.3, 0.01)])[0])
+    (made,) = search.near(row, [], [play])
+    assert made.ids == ("backlash",) and made.parameters == row.parameters - 1
+    assert made.before_judged < row.before_judged
+    assert made.values[made.frame.added[0][1]] == pytest.approx(0.4, abs=0.02)
+    assert search.near(row, [], [play]) == []

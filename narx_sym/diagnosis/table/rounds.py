@@ -23,7 +23,7 @@ from ..refit import Fitted
 from ..screening.directions import Linearised
 from ..screening.scored import Scored, linearised, screen, shortlist
 from .finer import Finer, settled, settles
-from .hypotheses import Core, Hypothesis, family_of, ways, written
+from .hypotheses import Core, family_of, ways, written
 from .row import Row
 from .search import Search
 from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, explained, price, rivals, verdict
@@ -63,7 +63,6 @@ class Table:
         self._screened: dict[Fitted, Scored] = {}
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
         self._tried: dict[tuple[Variant, ...], set[Core]] = {}  # cores that were fitted with these effects alone
-        self._enlarged: set[tuple[Hypothesis, Core]] = set()  # which larger cores were fitted from which hypotheses
         self._fitted: dict[Row, Fitted] = {}
         self._own: dict[Row, Fitted] = {}
         steps = quantum**2 / 12 / (float(np.var(np.concatenate([r.y for r in self.records]))) or 1.0)
@@ -313,7 +312,7 @@ class Table:
         """
         while True:
             base, best = choose()
-            if best is not None and (self._bare(base) or self._larger(best, base)):
+            if best is not None and (self._bare(base) or self._nearer(best, base)):
                 continue
             lost = [r for r in (base, best) if r is not None and not self.holds(r)]
             if not lost and best is not None and not self._shows(best, base):
@@ -365,20 +364,16 @@ class Table:
         self.rows.extend(r.judged() for r in found if r is not None)
         return any(r is not None for r in found)
 
-    def _larger(self, best: Row, base: Row) -> bool:
-        """Fit what wins, and what may be taken for it, with the next larger cores, from where it stands.
+    def _nearer(self, best: Row, base: Row) -> bool:
+        """Fit what is near a winner, and near what may be taken for it, from where that stands.
 
-        A core that was fitted without an effect begins where it imitates the effect, and a dead time imitates a lag.
         False where nothing came of it, or all was tried.
         """
-        if self.one_sine:
-            return False
         found = []
         for row in (r for r in cheapest(self.beside(base)) if r.beyond(base) and r.price <= best.price + PER_EFFECT):
-            tried = {(row.hypothesis, size) for size in self.search.next_to(row.size)} - self._enlarged
-            self._enlarged |= tried
-            made = (self.search.enlarged(row, size) for _, size in sorted(tried, key=lambda t: (t[1].n_y, t[1].n_u)))
-            found += [r for r in made if r is not None and r.before_judged < row.before_judged]
+            last = row.hypothesis.effects[-1]
+            forms = self.catalogue.at_limit(last.effect, last.where)
+            found += self.search.near(row, [] if self.one_sine else self.search.next_to(row.size), forms)
         for row in found:
             self.search.finish(row)
         return bool(found)

@@ -12,6 +12,7 @@ from ...data.record import Record
 from ...errors import FitError
 from ...fit.bases.integrating import DRIVEN, at_one, drives, lasting, slowest, slowest_seen
 from ...fit.identify import FEWEST, LITTLE
+from ...models.effects import Effect
 from ...models.extend import Variant
 from ...models.model import Model
 from .arx import arx_start
@@ -53,6 +54,7 @@ class Search:
         self.frames: dict[Any, Frame] = {}
         self.rows: list[Row] = []
         self.higher: list[tuple[int, int]] = []
+        self._near: set[tuple[Hypothesis, Core | Effect]] = set()  # what was fitted from where a hypothesis stands
         self.integrating = self.swings = self.leaks = False
         self.modes: float = np.inf
         self.tunes = True  # whether delays are free
@@ -304,6 +306,22 @@ class Search:
         larger = [c for c in self.cores([0]) if not (c.given or size.given or c == size) and c.holds(size)]
         return [c for c in larger if not any(c.holds(other) for other in larger if other != c)]
 
+    def near(self, row: Row, sizes: Iterable[Core], forms: Iterable[Effect]) -> list[Row]:
+        """Fit larger cores, and what the last effect of a row is at its limit, from where it stands: what is cheaper.
+
+        A core that was fitted without an effect begins where it imitates the effect, a dead time imitates a lag, and an
+        effect with more freedom finds its way where its limit does not. Nothing is tried twice.
+        """
+        ordered = sorted((c for c in sizes if self._first(row, c)), key=lambda c: (c.n_y, c.n_u))
+        found = [self.enlarged(row, c) for c in ordered]
+        found += [self.at_limit(row, form) for form in forms if self._first(row, form)]
+        return [r for r in found if r is not None and r.before_judged < row.before_judged]
+
+    def _first(self, row: Row, to: Core | Effect) -> bool:
+        first = (row.hypothesis, to) not in self._near
+        self._near.add((row.hypothesis, to))
+        return first
+
     def enlarged(self, row: Row, size: Core) -> Row | None:
         """Fit a larger core from where a row stands; a lag more is none yet, or stands for a part of the dead time."""
         core, found = row.hypothesis.core, []
@@ -311,6 +329,18 @@ class Search:
             other = replace(row.hypothesis, core=replace(size, delay=core.delay - less))
             found.append(self.fitted(other, _slower(row, less / (1 + less)), 8, gain=BRIEF))
         return min((r for r in found if r is not None), key=lambda r: r.fitted, default=None)
+
+    def at_limit(self, row: Row, effect: Effect) -> Row | None:
+        """Fit what the last effect of a row is at the limit of its shape, from where the row stands."""
+        *known, last = row.hypothesis.effects
+        variant = replace(last, effect=effect)
+        self.limits.setdefault(variant, {p: self.limits[last][p] for p in variant.shape})
+        hypothesis = replace(row.hypothesis, effects=(*known, variant))
+        frame = self.frame(hypothesis.effects, row.hypothesis.core.given)
+        cs, where = row.frame.added[-1]
+        kept = [i for p, i in zip(last.shape, where, strict=True) if p in variant.shape]
+        x = np.concatenate([row.values[: cs[0]], row.values[[*cs, *kept]], np.zeros(frame.problem.shifts)])
+        return self.fitted(hypothesis, x, 8, gain=BRIEF)
 
     def tuned(self, row: Row, steps: int = 40) -> Row:
         """Move the delay of a row while that helps."""

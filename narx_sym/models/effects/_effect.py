@@ -169,7 +169,7 @@ class Effect:
             for place, by in self.places.items()
         ]
         units = [f"{p} in {self.unit[p]}" for p in self.shape if self.unit.get(p)]
-        return "; ".join([*places, *units])
+        return "; ".join([*places, *units, *(["asked where its other forms leave something"] if self.closer else [])])
 
     def __repr__(self) -> str:
         return f"Effect({self.id}{', ' + self.form if self.form else ''})"
@@ -203,6 +203,14 @@ class Catalogue(dict[str, list[Effect]]):
         """Add a form; the same form twice replaces the first."""
         forms = self.setdefault(one.id, [])
         forms[:] = [f for f in forms if f.form != one.form] + [one]
+
+    def at_limit(self, one: Effect, where: str) -> list[Effect]:
+        """Return what an effect is at the limit of its shape, in that place; none where it has no limit."""
+        if not one.limit:
+            return []
+        kept = tuple(p for p in one.shape if p != one.limit[0])
+        forms = self.get(one.limit[2], [])
+        return [f for f in forms if f.shape == kept and where in f.places and f.standing == one.standing]
 
     def without(self, *ids: str) -> Catalogue:
         """Return a catalogue that lacks some effects.
