@@ -21,14 +21,13 @@ from .refit import Fitted, prune
 from .screening import gate
 from .screening.promise import detectable
 from .screening.scored import absorbed
-from .table.candidates import Candidate, Pair, candidates_of, new_effect
+from .table.candidates import RIVALS, Candidate, Pair, candidates_of, instead, new_effect
 from .table.rounds import Table
 from .table.row import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, explained, nothing_named, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
 REPEATED = "repeated periods"  # the kind that is sure
-RIVALS = 3  # that are named: of a pair, and of what comes nearest
 
 
 @dataclass
@@ -294,6 +293,9 @@ def step(
     seen = made.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
     if best is None or not seen:
         return _unnamed(made, table, known), known
+    before = known.ids
+    known, best = instead(table, best, known)
+    made.withdrawn = [name for name in before if name not in known.ids]
     whole = table.complete(best, known)
     left = table.left(whole, known)
     # Two effects are no rival of one, though it be priced as two: it would be shown as if its first were enough.

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import truths
 from sampling import more
 from scipy.signal import cont2discrete, dlsim, lfilter
 
@@ -374,13 +375,31 @@ def test_a_loop_that_leaves_something_is_asked_in_a_closer_form(sharp):
 
 
 @more
-def test_without_a_closer_form_more_is_said_to_be_missing(sharp):
+def test_nothing_more_is_missing_where_another_form_explains_all(sharp):
+    """Without the closer forms the cheapest one leaves something, and a superposition of plays nothing."""
     usual = Catalogue({name: [e for e in forms if not e.closer] for name, forms in EFFECTS.items()})
     found = ns.diagnose(ns.identify(sharp, base="linear"), sharp, catalogue=usual)
-    assert found.verdict == "helps_but_incomplete" and found.steps[0].added == ["hysteresis"]
+    cheapest = min((r for r in found.hypotheses if r.ids == ("hysteresis",)), key=lambda r: r.price)
+    assert found.verdict == "named" and found.confusion_set == ["hysteresis"]
+    assert found.best.variant.effect.form == "play superposition"
+    assert cheapest.hypothesis.effects[0].effect.form == "Bouc-Wen" and cheapest.price < found.best.row.price
 
 
 def test_closer_forms_are_no_usual_ways():
     base = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "1"])
-    assert {v.effect.form for v in variants(base, closer=True)} == {"Bouc-Wen, sharp"}
+    assert {v.effect.form for v in variants(base, closer=True)} == {"Bouc-Wen, wide", "Bouc-Wen, sharp"}
     assert not any(v.effect.closer for v in variants(base))
+
+
+@more
+def test_what_imitated_a_slack_goes_when_the_slack_comes():
+    case = truths.case("pair", "saturation+backlash", 9911, "sine", level=0.005, Ts=0.005)
+    record = ns.Record.from_arrays(case.u, case.y, case.Ts)
+    found = ns.diagnose(ns.identify(record, base="linear"), record, max_effects=3)
+    first, second = found.steps[:2]
+    assert "hysteresis" in first.added and second.added == ["backlash"] and second.withdrawn == ["hysteresis"]
+    assert found.rungs[2] == "+ backlash instead of hysteresis"
+    assert "hysteresis" not in [e.effect for e in found.model.effects]
+    assert second.nrmse(second.chosen)["sealed"] < second.nrmse(second.base)["sealed"] * 1.05
+    told = found.to_dict()
+    assert told["ladder"][2]["withdrawn"] == told["steps"][1]["withdrawn"] == ["hysteresis"]

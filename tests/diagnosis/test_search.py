@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.rate import MOST, working
 from narx_sym.diagnosis.progress import BASE, ROUND, Course
+from narx_sym.diagnosis.table.candidates import instead
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
 from narx_sym.diagnosis.table.rounds import Table
@@ -502,3 +503,35 @@ def test_what_wins_is_fitted_at_its_limit_too():
     assert made.before_judged < row.before_judged
     assert made.values[made.frame.added[0][1]] == pytest.approx(0.4, abs=0.02)
     assert search.near(row, [], [play]) == []
+
+
+def test_what_a_new_effect_makes_superfluous_is_withdrawn():
+    """Of a loop, a curve and a slack: the slack alone beside the curve costs less than beside loop and curve."""
+
+    def row(price, *ids):
+        effects = tuple(SimpleNamespace(id=i) for i in ids)
+        beyond = lambda known: effects[len(known.ids) :]  # noqa: E731
+        return SimpleNamespace(
+            price=price, ids=ids, parameters=1, hypothesis=SimpleNamespace(effects=effects), beyond=beyond
+        )
+
+    known, best = row(-6.0, "loop", "curve"), row(-7.0, "loop", "curve", "slack")
+    curve, other, dear = row(-2.0, "curve"), row(-5.9, "spring", "curve"), row(-5.0, "drag", "curve")
+    rows, prices = [known, best, curve, other, dear], {}
+
+    def added(base, variant, like):
+        assert variant.id == "slack" and like is best
+        return row(prices.get(base.ids, -1.0), *base.ids, "slack")
+
+    table = SimpleNamespace(rows=rows, search=SimpleNamespace(added=added), holds=lambda r: True)
+    assert instead(table, best, known) == (known, best)
+    prices[dear.ids] = -9.0  # too dear before to be asked
+    assert instead(table, best, known) == (known, best)
+    prices[other.ids] = -7.5
+    base, made = instead(table, best, known)
+    assert base is other and made.ids == ("spring", "curve", "slack")
+    prices[curve.ids] = -8.0
+    base, made = instead(table, best, known)
+    assert base is curve and made.ids == ("curve", "slack")
+    table.holds = lambda r: r is best
+    assert instead(table, best, known) == (known, best)

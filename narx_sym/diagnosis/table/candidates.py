@@ -18,7 +18,7 @@ from ...symbolic import printing
 from ..bases import BASE
 from ..refit import Fitted
 from .row import Row
-from .verdict import cheapest, explained
+from .verdict import PER_EFFECT, cheapest, explained
 
 if TYPE_CHECKING:
     from .rounds import Table
@@ -30,6 +30,7 @@ TARGETS = {
 }  # fmt: skip
 DRAWS = 200  # of the blocks, for an interval
 SHOWN = 6  # candidates at most, and the confusion set
+RIVALS = 3  # that are named, of a pair and of what comes nearest, and that are tried in place of an earlier effect
 
 
 @dataclass(repr=False)
@@ -192,6 +193,24 @@ class Pair:
 def new_effect(row: Row, known: Row) -> str:
     """Return the id of what a row adds."""
     return next((v.id for v in row.beyond(known)), BASE)
+
+
+def instead(table: Table, best: Row, known: Row) -> tuple[Row, Row]:
+    """Return base and winner without an effect that was added before, or with another one for it.
+
+    Where that costs less: what was named first may have imitated what is new now.
+    """
+    new, found = best.beyond(known), [(best.price, known, best)]
+    for old in known.hypothesis.effects if len(new) == 1 else ():
+        rest = set(known.ids) - {old.id}
+        listed = [r for r in cheapest(table.rows) if rest <= set(r.ids) and new[0].id not in r.ids]
+        fewer = [r for r in listed if set(r.ids) == rest]
+        others = [r for r in listed if len(r.ids) == len(known.ids) and old.id not in r.ids]
+        near = [r for r in others if r.price <= known.price + 2 * PER_EFFECT]
+        for row in fewer + near[:RIVALS]:
+            made = table.search.added(row, new[0], best)
+            found += [(made.price, row, made)] if made is not None and table.holds(made) else []
+    return min(found, key=lambda f: f[0])[1:]
 
 
 def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], lowest: float) -> list[Candidate]:
