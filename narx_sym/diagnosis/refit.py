@@ -95,11 +95,6 @@ class Fitted:
         """The segment with the most of the squared error: of several, that which is looked at."""
         return int(np.argmax([e @ e for e in self.errors]))
 
-    @cached_property
-    def remembers(self) -> bool:
-        """Whether its memories start within their reach: see `FreeRun.remembers`."""
-        return self.problem.remembers(self.unknowns)
-
     def error(self, masks: Sequence[Array]) -> Array:
         """Return the errors on chosen samples, one array."""
         return np.concatenate([e[m] for e, m in zip(self.errors, masks, strict=True)])

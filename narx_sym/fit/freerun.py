@@ -222,20 +222,6 @@ class FreeRun:
 
         return all(bounded(i) for i in range(len(self.data)))
 
-    def remembers(self, z: Array) -> bool:
-        """Whether every memory starts no farther from where it would begin than it goes along its segment from there.
-
-        What starts farther away is no memory of the driver: its way back imitates a drift.
-        """
-        memories = [(at, s.states) for at, s in enumerate(self.starts) if s.back is None]
-        for i in range(len(self.data) if memories else 0):
-            own, bare = self.own(i).start, z.copy()
-            bare[[own + at for at, _ in memories]] = 0.0
-            runs = self.states(bare, i)
-            if any(abs(z[own + at]) > max(np.ptp(runs[s.name]) for s in states) for at, states in memories):
-                return False
-        return True
-
     def _forward(self) -> Any:
         """Sensitivities in the same compiled pass as the run."""
         fixed = () if self.free else self.model.symbols  # where only starts are unknown, only these are differentiated

@@ -512,7 +512,11 @@ def test_what_a_new_effect_makes_superfluous_is_withdrawn():
         effects = tuple(SimpleNamespace(id=i) for i in ids)
         beyond = lambda known: effects[len(known.ids) :]  # noqa: E731
         return SimpleNamespace(
-            price=price, ids=ids, parameters=1, hypothesis=SimpleNamespace(effects=effects), beyond=beyond
+            price=price,
+            ids=ids,
+            parameters=1,
+            beyond=beyond,
+            hypothesis=SimpleNamespace(effects=effects, core=SimpleNamespace(given=False)),
         )
 
     known, best = row(-6.0, "loop", "curve"), row(-7.0, "loop", "curve", "slack")
@@ -533,5 +537,5 @@ def test_what_a_new_effect_makes_superfluous_is_withdrawn():
     prices[curve.ids] = -8.0
     base, made = instead(table, best, known)
     assert base is curve and made.ids == ("curve", "slack")
-    table.holds = lambda r: r is best
+    table.holds = lambda r: r is best or "slack" not in r.ids
     assert instead(table, best, known) == (known, best)

@@ -203,11 +203,12 @@ def instead(table: Table, best: Row, known: Row) -> tuple[Row, Row]:
     new, found = best.beyond(known), [(best.price, known, best)]
     for old in known.hypothesis.effects if len(new) == 1 else ():
         rest = set(known.ids) - {old.id}
-        listed = [r for r in cheapest(table.rows) if rest <= set(r.ids) and new[0].id not in r.ids]
+        alike = [r for r in table.rows if r.hypothesis.core.given == best.hypothesis.core.given]
+        listed = [r for r in cheapest(alike) if rest <= set(r.ids) and new[0].id not in r.ids]
         fewer = [r for r in listed if set(r.ids) == rest]
         others = [r for r in listed if len(r.ids) == len(known.ids) and old.id not in r.ids]
         near = [r for r in others if r.price <= known.price + 2 * PER_EFFECT]
-        for row in fewer + near[:RIVALS]:
+        for row in filter(table.holds, fewer + near[:RIVALS]):
             made = table.search.added(row, new[0], best)
             found += [(made.price, row, made)] if made is not None and table.holds(made) else []
     return min(found, key=lambda f: f[0])[1:]

@@ -387,13 +387,8 @@ class Table:
         return paid(row) + by < paid(base)
 
     def holds(self, row: Row) -> bool:
-        """Whether the free run of a row can be held at the working rate and at the records' own, however long it is.
-
-        And whether what its effects remember is of the record, not of a time before it.
-        """
-        if self.search.grows(row) or not self.settles(row):
-            return False
-        return self.fitted(row).remembers and settles(self.own, row)
+        """Whether the free run of a row can be held at the working rate and at the records' own, however long it is."""
+        return not self.search.grows(row) and self.settles(row) and settles(self.own, row)
 
     def settles(self, row: Row) -> bool:
         """Whether the free run of a row can be held on the training samples alone, at the working rate."""
