@@ -293,9 +293,7 @@ def step(
     seen = made.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
     if best is None or not seen:
         return _unnamed(made, table, known), known
-    before = known.ids
-    known, best = instead(table, best, known)
-    made.withdrawn = [name for name in before if name not in known.ids]
+    known, best, made.withdrawn = instead(table, best, known)
     whole = table.complete(best, known)
     left = table.left(whole, known)
     # Two effects are no rival of one, though it be priced as two: it would be shown as if its first were enough.
@@ -325,14 +323,21 @@ def step(
         models = {c.effect: c.model for c in made.candidates if c.effect in made.confusion_set}
         made.experiment = propose(models, list(base.split.records), made.floor, table.seed, limits=limits)
     table.course.say(": deleting what became redundant")
-    if made.pair is not None and room == 1:  # one of them, where it is worth its price by itself
-        alone = next((c for c in made.candidates if c.effect in both and table.worth(c.row, known)), None)
-        if alone is None:
+    if made.pair is not None and room == 1:
+        half = _half(made.pair, made, table, known)
+        if half is None:
             return made, known
-        made.candidates.sort(key=lambda c: c is not alone)
-        chosen = alone.fitted
+        chosen = half.fitted
     made.chosen = prune(chosen, base)
     return made, best
+
+
+def _half(pair: Pair, made: Step, table: Table, known: Row) -> Candidate | None:
+    """Return that one of two effects which is worth its price by itself, and put it before the other candidates."""
+    half = next((c for c in made.candidates if c.effect in pair.effects and table.worth(c.row, known)), None)
+    if half is not None:
+        made.candidates.sort(key=lambda c: c is not half)
+    return half
 
 
 def _unnamed(made: Step, table: Table, known: Row) -> Step:

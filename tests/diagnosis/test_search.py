@@ -528,14 +528,14 @@ def test_what_a_new_effect_makes_superfluous_is_withdrawn():
         return row(prices.get(base.ids, -1.0), *base.ids, "slack")
 
     table = SimpleNamespace(rows=rows, search=SimpleNamespace(added=added), holds=lambda r: True)
-    assert instead(table, best, known) == (known, best)
+    assert instead(table, best, known) == (known, best, [])
     prices[dear.ids] = -9.0  # too dear before to be asked
-    assert instead(table, best, known) == (known, best)
+    assert instead(table, best, known) == (known, best, [])
     prices[other.ids] = -7.5
-    base, made = instead(table, best, known)
-    assert base is other and made.ids == ("spring", "curve", "slack")
+    base, made, gone = instead(table, best, known)
+    assert base is other and made.ids == ("spring", "curve", "slack") and gone == ["loop"]
     prices[curve.ids] = -8.0
-    base, made = instead(table, best, known)
-    assert base is curve and made.ids == ("curve", "slack")
+    base, made, gone = instead(table, best, known)
+    assert base is curve and made.ids == ("curve", "slack") and gone == ["loop"]
     table.holds = lambda r: r is best or "slack" not in r.ids
-    assert instead(table, best, known) == (known, best)
+    assert instead(table, best, known) == (known, best, [])

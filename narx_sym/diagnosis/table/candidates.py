@@ -195,8 +195,8 @@ def new_effect(row: Row, known: Row) -> str:
     return next((v.id for v in row.beyond(known)), BASE)
 
 
-def instead(table: Table, best: Row, known: Row) -> tuple[Row, Row]:
-    """Return base and winner without an effect that was added before, or with another one for it.
+def instead(table: Table, best: Row, known: Row) -> tuple[Row, Row, list[str]]:
+    """Return base and winner without an effect that was added before, or with another one for it, and what is gone.
 
     Where that costs less: what was named first may have imitated what is new now.
     """
@@ -209,9 +209,10 @@ def instead(table: Table, best: Row, known: Row) -> tuple[Row, Row]:
         others = [r for r in listed if len(r.ids) == len(known.ids) and old.id not in r.ids]
         near = [r for r in others if r.price <= known.price + 2 * PER_EFFECT]
         for row in filter(table.holds, fewer + near[:RIVALS]):
-            made = table.search.added(row, new[0], best)
-            found += [(made.price, row, made)] if made is not None and table.holds(made) else []
-    return min(found, key=lambda f: f[0])[1:]
+            other = table.search.added(row, new[0], best)
+            found += [(other.price, row, other)] if other is not None and table.holds(other) else []
+    _, base, made = min(found, key=lambda f: f[0])
+    return base, made, [name for name in known.ids if name not in base.ids]
 
 
 def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], lowest: float) -> list[Candidate]:
