@@ -201,12 +201,14 @@ def instead(table: Table, best: Row, known: Row) -> tuple[Row, Row, list[str]]:
     Where that costs less: what was named first may have imitated what is new now.
     """
     new, found = best.beyond(known), [(best.price, known, best)]
-    for old in known.hypothesis.effects if len(new) == 1 else ():
+    if len(new) > 1:
+        return known, best, []
+    without = [r for r in table.rows if new[0].id not in r.ids]
+    listed = cheapest([r for r in without if r.hypothesis.core.given == best.hypothesis.core.given])
+    for old in known.hypothesis.effects:
         rest = set(known.ids) - {old.id}
-        alike = [r for r in table.rows if r.hypothesis.core.given == best.hypothesis.core.given]
-        listed = [r for r in cheapest(alike) if rest <= set(r.ids) and new[0].id not in r.ids]
         fewer = [r for r in listed if set(r.ids) == rest]
-        others = [r for r in listed if len(r.ids) == len(known.ids) and old.id not in r.ids]
+        others = [r for r in listed if rest <= set(r.ids) and len(r.ids) == len(known.ids) and old.id not in r.ids]
         near = [r for r in others if r.price <= known.price + 2 * PER_EFFECT]
         for row in filter(table.holds, fewer + near[:RIVALS]):
             other = table.search.added(row, new[0], best)

@@ -39,6 +39,7 @@ class Table:
 
     Attributes
     ----------
+    search : Search
     factor : int
         Samples of the record that are one at the working rate.
     rounding : float
@@ -155,9 +156,9 @@ class Table:
     def singles(self, base: Row) -> None:
         """Fit every effect beside the effects of a row, with every core; the best to the end."""
         self.course.reach(ALONE)
-        kinds = [g for g in (True, False) if any(r.ids == base.ids and r.hypothesis.core.given == g for r in self.rows)]
+        kinds = [given for given in (True, False) if self._bases(base, given)]
         for turn, given in enumerate(kinds):
-            bases = [r for r in self.rows if r.ids == base.ids and r.hypothesis.core.given == given]
+            bases = self._bases(base, given)
             at = base if base in bases else next(filter(self.settles, sorted(bases, key=lambda r: r.price)), None)
             if at is None:
                 continue
@@ -176,7 +177,7 @@ class Table:
         if more or not forms or self.left(best, base) <= LEFT:
             return False
         bare = written(replace(best.hypothesis, effects=base.hypothesis.effects), self.search.given)
-        bases = [r for r in self.rows if r.ids == base.ids and r.hypothesis.core.given == given]
+        bases = self._bases(base, given)
         line, tell = self.screened(best).line, partial(self._tell, base, ", in closer forms", 0, 1)
         listed = ways(bare, given, self.channels, Catalogue({added.id: forms}), closer=True)
         shapes = {v: line.grid(v) for v in listed if self._may_show(v)}
@@ -204,6 +205,10 @@ class Table:
             tell = partial(self._tell, base, f", one of them {first.ids[-1]}", turn, PARTNERS)
             worth = cheapest(self.rows)[0].price + PER_EFFECT  # dearer ones neither win nor are taken for the winner
             self._fit(self._every_core([first]), others, scored.line, tell, worth, first)
+
+    def _bases(self, base: Row, given: bool) -> list[Row]:
+        """Return the rows with the effects of another around the given model, or around open cores."""
+        return [r for r in self.rows if r.ids == base.ids and r.hypothesis.core.given == given]
 
     def _every_core(self, rows: list[Row]) -> list[Row]:
         """Return rows, and behind them their effects as they were fitted with the other cores."""

@@ -10,7 +10,7 @@ import sympy as sp
 from ...symbolic.functions import within
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
-from ._effect import AMPLITUDE, CURVATURE, GAIN, RATIO, Form, Scan, clip, effect, step
+from ._effect import AMPLITUDE, CURVATURE, GAIN, RATIO, Effect, Form, Scan, clip, effect, step
 
 WIDE_RATIO = Scan("ratio", (1.0, -1.0, 4.0))  # up to 1 the loop is passive, above it still saturates
 PLAYS = 5
@@ -51,55 +51,36 @@ def elastic_backlash(u: Any, y: Any, r: Any, d: Any) -> Any:
     return -clip(d * u[k - 1] - y[k - 1], d * r)  # within the gap the shaft between u and y gives no force
 
 
-def bouc_wen(x: Any, b: Any, g: Any, n: int = 1) -> Form:
-    """Return the memory h of Bouc and Wen with exponent n that follows a driver: g is gamma over beta."""
-    h = signal("h")
-    d, before = step(x), h[k - 1]
-    bent = sp.Abs(d) * before * sp.Abs(before) ** (n - 1) + g * d * sp.Abs(before) ** n
-    return Form((h[k],), (State(h[k], before + d - b**n * bent, 0),))
+def bouc_wen(form: str, ratio: Scan, n: int, source: str, closer: bool = False) -> Effect:
+    """Return the hysteresis of Bouc and Wen with exponent n, g is gamma over beta, as a form of the catalogue."""
+
+    @effect(
+        {"output": ("u", "y"), "input": "u", "inside": "y"},
+        scan={"b": CURVATURE, "g": ratio},
+        unit={"b": "1 / unit of the driver", "g": "1"},
+        source=source,
+        form=form,
+        turning=True,
+        closer=closer,
+    )
+    def hysteresis(x: Any, b: Any, g: Any) -> Form:
+        """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
+        h = signal("h")
+        d, before = step(x), h[k - 1]
+        bent = sp.Abs(d) * before * sp.Abs(before) ** (n - 1) + g * d * sp.Abs(before) ** n
+        return Form((h[k],), (State(h[k], before + d - b**n * bent, 0),))
+
+    return hysteresis
 
 
-@effect(
-    {"output": ("u", "y"), "input": "u", "inside": "y"},
-    scan={"b": CURVATURE, "g": RATIO},
-    unit={"b": "1 / unit of the driver", "g": "1"},
-    source="Bouc 1967, Wen 1976 (rate-independent form)",
-    form="Bouc-Wen",
-    turning=True,
+SOURCE = "Bouc 1967, Wen 1976 (rate-independent form"
+hysteresis = bouc_wen("Bouc-Wen", RATIO, 1, f"{SOURCE})")
+wide_hysteresis = bouc_wen(
+    "Bouc-Wen, wide", WIDE_RATIO, 1, "Ikhouane & Rodellar 2005 (bounded, not passive)", closer=True
 )
-def hysteresis(x: Any, b: Any, g: Any) -> Form:
-    """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
-    return bouc_wen(x, b, g)
-
-
-@effect(
-    {"output": ("u", "y"), "input": "u", "inside": "y"},
-    scan={"b": CURVATURE, "g": WIDE_RATIO},
-    unit={"b": "1 / unit of the driver", "g": "1"},
-    source="Ikhouane & Rodellar 2005 (bounded, not passive)",
-    id="hysteresis",
-    form="Bouc-Wen, wide",
-    turning=True,
-    closer=True,
+sharp_hysteresis = bouc_wen(
+    "Bouc-Wen, sharp", WIDE_RATIO, 2, f"{SOURCE}, exponent 2); Ikhouane & Rodellar 2005 (bounded loops)", closer=True
 )
-def wide_hysteresis(x: Any, b: Any, g: Any) -> Form:
-    """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
-    return bouc_wen(x, b, g)
-
-
-@effect(
-    {"output": ("u", "y"), "input": "u", "inside": "y"},
-    scan={"b": CURVATURE, "g": WIDE_RATIO},
-    unit={"b": "1 / unit of the driver", "g": "1"},
-    source="Bouc 1967, Wen 1976 (rate-independent form, exponent 2); Ikhouane & Rodellar 2005 (bounded loops)",
-    id="hysteresis",
-    form="Bouc-Wen, sharp",
-    turning=True,
-    closer=True,
-)
-def sharp_hysteresis(x: Any, b: Any, g: Any) -> Form:
-    """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
-    return bouc_wen(x, b, g, 2)
 
 
 def quarter_steps(x: Any) -> list[Any]:
