@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import sympy as sp
 from scipy.linalg import LinAlgError, qr, solve_triangular
 from scipy.linalg.lapack import dgeqrf
 from scipy.optimize import least_squares
@@ -93,6 +94,8 @@ class FreeRun:
         self.initial = [initial_values(model, d, self.depth) for d in self.data]
         self.starts = starts(model)
         self._moved = [([state.name for state in s.states], s.shape(self.depth)) for s in self.starts]
+        numbers = {s.left.base.name for s in model.memory if sp.sympify(s.initial).is_number}
+        self.blank = [[n for n in names if n in numbers] for names, _ in self._moved]
         self.shifts = len(self.data) * len(self.starts)
         self._last: Array | None = None
         self._reduced: tuple[Array, Array] | None = None
@@ -180,14 +183,19 @@ class FreeRun:
 
         Both are used again by the next call; NaN from where the run diverges.
         """
-        run, columns = self._move(i, theta, shifts)
-        return run, columns[:, :-1]
+        runs, columns = self._move(i, theta, shifts)
+        return runs[self.name], columns[:, :-1]
 
     def compared(self, i: int, theta: Array, shifts: Array) -> Array:
         """Return the derivatives along segment i and, last, simulated minus measured: (N, columns), used again."""
-        run, columns = self._move(i, theta, shifts)
-        np.subtract(run, self.data[i][self.name], out=columns[:, -1])
+        runs, columns = self._move(i, theta, shifts)
+        np.subtract(runs[self.name], self.data[i][self.name], out=columns[:, -1])
         return np.asarray(columns)
+
+    def reach(self, z: Array, i: int) -> Array:
+        """Return how far what starts at a number goes along segment i from there, (starts,); infinite of the others."""
+        runs = self._move(i, self.theta(z), np.zeros(len(self.starts)))[0]
+        return np.array([max(map(np.ptp, (runs[n] for n in names)), default=np.inf) for names in self.blank])
 
     def own(self, i: int) -> slice:
         """Return where the shifts of segment i stand among the unknowns."""
@@ -229,7 +237,7 @@ class FreeRun:
         compiled = with_slopes(self.model.recursion, groups, self.model.output, tuple(fixed))
         walks: dict[tuple[int, int], tuple[Any, dict[str, Array], Walk]] = {}  # the data may be exchanged
 
-        def move(i: int, theta: Array, shifts: Array) -> tuple[Array, Array]:
+        def move(i: int, theta: Array, shifts: Array) -> tuple[dict[str, Array], Array]:
             data = self.data[i]
             key = (i, id(data))
             if key not in walks:
@@ -243,7 +251,7 @@ class FreeRun:
                 for name in group:
                     walk.states[name][: self.depth] += shift * shape
             walk.run(np.ascontiguousarray(theta, dtype=float))
-            return walk.states[self.name], walk.columns
+            return walk.states, walk.columns
 
         return move
 
@@ -257,14 +265,15 @@ class FreeRun:
         terms = [model.in_user_units(t) for t in model.terms]  # type: ignore[attr-defined]
         psi = Columns(terms)
 
-        def move(i: int, theta: Array, shifts: Array) -> tuple[Array, Array]:
+        def move(i: int, theta: Array, shifts: Array) -> tuple[dict[str, Array], Array]:
             d, depth = self.data[i], self.depth
             n, p = d[self.name].size, len(terms)
-            run = compiled(d, theta, self.shifted(i, shifts), on_divergence="nan")[self.name]
+            runs = dict(compiled(d, theta, self.shifted(i, shifts), on_divergence="nan"))
+            run = runs[self.name]
             moved = np.zeros((n, p + len(shifts) + 1), order="F")
             if not np.all(np.isfinite(run)):
                 moved[:] = np.nan
-                return run, moved
+                return runs, moved
             values = {**d, self.name: run}
             moved[depth:, :p] = psi.block(values, depth, n)
             moved[:depth, p:-1] = np.column_stack([s.shape(depth) for s in self.starts])
@@ -272,7 +281,7 @@ class FreeRun:
             slopes = np.zeros((len(orders), n))
             for column, slope in zip(slopes, steepness(*older, *theta), strict=True):
                 column[depth:] = slope
-            return run, banded(orders, list(slopes), moved)
+            return runs, banded(orders, list(slopes), moved)
 
         return move
 

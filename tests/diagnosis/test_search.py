@@ -96,6 +96,21 @@ def test_a_start_stays_where_the_output_goes(linear):
     assert np.abs(found[at]).max() <= np.ptp(record.y)
 
 
+def test_a_start_of_a_memory_stays_where_the_memory_goes(linear):
+    """From far away a loop is a transient: it would take the place of whatever drifts at first."""
+    record, base = linear
+    loop = next(e for e in EFFECTS["hysteresis"] if e.form == "Bouc-Wen")
+    frame = Frame(base, LARGEST, [Variant(loop, "inside", "y")], [record])
+    x = np.zeros(frame.size)
+    x[0], x[2], x[6], x[7], x[8] = 0.9, 0.1, 0.01, 0.5, 0.5
+    (at,) = (i for i, s in enumerate(frame.problem.starts, frame.problem.free) if s.back is None)
+    goes = frame.problem.reach(x, 0)
+    assert np.isfinite(goes).sum() == 1 and 0.5 < goes[-1] <= np.ptp(record.y) + 1e-9
+    x[at] = -1e3
+    found, _ = frame.fit(x, Core(2, 3), 1)
+    assert 0 < abs(found[at]) <= goes[-1]
+
+
 def test_a_partner_is_looked_at_beside_the_best_core(linear):
     record, base = linear
     search = Search(base, [record])

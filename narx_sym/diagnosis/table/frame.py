@@ -7,25 +7,21 @@ coefficients at zero, an integrating core keeps their sum at one, a delay shifts
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from ...data.record import Record
 from ...engines.algebra import add_grams, step
-from ...engines.numpy import lambdify
 from ...fit.constraints import Elimination, constraint_equations
 from ...fit.freerun import FreeRun, determined
 from ...models.extend import Variant, extend
 from ...models.model import NARX, Model
-from ...symbolic.sensitivity import derivative
-from ...symbolic.signals import k, lag, samples, signal
 from .arx import later, start_beside
-from .hypotheses import Core, linear
+from .hypotheses import Core, linear, slopes
 from .span import Span
 
 Array = np.ndarray
@@ -124,6 +120,15 @@ class Frame:
                 if far and start.back is not None:
                     self.low[at], self.high[at] = -far, far
 
+    def _remember(self, x: Array) -> None:
+        """Bound the starts of memories that begin at a number: no farther from it than they go from there."""
+        if any(self.problem.blank):
+            for i in range(len(self.problem.data)):
+                own, far = self.problem.own(i), self.problem.reach(x, i)
+                known = np.isfinite(far) & (far > 0)
+                at = np.arange(self.size)[own][known]
+                self.low[at], self.high[at] = -far[known], far[known]
+
     def limit(self, ranges: Sequence[Mapping[str, tuple[float, float]]], most: float) -> None:
         """Bound shapes and the coefficients whose sign means the effect."""
         for variant, (cs, shapes), allowed in zip(self.effects, self.added, ranges, strict=True):
@@ -156,7 +161,7 @@ class Frame:
                 continue
             through = x[self.used(core)][core.n_y : core.n_y + core.n_u] if variant.where == "force" else np.ones(1)
             offset = 0.0 if variant.raw else float(model.operating_point.get(model.output, 0.0))
-            for i, z in enumerate(_slopes(variant)):
+            for i, z in enumerate(slopes(variant)):
                 for j, slope in enumerate(z[: core.n_y]):
                     with np.errstate(all="ignore"):
                         added = slope(measured - offset, *x[shapes])
@@ -266,8 +271,9 @@ class Frame:
             span = span.last(self.problem.shifts)
             if not span.size:
                 return x, np.nan
-        x = np.clip(x, self.low, self.high)
         with np.errstate(all="ignore"):
+            self._remember(x)
+            x = np.clip(x, self.low, self.high)
             cost, gradient, G, every = self._squares(x, use)
             damping = 1e-3
             if not (np.isfinite(cost) and determined(x, np.sqrt(G.diagonal()))):
@@ -353,29 +359,6 @@ class Frame:
                 with np.errstate(all="ignore"):
                     losses[held] = self.sums(found, BLOCKS)[0][held] / self.counts[held]
         return np.where(np.isfinite(losses), losses, np.inf)
-
-
-@lru_cache(maxsize=256)
-def _slopes(variant: Variant) -> list[list[Callable[..., Array]]]:
-    """Return how far each contribution of an effect without memory follows its driver, for older and older samples.
-
-    Functions of the driver and the shape parameters; of an effect that remembers there is none.
-    """
-    driver, names = signal("x"), [sp.Symbol(p, positive=True) for p in variant.shape]
-    form = variant.effect.equations(**dict(variant.fixed))
-    found: list[list[Callable[..., Array]]] = []
-    for z in form.z if not form.states else ():
-        read = sorted(samples(z, driver), key=lag)
-        found.append([])
-        for at in range(max(map(lag, read), default=-1) + 1):
-            slope = derivative(z, driver[k - at])
-            level = sp.Symbol("level", real=True)
-            found[-1].append(_array(lambdify([slope.xreplace(dict.fromkeys(read, level))], [level, *names])))
-    return found
-
-
-def _array(function: Callable[..., Any]) -> Callable[..., Array]:
-    return lambda level, *shape: np.broadcast_to(np.asarray(function(level, *shape)[0], dtype=float), level.shape)
 
 
 def _extended(model: Model, effects: Sequence[Variant]) -> tuple[Model, Places]:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import sympy as sp
 
+from ...engines.numpy import lambdify
 from ...models.effects import Catalogue
 from ...models.extend import Variant, equations, extend, variants
 from ...models.info import Info
 from ...models.model import NARX, Model
-from ...symbolic.signals import k, samples, u, y
+from ...symbolic.sensitivity import derivative
+from ...symbolic.signals import k, lag, samples, signal, u, y
 
 Array = np.ndarray
 
@@ -130,3 +133,26 @@ def family_of(given: Model) -> str:
     if chosen.base == "static" and any(t.is_Pow for t in given.terms):
         return "given"
     return chosen.base or ("narx" if chosen.candidates else "given")
+
+
+@lru_cache(maxsize=256)
+def slopes(variant: Variant) -> list[list[Callable[..., Array]]]:
+    """Return how far each contribution of an effect without memory follows its driver, for older and older samples.
+
+    Functions of the driver and the shape parameters; of an effect that remembers there is none.
+    """
+    driver, names = signal("x"), [sp.Symbol(p, positive=True) for p in variant.shape]
+    form = variant.effect.equations(**dict(variant.fixed))
+    found: list[list[Callable[..., Array]]] = []
+    for z in form.z if not form.states else ():
+        read = sorted(samples(z, driver), key=lag)
+        found.append([])
+        for at in range(max(map(lag, read), default=-1) + 1):
+            slope = derivative(z, driver[k - at])
+            level = sp.Symbol("level", real=True)
+            found[-1].append(_array(lambdify([slope.xreplace(dict.fromkeys(read, level))], [level, *names])))
+    return found
+
+
+def _array(function: Callable[..., Any]) -> Callable[..., Array]:
+    return lambda level, *shape: np.broadcast_to(np.asarray(function(level, *shape)[0], dtype=float), level.shape)
