@@ -15,7 +15,7 @@ from .compile import Compiled, Layout, compile, has_llvm, kept, written
 from .numbers import lifted
 
 Array = np.ndarray
-LONGEST = 8  # lag of a carried tangent: older ones would have to be read from memory
+LONGEST = 12  # lag of a carried tangent, of every core that is tried: older ones would have to be read from memory
 Begin = Sequence[tuple[Sequence[str], Array]]
 
 
