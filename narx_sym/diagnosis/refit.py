@@ -17,8 +17,9 @@ from ..files.journal import remembered
 from ..fit.constraints import constraint_equations
 from ..fit.freerun import FreeRun
 from ..fit.simulate import segments
-from ..models.extend import newer, without
+from ..models.added import newer
 from ..models.model import Model
+from ..models.rewrite import without
 
 Array = np.ndarray
 BLOCKS, SEALED, EVERY = 24, 3, 4

@@ -11,7 +11,7 @@ import numpy as np
 from ..data.evidence.feedback import Feedback
 from ..data.evidence.noise import unexplained
 from ..data.evidence.stiction import Sticking
-from ..models.extend import newer
+from ..models.added import newer
 from ..models.model import NARX
 from ..symbolic import printing
 from .bases import BASE, few
@@ -366,7 +366,8 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
         table.course.say(", and what the best one leaves")
     # What the best single effect leaves, of what there was: too much, and two effects may hide each other.
     left = table.screened(alone).missing * alone.held / at.held if alone is not None else 1.0
-    if table.screened(at).structure > HELPS and left > LEFT / 2:
+    two = alone is not None and alone.charged > alone.count  # what pays for two effects may stand for two others
+    if table.screened(at).structure > HELPS and (left > LEFT / 2 or two):
         table.pairs(known)
     at, best = table.held(lambda: won(table.beside(known), known))
     if best is not None and table.closer(best, at):

@@ -61,6 +61,12 @@ class AddedEffect:
         return replace(self, coefficients=coefficients, shape=shape)
 
 
+def newer(model: Any, before: Any) -> list[AddedEffect]:
+    """Return the effects of a model that an earlier one has not, by their coefficients."""
+    known = {c for e in before.effects for c in e.coefficients.values()}
+    return [e for e in model.effects if not known & set(e.coefficients.values())]
+
+
 def starts(model: Any) -> dict[Any, Any]:
     """Return the start of each state, in samples of the inputs and outputs and in the model's shifted signals."""
     kept = {s.left.base for s in model.states if s.left.base != x and (s in model.recurrent or s.remembers)}

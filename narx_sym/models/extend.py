@@ -10,7 +10,6 @@ from typing import Any
 import sympy as sp
 
 from ..errors import ModelError
-from ..symbolic.graph import Graph
 from ..symbolic.recursion import State
 from ..symbolic.signals import (
     INNER_INPUTS,
@@ -21,6 +20,7 @@ from ..symbolic.signals import (
     differences,
     expand_phi,
     free,
+    grip,
     k,
     m,
     passed,
@@ -29,6 +29,7 @@ from ..symbolic.signals import (
     plain_name,
     r,
     renamed,
+    rub,
     samples,
     sensed,
     signal,
@@ -46,7 +47,7 @@ from .rest.equilibria import continuum_conditions
 
 MANY = 20  # coefficients of one effect
 # Names that no channel and no state of an effect may have.
-SIGNALS = (u, y, t, *INNER_INPUTS, *INNER_OUTPUTS, r, m, phi1, phi2, breve_phi1, breve_phi2)
+SIGNALS = (u, y, t, *INNER_INPUTS, *INNER_OUTPUTS, grip, r, m, phi1, phi2, breve_phi1, breve_phi2)
 RESERVED = {b.name for b in SIGNALS} | {"k", "prediction"}
 
 
@@ -58,7 +59,7 @@ class Variant:
     ----------
     effect : Effect
     where : one of `effects.PLACES`
-    driver : "u", "y", "uy", "t" or "channel"
+    driver : "u", "y", "uy", "t", "channel" or "friction"
     channel : str, optional
     lag : int
         Samples by which the driving input comes later.
@@ -112,7 +113,7 @@ def variants(
         for options in stepped:
             choices = [(*c, o) for c in choices for o in options]
         for where, drivers in one.places.items():
-            if where == "force" and not forced:
+            if (where == "force" and not forced) or (where == "friction" and not _rubs(model)):
                 continue
             for driver in drivers:
                 # A sensor and a speed have one zero; what acts on the machine may be centred where it works.
@@ -137,6 +138,11 @@ def _forced(model: Model) -> bool:
     return model.n_u > model.delay and not steps
 
 
+def _rubs(model: Model) -> bool:
+    """Whether it has a friction that says which share of it is reached."""
+    return any(s.left.base == rub for s in model.states)
+
+
 def origin(model: Model, driver: str) -> float:
     """Return where the operating point of what drives an effect is."""
     return model.operating_point.get(model.output if driver == "y" else model.input, 0.0)
@@ -156,10 +162,12 @@ def sequences(model: Model, variant: Variant) -> dict[str, Any]:
     def inner(i: Any) -> Any:
         if variant.where == "motion":  # the step that the core would make
             return free[i] - model.inner[i - 1]
+        if variant.where == "friction":
+            return rub[i]
         return {"output": x, "sensor": sensed}.get(variant.where, model.inner)[i - later] + offset
 
     meant = {"u": source, "y": lambda i: model.inner[i] + offset, "t": lambda i: t[i]}
-    meant["x"] = inner if variant.driver == "y" else source
+    meant["x"] = inner if variant.driver in ("y", "friction") else source
     if variant.channel:
         meant["channel"] = lambda i: signal(variant.channel or "")[i]
     return meant
@@ -242,15 +250,18 @@ def extend(model: Model, variant: Variant) -> Extended:
     a slack behind an amplifier that saturates: v[k] = passed[k] + c z[k]; further ones act beside it. A force acts
     where the input does, once that has arrived, as friction of the mass that is driven: acting[k] = u[k-d] + c z[k]
     takes the way of the input, with all its zeros, and is not delayed. Inside, c z[k] joins the core's terms. On the
-    motion it is driven by the step that the core would make, free[k] - y[k-1]: y[k] = free[k] + c z[k]. Output effects
+    motion it is driven by the step that the core would make, free[k] - y[k-1]: y[k] = free[k] + c z[k]. In a friction
+    that reaches a share of its force, it changes which is passed on: grip[k] = rub[k] + c z[k]. Output effects
     add to the core's output x: y[k] = x[k] + c z[k]. The sensor shows y[k] = sensed[k] + c z[k] of all that.
 
     Raises
     ------
     ModelError
-        For an inverse model, a channel whose name means something else, and a shape parameter called like a
-        coefficient.
+        For an inverse model, a channel whose name means something else, a shape parameter called like a coefficient,
+        and a place that the model does not have.
     """
+    if variant.where == "friction" and not _rubs(model):
+        raise ModelError(f"{variant} acts in an elastic friction, and the model has none: add that first.")
     name = variant.id.replace(":", "_")
     names = {str(s) for s in model.symbols}
     signals = {*model.channels, variant.channel, *(s.left.base.name for s in model.states)}
@@ -294,6 +305,7 @@ def _placed(model: Model, variant: Variant, own: Sequence[State], total: Any) ->
         "force": acting,
         "inside": free if free in named else inner,
         "motion": inner,
+        "friction": grip,
         "output": sensed if sensed in named else model.output,
         "sensor": model.output,
     }[variant.where]
@@ -336,38 +348,18 @@ def _split(model: Model, where: str) -> list[State]:
         chain.insert(at, State(acting[k], source[k - delay], model.input[k]))
     if where == "motion" and free not in named:
         between(model.inner, free)
+    if where == "friction" and grip not in named:
+        at = next(i for i, s in enumerate(chain) if s.left.base == rub)
+        chain = [
+            s if i <= at else State(s.left, moved(s.right, rub, grip), s.initial, s.group) for i, s in enumerate(chain)
+        ]
+        chain.insert(at + 1, State(grip[k], rub[k], chain[at].initial))
     if where in ("output", "sensor") and x not in named:
         states = [State(s.left, moved(s.right, output, x), s.initial, s.group) for s in chain[:-1]]
         chain = [*states, State(x[k], moved(chain[-1].right, output, x), output[k]), State(output[k], x[k], output[k])]
     if where == "sensor" and sensed not in named:
         between(output, sensed)
     return chain
-
-
-def without(model: Model, symbols: Iterable[Any]) -> Model:
-    """Return a model that lacks some terms: their coefficients are zero and gone; so is what only they needed."""
-    gone = dict.fromkeys(symbols, sp.S.Zero)
-    states = [s.map(lambda e: e.xreplace(gone)) for s in model.states]
-    F = model.F.xreplace(gone)
-    needed = Graph.of([*((s.left, s.right) for s in states), (model.output[k], F)]).reached(model.output)
-    states = [s for s in states if s.left.base in needed]
-    left = set().union(F.free_symbols, *(s.right.free_symbols for s in states))
-    kept = tuple(s for s in model.symbols if s in left)
-    constraints = [
-        c if isinstance(c, str) else sp.Eq(c.lhs.xreplace(gone), c.rhs.xreplace(gone)) for c in model.constraints
-    ]
-    values = dict(zip(model.symbols, model.numbers or (), strict=bool(model.numbers)))
-    effects = [part for e in model.effects if (part := e.among(kept)).coefficients]
-    return model.replace(
-        F=F, symbols=kept, states=states, constraints=[c for c in constraints if c != sp.true],
-        theta=[values[s] for s in kept] if values else None, info=Info(units=model.info.units), effects=effects,
-    )  # fmt: skip
-
-
-def newer(model: Model, before: Model) -> list[AddedEffect]:
-    """Return the effects of a model that an earlier one has not, by their coefficients."""
-    known = {c for e in before.effects for c in e.coefficients.values()}
-    return [e for e in model.effects if not known & set(e.coefficients.values())]
 
 
 def find(effect_id: str, catalogue: Catalogue = EFFECTS) -> tuple[list[Effect], str | None]:

@@ -10,11 +10,12 @@ import sympy as sp
 from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.grammar import parse
+from ..symbolic.graph import Graph
 from ..symbolic.recursion import State
 from ..symbolic.signals import k, pairs, samples
 from ..symbolic.smoothing import smoothed, widths
 from .added import outside
-from .extend import without, written_constraints
+from .extend import written_constraints
 from .info import Info
 from .model import NARX, Model
 from .rest.equilibria import continuum_conditions
@@ -134,3 +135,23 @@ def smooth(model: Model, eps: Any = None, form: Any = "tanh") -> Any:
     states = [s.map(change) for s in model.states]
     core = {"terms": [change(t) for t in model.terms]} if isinstance(model, NARX) else {"F": change(model.F)}
     return model.replace(**core, states=states, info=model.info.of_records, standard_errors=None)
+
+
+def without(model: Model, symbols: Iterable[Any]) -> Model:
+    """Return a model that lacks some terms: their coefficients are zero and gone; so is what only they needed."""
+    gone = dict.fromkeys(symbols, sp.S.Zero)
+    states = [s.map(lambda e: e.xreplace(gone)) for s in model.states]
+    F = model.F.xreplace(gone)
+    needed = Graph.of([*((s.left, s.right) for s in states), (model.output[k], F)]).reached(model.output)
+    states = [s for s in states if s.left.base in needed]
+    left = set().union(F.free_symbols, *(s.right.free_symbols for s in states))
+    kept = tuple(s for s in model.symbols if s in left)
+    constraints = [
+        c if isinstance(c, str) else sp.Eq(c.lhs.xreplace(gone), c.rhs.xreplace(gone)) for c in model.constraints
+    ]
+    values = dict(zip(model.symbols, model.numbers or (), strict=bool(model.numbers)))
+    effects = [part for e in model.effects if (part := e.among(kept)).coefficients]
+    return model.replace(
+        F=F, symbols=kept, states=states, constraints=[c for c in constraints if c != sp.true],
+        theta=[values[s] for s in kept] if values else None, info=Info(units=model.info.units), effects=effects,
+    )  # fmt: skip

@@ -42,8 +42,10 @@ y, u, r, m = (signal(name) for name in "yurm")
 # Time [s]; the input and the output that the core of a model sees where effects act on them.
 t, v, x = (signal(name) for name in "tvx")
 # Where the core would go if nothing held it; what the sensor sees; the input once it has arrived, with other forces;
-# what a first effect at the input lets through to a second one.
+# what a first effect at the input lets through to a second one; the share of a friction that is reached, and what of it
+# is passed on.
 free, sensed, acting, passed = signal("free"), signal("sensed"), signal("acting"), signal("passed")
+rub, grip = signal("rub"), signal("grip")
 INNER_INPUTS, INNER_OUTPUTS = (v, acting, passed), (x, free, sensed)  # what effects make of the input, and the output
 phi1, phi2 = signal("phi1"), signal("phi2")
 breve_phi1, breve_phi2 = signal("breve_phi1"), signal("breve_phi2")

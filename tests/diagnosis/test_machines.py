@@ -403,3 +403,19 @@ def test_what_imitated_a_slack_goes_when_the_slack_comes():
     assert second.nrmse(second.chosen)["sealed"] < second.nrmse(second.base)["sealed"] * 1.05
     told = found.to_dict()
     assert told["ladder"][2]["withdrawn"] == told["steps"][1]["withdrawn"] == ["hysteresis"]
+
+
+@more
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_damper_whose_band_is_slack_after_each_reversal_has_friction_and_a_slack(seed):
+    rng = np.random.default_rng(seed)
+    i = np.arange(3000)
+    u = rng.uniform(8, 12) * np.sin(i / rng.uniform(30, 60)) * (1 - 0.3 * np.sin(i / 700))
+    at, y, gap, way = 0.0, np.empty(i.size), rng.uniform(0.6, 1.2), rng.uniform(0.5, 1.0)
+    for k, here in enumerate(u):
+        at = min(max(at, here - gap - way), here + gap + way)  # where the band is
+        y[k] = 0.02 * here + np.sign(here - at) * max(abs(here - at) - gap, 0.0) / way
+    record = record_of(u, y, 0.01, 0.02, seed)
+    found = ns.diagnose(ns.identify(record, base="linear"), record, max_effects=2)
+    assert found.steps[0].added == ["coulomb_friction", "backlash"]
+    assert found.ladder[-1]["validation"] < 0.03 < 0.1 < found.ladder[0]["validation"]

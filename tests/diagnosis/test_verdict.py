@@ -37,8 +37,12 @@ class Entry:
         return len(self.ids)
 
     @property
+    def charged(self):
+        return self.count
+
+    @property
     def price(self):
-        return price(self.held, self.parameters, self.count)
+        return price(self.held, self.parameters, self.charged)
 
 
 BASE = Entry((), 1.0)
@@ -91,6 +95,16 @@ class Told(Entry):
 
     def beyond(self, known):
         return self.ids[len(known.ids) :]
+
+
+class Sum(Entry):
+    charged = 2  # weights of both signs: one effect against another
+
+
+def test_what_pays_for_two_wins_as_two():
+    one, two, pair = Entry(("a",), 0.0009, 8), Sum(("a",), 0.0009, 8), Entry(("b", "c"), 0.0004, 6)
+    assert winner([BASE, one, pair], BASE) is one  # it removes most of what two remove
+    assert winner([BASE, two, pair], BASE) is pair
 
 
 def test_nothing_is_named_that_cannot_be_told_from_nothing():

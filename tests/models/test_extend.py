@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -18,8 +19,9 @@ from narx_sym.fit.freerun import FreeRun
 from narx_sym.fit.simulate import arrays, initial_values
 from narx_sym.inversion.analyses import document, summary
 from narx_sym.models.effects import EFFECTS, Catalogue, Form, Scan, effect
-from narx_sym.models.extend import equations, extend, find, variants, without
+from narx_sym.models.extend import equations, extend, find, variants
 from narx_sym.models.info import Info
+from narx_sym.models.rewrite import without
 from narx_sym.symbolic.recursion import State
 from narx_sym.symbolic.signals import k, m, signal, t, u, v, x, y
 
@@ -460,6 +462,44 @@ def test_what_holds_and_what_is_shown_by_hand(tmp_path):
         assert model.driven == signal("free") and model.inner == x and model.n_y == 2 and model.delay == 1
         ns.save(model, tmp_path / "m.json")
         assert ns.load(tmp_path / "m.json").recursion == model.recursion
+
+
+def banded(u, gain, force, way, slack):
+    """Return the force of a spring and of a band that slips: it is slack over a way, then taut over another."""
+    at, out = u[0], np.empty(u.size)
+    for i, here in enumerate(u):
+        at = min(max(at, here - slack - way), here + slack + way)  # where the band is, at most that far behind
+        stretched = np.sign(here - at) * max(abs(here - at) - slack, 0.0)
+        out[i] = gain * here + force * stretched / way
+    return out
+
+
+def test_a_friction_that_a_slack_takes_effect(tmp_path):
+    """A slack in what rubs: near the middle of its way the friction passes nothing on."""
+    base = ns.NARX.from_terms(["u[k]"], [1.5], Ts=0.01)
+    slack = next(v for v in EFFECTS["backlash"] if v.form == "of what rubs")
+    assert all(v.effect != slack for v in variants(base))
+    rubs = next(v for v in variants(base) if (v.id, v.effect.form) == ("coulomb_friction", "elastic"))
+    with pytest.raises(ModelError, match="elastic friction"):
+        extend(base, replace(rubs, effect=slack, where="friction", driver="friction"))
+    model = extend(base, rubs).model
+    model = extend(model, next(v for v in variants(model) if v.effect == slack)).model
+    force, way, gap = 0.7, 0.2, 0.3
+    values = dict(zip(base.symbols, base.theta, strict=True)) | {
+        sp.Symbol("c_coulomb_friction", real=True): force * (way + gap) / way,
+        sp.Symbol("r_coulomb_friction", real=True): way + gap,
+        sp.Symbol("c_backlash", real=True): 1.0,
+        sp.Symbol("w_backlash", real=True): gap / (way + gap),
+    }
+    model = model.replace(theta=[values[s] for s in model.symbols])
+    source = RECORDS["linear"].u
+    assert np.abs(model.simulate(source, 1.5 * source[0]) - banded(source, 1.5, force, way, gap)).max() < 1e-12
+    ns.save(model, tmp_path / "m.json")
+    assert ns.load(tmp_path / "m.json").recursion == model.recursion
+    law, target = model.compensator(), np.sin(np.arange(200) / 15)
+    assert law.closed_form and law.residual() == 0
+    driven = law.run(target, 0.0)
+    assert np.abs(banded(np.r_[0.0, driven], 1.5, force, way, gap)[1:] - target).max() < 1e-9
 
 
 @pytest.mark.parametrize(

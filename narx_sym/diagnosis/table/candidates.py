@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 TARGETS = {
     "input": "v_{k} - u_{k}", "force": r"\mathrm{acting}_{k} - u_{k-d}",
+    "friction": r"\mathrm{grip}_{k} - \mathrm{rub}_{k}",
     "inside": r"\Delta F", "motion": r"y_{k} - \mathrm{free}_{k}", "output": "y_{k} - x_{k}",
     "sensor": r"y_{k} - \mathrm{sensed}_{k}",
 }  # fmt: skip

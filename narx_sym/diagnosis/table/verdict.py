@@ -45,6 +45,10 @@ class Entry(Protocol):
         """How many effects."""
 
     @property
+    def charged(self) -> int:
+        """How many effects it pays for."""
+
+    @property
     def becomes(self) -> frozenset[str]:
         """Effects that one of its own is at a limit of its shape."""
 
@@ -85,7 +89,7 @@ def distinct(rows: Sequence[E]) -> Iterator[E]:
 def winner(rows: Sequence[E], base: E) -> E | None:
     """Return the best hypothesis with a further effect, None where none is worth its price.
 
-    Fewer effects win where they remove most of what the best removes.
+    Fewer effects that pay for fewer win where they remove most of what the best removes.
     """
     listed = [r for r in cheapest(rows) if r.count > base.count and r.price < base.price]
     if not listed:
@@ -93,7 +97,8 @@ def winner(rows: Sequence[E], base: E) -> E | None:
     rms = {id(r): float(np.sqrt(r.held)) for r in (base, *listed)}
     most = rms[id(base)] - rms[id(listed[0])]
     for count in sorted({r.count for r in listed}):
-        enough = [r for r in listed if r.count == count and rms[id(base)] - rms[id(r)] >= MOST * most]
+        fewer = [r for r in listed if r.count == count and (count == listed[0].count or r.charged < listed[0].charged)]
+        enough = [r for r in fewer if rms[id(base)] - rms[id(r)] >= MOST * most]
         if enough:
             return enough[0]
     return listed[0]

@@ -19,10 +19,10 @@ from ...data.record import Record
 from ...engines.compile import compile
 from ...errors import FitError, ModelError
 from ...models.effects.memory import play
-from ...models.extend import without
 from ...models.info import Selection
 from ...models.model import Model
 from ...models.rest_map import plays, remembered, rest_map, ubar, ybar
+from ...models.rewrite import without
 from ...symbolic.recursion import Recursion, State
 from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import k, signal, u, v, y

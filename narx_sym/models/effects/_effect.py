@@ -20,7 +20,7 @@ from ...symbolic.signals import k, signal
 # Where an effect may act, in words: from the input to what is measured.
 PLACES = {
     "input": "at the input", "force": "beside the input", "inside": "inside", "motion": "on the motion",
-    "output": "at the output", "sensor": "at the sensor",
+    "friction": "in the friction", "output": "at the output", "sensor": "at the sensor",
 }  # fmt: skip
 SEQUENCES = ("x", "u", "y", "t", "channel")  # names of arguments that are sequences; all others are shape parameters
 
@@ -74,7 +74,7 @@ class Effect:
         The name users see; several forms may share it.
     function : callable
         From driving sequences and shape parameters to an expression, a list of them (one coefficient each) or a Form.
-    places : mapping from a place to the drivers that make sense there ("u", "y", "t", "channel")
+    places : mapping from a place to the drivers that make sense there ("u", "y", "uy", "t", "channel", "friction")
     scan : mapping from each shape parameter to a Scan
     sign : int
         +1 where only a positive coefficient means this effect; 0 where both signs do.
@@ -163,7 +163,7 @@ class Effect:
     @property
     def acts(self) -> str:
         """Where it acts, what drives it, and what its shape parameters are, in words."""
-        words = {"u": "u", "y": "y", "uy": "u and y", "t": "time", "channel": "the channel"}
+        words = {"u": "u", "y": "y", "uy": "u and y", "t": "time", "channel": "the channel", "friction": "its share"}
         places = [
             f"{PLACES[place]}, driven by {'the step' if place == 'motion' else ' or '.join(words[d] for d in by)}"
             for place, by in self.places.items()

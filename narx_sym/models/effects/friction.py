@@ -11,7 +11,7 @@ from typing import Any
 import sympy as sp
 
 from ...symbolic.recursion import State
-from ...symbolic.signals import k, signal
+from ...symbolic.signals import k, rub, signal
 from ._effect import SLOW_SPEED, SPEED, Form, Scan, clip, effect, step
 
 MOVING = {"inside": "y", "output": "u"}
@@ -90,6 +90,34 @@ def dahl_friction(x: Any, r: Any) -> Form:
     """Dry friction: a constant force against the motion, whatever the speed."""
     # Over a long way r this is Bouc-Wen hysteresis: the grid ends where friction is no longer the word for it.
     return dahl(step(x), r)
+
+
+@effect(
+    {"output": "u"},
+    scan={"r": Scan("amplitude", (0.03, 0.1), beyond=2.0)},
+    unit={"r": "unit of the driver"},
+    id="coulomb_friction",
+    form="elastic",
+    source="Jenkins 1962; Iwan 1966 (a spring in series with a part that slips)",
+)
+def elastic_friction(x: Any, r: Any) -> Form:
+    """Dry friction: a constant force against the motion, whatever the speed."""
+    return Form((rub[k],), (State(rub[k], clip(rub[k - 1] + step(x) / r, 1)),))
+
+
+@effect(
+    {"friction": "friction"},
+    scan={"w": Scan("ratio", (0.2, 0.5, 0.8))},
+    sign=1,
+    full=True,
+    unit={"w": "1"},
+    id="backlash",
+    form="of what rubs",
+    source="Coble et al. 2024 (a band that is slack after each reversal)",
+)
+def slack_of_friction(x: Any, w: Any) -> Any:
+    """Play of half-width r: after a reversal nothing moves until the slack is taken up."""
+    return -clip(x[k], w)  # x is the share of the friction that is reached: near none of it nothing is passed on
 
 
 @effect(

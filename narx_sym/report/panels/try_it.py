@@ -20,7 +20,7 @@ from ...errors import FitError, ModelError, NotInvertible
 from ...fit.simulate import centre
 from ...inversion.analyses import Subject
 from ...inversion.compensator import Compensator
-from ...models.extend import newer
+from ...models.added import newer
 from ...symbolic.signals import r, t, y
 from ..comparison import Comparison, Units, errors, spans
 from ..figures import describe

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ...models.extend import newer
+from ...models.added import newer
 from .. import words
 from ..comparison import Comparison, Units, worst
 from ..parameters import effect_parameters, shape_units
