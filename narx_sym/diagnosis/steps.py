@@ -24,7 +24,7 @@ from .screening.scored import absorbed
 from .table.candidates import RIVALS, Candidate, Pair, candidates_of, instead, new_effect
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, explained, nothing_named, verdict, winner
+from .table.verdict import ALIKE, HELPS, LEFT, alike, explained, nothing_named, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
 REPEATED = "repeated periods"  # the kind that is sure
@@ -290,8 +290,7 @@ def step(
         REPEATED if repeats else "estimate", scored.scores.p_value, detectable(scored), absorbed(scored),
         loop=loop,
     )  # fmt: skip
-    seen = made.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
-    if best is None or not seen:
+    if best is None or made.p_value > gate.LEVEL:
         return _unnamed(made, table, known), known
     known, best, made.withdrawn = instead(table, best, known)
     whole = table.complete(best, known)
@@ -358,21 +357,24 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     scored = table.screened(known)
     if known.held <= table.rounding:
         return known, None
-    seen = scored.scores.p_value <= gate.LEVEL or float(scored.scores.share.max()) >= LARGE
-    if seen or scored.structure > HELPS:
+    if scored.scores.p_value <= gate.LEVEL or scored.structure > HELPS:
         table.singles(known)
     at, alone = table.held(lambda: won([r for r in table.beside(known) if len(r.beyond(known)) <= 1], known))
     if alone is not None:
         table.course.say(", and what the best one leaves")
-    # What the best single effect leaves, of what there was: too much, and two effects may hide each other.
-    left = table.screened(alone).missing * alone.held / at.held if alone is not None else 1.0
-    two = alone is not None and alone.charged > alone.count  # what pays for two effects may stand for two others
-    if table.screened(at).structure > HELPS and (left > LEFT / 2 or two):
-        table.pairs(known)
+    if table.screened(at).structure > HELPS and (alone is None or not _enough(table, alone, at)):
+        table.pairs(known)  # two effects may hide each other
     at, best = table.held(lambda: won(table.beside(known), known))
     if best is not None and table.closer(best, at):
         at, best = table.held(lambda: won(table.beside(known), known))
     return at, best
+
+
+def _enough(table: Table, alone: Row, known: Row) -> bool:
+    """Whether one effect would be all that is missing; what pays for two may stand for two others."""
+    left = table.left(alone, known)
+    share = explained(known.held - alone.held, known, alone.held * (1 - left))
+    return alone.charged == alone.count and verdict(share, left, 1) == "named"
 
 
 def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:

@@ -1,13 +1,15 @@
 """The verdict is a function of the table alone: prices, fewer effects first, and what cannot be told apart."""
 
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from narx_sym.diagnosis.steps import won
+from narx_sym.diagnosis.steps import _enough, won
 from narx_sym.diagnosis.table.verdict import (
     ALIKE,
+    LEFT,
     PER_EFFECT,
     PER_PARAMETER,
     VERDICTS,
@@ -105,6 +107,16 @@ def test_what_pays_for_two_wins_as_two():
     one, two, pair = Entry(("a",), 0.0009, 8), Sum(("a",), 0.0009, 8), Entry(("b", "c"), 0.0004, 6)
     assert winner([BASE, one, pair], BASE) is one  # it removes most of what two remove
     assert winner([BASE, two, pair], BASE) is pair
+
+
+def test_pairs_are_asked_where_one_effect_would_not_be_named():
+    def enough(row, left):
+        return _enough(SimpleNamespace(left=lambda row, known: left), row, BASE)
+
+    one = Entry(("a",), 0.05, 4)
+    assert enough(one, LEFT) and not enough(one, 2 * LEFT)  # something is left of it
+    assert enough(Entry(("a",), 0.005, 4), 2 * LEFT)  # hardly any of what there was
+    assert not enough(Sum(("a",), 0.05, 4), 0.0)
 
 
 def test_nothing_is_named_that_cannot_be_told_from_nothing():

@@ -20,7 +20,8 @@ from .directions import Direction, Linearised
 from .products import Left
 
 Array = np.ndarray
-EFFECTS_TRIED, FORMS_TRIED, HALF = 8, 2, 0.5  # effects that are fitted; forms of each that explain half of its best
+TRIED = 8  # effects that are looked at closer, of all that might be half of a pair, or its other half
+FORMS_TRIED, HALF = 2, 0.5  # forms of each that explain half of its best
 
 
 @dataclass
@@ -107,7 +108,7 @@ def shortlist(scored: Scored, family: str) -> dict[Variant, list[tuple[float, ..
         point = shapes.setdefault(variant, {})
         point[direction.shape] = max(point.get(direction.shape, 0.0), measures[0])
     picked: list[Variant] = []
-    for measure, effects, forms in ((0, EFFECTS_TRIED, FORMS_TRIED), (1, EFFECTS_TRIED // 2, 1)):
+    for measure, effects, forms in ((0, TRIED, FORMS_TRIED), (1, TRIED // 2, 1)):
         by_id: dict[str, list[Variant]] = {}
         for variant in sorted(best, key=lambda v: -best[v][measure]):
             if best[variant][measure] > 0:

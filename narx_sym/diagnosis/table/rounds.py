@@ -21,7 +21,7 @@ from ...models.model import Model
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted
 from ..screening.directions import Linearised
-from ..screening.scored import Scored, linearised, screen, shortlist
+from ..screening.scored import TRIED, Scored, linearised, screen, shortlist
 from .finer import Finer, settled, settles
 from .hypotheses import Core, family_of, ways, written
 from .row import Row
@@ -30,8 +30,7 @@ from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, expl
 
 Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
-HALVES = 8  # effects of which it is asked what their directions promise beside them
-PARTNERS, TOGETHER = 2, 5  # of these, how many may be half of a pair, and effects that are tried with each
+PARTNERS, TOGETHER = 2, 5  # of the effects looked at closer, how many may be half of a pair, and are tried with each
 
 
 class Table:
@@ -197,7 +196,7 @@ class Table:
         self.course.reach(PAIRS)
         # What is half of a pair bends to what the other half does, in each fold otherwise: where it was fitted counts.
         alone = [r for r in self.rows if len(r.beyond(base)) == 1 and (np.isfinite(r.held) or not r.blocks.size)]
-        listed = islice(filter(self.settles, distinct(cheapest(alone, by=lambda r: r.before_judged))), HALVES)
+        listed = islice(filter(self.settles, distinct(cheapest(alone, by=lambda r: r.before_judged))), TRIED)
         for turn, first in enumerate(sorted(listed, key=self._promised)[:PARTNERS]):
             scored = self.screened(first)
             kind = "given" if first.hypothesis.core.given else self.search.family
