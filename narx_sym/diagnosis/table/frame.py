@@ -122,12 +122,12 @@ class Frame:
 
     def _remember(self, x: Array) -> None:
         """Bound the starts of memories that begin at a number: no farther from it than they go from there."""
-        if any(self.problem.blank):
-            for i in range(len(self.problem.data)):
-                own, far = self.problem.own(i), self.problem.reach(x, i)
-                known = np.isfinite(far) & (far > 0)
-                at = np.arange(self.size)[own][known]
-                self.low[at], self.high[at] = -far[known], far[known]
+        at = np.flatnonzero([bool(names) for names in self.problem.blank])
+        for i in range(len(self.problem.data) if at.size else 0):
+            far = self.problem.reach(x, i)[at]
+            far[~(far > 0)] = np.inf  # where it diverges, or never moves, nothing is known
+            starts = self.problem.own(i).start + at
+            self.low[starts], self.high[starts] = -far, far
 
     def limit(self, ranges: Sequence[Mapping[str, tuple[float, float]]], most: float) -> None:
         """Bound shapes and the coefficients whose sign means the effect."""
