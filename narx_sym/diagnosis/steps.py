@@ -332,8 +332,13 @@ def step(
 
 
 def _half(pair: Pair, made: Step, table: Table, known: Row) -> Candidate | None:
-    """Return that one of two effects which is worth its price by itself, and put it before the other candidates."""
-    half = next((c for c in made.candidates if c.effect in pair.effects and table.worth(c.row, known)), None)
+    """Return that one of two effects which is worth its price by itself, and put it before the other candidates.
+
+    Where one acts as in the pair it is that one.
+    """
+    acts = {(e.effect, e.where) for e in pair.fitted.model.effects}
+    listed = sorted(made.candidates, key=lambda c: (c.effect, c.where) not in acts)
+    half = next((c for c in listed if c.effect in pair.effects and table.worth(c.row, known)), None)
     if half is not None:
         made.candidates.sort(key=lambda c: c is not half)
     return half

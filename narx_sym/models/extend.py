@@ -113,7 +113,7 @@ def variants(
         for options in stepped:
             choices = [(*c, o) for c in choices for o in options]
         for where, drivers in one.places.items():
-            if (where == "force" and not forced) or (where == "friction" and not _rubs(model)):
+            if (where == "force" and not forced) or (where == "friction" and not rubs(model)):
                 continue
             for driver in drivers:
                 # A sensor and a speed have one zero; what acts on the machine may be centred where it works.
@@ -138,7 +138,7 @@ def _forced(model: Model) -> bool:
     return model.n_u > model.delay and not steps
 
 
-def _rubs(model: Model) -> bool:
+def rubs(model: Model) -> bool:
     """Whether it has a friction that says which share of it is reached."""
     return any(s.left.base == rub for s in model.states)
 
@@ -260,7 +260,7 @@ def extend(model: Model, variant: Variant) -> Extended:
         For an inverse model, a channel whose name means something else, a shape parameter called like a coefficient,
         and a place that the model does not have.
     """
-    if variant.where == "friction" and not _rubs(model):
+    if variant.where == "friction" and not rubs(model):
         raise ModelError(f"{variant} acts in an elastic friction, and the model has none: add that first.")
     name = variant.id.replace(":", "_")
     names = {str(s) for s in model.symbols}

@@ -405,9 +405,8 @@ def test_what_imitated_a_slack_goes_when_the_slack_comes():
     assert told["ladder"][2]["withdrawn"] == told["steps"][1]["withdrawn"] == ["hysteresis"]
 
 
-@more
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_damper_whose_band_is_slack_after_each_reversal_has_friction_and_a_slack(seed):
+def banded(seed):
+    """Return a record of a damper whose band is slack after each reversal."""
     rng = np.random.default_rng(seed)
     i = np.arange(3000)
     u = rng.uniform(8, 12) * np.sin(i / rng.uniform(30, 60)) * (1 - 0.3 * np.sin(i / 700))
@@ -415,7 +414,43 @@ def test_a_damper_whose_band_is_slack_after_each_reversal_has_friction_and_a_sla
     for k, here in enumerate(u):
         at = min(max(at, here - gap - way), here + gap + way)  # where the band is
         y[k] = 0.02 * here + np.sign(here - at) * max(abs(here - at) - gap, 0.0) / way
-    record = record_of(u, y, 0.01, 0.02, seed)
+    return record_of(u, y, 0.01, 0.02, seed)
+
+
+@more
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_damper_whose_band_is_slack_after_each_reversal_has_friction_and_a_slack(seed):
+    record = banded(seed)
     found = ns.diagnose(ns.identify(record, base="linear"), record, max_effects=2)
     assert found.steps[0].added == ["coulomb_friction", "backlash"]
     assert found.ladder[-1]["validation"] < 0.03 < 0.1 < found.ladder[0]["validation"]
+
+
+@more
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_slack_of_what_rubs_comes_after_what_rubs(seed):
+    """Of the two the friction is added first: a slack elsewhere explains more by itself, and is no part of the pair."""
+    record = banded(seed)
+    few = Catalogue({name: EFFECTS[name] for name in ("backlash", "coulomb_friction", "hysteresis")})
+    one = ns.diagnose(ns.identify(record, base="linear"), record, catalogue=few)
+    assert one.steps[0].added == ["coulomb_friction"]
+    both = ns.diagnose(one.model, record, catalogue=few)
+    assert both.confusion_set == ["backlash"] and both.best.where == "friction"
+    assert both.ladder[-1]["validation"] < 0.03
+
+
+def test_without_a_friction_there_is_none_of_its_slack():
+    record = banded(2)
+    search = Search(ns.identify(record, base="linear"), [record])
+    slack, rubs = (
+        next(Variant(e, where, driver) for e in EFFECTS[name] if e.form == form)
+        for name, form, where, driver in (
+            ("backlash", "of what rubs", "friction", "friction"), ("coulomb_friction", "elastic", "output", "u")
+        )
+    )  # fmt: skip
+    search.limits |= {slack: {"w": (0.05, 0.9)}, rubs: {"r": (0.1, 5.0)}}
+    bare = search.bases([0])[0]
+    (friction, *_) = search.look([bare], rubs, [(1.5,)])
+    (both, *_) = search.look([friction], slack, [(0.5,)])
+    assert both.ids == ("coulomb_friction", "backlash") and both.fitted < 0.1 * friction.fitted
+    assert search.added(bare, slack, both) is None and search.look([bare], slack, [(0.5,)]) == []

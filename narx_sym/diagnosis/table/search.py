@@ -13,11 +13,11 @@ from ...errors import FitError
 from ...fit.bases.integrating import DRIVEN, at_one, drives, lasting, slowest, slowest_seen
 from ...fit.identify import FEWEST, LITTLE
 from ...models.effects import Effect
-from ...models.extend import Variant
+from ...models.extend import Variant, rubs
 from ...models.model import Model
 from .arx import arx_start
 from .frame import BLOCKS, GAIN, Frame, parts
-from .hypotheses import Core, Hypothesis, family_of, ladder
+from .hypotheses import Core, Hypothesis, family_of, ladder, written
 from .row import Row
 from .verdict import price
 
@@ -288,6 +288,8 @@ class Search:
         """Fit an effect beside what a row has, from one shape; None also where it would be another one there."""
         core = base.hypothesis.core
         if not core.given and not variant.beside(core.n_y):
+            return None
+        if variant.where == "friction" and not rubs(written(base.hypothesis, self.given)):
             return None
         hypothesis = replace(base.hypothesis, effects=(*base.hypothesis.effects, variant))
         frame = self.frame(hypothesis.effects, core.given)
