@@ -24,7 +24,7 @@ from .screening.scored import absorbed
 from .table.candidates import RIVALS, Candidate, Pair, candidates_of, instead, new_effect
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import ALIKE, HELPS, LEFT, alike, explained, nothing_named, verdict, winner
+from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, explained, nothing_named, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
 REPEATED = "repeated periods"  # the kind that is sure
@@ -290,7 +290,8 @@ def step(
         REPEATED if repeats else "estimate", scored.scores.p_value, detectable(scored), absorbed(scored),
         loop=loop,
     )  # fmt: skip
-    if best is None or made.p_value > gate.LEVEL:
+    seen = made.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
+    if best is None or not seen:
         return _unnamed(made, table, known), known
     known, best, made.withdrawn = instead(table, best, known)
     whole = table.complete(best, known)
@@ -332,10 +333,7 @@ def step(
 
 
 def _half(pair: Pair, made: Step, table: Table, known: Row) -> Candidate | None:
-    """Return that one of two effects which is worth its price by itself, and put it before the other candidates.
-
-    Where one acts as in the pair it is that one.
-    """
+    """Return that one of two effects which pays for itself, best where it acts in the pair, and put it first."""
     acts = {(e.effect, e.where) for e in pair.fitted.model.effects}
     listed = sorted(made.candidates, key=lambda c: (c.effect, c.where) not in acts)
     half = next((c for c in listed if c.effect in pair.effects and table.worth(c.row, known)), None)
@@ -362,7 +360,8 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     scored = table.screened(known)
     if known.held <= table.rounding:
         return known, None
-    if scored.scores.p_value <= gate.LEVEL or scored.structure > HELPS:
+    seen = scored.scores.p_value <= gate.LEVEL or float(scored.scores.share.max()) >= LARGE
+    if seen or scored.structure > HELPS:
         table.singles(known)
     at, alone = table.held(lambda: won([r for r in table.beside(known) if len(r.beyond(known)) <= 1], known))
     if alone is not None:

@@ -30,8 +30,9 @@ from narx_sym.diagnosis.table import verdict
 CHANGED = ("PER_PARAMETER", "PER_EFFECT", "MOST", "ALIKE")  # those that the names depend on
 SEARCHED = (
     ("diagnosis.table.verdict", "HELPS"), ("diagnosis.table.verdict", "LEFT"),
-    ("fit.bases.integrating", "DRIVEN"), ("diagnosis.screening.scored", "TRIED"),
-    ("diagnosis.table.rounds", "PARTNERS"), ("diagnosis.screening.gate", "LEVEL"),
+    ("diagnosis.table.verdict", "LARGE"), ("fit.bases.integrating", "DRIVEN"),
+    ("diagnosis.screening.scored", "TRIED"), ("diagnosis.table.rounds", "PARTNERS"),
+    ("diagnosis.table.rounds", "TOGETHER"), ("diagnosis.screening.gate", "LEVEL"),
 )  # fmt: skip
 FRICTION = {"coulomb_friction", "stribeck_friction", "stiction"}
 RECORDS: dict[str, tuple[str, slice, set[str]]] = {

@@ -21,6 +21,7 @@ ALIKE = 0.1  # difference of log errors, or of prices, that counts as none, what
 SAME = 0.01  # difference of the log errors of one free run under two names: half a percent rms
 HELPS = 0.3  # share of the removable error: what removes less, or a base's structure below it, explains nothing
 LEFT = 0.1  # of the winner's error follows from the signals, and rms beside what it removes: more, and it is not all
+LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
 ROUNDING = 1e-9  # of the output's standard deviation: an error up to here is that of arithmetic
 VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library", "closed_loop")
 
