@@ -24,7 +24,7 @@ from .screening.scored import absorbed
 from .table.candidates import RIVALS, Candidate, Pair, candidates_of, instead, new_effect
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, explained, nothing_named, verdict, winner
+from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, nothing_named, removes, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
 REPEATED = "repeated periods"  # the kind that is sure
@@ -301,7 +301,7 @@ def step(
     found = table.unsure(alike(enough, best, left), enough)
     best = found[0] = whole
     lowest = best.held * (1 - left)
-    share = explained(known.held - best.held, known, lowest)
+    share = removes(best, known, left)
     made.candidates = candidates_of(table, known, best, found, lowest)
     shown = {c.effect for c in made.candidates} | {BASE}  # a rival that cannot be held is none
     names = dict.fromkeys(name for name in (new_effect(r, known) for r in found) if name in shown)
@@ -377,8 +377,7 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
 def _enough(table: Table, alone: Row, known: Row) -> bool:
     """Whether one effect would be all that is missing; what pays for two may stand for two others."""
     left = table.left(alone, known)
-    share = explained(known.held - alone.held, known, alone.held * (1 - left))
-    return alone.charged == alone.count and verdict(share, left, 1) == "named"
+    return alone.charged == alone.count and verdict(removes(alone, known, left), left, 1) == "named"
 
 
 def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:

@@ -333,10 +333,13 @@ def _split(model: Model, where: str) -> list[State]:
         begins = chain[at].initial
         chain[at : at + 1] = [State(name[k], chain[at].right, begins), State(target[k], name[k], begins)]
 
+    def behind(at: int, old: Any, new: Any, begins: Any) -> None:
+        """Let all equations from one on read what an effect will make of a sequence."""
+        read = [State(s.left, moved(s.right, old, new), s.initial, s.group) for s in chain[at:]]
+        chain[at:] = [State(new[k], old[k], begins), *read]
+
     if where == "input" and v not in named:
-        source = model.input
-        chain = [State(s.left, moved(s.right, source, v), s.initial, s.group) for s in chain]
-        chain.insert(0, State(v[k], source[k], source[k]))
+        behind(0, model.input, v, model.input[k])
     elif where == "input" and passed not in named:
         between(v, passed)
     if where == "force" and acting not in named:
@@ -350,10 +353,7 @@ def _split(model: Model, where: str) -> list[State]:
         between(model.inner, free)
     if where == "friction" and grip not in named:
         at = next(i for i, s in enumerate(chain) if s.left.base == rub)
-        chain = [
-            s if i <= at else State(s.left, moved(s.right, rub, grip), s.initial, s.group) for i, s in enumerate(chain)
-        ]
-        chain.insert(at + 1, State(grip[k], rub[k], chain[at].initial))
+        behind(at + 1, rub, grip, chain[at].initial)
     if where in ("output", "sensor") and x not in named:
         states = [State(s.left, moved(s.right, output, x), s.initial, s.group) for s in chain[:-1]]
         chain = [*states, State(x[k], moved(chain[-1].right, output, x), output[k]), State(output[k], x[k], output[k])]

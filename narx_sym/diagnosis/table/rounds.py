@@ -26,7 +26,7 @@ from .finer import Finer, settled, settles
 from .hypotheses import Core, family_of, ways, written
 from .row import Row
 from .search import Search
-from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, explained, price, rivals, verdict
+from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, price, removes, rivals, verdict
 
 Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
@@ -144,8 +144,7 @@ class Table:
         a mean over several samples leaves is not missing.
         """
         left = self.screened(row).missing
-        share = explained(base.held - row.held, base, row.held * (1 - left))
-        if verdict(share, left, 1) == "helps_but_incomplete":
+        if verdict(removes(row, base, left), left, 1) == "helps_but_incomplete":
             checked = self.checked(row).missing
             left = checked if checked <= LEFT else left
         return left

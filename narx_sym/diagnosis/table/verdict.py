@@ -139,6 +139,11 @@ def explained(removed: Any, base: E, lowest: float) -> Any:
     return removed / max(base.held - lowest, 1e-300)
 
 
+def removes(row: E, base: E, left: float) -> float:
+    """Return the share of the removable error of a base that a row removes, of whose own error a share is left."""
+    return float(explained(base.held - row.held, base, row.held * (1 - left)))
+
+
 def nothing_named(structure: float, removed: float) -> str:
     """Return the verdict where no effect is worth its price.
 
