@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..data.evidence.feedback import Feedback, closed_loop, setpoint
-from ..data.evidence.levels import at_levels, one_way
+from ..data.evidence.levels import at_levels, at_one_speed, one_way
 from ..data.evidence.noise import repeated, sensor_noise
 from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
@@ -261,6 +261,8 @@ def diagnose(
 def _noted(records: Sequence[Record], table: Table) -> list[str]:
     """Return what is to know of records and of how they were compared, as sentences."""
     said = [f"{r.name}: {text}" for r in records for text in (*r.notes, *r.remarks())] + one_way(records)
+    if table.search.family == "linear":
+        said += at_one_speed(records)
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
     if table.search.integrating:

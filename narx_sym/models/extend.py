@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -85,6 +85,15 @@ class Variant:
     def shape(self) -> tuple[str, ...]:
         """The shape parameters that are refined."""
         return tuple(p for p in self.effect.shape if p not in dict(self.fixed))
+
+    @property
+    def counted(self) -> frozenset[str]:
+        """The shape parameters that count samples of the record; lags of a core, as its orders, are of any rate."""
+        return frozenset(p for p, _ in self.fixed if self.effect.unit.get(p) == "samples")
+
+    def finer(self, factor: int) -> Variant:
+        """Return the same effect where one sample is so many."""
+        return replace(self, fixed=tuple((p, n * factor if p in self.counted else n) for p, n in self.fixed))
 
     def beside(self, n_y: int) -> bool:
         """Whether it is an effect of its own beside a model of so many older outputs.

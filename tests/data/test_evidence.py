@@ -8,7 +8,7 @@ from scipy.signal import butter, lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.dead_time import dead_time
 from narx_sym.data.evidence.feedback import feedback
-from narx_sym.data.evidence.levels import turns
+from narx_sym.data.evidence.levels import at_one_speed, one_speed, turns
 from narx_sym.data.evidence.noise import sensor_noise, unexplained
 from narx_sym.data.evidence.stiction import held, sticking
 from narx_sym.diagnosis.procedure import diagnose
@@ -319,3 +319,25 @@ def test_whether_a_signal_turns_back(way, back):
     noisy = up + 0.02 * np.random.default_rng(0).standard_normal(400)
     assert turns(ways.get(way, noisy)) is back
     assert not turns(np.ones(3))
+
+
+def test_an_input_of_one_speed():
+    """A triangle, with the blips of its sensor; no sine, no noise, no levels, and no single way there and back."""
+    t, rng = np.arange(6000) / 6000, np.random.default_rng(0)
+
+    def record(u):
+        return ns.Record.from_arrays(u, lfilter([0.1], [1, -0.9], u), Ts=0.01, name="seal")
+
+    def triangle(cycles):
+        return np.abs(2 * ((cycles * t) % 1) - 1)
+
+    blips = 0.02 * (rng.random(t.size) < 0.01)
+    assert one_speed(record(triangle(5))) and one_speed(record(triangle(5) + blips))
+    others = {
+        "sine": np.sin(10 * np.pi * t), "noise": lfilter([1], [1, -0.99], rng.standard_normal(t.size)),
+        "levels": np.sign(np.sin(10 * np.pi * t)), "two speeds": triangle(5) + (t > 0.5) * triangle(20),
+        "once": triangle(1), "ramp": t,
+    }  # fmt: skip
+    assert not [name for name, u in others.items() if one_speed(record(u))]
+    (said,) = at_one_speed([record(triangle(5)), record(others["sine"])])
+    assert said.startswith("seal: the input moves at one speed")

@@ -209,6 +209,14 @@ def test_unstable_models_skip_signals_or_give_nothing():
     assert found is not None and np.abs(found.outputs["inertia"]).max() < 2
 
 
+def test_an_output_that_dies_away_is_zero():
+    """A record holds no values whose squares are no numbers; a model that the input does not drive gives such."""
+    u_ = np.sin(2 * np.pi * T)
+    fading = NARX([y[k - 1]], [0.5], Ts=TS)
+    found = propose({"inertia": fading, "offset": static()}, Record.from_arrays(u_, 0.5 * u_, TS), NOISE)
+    assert found is not None and not np.any(found.outputs["inertia"])
+
+
 def test_what_cannot_be_decided(loops):
     models, record = loops
     assert propose({"backlash": models["backlash"]}, record, NOISE) is None

@@ -454,3 +454,25 @@ def test_without_a_friction_there_is_none_of_its_slack():
     (both, *_) = search.look([friction], slack, [(0.5,)])
     assert both.ids == ("coulomb_friction", "backlash") and both.fitted < 0.1 * friction.fitted
     assert search.added(bare, slack, both) is None and search.look([bare], slack, [(0.5,)]) == []
+
+
+@more
+def test_what_counts_samples_counts_more_of_them_at_the_records_own_rate():
+    """A position sensor whose blips are longer than a step: the velocity over as long a time is that of the table."""
+    rng, n = np.random.default_rng(3), 9000
+    u = 20 * np.abs(2 * ((5 * np.arange(n) / n) % 1) - 1)
+    moving = np.sign(np.diff(u, prepend=u[0] + 1))
+    y = 0.02 * u + lfilter([0.2], [1, -0.8], moving)
+    read = u + 0.1 * (rng.random(n) < 0.01) + 0.01 * rng.standard_normal(n)
+    record = record_of(read, y, 0.01, 0.01)
+    found = ns.diagnose(ns.identify(record, base="static"), record, catalogue=Catalogue({
+        name: [f for f in EFFECTS[name] if f.form == "averaged velocity"] for name in ("coulomb_friction",)
+    }))  # fmt: skip
+    (candidate,) = found.candidates
+    (row,) = {r for r in found.hypotheses if r.hypothesis == candidate.row.hypothesis}
+    (averaged,) = (dict(v.fixed)["n"] for v in row.hypothesis.effects)
+    (note,) = (text for text in found.data_notes if "averaged into one" in text)
+    factor = int(note.split()[5])
+    (added,) = found.last.model.effects
+    assert factor > 1 and added.fixed["n"] == factor * averaged and f"n = {factor * averaged}" in str(candidate.variant)
+    assert found.ladder[-1]["validation"] < 1.2 * np.sqrt(row.held) + 0.01

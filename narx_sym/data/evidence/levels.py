@@ -1,4 +1,4 @@
-"""What an input of two levels hides, whose noise bends the static curve as a saturation does, and one of one way."""
+"""What some inputs hide: of two levels, whose noise bends the curve as a saturation does; of one way; of one speed."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from ..record import Record
+from .rate import working
 
 Array = np.ndarray
 # Of the range of a signal: what it goes back by less is held for noise, and closes no loop. The inputs of 60 measured
 # records go back by nothing or by more than 0.14.
 TURN = 0.05
+ONE_SPEED = 0.9  # of the mean squared step, what its mean size makes up: of a sine 0.81, of a triangle all of it
+CYCLES = 2  # of one speed, at least: one way there and back is followed by many a lag
 NEAR = 0.1  # of the way between the levels: a wider spread about them is excitation
 
 
@@ -44,6 +47,24 @@ def one_way(records: Sequence[Record]) -> list[str]:
         f"{r.name}: the input never turns back: what remembers where it turned (hysteresis, slack) is a curve there"
         for r in records
         if np.ptp(r.u) > 0 and "u" not in turning([r])
+    ]
+
+
+def one_speed(record: Record) -> bool:
+    """Whether the input goes up and down at one speed, twice or more, at the rate at which hypotheses are compared."""
+    parts = [part.u for part in working([record])[0]]
+    steps, longest = np.concatenate([np.diff(u) for u in parts]), max(parts, key=len)
+    cycles = int(np.abs(np.fft.rfft((longest - longest.mean()) * np.hanning(longest.size))).argmax())
+    return cycles >= CYCLES and bool(np.mean(np.abs(steps)) ** 2 > ONE_SPEED * np.mean(steps**2))
+
+
+def at_one_speed(records: Sequence[Record]) -> list[str]:
+    """Say of which records the input moves at one speed."""
+    return [
+        f"{r.name}: the input moves at one speed: friction, slack and hysteresis may pass for the memory of a linear "
+        "base there; a static base shows them, a second speed or stroke tells"
+        for r in records
+        if one_speed(r)
     ]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from ...data.record import Record
+from ...data.tables import LARGEST
 from ...errors import ModelError, NarxError
 from ...files.parallel import one_blas_thread
 from ...fit.constraints import constraint_equations
@@ -203,7 +204,7 @@ class _Bench:
                 return None
             if not (np.isfinite(run).all() and self.outputs[0] <= run.min() and run.max() <= self.outputs[1]):
                 return None
-            found[name] = run
+            found[name] = _recorded(run)
         return found
 
     def record(self, u: Array, y: Array) -> Record:
@@ -211,6 +212,11 @@ class _Bench:
         channels = {name: np.full(u.size, value) for name, value in self.channels.items()}
         t: Array = self.start + self.Ts * np.arange(u.size)
         return Record(u, y, t, self.Ts, channels)
+
+
+def _recorded(run: Array) -> Array:
+    """Return a simulated output as a record holds it: what has died away is zero."""
+    return np.where(np.abs(run) < 1 / LARGEST, 0.0, run)
 
 
 def _as_measured(model: Model, parts: Sequence[Record]) -> list[Record]:
@@ -223,7 +229,7 @@ def _as_measured(model: Model, parts: Sequence[Record]) -> list[Record]:
             return []
         if not np.isfinite(run).all():
             return []
-        found.append(replace(part, y=run))
+        found.append(replace(part, y=_recorded(run)))
     return found
 
 

@@ -43,6 +43,7 @@ class Candidate:
     effect : str
         Its id.
     variant : Variant
+        At the rate of what is shown.
     row : Row
         Its place in the table.
     share : float
@@ -91,8 +92,9 @@ class Candidate:
             "validation": float(np.sqrt(row.held)),
             "base": float(np.sqrt(known.held)),
         }
+        shown = variant.finer(table.factor) if likely else variant
         return cls(
-            variant.id, variant, row, p_value, row.held * spread**2, known.held * spread**2,
+            variant.id, shown, row, p_value, row.held * spread**2, known.held * spread**2,
             explained(known.held - row.held, known, lowest), interval, errors,
             table.own(row) if likely else table.fitted(row), 1 if likely else table.factor, lambda: table.own(row),
         )  # fmt: skip

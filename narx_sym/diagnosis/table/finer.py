@@ -58,7 +58,8 @@ class Finer:
         fine.integrating, fine.swings, fine.leaks = core.integrating, self.search.swings, self.search.leaks
         fine.tunes = self.search.tunes
         for variant in row.hypothesis.effects:
-            fine.limits[variant] = {p: (low / at, high / at) for (p, (low, high)), at in self._scaled(variant)}
+            limits = {p: (low / at, high / at) for (p, (low, high)), at in self._scaled(variant)}
+            fine.limits[variant.finer(D)] = limits
         first = core.delay * D - D // 2
         delays: Sequence[int] = range(max(0, first), first + 2 * D, max(1, D // 3)) if D > 1 else [core.delay]
         if self.delay is not None and not core.given:
@@ -85,14 +86,18 @@ class Finer:
         return float(np.mean(np.concatenate(errors) ** 2)) / made.problem.spread**2
 
     def _scaled(self, variant: Variant) -> list[tuple[tuple[str, tuple[float, float]], int]]:
-        """Return the limits of each shape parameter, and by what it shrinks at the own rate: a step per sample does."""
-        speed = {p: variant.effect.scan[p].of == "speed" for p in variant.shape}
+        """Return the limits of each shape parameter, and by what it shrinks at the own rate.
+
+        A step per sample does, but no step over a time.
+        """
+        speed = {p: variant.effect.scan[p].of == "speed" and not variant.counted for p in variant.shape}
         return [((p, self.search.limits[variant][p]), self.factor if speed[p] else 1) for p in variant.shape]
 
     def _carried(self, fine: Search, row: Row, delay: int) -> Row | None:
         """Fit a hypothesis from its poles and effects in the table, at this rate."""
         core, effects = replace(row.hypothesis.core, delay=delay), row.hypothesis.effects
-        frame, a = fine.frame(effects, False), resampled(row.a, self.factor)
+        finer = tuple(v.finer(self.factor) for v in effects)
+        frame, a = fine.frame(finer, False), resampled(row.a, self.factor)
         # What a sample adds to y is less at a higher rate; what follows the steps of a signal is not.
         with np.errstate(all="ignore"):  # without a decay there is no such step, and no fit from it
             step = 1 / self.factor if core.integrating else (1 - a.sum()) / (1 - row.a.sum())
@@ -105,7 +110,7 @@ class Finer:
                 x[new[0]] = row.values[old[0]] * (inside if variant.where in ("inside", "motion") else 1.0)
                 x[new[1]] = self._shape(row, variant, old[1])
             starts.append(x)
-        return fine.fitted(Hypothesis(core, effects), min(starts, key=lambda z: frame.error(z, core)), 40)
+        return fine.fitted(Hypothesis(core, finer), min(starts, key=lambda z: frame.error(z, core)), 40)
 
     def _rebuilt(self, fine: Search, row: Row, delay: int) -> Row | None:
         """Fit the core from the data, then one effect after the other from its shape in the table."""
@@ -113,7 +118,7 @@ class Finer:
         for variant, (_, where) in zip(row.hypothesis.effects, row.frame.added, strict=True):
             if made is None:
                 return None
-            looks = fine.look([made], variant, [self._shape(row, variant, where)])
+            looks = fine.look([made], variant.finer(self.factor), [self._shape(row, variant, where)])
             made = fine.one_more([made], looks)[0] if looks else None
         return made
 

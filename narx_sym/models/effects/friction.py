@@ -64,7 +64,7 @@ def smooth_coulomb_friction_of_speed(x: Any, s: Any) -> Any:
     scan={"n": Scan("steps", (4, 10)), "s": Scan("speed", (0.5, 2.0), beyond=1.0)},
     id="coulomb_friction",
     form="averaged velocity",
-    unit={"s": "unit of the driver"},
+    unit={"n": "samples", "s": "unit of the driver"},
     source="Coulomb 1785, velocity over n samples",
 )
 def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:
