@@ -15,7 +15,6 @@ Array = np.ndarray
 # records go back by nothing or by more than 0.14.
 TURN = 0.05
 ONE_SPEED = 0.9  # of the mean squared step, what its mean size makes up: of a sine 0.81, of a triangle all of it
-CYCLES = 2  # of one speed, at least: one way there and back is followed by many a lag
 NEAR = 0.1  # of the way between the levels: a wider spread about them is excitation
 
 
@@ -51,11 +50,9 @@ def one_way(records: Sequence[Record]) -> list[str]:
 
 
 def one_speed(record: Record) -> bool:
-    """Whether the input goes up and down at one speed, twice or more, at the rate at which hypotheses are compared."""
-    parts = [part.u for part in working([record])[0]]
-    steps, longest = np.concatenate([np.diff(u) for u in parts]), max(parts, key=len)
-    cycles = int(np.abs(np.fft.rfft((longest - longest.mean()) * np.hanning(longest.size))).argmax())
-    return cycles >= CYCLES and bool(np.mean(np.abs(steps)) ** 2 > ONE_SPEED * np.mean(steps**2))
+    """Whether the input goes there and back at one speed, at the rate at which hypotheses are compared."""
+    steps = np.concatenate([np.diff(part.u) for part in working([record])[0]])
+    return "u" in turning([record]) and bool(np.mean(np.abs(steps)) ** 2 > ONE_SPEED * np.mean(steps**2))
 
 
 def at_one_speed(records: Sequence[Record]) -> list[str]:
