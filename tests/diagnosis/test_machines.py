@@ -465,9 +465,8 @@ def test_what_counts_samples_counts_more_of_them_at_the_records_own_rate():
     y = 0.02 * u + lfilter([0.2], [1, -0.8], moving)
     read = u + 0.1 * (rng.random(n) < 0.01) + 0.01 * rng.standard_normal(n)
     record = record_of(read, y, 0.01, 0.01)
-    found = ns.diagnose(ns.identify(record, base="static"), record, catalogue=Catalogue({
-        name: [f for f in EFFECTS[name] if f.form == "averaged velocity"] for name in ("coulomb_friction",)
-    }))  # fmt: skip
+    forms = [e for e in EFFECTS["coulomb_friction"] if e.form == "averaged velocity"]
+    found = ns.diagnose(ns.identify(record, base="static"), record, catalogue=Catalogue({"coulomb_friction": forms}))
     (candidate,) = found.candidates
     (row,) = {r for r in found.hypotheses if r.hypothesis == candidate.row.hypothesis}
     (averaged,) = (dict(v.fixed)["n"] for v in row.hypothesis.effects)

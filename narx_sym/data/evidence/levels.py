@@ -50,9 +50,11 @@ def one_way(records: Sequence[Record]) -> list[str]:
 
 
 def one_speed(record: Record) -> bool:
-    """Whether the input goes there and back at one speed, at the rate at which hypotheses are compared."""
+    """Whether the input goes there and back at one speed, at the working rate of the record."""
+    if "u" not in turning([record]):
+        return False
     steps = np.concatenate([np.diff(part.u) for part in working([record])[0]])
-    return "u" in turning([record]) and bool(np.mean(np.abs(steps)) ** 2 > ONE_SPEED * np.mean(steps**2))
+    return bool(np.mean(np.abs(steps)) ** 2 > ONE_SPEED * np.mean(steps**2))
 
 
 def at_one_speed(records: Sequence[Record]) -> list[str]:

@@ -83,7 +83,8 @@ class Candidate:
 
         `lowest` is the mean square of the noise, over the variance of y; a `likely` one is fitted at the own rate.
         """
-        variant, spread = row.beyond(known)[0], row.frame.problem.spread
+        averaged, spread = 1 if likely else table.factor, row.frame.problem.spread
+        variant = row.beyond(known)[0].finer(table.factor // averaged)
         drawn = np.random.default_rng(table.seed).integers(0, len(row.blocks), size=(DRAWS, len(row.blocks)))
         shares = explained((known.blocks - row.blocks)[drawn].mean(axis=1), known, lowest)
         interval = (float(np.quantile(shares, 0.025)), float(np.quantile(shares, 0.975)))
@@ -92,11 +93,10 @@ class Candidate:
             "validation": float(np.sqrt(row.held)),
             "base": float(np.sqrt(known.held)),
         }
-        shown = variant.finer(table.factor) if likely else variant
         return cls(
-            variant.id, shown, row, p_value, row.held * spread**2, known.held * spread**2,
+            variant.id, variant, row, p_value, row.held * spread**2, known.held * spread**2,
             explained(known.held - row.held, known, lowest), interval, errors,
-            table.own(row) if likely else table.fitted(row), 1 if likely else table.factor, lambda: table.own(row),
+            table.own(row) if likely else table.fitted(row), averaged, lambda: table.own(row),
         )  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:

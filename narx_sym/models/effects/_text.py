@@ -192,7 +192,7 @@ def load_effects(path: Any, catalogue: Catalogue = EFFECTS) -> list[Effect]:
         sentence = "Slack before the input."
 
     In JSON the same stands in a list called "effect". A shape parameter that is scanned in "steps" may be a lag:
-    `x[k-n]`.
+    `x[k-n]`. Where its unit is "samples" it is a time, and grows with the rate of the record.
 
     Returns
     -------
