@@ -8,7 +8,7 @@
 # |---|---|
 # | `nothing_detectable` | no effect of the catalogue improves the base by more than chance would; others are not excluded |
 # | `named` | what one effect leaves no longer follows from the signals, or is less than a tenth of what it removes (rms), on data that were not used for fitting. It is the best of the catalogue; something outside of it may draw the same curve |
-# | `confused` | several effects explain it equally well; an input that would tell them apart is proposed (`next.csv`). `base` in the set means the base's own velocity term: at one speed it and a friction law are one signal |
+# | `confused` | several effects explain it equally well; an input that would tell them apart is proposed (`next.csv`). `base` in the set means the memory of the base itself: at one speed it and a friction or a slack are one signal, and the model that is shown has the effect in its stead |
 # | `helps_but_incomplete` | the best effect helps, and something else is missing too. Where two effects hide each other they are added together (`together` in the JSON): raise `--max-effects` |
 # | `outside_library` | no effect of the catalogue explains it; look at where the model fails |
 # | `closed_loop` | the input answers the output, as that of a controller does: what the controller does would be taken for the plant. An effect is named all the same where the setpoint is given (`--channels setpoint`), makes nine tenths of the input's movement, and one effect removes nine tenths of the squared error. Else nothing is named: record with the controller in manual. Of a loop whose output is in percent, a fraction or mA it is said whether its valve sticks; it may where the setpoint never moves, and that nothing is seen is no proof |

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..data.evidence.feedback import Feedback, closed_loop, setpoint
-from ..data.evidence.levels import at_levels, at_one_speed, one_way
+from ..data.evidence.levels import at_levels, one_speed, one_way
 from ..data.evidence.noise import repeated, sensor_noise
 from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
@@ -24,21 +25,33 @@ from ..fit.simulate import Records, evaluate
 from ..models.effects import EFFECTS, Catalogue
 from ..models.info import whole
 from ..models.model import Model
+from .bases import BASE as MEMORY
+from .bases import few
 from .doors import DiagnosisDoors
-from .experiment import Experiment, check_limits
+from .experiment import Experiment, check_limits, propose
 from .misfit import Misfit, misfit_of
 from .progress import BASE, ROUND, Course
 from .refit import Fitted
 from .steps import Step, looped, step
 from .table.candidates import Candidate
+from .table.hypotheses import static
 from .table.offsets import without_offsets
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import VERDICTS
+from .table.verdict import ALIKE, VERDICTS, price
 
 Array = np.ndarray
 __all__ = ["VERDICTS", "Diagnosis", "Step", "diagnose"]
 FEWEST = 100  # samples: with less the noise cannot be told from an effect
+UNNAMED = ("nothing_detectable", "outside_library")
+ONE_SPEED = (
+    "The input moves at one speed: friction, slack and hysteresis may pass for the memory of a linear base there; a "
+    "static base shows them, a second speed or stroke tells."
+)
+EITHER = (
+    " With {names} a static base leaves {effect} of the output's standard deviation, the linear one alone {memory}: "
+    "these data cannot tell the two apart."
+)
 
 
 @dataclass
@@ -229,40 +242,102 @@ def diagnose(
 
     converter = quantum(np.concatenate([r.y for r in listed]))  # as measured: offsets that are taken off hide it
 
-    def searched(seen: list[Record]) -> tuple[Table, list[Step]]:
-        course = Course(report, [BASE, *ROUND * max_effects])
-        table = Table(start, seen, named, catalogue, seed, course, delay, converter)
-        steps: list[Step] = []
-        known, loop = table.base, closed_loop(seen)
-        valves = _valves(seen, loop)
-        if loop is not None and (valves or not loop.moved_by_setpoint):  # of a valve it is judged whether it sticks
-            steps.append(looped(table.own(known), loop, valves))
-        while not steps or (steps[-1].chosen is not None and len(known.hypothesis.effects) < max_effects):
-            made, known = step(table, known, max_effects - len(known.hypothesis.effects), limits, loop)
-            steps.append(made)
-        return table, steps
-
+    search = partial(_searched, channels=named, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
+                     quantum=converter, most=max_effects)  # fmt: skip
+    speed = ""
     with one_blas_thread():
-        table, steps = searched(listed)
-        moved = _levelled(listed, steps[0])
+        found = search(start, listed, report)
+        moved = _levelled(listed, found.steps[0])
         if moved is not None:
             listed, held = moved[0], [*held, *moved[1]]
-            table, steps = searched(listed)
+            found = search(start, listed, report)
+        if found.table.search.family == "linear" and one_speed(listed):
+            speed = ONE_SPEED
+            if found.steps[0].verdict in UNNAMED:
+                other = _memory_or_effect(found, search(static(start), listed, report), limits)
+                found, speed = other or (found, speed)
+    table, steps = found.table, found.steps
     sensor = sensor_noise(listed, repeated(listed[0]))
     for one in steps:
         one.hear(sensor)
     failed = _misfit(steps[0].base, steps[0].floor)
     faults = sensor_faults(listed, min(s.floor for s in steps), converter)
-    said = [*_noted(listed, table), *held]
+    said = [*_noted(listed, table), *filter(None, [speed]), *held]
     seconds = time.perf_counter() - begin
     return Diagnosis(steps, failed, seconds, seed, faults, said, table.rows, listed if held else [], max_effects)
+
+
+@dataclass
+class _Searched:
+    """A table that was filled, its steps, and the row that each of them ends at."""
+
+    table: Table
+    steps: list[Step]
+    ends: list[Row]
+
+    @property
+    def first(self) -> tuple[Step, Row, Fitted]:
+        """The first step, with what it ends at."""
+        return self.steps[0], self.ends[0], self.table.own(self.ends[0])
+
+
+def _searched(
+    start: Model, seen: list[Record], report: Callable[[str], Any], *, channels: Sequence[str], catalogue: Catalogue,
+    seed: int, limits: tuple[float, float] | None, delay: int | None, quantum: float, most: int,
+) -> _Searched:  # fmt: skip
+    """Fill a table beside one base, step by step, until nothing more is added."""
+    course = Course(report, [BASE, *ROUND * most])
+    table = Table(start, seen, channels, catalogue, seed, course, delay, quantum)
+    steps: list[Step] = []
+    ends: list[Row] = []
+    known, loop = table.base, closed_loop(seen)
+    valves = _valves(seen, loop)
+    if loop is not None and (valves or not loop.moved_by_setpoint):  # of a valve it is judged whether it sticks
+        steps.append(looped(table.own(known), loop, valves))
+        ends.append(known)
+    while not steps or (steps[-1].chosen is not None and len(known.hypothesis.effects) < most):
+        made, known = step(table, known, most - len(known.hypothesis.effects), limits, loop)
+        steps.append(made)
+        ends.append(known)
+    return _Searched(table, steps, ends)
+
+
+def _memory_or_effect(
+    linear: _Searched, bare: _Searched, limits: tuple[float, float] | None
+) -> tuple[_Searched, str] | None:
+    """Return the steps from a static base, where what they name explains records of one speed as a linear base does.
+
+    Also what is to be said.
+
+    Nothing is named then: these data cannot tell the effect from the memory of the base, which costs what an effect
+    does, as beside a static base. None where the linear base explains them better.
+    """
+    averaged = linear.table.finer.averaged
+    (alone, core, memory), (first, row, effect) = linear.first, bare.first
+    families = [EFFECTS[name][0].family for name in first.confusion_set if name in EFFECTS]
+    if first.pair is not None or families[:1] == ["dynamics"] or not {"friction", "memory"} & set(families):
+        return None  # what is said is no effect of where the input turned, or the memory of the base itself
+    like_one = int(core.hypothesis.core.remembers)
+    paid = price(averaged(memory), core.parameters, core.charged + like_one)
+    if price(averaged(effect), row.parameters, row.charged) > paid + ALIKE:
+        return None
+    models = {c.effect: c.model for c in first.candidates if c.effect in first.confusion_set}
+    models[MEMORY] = memory.model
+    seed, records = linear.table.seed, list(effect.split.records)
+    experiment = propose(models, records, first.floor, seed=seed, limits=limits)
+    names = list(dict.fromkeys([*first.confusion_set, MEMORY]))
+    both = replace(first, verdict="confused", confusion_set=names, experiment=experiment)
+    said = EITHER.format(
+        names=first.candidates[0].effect,
+        effect=few(first.nrmse(first.last)["validation"]),
+        memory=few(alone.nrmse(memory)["validation"]),
+    )
+    return replace(bare, steps=[both, *bare.steps[1:]]), f"{ONE_SPEED}{said}"
 
 
 def _noted(records: Sequence[Record], table: Table) -> list[str]:
     """Return what is to know of records and of how they were compared, as sentences."""
     said = [f"{r.name}: {text}" for r in records for text in (*r.notes, *r.remarks())] + one_way(records)
-    if table.search.family == "linear":
-        said += at_one_speed(records)
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
     if table.search.integrating:

@@ -199,7 +199,7 @@ class Step:
             text += f"{best.effect}, {others}. {sizes}. "
             if BASE in self.confusion_set:
                 names = f"{best.effect} or {others}" if others else best.effect
-                text = f"Perhaps missing: {names}; at one speed it and the base's velocity are one signal. {sizes}. "
+                text = f"Perhaps missing: {names}; at one speed it and the base's memory are one signal. {sizes}. "
             text += f"Adding {best.effect} removes {share}."
             return f"{text} {self.experiment.sentence}" if self.experiment else text
         return f"Probably missing: {best.effect}. {what}. {sizes}. Adding it removes {share}."
@@ -321,6 +321,7 @@ def step(
     if len(made.confusion_set) > 1 and not pair:
         table.course.say(": looking for an experiment that separates them")
         models = {c.effect: c.model for c in made.candidates if c.effect in made.confusion_set}
+        models.update((BASE, table.own(r).model) for r in found if not r.beyond(known) and table.holds(r))
         made.experiment = propose(models, list(base.split.records), made.floor, table.seed, limits=limits)
     table.course.say(": deleting what became redundant")
     if made.pair is not None and room == 1:

@@ -49,22 +49,12 @@ def one_way(records: Sequence[Record]) -> list[str]:
     ]
 
 
-def one_speed(record: Record) -> bool:
-    """Whether the input goes there and back at one speed, at the working rate of the record."""
-    if "u" not in turning([record]):
+def one_speed(records: Sequence[Record]) -> bool:
+    """Whether the input goes there and back at one speed, at the working rate of the records."""
+    if "u" not in turning(records):
         return False
-    steps = np.concatenate([np.diff(part.u) for part in working([record])[0]])
+    steps = np.concatenate([np.diff(part.u) for part in working(records)[0]])
     return bool(np.mean(np.abs(steps)) ** 2 > ONE_SPEED * np.mean(steps**2))
-
-
-def at_one_speed(records: Sequence[Record]) -> list[str]:
-    """Say of which records the input moves at one speed."""
-    return [
-        f"{r.name}: the input moves at one speed: friction, slack and hysteresis may pass for the memory of a linear "
-        "base there; a static base shows them, a second speed or stroke tells"
-        for r in records
-        if one_speed(r)
-    ]
 
 
 def at_levels(records: Sequence[Record], error: Callable[[Sequence[Record]], float]) -> tuple[list[Record], list[str]]:

@@ -43,6 +43,11 @@ class Core:
         """Whether its orders are no smaller than those of another."""
         return self.n_y >= other.n_y and self.n_u >= other.n_u
 
+    @property
+    def remembers(self) -> bool:
+        """Whether it takes more than the input at one instant."""
+        return (self.n_y, self.n_u) != (0, 1)
+
     def terms(self) -> list[Any]:
         """Return the terms of the core."""
         inputs = [u[k - self.delay - j] for j in range(self.n_u)]
@@ -69,6 +74,11 @@ def linear(core: Core, like: Model) -> NARX:
     """Return the linear model of a core, around the operating point of another model."""
     kept = Info(selection=like.info.selection)
     return NARX(core.terms(), operating_point=like.operating_point, Ts=like.Ts, info=kept)
+
+
+def static(like: Model) -> Model:
+    """Return a base without memory around the operating point of another model: small cores stand for it."""
+    return linear(Core(), like).replace(info=Info(selection=replace(like.info.selection, base="static")))
 
 
 def later(variant: Variant, delay: int) -> Variant:

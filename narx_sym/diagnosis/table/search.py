@@ -220,7 +220,7 @@ class Search:
     def _more(self, hypothesis: Hypothesis) -> int:
         """Return how much else a hypothesis has that is priced as an effect: see `Row.more`."""
         core, lags = hypothesis.core, sum(v.effect.lagged for v in hypothesis.effects)
-        remembers = self.family == "static" and (core.n_y, core.n_u) != (0, 1)
+        remembers = self.family == "static" and core.remembers
         resonances = max(0, (core.n_y - HIGHER[0]) // 2 + 1)
         return int(remembers + resonances + min(lags, max(0, self._poles(core) + lags - self.modes)))
 

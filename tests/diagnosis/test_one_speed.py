@@ -1,0 +1,82 @@
+"""At one speed an effect and the memory of a linear base are one signal: both are told, and a second speed decides."""
+
+import numpy as np
+import pytest
+from places import SHARED, needs_shared
+from scipy.signal import lfilter, sawtooth
+
+import narx_sym as ns
+from narx_sym.models.effects import EFFECTS, Catalogue
+
+N, TS, NOISE = 2000, 0.01, 0.005
+FEW = Catalogue({n: EFFECTS[n] for n in ("backlash", "coulomb_friction", "dead_zone", "drift", "hysteresis")})
+
+
+def triangle(cycles):
+    return sawtooth(2 * np.pi * cycles * np.arange(N) / N + np.pi / 2, 0.5)
+
+
+def slack(u):
+    """Return a slack of 0.2 behind a short lag, (N,)."""
+    w, x = np.empty_like(u), 0.0
+    for k, v in enumerate(u):
+        x = min(max(x, v - 0.2), v + 0.2)
+        w[k] = x
+    return lfilter([0.2], [1, -0.8], w)
+
+
+def lag(u):
+    return lfilter([0.1], [1, -0.9], u)
+
+
+def measured(machine, u, seed):
+    noise = NOISE * np.random.default_rng(seed).standard_normal(len(u))
+    return ns.Record.from_arrays(u, machine(u) + noise, Ts=TS, name=f"record {seed}")
+
+
+def diagnosed(records, catalogue=FEW):
+    return ns.diagnose(ns.identify(records, base="linear"), records, catalogue=catalogue)
+
+
+@pytest.fixture(scope="module")
+def one():
+    """Return the record of a slack at one speed, and its diagnosis."""
+    record = measured(slack, triangle(8), 0)
+    return record, diagnosed(record)
+
+
+def test_a_slack_may_be_the_memory_of_the_base(one):
+    _, found = one
+    assert found.verdict == "confused" and found.confusion_set[-1] == "base" and len(found.confusion_set) > 1
+    assert any("moves at one speed" in note and "a static base leaves" in note for note in found.data_notes)
+    assert "cannot tell" not in found.sentence() and "one signal" in found.sentence()
+    assert found.to_dict()["confusion_set"] == found.confusion_set
+    assert found.ladder[1]["validation"] < 0.1 * found.ladder[0]["validation"]  # of the base without memory
+    assert found.experiment.clear and found.experiment.separates[-1] == "base"
+
+
+@pytest.mark.more
+def test_the_proposed_experiment_names_it(one):
+    record, first = one
+    found = diagnosed([record, measured(slack, first.experiment.u, 1)])
+    assert (found.verdict, found.confusion_set) == ("named", ["backlash"])
+    assert not any("one speed" in note for note in found.data_notes)
+
+
+@pytest.mark.parametrize("machine", [lag, lambda u: 2 * u], ids=["lag", "gain"])
+def test_a_linear_machine_has_nothing_missing(machine):
+    found = diagnosed(measured(machine, triangle(8), 2))
+    assert found.verdict == "nothing_detectable"
+    assert any("moves at one speed" in note and "leaves" not in note for note in found.data_notes)
+
+
+def test_of_two_speeds_nothing_is_said():
+    found = diagnosed([measured(lag, triangle(8), 3), measured(lag, triangle(25), 4)])
+    assert found.verdict == "nothing_detectable" and not any("one speed" in note for note in found.data_notes)
+
+
+@pytest.mark.bench
+@needs_shared
+def test_a_seal_is_friction_or_the_base():
+    record = ns.read(SHARED / "pneumatic_seal_friction" / "Oring_3bar.csv")
+    assert diagnosed(record, EFFECTS).confusion_set == ["coulomb_friction", "base"]
