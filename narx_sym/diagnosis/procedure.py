@@ -67,6 +67,7 @@ class Diagnosis(DiagnosisDoors):
     hypotheses: list[Row] = field(default_factory=list)  # the table, at the working rate
     judged: list[Record] = field(default_factory=list)  # the records without what was taken off, where something was
     max_effects: int = 1
+    one_speed: bool = False  # whether the input moves at one speed, where the memory of a linear base hides effects
 
     @property
     def verdict(self) -> str:
@@ -264,7 +265,8 @@ def diagnose(
     faults = sensor_faults(listed, min(s.floor for s in steps), converter)
     said = [*_noted(listed, table), *filter(None, [speed]), *held]
     seconds = time.perf_counter() - begin
-    return Diagnosis(steps, failed, seconds, seed, faults, said, table.rows, listed if held else [], max_effects)
+    judged = listed if held else []
+    return Diagnosis(steps, failed, seconds, seed, faults, said, table.rows, judged, max_effects, bool(speed))
 
 
 @dataclass

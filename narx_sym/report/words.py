@@ -12,7 +12,7 @@ import numpy as np
 from ..data.evidence.stiction import Sticking
 from ..diagnosis.bases import BASE
 from ..diagnosis.experiment import Experiment
-from ..diagnosis.procedure import Diagnosis
+from ..diagnosis.procedure import UNNAMED, Diagnosis
 from ..diagnosis.steps import NO_FLOOR, Step
 
 Units = Mapping[str, str]
@@ -169,6 +169,8 @@ def what_next(diagnosis: Diagnosis) -> str:
         return (
             "Choose another base, or record with an input that moves the output: a constant does as well as this model."
         )
+    if diagnosis.one_speed and chosen.verdict in UNNAMED:
+        return "Record at a second speed or stroke: at one speed a linear base may hide friction, slack or hysteresis."
     if chosen.trace:
         return "Keep the model for now. A longer record, less noise or a wider input would tell what it is."
     if chosen.verdict == "nothing_detectable" and chosen.unexplained:

@@ -7,6 +7,7 @@ from scipy.signal import lfilter, sawtooth
 
 import narx_sym as ns
 from narx_sym.models.effects import EFFECTS, Catalogue
+from narx_sym.report.words import what_next
 
 N, TS, NOISE = 2000, 0.01, 0.005
 FEW = Catalogue({n: EFFECTS[n] for n in ("backlash", "coulomb_friction", "dead_zone", "drift", "hysteresis")})
@@ -68,11 +69,13 @@ def test_a_linear_machine_has_nothing_missing(machine):
     found = diagnosed(measured(machine, triangle(8), 2))
     assert found.verdict == "nothing_detectable"
     assert any("moves at one speed" in note and "leaves" not in note for note in found.data_notes)
+    assert what_next(found).startswith("Record at a second speed or stroke")
 
 
 def test_of_two_speeds_nothing_is_said():
     found = diagnosed([measured(lag, triangle(8), 3), measured(lag, triangle(25), 4)])
     assert found.verdict == "nothing_detectable" and not any("one speed" in note for note in found.data_notes)
+    assert "a second speed" not in what_next(found)
 
 
 @pytest.mark.bench

@@ -246,7 +246,7 @@ def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge,
         verdict="nothing_detectable", confusion_set=[], unexplained=unexplained, base=None, chosen=None,
         valves=[], trace=trace, follows_nothing=nothing,
     )  # fmt: skip
-    found = SimpleNamespace(steps=[step], rungs=["base"], faults=[])
+    found = SimpleNamespace(steps=[step], rungs=["base"], faults=[], one_speed=False)
     assert words.headline(found).startswith(title) and advice in words.what_next(found)
     assert words.BADGES[Step.finding.fget(step)] == badge
 
