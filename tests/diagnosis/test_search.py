@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.rate import MOST, working
 from narx_sym.diagnosis.progress import BASE, ROUND, Course
+from narx_sym.diagnosis.table.arx import arx_start, start_beside
 from narx_sym.diagnosis.table.candidates import instead
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
@@ -554,3 +555,16 @@ def test_what_a_new_effect_makes_superfluous_is_withdrawn():
     assert base is curve and made.ids == ("curve", "slack") and gone == ["loop"]
     table.holds = lambda r: r is best or "slack" not in r.ids
     assert instead(table, best, known) == (known, best, [])
+
+
+@pytest.mark.parametrize("unit", [2.0**-30, 2.0**30], ids=["small", "large"])
+def test_a_start_is_the_same_in_all_units(unit):
+    t = np.arange(2000) / 250
+    u = 2 * np.abs(2 * (t % 1) - 1) - 1
+    y = lfilter([0.02], [1, -1.7, 0.72], u) + 1e-3 * np.random.default_rng(0).standard_normal(u.size)
+    core, scale = Core(2, 3), np.array([1, 1, unit, unit, unit, unit])
+    plain, scaled = (ns.Record.from_arrays(u, y * s, Ts=0.01) for s in (1.0, unit))
+    assert np.array_equal(arx_start([scaled], core), scale * arx_start([plain], core))
+    a = np.array([1.7, -0.72])
+    found = [start_beside([r], core, a)[0] for r in (plain, scaled)]
+    assert np.array_equal(found[1], scale * found[0])
