@@ -30,11 +30,11 @@ from .bases import few
 from .doors import DiagnosisDoors
 from .experiment import Experiment, check_limits, propose
 from .misfit import Misfit, misfit_of
-from .progress import BASE, ROUND, Course
+from .progress import BASE, ROUND, Course, inside
 from .refit import Fitted
 from .steps import Step, looped, step
 from .table.candidates import Candidate
-from .table.hypotheses import static
+from .table.hypotheses import family_of, static
 from .table.offsets import without_offsets
 from .table.rounds import Table
 from .table.row import Row
@@ -43,6 +43,7 @@ from .table.verdict import ALIKE, VERDICTS, price
 Array = np.ndarray
 __all__ = ["VERDICTS", "Diagnosis", "Step", "diagnose"]
 FEWEST = 100  # samples: with less the noise cannot be told from an effect
+NO_TURN = {"static", "sensor", "disturbance", "dynamics"}  # families of effects that do not show where the input turns
 UNNAMED = ("nothing_detectable", "outside_library")
 ONE_SPEED = (
     "The input moves at one speed: friction, slack and hysteresis may pass for the memory of a linear base there; a "
@@ -245,18 +246,19 @@ def diagnose(
 
     search = partial(_searched, channels=named, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
                      quantum=converter, most=max_effects)  # fmt: skip
-    speed = ""
+    slow = family_of(start) == "linear" and one_speed(listed)
+    stages = len(ROUND) * max_effects + 1
+    report, later = (inside(report, 0, stages), inside(report, stages)) if slow else (report, report)
+    speed = ONE_SPEED if slow else ""
     with one_blas_thread():
         found = search(start, listed, report)
         moved = _levelled(listed, found.steps[0])
         if moved is not None:
             listed, held = moved[0], [*held, *moved[1]]
             found = search(start, listed, report)
-        if found.table.search.family == "linear" and one_speed(listed):
-            speed = ONE_SPEED
-            if found.steps[0].verdict in UNNAMED:
-                other = _memory_or_effect(found, search(static(start), listed, report), limits)
-                found, speed = other or (found, speed)
+        if slow and found.steps[0].verdict in UNNAMED and found.ends[0].held > found.table.rounding:
+            other = _memory_or_effect(found, search(static(start), listed, later), limits)
+            found, speed = other or (found, speed)
     table, steps = found.table, found.steps
     sensor = sensor_noise(listed, repeated(listed[0]))
     for one in steps:
@@ -307,18 +309,19 @@ def _searched(
 def _memory_or_effect(
     linear: _Searched, bare: _Searched, limits: tuple[float, float] | None
 ) -> tuple[_Searched, str] | None:
-    """Return the steps from a static base, where what they name explains records of one speed as a linear base does.
+    """Return the steps from a static base and what is to be said, where it explains what a linear base does.
 
-    Also what is to be said.
-
-    Nothing is named then: these data cannot tell the effect from the memory of the base, which costs what an effect
-    does, as beside a static base. None where the linear base explains them better.
+    Nothing is named then: records of one speed cannot tell an effect from the memory of the base, which costs what an
+    effect does, as beside a static base. None where the linear base explains them better.
     """
     averaged = linear.table.finer.averaged
-    (alone, core, memory), (first, row, effect) = linear.first, bare.first
-    families = [EFFECTS[name][0].family for name in first.confusion_set if name in EFFECTS]
-    if first.pair is not None or families[:1] == ["dynamics"] or not {"friction", "memory"} & set(families):
-        return None  # what is said is no effect of where the input turned, or the memory of the base itself
+    (_, core, memory), (first, row, effect) = linear.first, bare.first
+    if first.chosen is None or first.pair is not None:
+        return None
+    listed = [name.partition(":")[0] for name in first.confusion_set if name != MEMORY]
+    families = [linear.table.catalogue[name][0].family for name in listed]
+    if families[0] == "dynamics" or set(families) <= NO_TURN:  # the memory of a base itself, or nothing like it
+        return None
     like_one = int(core.hypothesis.core.remembers)
     paid = price(averaged(memory), core.parameters, core.charged + like_one)
     if price(averaged(effect), row.parameters, row.charged) > paid + ALIKE:
@@ -327,12 +330,12 @@ def _memory_or_effect(
     models[MEMORY] = memory.model
     seed, records = linear.table.seed, list(effect.split.records)
     experiment = propose(models, records, first.floor, seed=seed, limits=limits)
-    names = list(dict.fromkeys([*first.confusion_set, MEMORY]))
-    both = replace(first, verdict="confused", confusion_set=names, experiment=experiment)
+    alone = float(np.sqrt(memory.mean_square(memory.split.held)))
+    both = replace(first, verdict="confused", confusion_set=[*models], experiment=experiment, linear=alone)
     said = EITHER.format(
         names=first.candidates[0].effect,
         effect=few(first.nrmse(first.last)["validation"]),
-        memory=few(alone.nrmse(memory)["validation"]),
+        memory=few(alone / memory.problem.spread),
     )
     return replace(bare, steps=[both, *bare.steps[1:]]), f"{ONE_SPEED}{said}"
 

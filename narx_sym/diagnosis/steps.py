@@ -74,6 +74,7 @@ class Step:
     nearest: list[str] = field(default_factory=list)
     nearest_share: float = 0.0
     sensor: float = 0.0
+    linear: float = 0.0  # rms that a linear base leaves by itself, where one speed cannot tell [unit of y]
 
     def hear(self, sensor: float) -> None:
         """Take in the sensor's noise [unit of y]: no model removes it, and none leaves less than the last one did."""
@@ -199,7 +200,8 @@ class Step:
             text += f"{best.effect}, {others}. {sizes}. "
             if BASE in self.confusion_set:
                 names = f"{best.effect} or {others}" if others else best.effect
-                text = f"Perhaps missing: {names}; at one speed it and the base's memory are one signal. {sizes}. "
+                sizes += f"; a linear base, with its memory, leaves {few(self.linear)}{unit}" if self.linear else ""
+                text = f"Perhaps missing: {names}; at one speed it and a base's memory are one signal. {sizes}. "
             text += f"Adding {best.effect} removes {share}."
             return f"{text} {self.experiment.sentence}" if self.experiment else text
         return f"Probably missing: {best.effect}. {what}. {sizes}. Adding it removes {share}."
@@ -209,8 +211,7 @@ class Step:
         base = self.base.model
         terms = [printing.text(t) for t in base.terms] if isinstance(base, NARX) else [printing.text(base.F)]
         return {
-            "verdict": self.verdict, "finding": self.finding,
-            "sentence": self.sentence({}),
+            "verdict": self.verdict, "finding": self.finding, "sentence": self.sentence({}),
             "confusion_set": self.confusion_set,
             "nearest": self.nearest, "nearest_share": self.nearest_share,
             "p_value": self.p_value,

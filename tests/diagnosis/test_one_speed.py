@@ -1,5 +1,7 @@
 """At one speed an effect and the memory of a linear base are one signal: both are told, and a second speed decides."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from places import SHARED, needs_shared
@@ -30,8 +32,8 @@ def lag(u):
     return lfilter([0.1], [1, -0.9], u)
 
 
-def measured(machine, u, seed):
-    noise = NOISE * np.random.default_rng(seed).standard_normal(len(u))
+def measured(machine, u, seed, rms=NOISE):
+    noise = rms * np.random.default_rng(seed).standard_normal(len(u))
     return ns.Record.from_arrays(u, machine(u) + noise, Ts=TS, name=f"record {seed}")
 
 
@@ -54,6 +56,21 @@ def test_a_slack_may_be_the_memory_of_the_base(one):
     assert found.to_dict()["confusion_set"] == found.confusion_set
     assert found.ladder[1]["validation"] < 0.1 * found.ladder[0]["validation"]  # of the base without memory
     assert found.experiment.clear and found.experiment.separates[-1] == "base"
+    assert f"a linear base, with its memory, leaves {found.steps[0].linear:.3g}" in found.sentence()
+    assert found.steps[0].linear < 3 * NOISE
+
+
+def test_an_effect_of_ones_own_may_be_the_memory_too(one):
+    own = [replace(e, id="my_play", family="mine") for e in EFFECTS["backlash"]]
+    found = diagnosed(one[0], Catalogue({"my_play": own, "dead_zone": EFFECTS["dead_zone"]}))
+    assert found.confusion_set == ["my_play", "base"]
+
+
+def test_progress_goes_on_through_both_bases(one):
+    told = []
+    ns.diagnose(ns.identify(one[0], base="linear"), one[0], catalogue=FEW, report=told.append)
+    parts = [now.fraction for now in told if hasattr(now, "fraction")]
+    assert parts == sorted(parts) and parts[0] == 0 and parts[-1] > 0.8
 
 
 @pytest.mark.more
@@ -64,9 +81,10 @@ def test_the_proposed_experiment_names_it(one):
     assert not any("one speed" in note for note in found.data_notes)
 
 
+@pytest.mark.parametrize("rms", [NOISE, 0.0])
 @pytest.mark.parametrize("machine", [lag, lambda u: 2 * u], ids=["lag", "gain"])
-def test_a_linear_machine_has_nothing_missing(machine):
-    found = diagnosed(measured(machine, triangle(8), 2))
+def test_a_linear_machine_has_nothing_missing(machine, rms):
+    found = diagnosed(measured(machine, triangle(8), 2, rms))
     assert found.verdict == "nothing_detectable"
     assert any("moves at one speed" in note and "leaves" not in note for note in found.data_notes)
     assert what_next(found).startswith("Record at a second speed or stroke")
