@@ -246,17 +246,17 @@ def diagnose(
 
     search = partial(_searched, channels=named, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
                      quantum=converter, most=max_effects)  # fmt: skip
-    slow = family_of(start) == "linear" and one_speed(listed)
+    same_speed = family_of(start) == "linear" and one_speed(listed)
     stages = len(ROUND) * max_effects + 1
-    report, later = (inside(report, 0, stages), inside(report, stages)) if slow else (report, report)
-    speed = ONE_SPEED if slow else ""
+    report, later = (inside(report, 0, stages), inside(report, stages)) if same_speed else (report, report)
+    speed = ONE_SPEED if same_speed else ""
     with one_blas_thread():
         found = search(start, listed, report)
         moved = _levelled(listed, found.steps[0])
         if moved is not None:
             listed, held = moved[0], [*held, *moved[1]]
             found = search(start, listed, report)
-        if slow and found.steps[0].verdict in UNNAMED and found.ends[0].held > found.table.rounding:
+        if same_speed and found.steps[0].verdict in UNNAMED and found.ends[0].held > found.table.rounding:
             other = _memory_or_effect(found, search(static(start), listed, later), limits)
             found, speed = other or (found, speed)
     table, steps = found.table, found.steps
