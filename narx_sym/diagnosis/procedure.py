@@ -23,12 +23,13 @@ from ..files.parallel import one_blas_thread
 from ..fit.identify import prepare
 from ..fit.simulate import Records, evaluate
 from ..models.effects import EFFECTS, Catalogue
+from ..models.extend import find
 from ..models.info import whole
 from ..models.model import Model
 from .bases import BASE as MEMORY
 from .bases import few
 from .doors import DiagnosisDoors
-from .experiment import Experiment, check_limits, propose
+from .experiment import Experiment, check_limits
 from .misfit import Misfit, misfit_of
 from .progress import BASE, ROUND, Course, inside
 from .refit import Fitted
@@ -247,97 +248,92 @@ def diagnose(
     search = partial(_searched, channels=named, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
                      quantum=converter, most=max_effects)  # fmt: skip
     same_speed = family_of(start) == "linear" and one_speed(listed)
-    stages = len(ROUND) * max_effects + 1
-    report, later = (inside(report, 0, stages), inside(report, stages)) if same_speed else (report, report)
-    speed = ONE_SPEED if same_speed else ""
+    stages = [BASE, *ROUND * max_effects]
+    tell = inside(report, 0, len(stages)) if same_speed else report  # a second base may be asked
+    speed = [ONE_SPEED] if same_speed else []
     with one_blas_thread():
-        found = search(start, listed, report)
+        found = search(start, listed, Course(tell, stages))
         moved = _levelled(listed, found.steps[0])
         if moved is not None:
             listed, held = moved[0], [*held, *moved[1]]
-            found = search(start, listed, report)
-        if same_speed and found.steps[0].verdict in UNNAMED and found.ends[0].held > found.table.rounding:
-            other = _memory_or_effect(found, search(static(start), listed, later), limits)
-            found, speed = other or (found, speed)
+            found = search(start, listed, Course(tell, stages))
+        first, core = found.rounds[0]
+        if same_speed and first.verdict in UNNAMED and core.held > found.table.rounding:
+            bare = search(static(start), listed, Course(inside(report, len(stages)), stages))
+            found, speed = _memory_or_effect(found, bare, limits) or (found, speed)
     table, steps = found.table, found.steps
     sensor = sensor_noise(listed, repeated(listed[0]))
     for one in steps:
         one.hear(sensor)
     failed = _misfit(steps[0].base, steps[0].floor)
     faults = sensor_faults(listed, min(s.floor for s in steps), converter)
-    said = [*_noted(listed, table), *filter(None, [speed]), *held]
+    said = [*_noted(listed, table), *speed, *held]
     seconds = time.perf_counter() - begin
     judged = listed if held else []
-    return Diagnosis(steps, failed, seconds, seed, faults, said, table.rows, judged, max_effects, bool(speed))
+    return Diagnosis(steps, failed, seconds, seed, faults, said, table.rows, judged, max_effects, same_speed)
 
 
 @dataclass
 class _Searched:
-    """A table that was filled, its steps, and the row that each of them ends at."""
+    """A table that was filled, and its steps, each with the row that it ends at."""
 
     table: Table
-    steps: list[Step]
-    ends: list[Row]
+    rounds: list[tuple[Step, Row]]
 
     @property
-    def first(self) -> tuple[Step, Row, Fitted]:
-        """The first step, with what it ends at."""
-        return self.steps[0], self.ends[0], self.table.own(self.ends[0])
+    def steps(self) -> list[Step]:
+        """The steps alone."""
+        return [made for made, _ in self.rounds]
 
 
 def _searched(
-    start: Model, seen: list[Record], report: Callable[[str], Any], *, channels: Sequence[str], catalogue: Catalogue,
-    seed: int, limits: tuple[float, float] | None, delay: int | None, quantum: float, most: int,
+    start: Model, seen: list[Record], course: Course, *, channels: Sequence[str], catalogue: Catalogue, seed: int,
+    limits: tuple[float, float] | None, delay: int | None, quantum: float, most: int,
 ) -> _Searched:  # fmt: skip
     """Fill a table beside one base, step by step, until nothing more is added."""
-    course = Course(report, [BASE, *ROUND * most])
     table = Table(start, seen, channels, catalogue, seed, course, delay, quantum)
-    steps: list[Step] = []
-    ends: list[Row] = []
+    rounds: list[tuple[Step, Row]] = []
     known, loop = table.base, closed_loop(seen)
     valves = _valves(seen, loop)
     if loop is not None and (valves or not loop.moved_by_setpoint):  # of a valve it is judged whether it sticks
-        steps.append(looped(table.own(known), loop, valves))
-        ends.append(known)
-    while not steps or (steps[-1].chosen is not None and len(known.hypothesis.effects) < most):
+        rounds.append((looped(table.own(known), loop, valves), known))
+    while not rounds or (rounds[-1][0].chosen is not None and len(known.hypothesis.effects) < most):
         made, known = step(table, known, most - len(known.hypothesis.effects), limits, loop)
-        steps.append(made)
-        ends.append(known)
-    return _Searched(table, steps, ends)
+        rounds.append((made, known))
+    return _Searched(table, rounds)
 
 
 def _memory_or_effect(
     linear: _Searched, bare: _Searched, limits: tuple[float, float] | None
-) -> tuple[_Searched, str] | None:
+) -> tuple[_Searched, list[str]] | None:
     """Return the steps from a static base and what is to be said, where it explains what a linear base does.
 
     Nothing is named then: records of one speed cannot tell an effect from the memory of the base, which costs what an
     effect does, as beside a static base. None where the linear base explains them better.
     """
     averaged = linear.table.finer.averaged
-    (_, core, memory), (first, row, effect) = linear.first, bare.first
+    (_, core), (first, row) = linear.rounds[0], bare.rounds[0]
+    memory, effect = linear.table.own(core), bare.table.own(row)
     if first.chosen is None or first.pair is not None:
         return None
-    listed = [name.partition(":")[0] for name in first.confusion_set if name != MEMORY]
-    families = [linear.table.catalogue[name][0].family for name in listed]
+    forms = [find(name, linear.table.catalogue)[0] for name in first.confusion_set if name != MEMORY]
+    families = [effects[0].family for effects in forms]
     if families[0] == "dynamics" or set(families) <= NO_TURN:  # the memory of a base itself, or nothing like it
         return None
     like_one = int(core.hypothesis.core.remembers)
     paid = price(averaged(memory), core.parameters, core.charged + like_one)
     if price(averaged(effect), row.parameters, row.charged) > paid + ALIKE:
         return None
-    models = {c.effect: c.model for c in first.candidates if c.effect in first.confusion_set}
-    models[MEMORY] = memory.model
-    seed, records = linear.table.seed, list(effect.split.records)
-    experiment = propose(models, records, first.floor, seed=seed, limits=limits)
+    names = [*(c.effect for c in first.candidates if c.effect in first.confusion_set), MEMORY]
     alone = float(np.sqrt(memory.mean_square(memory.split.held)))
-    both = replace(first, verdict="confused", confusion_set=[*models], experiment=experiment, linear=alone)
+    both = replace(first, verdict="confused", confusion_set=names, linear=alone)
+    both.decide(memory.model, linear.table.seed, limits)
     said = EITHER.format(
         names=first.candidates[0].effect,
         effect=few(first.nrmse(first.last)["validation"]),
         memory=few(alone / memory.problem.spread),
     )
-    return replace(bare, steps=[both, *bare.steps[1:]]), f"{ONE_SPEED}{said}"
+    return replace(bare, rounds=[(both, row), *bare.rounds[1:]]), [f"{ONE_SPEED}{said}"]
 
 
 def _noted(records: Sequence[Record], table: Table) -> list[str]:

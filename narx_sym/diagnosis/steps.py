@@ -12,7 +12,7 @@ from ..data.evidence.feedback import Feedback
 from ..data.evidence.noise import unexplained
 from ..data.evidence.stiction import Sticking
 from ..models.added import newer
-from ..models.model import NARX
+from ..models.model import NARX, Model
 from ..symbolic import printing
 from .bases import BASE, few
 from .experiment import Experiment, propose, wider_file
@@ -21,7 +21,7 @@ from .refit import Fitted, prune
 from .screening import gate
 from .screening.promise import detectable
 from .screening.scored import absorbed
-from .table.candidates import RIVALS, Candidate, Pair, candidates_of, instead, new_effect
+from .table.candidates import RIVALS, Candidate, Pair, candidates_of, half_of, instead, new_effect
 from .table.rounds import Table
 from .table.row import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, nothing_named, removes, verdict, winner
@@ -81,6 +81,13 @@ class Step:
         self.sensor = sensor
         if self.floor_kind != REPEATED:
             self.floor = min(max(self.floor, sensor), float(np.sqrt(self.last.mean_square(self.base.split.held))))
+
+    def decide(self, base: Model | None, seed: int, limits: tuple[float, float] | None) -> None:
+        """Propose the input that tells the confusion set apart; a `base` in it has a model of its own."""
+        models = {c.effect: c.model for c in self.candidates if c.effect in self.confusion_set}
+        if base is not None:
+            models[BASE] = base
+        self.experiment = propose(models, list(self.base.split.records), self.floor, seed, limits=limits)
 
     @property
     def last(self) -> Fitted:
@@ -321,27 +328,16 @@ def step(
         made.pair = Pair((both[0], both[1]), chosen, chosen.mean_square(base.split.held), share, rivals)
     if len(made.confusion_set) > 1 and not pair:
         table.course.say(": looking for an experiment that separates them")
-        models = {c.effect: c.model for c in made.candidates if c.effect in made.confusion_set}
-        models.update((BASE, table.own(r).model) for r in found if not r.beyond(known) and table.holds(r))
-        made.experiment = propose(models, list(base.split.records), made.floor, table.seed, limits=limits)
+        bare = next((table.own(r).model for r in found if not r.beyond(known) and table.holds(r)), None)
+        made.decide(bare, table.seed, limits)
     table.course.say(": deleting what became redundant")
     if made.pair is not None and room == 1:
-        half = _half(made.pair, made, table, known)
+        half = half_of(made.pair, made.candidates, table, known)
         if half is None:
             return made, known
         chosen = half.fitted
     made.chosen = prune(chosen, base)
     return made, best
-
-
-def _half(pair: Pair, made: Step, table: Table, known: Row) -> Candidate | None:
-    """Return that one of two effects which pays for itself, best where it acts in the pair, and put it first."""
-    acts = {(e.effect, e.where) for e in pair.fitted.model.effects}
-    listed = sorted(made.candidates, key=lambda c: (c.effect, c.where) not in acts)
-    half = next((c for c in listed if c.effect in pair.effects and table.worth(c.row, known)), None)
-    if half is not None:
-        made.candidates.sort(key=lambda c: c is not half)
-    return half
 
 
 def _unnamed(made: Step, table: Table, known: Row) -> Step:

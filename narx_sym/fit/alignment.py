@@ -19,6 +19,7 @@ from ..data.units import in_units
 from ..errors import FitError, ModelError
 from ..models.model import Model
 from .freerun import FreeRun
+from .least_squares import smallest
 from .simulate import Records, arrays, fitted, segments
 
 Array = np.ndarray
@@ -181,19 +182,12 @@ def _estimated(problem: FreeRun, i: int, offset: bool) -> tuple[Array, float]:
             best, kept = cost, (z.copy(), constant)
             if settled:
                 break
-            step = _least(columns, -gap)
+            step = smallest(columns, -gap, DEPENDENT)
         z, constant = kept[0].copy(), kept[1] + float(step[-1])
         z[own] += step[:-1]
     run = problem.simulate(kept[0], i)
     first = problem.rows[i]
     return run, float(np.median((problem.data[i][problem.name] - run)[first])) if offset else 0.0
-
-
-def _least(columns: Array, target: Array) -> Array:
-    """Return the smallest least-squares solution; each column counts in its own size."""
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0] = 1.0
-    return np.asarray(np.linalg.lstsq(columns / scale, target, rcond=DEPENDENT)[0] / scale)
 
 
 def described(found: Sequence[tuple[str, Aligned]]) -> list[dict[str, Any]]:

@@ -84,6 +84,16 @@ def factor(columns: Columns, records: Sequence[Mapping[str, Array]], transform: 
     return np.triu(R), rows
 
 
+def smallest(columns: Array, target: Array, dependent: float) -> Array:
+    """Return the smallest least-squares solution; each column counts in its own size, whatever its unit.
+
+    Singular values below `dependent` times the largest are none.
+    """
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    return np.asarray(np.linalg.lstsq(columns / scale, target, rcond=dependent)[0] / scale)
+
+
 def one_step(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[Array, Array]:
     """Least squares under S theta = c by QR: theta and its standard errors.
 

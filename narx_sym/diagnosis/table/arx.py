@@ -9,9 +9,11 @@ from scipy.signal import lfilter
 
 from ...data.record import Record
 from ...fit.bases.integrating import poles
+from ...fit.least_squares import smallest
 from .hypotheses import Core
 
 Array = np.ndarray
+DEPENDENT = 1e-10  # a smaller singular value is rounding
 EDGE, INSIDE = 0.9995, 0.999  # poles from the first on are reflected, to the second times their inverse
 
 
@@ -36,7 +38,7 @@ def arx_start(records: Sequence[Record], core: Core) -> Array:
                 lag = [x - lag[0] for x in lag[1:n]] + lag[n:]
             rows.append(np.column_stack(lag))
             targets.append(target)
-        solution = _solved(np.concatenate(rows), np.concatenate(targets))
+        solution = smallest(np.concatenate(rows), np.concatenate(targets), DEPENDENT)
         if integrating:
             more = solution[: n - 1]
             solution = np.concatenate([[1 - more.sum()], more, solution[n - 1 :]])
@@ -93,20 +95,13 @@ def start_beside(records: Sequence[Record], core: Core, a: Array) -> tuple[Array
         return np.full(n + width, np.nan), [np.full(len(r), np.nan) for r in records]
     arrived = np.concatenate([np.arange(len(r)) >= core.delay for r in records])
     measured = np.concatenate([r.y for r in records])
-    found = _solved(runs[arrived], measured[arrived])
+    found = smallest(runs[arrived], measured[arrived], DEPENDENT)
     return np.concatenate([a, found[:width]]), [run @ found - r.y for run, r in zip(rows, records, strict=True)]
 
 
 def later(x: Array, delay: int) -> Array:
     """Return a signal so many samples later; it rests before it begins."""
     return np.concatenate([np.full(delay, x[0]), x])[: x.size]
-
-
-def _solved(A: Array, b: Array) -> Array:
-    """Return the least squares solution, whatever the units of the columns."""
-    size = np.linalg.norm(A, axis=0)
-    size[size == 0] = 1.0
-    return np.asarray(np.linalg.lstsq(A / size, b, rcond=1e-10)[0] / size)
 
 
 def _polynomial(a: Array) -> Array:
