@@ -12,7 +12,7 @@ import narx_sym as ns
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.report.words import what_next
 
-N, TS, NOISE = 2000, 0.01, 0.005
+N, TS, NOISE = 2000, 0.01, 0.01
 FEW = Catalogue({n: EFFECTS[n] for n in ("backlash", "coulomb_friction", "dead_zone", "drift", "hysteresis")})
 
 
@@ -55,6 +55,12 @@ def test_a_slack_may_be_the_memory_of_the_base(one):
     assert found.experiment.clear and found.experiment.separates[-1] == "base"
     assert f"a linear base, with its memory, leaves {found.steps[0].linear:.3g}" in found.sentence()
     assert found.steps[0].linear < 3 * NOISE
+
+
+def test_where_the_noise_is_less_a_slack_in_front_of_a_lag_does_better():
+    found = diagnosed(measured(slack, triangle(8), 0, NOISE / 2))
+    assert (found.verdict, found.confusion_set) == ("named", ["backlash"])
+    assert found.best.parameters["r"] == pytest.approx(0.2, rel=0.02) and found.best.where == "input"
 
 
 def test_an_effect_of_ones_own_may_be_the_memory_too(one):

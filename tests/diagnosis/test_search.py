@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.rate import MOST, working
 from narx_sym.diagnosis.progress import BASE, ROUND, Course
-from narx_sym.diagnosis.table.arx import arx_start, start_beside
+from narx_sym.diagnosis.table.arx import arx_start, gains, start_beside
 from narx_sym.diagnosis.table.candidates import instead
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
@@ -72,6 +72,33 @@ def test_a_sensor_that_shows_one_direction_has_a_limit_and_loses_no_sign(seen, t
     found = ns.diagnose(ns.identify(record, base="linear"), record, catalogue=only)
     assert found.confusion_set == [told]
     assert told != "absolute_sensor" or found.best.parameters["c"] > 0.75
+
+
+def test_a_coefficient_is_estimated_where_the_linear_gain_says_nothing_of_it():
+    """Of y = b (u + c u^3) the sign of a linear gain is that of neither: it is bent by what is missing."""
+    record = ns.Record.from_arrays(u, lagged(u - 0.7 * u**3), Ts)
+    core, cube = Core(1, 2, 1), u**3
+    assert gains([record], core, np.array([0.9]), [[u], [cube]]) == pytest.approx([-0.7], abs=1e-9)
+    assert gains([record], core, np.array([0.9]), [[u], [cube], [u**2]]) == pytest.approx([-0.7, 0.0], abs=1e-9)
+    assert np.isnan(gains([record], core, np.array([0.9]), [[u], [np.inf * cube]])).all()
+
+
+@pytest.mark.parametrize("id, w", [("cubic_gain", u - 0.08 * u**3), ("dead_zone", u - np.clip(u, -1.5, 1.5))])
+def test_a_core_is_estimated_behind_an_effect_at_the_input(linear, id, w):
+    """From a core of wrong sign, without the effect: nearly there, or no worse than before where nothing is seen."""
+    record, core = ns.Record.from_arrays(u, lagged(w), Ts), Core(1, 1, 1)
+    variant = next(Variant(e, "input", "u") for e in EFFECTS[id] if not e.form)
+    frame = Frame(linear[1], LARGEST, [variant], [record])
+    frame.limit([dict.fromkeys(variant.shape, (0.1, 3.0))], 1.1)
+    x = frame.placed(core, np.array([0.7, -0.01, 0.0]))
+    (_, shape), before = frame.added[0], frame.error(x, core)
+    x[shape] = 1.5
+    found = frame.behind(x, core)
+    assert frame.error(found, core) < 0.03 * before
+    assert frame.error(frame.behind(found, core), core) <= frame.error(found, core)
+    away = found.copy()
+    away[frame.used(core)[:1]] = 1.5
+    assert frame.error(frame.behind(away, core), core) < before
 
 
 def test_the_fit_reaches_the_truth_and_the_noise(linear):

@@ -14,18 +14,21 @@ from .hypotheses import Core
 
 Array = np.ndarray
 DEPENDENT = 1e-10  # a smaller singular value is rounding
+TURNS = 6
 EDGE, INSIDE = 0.9995, 0.999  # poles from the first on are reflected, to the second times their inverse
 
 
-def arx_start(records: Sequence[Record], core: Core) -> Array:
+def arx_start(records: Sequence[Record], core: Core, a: Array | None = None, turns: int = TURNS) -> Array:
     """Return a, b and the constant of a core by Steiglitz & McBride (1965): least squares, filtered by 1/A in turns.
 
-    Records are measured from the operating point.
+    Records are measured from the operating point. The first filter has given coefficients a, if any; that of an
+    integrating core has none.
     """
     n, integrating = core.n_y, core.integrating and core.n_y > 0
     pairs = [(r.y, later(r.u, core.delay)) for r in records]
-    a, best, found = np.zeros(n), np.inf, np.zeros(n + core.n_u + 1)
-    for _ in range(6):
+    a = np.zeros(n) if a is None or integrating else _inside(a)
+    best, found = np.inf, np.zeros(n + core.n_u + 1)
+    for _ in range(turns):
         rows, targets = [], []
         for y, u in pairs:
             f = [lfilter([1.0], _polynomial(a), x) for x in (y, u, np.ones(y.size))]
@@ -42,9 +45,8 @@ def arx_start(records: Sequence[Record], core: Core) -> Array:
         if integrating:
             more = solution[: n - 1]
             solution = np.concatenate([[1 - more.sum()], more, solution[n - 1 :]])
-        elif n and (size := np.abs(at := poles(solution[:n]))).max() >= EDGE:
-            at = np.where(size >= EDGE, at / size**2 * INSIDE, at)
-            solution[:n] = -np.real(np.poly(at))[1:]
+        else:
+            solution[:n] = _inside(solution[:n])
         a = solution[:n].copy()
         error = 0.0
         for y, u in pairs:
@@ -56,6 +58,13 @@ def arx_start(records: Sequence[Record], core: Core) -> Array:
         if not n or core.integrating:
             break
     return found
+
+
+def _inside(a: Array) -> Array:
+    """Return coefficients of older outputs with the poles on and outside the unit circle reflected."""
+    if not a.size or (size := np.abs(at := poles(a))).max() < EDGE:
+        return a
+    return -np.real(np.poly(np.where(size >= EDGE, at / size**2 * INSIDE, at)))[1:]
 
 
 def resampled(a: Array, factor: int) -> Array:
@@ -75,18 +84,26 @@ def zeroed(b: Array, factor: int) -> Array:
     return np.append(made * inputs.sum() / made.sum(), b[-1])
 
 
-def start_beside(records: Sequence[Record], core: Core, a: Array) -> tuple[Array, list[Array]]:
+def start_beside(
+    records: Sequence[Record], core: Core, a: Array, driven: Sequence[Sequence[Array]] = ()
+) -> tuple[Array, list[Array]]:
     """Return a, b and the constant of a core with given coefficients a of older outputs, and its errors, (N,) each.
 
     The rest is least squares of the free run, with where each record starts: poles near 1 make much of the noise of
-    measured starts. NaN where its poles run away.
+    measured starts. NaN where its poles, or its inputs, run away.
+
+    Parameters
+    ----------
+    driven : inputs instead of u, one (N,) array per record each
+        Each has a b of its own, one behind the other.
     """
-    n, width = core.n_y, core.n_u + 1
+    driven = driven or [[r.u for r in records]]
+    n, width = core.n_y, core.n_u * len(driven) + 1
     rows = []
     for i, record in enumerate(records):
         columns = np.zeros((len(record), width + len(records) * n))
         columns[:, :width] = np.column_stack(
-            [*(later(record.u, core.delay + j) for j in range(core.n_u)), np.ones(len(record))]
+            [*(later(x[i], core.delay + j) for x in driven for j in range(core.n_u)), np.ones(len(record))]
         )
         columns[:, width + i * n : width + (i + 1) * n] = np.eye(len(record), n)
         rows.append(lfilter([1.0], _polynomial(a), columns, axis=0))
@@ -97,6 +114,25 @@ def start_beside(records: Sequence[Record], core: Core, a: Array) -> tuple[Array
     measured = np.concatenate([r.y for r in records])
     found = smallest(runs[arrived], measured[arrived], DEPENDENT)
     return np.concatenate([a, found[:width]]), [run @ found - r.y for run, r in zip(rows, records, strict=True)]
+
+
+def gains(records: Sequence[Record], core: Core, a: Array, driven: Sequence[Sequence[Array]]) -> Array:
+    """Return c of the input x0 + c1 x1 + c2 x2 ... of a core with given a, (n,); NaN where there is none.
+
+    In two stages: least squares with a b for each of them, and the nearest b times (1, c) (Bai 1998).
+
+    Parameters
+    ----------
+    driven : x0, x1, ...
+        One (N,) array per record each.
+    """
+    b = start_beside(records, core, a, driven)[0][core.n_y : -1].reshape(len(driven), core.n_u)
+    with np.errstate(all="ignore"):
+        size = np.array([float(np.std(np.concatenate(x))) or 1.0 for x in driven])
+        if not np.isfinite(b * size[:, None]).all():
+            return np.full(len(driven) - 1, np.nan)
+        along = np.linalg.svd(b * size[:, None])[0][:, 0] / size
+        return np.asarray(along[1:] / along[0])
 
 
 def later(x: Array, delay: int) -> Array:

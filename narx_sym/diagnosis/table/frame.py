@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,14 +17,13 @@ from ...data.record import Record
 from ...engines.algebra import add_grams, step
 from ...fit.constraints import Elimination, constraint_equations
 from ...fit.freerun import FreeRun, determined
-from ...models.extend import Variant, extend
-from ...models.model import NARX, Model
-from .arx import later, start_beside
-from .hypotheses import Core, linear, slopes
+from ...models.extend import Variant
+from ...models.model import Model
+from .arx import arx_start, gains, later, start_beside
+from .hypotheses import Core, around, extended, linear, slopes
 from .span import Span
 
 Array = np.ndarray
-Places = list[tuple[list[int], list[int]]]
 BLOCKS, FOLDS = 12, 4
 UNSEEN = 0.03  # share of a derivative on the rows that count
 TRIALS, RIDGE, GAIN = 5, 1e-12, 1e-5  # of a step of Levenberg and Marquardt
@@ -62,10 +60,10 @@ class Frame:
         self.largest, self.effects = largest, tuple(effects)
         if largest is not None and not any(v.raw for v in effects):
             # Measured from the operating point, all records have the same recursion: it is derived once.
-            model, self.added = _around(largest, self.effects, given.Ts)
+            model, self.added = around(largest, self.effects, given.Ts)
             records = [_shifted(r, given) for r in records]
         else:
-            model, self.added = _extended(given if largest is None else linear(largest, given), self.effects)
+            model, self.added = extended(given if largest is None else linear(largest, given), self.effects)
         self.n_core = len(model.symbols) - sum(len(part) for pair in self.added for part in pair)
         self.cut, self.pieces = list(records), pieces
         pieced = [(s.start == 0, r[s]) for r in self.cut for s in parts(len(r), pieces)]
@@ -246,6 +244,36 @@ class Frame:
         linear, errors = start_beside(self.pieced, core, a)
         return self.problem.begun(self.placed(core, linear), errors)
 
+    @np.errstate(all="ignore")
+    def behind(self, x: Array, core: Core) -> Array:
+        """Return the point with a core estimated behind what the last effect, at the input, lets through.
+
+        An effect that is whole wherever it acts is so here; another coefficient is estimated with the core. Where the
+        free run from x is better, it is x.
+        """
+        self.late(core.delay)
+        plain, (cs, _), z = replace(core, delay=0), self.added[-1], x.copy()
+        parts = [s for r in self.pieced for s in r.segments()]
+
+        def seen(c: Any) -> list[Array]:
+            z[cs] = c
+            return [self.problem.walked(i, z)["v"].copy() for i in range(len(parts))]
+
+        c, bare = np.ones(len(cs)), seen(0.0)
+        if not self.effects[-1].effect.full:
+            each = [[v - u for v, u in zip(seen(one), bare, strict=True)] for one in np.eye(len(cs))]
+            c = np.clip(gains(parts, plain, x[: core.n_y], [bare, *each]), self.low[cs], self.high[cs])
+        through = seen(c)
+        if not np.isfinite(np.concatenate(through)).all():
+            return x
+        records = [replace(r, u=v) for r, v in zip(parts, through, strict=True)]
+        guess = arx_start(records, plain, x[: core.n_y], turns=2)
+        linear, errors = start_beside(records, plain, guess[: core.n_y])
+        at, other = self.used(core)[: guess.size], z.copy()
+        z[at], other[at] = guess, linear
+        found = (self.free(core).rounded(point) for point in (z, self.problem.begun(other, errors)))
+        return min((x, *found), key=lambda point: self.error(point, core))
+
     def near(self, x: Array, core: Core) -> Array:
         """Return x in single precision, where its free run is as good: no fit starts from what BLAS leaves open."""
         rough = self.free(core).rounded(x)
@@ -359,22 +387,6 @@ class Frame:
                 with np.errstate(all="ignore"):
                     losses[held] = self.sums(found, BLOCKS)[0][held] / self.counts[held]
         return np.where(np.isfinite(losses), losses, np.inf)
-
-
-def _extended(model: Model, effects: Sequence[Variant]) -> tuple[Model, Places]:
-    """Return a model with effects, and where the coefficients and the shapes of each stand among its parameters."""
-    places: Places = []
-    for variant in effects:
-        extended = extend(model, variant)
-        at = len(model.symbols)
-        model, n, s = extended.model, len(extended.coefficients), len(extended.shape)
-        places.append((list(range(at, at + n)), list(range(at + n, at + n + s))))
-    return model, places
-
-
-@lru_cache(maxsize=256)
-def _around(largest: Core, effects: tuple[Variant, ...], Ts: float | None) -> tuple[Model, Places]:
-    return _extended(NARX(largest.terms(), Ts=Ts), effects)
 
 
 def _shifted(record: Record, given: Model) -> Record:

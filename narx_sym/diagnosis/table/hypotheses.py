@@ -19,6 +19,7 @@ from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import k, lag, samples, signal, u, y
 
 Array = np.ndarray
+Places = list[tuple[list[int], list[int]]]
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,22 @@ def written(hypothesis: Hypothesis, given: Model) -> Model:
     for variant in hypothesis.effects:
         model = extend(model, variant if core.given else later(variant, core.delay)).model
     return model
+
+
+def extended(model: Model, effects: Sequence[Variant]) -> tuple[Model, Places]:
+    """Return a model with effects, and where the coefficients and the shapes of each stand among its parameters."""
+    places: Places = []
+    for variant in effects:
+        made, at = extend(model, variant), len(model.symbols)
+        model, n, s = made.model, len(made.coefficients), len(made.shape)
+        places.append((list(range(at, at + n)), list(range(at + n, at + n + s))))
+    return model, places
+
+
+@lru_cache(maxsize=256)
+def around(largest: Core, effects: tuple[Variant, ...], Ts: float | None) -> tuple[Model, Places]:
+    """Return a core with effects, measured from its operating point, and where these stand: derived once."""
+    return extended(NARX(largest.terms(), Ts=Ts), effects)
 
 
 def linear_in_signals(model: Model, variant: Variant) -> bool:

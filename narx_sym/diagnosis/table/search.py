@@ -298,6 +298,8 @@ class Search:
             [base.values[: cs[0]], np.zeros(len(cs) + len(where)), frame.shifts(base.frame, base.values)]
         )
         x[cs], x[where] = HALF if variant.effect.full else 0.0, shape
+        if variant.where == "input" and not core.given:
+            x = frame.behind(x, core)
         row = self.fitted(hypothesis, x, steps, gain=BRIEF)
         if row is not None:
             row.shape = tuple(shape)
