@@ -258,7 +258,7 @@ def diagnose(
             listed, held = moved[0], [*held, *moved[1]]
             found = search(start, listed, Course(tell, stages))
         first, core = found.rounds[0]
-        if same_speed and first.verdict in UNNAMED and core.held > found.table.rounding:
+        if same_speed and first.verdict in UNNAMED and not found.table.exact(core):
             bare = search(static(start), listed, Course(inside(report, len(stages)), stages))
             found, speed = _memory_or_effect(found, bare, limits) or (found, speed)
     table, steps = found.table, found.steps

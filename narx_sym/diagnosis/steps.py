@@ -24,7 +24,7 @@ from .screening.scored import absorbed
 from .table.candidates import RIVALS, Candidate, Pair, candidates_of, half_of, instead, new_effect
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import ALIKE, HELPS, LARGE, LEFT, alike, nothing_named, removes, verdict, winner
+from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, alike, nothing_named, removes, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
 REPEATED = "repeated periods"  # the kind that is sure
@@ -126,7 +126,8 @@ class Step:
     def unexplained(self) -> str:
         """What of the last error on samples that were not fitted the sensor cannot make; an empty text where it can."""
         held, sealed = (self.last.error(m) for m in (self.last.split.held, self.last.split.test))
-        said = unexplained(np.concatenate([held, sealed]), self.sensor, self.last.split.records[0].Ts)
+        noise = self.sensor and max(self.sensor, ROUNDING * self.base.problem.spread)
+        said = unexplained(np.concatenate([held, sealed]), noise, self.last.split.records[0].Ts)
         return f"{said}, most of it in the last samples" if said and sealed @ sealed > held @ held else said
 
     @property
@@ -346,7 +347,7 @@ def _unnamed(made: Step, table: Table, known: Row) -> Step:
     made.p_value = scored.scores.p_value
     listed = table.nearest(known, 1, RIVALS)
     removed = max((1 - r.held / known.held for r in listed), default=0.0)
-    made.verdict = nothing_named(scored.structure if known.held > table.rounding else 0.0, removed)
+    made.verdict = nothing_named(0.0 if table.exact(known) else scored.structure, removed)
     if made.verdict == "outside_library":
         return made.near(known, min(listed + table.nearest(known, 2, RIVALS), key=lambda r: r.price, default=known))
     return made.near(known, *(listed if made.p_value <= gate.LEVEL else ()))
@@ -356,7 +357,7 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     """Fill the table beside a row; return the base, and the hypothesis that wins over it."""
     table.course.reach(WAYS)
     scored = table.screened(known)
-    if known.held <= table.rounding:
+    if table.exact(known):
         return known, None
     seen = scored.scores.p_value <= gate.LEVEL or float(scored.scores.share.max()) >= LARGE
     if seen or scored.structure > HELPS:

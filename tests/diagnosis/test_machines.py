@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import truths
 from sampling import more
-from scipy.signal import cont2discrete, dlsim, lfilter
+from scipy.signal import butter, cont2discrete, dlsim, lfilter
 
 import narx_sym as ns
 from narx_sym.diagnosis.table.arx import resampled, start_beside, zeroed
@@ -475,3 +475,47 @@ def test_what_counts_samples_counts_more_of_them_at_the_records_own_rate():
     (added,) = found.last.model.effects
     assert factor > 1 and added.fixed["n"] == factor * averaged and f"n = {factor * averaged}" in str(candidate.variant)
     assert found.ladder[-1]["validation"] < 1.2 * np.sqrt(row.held) + 0.01
+
+
+def test_without_noise_nothing_is_missing_that_rounding_makes():
+    """An input that is held and averaged leaves 1e-3 at the working rate; at the record's own it is 1e-14."""
+    u = np.repeat(np.random.default_rng(4).uniform(-1, 1, 60), 50)
+    found = diagnosed(record_of(u, linear([1], [0.15, 1], u, 0.01), 0.01, 0.0)).steps[0]
+    assert found.finding == "nothing_detectable" and not found.nearest
+    assert found.nrmse(found.base)["validation"] < 1e-9
+
+
+def slack(u, r):
+    """Return the output of a play of half-width r."""
+    w, at = np.empty_like(u), 0.0
+    for i, x in enumerate(u):
+        w[i] = at = min(max(at, x - r), x + r)
+    return w
+
+
+@more
+@pytest.mark.parametrize(
+    "moved, told",
+    [
+        (lambda u: slack(u, 0.4), {"backlash"}),
+        (lambda u: np.clip(u, -1.2, 1.2), {"saturation", "output_limit"}),
+    ],
+    ids=["slack", "limit"],
+)
+def test_without_noise_what_is_exact_is_told_by_its_parameters(moved, told):
+    """A play and five of them leave nothing but rounding, as do a limit of the input and of the output of a gain."""
+    t = 0.01 * np.arange(2000)
+    u = 2 * np.sin(2 * np.pi * 0.3 * t) + np.sin(2 * np.pi * 0.97 * t)
+    found = diagnosed(record_of(u, 1.5 * moved(u), 0.01, 0.0))
+    assert set(found.confusion_set) == told
+    assert found.ladder[-1]["validation"] < 1e-9
+
+
+@more
+def test_what_bends_more_than_the_linear_gain_is_found():
+    """The slope of u - 0.08 u^3 is negative where u is large: a linear gain has the sign of neither part."""
+    x = lfilter(*butter(3, 0.03), np.random.default_rng(0).standard_normal(2500))[500:]
+    u = 2 * x / np.std(x)
+    found = diagnosed(record_of(u, lfilter([0, 0.2], [1, -0.9], u - 0.08 * u**3), 0.01, 0.01))
+    assert found.confusion_set == ["cubic_gain"]
+    assert found.ladder[-1]["validation"] < 0.012 < 0.5 < found.ladder[0]["validation"]

@@ -12,6 +12,7 @@ from narx_sym.diagnosis.table.verdict import (
     LEFT,
     PER_EFFECT,
     PER_PARAMETER,
+    ROUNDING,
     VERDICTS,
     alike,
     cheapest,
@@ -53,6 +54,13 @@ BASE = Entry((), 1.0)
 def test_the_price_of_parameters_and_effects():
     assert price(1.0, 0, 0) == 0
     assert price(0.5, 3, 1) == pytest.approx(np.log(0.5) + 3 * PER_PARAMETER + PER_EFFECT)
+
+
+def test_below_rounding_all_errors_are_the_same():
+    few, many = Entry(("a",), 1e-27, 3), Entry(("b",), 1e-31, 6)
+    assert winner([BASE, few, many], BASE) is few
+    assert [r.ids for r in alike([few, Entry(("c",), 1e-25, 3)], few)] == [("a",), ("c",)]
+    assert price(ROUNDING**2, 1, 0) < price(4 * ROUNDING**2, 1, 0)
 
 
 def test_nothing_wins_that_is_not_worth_its_price():

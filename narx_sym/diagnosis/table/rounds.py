@@ -24,7 +24,7 @@ from ..screening.directions import Linearised
 from ..screening.scored import TRIED, Scored, linearised, screen, shortlist
 from .finer import Finer, settled, settles
 from .hypotheses import Core, family_of, ways, written
-from .row import Row
+from .row import Row, leading
 from .search import Search
 from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, price, removes, rivals, verdict
 
@@ -237,17 +237,13 @@ class Table:
         """
         search, looks, most = self.search, [], TOGETHER if first is not None else None
         count = len(shapes) + min(len({v.id for v in shapes}), most or len(shapes))
-
-        def best(rows: Sequence[Row]) -> float:
-            return rows[0].before_judged
-
         for done, (variant, points) in enumerate(shapes.items()):
             tell(done, count)
             search.limits[variant] = line.ranges(variant)
             looks.append(search.look(bases, variant, points, first))
             search.rest()
         places: dict[str, dict[str, list[list[Row]]]] = {}
-        for rows in sorted(filter(None, looks), key=best):
+        for rows in sorted(filter(None, looks), key=leading):
             added = rows[0].hypothesis.effects[-1]
             places.setdefault(added.id, {}).setdefault(added.effect.form, []).append(rows)
         chosen = [list(forms.values()) for forms in places.values()][:most]
@@ -257,7 +253,7 @@ class Table:
                 search.forget(rows[0].hypothesis)
         for done, forms in enumerate(chosen, count - len(chosen)):
             tell(done, count)
-            closer = sorted((self._placed(bases, form) for form in forms), key=best)
+            closer = sorted((self._placed(bases, form) for form in forms), key=leading)
             for rows in closer:
                 self._cores[rows[0].hypothesis.effects, rows[0].hypothesis.core.given] = rows
                 search.finish(rows[0], worth=worth)
@@ -272,7 +268,7 @@ class Table:
         if len(closer) > 1:
             for rows in closer:
                 rows[0] = self.search.fitted(rows[0].hypothesis, rows[0].values, 40) or rows[0]
-            closer.sort(key=lambda rows: rows[0].before_judged)
+            closer.sort(key=leading)
         for rows in closer[1:]:
             self.search.forget(rows[0].hypothesis)
         return closer[0]
@@ -388,6 +384,11 @@ class Table:
             return price(self.finer.averaged(self.own(r)), r.parameters, r.charged)
 
         return paid(row) + by < paid(base)
+
+    def exact(self, row: Row) -> bool:
+        """Whether a row leaves no more than arithmetic and a converter do: a mean over samples leaves some itself."""
+        own = self.own(row)
+        return min(row.held, own.mean_square(own.split.held) / own.problem.spread**2) <= self.rounding
 
     def holds(self, row: Row) -> bool:
         """Whether the free run of a row can be held at the working rate and at the records' own, however long it is."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -106,3 +107,8 @@ class Row:
 
     def __repr__(self) -> str:
         return f"Row({self.hypothesis}, nrmse {np.sqrt(self.held):.4g}, price {self.price:.3f})"
+
+
+def leading(rows: Sequence[Row]) -> float:
+    """Return the price of the first of some rows, before it was judged."""
+    return rows[0].before_judged

@@ -65,8 +65,13 @@ E = TypeVar("E", bound=Entry)
 
 
 def price(error: float, parameters: int, effects: int) -> float:
-    """Return the one price: ln(held-out mean square) and what parameters and effects cost."""
-    return float(np.log(max(error, 1e-300)) + PER_PARAMETER * parameters + PER_EFFECT * effects)
+    """Return the one price: ln(held-out mean square over the variance of y) and what parameters and effects cost."""
+    return float(_log(error) + PER_PARAMETER * parameters + PER_EFFECT * effects)
+
+
+def _log(error: Any) -> Any:
+    """Return the logarithm of mean squares over the variance of y; what is below rounding is all the same."""
+    return np.log(np.maximum(error, ROUNDING**2))
 
 
 def cheapest(rows: Sequence[E], by: Callable[[E], Any] = lambda r: (r.price, r.parameters)) -> list[E]:
@@ -125,7 +130,7 @@ def alike(rows: Sequence[E], best: E, coarse: float = ALIKE) -> list[E]:
     """
     found = [best]
     for row in rivals(rows, best):
-        gap = np.log(np.maximum(row.blocks, 1e-300)) - np.log(np.maximum(best.blocks, 1e-300))
+        gap = _log(row.blocks) - _log(best.blocks)
         gap = gap[np.isfinite(gap)]
         if gap.size:
             scatter = gap.std() / np.sqrt(gap.size)
