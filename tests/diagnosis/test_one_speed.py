@@ -57,6 +57,7 @@ def test_a_slack_may_be_the_memory_of_the_base(one):
     assert found.steps[0].linear < 3 * NOISE
 
 
+@pytest.mark.more
 def test_where_the_noise_is_less_a_slack_in_front_of_a_lag_does_better():
     found = diagnosed(measured(slack, triangle(8), 0, NOISE / 2))
     assert (found.verdict, found.confusion_set) == ("named", ["backlash"])
@@ -69,6 +70,7 @@ def test_an_effect_of_ones_own_may_be_the_memory_too(one):
     assert found.confusion_set == ["my_play", "base"]
 
 
+@pytest.mark.more
 def test_progress_goes_on_through_both_bases(one):
     told = []
     ns.diagnose(ns.identify(one[0], base="linear"), one[0], catalogue=FEW, report=told.append)

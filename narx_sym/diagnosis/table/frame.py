@@ -259,8 +259,9 @@ class Frame:
             z[cs] = c
             return [self.problem.walked(i, z)["v"].copy() for i in range(len(parts))]
 
-        c, bare = np.ones(len(cs)), seen(0.0)
+        c = np.ones(len(cs))
         if not self.effects[-1].effect.full:
+            bare = seen(0.0)
             each = [[v - u for v, u in zip(seen(one), bare, strict=True)] for one in np.eye(len(cs))]
             c = np.clip(gains(parts, plain, x[: core.n_y], [bare, *each]), self.low[cs], self.high[cs])
         through = seen(c)

@@ -268,7 +268,7 @@ class Search:
         listed = sorted(bases, key=lambda r: r.parameters)
         few = {id(r): r for r in (listed[0], best or listed[len(listed) // 2], listed[-1])}
         spread = sorted({round(i * (len(shapes) - 1) / (LOOKS - 1)) for i in range(LOOKS)}) if shapes else []
-        found = [self._beside(base, variant, shapes[i], 3, both=True) for base in few.values() for i in spread]
+        found = [self._beside(base, variant, shapes[i], 3) for base in few.values() for i in spread]
         return self._cheapest(r for r in found if r is not None)
 
     def one_more(self, bases: Sequence[Row], looks: Sequence[Row]) -> list[Row]:
@@ -284,12 +284,10 @@ class Search:
     def _cheapest(self, rows: Iterable[Row]) -> list[Row]:
         return sorted(rows, key=lambda r: r.before_judged)
 
-    def _beside(
-        self, base: Row, variant: Variant, shape: Sequence[float], steps: int, both: bool = False
-    ) -> Row | None:
+    def _beside(self, base: Row, variant: Variant, shape: Sequence[float], steps: int) -> Row | None:
         """Fit an effect beside what a row has, from one shape; None also where it would be another one there.
 
-        At the input it starts from the core as it is, or as it is behind the effect: from the better, or from both.
+        It starts from the core as it is, and from the core behind an effect at the input, where that starts better.
         """
         core = base.hypothesis.core
         if not core.given and not variant.beside(core.n_y):
@@ -303,8 +301,9 @@ class Search:
             [base.values[: cs[0]], np.zeros(len(cs) + len(where)), frame.shifts(base.frame, base.values)]
         )
         x[cs], x[where] = HALF if variant.effect.full else 0.0, shape
-        better = frame.behind(x, core) if variant.where == "input" and not core.given else x
-        starts = [better, x] if both and better is not x else [better]
+        starts = [x]
+        if variant.where == "input" and not core.given and (other := frame.behind(x, core)) is not x:
+            starts.append(other)
         found = [self.fitted(hypothesis, start, steps, gain=BRIEF) for start in starts]
         row = min((r for r in found if r is not None), key=lambda r: r.fitted, default=None)
         if row is not None:
