@@ -106,6 +106,10 @@ class Fitted:
             value = float(np.mean(self.error(masks) ** 2))
         return value if np.isfinite(value) else float("inf")
 
+    def relative(self, masks: Sequence[Array]) -> float:
+        """Return the mean squared free-run error on chosen samples over the variance of y."""
+        return self.mean_square(masks) / self.problem.spread**2
+
 
 def settle(
     model: Model,

@@ -385,6 +385,27 @@ def test_without_its_own_form_a_loop_is_a_superposition_of_plays(sharp):
     assert found.best.variant.effect.form == "play superposition" and cheapest.charged == 1
 
 
+@pytest.mark.parametrize(
+    "dearer, held, shown, told",
+    [(0.2, True, True, "b"), (0.3, True, True, "a"), (0.2, False, True, "a"), (0.2, True, False, "a")],
+    ids=["leaves nothing", "costs one effect more", "cannot be held", "is none at the own rate"],
+)
+def test_of_a_winner_the_cheapest_form_that_leaves_nothing_is_shown(dearer, held, shown, told):
+    def row(form, price, left):
+        return SimpleNamespace(
+            form=form, ids=("x",), hypothesis=SimpleNamespace(effects=(form,)), price=price, left=left
+        )
+
+    best, other = row("a", 1.0, 0.5), row("b", 1.0 + dearer, 0.0)
+    again = row("b", 1.05 + dearer, 0.0)  # the same form beside a dearer core
+    table = SimpleNamespace(
+        rows=[again, other, best], holds=lambda r: held or r is best, left=lambda r, base: r.left,
+        _shows=lambda r, base: shown,
+    )  # fmt: skip
+    assert Table.complete(table, best, None).form == told
+    assert Table.complete(table, best, None) is not again
+
+
 def test_closer_forms_are_no_usual_ways():
     base = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "1"])
     assert {v.effect.form for v in variants(base, closer=True)} == {"Bouc-Wen, wide", "Bouc-Wen, sharp"}
@@ -485,19 +506,11 @@ def test_without_noise_nothing_is_missing_that_rounding_makes():
     assert found.nrmse(found.base)["validation"] < 1e-9
 
 
-def slack(u, r):
-    """Return the output of a play of half-width r."""
-    w, at = np.empty_like(u), 0.0
-    for i, x in enumerate(u):
-        w[i] = at = min(max(at, x - r), x + r)
-    return w
-
-
 @more
 @pytest.mark.parametrize(
     "moved, told",
     [
-        (lambda u: slack(u, 0.4), {"backlash"}),
+        (lambda u: truths.play(u, 0.4), {"backlash"}),
         (lambda u: np.clip(u, -1.2, 1.2), {"saturation", "output_limit"}),
     ],
     ids=["slack", "limit"],

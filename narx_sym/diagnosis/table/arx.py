@@ -14,7 +14,7 @@ from .hypotheses import Core
 
 Array = np.ndarray
 DEPENDENT = 1e-10  # a smaller singular value is rounding
-TURNS = 6
+TURNS = 6  # of least squares and filters; fewer where good poles are given
 EDGE, INSIDE = 0.9995, 0.999  # poles from the first on are reflected, to the second times their inverse
 
 

@@ -17,6 +17,7 @@ from ...data.record import Record
 from ...engines.algebra import add_grams, step
 from ...fit.constraints import Elimination, constraint_equations
 from ...fit.freerun import FreeRun, determined
+from ...fit.simulate import segments
 from ...models.extend import Variant
 from ...models.model import Model
 from .arx import arx_start, gains, later, start_beside
@@ -69,7 +70,8 @@ class Frame:
         pieced = [(s.start == 0, r[s]) for r in self.cut for s in parts(len(r), pieces)]
         self.pieced = [part for _, part in pieced]
         self._begins = [first or i > 0 for first, part in pieced for i in range(len(part.segments()))]
-        self.problem = FreeRun(model, self.pieced, [])
+        self.segments = segments(self.pieced)
+        self.problem = FreeRun(model, self.segments, [])
         self.problem.elimination = Elimination.of([], model.symbols)
         self.size = self.problem.free + self.problem.shifts
         self.equations = constraint_equations(model, None) if largest is None else []
@@ -253,21 +255,20 @@ class Frame:
         """
         self.late(core.delay)
         plain, (cs, _), z = replace(core, delay=0), self.added[-1], x.copy()
-        parts = [s for r in self.pieced for s in r.segments()]
 
         def seen(c: Any) -> list[Array]:
             z[cs] = c
-            return [self.problem.walked(i, z)["v"].copy() for i in range(len(parts))]
+            return [self.problem.walked(i, z)["v"].copy() for i in range(len(self.segments))]
 
         c = np.ones(len(cs))
         if not self.effects[-1].effect.full:
             bare = seen(0.0)
             each = [[v - u for v, u in zip(seen(one), bare, strict=True)] for one in np.eye(len(cs))]
-            c = np.clip(gains(parts, plain, x[: core.n_y], [bare, *each]), self.low[cs], self.high[cs])
+            c = np.clip(gains(self.segments, plain, x[: core.n_y], [bare, *each]), self.low[cs], self.high[cs])
         through = seen(c)
         if not np.isfinite(np.concatenate(through)).all():
             return x
-        records = [replace(r, u=v) for r, v in zip(parts, through, strict=True)]
+        records = [replace(r, u=v) for r, v in zip(self.segments, through, strict=True)]
         guess = arx_start(records, plain, x[: core.n_y], turns=2)
         linear, errors = start_beside(records, plain, guess[: core.n_y])
         at, other = self.used(core)[: guess.size], z.copy()

@@ -55,8 +55,7 @@ def without_offsets(
     offsets, level = found
 
     def paid(made: Fitted, parameters: int, count: int) -> float:
-        error = made.mean_square([~sealed for sealed in made.split.test])
-        return price(error / made.problem.spread**2, parameters, count)
+        return price(made.relative([~sealed for sealed in made.split.test]), parameters, count)
 
     size = len(level.model.symbols)
     if paid(level, size + offsets.size - 1, 0) >= paid(best, len(best.model.symbols), effects):

@@ -388,7 +388,7 @@ class Table:
     def exact(self, row: Row) -> bool:
         """Whether a row leaves no more than arithmetic and a converter do: a mean over samples leaves some itself."""
         own = self.own(row)
-        return min(row.held, own.mean_square(own.split.held) / own.problem.spread**2) <= self.rounding
+        return min(row.held, own.relative(own.split.held)) <= self.rounding
 
     def holds(self, row: Row) -> bool:
         """Whether the free run of a row can be held at the working rate and at the records' own, however long it is."""
