@@ -9,10 +9,10 @@ from sampling import more
 from scipy.signal import butter, cont2discrete, dlsim, lfilter
 
 import narx_sym as ns
-from narx_sym.diagnosis.table.arx import resampled, start_beside, zeroed
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis
 from narx_sym.diagnosis.table.rounds import Table
 from narx_sym.diagnosis.table.search import Search
+from narx_sym.diagnosis.table.starts.arx import resampled, start_beside, zeroed
 from narx_sym.diagnosis.table.verdict import distinct
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.models.extend import Variant, variants
@@ -234,6 +234,22 @@ def test_a_gap_in_an_elastic_gear_is_named():
     best = found.best
     assert found.confusion_set[0] == "backlash" and best.variant.effect.form == "elastic"
     assert best.parameters["r"] == pytest.approx(gap, rel=0.05) and best.parameters["d"] == pytest.approx(1.0, rel=0.02)
+
+
+@more
+@pytest.mark.parametrize(
+    "m, k, F", [(0.02, 1.5, 0.6), (0.1, 0.0, 0.15)], ids=["nearly stuck on a spring", "on an axis that integrates"]
+)
+def test_a_friction_is_found_that_no_core_stands_without(m, k, F):
+    """Without it the poles of most cores run away; with it they start from what is measured."""
+    rng, t = np.random.default_rng(1), np.arange(3000) * 0.01
+    waves = 0.6 * np.sin(0.5 * np.pi * t) + 0.4 * np.sin(1.66 * np.pi * t + 1)
+    u = waves if k else np.repeat(rng.uniform(-1, 1, 40), 75)
+    y = truths.rubbing(u, 0.01, m, 0.3 if k else 1.0, k, F)[:, 0]
+    record = ns.Record.from_arrays(u, y + 0.005 * y.std() * rng.standard_normal(3000), 0.01)
+    found = ns.diagnose(ns.identify(record, base="linear"), record)
+    assert found.confusion_set == ["coulomb_friction"]
+    assert found.ladder[-1]["validation"] < 0.01
 
 
 @pytest.mark.long

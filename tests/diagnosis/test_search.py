@@ -12,13 +12,14 @@ from scipy.signal import lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.rate import MOST, working
 from narx_sym.diagnosis.progress import BASE, ROUND, Course
-from narx_sym.diagnosis.table.arx import arx_start, gains, start_beside
 from narx_sym.diagnosis.table.candidates import instead
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
 from narx_sym.diagnosis.table.rounds import Table
 from narx_sym.diagnosis.table.row import Row
 from narx_sym.diagnosis.table.search import Search
+from narx_sym.diagnosis.table.starts.arx import arx_start, gains, start_beside
+from narx_sym.diagnosis.table.starts.restart import restarted
 from narx_sym.diagnosis.table.verdict import ALIKE, PER_EFFECT
 from narx_sym.fit.bases.integrating import at_one, drives, slowest
 from narx_sym.fit.simulate import free_run
@@ -93,12 +94,58 @@ def test_a_core_is_estimated_behind_an_effect_at_the_input(linear, id, w):
     x = frame.placed(core, np.array([0.7, -0.01, 0.0]))
     (_, shape), before = frame.added[0], frame.error(x, core)
     x[shape] = 1.5
-    found = frame.behind(x, core)
+    found = restarted(frame, x, core)
     assert frame.error(found, core) < 0.03 * before
-    assert frame.error(frame.behind(found, core), core) <= frame.error(found, core)
+    assert frame.error(restarted(frame, found, core), core) <= frame.error(found, core)
     away = found.copy()
     away[frame.used(core)[:1]] = 1.5
-    assert frame.error(frame.behind(away, core), core) < before
+    assert frame.error(restarted(frame, away, core), core) < before
+
+
+def moved(at):
+    """Return the output of a mass on a spring and its friction: y[k] = at(1.5 y[k-1] - 0.6 y[k-2] + 0.1 u[k-1], ...)."""
+    out = np.zeros(N)
+    for i in range(2, N):
+        out[i] = at(1.5 * out[i - 1] - 0.6 * out[i - 2] + 0.1 * u[i - 1], out[i - 1], out[i - 2])
+    return out
+
+
+@pytest.mark.parametrize(
+    "id, form, where, at",
+    [
+        ("coulomb_friction", "", "inside", lambda free, y, older: free - 0.05 * np.sign(y - older)),
+        ("quadratic_drag", "", "inside", lambda free, y, older: free - 1.5 * (y - older) * abs(y - older)),
+        ("coulomb_friction", "holding", "motion", lambda free, y, older: free - np.clip(free - y, -0.08, 0.08)),
+    ],
+    ids=["inside", "a curve", "holding"],
+)  # fmt: skip
+def test_a_core_is_estimated_beside_an_effect_on_the_machine(linear, id, form, where, at):
+    """From a core of wrong signs, without the effect: its free run is nearly right at once."""
+    y = moved(at)
+    record, core = ns.Record.from_arrays(u, y, Ts), Core(2, 1, 1)
+    variant = next(Variant(e, where, "y") for e in EFFECTS[id] if e.form == form)
+    frame = Frame(linear[1], LARGEST, [variant], [record])
+    frame.limit([dict.fromkeys(variant.shape, (1e-3, 3.0))], 1.1)
+    x = frame.placed(core, np.array([0.2, 0.1, -0.1, 0.0]))
+    x[frame.added[0][1]] = 0.02
+    found = restarted(frame, x, core)
+    assert frame.error(found, core) < 0.02 < 0.5 < frame.error(x, core)
+    assert found[frame.used(core)[:3]] == pytest.approx([1.5, -0.6, 0.1], rel=0.1)
+
+
+def test_a_core_is_estimated_beside_a_force_that_takes_the_way_of_the_input():
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.9, 0.1], Ts=Ts)
+    wrong = np.array([0.2, -0.1, 0.1, 0.0])
+    core, y = Core(1, 2, 1), np.zeros(N)
+    acts = np.zeros(N)
+    for i in range(1, N):
+        acts[i] = u[i - 1] - 0.1 * y[i - 1] ** 3
+        y[i] = 0.9 * y[i - 1] + 0.2 * acts[i] - 0.1 * acts[i - 1]
+    variant = next(Variant(e, "force", "y") for e in EFFECTS["hardening_spring"])
+    frame = Frame(base, LARGEST, [variant], [ns.Record.from_arrays(u, y, Ts)])
+    found = restarted(frame, frame.placed(core, wrong), core)
+    assert frame.error(found, core) < 1e-3 < 1 < frame.error(frame.placed(core, wrong), core)
+    assert found[frame.added[0][0]] == pytest.approx([-0.1], rel=0.2)
 
 
 def test_the_fit_reaches_the_truth_and_the_noise(linear):

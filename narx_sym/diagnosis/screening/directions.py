@@ -17,7 +17,7 @@ import sympy as sp
 from scipy.signal import find_peaks
 
 from ...engines.algebra import single
-from ...engines.compile import Compiled, compile
+from ...engines.compile import compile
 from ...errors import ModelError
 from ...fit.freerun import LARGEST, FreeRun
 from ...fit.simulate import segments, shifted
@@ -25,7 +25,8 @@ from ...models.effects import EFFECTS, Catalogue, Form, Scan, effect
 from ...models.extend import Variant, equations, extend, origin, variants
 from ...symbolic.recursion import Recursion
 from ...symbolic.sensitivity import sensitivities
-from ...symbolic.signals import k, samples, sensed, signal
+from ...symbolic.signals import k, samples, sensed
+from .contribution import contribution
 
 Array = np.ndarray
 PUSH = "injected sequence"  # no column may be called so: a name of two words is no symbol of a model
@@ -79,7 +80,7 @@ class Linearised:
         self.residual = -residual * problem.spread  # measured minus simulated
         self.own = slopes * problem.spread
         self._pushed: dict[str, Any] = {}
-        self._read: dict[Any, tuple[Recursion, Compiled, dict[tuple[float, ...], list[Array]]]] = {}
+        self._known: dict[Any, list[Array]] = {}
         self.runs: list[dict[str, Array]] = []
         for i, (data, record) in enumerate(zip(problem.data, segments(problem.records), strict=True)):
             self.runs.append({**record.channels, "t": record.t, **data, **problem.states(unknowns, i)})
@@ -94,40 +95,10 @@ class Linearised:
 
     def contributions(self, form: Form, values: Mapping[Any, float]) -> list[Array]:
         """Return z of an effect along the free run, one (N, coefficients) array per segment."""
-        outputs = [signal(f"z{i}") for i in range(len(form.z))]
-        key = (form.z, form.states, tuple(values))
-        if key not in self._read:
-            updates = (
-                *((s.left, s.right) for s in form.states),
-                *((o[k], e) for o, e in zip(outputs, form.z, strict=True)),
-            )
-            read = Recursion(updates, tuple(values))
-            # What has no memory needs no loop.
-            self._read[key] = read, compile(read, "native" if form.states else "numpy"), {}
-        read, compiled, known = self._read[key]
-        point = tuple(values.values())
-        if point not in known:
-            known[point] = [self._contribution(read, compiled, form, outputs, values, seen) for seen in self.seen]
-        return list(known[point])
-
-    def _contribution(
-        self, read: Recursion, compiled: Compiled, form: Form, outputs: Any, values: Any, seen: Any
-    ) -> Array:
-        n = len(seen[self.model.output.name])
-        if not read.inputs and not form.states:
-            constants = [float(e.xreplace(values)) for _, e in read.updates]
-            return np.tile(constants, (n, 1))
-        depth = read.depth
-        if n <= depth:
-            return np.zeros((n, len(outputs)))  # it looks further back than the segment is long
-        initial = {}
-        for state in form.states:
-            at = {s: float(seen[s.base.name][max(0, depth - 1)]) for s in samples(state.initial)}
-            initial[state.left.base.name] = float(sp.sympify(state.initial).xreplace(at))
-        run = compiled(seen, list(values.values()), initial, on_divergence="nan")
-        columns = np.column_stack([run[o.name] for o in outputs])
-        columns[:depth] = columns[depth]
-        return columns
+        key = (form.z, form.states, tuple(values.items()))
+        if key not in self._known:
+            self._known[key] = [contribution(form, values, seen) for seen in self.seen]
+        return list(self._known[key])
 
     def moved(self, where: str, z: Sequence[Array]) -> Array:
         """Return the directions of the free run, (rows, coefficients), that contributions at a place cause."""

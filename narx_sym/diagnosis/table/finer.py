@@ -15,10 +15,10 @@ from ...errors import FitError
 from ...models.extend import Variant
 from ...models.model import Model
 from ..refit import Fitted, Split, settle
-from .arx import resampled, zeroed
 from .hypotheses import Hypothesis, written
 from .row import Row
 from .search import Search
+from .starts.arx import resampled, zeroed
 from .verdict import ALIKE
 
 Array = np.ndarray

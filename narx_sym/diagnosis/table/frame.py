@@ -12,17 +12,21 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import sympy as sp
 
 from ...data.record import Record
 from ...engines.algebra import add_grams, step
 from ...fit.constraints import Elimination, constraint_equations
 from ...fit.freerun import FreeRun, determined
-from ...fit.simulate import segments
-from ...models.extend import Variant
+from ...fit.simulate import segments, shifted
+from ...models.effects import Form
+from ...models.extend import Variant, equations
 from ...models.model import Model
-from .arx import arx_start, gains, later, start_beside
+from ...symbolic.signals import INNER_OUTPUTS
+from ..screening.contribution import contribution
 from .hypotheses import Core, around, extended, linear, slopes
 from .span import Span
+from .starts.arx import later, start_beside
 
 Array = np.ndarray
 BLOCKS, FOLDS = 12, 4
@@ -58,7 +62,8 @@ class Frame:
         records: Sequence[Record],
         pieces: int = 1,
     ):
-        self.largest, self.effects = largest, tuple(effects)
+        self.given, self.largest, self.effects = given, largest, tuple(effects)
+        self._form: Form | None = None
         if largest is not None and not any(v.raw for v in effects):
             # Measured from the operating point, all records have the same recursion: it is derived once.
             model, self.added = around(largest, self.effects, given.Ts)
@@ -137,6 +142,8 @@ class Frame:
             if variant.effect.sign and len(cs) == 1:
                 sizes = variant.effect.least, most if variant.effect.full else np.inf
                 self.low[cs[0]], self.high[cs[0]] = sizes if variant.effect.sign > 0 else (-sizes[1], -sizes[0])
+            if variant.effect.weights and variant.where == "input":  # none is larger than the whole
+                self.low[cs], self.high[cs] = -most, most
 
     def limits(self, model: Model) -> dict[Any, tuple[float, float]]:
         """Return the bounds of a model's own symbols."""
@@ -237,7 +244,11 @@ class Frame:
 
     def placed(self, core: Core, linear: Array) -> Array:
         """Return the point at which a core has given a, b and constant, and effects are absent, (unknowns,)."""
-        x = np.zeros(self.size)
+        return self.put(np.zeros(self.size), core, linear)
+
+    def put(self, x: Array, core: Core, linear: Array) -> Array:
+        """Return a point with given a, b and constant of a core."""
+        x = x.copy()
         x[self.used(core)[: linear.size]] = linear
         return x
 
@@ -246,35 +257,25 @@ class Frame:
         linear, errors = start_beside(self.pieced, core, a)
         return self.problem.begun(self.placed(core, linear), errors)
 
-    @np.errstate(all="ignore")
-    def behind(self, x: Array, core: Core) -> Array:
-        """Return the point with a core estimated behind what the last effect, at the input, lets through.
+    def measured(self) -> list[Record]:
+        """Return every segment measured from the operating point, with the input as late as it comes."""
+        model, found = self.problem.model, []
+        for record, data in zip(self.segments, self.problem.data, strict=True):
+            seen = shifted(model, {b.name: data[b.name] for b in (model.input, model.output)})
+            found.append(replace(record, u=seen[model.input.name], y=seen[model.output.name]))
+        return found
 
-        An effect that is whole wherever it acts is so here; another coefficient is estimated with the core. Where the
-        free run from x is better, it is x.
-        """
-        self.late(core.delay)
-        plain, (cs, _), z = replace(core, delay=0), self.added[-1], x.copy()
-
-        def seen(c: Any) -> list[Array]:
-            z[cs] = c
-            return [self.problem.walked(i, z)["v"].copy() for i in range(len(self.segments))]
-
-        c = np.ones(len(cs))
-        if not self.effects[-1].effect.full:
-            bare = seen(0.0)
-            each = [[v - u for v, u in zip(seen(one), bare, strict=True)] for one in np.eye(len(cs))]
-            c = np.clip(gains(self.segments, plain, x[: core.n_y], [bare, *each]), self.low[cs], self.high[cs])
-        through = seen(c)
-        if not np.isfinite(np.concatenate(through)).all():
-            return x
-        records = [replace(r, u=v) for r, v in zip(self.segments, through, strict=True)]
-        guess = arx_start(records, plain, x[: core.n_y], turns=2)
-        linear, errors = start_beside(records, plain, guess[: core.n_y])
-        at, other = self.used(core)[: guess.size], z.copy()
-        z[at], other[at] = guess, linear
-        found = (self.free(core).rounded(point) for point in (z, self.problem.begun(other, errors)))
-        return min((x, *found), key=lambda point: self.error(point, core))
+    def contributions(self, records: Sequence[Record], shape: Array) -> list[Array]:
+        """Return what the last effect adds along measured outputs, per coefficient: (N, coefficients) per segment."""
+        if self._form is None:
+            bare = self.given if self.largest is None else linear(self.largest, self.given)
+            model, _ = extended(bare, self.effects[:-1])
+            self._form = equations(model, self.effects[-1])
+        names = [sp.Symbol(p, real=True) for p in self.effects[-1].shape]
+        values = dict(zip(names, map(float, shape), strict=True))
+        moved = ({**r.channels, "t": r.t, "u": r.u, "v": r.u, "passed": r.u} for r in records)
+        outputs = (dict.fromkeys(("y", *(b.name for b in INNER_OUTPUTS)), r.y) for r in records)
+        return [contribution(self._form, values, {**a, **b}) for a, b in zip(moved, outputs, strict=True)]
 
     def near(self, x: Array, core: Core) -> Array:
         """Return x in single precision, where its free run is as good: no fit starts from what BLAS leaves open."""
@@ -323,7 +324,7 @@ class Frame:
                     if w is None:
                         damping *= 8
                         continue
-                    if np.sum((added * w - g) * w) < gain * cost:  # as far as it is linear, nothing is gained
+                    if np.sum((added * w - g) * w) < gain * cost:  # not so much of one sample's, as it is linear
                         return x, cost
                     new = np.clip(x + span.along(w / size), self.low, self.high)
                     now, gradient, G, every = self._squares(new, use)

@@ -166,7 +166,8 @@ class Table:
             listed = ways(written(largest, self.search.given), given, self.channels, self.catalogue)
             tried = [v for v in listed if (v.id, v.where) not in taken and self._may_show(v)]
             tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
-            self._fit(self._every_core(bases), {v: line.grid(v) for v in tried}, line, tell, base.price)
+            starts = self._every_core(bases) + ([] if given or base.ids else self.search.withheld)
+            self._fit(starts, {v: line.grid(v) for v in tried}, line, tell, base.price)
 
     def closer(self, best: Row, base: Row) -> bool:
         """Fit the closer forms of an effect that wins alone and leaves something; return whether there are any."""

@@ -15,10 +15,11 @@ from ...fit.identify import FEWEST, LITTLE
 from ...models.effects import Effect
 from ...models.extend import Variant, rubs
 from ...models.model import Model
-from .arx import arx_start
 from .frame import BLOCKS, GAIN, Frame, parts
 from .hypotheses import Core, Hypothesis, family_of, ladder, written
 from .row import Row
+from .starts.arx import arx_start
+from .starts.restart import restarted, slower
 from .verdict import price
 
 Array = np.ndarray
@@ -41,6 +42,8 @@ class Search:
         Whether the input drives poles that hardly decay within the record: of a resonance, near 1.
     integrating : bool
         Whether the axis integrates: its free run is started again at block edges.
+    withheld : list of Row
+        Starts of the cores that do not stand without an effect.
     modes : int
         Poles of the cheapest core without an effect; infinite where none was looked for.
     """
@@ -55,6 +58,7 @@ class Search:
         self.rows: list[Row] = []
         self.higher: list[tuple[int, int]] = []
         self._near: set[tuple[Hypothesis, Core | Effect]] = set()  # what was fitted from where a hypothesis stands
+        self.withheld: list[Row] = []
         self.integrating = self.swings = self.leaks = False
         self.modes: float = np.inf
         self.tunes = True  # whether delays are free
@@ -132,8 +136,22 @@ class Search:
             raise FitError("The base model cannot follow these data in free run: choose another base.")
         found = self._climbed(found, delays)
         self.rows += found
+        self.withheld = self._withheld(found, delays)
         self.modes = self._poles(min(found, key=lambda r: r.price).hypothesis.core)
         return found
+
+    def _withheld(self, found: Sequence[Row], delays: Sequence[int]) -> list[Row]:
+        """Return where the fits of those cores start that do not stand by themselves: beside an effect they may."""
+        starts: dict[Core, Row] = {}
+        for core in self.cores(delays):
+            if core.given or replace(core, delay=0) in {r.size for r in found}:
+                continue
+            frame = self.frame((), core.given)
+            x = frame.near(self._start(core, frame), core)
+            row = Row(Hypothesis(core), frame, x, frame.error(x, core), frame.parameters(core))
+            if row.size not in starts or row.fitted < starts[row.size].fitted:
+                starts[row.size] = row
+        return list(starts.values())
 
     def _staying(self, rows: Sequence[Row]) -> list[Row]:
         return [r for r in rows if not self._runs_away(r)]
@@ -248,8 +266,9 @@ class Search:
             return True
         if not row.hypothesis.effects:
             return False
+        held = any(v.where == "motion" for v in row.hypothesis.effects)
         with_effects = row.frame.linearised(row.values, row.hypothesis.core)
-        return not self._runs_away(row, with_effects) and self._driven(row, row.fitted)
+        return (held or not self._runs_away(row, with_effects)) and self._driven(row, row.fitted)
 
     def _driven(self, row: Row, error: float) -> bool:
         """Whether the input drives the poles of a core that hardly decay; `error` is what is left with them."""
@@ -287,7 +306,7 @@ class Search:
     def _beside(self, base: Row, variant: Variant, shape: Sequence[float], steps: int) -> Row | None:
         """Fit an effect beside what a row has, from one shape; None also where it would be another one there.
 
-        It starts from the core as it is, and from the core behind an effect at the input, where that starts better.
+        It starts from the core as it is, and from one estimated with the effect, where that starts better.
         """
         core = base.hypothesis.core
         if not core.given and not variant.beside(core.n_y):
@@ -302,7 +321,7 @@ class Search:
         )
         x[cs], x[where] = HALF if variant.effect.full else 0.0, shape
         starts = [x]
-        if variant.where == "input" and not core.given and (other := frame.behind(x, core)) is not x:
+        if not core.given and (other := restarted(frame, x, core)) is not x:
             starts.append(other)
         found = [self.fitted(hypothesis, start, steps, gain=BRIEF) for start in starts]
         row = min((r for r in found if r is not None), key=lambda r: r.fitted, default=None)
@@ -341,7 +360,7 @@ class Search:
         core, found = row.hypothesis.core, []
         for less in range(core.delay + 1 if self.tunes and size.n_y > core.n_y and not core.integrating else 1):
             other = replace(row.hypothesis, core=replace(size, delay=core.delay - less))
-            found.append(self.fitted(other, _slower(row, less / (1 + less)), 8, gain=BRIEF))
+            found.append(self.fitted(other, slower(row, less / (1 + less)), 8, gain=BRIEF))
         return min((r for r in found if r is not None), key=lambda r: r.fitted, default=None)
 
     def at_limit(self, row: Row, effect: Effect) -> Row | None:
@@ -379,14 +398,3 @@ class Search:
         best = self.tuned(self.fitted(row.hypothesis, row.values, steps) or row, steps)
         self.rows.append(best.judged() if best.before_judged < worth else best)
         return best
-
-
-def _slower(row: Row, pole: float) -> Array:
-    """Return where a row stands with one more pole in front of its core, of the same gain."""
-    x, core = row.values.copy(), row.hypothesis.core
-    if pole:
-        x[: core.n_y + 1] = -np.convolve(np.append(1.0, -row.a), [1.0, -pole])[1:]
-        x[row.frame.used(core)[core.n_y :][: core.n_u + 1]] *= 1 - pole
-        for variant, (cs, _) in zip(row.hypothesis.effects, row.frame.added, strict=True):
-            x[cs] *= 1 - pole if variant.where in ("inside", "force", "motion") else 1.0
-    return x

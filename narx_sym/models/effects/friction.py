@@ -136,7 +136,7 @@ def dahl_friction_of_speed(x: Any, r: Any, Ts: Any) -> Form:
 
 @effect(
     {"motion": "y"},
-    scan={"r": Scan("speed", (0.1, 0.3, 0.6, 1.0), beyond=2.0)},
+    scan={"r": Scan("speed", (0.1, 0.3, 1.0, 3.0), beyond=5.0)},
     sign=1,
     full=True,
     unit={"r": "unit of the driver per sample"},
@@ -180,7 +180,7 @@ def held(d: Any, before: Any, r: Any, e: Any) -> tuple[Any, State]:
 
 @effect(
     {"motion": "y"},
-    scan={"r": Scan("speed", (0.1, 0.3, 0.8), beyond=2.0), "e": Scan("speed", (0.1, 0.4), beyond=2.0)},
+    scan={"r": Scan("speed", (0.1, 0.3, 1.0, 3.0), beyond=5.0), "e": Scan("speed", (0.1, 0.4), beyond=2.0)},
     sign=1,
     full=True,
     unit={"r": "unit of the driver per sample", "e": "unit of the driver per sample"},

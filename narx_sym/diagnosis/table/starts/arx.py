@@ -1,4 +1,4 @@
-"""Where the fit of an open core starts."""
+"""Least squares of cores: where the fit of an open core starts."""
 
 from __future__ import annotations
 
@@ -7,57 +7,62 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import lfilter
 
-from ...data.record import Record
-from ...fit.bases.integrating import poles
-from ...fit.least_squares import smallest
-from .hypotheses import Core
+from ....data.record import Record
+from ....fit.bases.integrating import poles
+from ....fit.least_squares import smallest
+from ..hypotheses import Core
 
 Array = np.ndarray
 DEPENDENT = 1e-10  # a smaller singular value is rounding
-TURNS = 6  # of least squares and filters; fewer where good poles are given
+TURNS = 4  # of least squares and filters; fewer where good poles are given
+Driven = tuple[Sequence[Array], int]  # an input, (N,) per record, and how many b it has
 EDGE, INSIDE = 0.9995, 0.999  # poles from the first on are reflected, to the second times their inverse
 
 
-def arx_start(records: Sequence[Record], core: Core, a: Array | None = None, turns: int = TURNS) -> Array:
+def arx_start(
+    records: Sequence[Record], core: Core, a: Array | None = None, turns: int = TURNS, driven: Sequence[Driven] = (),
+    counts: Sequence[Array] = (),
+) -> Array:  # fmt: skip
     """Return a, b and the constant of a core by Steiglitz & McBride (1965): least squares, filtered by 1/A in turns.
 
-    Records are measured from the operating point. The first filter has given coefficients a, if any; that of an
-    integrating core has none.
+    Records are measured from the operating point. The first filter has given coefficients a, if any. An integrating
+    core is one of the steps of the output; driven by u alone it is not filtered.
+
+    Parameters
+    ----------
+    driven : inputs instead of u, which comes later by the core's delay
+        Each with the number of its b, which follow one another.
+    counts : which samples do, (N,) bool per record
     """
-    n, integrating = core.n_y, core.integrating and core.n_y > 0
-    pairs = [(r.y, later(r.u, core.delay)) for r in records]
-    a = np.zeros(n) if a is None or integrating else _inside(a)
-    best, found = np.inf, np.zeros(n + core.n_u + 1)
+    steps = core.integrating and core.n_y > 0
+    n, turns = core.n_y - steps, 1 if steps and not driven else turns
+    driven = driven or [([later(r.u, core.delay) for r in records], core.n_u)]
+    outputs = [np.diff(r.y, prepend=r.y[0]) if steps else r.y for r in records]
+    first = max(core.n_y, *(taps for _, taps in driven)) + core.delay  # before, nobody knows what drives the output
+    a = np.zeros(n) if a is None or steps else _inside(a)
+    best, found = np.inf, np.zeros(n + sum(taps for _, taps in driven) + 1)
     for _ in range(turns):
         rows, targets = [], []
-        for y, u in pairs:
-            f = [lfilter([1.0], _polynomial(a), x) for x in (y, u, np.ones(y.size))]
-            d = max(n, core.n_u) + core.delay  # before, nobody knows what drives the output
-            lag = [f[0][d - i : y.size - i] for i in range(1, n + 1)]
-            lag += [f[1][d - j : y.size - j] for j in range(core.n_u)] + [f[2][d:]]
-            target = f[0][d:]
-            if integrating:
-                target = target - lag[0]
-                lag = [x - lag[0] for x in lag[1:n]] + lag[n:]
-            rows.append(np.column_stack(lag))
-            targets.append(target)
+        for i, y in enumerate(outputs):
+            f = lfilter([1.0], polynomial(a), [y, *(x[i] for x, _ in driven), np.ones(y.size)])
+            lag = [f[0, first - j : y.size - j] for j in range(1, n + 1)]
+            lag += [x[first - j : y.size - j] for x, (_, taps) in zip(f[1:], driven, strict=False) for j in range(taps)]
+            rows.append(np.column_stack([*lag, f[-1, first:]])[counts[i][first:] if counts else ...])
+            targets.append(f[0, first:][counts[i][first:] if counts else ...])
         solution = smallest(np.concatenate(rows), np.concatenate(targets), DEPENDENT)
-        if integrating:
-            more = solution[: n - 1]
-            solution = np.concatenate([[1 - more.sum()], more, solution[n - 1 :]])
-        else:
-            solution[:n] = _inside(solution[:n])
+        solution[:n] = _inside(solution[:n])
         a = solution[:n].copy()
         error = 0.0
-        for y, u in pairs:
-            e = lfilter(solution[n:-1], _polynomial(a), u)
-            e = e + lfilter([solution[-1]], _polynomial(a), np.ones(u.size)) - y
-            error += float(np.sum(e[core.delay :] ** 2))
+        for i, y in enumerate(outputs):
+            e, at = solution[-1] * np.ones(y.size) - lfilter(polynomial(a), [1.0], y), n
+            for x, taps in driven:
+                e, at = e + lfilter(solution[at : at + taps], [1.0], x[i]), at + taps
+            error += float(np.sum(lfilter([1.0], polynomial(a), e)[core.delay :] ** 2))
         if error < best or not np.isfinite(best):
             best, found = error, solution.copy()
-        if not n or core.integrating:
+        if not n:
             break
-    return found
+    return np.concatenate([-np.convolve(polynomial(found[:n]), [1.0, -1.0])[1:], found[n:]]) if steps else found
 
 
 def _inside(a: Array) -> Array:
@@ -106,7 +111,7 @@ def start_beside(
             [*(later(x[i], core.delay + j) for x in driven for j in range(core.n_u)), np.ones(len(record))]
         )
         columns[:, width + i * n : width + (i + 1) * n] = np.eye(len(record), n)
-        rows.append(lfilter([1.0], _polynomial(a), columns, axis=0))
+        rows.append(lfilter([1.0], polynomial(a), columns, axis=0))
     runs = np.concatenate(rows)
     if not np.isfinite(runs).all():
         return np.full(n + width, np.nan), [np.full(len(r), np.nan) for r in records]
@@ -119,14 +124,20 @@ def start_beside(
 def gains(records: Sequence[Record], core: Core, a: Array, driven: Sequence[Sequence[Array]]) -> Array:
     """Return c of the input x0 + c1 x1 + c2 x2 ... of a core with given a, (n,); NaN where there is none.
 
-    In two stages: least squares with a b for each of them, and the nearest b times (1, c) (Bai 1998).
-
     Parameters
     ----------
     driven : x0, x1, ...
         One (N,) array per record each.
     """
-    b = start_beside(records, core, a, driven)[0][core.n_y : -1].reshape(len(driven), core.n_u)
+    return nearest_product(start_beside(records, core, a, driven)[0][core.n_y : -1], driven)
+
+
+def nearest_product(b: Array, driven: Sequence[Sequence[Array]]) -> Array:
+    """Return c of the nearest b times (1, c), where each input has b of its own (Bai 1998), (n,); NaN if there is none.
+
+    They follow one another; each input counts in its own size.
+    """
+    b = b.reshape(len(driven), -1)
     with np.errstate(all="ignore"):
         size = np.array([float(np.std(np.concatenate(x))) or 1.0 for x in driven])
         if not np.isfinite(b * size[:, None]).all():
@@ -140,5 +151,6 @@ def later(x: Array, delay: int) -> Array:
     return np.concatenate([np.full(delay, x[0]), x])[: x.size]
 
 
-def _polynomial(a: Array) -> Array:
+def polynomial(a: Array) -> Array:
+    """Return A of A y = B u."""
     return np.concatenate([[1.0], -a])

@@ -1,0 +1,141 @@
+"""Where a fit with an effect starts: from a core that is estimated together with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ....data.record import Record
+from ..frame import Frame
+from ..hypotheses import Core
+from ..row import Row
+from .arx import TURNS, arx_start, gains, nearest_product, polynomial, start_beside
+
+Array = np.ndarray
+MACHINE = ("force", "inside", "motion")  # where an effect acts on what moves
+MOVES = 0.999  # of its force, from which on a friction slips
+
+
+@np.errstate(all="ignore")
+def restarted(frame: Frame, x: Array, core: Core) -> Array:
+    """Return the point with a core estimated together with what the last effect adds; x where its free run is better.
+
+    At the input that is estimated behind what the effect lets through; on the machine one step ahead, beside what it
+    adds along the measured output.
+    """
+    frame.late(core.delay)
+    found = _behind if frame.effects[-1].where == "input" else _along
+    points = (frame.free(core).rounded(point) for point in found(frame, x, replace(core, delay=0)))
+    return min((x, *points), key=lambda point: frame.error(point, core))
+
+
+def _behind(frame: Frame, x: Array, core: Core) -> list[Array]:
+    """Return points with a core behind an effect at the input.
+
+    One that is whole wherever it acts is so here; another coefficient is estimated with the core.
+    """
+    (cs, _), z = frame.added[-1], x.copy()
+
+    def seen(c: Any) -> list[Array]:
+        z[cs] = c
+        return [frame.problem.walked(i, z)["v"].copy() for i in range(len(frame.segments))]
+
+    c, records = np.ones(len(cs)), frame.measured()
+    if not frame.effects[-1].effect.full:
+        bare = seen(0.0)
+        each = [[v - u for v, u in zip(seen(one), bare, strict=True)] for one in np.eye(len(cs))]
+        c = np.clip(gains(records, core, x[: core.n_y], [bare, *each]), frame.low[cs], frame.high[cs])
+    through = seen(c)
+    if not np.isfinite(np.concatenate(through)).all():
+        return []
+    records = [replace(r, u=v) for r, v in zip(records, through, strict=True)]
+    guess = arx_start(records, core, x[: core.n_y], turns=2)
+    return [frame.put(z, core, guess), *_begun(frame, z, core, records, guess[: core.n_y])]
+
+
+def _along(frame: Frame, x: Array, core: Core) -> list[Array]:
+    """Return points with a core beside what an effect adds on the machine along the measured output.
+
+    A force takes the way of the input.
+    """
+    *others, variant = frame.effects
+    if variant.where not in MACHINE or any(v.where != "input" for v in others):
+        return []
+    (cs, shapes), point, records = frame.added[-1], x.copy(), frame.measured()
+    if others:
+        records = [replace(r, u=frame.problem.walked(i, x)["v"].copy()) for i, r in enumerate(records)]
+    z = frame.contributions(records, x[shapes])
+    inputs = [[r.u for r in records], *([part[:, j] for part in z] for j in range(len(cs)))]
+    if not all(np.isfinite(part).all() for given in inputs for part in given):
+        return []
+    force, m = variant.where == "force", core.n_y + core.n_u
+    taps = core.n_u if force else 1
+    guess = arx_start(records, core, driven=[(inputs[0], core.n_u), *((given, taps) for given in inputs[1:])])
+    if force:
+        c = np.clip(nearest_product(guess[core.n_y : -1], inputs), frame.low[cs], frame.high[cs])
+        if not np.isfinite(c).all():
+            return []
+        records = [replace(r, u=r.u + part @ c) for r, part in zip(records, z, strict=True)]
+        point[cs], guess = c, arx_start(records, core, guess[: core.n_y], turns=2)
+        return [frame.put(point, core, guess), *_begun(frame, point, core, records, guess[: core.n_y])]
+    found = [(guess, [part @ guess[m:-1] for part in z])]
+    strong = variant.where == "motion" and variant.effect.full and bool(shapes)
+    if strong:
+        found.append(_held(records, core, inputs[1]))
+    points = []
+    for guess, added in found:
+        if strong:  # as strong as it is, its shape says
+            point[cs], size = 1.0, shapes[0]
+            point[size] = np.clip(guess[m] * x[size], frame.low[size], frame.high[size])
+        else:
+            point[cs] = np.clip(guess[m:-1], frame.low[cs], frame.high[cs])
+        beside = [r.y - lfilter([1.0], polynomial(guess[: core.n_y]), e) for r, e in zip(records, added, strict=True)]
+        points.append(frame.put(point, core, np.append(guess[:m], guess[-1])))
+        alone = [replace(r, y=y) for r, y in zip(records, beside, strict=True)]
+        points += _begun(frame, point, core, alone, guess[: core.n_y])
+    return points
+
+
+def _held(records: Sequence[Record], core: Core, z: Sequence[Array]) -> tuple[Array, list[Array]]:
+    """Return a, b, c and the constant of a core whose motion is held, c times as strongly as z, and what holds it.
+
+    z is along the step that is measured: of that which the core would make it has the sign, where the part moves. At
+    rest it is held by what is wanting, which the core tells: first it is estimated on the move alone, then beside that.
+    """
+    u, most = [r.u for r in records], max(float(np.abs(part).max()) for part in z) or 1.0
+    moving = [np.abs(part) > MOVES * most for part in z]
+    guess = arx_start(records, core, driven=[(u, core.n_u), (z, 1)], turns=1, counts=moving)
+    strong, n = float(guess[-2]), core.n_y
+    for _ in range(TURNS):
+        held = []
+        for r in records:
+            free = lfilter([0.0, *guess[:n]], [1.0], r.y) + lfilter(guess[n : n + core.n_u], [1.0], r.u) + guess[-1]
+            held.append(np.clip(r.y - free, -abs(strong) * most, abs(strong) * most))
+        guess = arx_start(records, core, driven=[(u, core.n_u), (held, 1)], turns=1)
+        strong *= float(guess[-2])
+    added = [part * guess[-2] for part in held]
+    guess[-2] = strong
+    return guess, added
+
+
+def _begun(frame: Frame, x: Array, core: Core, records: Sequence[Record], a: Array) -> list[Array]:
+    """Return the point with given a where the rest, and the starts, are those of the free run; none if it runs away."""
+    if not all(np.isfinite(r.y).all() for r in records):
+        return []
+    linear, errors = start_beside(records, core, a)
+    return [frame.problem.begun(frame.put(x, core, linear), errors)]
+
+
+def slower(row: Row, pole: float) -> Array:
+    """Return where a row stands with one more pole in front of its core, of the same gain."""
+    x, core = row.values.copy(), row.hypothesis.core
+    if pole:
+        x[: core.n_y + 1] = -np.convolve(np.append(1.0, -row.a), [1.0, -pole])[1:]
+        x[row.frame.used(core)[core.n_y :][: core.n_u + 1]] *= 1 - pole
+        for variant, (cs, _) in zip(row.hypothesis.effects, row.frame.added, strict=True):
+            x[cs] *= 1 - pole if variant.where in ("inside", "force", "motion") else 1.0
+    return x
