@@ -532,7 +532,10 @@ def test_without_noise_nothing_is_missing_that_rounding_makes():
     ids=["slack", "limit"],
 )
 def test_without_noise_what_is_exact_is_told_by_its_parameters(moved, told):
-    """A play and five of them leave nothing but rounding, as do a limit of the input and of the output of a gain."""
+    """A play and five of them leave nothing but rounding, as do a limit of the input and of the output of a gain.
+
+    What holds the motion of a core that forgets at once is that play, too.
+    """
     t = 0.01 * np.arange(2000)
     u = 2 * np.sin(2 * np.pi * 0.3 * t) + np.sin(2 * np.pi * 0.97 * t)
     found = diagnosed(record_of(u, 1.5 * moved(u), 0.01, 0.0))

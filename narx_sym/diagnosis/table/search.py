@@ -27,6 +27,7 @@ HIGHER = (5, 7, 9, 11)  # orders of further cores, tried in turn
 LOOKS = 4  # shapes from which a fit is begun
 HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
 BRIEF = 1e-3  # relative gain of a step at which a brief fit ends: a hundredth of what a parameter must buy
+FORGETS = float(np.exp(-1))  # a pole of less has no memory that samples show
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
 
 
@@ -42,10 +43,8 @@ class Search:
         Whether the input drives poles that hardly decay within the record: of a resonance, near 1.
     integrating : bool
         Whether the axis integrates: its free run is started again at block edges.
-    withheld : list of Row
-        Starts of the cores that do not stand without an effect.
-    modes : int
-        Poles of the cheapest core without an effect; infinite where none was looked for.
+    withheld : list of Row, starts of the cores that do not stand without an effect
+    modes : int, poles of the cheapest core without an effect; infinite where none was looked for
     """
 
     def __init__(
@@ -146,9 +145,8 @@ class Search:
         for core in self.cores(delays):
             if core.given or replace(core, delay=0) in {r.size for r in found}:
                 continue
-            frame = self.frame((), core.given)
-            x = frame.near(self._start(core, frame), core)
-            row = Row(Hypothesis(core), frame, x, frame.error(x, core), frame.parameters(core))
+            f = self.frame((), core.given)
+            row = Row(Hypothesis(core), f, x := self._start(core, f), f.error(x, core), f.parameters(core))
             if row.size not in starts or row.fitted < starts[row.size].fitted:
                 starts[row.size] = row
         return list(starts.values())
@@ -261,14 +259,16 @@ class Search:
         return row.hypothesis.core.integrating and not row.hypothesis.effects and slowest(row.a) > 1 / self.slow
 
     def _keeps(self, row: Row) -> bool:
-        """Whether no pole has moved to the unit circle, or the effects hold what the input drives through it."""
-        if not self._runs_away(row):
-            return True
-        if not row.hypothesis.effects:
-            return False
-        held = any(v.where == "motion" for v in row.hypothesis.effects)
-        with_effects = row.frame.linearised(row.values, row.hypothesis.core)
-        return (held or not self._runs_away(row, with_effects)) and self._driven(row, row.fitted)
+        """Whether no pole has moved to the unit circle, or the effects hold what the input drives through it.
+
+        What acts on the motion holds it; beside a core that forgets from sample to sample it is a play.
+        """
+        (core, effects), away = (row.hypothesis.core, row.hypothesis.effects), self._runs_away(row)
+        motion = any(v.where == "motion" for v in effects)
+        if not away or not effects:
+            return not (away or (motion and not core.given and slowest(row.a) < FORGETS))
+        held = motion or not self._runs_away(row, row.frame.linearised(row.values, core))
+        return held and self._driven(row, row.fitted)
 
     def _driven(self, row: Row, error: float) -> bool:
         """Whether the input drives the poles of a core that hardly decay; `error` is what is left with them."""
