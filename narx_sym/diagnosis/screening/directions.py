@@ -95,7 +95,7 @@ class Linearised:
 
     def contributions(self, form: Form, values: Mapping[Any, float]) -> list[Array]:
         """Return z of an effect along the free run, one (N, coefficients) array per segment."""
-        key = (form.z, form.states, tuple(values.items()))
+        key = form, tuple(values.items())
         if key not in self._known:
             self._known[key] = [contribution(form, values, seen) for seen in self.seen]
         return list(self._known[key])

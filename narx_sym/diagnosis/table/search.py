@@ -41,8 +41,7 @@ class Search:
     limits : of the shape parameters of each effect
     swings, leaks : bool
         Whether the input drives poles that hardly decay within the record: of a resonance, near 1.
-    integrating : bool
-        Whether the axis integrates: its free run is started again at block edges.
+    integrating : bool, whether the axis integrates: its free run is started again at block edges
     withheld : list of Row, starts of the cores that do not stand without an effect
     modes : int, poles of the cheapest core without an effect; infinite where none was looked for
     """
@@ -141,12 +140,13 @@ class Search:
 
     def _withheld(self, found: Sequence[Row], delays: Sequence[int]) -> list[Row]:
         """Return where the fits of those cores start that do not stand by themselves: beside an effect they may."""
-        starts: dict[Core, Row] = {}
+        starts, stand = dict[Core, Row](), {r.size for r in found}
         for core in self.cores(delays):
-            if core.given or replace(core, delay=0) in {r.size for r in found}:
+            if core.given or replace(core, delay=0) in stand:
                 continue
-            f = self.frame((), core.given)
-            row = Row(Hypothesis(core), f, x := self._start(core, f), f.error(x, core), f.parameters(core))
+            frame = self.frame((), core.given)
+            x = self._start(core, frame)
+            row = Row(Hypothesis(core), frame, x, frame.error(x, core), frame.parameters(core))
             if row.size not in starts or row.fitted < starts[row.size].fitted:
                 starts[row.size] = row
         return list(starts.values())

@@ -47,10 +47,14 @@ def arx_start(
             f = lfilter([1.0], polynomial(a), [y, *(x[i] for x, _ in driven), np.ones(y.size)])
             lag = [f[0, first - j : y.size - j] for j in range(1, n + 1)]
             lag += [x[first - j : y.size - j] for x, (_, taps) in zip(f[1:], driven, strict=False) for j in range(taps)]
-            rows.append(np.column_stack([*lag, f[-1, first:]])[counts[i][first:] if counts else ...])
-            targets.append(f[0, first:][counts[i][first:] if counts else ...])
+            used = counts[i][first:] if counts else slice(None)
+            rows.append(np.column_stack([*lag, f[-1, first:]])[used])
+            targets.append(f[0, first:][used])
         solution = smallest(np.concatenate(rows), np.concatenate(targets), DEPENDENT)
         solution[:n] = _inside(solution[:n])
+        if turns == 1:
+            found = solution
+            break
         a = solution[:n].copy()
         error = 0.0
         for i, y in enumerate(outputs):

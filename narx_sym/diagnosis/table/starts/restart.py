@@ -42,7 +42,7 @@ def _behind(frame: Frame, x: Array, core: Core) -> list[Array]:
 
     def seen(c: Any) -> list[Array]:
         z[cs] = c
-        return [frame.problem.walked(i, z)["v"].copy() for i in range(len(frame.segments))]
+        return _through(frame, z)
 
     c, records = np.ones(len(cs)), frame.measured()
     if not frame.effects[-1].effect.full:
@@ -52,9 +52,7 @@ def _behind(frame: Frame, x: Array, core: Core) -> list[Array]:
     through = seen(c)
     if not np.isfinite(np.concatenate(through)).all():
         return []
-    records = [replace(r, u=v) for r, v in zip(records, through, strict=True)]
-    guess = arx_start(records, core, x[: core.n_y], turns=2)
-    return [frame.put(z, core, guess), *_begun(frame, z, core, records, guess[: core.n_y])]
+    return _driven(frame, z, core, [replace(r, u=v) for r, v in zip(records, through, strict=True)], x[: core.n_y])
 
 
 def _along(frame: Frame, x: Array, core: Core) -> list[Array]:
@@ -67,7 +65,7 @@ def _along(frame: Frame, x: Array, core: Core) -> list[Array]:
         return []
     (cs, shapes), point, records = frame.added[-1], x.copy(), frame.measured()
     if others:
-        records = [replace(r, u=frame.problem.walked(i, x)["v"].copy()) for i, r in enumerate(records)]
+        records = [replace(r, u=v) for r, v in zip(records, _through(frame, x), strict=True)]
     z = frame.contributions(records, x[shapes])
     inputs = [[r.u for r in records], *([part[:, j] for part in z] for j in range(len(cs)))]
     if not all(np.isfinite(part).all() for given in inputs for part in given):
@@ -79,9 +77,9 @@ def _along(frame: Frame, x: Array, core: Core) -> list[Array]:
         c = np.clip(nearest_product(guess[core.n_y : -1], inputs), frame.low[cs], frame.high[cs])
         if not np.isfinite(c).all():
             return []
-        records = [replace(r, u=r.u + part @ c) for r, part in zip(records, z, strict=True)]
-        point[cs], guess = c, arx_start(records, core, guess[: core.n_y], turns=2)
-        return [frame.put(point, core, guess), *_begun(frame, point, core, records, guess[: core.n_y])]
+        point[cs] = c
+        acting = [replace(r, u=r.u + part @ c) for r, part in zip(records, z, strict=True)]
+        return _driven(frame, point, core, acting, guess[: core.n_y])
     found = [(guess, [part @ guess[m:-1] for part in z])]
     strong = variant.where == "motion" and variant.effect.full and bool(shapes)
     if strong:
@@ -93,10 +91,9 @@ def _along(frame: Frame, x: Array, core: Core) -> list[Array]:
             point[size] = np.clip(guess[m] * x[size], frame.low[size], frame.high[size])
         else:
             point[cs] = np.clip(guess[m:-1], frame.low[cs], frame.high[cs])
-        beside = [r.y - lfilter([1.0], polynomial(guess[: core.n_y]), e) for r, e in zip(records, added, strict=True)]
-        points.append(frame.put(point, core, np.append(guess[:m], guess[-1])))
-        alone = [replace(r, y=y) for r, y in zip(records, beside, strict=True)]
-        points += _begun(frame, point, core, alone, guess[: core.n_y])
+        A = polynomial(guess[: core.n_y])
+        alone = [replace(r, y=r.y - lfilter([1.0], A, e)) for r, e in zip(records, added, strict=True)]
+        points += _placed(frame, point, core, alone, np.append(guess[:m], guess[-1]))
     return points
 
 
@@ -122,12 +119,26 @@ def _held(records: Sequence[Record], core: Core, z: Sequence[Array]) -> tuple[Ar
     return guess, added
 
 
-def _begun(frame: Frame, x: Array, core: Core, records: Sequence[Record], a: Array) -> list[Array]:
-    """Return the point with given a where the rest, and the starts, are those of the free run; none if it runs away."""
-    if not all(np.isfinite(r.y).all() for r in records):
-        return []
-    linear, errors = start_beside(records, core, a)
-    return [frame.problem.begun(frame.put(x, core, linear), errors)]
+def _through(frame: Frame, x: Array) -> list[Array]:
+    """Return what the effects at the input let through, (N,) per segment."""
+    return [frame.problem.walked(i, x)["v"].copy() for i in range(len(frame.segments))]
+
+
+def _driven(frame: Frame, x: Array, core: Core, records: Sequence[Record], a: Array) -> list[Array]:
+    """Return points with a core estimated from records whose u is what drives it; a filters first."""
+    return _placed(frame, x, core, records, arx_start(records, core, a, turns=2))
+
+
+def _placed(frame: Frame, x: Array, core: Core, records: Sequence[Record], guess: Array) -> list[Array]:
+    """Return the point with a, b and the constant of a core, and that with its a where the free run tells the rest.
+
+    To the rest belong the starts; where it runs away there is no such point.
+    """
+    points = [frame.put(x, core, guess)]
+    if all(np.isfinite(r.y).all() for r in records):
+        linear, errors = start_beside(records, core, guess[: core.n_y])
+        points.append(frame.problem.begun(frame.put(x, core, linear), errors))
+    return points
 
 
 def slower(row: Row, pole: float) -> Array:
@@ -137,5 +148,5 @@ def slower(row: Row, pole: float) -> Array:
         x[: core.n_y + 1] = -np.convolve(np.append(1.0, -row.a), [1.0, -pole])[1:]
         x[row.frame.used(core)[core.n_y :][: core.n_u + 1]] *= 1 - pole
         for variant, (cs, _) in zip(row.hypothesis.effects, row.frame.added, strict=True):
-            x[cs] *= 1 - pole if variant.where in ("inside", "force", "motion") else 1.0
+            x[cs] *= 1 - pole if variant.where in MACHINE else 1.0
     return x
