@@ -15,6 +15,7 @@ from .record import Record
 Array = np.ndarray
 CLIPPED, RUN = 0.005, 4  # share of the samples at an extreme, and how many stay there in a row on average
 PILES = 4.0  # times the next level of a coarse converter: what is cut off piles up; rounding alone seldom does
+COMES_TO_REST = 3.0  # between 2 and 4, see `_sticks`: of 720 parts that stick, 20 are told cut off (2.5: 19, 3.5: 28)
 MOVES = 0.02  # of the range of the input, while the output stays
 LEVELS = 0.25  # distinct values per sample below which steps are looked for
 WHOLE = 1e-3  # of a step: differences between levels are whole multiples of it
@@ -85,7 +86,9 @@ def sensor_faults(records: Sequence[Record], floor: float, step: float | None = 
     for extreme, inner in extremes:
         share, length = _held(parts, float(extreme))
         inputs, beside = u[values == extreme], _held(parts, float(inner))[0] if step else 0.0
-        if share >= max(CLIPPED, PILES * beside) and length >= RUN and np.ptp(inputs) > MOVES * np.ptp(u):
+        moves = MOVES * np.ptp(u)
+        piles = share >= max(CLIPPED, PILES * beside) and length >= RUN and np.ptp(inputs) > moves
+        if piles and not _sticks(records, float(extreme), length / 2, moves):
             found.append(Fault("sensor_saturation", float(extreme), share))
     frozen = max((_frozen(r) for r in records), key=lambda one: one.share if one else 0.0, default=None)
     found += [frozen] if frozen else []
@@ -101,10 +104,36 @@ def _held(parts: Sequence[Array], value: float) -> tuple[float, float]:
     return count / sum(a.size for a in at), count / max(visits, 1)
 
 
+def _sticks(records: Sequence[Record], value: float, long: float, moves: float) -> bool:
+    """Return whether a machine rests at a value by itself: what is cut off is come to at speed, and only there.
+
+    Rests are so `long`, while the input `moves`. How far the output is from the value half a rest before it, and a
+    quarter: at a steady speed the first is twice the second, of what comes to rest four times.
+    """
+    before: dict[bool, list[Array]] = {True: [np.zeros(2)], False: [np.zeros(2)]}  # rests at the value, and elsewhere
+    for record in records:
+        ends = _ends(record.y)
+        for i in np.flatnonzero(np.diff(ends) >= long):
+            first, last = int(ends[i]), int(ends[i + 1])
+            if np.ptp(record.u[first:last]) > moves:
+                back, at = max(1, (last - first) // 4), record.y[first]
+                far = np.abs(record.y[[first - 2 * back, first - back]] - at) if first >= 2 * back else np.zeros(2)
+                before[bool(at == value)].append(far)
+    by_itself, others_too = (
+        half >= COMES_TO_REST * quarter for half, quarter in (np.sum(far, axis=0) for far in before.values())
+    )
+    return bool(by_itself or (len(before[False]) >= len(before[True]) and not others_too))
+
+
+def _ends(y: Array) -> Array:
+    """Return where each value begins, and the end."""
+    return np.flatnonzero(np.diff(y, prepend=np.nan, append=np.nan) != 0)
+
+
 def _frozen(record: Record) -> Fault | None:
     """Return the longest rest of the output at one value, where chance makes none as long and the input moves."""
     y, n = record.y, len(record)
-    ends = np.flatnonzero(np.diff(y, prepend=np.nan, append=np.nan) != 0)  # where a value begins, and the end
+    ends = _ends(y)
     lengths = np.diff(ends)
     i = int(np.argmax(lengths))
     length, rows = int(lengths[i]), slice(int(ends[i]), int(ends[i + 1]))

@@ -55,6 +55,34 @@ def test_rounding_cuts_nothing_off():
     assert "sensor_saturation" in [f.effect for f in sensor_faults([ns.Record.from_arrays(held, cut, Ts)], 0.005)]
 
 
+def rubbing(force, m, b, k, F=0.15):
+    """Return the position of a part that rubs: F is the friction, of forces up to one."""
+    x = speed = 0.0
+    where = np.zeros(N)
+    h = Ts / 10
+    for n in range(N):
+        where[n] = x
+        for _ in range(10):
+            speed += h / m * (force[n] - b * speed - k * x)
+            speed = np.sign(speed) * max(abs(speed) - h / m * F, 0.0)
+            x += h * speed
+    return where
+
+
+@pytest.mark.parametrize("spring", [False, True])
+def test_a_part_that_sticks_is_not_cut_off(spring):
+    """It comes to rest by itself, and rests elsewhere too. Without noise it stays at exactly one value."""
+    growing = 2 / np.pi * np.arcsin(np.sin(1.5 * t)) * (0.4 + 0.02 * t)
+    sweep = np.sin(2 * np.pi * (0.1 * t + 0.05 * t**2))
+    for force in (growing, sweep):
+        moved = rubbing(force, 0.02, 0.3, 1.5) if spring else rubbing(force, 0.1, 1.0, 0.0)
+        for step in (0.0, 0.002):
+            at = step * np.round(moved / step) if step else moved
+            assert sensor_faults([ns.Record.from_arrays(force, at, Ts)], 1.0) == []
+    cut = np.minimum(moved, np.quantile(moved, 0.9))
+    assert "sensor_saturation" in [f.effect for f in sensor_faults([ns.Record.from_arrays(force, cut, Ts)], 1.0)]
+
+
 @pytest.mark.long
 def test_the_next_step_leaves_the_frozen_rows_out():
     frozen = np.where((t > 18) & (t < 27), y[1801], y)
