@@ -15,7 +15,7 @@ from .record import Record
 Array = np.ndarray
 CLIPPED, RUN = 0.005, 4  # share of the samples at an extreme, and how many stay there in a row on average
 PILES = 4.0  # times the next level of a coarse converter: what is cut off piles up; rounding alone seldom does
-COMES_TO_REST = 3.0  # between 2 and 4, see `_sticks`: of 720 parts that stick, 20 are told cut off (2.5: 19, 3.5: 28)
+FAR = 3  # samples before a rest at least: within one or two it depends on where between samples it begins
 MOVES = 0.02  # of the range of the input, while the output stays
 LEVELS = 0.25  # distinct values per sample below which steps are looked for
 WHOLE = 1e-3  # of a step: differences between levels are whole multiples of it
@@ -107,22 +107,28 @@ def _held(parts: Sequence[Array], value: float) -> tuple[float, float]:
 def _sticks(records: Sequence[Record], value: float, long: float, moves: float) -> bool:
     """Return whether a machine rests at a value by itself: what is cut off is come to at speed, and only there.
 
-    Rests are so `long`, while the input `moves`. How far the output is from the value half a rest before it, and a
-    quarter: at a steady speed the first is twice the second, of what comes to rest four times.
+    Rests are so `long`, while the input `moves`. How far the output is from the value some samples before it, and twice
+    as many: at a steady speed the second is twice the first, of what comes to rest four times. Where it rests as often
+    elsewhere, it comes to rest as it does there.
     """
-    before: dict[bool, list[Array]] = {True: [np.zeros(2)], False: [np.zeros(2)]}  # rests at the value, and elsewhere
+    back = [n for n in (int(long) >> i for i in range(1, 16)) if n >= FAR] or [FAR]
+    rows = -np.array([[2 * n for n in back], back])
+    before = {True: [np.zeros(rows.shape)], False: [np.zeros(rows.shape)]}  # rests at the value, and elsewhere
     for record in records:
-        ends = _ends(record.y)
-        for i in np.flatnonzero(np.diff(ends) >= long):
-            first, last = int(ends[i]), int(ends[i + 1])
-            if np.ptp(record.u[first:last]) > moves:
-                back, at = max(1, (last - first) // 4), record.y[first]
-                far = np.abs(record.y[[first - 2 * back, first - back]] - at) if first >= 2 * back else np.zeros(2)
-                before[bool(at == value)].append(far)
-    by_itself, others_too = (
-        half >= COMES_TO_REST * quarter for half, quarter in (np.sum(far, axis=0) for far in before.values())
-    )
-    return bool(by_itself or (len(before[False]) >= len(before[True]) and not others_too))
+        for first, _ in _rests(record, long, moves):
+            at = record.y[first]
+            before[bool(at == value)].append(np.abs(record.y[np.maximum(first + rows, 0)] - at))
+    with np.errstate(all="ignore"):  # of what rests from the beginning nothing is known
+        here, elsewhere = (np.nanmax(np.divide(*np.sum(far, axis=0)), initial=0.0) for far in before.values())
+    rest = 4.0 if len(before[False]) < len(before[True]) else elsewhere
+    return bool(here == 0 or here >= np.sqrt(2 * rest))
+
+
+def _rests(record: Record, long: float, moves: float) -> list[tuple[int, int]]:
+    """Return the rows of rests so `long` at one value, while the input `moves`: each its first, and the next after."""
+    ends = _ends(record.y)
+    rests = ((int(ends[i]), int(ends[i + 1])) for i in np.flatnonzero(np.diff(ends) >= long))
+    return [(a, b) for a, b in rests if np.ptp(record.u[a:b]) > moves]
 
 
 def _ends(y: Array) -> Array:
@@ -141,7 +147,11 @@ def _frozen(record: Record) -> Fault | None:
     usual = max(rests, 1) / max(n - length, 1)
     if length < max(CLIPPED * n, RUN) or n * usual ** (length - 1) > CHANCE or y[rows.start] in (y.min(), y.max()):
         return None
-    if np.ptp(record.u[rows]) <= CROSSES * np.ptp(record.u):
+    moves = np.ptp(record.u)
+    if np.ptp(record.u[rows]) <= CROSSES * moves:
+        return None
+    others = [b - a for a, b in _rests(record, RUN, MOVES * moves) if b - a < length / 2]  # of a part that sticks
+    if others and len(others) * np.exp(-length / np.mean(others)) > CHANCE:
         return None
     return Fault("frozen_sensor", float(y[rows.start]), length / n, (rows.start, rows.stop), record.name)
 

@@ -83,6 +83,18 @@ def test_a_part_that_sticks_is_not_cut_off(spring):
     assert "sensor_saturation" in [f.effect for f in sensor_faults([ns.Record.from_arrays(force, cut, Ts)], 1.0)]
 
 
+def test_a_part_that_is_held_by_friction_has_no_frozen_sensor():
+    """It rests many times, the longest rest is one of them; a sensor that froze twice rests twice."""
+    force = np.repeat(np.random.default_rng(5).uniform(-1, 1, N // 75), 75)
+    moved = rubbing(force, 0.02, 0.3, 1.5, F=0.6)
+    for step in (0.0, 0.01):
+        at = step * np.round(moved / step) if step else moved
+        assert [f.effect for f in sensor_faults([ns.Record.from_arrays(force, at, Ts)], 1.0)] == []
+    twice = y.copy()
+    twice[1000:1400], twice[2000:2300] = y[1000], y[2000]
+    assert [f.effect for f in faults(twice)] == ["frozen_sensor"]
+
+
 @pytest.mark.long
 def test_the_next_step_leaves_the_frozen_rows_out():
     frozen = np.where((t > 18) & (t < 27), y[1801], y)
