@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import truths
 from sampling import more
 
 import narx_sym as ns
@@ -55,18 +56,10 @@ def test_rounding_cuts_nothing_off():
     assert "sensor_saturation" in [f.effect for f in sensor_faults([ns.Record.from_arrays(held, cut, Ts)], 0.005)]
 
 
-def rubbing(force, m, b, k, F=0.15):
-    """Return the position of a part that rubs: F is the friction, of forces up to one."""
-    x = speed = 0.0
-    where = np.zeros(N)
-    h = Ts / 10
-    for n in range(N):
-        where[n] = x
-        for _ in range(10):
-            speed += h / m * (force[n] - b * speed - k * x)
-            speed = np.sign(speed) * max(abs(speed) - h / m * F, 0.0)
-            x += h * speed
-    return where
+def rubbing(force, spring, F=0.15):
+    """Return the position of a part that rubs, on a spring or free; forces go up to one."""
+    m, b, k = (0.02, 0.3, 1.5) if spring else (0.1, 1.0, 0.0)
+    return truths.rubbing(force, Ts, m, b, k, F)[:, 0]
 
 
 @pytest.mark.parametrize("spring", [False, True])
@@ -75,7 +68,7 @@ def test_a_part_that_sticks_is_not_cut_off(spring):
     growing = 2 / np.pi * np.arcsin(np.sin(1.5 * t)) * (0.4 + 0.02 * t)
     sweep = np.sin(2 * np.pi * (0.1 * t + 0.05 * t**2))
     for force in (growing, sweep):
-        moved = rubbing(force, 0.02, 0.3, 1.5) if spring else rubbing(force, 0.1, 1.0, 0.0)
+        moved = rubbing(force, spring)
         for step in (0.0, 0.002):
             at = step * np.round(moved / step) if step else moved
             assert sensor_faults([ns.Record.from_arrays(force, at, Ts)], 1.0) == []
@@ -86,7 +79,7 @@ def test_a_part_that_sticks_is_not_cut_off(spring):
 def test_a_part_that_is_held_by_friction_has_no_frozen_sensor():
     """It rests many times, the longest rest is one of them; a sensor that froze twice rests twice."""
     force = np.repeat(np.random.default_rng(5).uniform(-1, 1, N // 75), 75)
-    moved = rubbing(force, 0.02, 0.3, 1.5, F=0.6)
+    moved = rubbing(force, True, F=0.6)
     for step in (0.0, 0.01):
         at = step * np.round(moved / step) if step else moved
         assert [f.effect for f in sensor_faults([ns.Record.from_arrays(force, at, Ts)], 1.0)] == []

@@ -25,6 +25,7 @@ from .verdict import price
 Array = np.ndarray
 HIGHER = (5, 7, 9, 11)  # orders of further cores, tried in turn
 LOOKS = 4  # shapes from which a fit is begun
+SHORT, CLOSER = 3, 16  # steps of a look, and beside every core: after 8 some still fell far, and another was taken
 HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
 BRIEF = 1e-3  # relative gain of a step at which a brief fit ends: a hundredth of what a parameter must buy
 FORGETS = float(np.exp(-1))  # a pole of less has no memory that samples show
@@ -280,21 +281,18 @@ class Search:
     def look(
         self, bases: Sequence[Row], variant: Variant, shapes: Sequence[Sequence[float]], best: Row | None = None
     ) -> list[Row]:
-        """Fit an effect briefly from shapes over its grid, beside the smallest and the richest base and one more.
-
-        That is the best one where it is known, else a middle one.
-        """
+        """Fit an effect briefly over a grid of shapes: beside the smallest, the best or a middle, the richest base."""
         listed = sorted(bases, key=lambda r: r.parameters)
         few = {id(r): r for r in (listed[0], best or listed[len(listed) // 2], listed[-1])}
         spread = sorted({round(i * (len(shapes) - 1) / (LOOKS - 1)) for i in range(LOOKS)}) if shapes else []
-        found = [self._beside(base, variant, shapes[i], 3) for base in few.values() for i in spread]
+        found = [self._beside(base, variant, shapes[i], SHORT) for base in few.values() for i in spread]
         return self._cheapest(r for r in found if r is not None)
 
     def one_more(self, bases: Sequence[Row], looks: Sequence[Row]) -> list[Row]:
         """Fit an effect beside every base from the best shapes of `look`: the best of each core, cheapest first."""
         variant = looks[0].hypothesis.effects[-1]
         shapes = list(dict.fromkeys(r.shape for r in looks))[:2]
-        found = [self._beside(base, variant, shape, 8) for base in bases for shape in shapes]
+        found = [self._beside(base, variant, shape, CLOSER) for base in bases for shape in shapes]
         by_core: dict[Core, Row] = {}
         for row in self._cheapest([*(r for r in found if r is not None), *looks]):
             by_core.setdefault(row.hypothesis.core, row)
