@@ -1,12 +1,16 @@
 """How strong may a friction be that is found? Parts that rub, from hardly to nearly stuck.
 
     python tests/bench/friction.py [--seed 1] [--jobs 2] [--noise 0.005]
+    python tests/bench/friction.py --sensors [--seed 1]
 
 Five machines (a motor recorded as a speed and as a position, a position loop, a part on a spring, and one that is
 overdamped), five inputs, and friction of nothing, 5, 15, 35 and 60 % of the largest force: 125 records of 3 000 samples
 with 0.5 % noise, all defaults. "right": a friction is told first, or nothing where there is none; "kin": what such a part
 is at low speed, or what a bent speed looks like, is told first (a slack or a loop beside a spring or in a loop, a dead
 zone of a speed); "in the set": a friction is among those told.
+
+With --sensors: how often is a part that rubs said to have a sensor that is cut off, or froze? Its positions have no noise,
+or the steps of an encoder, where a part that is held stays at exactly one value. And how often are sensors that do it seen?
 """
 
 from __future__ import annotations
@@ -28,6 +32,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import truths
 
 import narx_sym as ns
+from narx_sym.data.sensor import sensor_faults
 
 N, TS = 3000, 0.01
 FRICTION = {"coulomb_friction", "stiction", "stribeck_friction"}
@@ -89,13 +94,42 @@ def judged(machine: str, kind: str, F: float, seed: int, noise: float) -> dict[s
     }
 
 
+def sensors(seed: int) -> None:
+    """Count false words about the sensor of parts that rub, and what is seen of sensors that are cut off, or froze."""
+    counts: Counter[tuple[str, str]] = Counter()
+    records: Counter[tuple[str, str]] = Counter()
+
+    def asked(of: str, word: str, u: np.ndarray, y: np.ndarray) -> None:
+        records[of, word] += 1
+        counts[of, word] += word in {f.effect for f in sensor_faults([ns.Record.from_arrays(u, y, TS)], 0.0)}
+
+    for machine, kind, F in ((m, i, F) for m in MACHINES for i in INPUTS for F in SIZES if m != "speed"):
+        rng = np.random.default_rng(seed)
+        u = driven(kind, rng)
+        y = truths.rubbing(u, TS, F=F, **MACHINES[machine][0])[:, 0]
+        for step in (y.std() * s for s in (0.0, 0.002, 0.02, 0.1)):
+            seen = step * np.round(y / step) if step else y
+            for word in ("sensor_saturation", "frozen_sensor") if F else ():
+                asked("parts that rub", word, u, seen)
+            if kind != "levels" and not F:
+                asked("cut off", "sensor_saturation", u, np.minimum(seen, 0.8 * y.max()))
+            frozen = seen.copy()
+            frozen[N // 3 : N // 2] = frozen[N // 3]
+            asked("frozen, no friction" if not F else "frozen, friction", "frozen_sensor", u, frozen)
+    for (of, word), n in sorted(counts.items()):
+        print(f"{of}: {word} {n} of {records[of, word]}")
+
+
 def main() -> None:
     """Run all machines and print what was told, and counts."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--noise", type=float, default=0.005, help="over the standard deviation of the output")
+    parser.add_argument("--sensors", action="store_true", help="ask only what is said of the sensors")
     given = parser.parse_args()
+    if given.sensors:
+        return sensors(given.seed)
     cases = [(m, i, F) for m in MACHINES for i in INPUTS for F in SIZES]
     run = (delayed(judged)(*case, given.seed, given.noise) for case in cases)
     counts: Counter[tuple[float, str]] = Counter()
