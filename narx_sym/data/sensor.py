@@ -88,7 +88,7 @@ def sensor_faults(records: Sequence[Record], floor: float, step: float | None = 
         inputs, beside = u[values == extreme], _held(parts, float(inner))[0] if step else 0.0
         moves = MOVES * np.ptp(u)
         piles = share >= max(CLIPPED, PILES * beside) and length >= RUN and np.ptp(inputs) > moves
-        if piles and not _sticks(records, float(extreme), length / 2, moves):
+        if piles and not _sticks(records, float(extreme), levels[[0, -1]], length / 2, moves):
             found.append(Fault("sensor_saturation", float(extreme), share))
     frozen = max((_frozen(r) for r in records), key=lambda one: one.share if one else 0.0, default=None)
     found += [frozen] if frozen else []
@@ -104,20 +104,21 @@ def _held(parts: Sequence[Array], value: float) -> tuple[float, float]:
     return count / sum(a.size for a in at), count / max(visits, 1)
 
 
-def _sticks(records: Sequence[Record], value: float, long: float, moves: float) -> bool:
+def _sticks(records: Sequence[Record], value: float, extremes: Array, long: float, moves: float) -> bool:
     """Return whether a machine rests at a value by itself: what is cut off is come to at speed, and only there.
 
     Rests are so `long`, while the input `moves`. How far the output is from the value some samples before it, and twice
     as many: at a steady speed the second is twice the first, of what comes to rest four times. Where it rests as often
-    elsewhere, it comes to rest as it does there.
+    between the `extremes`, it comes to rest as it does there.
     """
     back = [n for n in (int(long) >> i for i in range(1, 16)) if n >= FAR] or [FAR]
     rows = -np.array([[2 * n for n in back], back])
-    before = {True: [np.zeros(rows.shape)], False: [np.zeros(rows.shape)]}  # rests at the value, and elsewhere
+    before = {True: [np.zeros(rows.shape)], False: [np.zeros(rows.shape)]}  # rests at the value, and between
     for record in records:
         for first, _ in _rests(record, long, moves):
             at = record.y[first]
-            before[bool(at == value)].append(np.abs(record.y[np.maximum(first + rows, 0)] - at))
+            if at == value or at not in extremes:  # what is cut off on one side may be so on the other
+                before[bool(at == value)].append(np.abs(record.y[np.maximum(first + rows, 0)] - at))
     with np.errstate(all="ignore"):  # of what rests from the beginning nothing is known
         here, elsewhere = (np.nanmax(np.divide(*np.sum(far, axis=0)), initial=0.0) for far in before.values())
     rest = 4.0 if len(before[False]) < len(before[True]) else elsewhere

@@ -36,6 +36,7 @@ def test_clipped():
     assert fault.effect == "sensor_saturation" and fault.size == 0.9
     assert fault.share == pytest.approx(np.mean(y >= 0.9))
     assert "cut off at 0.9" in fault.sentence
+    assert [f.size for f in faults(np.clip(y, -0.7, 0.7))] == [0.7, -0.7]
 
 
 def test_steps():
