@@ -83,10 +83,10 @@ def sensor_faults(records: Sequence[Record], floor: float, step: float | None = 
     found = []
     levels, step = np.unique(values), quantum(values) if step is None else step
     extremes = ((levels[-1], levels[-2]), (levels[0], levels[1])) if levels.size > 2 else ()  # two levels are switched
+    moves = MOVES * np.ptp(u)
     for extreme, inner in extremes:
         share, length = _held(parts, float(extreme))
         inputs, beside = u[values == extreme], _held(parts, float(inner))[0] if step else 0.0
-        moves = MOVES * np.ptp(u)
         piles = share >= max(CLIPPED, PILES * beside) and length >= RUN and np.ptp(inputs) > moves
         if piles and not _sticks(records, float(extreme), levels[[0, -1]], length / 2, moves):
             found.append(Fault("sensor_saturation", float(extreme), share))
@@ -98,10 +98,9 @@ def sensor_faults(records: Sequence[Record], floor: float, step: float | None = 
 
 def _held(parts: Sequence[Array], value: float) -> tuple[float, float]:
     """Return which share of the samples has a value, and how long it stays there on average."""
-    at = [x == value for x in parts]
-    count = sum(int(a.sum()) for a in at)
-    visits = sum(int(a[0]) + int(np.sum(a[1:] & ~a[:-1])) for a in at)
-    return count / sum(a.size for a in at), count / max(visits, 1)
+    count = sum(int(np.sum(x == value)) for x in parts)
+    visits = sum(int(np.sum(x[_ends(x)[:-1]] == value)) for x in parts)
+    return count / sum(x.size for x in parts), count / max(visits, 1)
 
 
 def _sticks(records: Sequence[Record], value: float, extremes: Array, long: float, moves: float) -> bool:
@@ -113,16 +112,17 @@ def _sticks(records: Sequence[Record], value: float, extremes: Array, long: floa
     """
     back = [n for n in (int(long) >> i for i in range(1, 16)) if n >= FAR] or [FAR]
     rows = -np.array([[2 * n for n in back], back])
-    before = {True: [np.zeros(rows.shape)], False: [np.zeros(rows.shape)]}  # rests at the value, and between
-    for record in records:
-        for first, _ in _rests(record, long, moves):
-            at = record.y[first]
-            if at == value or at not in extremes:  # what is cut off on one side may be so on the other
-                before[bool(at == value)].append(np.abs(record.y[np.maximum(first + rows, 0)] - at))
-    with np.errstate(all="ignore"):  # of what rests from the beginning nothing is known
-        here, elsewhere = (np.nanmax(np.divide(*np.sum(far, axis=0)), initial=0.0) for far in before.values())
-    rest = 4.0 if len(before[False]) < len(before[True]) else elsewhere
-    return bool(here == 0 or here >= np.sqrt(2 * rest))
+    begins = [(r.y, first) for r in records for first, _ in _rests(r, long, moves)]
+    at = np.array([y[first] for y, first in begins])
+    far = np.array([np.abs(y[np.maximum(first + rows, 0)] - y[first]) for y, first in begins]).reshape(-1, *rows.shape)
+    here, between = at == value, ~np.isin(at, extremes)  # what is cut off on one side may be so on the other
+
+    def pace(which: Array) -> float:
+        with np.errstate(all="ignore"):  # of what rests from the beginning nothing is known
+            return float(np.nanmax(np.divide(*far[which].sum(axis=0)), initial=0.0))
+
+    come, rest = pace(here), 4.0 if between.sum() < here.sum() else pace(between)
+    return come == 0 or bool(come >= np.sqrt(2 * rest))
 
 
 def _rests(record: Record, long: float, moves: float) -> list[tuple[int, int]]:
