@@ -41,7 +41,6 @@ from .table.rounds import Table
 from .table.row import Row
 from .table.verdict import ALIKE, VERDICTS, price
 
-Array = np.ndarray
 __all__ = ["VERDICTS", "Diagnosis", "Step", "diagnose"]
 FEWEST = 100  # samples: with less the noise cannot be told from an effect
 NO_TURN = {"static", "sensor", "disturbance", "dynamics"}  # families of effects that do not show where the input turns

@@ -78,7 +78,6 @@ class Fitted:
     problem: FreeRun
     unknowns: Array
     converged: bool
-    std: Array
     limits: Mapping[Any, Any]
 
     @cached_property
@@ -139,7 +138,7 @@ def settle(
     begin = min(begins, key=lambda z: _error(problem, z)) if begins[1:] else begins[0]
     unknowns, std, converged = remembered(_minimum, problem, begin, steps, limits)
     problem.model = model.replace(theta=problem.theta(unknowns).tolist(), standard_errors=std)
-    made = Fitted(problem.model, split, problem, unknowns, converged, std, limits)
+    made = Fitted(problem.model, split, problem, unknowns, converged, limits)
     if not all(np.all(np.isfinite(e)) for e in made.errors) or not problem.determined(unknowns):
         raise FitError("The fitted model is unstable.")
     return made
@@ -177,18 +176,19 @@ def prune(fitted: Fitted, before: Fitted) -> Fitted:
     keep = {str(s) for e in newer(fitted.model, before.model) for s in e.symbols.values()}
     refused = set(keep)
     while len(refused) < len(keep) + REFUSALS:
+        model = fitted.model
         scored = [
             (abs(v) / s if s > 0 and np.isfinite(s) else np.inf, str(symbol), symbol)
-            for symbol, v, s in zip(fitted.model.symbols, fitted.model.theta, fitted.std, strict=True)
-            if str(symbol) not in refused and _removable(fitted.model, symbol)
+            for symbol, v, s in zip(model.symbols, model.theta, model.standard_errors or (), strict=True)
+            if str(symbol) not in refused and _removable(model, symbol)
         ]
         if not scored:
             break
         _, name, symbol = min(scored, key=lambda p: p[:2])
         refused.add(name)
         try:
-            less = without(fitted.model, [symbol])
-            smaller = settle(less.replace(info=fitted.model.info), fitted.split, limits=fitted.limits)
+            less = without(model, [symbol])
+            smaller = settle(less.replace(info=model.info), fitted.split, limits=fitted.limits)
         except FitError:
             continue
         if all(smaller.mean_square(mask) <= most for mask, most in zip(masks, limits, strict=True)):

@@ -46,7 +46,7 @@ class Step:
     loop : Feedback
         Where the input answers the output: then only that is named which removes nearly all of the error.
     valves : list of Sticking
-        Of each record with a setpoint: whether the valve of the loop sticks.
+        Of each record with a setpoint, and of others where a valve seems to stick: whether it does.
     nearest : list of str
         Where something is left that no effect explains well enough to be named: those that come nearest, best first. Of
         what the catalogue does not know: the one effect, or the two, that cost least.

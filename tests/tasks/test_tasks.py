@@ -82,7 +82,7 @@ def rung(model, record):
     """A model as a diagnosis has fitted it on its training blocks, without moving its parameters."""
     split = Split.of([record])
     problem = FreeRun(model, list(split.records), (), split.train)
-    return Fitted(model, split, problem, problem.start(model.theta), True, np.zeros(len(model.theta)), {})
+    return Fitted(model, split, problem, problem.start(model.theta), True, {})
 
 
 class Found:

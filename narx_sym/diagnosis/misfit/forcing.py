@@ -72,12 +72,12 @@ def missing_input(residual: Any, slopes: Any, floor: float | None = None) -> Arr
     else:
         best = float(brentq(excess, *ends, xtol=0.01))
     x = smooth(best)[:, 0]
-    return np.asarray(sum(rows[i, i:] * x[: e.size - i] if i == 0 else _late(rows[i], x, i) for i in range(depth + 1)))
+    return np.asarray(sum(_late(row, x, i) for i, row in enumerate(rows)))
 
 
 def _late(row: Array, x: Array, lag: int) -> Array:
     """Return row[k] x[k - lag], 0 before the start."""
-    return np.concatenate([np.zeros(lag), row[lag:] * x[:-lag]])
+    return np.concatenate([np.zeros(lag), row[lag:] * x[: x.size - lag]])
 
 
 def _gram(rows: Array) -> Array:

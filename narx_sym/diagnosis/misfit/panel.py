@@ -84,16 +84,11 @@ class Panel:
             axes = zip(names, low, high, kinds, strict=True)
             place = " and ".join(f"{n} in {_span(a, b, _unit(k, units))}" for n, a, b, k in axes)
         else:
-            place = f"{self.short} in {_span(low[0], high[0], self.unit(units))}"
+            place = f"{self.name.removeprefix('channel:')} in {_span(low[0], high[0], self.unit(units))}"
         what = (
             "rms error " if self.name == "spectrum" else "mean error +" if self.mean[self.worst] > 0 else "mean error -"
         )
         return f"{place}: {what}{few(abs(self.mean[self.worst]), 2)} {units.get('y', '')}".rstrip()
-
-    @property
-    def short(self) -> str:
-        """The variable in a sentence."""
-        return self.name.removeprefix("channel:")
 
     def unit(self, units: Mapping[str, str]) -> str:
         """Return the unit of the axis, where it is known."""

@@ -74,7 +74,7 @@ class Linearised:
     """
 
     def __init__(self, problem: FreeRun, unknowns: Array):
-        self.problem, self.model, self.unknowns = problem, problem.model, unknowns
+        self.problem, self.model = problem, problem.model
         theta = problem.theta(unknowns)
         residual, slopes = problem.run(unknowns)
         self.residual = -residual * problem.spread  # measured minus simulated
@@ -103,8 +103,7 @@ class Linearised:
     def moved(self, where: str, z: Sequence[Array]) -> Array:
         """Return the directions of the free run, (rows, coefficients), that contributions at a place cause."""
         if where == "sensor" or (where == "output" and not any(s.left.base == sensed for s in self.model.states)):
-            parts = [z[i][self.problem.depth :] for i in range(len(z))]
-            return np.concatenate(parts)
+            return np.concatenate([part[self.problem.depth :] for part in z])
         if where not in self._pushed:
             self._pushed[where] = self._response(where)
         recursion, name = self._pushed[where]

@@ -26,7 +26,7 @@ FORMS_TRIED, HALF = 2, 0.5  # forms of each that explain half of its best
 
 @dataclass
 class Scored:
-    """Step 3 to 5: directions of everything in the catalogue, and their scores when they are asked for."""
+    """Directions of everything in the catalogue at a fitted model, and their scores when they are asked for."""
 
     fitted: Fitted
     line: Linearised

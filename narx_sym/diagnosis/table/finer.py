@@ -21,8 +21,6 @@ from .search import Search
 from .starts.arx import resampled, zeroed
 from .verdict import ALIKE
 
-Array = np.ndarray
-
 
 @dataclass(frozen=True)
 class Finer:
@@ -62,11 +60,11 @@ class Finer:
             fine.limits[variant.finer(D)] = limits
         first = core.delay * D - D // 2
         delays: Sequence[int] = range(max(0, first), first + 2 * D, max(1, D // 3)) if D > 1 else [core.delay]
-        if self.delay is not None and not core.given:
+        if self.delay is not None:
             delays = [self.delay]
         # From where it stands in the table; from the data too, where that leaves more than the table says.
         fits: list[Fitted] = []
-        for fit in (self._rebuilt,) if core.given else (self._carried, self._rebuilt):
+        for fit in (self._carried, self._rebuilt):
             found = [made for delay in delays if (made := fit(fine, row, delay)) is not None]
             if found:
                 with suppress(FitError):

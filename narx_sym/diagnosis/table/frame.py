@@ -18,7 +18,7 @@ from ...data.record import Record
 from ...engines.algebra import add_grams, step
 from ...fit.constraints import Elimination, constraint_equations
 from ...fit.freerun import FreeRun, determined
-from ...fit.simulate import segments, shifted
+from ...fit.simulate import segments
 from ...models.effects import Form
 from ...models.extend import Variant, equations
 from ...models.model import Model
@@ -64,6 +64,8 @@ class Frame:
     ):
         self.given, self.largest, self.effects = given, largest, tuple(effects)
         self._form: Form | None = None
+        self.begins: dict[Any, list[Array]] = {}  # where fits beside a row begin
+        self._measured: dict[int, list[Record]] = {}
         if largest is not None and not any(v.raw for v in effects):
             # Measured from the operating point, all records have the same recursion: it is derived once.
             model, self.added = around(largest, self.effects, given.Ts)
@@ -71,13 +73,12 @@ class Frame:
         else:
             model, self.added = extended(given if largest is None else linear(largest, given), self.effects)
         self.n_core = len(model.symbols) - sum(len(part) for pair in self.added for part in pair)
-        self.cut, self.pieces = list(records), pieces
-        pieced = [(s.start == 0, r[s]) for r in self.cut for s in parts(len(r), pieces)]
+        self.records, self.pieces = list(records), pieces
+        pieced = [(s.start == 0, r[s]) for r in self.records for s in parts(len(r), pieces)]
         self.pieced = [part for _, part in pieced]
         self._begins = [first or i > 0 for first, part in pieced for i in range(len(part.segments()))]
         self.segments = segments(self.pieced)
         self.problem = FreeRun(model, self.segments, [])
-        self.problem.elimination = Elimination.of([], model.symbols)
         self.size = self.problem.free + self.problem.shifts
         self.equations = constraint_equations(model, None) if largest is None else []
         self._data = {0: self.problem.data}
@@ -179,7 +180,7 @@ class Frame:
     def late(self, delay: int) -> None:
         """Let the input come later by some samples."""
         if delay not in self._data:
-            name, moved = self.problem.model.input.name, (later(r.u, delay) for r in self.cut)
+            name, moved = self.problem.model.input.name, (later(r.u, delay) for r in self.records)
             shown = [u[s] for u in moved for s in parts(len(u), self.pieces)]
             self._data[delay] = [{**d, name: x} for d, x in zip(self._data[0], shown, strict=True)]
             self._cuts[delay] = self._judged(delay)
@@ -196,7 +197,7 @@ class Frame:
 
     def _spanned(self, core: Core) -> tuple[Array, Array]:
         T, t0 = np.eye(self.size), np.zeros(self.size)
-        if core.given or self.largest is None:
+        if self.largest is None:
             if not self.equations:
                 return t0, T
             rule = Elimination.of(self.equations, self.problem.model.symbols)
@@ -214,7 +215,7 @@ class Frame:
 
     def used(self, core: Core) -> list[int]:
         """Return which unknowns a core has: of older outputs, of inputs, the constant, and all behind it."""
-        if core.given or self.largest is None:
+        if self.largest is None:
             return list(range(self.size))
         A, B = self.largest.n_y, self.largest.n_u
         return [*range(core.n_y), *range(A, A + core.n_u), *range(A + B, self.size)]
@@ -259,11 +260,11 @@ class Frame:
 
     def measured(self) -> list[Record]:
         """Return every segment measured from the operating point, with the input as late as it comes."""
-        model, found = self.problem.model, []
-        for record, data in zip(self.segments, self.problem.data, strict=True):
-            seen = shifted(model, {b.name: data[b.name] for b in (model.input, model.output)})
-            found.append(replace(record, u=seen[model.input.name], y=seen[model.output.name]))
-        return found
+        if self._delay not in self._measured:
+            model, data = self.problem.model, zip(self.segments, self.problem.data, strict=True)
+            late = [replace(r, u=d[model.input.name], y=d[model.output.name]) for r, d in data]
+            self._measured[self._delay] = [_shifted(r, model) for r in late]
+        return self._measured[self._delay]
 
     def contributions(self, records: Sequence[Record], shape: Array) -> list[Array]:
         """Return what the last effect adds along measured outputs, per coefficient: (N, coefficients) per segment."""

@@ -28,7 +28,6 @@ from .row import Row, leading
 from .search import Search
 from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, price, removes, rivals, verdict
 
-Array = np.ndarray
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
 PARTNERS, TOGETHER = 2, 5  # of the effects looked at closer, how many may be half of a pair, and are tried with each
 
@@ -56,7 +55,7 @@ class Table:
         delay: int | None = None,
         quantum: float = 0.0,
     ):
-        self.given, self.records = given, list(records)
+        self.records = list(records)
         self.channels, self.catalogue, self.seed, self.course = tuple(channels), catalogue, seed, course
         work, self.factor = working(self.records) if family_of(given) in OPEN else (self.records, 1)
         self.search = Search(given if self.factor == 1 else given.replace(Ts=work[0].Ts), work)
@@ -69,9 +68,8 @@ class Table:
         self.rounding = max(ROUNDING**2, steps * float(np.exp(ALIKE)))
         self.turning = turning(self.records)
         self.one_sine = all(one_sine(r.u, r.Ts) for r in self.records)  # of a core it shows a gain and a phase alone
-        self.delay = delay
         if delay is None:
-            begin = int(getattr(given, "delay", 0) or 0)
+            begin = given.delay
             near = {max(0, begin - 1), begin, begin + 1} if self.factor == 1 else {begin // self.factor}
             tried = {0, 1, 2, 3, *near}
         else:

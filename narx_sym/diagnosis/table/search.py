@@ -19,14 +19,13 @@ from .frame import BLOCKS, GAIN, Frame, parts
 from .hypotheses import Core, Hypothesis, family_of, ladder, written
 from .row import Row
 from .starts.arx import arx_start
-from .starts.restart import restarted, slower
+from .starts.restart import beginnings, slower
 from .verdict import price
 
 Array = np.ndarray
 HIGHER = (5, 7, 9, 11)  # orders of further cores, tried in turn
 LOOKS = 4  # shapes from which a fit is begun
 SHORT, CLOSER = 3, 16  # steps of a look, and beside every core: after 8 some still fell far, and another was taken
-HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
 BRIEF = 1e-3  # relative gain of a step at which a brief fit ends: a hundredth of what a parameter must buy
 FORGETS = float(np.exp(-1))  # a pole of less has no memory that samples show
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
@@ -82,7 +81,7 @@ class Search:
 
     def cores(self, delays: Sequence[int]) -> list[Core]:
         """Return the cores that are compared."""
-        if self.sizes is not None and self.family != "given":
+        if self.sizes is not None:
             return [Core(a, b, d, self.integrating) for a, b in self.sizes for d in delays]
         return [
             *ladder(self.given, self.family, self.integrating, delays),
@@ -302,10 +301,7 @@ class Search:
         return sorted(rows, key=lambda r: r.before_judged)
 
     def _beside(self, base: Row, variant: Variant, shape: Sequence[float], steps: int) -> Row | None:
-        """Fit an effect beside what a row has, from one shape; None also where it would be another one there.
-
-        It starts from the core as it is, and from one estimated with the effect, where that starts better.
-        """
+        """Fit an effect beside what a row has, from one shape; None also where it would be another one there."""
         core = base.hypothesis.core
         if not core.given and not variant.beside(core.n_y):
             return None
@@ -313,14 +309,7 @@ class Search:
             return None
         hypothesis = replace(base.hypothesis, effects=(*base.hypothesis.effects, variant))
         frame = self.frame(hypothesis.effects, core.given)
-        cs, where = frame.added[-1]
-        x = np.concatenate(
-            [base.values[: cs[0]], np.zeros(len(cs) + len(where)), frame.shifts(base.frame, base.values)]
-        )
-        x[cs], x[where] = HALF if variant.effect.full else 0.0, shape
-        starts = [x]
-        if not core.given and (other := restarted(frame, x, core)) is not x:
-            starts.append(other)
+        starts = beginnings(frame, base, shape)
         found = [self.fitted(hypothesis, start, steps, gain=BRIEF) for start in starts]
         row = min((r for r in found if r is not None), key=lambda r: r.fitted, default=None)
         if row is not None:

@@ -13,7 +13,6 @@ import numpy as np
 
 from ...fit.bases.choice import PRICE
 
-Array = np.ndarray
 PER_PARAMETER = PRICE  # that of bases; half and twice of it name the same real machines (tests/bench/sensitivity.py)
 PER_EFFECT = 0.27  # an effect is picked among 25: ln 25 / 12 blocks (extended BIC, Chen & Chen 2008)
 MOST = 0.9  # fewer effects win if they remove this share of the rms error that more of them remove

@@ -58,9 +58,9 @@ def arx_start(
         a = solution[:n].copy()
         error = 0.0
         for i, y in enumerate(outputs):
-            e, at = solution[-1] * np.ones(y.size) - lfilter(polynomial(a), [1.0], y), n
+            e, at = solution[-1] * np.ones(y.size) - np.convolve(polynomial(a), y)[: y.size], n
             for x, taps in driven:
-                e, at = e + lfilter(solution[at : at + taps], [1.0], x[i]), at + taps
+                e, at = e + np.convolve(solution[at : at + taps], x[i])[: y.size], at + taps
             error += float(np.sum(lfilter([1.0], polynomial(a), e)[core.delay :] ** 2))
         if error < best or not np.isfinite(best):
             best, found = error, solution.copy()

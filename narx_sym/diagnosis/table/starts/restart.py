@@ -17,7 +17,26 @@ from .arx import TURNS, arx_start, gains, nearest_product, polynomial, start_bes
 
 Array = np.ndarray
 MACHINE = ("force", "inside", "motion")  # where an effect acts on what moves
+HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
 MOVES = 0.999  # of its force, from which on a friction slips
+
+
+def beginnings(frame: Frame, base: Row, shape: Sequence[float]) -> list[Array]:
+    """Return the points from which the last effect of a frame is fitted beside a row, of one shape.
+
+    The core as it is, and one estimated with the effect, where that starts better. A brief look and a closer fit begin
+    at the same ones.
+    """
+    key = base, tuple(shape)
+    if key not in frame.begins:
+        (cs, where), core = frame.added[-1], base.hypothesis.core
+        x = np.concatenate(
+            [base.values[: cs[0]], np.zeros(len(cs) + len(where)), frame.shifts(base.frame, base.values)]
+        )
+        x[cs], x[where] = HALF if frame.effects[-1].effect.full else 0.0, shape
+        other = x if core.given else restarted(frame, x, core)
+        frame.begins[key] = [x] if other is x else [x, other]
+    return frame.begins[key]
 
 
 @np.errstate(all="ignore")
@@ -110,8 +129,8 @@ def _held(records: Sequence[Record], core: Core, z: Sequence[Array]) -> tuple[Ar
     for _ in range(TURNS):
         held = []
         for r in records:
-            free = lfilter([0.0, *guess[:n]], [1.0], r.y) + lfilter(guess[n : n + core.n_u], [1.0], r.u) + guess[-1]
-            held.append(np.clip(r.y - free, -abs(strong) * most, abs(strong) * most))
+            free = np.convolve([0.0, *guess[:n]], r.y)[: len(r)] + np.convolve(guess[n : n + core.n_u], r.u)[: len(r)]
+            held.append(np.clip(r.y - (free + guess[-1]), -abs(strong) * most, abs(strong) * most))
         guess = arx_start(records, core, driven=[(u, core.n_u), (held, 1)], turns=1)
         strong *= float(guess[-2])
     added = [part * guess[-2] for part in held]
