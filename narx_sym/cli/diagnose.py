@@ -20,6 +20,7 @@ from .options import (
     Limits,
     MaxEffects,
     Missing,
+    OpenLoop,
     Output,
     Resume,
     Rows,
@@ -56,13 +57,12 @@ def diagnose(
         int | None, typer.Option(min=0, max=10_000, help="Dead time in samples; found by default.")
     ] = None,
     max_effects: MaxEffects = 1,
+    open_loop: OpenLoop = False,
     seed: Seed = 0,
     limits: Limits = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write everything as JSON.")] = None,
     save: Annotated[Path | None, typer.Option("--save", help="Write the model with its effects.")] = None,
-    plot: Annotated[
-        Path | None, typer.Option("--plot", help="Pictures: the diagnosis here, where it fails beside it (_where).")
-    ] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="Picture; where it fails beside it (_where).")] = None,
     experiment: Annotated[
         Path | None, typer.Option("--experiment", help="CSV for the next input (default: next.csv beside --json).")
     ] = None,
@@ -104,13 +104,13 @@ def diagnose(
         with working("Diagnosing") as progress:
             found = run(
                 start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
-                report=progress,
+                open_loop=open_loop, report=progress,
             )  # fmt: skip
     say_resumed(journal, resume)
     _say_done(found, measured)
     settings = {
         "base": base, "delay": "found" if delay is None else delay, "max_effects": max_effects,
-        "channels": channels or "none", "rows": rows or "all",
+        "channels": channels or "none", "rows": rows or "all", "open_loop": open_loop,
     }  # fmt: skip
     targets.write(found, measured, found.units, data, settings)
 

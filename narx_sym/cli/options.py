@@ -38,6 +38,9 @@ Units = Annotated[
     ),
 ]
 MaxEffects = Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")]
+OpenLoop = Annotated[
+    bool, typer.Option("--open-loop", help="No controller made the input from the output, whatever it looks like.")
+]
 Seed = Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")]
 Column = Annotated[str | None, typer.Option("--column", help="Column of the reference (default: the only one).")]
 Limits = Annotated[

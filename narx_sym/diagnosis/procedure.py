@@ -165,7 +165,10 @@ class Diagnosis(DiagnosisDoors):
         ]  # fmt: skip
 
     def to_dict(self, experiment_file: str | None = None) -> dict[str, Any]:
-        """Return everything as plain data, in the published schema."""
+        """Return everything as plain data, in the published schema.
+
+        `units` has those of the input, the output and every channel; an empty text where one is not known.
+        """
         first = self.steps[0].to_dict(experiment_file)
         first["where_it_fails"] = [
             {"panel": row["panel"], "share": round(float(row["share"]), 6), "worst": row["worst"]}
@@ -178,7 +181,8 @@ class Diagnosis(DiagnosisDoors):
         if max(self.max_effects, len(self.steps)) > 1:
             rest = [s.to_dict(None) for s in self.steps[1:]]
             first["steps"] = [{n: v for n, v in first.items() if n not in ("schema", "seconds", "seed")}, *rest]
-        return first
+        named = dict.fromkeys(("u", "y", *self.steps[0].base.split.records[0].channels), "")
+        return first | {"units": named | self.units}
 
     def __repr__(self) -> str:
         return f"Diagnosis({self.sentence()})"
@@ -194,6 +198,7 @@ def diagnose(
     seed: int = 0,
     limits: tuple[float, float] | None = None,
     delay: int | None = None,
+    open_loop: bool = False,
     report: Callable[[str], Any] = lambda what: None,
 ) -> Diagnosis:
     """Compare a model with measurements and name the physical effect that is missing.
@@ -214,6 +219,9 @@ def diagnose(
         How far the input of a proposed experiment may go [unit of u]; by default as far as in the records.
     delay : int, optional
         After how many samples the input of a linear base acts; by default each hypothesis has the one that suits it.
+    open_loop : bool
+        Nothing made the input from the output, whatever it looks like: what is new in both in one sample cannot tell a
+        controller from a machine that passes its input on at once.
     report : callable
         Told what is going on: a text, which is also a `narx_sym.diagnosis.progress.Told`.
 
@@ -245,7 +253,7 @@ def diagnose(
     converter = quantum(np.concatenate([r.y for r in listed]))  # as measured: offsets that are taken off hide it
 
     search = partial(_searched, channels=named, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
-                     quantum=converter, most=max_effects)  # fmt: skip
+                     quantum=converter, most=max_effects, open_loop=open_loop)  # fmt: skip
     same_speed = family_of(start) == "linear" and one_speed(listed)
     stages = [BASE, *ROUND * max_effects]
     tell = inside(report, 0, len(stages)) if same_speed else report  # a second base may be asked
@@ -287,12 +295,12 @@ class _Searched:
 
 def _searched(
     start: Model, seen: list[Record], course: Course, *, channels: Sequence[str], catalogue: Catalogue, seed: int,
-    limits: tuple[float, float] | None, delay: int | None, quantum: float, most: int,
+    limits: tuple[float, float] | None, delay: int | None, quantum: float, most: int, open_loop: bool,
 ) -> _Searched:  # fmt: skip
     """Fill a table beside one base, step by step, until nothing more is added."""
     table = Table(start, seen, channels, catalogue, seed, course, delay, quantum)
     rounds: list[tuple[Step, Row]] = []
-    known, loop = table.base, closed_loop(seen)
+    known, loop = table.base, None if open_loop else closed_loop(seen)
     valves = _valves(seen, loop)
     if loop is not None and (valves or not loop.moved_by_setpoint):  # of a valve it is judged whether it sticks
         rounds.append((looped(table.own(known), loop, valves), known))

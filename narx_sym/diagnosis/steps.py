@@ -127,8 +127,9 @@ class Step:
         """What of the last error on samples that were not fitted the sensor cannot make; an empty text where it can."""
         held, sealed = (self.last.error(m) for m in (self.last.split.held, self.last.split.test))
         noise = self.sensor and max(self.sensor, ROUNDING * self.base.problem.spread)
-        said = unexplained(np.concatenate([held, sealed]), noise, self.last.split.records[0].Ts)
-        return f"{said}, most of it in the last samples" if said and sealed @ sealed > held @ held else said
+        late = bool(sealed @ sealed > held @ held)
+        said = unexplained(np.concatenate([held, sealed]) if late else held, noise, self.last.split.records[0].Ts)
+        return f"{said}, most of it in the last samples" if said and late else said
 
     @property
     def trace(self) -> str:
@@ -179,7 +180,7 @@ class Step:
             return " ".join([*said, f"{self.loop.sentence}. {sizes}."])
         more = self.verdict in ("outside_library", "helps_but_incomplete") and self.floor_kind != REPEATED
         sizes += f"; the noise floor is {'at most' if more else 'about'} {few(self.floor)}{unit}"
-        if self.sensor:
+        if self.sensor and self.sensor <= self.floor:  # what is more than a model leaves is no noise
             alone = f"of the sensor alone {few(self.sensor)}{unit}"
             sizes += f" ({alone if self.sensor < self.floor else 'all of it the noise of the sensor'})"
         if self.verdict == "outside_library":
@@ -192,8 +193,8 @@ class Step:
         if self.pair is not None:
             return (
                 f"Two effects are probably missing: {' and '.join(self.pair.effects)}. {sizes}. Together they remove "
-                f"{100 * self.pair.share:.0f} % of the removable error on data never used for fitting."
-                f"{_instead(self.pair)}"
+                f"{100 * self.pair.share:.0f} % of the removable error on data never used for fitting"
+                f"{'' if self.pair.all else ', but not all that is missing'}.{_instead(self.pair)}"
             )
         best = self.candidates[0]
         share = f"{100 * best.share:.0f} % of the removable error on data never used for fitting"
@@ -216,7 +217,7 @@ class Step:
 
     def to_dict(self, experiment_file: str | None) -> dict[str, Any]:
         """Return the step as plain data."""
-        base = self.base.model
+        base, spread = self.base.model, self.base.problem.spread
         terms = [printing.text(t) for t in base.terms] if isinstance(base, NARX) else [printing.text(base.F)]
         return {
             "verdict": self.verdict, "finding": self.finding, "sentence": self.sentence({}),
@@ -226,8 +227,8 @@ class Step:
             "base": {
                 "latex": base.latex(), "terms": terms, "theta": [float(v) for v in base.theta],
                 "nrmse": {
-                    **self.nrmse(self.base), "noise_floor": float(self.floor / self.base.problem.spread),
-                    "noise_floor_from": self.floor_kind, "sensor_noise": float(self.sensor / self.base.problem.spread),
+                    **self.nrmse(self.base), "noise_floor": float(self.floor / spread),
+                    "noise_floor_from": self.floor_kind, "sensor_noise": float(min(self.sensor, self.floor) / spread),
                 },
             },
             "candidates": [
@@ -326,7 +327,7 @@ def step(
     if pair:
         made.verdict = "helps_but_incomplete"
         rivals = tuple(ids for ids in (tuple(v.id for v in r.beyond(known)) for r in found[1:]) if ids)
-        made.pair = Pair((both[0], both[1]), chosen, chosen.mean_square(base.split.held), share, rivals)
+        made.pair = Pair((both[0], both[1]), chosen, chosen.mean_square(base.split.held), share, rivals, left <= LEFT)
     if len(made.confusion_set) > 1 and not pair:
         table.course.say(": looking for an experiment that separates them")
         bare = next((table.own(r).model for r in found if not r.beyond(known) and table.holds(r)), None)

@@ -129,7 +129,8 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"This record was {'' if known else 'probably '}taken in closed loop: nothing is named."
     if first.pair is not None:
         others = ", or others that explain as much" if first.pair.rivals else ""
-        return f"Two effects are probably missing: {' and '.join(map(spaced, first.pair.effects))}{others}."
+        rest = "" if first.pair.all else "; they are not all"
+        return f"Two effects are probably missing: {' and '.join(map(spaced, first.pair.effects))}{others}{rest}."
     if first.verdict == "helps_but_incomplete":
         listed = [n for n in names if n != BASE] or [spaced(first.candidates[0].effect)]
         return f"{' or '.join(listed)} helps, but something else is missing too.".capitalize()

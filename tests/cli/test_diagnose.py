@@ -198,6 +198,7 @@ def test_json_has_the_published_form(files, diagnosed):
     assert best["parameters"] == pytest.approx({"c": 1, "r": DEAD}, rel=0.05)
     assert data["base"]["nrmse"]["validation"] > 5 * best["nrmse"]["validation"]
     assert data["smallest_detectable"]["backlash"] > 0
+    assert data["units"] == {"u": "V", "y": "mm"}
     assert all({"panel", "share"} <= set(row) and row["share"] <= 1 for row in data["where_it_fails"])
     # Sorted, and what differs from run to run comes last.
     assert list(data)[:-1] == sorted(set(data) - {"seconds"}) and list(data)[-1] == "seconds"

@@ -1,5 +1,7 @@
 """What a record says before any model."""
 
+import itertools
+
 import evidence
 import numpy as np
 import pytest
@@ -61,6 +63,53 @@ def test_the_controller_of_an_unstable_plant_is_seen_by_its_sign():
             u[k] = 0.3 * u[k - 1] + 0.5 * (wanted - y[k]) - 6 * (y[k] - y[k - 1])
         found.append(feedback(ns.Record.from_arrays(u, y, Ts=0.001)).found)
     assert sum(found) >= 3
+
+
+def _held_loop(every, rng):
+    """A lag of 0.3 s at 10 ms under a PI controller that acts every so many samples, with a load; u, y, the setpoint."""
+    n, x, whole, load = 4000, 0.0, 0.0, 0.0
+    u, y, wanted = np.zeros(n), np.zeros(n), np.repeat(rng.uniform(-1, 1, n // 400), 400)
+    for k in range(n):
+        y[k], u[k] = x + 0.005 * rng.standard_normal(), u[k - 1]
+        if k % every == 0:
+            whole += (wanted[k] - y[k]) * 0.01 * every
+            u[k] = 3 * (wanted[k] - y[k]) + 6 * whole
+        load = 0.99 * load + 0.02 * rng.standard_normal()
+        x += 0.033 * (u[k] + load - x)
+    return u, y
+
+
+@pytest.mark.parametrize("every", [3, 5, 10])
+def test_a_controller_that_holds_its_output_answers_when_it_moves(every):
+    u, y = _held_loop(every, np.random.default_rng(every))
+    assert feedback(ns.Record.from_arrays(u, y, Ts=0.01)).found
+
+
+def test_an_input_that_is_held_and_answers_nothing_is_no_loop():
+    found = []
+    for every, seed in itertools.product((3, 10, 25), range(4)):
+        rng, t = np.random.default_rng(seed), 0.01 * np.arange(6000)
+        waves = sum(
+            np.sin(2 * np.pi * f * t + p) for f, p in zip((0.11, 0.37, 0.83), rng.uniform(0, 6, 3), strict=True)
+        )
+        for u in (waves, lfilter([1.0], [1.0, -0.9], rng.standard_normal(t.size))):
+            held = np.repeat(u[::every], every)[: t.size]
+            y = lfilter([0.0, 0.04], [1.0, -0.96], held)
+            y += 0.01 * y.std() * rng.standard_normal(t.size)
+            found.append(feedback(ns.Record.from_arrays(held, y, Ts=0.01)).found)
+    assert not any(found)
+
+
+def test_who_took_a_record_in_the_open_loop_may_say_so():
+    """A lead passes more of its input on at once than in the end, as a controller does read backwards."""
+    rng = np.random.default_rng(0)
+    u = lfilter([1.0], [1.0, -0.9], rng.standard_normal(1500))
+    y = lfilter([5.0, -4.9], [1.0, -0.9], u)
+    record = ns.Record.from_arrays(u, y + 0.01 * y.std() * rng.standard_normal(u.size), Ts=0.01)
+    base = identify(record, base="linear")
+    found = diagnose(base, record)
+    assert found.verdict == "closed_loop" and "--open-loop" in found.sentence()
+    assert diagnose(base, record, open_loop=True).verdict == "nothing_detectable"
 
 
 def test_dampers_read_backwards_are_seldom_taken_for_controllers():

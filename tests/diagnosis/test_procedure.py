@@ -183,6 +183,7 @@ def test_steps_and_finding_are_told_as_data(nothing):
     told = ns.diagnose(base, record, seed=3, catalogue=FEW, max_effects=2).to_dict()
     assert [s["finding"] for s in told["steps"]] == [told["finding"]] == ["nothing_detectable"]
     assert "steps" not in d.to_dict()
+    assert told["units"] == {"u": "", "y": ""} and "units" not in told["steps"][0]
     nrmse = d.to_dict()["base"]["nrmse"]
     assert nrmse["noise_floor"] >= min(nrmse["sensor_noise"], nrmse["validation"]) - 1e-12
 

@@ -10,8 +10,9 @@ whose force follows the speed) also links both at the same sample. Without a set
 the form of the relation. A controller opposes: what the input answers has the opposite sign of what it does to the
 output a little later. Or its step follows from the last outputs, most of it from their change; a plant read backwards
 takes the level of y as much as its change, or has both in the order of a plant: what passes at once is part of what
-passes in the end. A plant that forgets its input (y = du) with a slow pole is a controller read backwards; nothing but
-the setpoint tells them apart.
+passes in the end. A plant that forgets its input (y = du), or passes more of it on at once than in the end (a lead), is
+a controller read backwards: nothing but the setpoint tells them apart, or who took the record. A controller that runs
+more slowly than the record holds its output in between: it answers when it moves.
 """
 
 from __future__ import annotations
@@ -86,11 +87,13 @@ class Feedback:
                 "alone removes nearly all of the error"
             )
         taken = "taken" if self.given else "probably taken"
+        where = "with a setpoint that moves" if self.rests else "give the setpoint (--channels setpoint)"
+        if not self.given:
+            where += ". If no controller made the input from the output, say so (--open-loop)"
         return (
             f"This record was {taken} in closed loop{why}. Disturbances reach the input through the "
             "controller, so that what seems to be missing may be the controller's. Record again with the controller "
-            "in manual and steps or a slow triangle as its output, or "
-            + ("with a setpoint that moves" if self.rests else "give the setpoint (--channels setpoint)")
+            f"in manual and steps or a slow triangle as its output, or {where}"
         )
 
     @property
@@ -130,10 +133,13 @@ def feedback(record: Record) -> Feedback:
     """Ask the longest segment of a record whether its input answers its output."""
     part = max(record.segments(), key=len)[:LONG]
     u, y, r = part.u, part.y, setpoint(part)
+    given, rests, leads = r is not None, r is not None and not np.ptp(r), 0.0 if r is None else led(u, r)
+    moves = np.flatnonzero(np.diff(u)) + 1
+    if 2 * moves.size < u.size:  # what is held in between answers when it moves
+        u, y, r = u[moves], y[moves], None if r is None else r[moves]
     rows = np.arange(OWN + 1, u.size)
     target, now = u[rows] - u[rows - 1], y[rows] - y[rows - 1]
     moved = usual_size(target)
-    given, rests = r is not None, r is not None and not np.ptp(r)
     if rests:
         r = None  # it tells nothing
     if rows.size < FEWEST or moved == 0 or not np.any(now):
@@ -156,7 +162,6 @@ def feedback(record: Record) -> Feedback:
         quick, own_order = _answers(slow_u, slow_y, fast, line)
         newest = usual_size(both) < CAUSED * late  # else it is no answer at once
         found = not exact and quick and newest and ((own_order and left < SURE) or _opposes(u, y, fast[0]))
-    leads = 0.0 if r is None else led(u, r)
     return Feedback(bool(found), float(fresh), float(min(left, 1.0)), given, leads, rests)
 
 

@@ -176,6 +176,8 @@ class Pair:
         Of the removable error on held-out data.
     rivals : tuple of tuples of str
         What these data cannot tell from them, cheapest first: pairs, or effects that explain as much alone.
+    all : bool
+        Whether what the two leave is noise, as far as can be told.
     """
 
     effects: tuple[str, str]
@@ -183,6 +185,7 @@ class Pair:
     mean_square: float
     share: float
     rivals: tuple[tuple[str, ...], ...] = ()
+    all: bool = True
 
     @property
     def sure(self) -> tuple[str, ...]:
