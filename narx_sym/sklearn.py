@@ -14,6 +14,7 @@ from .data.record import Record
 from .engines.numbers import floats
 from .errors import DataError
 from .fit.identify import identify
+from .models.extend import RESERVED
 from .models.model import Model
 from .symbolic.signals import plain_name
 
@@ -25,6 +26,12 @@ except ImportError:
     raise ImportError('scikit-learn is not installed: pip install "narx-sym[sklearn]"') from None
 
 Array = np.ndarray
+# Names that mean something else in equations: what such a column is, and what to do.
+TAKEN = {
+    "t": "is the time: leave it out or rename it; Ts is the sampling time",
+    "u": "has the name of the input, which is the first column: put it there or rename it",
+    "y": "has the name of the output, which is no column of X: leave it out or rename it",
+}
 
 
 class NARXRegressor(RegressorMixin, BaseEstimator):
@@ -77,7 +84,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : (N,) or (N, 1 + channels) array or DataFrame
-            The input in the first column [its unit]; further columns are channels.
+            The input in the first column [its unit]; further columns are channels. Time is no column.
         y : (N,) array
             The output [its unit].
         groups : (N,) array of labels, optional
@@ -86,7 +93,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            From scikit-learn for what is no array of finite numbers; `NarxError`, which is one, for the rest.
+            From scikit-learn for what is no array of finite numbers; `NarxError`, which is one, for the rest, such as
+            a channel whose name means something else in equations.
         """
         X, y = validate_data(self, _columns(_seen(X)), _seen(y), y_numeric=True, dtype=np.float64)
         names = self._channels()
@@ -143,8 +151,12 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
     def _channels(self) -> list[str]:
         """Return the names of the columns after the first, as they may stand in equations."""
-        own = getattr(self, "feature_names_in_", [f"x{i}" for i in range(self.n_features_in_)])
+        own = [str(name) for name in getattr(self, "feature_names_in_", [f"x{i}" for i in range(self.n_features_in_)])]
         names = [plain_name(name) for name in own[1:]]
+        for column, name in zip(own, [plain_name(own[0]), *names], strict=True):
+            if name == "t" or (name in names and name in RESERVED):  # else the input may be called as it likes
+                why = TAKEN.get(name, "has a name that means something else in equations: rename it")
+                raise DataError(f"column {column!r} {why}.")
         if len(set(names)) < len(names):
             raise DataError("Two columns have the same name once it may stand in an equation; rename one.")
         return names

@@ -21,13 +21,13 @@ from .options import (
     Time,
     Ts,
     check_targets,
-    say_resumed,
     unit_names,
 )
 from .options import Units as UnitNames
 from .printing import console, note, table
 
 SHOWN = 10
+EXPLAINED = "explained, of the std of y"
 
 
 def fleet(
@@ -52,7 +52,11 @@ def fleet(
     channels: Channels = "",
     missing: Missing = "refuse",
 ) -> None:
-    """Diagnose many records in parallel: one page, the worst first, machine by effect, and what grows."""
+    """Diagnose many records in parallel: one page, the worst first, machine by effect, and what grows.
+
+    What is explained is a share of the output's standard deviation: (error before - error after) / std(y). It is not
+    the share of the removable error that `diagnose` tells of one record.
+    """
     from ..files.journal import resuming
     from ..report.fleet import beside, nothing, write_fleet
     from ..tasks.fleet import Settings, entries
@@ -64,12 +68,15 @@ def fleet(
         reports.mkdir(parents=True, exist_ok=True)
     said = tuple(unit_names(units).items())
     settings = Settings(base, max_effects, ts, channels, missing, seed, budget, reports and reports.resolve(), said)
+    done: list[int] = []
     with ExitStack() as stack:
         journal = stack.enter_context(resuming(resume)) if resume else None
+        kept = 0 if journal is None else len(journal)
         if dask:
             stack.enter_context(_cluster(dask))
-        rows = run(listed, settings, None if dask else jobs)
-    say_resumed(journal, resume)
+        rows = run(listed, settings, None if dask else jobs, done.append)
+    if kept:
+        note(f"{resume}: {done[0]} of {len(rows)} records were done already")
     folder = f"{_seen_from(out, reports)}/" if reports is not None else ""
     written = write_fleet(rows, out, folder)
     shown = [
@@ -81,7 +88,7 @@ def fleet(
         ]
         for r in rows[:SHOWN]
     ]
-    table(f"The worst of {len(rows)} records", ["machine", "record", "may be missing", "explained"], shown)
+    table(f"The worst of {len(rows)} records", ["machine", "record", "may be missing", EXPLAINED], shown)
     problems = sum(bool(r["problem"]) for r in rows)
     if problems:
         note(f"{problems} of {len(rows)} records could not be diagnosed: the page says why")

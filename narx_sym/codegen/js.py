@@ -13,7 +13,7 @@ import sympy as sp
 from ..engines.plan import Plan
 from ..engines.writer import RELATIONS, Writer, indented
 from ..errors import ModelError
-from ..symbolic.signals import samples
+from ..symbolic.signals import samples, t
 from .layout import Layout, numbered, shortened, wrapped
 from .registry import Request, export
 
@@ -79,7 +79,7 @@ def source(request: Request) -> str:
             f"{recursion.depth} samples of each state (a number or an array each), and the parameters; it returns "
             f"{_plain(request.returned)} as a Float64Array, NaN from where a state is not finite. A further argument "
             "takes one Float64Array for each state.",
-            f"{name}.rest(at, parameters) returns what the states start from at rest.",
+            _said_of_rest(name, rested),
         )),
         " */",
         f"const {name} = (() => {{",
@@ -98,6 +98,16 @@ def source(request: Request) -> str:
         f'if (typeof module === "object") module.exports = {name};',
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
+
+
+def _said_of_rest(name: str, rested: list[Any]) -> str:
+    """Return what the comment says of `rest`."""
+    said = f"{name}.rest(at, parameters) returns what the states start from at rest"
+    if not rested:
+        return f"{said}; at is not read."
+    shown = ", ".join(map(_plain, rested))
+    clock = "; t is the time of the first sample in s, one number too" * (t in rested)
+    return f"{said}: at has one number for each sequence in {name}.rested, in that order ({shown}){clock}."
 
 
 def _rest(layout: Layout, rested: list[Any]) -> list[str]:

@@ -39,6 +39,10 @@ LIBRARIES = ("numpy", "scipy", "sympy", "llvmlite")
 _active: ContextVar[Journal | None] = ContextVar("journal", default=None)
 
 
+class Passing(dict[str, Any]):
+    """A result that is not kept, as after an error that need not come again: a resumed run computes it once more."""
+
+
 class Journal:
     """A file of results: a first line that says what wrote it, then one JSON line each.
 
@@ -88,7 +92,9 @@ class Journal:
         return [result]
 
     def keep(self, key: str, result: Any) -> None:
-        """Append a result: one line, one write."""
+        """Append a result: one line, one write; nothing of one that is `Passing`."""
+        if isinstance(result, Passing):
+            return
         value = plain(result)
         line = json.dumps({"key": key, "sum": _sum(key, value), "value": value}) + "\n"
         try:

@@ -1,6 +1,7 @@
 """Many records, each diagnosed by itself: what is missing where, how much, and whether it grows.
 
-One bad file never stops the rest: what is wrong with it becomes its row.
+One bad file never stops the rest: what is wrong with it becomes its row. So does an error of this package or of the
+machine, but that row says so, and a resumed run tries again.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import hashlib
 import re
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from typing import Any
 from ..data.record import read
 from ..diagnosis.procedure import Diagnosis, diagnose
 from ..errors import DataError, NarxError
+from ..files.journal import Passing
 from ..files.parallel import sweep
 from .base import check_kind, identify_base
 
@@ -156,23 +158,36 @@ def _listed(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
     return found
 
 
-def fleet(listed: Sequence[Entry], settings: Settings, jobs: int | None = -1) -> list[Row]:
+def fleet(
+    listed: Sequence[Entry], settings: Settings, jobs: int | None = -1,
+    resumed: Callable[[int], Any] = lambda done: None,
+) -> list[Row]:  # fmt: skip
     """Diagnose every record; return one row each, what explains most of an output first, problems last.
 
     The work spreads to what `joblib.parallel_config` names; inside `narx_sym.resuming(file)` it goes on from there.
+
+    Parameters
+    ----------
+    resumed : callable
+        Told how many records were done already.
     """
     check_kind(settings.base)
+    done = 0
 
     def holds(row: Row) -> bool:
-        """Whether the report of a row that was kept is still there."""
-        return settings.reports is None or not row["report"] or (settings.reports / row["report"]).is_file()
+        """Whether the report of a row that was kept is still there; those that hold are counted."""
+        nonlocal done
+        there = settings.reports is None or not row["report"] or (settings.reports / row["report"]).is_file()
+        done += there
+        return there
 
     rows = sweep(look, [(entry, settings) for entry in listed], f"Diagnosing {len(listed)} records", jobs, holds)
+    resumed(done)
     return sorted(rows, key=lambda r: (bool(r["problem"]), -r["explained"], r["tag"], r["file"]))
 
 
 def look(entry: Entry, settings: Settings) -> Row:
-    """Diagnose one record; whatever goes wrong becomes its row."""
+    """Diagnose one record; whatever goes wrong becomes its row, which is `Passing` where the record is not to blame."""
     begin = time.monotonic()
     row: Row = {
         "file": str(entry.file), "tag": entry.tag, "verdict": "", "finding": "", "missing": [], "sizes": {},
@@ -183,6 +198,7 @@ def look(entry: Entry, settings: Settings) -> Row:
         if settings.budget and time.monotonic() - begin > settings.budget:
             raise BudgetError(f"It took longer than its budget of {settings.budget:g} s.")
 
+    passing = False
     try:
         names = dict(entry.columns)
         record = read(
@@ -200,13 +216,27 @@ def look(entry: Entry, settings: Settings) -> Row:
             row["report"] = name
     except NarxError as error:
         row["problem"] = str(error)
-    except Exception as error:  # one bad file never stops the rest
-        row["problem"] = f"{type(error).__name__}: {error}"
-    return row | {"seconds": round(time.monotonic() - begin, 3)}
+    except Exception as error:  # nothing stops the rest
+        row["problem"], passing = _not_its_own(error), True
+    row["seconds"] = round(time.monotonic() - begin, 3)
+    return Passing(row) if passing else row
+
+
+def _not_its_own(error: Exception) -> str:
+    """Say what went wrong that is no fault of a record: of the machine, or of this package."""
+    if isinstance(error, MemoryError):
+        return "not enough memory; use fewer processes (--jobs) or shorter records"
+    if isinstance(error, OSError):
+        return f"{error.filename or 'a file'}: {error.strerror or error}; check space and permissions there"
+    return f"internal error, {type(error).__name__}: {error}; please report it"
 
 
 def _told(found: Diagnosis) -> Row:
-    """Return what a diagnosis says, as plain data; errors are those of the free run on held-out samples [unit of y]."""
+    """Return what a diagnosis says, as plain data; errors are those of the free run on held-out samples [unit of y].
+
+    `explained` is a share of the output's standard deviation, so that records compare: a report tells the share of the
+    error that could be removed.
+    """
     first, spread = found.steps[0], found.steps[0].base.problem.spread
     before, after = (found.ladder[i]["validation"] * spread for i in (0, -1))
     later = [effect for step in found.steps[1:] for effect in step.added]

@@ -144,6 +144,12 @@ def test_what_effects_remember_starts_by_itself():
     assert again == pytest.approx([expected[name] for name in told["states"]], rel=1e-14)
 
 
+def test_the_comment_says_what_rest_takes():
+    text = " ".join(valued(LINEAR, "drift", value=0.3).to_js("law").replace("*", " ").split())
+    assert "at has one number for each sequence in law.rested, in that order (y, t); t is the time of the first" in text
+    assert "in that order (y)." in " ".join(LINEAR.to_js("law").replace("*", " ").split())
+
+
 @needs_javascript
 def test_awkward_names_stay_names():
     subject = SUBJECTS["awkward"]

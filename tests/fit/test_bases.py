@@ -11,6 +11,7 @@ import narx_sym as ns
 from narx_sym.errors import FitError, ModelError
 from narx_sym.fit.bases.choice import _split, choose_base
 from narx_sym.fit.bases.play import Shape, branch_after, identify_play
+from narx_sym.models.rest_map import plays
 from narx_sym.symbolic.signals import k, u
 
 N, TS = 900, 0.01
@@ -77,6 +78,7 @@ def test_creep_is_found_and_inverted(tmp_path):
     truth = Shape((0.4, 0.9), (), 0, creep=True).model({}, [0.5, 1.0, 0.6, 0.4, 0.0, 0.1, 0.99])
     record = ns.Record.from_arrays(U, truth.simulate(U, U[0], warn=False) + 0.001 * RNG.standard_normal(N), Ts=TS)
     model = ns.identify(record, base="play", delay=0, plays=3, creep=True)
+    assert model.info.selection.reason.startswith(f"{len(plays(model))} of 3 plays have weight") and plays(model)
     assert model.values[sp.Symbol("g", real=True)] == pytest.approx(0.1, abs=0.03)
     assert model.values[sp.Symbol("b", real=True)] == pytest.approx(0.99, abs=0.01)
     model.save(tmp_path / "m.json")

@@ -103,6 +103,27 @@ def test_channels_take_part_under_their_names():
         linear().fit(pd.DataFrame({"u": u, "a b": heat, "a_b": heat}), y)
 
 
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        (("u", "t"), "column 't' is the time: leave it out or rename it"),
+        (("t", "u"), "column 't' is the time"),
+        (("temp", "u"), "column 'u' has the name of the input, which is the first column"),
+        (("u", "y"), "column 'y' has the name of the output"),
+        (("u", "r "), "column 'r ' has a name that means something else"),
+        (("u", "phi1"), "column 'phi1' has a name that means something else"),
+    ],
+)
+def test_columns_whose_names_mean_something_else_are_refused(columns, said):
+    """A law with a channel r would take it for the reference."""
+    import pandas as pd
+
+    u = wave()
+    with pytest.raises(DataError, match=said):
+        linear().fit(pd.DataFrame(dict(zip(columns, (u, wave(seed=1)), strict=True))), machine(u))
+    assert linear().fit(pd.DataFrame({"r": u}), machine(u)).n_features_in_ == 1
+
+
 def test_splitters_searches_and_metadata_take_it():
     u = np.concatenate([wave(200, seed) for seed in range(3)])
     y = np.concatenate([machine(wave(200, seed)) for seed in range(3)])

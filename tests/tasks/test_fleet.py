@@ -1,7 +1,6 @@
 """Many records: entries from folders, patterns and lists; rows, page and CSV; a bad file, a budget, going on."""
 
 import csv
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +8,7 @@ import pytest
 import narx_sym as ns
 from narx_sym.data.readers import load
 from narx_sym.errors import DataError
+from narx_sym.files.journal import remembered
 from narx_sym.report import fleet as pages
 from narx_sym.report.fleet import heat, trends, write_fleet
 from narx_sym.tasks import fleet as fleets
@@ -68,7 +68,7 @@ def test_going_on_writes_again_what_was_deleted(folder, tmp_path, run):
     first.unlink()
     assert run(*command)[0] == 0
     assert first.read_text().startswith(title) and second.stat().st_mtime_ns == other
-    assert "3 results were taken" in run(*command)[2]
+    assert "3 of 3 records were done already" in run(*command)[2]
 
 
 def test_the_page_and_the_csv_say_the_same(tmp_path):
@@ -139,8 +139,56 @@ def test_a_budget_ends_one_record(folder, monkeypatch):
     (entry,) = [e for e in entries(folder) if e.file.stem == "one"]
     row = look(entry, Settings(base="static", budget=1e-9))
     assert "budget" in row["problem"] and not row["missing"]
-    monkeypatch.setattr(fleets, "diagnose", lambda *_, **__: 1 / 0)
-    assert look(replace(entry), Settings(base="static"))["problem"].startswith("ZeroDivisionError")
+
+
+def test_what_is_no_fault_of_a_record_is_said_and_tried_again(folder, tmp_path, monkeypatch):
+    def failing(base, record, **options):
+        if record.name == "one":
+            raise errors[-1]
+        return diagnosed(base, record, **options)
+
+    settings, diagnosed, listed, errors = Settings(base="static"), fleets.diagnose, entries(folder), []
+    monkeypatch.setattr(fleets, "diagnose", failing)
+    for error, said in (
+        (NameError("no foo"), "internal error, NameError: no foo; please report it"),
+        (MemoryError(), "not enough memory"),
+        (OSError(28, "No space left on device", "a.html"), "a.html: No space left on device; check space"),
+    ):
+        errors.append(error)
+        with ns.resuming(tmp_path / "kept"):
+            rows = {r["file"]: r["problem"] for r in fleet(listed, settings, jobs=1)}
+        assert said in rows[str(listed[0].file)] and not rows[str(listed[2].file)]
+    monkeypatch.undo()
+    told = []
+    with ns.resuming(tmp_path / "kept"):
+        rows = fleet(listed, settings, jobs=1, resumed=told.append)
+    assert rows[0]["missing"] == ["dead_zone"] and not rows[0]["problem"] and told == [2]
+
+
+def half(number):
+    return number / 2
+
+
+def looked(entry, settings):
+    """A row with a result within it that is kept too."""
+    remembered(half, 3.0)
+    return ROW | {"file": str(entry.file), "tag": entry.tag}
+
+
+def test_records_that_were_done_are_counted_not_results(folder, tmp_path, run, monkeypatch):
+    command = (
+        "fleet", folder, "--out", tmp_path / "plant.html", "--base", "static", "--jobs", "1", "--resume",
+        tmp_path / "kept",
+    )  # fmt: skip
+    monkeypatch.setattr(fleets, "look", looked)
+    assert "done already" not in run(*command)[2]
+    (folder / "V1" / "three.csv").write_text("t,u,y\n")
+    try:
+        _, text, err = run(*command)
+    finally:
+        (folder / "V1" / "three.csv").unlink()
+    assert "kept: 3 of 4 records were done already" in err and "results" not in err
+    assert "of the std of y" in " ".join(text.split())
 
 
 def test_the_command(folder, tmp_path, run, monkeypatch):

@@ -127,7 +127,8 @@ def identify_play(
         slow = 1 - CREEPS / max(len(p) for p in parts)
         guess = replace(guess, shape=replace(guess.shape, creep=True), theta=(*guess.theta, SHARE, slow))
     model = _fitted(guess, parts, origin)
-    weighty = len(model.memory)
+    own = {s.left.base for s in plays_of(radii)}
+    weighty = sum(s.left.base in own for s in model.memory)  # creep remembers too
     reason = f"{weighty} of {plays} plays have weight; the smallest delay within 2 % of the best of {len(delays)}"
     chosen = Selection("play", len(delays) * len(LAGS), len(model.symbols), reason)
     return model.replace(info=replace(model.info, selection=chosen))
