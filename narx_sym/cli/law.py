@@ -64,15 +64,16 @@ def compensate(
     goal = reference and _signal(model, reference, column, "reference", prefer="r", option="--column", **how)
     law = model.compensator()
     part = None if share == "none" else law.share(share)
+    # Not every law has a source: that is known before anything is written.
+    made = [law.export(name, limits=limits, rate=rate, units=names, share=part) for name, _ in sources]
     _tell(law, "auto" if share == "auto" else part, names)
     if latex:
         listed = coefficients_latex(law.coefficients(names, latex=True))
         shown = [law.latex(numbers=True), *[listed] * bool(listed)]
         write_text(latex, "".join(f"\\[\n{one}\n\\]\n" for one in shown))
         console().print(f"LaTeX written to {latex}")
-    for name, path in sources:
-        made = law.export(name, limits=limits, rate=rate, units=names, share=part)
-        write_bytes(path, made if isinstance(made, bytes) else made.encode("utf-8"))
+    for (name, path), source in zip(sources, made, strict=True):
+        write_bytes(path, source if isinstance(source, bytes) else source.encode("utf-8"))
         console().print(f"{exports()[name].title} written to {path}")
     if goal and out:
         _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, share=part, clip=clip)

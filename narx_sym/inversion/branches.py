@@ -84,15 +84,15 @@ def solve_for(
     return found or _searched(G, w, target, values, limits, made)
 
 
-def searched(stage: Solution, values: Mapping[Any, Any]) -> Any:
-    """Return the solution of a stage that is nearest to its last value, by a root finder."""
+def searched(stage: Solution, values: Mapping[Any, Any], limits: tuple[Any, Any] = (-FAR, FAR)) -> Any:
+    """Return the solution of a stage that is nearest to its last value, by a root finder that looks between limits."""
     w = sp.Dummy("w", real=True)
     made = {"unknown": stage.unknown, "target": stage.target, "expr": stage.expr, "last": stage.last}
-    return _searched(stage.expr.xreplace({stage.unknown: w}), w, stage.target, values, (-FAR, FAR), made).value
+    return _searched(stage.expr.xreplace({stage.unknown: w}), w, stage.target, values, limits, made).value
 
 
 def _searched(
-    G: Any, w: Any, target: Any, values: Mapping[Any, Any], limits: tuple[float, float], made: dict[str, Any]
+    G: Any, w: Any, target: Any, values: Mapping[Any, Any], limits: tuple[Any, Any], made: dict[str, Any]
 ) -> Solution:
     """Leave the equation to a root finder; to one that divides the line where it may have several roots."""
     gap, steep = G - target, steepness(G, w, values)
@@ -103,7 +103,7 @@ def _searched(
     if all(isinstance(n, SEARCHED) for n in gap.atoms(sp.Function, sp.Piecewise, sp.Max, sp.Min) if n.has(w)):
         size = summed(gap).xreplace({w: made["last"]})
         more = (size, *places(G, w, values))
-    root = Root(gap, w, made["last"], *map(sp.Float, limits), *more)
+    root = Root(gap, w, made["last"], *map(sp.sympify, limits), *more)
     return Solution(how="root finder", branches=(Branch(sp.true, root),), **made)
 
 

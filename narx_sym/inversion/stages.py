@@ -76,7 +76,7 @@ def stages_of(model: Model) -> Staged:
         expr = swap(_inlined(own, delays, shift(own[upper], delay), unknown), {y: r})
         target = r[k + delay] if upper == y else upper[k + delay]
         found = solve_for(
-            expr, unknown, target, shift(unknown, -1), values, _limits(model, lower), _rest(model),
+            expr, unknown, target, shift(unknown, -1), values, limits_of(model, lower), _rest(model),
             together,
         )  # fmt: skip
         if turns and upper != y and found.closed_form:
@@ -204,7 +204,7 @@ def guarded(staged: Staged, clipped: Any) -> Updates:
     return tuple(found)
 
 
-def _limits(model: Model, base: Any) -> tuple[float, float]:
+def limits_of(model: Model, base: Any) -> tuple[float, float]:
     """Return where a root of a sequence is looked for."""
     outer = model.output if base in INNER_OUTPUTS else model.input
     ranges = model.info.ranges

@@ -14,6 +14,7 @@ from narx_sym.errors import Unreachable
 from narx_sym.fit.laws.lookback import open_stages
 from narx_sym.inversion.branches import solve_for
 from narx_sym.models.extend import variants
+from narx_sym.models.info import Info
 from narx_sym.symbolic.signals import k, m, r
 
 
@@ -71,20 +72,71 @@ def test_what_turns_and_what_acts_in_a_row_need_no_other_choice(seed):
     assert not missed(run, ahead).any() and not ahead.tried
 
 
-def test_a_choice_far_outside_is_found():
-    """The input had hardly moved where the other one of two was right."""
+def drag(ranges=None):
+    """Return a run in which the input had hardly moved where the other one of two was right."""
     listed = [
         v for v in variants(bases()["delayed"], []) if (v.id, v.where) == ("quadratic_drag", "output") and v.lag == 2
     ]
     model = with_effect(bases()["delayed"], listed[0], np.random.default_rng(0))
-    run = Run(model.replace(theta=[0.7, 0.4, -0.28]), np.random.default_rng(0))
+    run = Run(model.replace(theta=[0.7, 0.4, -0.28], info=Info(ranges=ranges or {})), np.random.default_rng(0))
     run.u = run.u0 + np.concatenate(
         [np.zeros(45), [-0.05, -0.73, -0.21, -0.31, -0.33, 0.83, 0.65, -0.04, -0.87], np.zeros(46)]
     )
     run.y = run.output(run.u)
+    return run
+
+
+def test_a_choice_far_outside_is_found():
+    run = drag()
     assert missed(run, follow(run, back=False)).any()
     found = follow(run)
     assert found.tried and not missed(run, found).any()
+
+
+def with_jump(model, size, ranges=None):
+    """Add the sign of the input to an output."""
+    wanted = ("coulomb_friction", "output", "u", "of a speed")
+    listed = [o for o in variants(model, []) if (o.id, o.where, o.driver, o.effect.form) == wanted]
+    model = with_effect(model, listed[0], np.random.default_rng(0))
+    return model.replace(theta=[*model.theta[:-1], size], info=Info(ranges=ranges or {}))
+
+
+WAVE = 2 * np.sin(np.arange(120) / 10)  # from rest, through the jump and back
+
+
+def test_a_jump_of_a_model_that_remembers_nothing():
+    """No earlier choice helps, and no sample is like another one because nothing is remembered."""
+    law = with_jump(ns.NARX.from_terms(["u[k]"], [1.5]), 0.8).compensator()
+    with pytest.raises(Unreachable, match="no solution while") as error:
+        law.run(WAVE, 0.0)
+    assert error.value.at == 1
+    with pytest.warns(UserWarning, match="misses the reference"):
+        driven = law.run(WAVE, 0.0, clip=True)
+    within = np.abs(WAVE) < 0.8
+    assert np.abs(driven[within]).max() < 1e-9 and np.array_equal(law.follow(WAVE, 0.0).missed[1:], within[1:])
+
+
+@pytest.mark.parametrize("terms, theta", ((["u[k]", "u[k]**3"], []), (["u[k]", "u[k]**3", "y[k-1]"], [0.3])))
+def test_a_root_far_outside_what_was_identified_is_none(terms, theta):
+    """A cubic term that is next to nothing has its own roots."""
+    model = ns.NARX.from_terms(terms, [1.5, -1.5e-5, *theta])
+    law = with_jump(model, 0.8, ranges={"u": (-8, 6), "y": (-12, 10)}).compensator()
+    with pytest.raises(Unreachable) as error:
+        law.run(WAVE, 0.0)
+    assert error.value.at == 1
+    with pytest.warns(UserWarning, match="misses the reference"):
+        driven = law.run(WAVE, 0.0, clip=True)
+    assert np.abs(driven).max() < 1.5 and np.abs(driven[1]) < 1e-9
+
+
+def test_a_choice_outside_what_was_identified_is_found():
+    """More is asked for than was recorded: it is not far outside."""
+    run = drag(ranges={"u": (-0.6, 1.4), "y": (1, 3)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert missed(run, follow(run, back=False)).any()
+        found = follow(run)
+        assert found.tried and not missed(run, found).any() and found.m.min() < -1.5
 
 
 def test_a_choice_on_which_nothing_depends_is_not_changed():

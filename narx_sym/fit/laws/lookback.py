@@ -22,7 +22,7 @@ from ...errors import Diverged
 from ...inversion.branches import searched
 from ...inversion.compensator import Compensator
 from ...inversion.solution import Solution
-from ...inversion.stages import guarded, in_order
+from ...inversion.stages import guarded, in_order, limits_of
 from ...symbolic.recursion import Recursion
 from ...symbolic.signals import k, m, samples, signal
 from ..simulate import simulate
@@ -56,14 +56,17 @@ def _lasts(law: Compensator, stage: Solution) -> bool:
 def steered(law: Compensator, clipped: Callable[[Any], Any] = lambda asked: asked) -> Recursion:
     """Return a law with the model beside it whose open stages take the solution nearest to a hint, where it is given.
 
-    The hint of a sequence s is the channel s_hint.
+    The hint of a sequence s is the channel s_hint. A root is looked for no further out than that, or than where the law
+    itself looks for one.
     """
     staged = law.staged
     assert staged is not None
     swapped = {}
     for stage in open_stages(law):
         hint = _hint(stage)[k]
-        swapped[stage.unknown] = sp.Piecewise((searched(replace(stage, last=hint), law.model.values), hint < FREE))
+        low, high = limits_of(law.model, stage.unknown.base)
+        root = searched(replace(stage, last=hint), law.model.values, (sp.Min(low, hint), sp.Max(high, hint)))
+        swapped[stage.unknown] = sp.Piecewise((root, hint < FREE))
     updates = tuple(
         (left, sp.Piecewise(*swapped[left].args, (right, True)) if left in swapped else right)
         for left, right in staged.updates
@@ -218,15 +221,18 @@ class Lookback:
         return path
 
     def _remembered(self, values: Mapping[str, Array]) -> Array:
-        """Return what later samples read, sequence by sequence."""
+        """Return what later samples read, sequence by sequence, (remembered, n)."""
         layout = self.prepared.compiled.layout
-        return np.array([values[layout.states[i]] for i in layout.remembered])
+        found = [values[layout.states[i]] for i in layout.remembered]
+        return np.array(found) if found else np.empty((0, values["y"].size))
 
     def _met(self, own: Array, begin: int) -> tuple[int, int] | None:
         """Return the first sample from `begin` on at which an earlier run was in the same state, and what that misses.
 
-        None where there is no such sample.
+        None where there is no such sample, and where nothing is remembered: there each sample stands alone.
         """
+        if not own.size:
+            return None
         depth, found = self.prepared.depth, []
         size = INEXACT * np.nanmax(np.abs(own), axis=1, initial=1e-300)[:, None]
         for other, path in self.known:
@@ -240,6 +246,12 @@ class Lookback:
         column = np.full(self.target.size, FREE)
         column[list(hints)] = list(hints.values())
         return column
+
+    def _grid(self, stage: Solution, reached: Array) -> Array:
+        """Return where further solutions are looked for: around what was reached, and where the law itself looks."""
+        near = around(reached, WIDER)
+        low, high = limits_of(self.law.model, stage.unknown.base)
+        return np.clip(beyond(near), min(low, near[0]), max(high, near[-1]))
 
     def _ways(self, path: _Path) -> Iterator[tuple[str, int, float]]:
         """Return the further solutions on the way to a miss, the latest first: sequence, sample, and where."""
@@ -255,7 +267,7 @@ class Lookback:
             name, hint = stage.unknown.base.name, _hint(stage).name
             before = columns[name][max(depth - 1, 0) :][:1]
             column = np.concatenate([before, columns[name][depth:]])  # from the value before the first one on
-            grid, last = beyond(around(column[:stop], WIDER)), column[at]
+            grid, last = self._grid(stage, column[:stop]), column[at]
             taken = columns[f"{name}_wanted"][depth + at]
             # The last value is where a step turns, so often where the gap has a kink: between a pair of roots.
             points = np.sort(np.column_stack([np.broadcast_to(grid, (at.size, grid.size)), last]), axis=1)
