@@ -74,7 +74,7 @@ TEMP = {"temp": np.cos(np.arange(N) / 30)}
 
 def with_values(added):
     """Small coefficients, shape parameters of the size of the signals."""
-    rest = [0.01] * len(added.coefficients) + [0.3] * len(added.shape)
+    rest = [0.001] * len(added.coefficients) + [0.3] * len(added.shape)
     base = len(added.model.symbols) - len(rest)
     return added.model.replace(theta=[*BASES[base].theta, *rest])
 

@@ -46,10 +46,10 @@ def follow(run, **options):
         return run.law.follow(run.y, run.u0, run.channels, share=None, **options)
 
 
-# A drag that turns back, a sticking valve, a friction that two inputs overcome.
+# A drag that turns back, a loop that two inputs follow, a friction that two inputs overcome.
 SEEDS = (
     7212,
-    pytest.param(7099, marks=pytest.mark.long),
+    pytest.param(7552, marks=pytest.mark.long),
     pytest.param(7100, marks=pytest.mark.long),
 )
 
@@ -221,7 +221,7 @@ def test_what_was_tried_from_a_state_is_not_tried_again():
 @pytest.mark.long
 def test_the_growth_along_the_choice_that_comes_furthest_is_told():
     """Its own input is the only one that follows, and along it the law multiplies its own errors."""
-    rng = np.random.default_rng(90045)
+    rng = np.random.default_rng(90001)
     run = Run(drawn(rng, 2)[1], rng)
     found = follow(run)
     assert missed(run, found).any() and found.runs_away and "along the one of them that comes furthest" in found.why

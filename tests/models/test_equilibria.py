@@ -5,8 +5,11 @@ import pytest
 import sympy as sp
 
 from narx_sym import NARX
-from narx_sym.models.analysis import continuum, property_1, steady_state, ubar
+from narx_sym.models.analysis import continuum, property_1, steady_state, ubar, ybar
+from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
+from narx_sym.models.rest.equilibria import resting
+from narx_sym.models.rest.roots import resting_points
 
 
 def polynomial(theta, **other):
@@ -61,3 +64,16 @@ def test_neighbours_that_the_coefficients_tell_apart_are_two():
     """Beside a root at 1 there are two at 1e-7 and 2e-7."""
     theta = -np.poly([1.0, 1e-7, 2e-7])[::-1] + [0, 1, 0, 0]
     assert np.allclose(np.array(steady_state(polynomial(theta)).equilibria, dtype=float), [1e-7, 2e-7, 1.0], rtol=1e-4)
+
+
+@pytest.mark.parametrize("form", ["hard", "soft"])
+def test_an_effect_rests_with_its_own_shape(form):
+    """Where a function of the input has a parameter inside, the equilibrium is that of its value."""
+    bare = NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.2], Ts=0.01)
+    forms = [v for v in variants(bare) if v.id == "saturation" and v.where == "input" and v.effect.form == form]
+    model = extend(bare, forms[0]).model.replace(theta=[0.8, 0.2, 0.5, 0.25])
+    excess = resting(model)
+    assert excess.free_symbols == {ybar, ubar}
+    for level in (-1.5, 0.1, 2.0):
+        (rests,) = resting_points(excess.xreplace({ubar: sp.Float(level)}), ybar).points
+        assert rests == pytest.approx(model.simulate(np.full(400, level), 0.0)[-1], rel=1e-9)

@@ -106,7 +106,8 @@ def continuum(model: Model, tolerance: float = ROUNDING) -> bool:
 
 def resting(model: Model) -> Any:
     """Return G(ybar, ubar) - ybar with values: zero at an equilibrium."""
-    return sp.expand(sp.Add(*(total * function for function, total in unbalanced(model).items())))
+    listed = unbalanced(model).items()
+    return sp.expand(sp.Add(*(total * sp.sympify(function).xreplace(model.values) for function, total in listed)))
 
 
 def steady_state(model: Model) -> SteadyState:
