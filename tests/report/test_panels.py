@@ -194,6 +194,26 @@ def test_what_explains_as_much_as_a_pair_is_told_with_it(stage_diagnosis):
     assert sentence.endswith("a with drift, or b with drift, or c with drift, or one of 1 more.") and not sure
 
 
+def test_two_effects_that_leave_more_than_noise_are_not_all(stage_diagnosis):
+    first = stage_diagnosis.steps[0]
+    pair = Pair(("backlash", "creep"), first.chosen, 0.01**2, 0.9, all=False)
+    step = replace(first, pair=pair, verdict="helps_but_incomplete")
+    assert step.sentence({}).endswith(" on data never used for fitting, but not all that is missing.")
+    headline = words.headline(replace(stage_diagnosis, steps=[step]))
+    assert headline == "Two effects are probably missing: backlash and creep; they are not all."
+
+
+def test_no_noise_is_more_than_what_is_left(stage_diagnosis):
+    """An estimate from differences is too large where a record is slow: then nothing is said of the sensor."""
+    first = replace(stage_diagnosis.steps[0], floor=0.02)
+    said = {sensor: replace(first, sensor=sensor) for sensor in (0.01, 0.02, 0.03)}
+    assert "of the sensor alone 0.01" in said[0.01].sentence({})
+    assert "all of it the noise of the sensor" in said[0.02].sentence({})
+    assert "the sensor" not in said[0.03].sentence({})
+    spread = first.base.problem.spread
+    assert said[0.03].to_dict(None)["base"]["nrmse"]["sensor_noise"] == pytest.approx(0.02 / spread)
+
+
 def test_a_pair_of_which_neither_helps_by_itself_adds_nothing_and_says_so(stage_diagnosis):
     first = replace(stage_diagnosis.steps[0], verdict="helps_but_incomplete")
     pair = Pair(("backlash", "creep"), first.chosen, 0.01**2, 0.9)
