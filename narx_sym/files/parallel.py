@@ -34,6 +34,7 @@ def sweep(
     what: str = "",
     jobs: int | None = None,
     holds: Callable[[Any], bool] = lambda result: True,
+    resumed: Callable[[int], Any] = lambda done: None,
 ) -> list[Any]:
     """Return [function(*call) for call in calls], in order.
 
@@ -48,12 +49,15 @@ def sweep(
         As `n_jobs` of joblib: -1 for all cores. By default what `joblib.parallel_config` says, else one.
     holds : function of a kept result
         Whether it is still worth something: a file that came with it may have gone since.
+    resumed : callable
+        Told how many calls need not be made, as their results are there.
     """
     from joblib import Parallel, delayed
 
     listed, journal = list(calls), active()
     keys = [digest(function, *call) for call in listed] if journal is not None else []
     done = {i: found[0] for i, key in enumerate(keys) if journal is not None and (found := journal.find(key, holds))}
+    resumed(len(done))
     todo = [i for i in range(len(listed)) if i not in done]
     results: Iterable[Any] = Parallel(n_jobs=jobs, return_as="generator")(delayed(function)(*listed[i]) for i in todo)
     if what:

@@ -84,7 +84,7 @@ def solve_for(
     return found or _searched(G, w, target, values, limits, made)
 
 
-def searched(stage: Solution, values: Mapping[Any, Any], limits: tuple[Any, Any] = (-FAR, FAR)) -> Any:
+def searched(stage: Solution, values: Mapping[Any, Any], limits: tuple[Any, Any]) -> Any:
     """Return the solution of a stage that is nearest to its last value, by a root finder that looks between limits."""
     w = sp.Dummy("w", real=True)
     made = {"unknown": stage.unknown, "target": stage.target, "expr": stage.expr, "last": stage.last}

@@ -172,17 +172,13 @@ def fleet(
         Told how many records were done already.
     """
     check_kind(settings.base)
-    done = 0
 
     def holds(row: Row) -> bool:
-        """Whether the report of a row that was kept is still there; those that hold are counted."""
-        nonlocal done
-        there = settings.reports is None or not row["report"] or (settings.reports / row["report"]).is_file()
-        done += there
-        return there
+        """Whether the report of a row that was kept is still there."""
+        return settings.reports is None or not row["report"] or (settings.reports / row["report"]).is_file()
 
-    rows = sweep(look, [(entry, settings) for entry in listed], f"Diagnosing {len(listed)} records", jobs, holds)
-    resumed(done)
+    calls, what = [(entry, settings) for entry in listed], f"Diagnosing {len(listed)} records"
+    rows = sweep(look, calls, what, jobs, holds, resumed)
     return sorted(rows, key=lambda r: (bool(r["problem"]), -r["explained"], r["tag"], r["file"]))
 
 

@@ -132,8 +132,9 @@ def _same(r: Array, x: Array) -> bool:
 def feedback(record: Record) -> Feedback:
     """Ask the longest segment of a record whether its input answers its output."""
     part = max(record.segments(), key=len)[:LONG]
-    u, y, r = part.u, part.y, setpoint(part)
-    given, rests, leads = r is not None, r is not None and not np.ptp(r), 0.0 if r is None else led(u, r)
+    wanted = setpoint(part)
+    u, y, r = part.u, part.y, wanted
+    given, rests = wanted is not None, wanted is not None and not np.ptp(wanted)
     moves = np.flatnonzero(np.diff(u)) + 1
     if 2 * moves.size < u.size:  # what is held in between answers when it moves
         u, y, r = u[moves], y[moves], None if r is None else r[moves]
@@ -162,6 +163,7 @@ def feedback(record: Record) -> Feedback:
         quick, own_order = _answers(slow_u, slow_y, fast, line)
         newest = usual_size(both) < CAUSED * late  # else it is no answer at once
         found = not exact and quick and newest and ((own_order and left < SURE) or _opposes(u, y, fast[0]))
+    leads = 0.0 if wanted is None or rests else led(part.u, wanted)
     return Feedback(bool(found), float(fresh), float(min(left, 1.0)), given, leads, rests)
 
 
