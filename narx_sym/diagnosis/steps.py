@@ -27,7 +27,7 @@ from .table.row import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, alike, nothing_named, removes, verdict, winner
 
 NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
-REPEATED = "repeated periods"  # the kind that is sure
+REPEATED, ESTIMATE = "repeated periods", "estimate"  # the kind that is sure, and the other one
 
 
 @dataclass
@@ -78,9 +78,11 @@ class Step:
 
     def hear(self, sensor: float) -> None:
         """Take in the sensor's noise [unit of y]: no model removes it, and none leaves less than the last one did."""
-        self.sensor = sensor
+        self.sensor, left = sensor, float(np.sqrt(self.last.mean_square(self.base.split.held)))
+        if self.floor_kind == REPEATED and left**2 < np.exp(-ALIKE) * self.floor**2:
+            self.floor_kind = ESTIMATE  # what a model tells is no noise, though it does not repeat
         if self.floor_kind != REPEATED:
-            self.floor = min(max(self.floor, sensor), float(np.sqrt(self.last.mean_square(self.base.split.held))))
+            self.floor = min(max(self.floor, sensor), left)
 
     def decide(self, base: Model | None, seed: int, limits: tuple[float, float] | None) -> None:
         """Propose the input that tells the confusion set apart; a `base` in it has a model of its own."""
@@ -297,7 +299,7 @@ def step(
     floor = float(np.mean(np.concatenate(repeats) ** 2)) if repeats else base.mean_square(base.split.held)
     made = Step(
         base, "", [], [], float(np.sqrt(floor * (1 if repeats else 1 - scored.structure))),
-        REPEATED if repeats else "estimate", scored.scores.p_value, detectable(scored), absorbed(scored),
+        REPEATED if repeats else ESTIMATE, scored.scores.p_value, detectable(scored), absorbed(scored),
         loop=loop,
     )  # fmt: skip
     seen = made.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)

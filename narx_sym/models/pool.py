@@ -16,6 +16,7 @@ from ..symbolic.functions import TABLE
 from ..symbolic.identities import canonical, independent
 from ..symbolic.signals import differences, k, signal, u, y
 from . import assumptions
+from .extend import RESERVED
 from .info import whole
 
 MAX_POOL = 20_000
@@ -29,7 +30,15 @@ def lagged(lags: Mapping[str, Any], named: Mapping[str, Any] | None = None) -> l
     ----------
     lags : mapping from names to an int (the largest lag), a range or a list
     named : sequences that have other names than their own
+
+    Raises
+    ------
+    ModelError
+        For a name that means something else in equations.
     """
+    taken = [n for n in lags if n in RESERVED and n not in ("u", "y", *(named or ()))]
+    if taken:
+        raise ModelError(f"{taken[0]!r} means something else in equations: give that channel another name.")
     steps = {n: range(n == "y", w + 1) if isinstance(w, int) else w for n, w in lags.items()}
     return [((named or {}).get(n) or signal(n))[k - i] for n, listed in steps.items() for i in listed]
 

@@ -229,11 +229,16 @@ def fall(diagnosis: Diagnosis, units: Units) -> str:
     return " ".join(filter(None, (_falls(diagnosis, units), _sealed(diagnosis, units))))
 
 
+def _beyond(rung: Mapping[str, Any]) -> bool:
+    """Whether a model is clearly worse on the last samples than on those that are shown first."""
+    return bool(rung["sealed"] > BEYOND * max(rung["train"], rung["validation"]))
+
+
 def _sealed(diagnosis: Diagnosis, units: Units) -> str:
     """Say the error on the sealed samples where it is clearly larger than those that are shown first."""
     rungs = diagnosis.ladder
     last = rungs[-1]
-    if len(rungs) < 2 or last["sealed"] <= BEYOND * max(last["train"], last["validation"]):
+    if len(rungs) < 2 or not _beyond(last):
         return ""
     size, unit = last["sealed"] * diagnosis.steps[0].base.problem.spread, units.get("y") or "(unit of y)"
     name = _added(diagnosis)
@@ -247,7 +252,8 @@ def _falls(diagnosis: Diagnosis, units: Units) -> str:
     ratio = before / max(after, 1e-300)
     change = f"{number(ratio, 2)} times smaller" if ratio > 1 else f"{number(1 / ratio, 2)} times larger"
     moves = "falls" if ratio > 1 else "rises"
-    at = after <= AT_FLOOR * diagnosis.floor and diagnosis.steps[0].verdict != "helps_but_incomplete"
+    enough = diagnosis.steps[0].verdict != "helps_but_incomplete" and not _beyond(rungs[-1])
+    at = enough and after <= AT_FLOOR * diagnosis.floor
     floor = f", at the noise floor of {number(diagnosis.floor)} {unit}" if at else ""
     if pair is None or set(pair.effects) <= {e for step in diagnosis.steps for e in step.added}:
         return f"The error {moves} from {number(before)} to {number(after)} {unit}: {change}{floor}."

@@ -36,6 +36,11 @@ def moved(step):
     return y
 
 
+def followed(u, most):
+    """What follows an input by no more than that from sample to sample."""
+    return moved(lambda y, v, i: y + np.clip(u[i] - y, -most, most))
+
+
 def soft(d, f):
     """What is left of a push d that f holds."""
     return np.sign(d) * max(abs(d) - f, 0.0)
@@ -55,6 +60,8 @@ def changed(u, name):
         "offset": lambda: lagged(u) + 0.2,
         "inertia": lambda: lagged(lagged(u)),
         "input_delay": lambda: lagged(np.concatenate([np.zeros(3), u[:-3]])),
+        "rate_limit": lambda: lagged(followed(u, 0.08)),
+        "uneven_speed": lambda: moved(lambda y, v, i: y + (0.1 if u[i - 1] > y else 0.06) * (u[i - 1] - y)),
         "rate_dependence": lambda: lagged(u + 3.0 * np.diff(u, prepend=0.0)),
     }[name]()
 

@@ -57,6 +57,9 @@ EFFECTS = {
     ("cubic_gain", "input", "u", ""): (0.01, 0.3),
     ("input_delay", "input", "u", ""): (0.05, 0.3),
     ("rate_dependence", "input", "u", ""): (0.05, 0.8),
+    ("rate_limit", "input", "u", ""): (0.05, 0.8),
+    ("rate_limit", "input", "u", "two speeds"): (0.05, 0.8),
+    ("uneven_speed", "motion", "y", ""): (-0.3, 0.5),
     ("ageing", "input", "t", ""): (-0.1, 0.1),
     ("channel_gain:temp", "input", "channel", ""): (-0.4, 0.4),
     ("hysteresis", "input", "u", "Bouc-Wen"): (-0.3, 0.3),
@@ -85,6 +88,7 @@ EFFECTS = {
     ("coulomb_friction", "motion", "y", "holding"): (0.05, 0.5),
     ("stiction", "motion", "y", ""): (0.05, 0.5),
     ("end_stop", "motion", "y", "rigid upper"): (0.05, 0.5),
+    ("end_stop", "motion", "y", "rigid both sides"): (0.05, 0.5),
     ("output_limit", "sensor", "y", "both sides"): (0.05, 0.5),
     ("absolute_sensor", "sensor", "y", ""): (0.01, 0.05),
 }

@@ -60,8 +60,8 @@ RECORDS = {name: record_of(base) for name, base in BASES.items()}
 
 def valued(added, base, c=0.0):
     """Put values in: the base's, c for every coefficient, shapes inside the range of the signals."""
-    sizes = {"tau": 0.05, "f": 3.0, "b": 0.7, "d": 1.1}
-    shapes = [sizes.get(str(s).split("_")[0], 0.25) for s in added.shape]
+    sizes = {"tau": 0.05, "f": 3.0, "b": 0.7, "d": 1.1, "r_rate_limit": 0.02, "e_rate_limit": 0.03}
+    shapes = [sizes.get(str(s), sizes.get(str(s).split("_")[0], 0.25)) for s in added.shape]
     given = dict.fromkeys(added.coefficients, c) | dict(zip(added.shape, shapes, strict=True))
     given |= dict(zip(base.symbols, base.theta, strict=True))
     return added.model.replace(theta=[given[s] for s in added.model.symbols])

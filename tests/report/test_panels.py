@@ -158,6 +158,7 @@ def test_an_error_that_is_larger_on_the_sealed_samples_is_told(stage_diagnosis):
     assert after["sealed"] == pytest.approx(3 * before["sealed"]) and after["train"] == before["train"]
     size = number(after["sealed"] * first.base.problem.spread)
     said = words.fall(found, STAGE_UNITS)
+    assert "at the noise floor" in words.fall(stage_diagnosis, STAGE_UNITS) and "floor" not in said
     assert said.endswith(f"On the last samples, which took no part in its fit, the error with backlash is {size} mm.")
 
 
@@ -212,6 +213,16 @@ def test_no_noise_is_more_than_what_is_left(stage_diagnosis):
     assert "the sensor" not in said[0.03].sentence({})
     spread = first.base.problem.spread
     assert said[0.03].to_dict(None)["base"]["nrmse"]["sensor_noise"] == pytest.approx(0.02 / spread)
+
+
+def test_repeated_periods_are_no_floor_where_a_model_leaves_less(stage_diagnosis):
+    """What a machine does by itself does not repeat with its input, and is no noise."""
+    first = stage_diagnosis.steps[0]
+    left = float(np.sqrt(first.last.mean_square(first.base.split.held)))
+    for floor, kept in ((0.5 * left, True), (1.04 * left, True), (3 * left, False)):
+        step = replace(first, floor=floor, floor_kind="repeated periods")
+        step.hear(0.1 * left)
+        assert (step.floor, step.floor_kind) == ((floor, "repeated periods") if kept else (left, "estimate"))
 
 
 def test_a_pair_of_which_neither_helps_by_itself_adds_nothing_and_says_so(stage_diagnosis):

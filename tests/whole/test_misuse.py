@@ -67,6 +67,7 @@ WRONG = {
     "lag as text": (lambda: ns.identify(RECORD, n_y="1"), "n_y must be a whole number"),
     "half a lag": (lambda: ns.identify(RECORD, n_u=1.5), "n_u must be a whole number"),
     "delay as text": (lambda: ns.diagnose(MODEL, RECORD, delay="a"), "delay must be a whole number"),
+    "a channel like the reference": (lambda: ns.identify(RECORD, base="linear", lags={"r": 1}), "another name"),
     "lags as a list": (lambda: ns.identify(RECORD, lags=["w"]), "must be a mapping"),
     "channels as a list": (lambda: DRIVEN.simulate(U, 0.0, [U]), "must be a mapping"),
     "channels of a record": (lambda: ns.Record.from_arrays(U, Y, TS, channels=[U]), "must be a mapping"),

@@ -20,7 +20,7 @@ from .directions import Direction, Linearised
 from .products import Left
 
 Array = np.ndarray
-TRIED = 8  # effects that are looked at closer, of all that might be half of a pair, or its other half
+TRIED = 10  # effects that are looked at closer, of all that might be half of a pair, or its other half
 FORMS_TRIED, HALF = 2, 0.5  # forms of each that explain half of its best
 
 

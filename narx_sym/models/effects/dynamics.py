@@ -6,9 +6,12 @@ from typing import Any
 
 import sympy as sp
 
+from ...symbolic.functions import within
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
 from ._effect import STEPS, TIME, Form, Scan, effect
+
+REACHED = Scan("speed", (0.2, 0.5, 1.0, 2.0))  # a limit that is never reached is not seen
 
 
 def lag_of(x: Any, w: Any, tau: Any, Ts: Any) -> State:
@@ -34,6 +37,38 @@ def rate_dependence(x: Any, tau: Any, Ts: Any) -> Form:
     """A lag before the actuator (amplifier, eddy currents): fast inputs arrive late and small."""
     w = signal("w")
     return Form((w[k] - x[k],), (lag_of(x, w, tau, Ts),))
+
+
+def limit_of_speed(speeds: tuple[str, ...], form: str = "") -> Any:
+    """Declare one form of a rate limit, with the names of its limits."""
+    return effect(
+        "input", scan=dict.fromkeys(speeds, REACHED), unit=dict.fromkeys(speeds, "unit of the driver per sample"),
+        sign=1, full=True, id="rate_limit", form=form, source="Gelb & Vander Velde 1968 (velocity-limited servo)",
+    )  # fmt: skip
+
+
+def no_faster(x: Any, down: Any, up: Any) -> Form:
+    """Follow a sequence, no faster: the twin of the play, which follows it no nearer."""
+    w = signal("w")
+    return Form((w[k] - x[k],), (State(w[k], within(x[k], w[k - 1] - down, w[k - 1] + up), x[k]),))
+
+
+@limit_of_speed(("r",))
+def rate_limit(x: Any, r: Any) -> Form:
+    """A limit of speed: the actuator follows its input no faster than a motor that runs at one speed."""
+    return no_faster(x, r, r)
+
+
+@limit_of_speed(("r", "e"), "two speeds")
+def two_rate_limits(x: Any, r: Any, e: Any) -> Form:
+    """A limit of speed: the actuator follows its input no faster than a motor that runs at one speed."""
+    return no_faster(x, e, r)
+
+
+@effect({"motion": "y"}, source="Beater 2007 (a pneumatic drive fills and empties at different speeds)")
+def uneven_speed(x: Any) -> Any:
+    """Another speed up than down: it opens faster than it closes, or the other way round."""
+    return sp.Min(x[k], 0)
 
 
 @effect(

@@ -6,6 +6,7 @@ from typing import Any
 
 import sympy as sp
 
+from ...symbolic.functions import within
 from ...symbolic.signals import k
 from ._effect import AMPLITUDE, Scan, clip, effect
 
@@ -97,15 +98,15 @@ def quadratic_spring(x: Any) -> Any:
     return x[k] ** 2
 
 
-def stop(form: str, **given: Any) -> Any:
-    """Declare one form of an end stop."""
-    places, sentence = (
-        given.pop("places", {"inside": "y"}),
-        ("An end stop, or a spring on one side: beyond a position something pushes back (in a tank: what overflows)."),
+def stop(form: str, limits: str = "r", **given: Any) -> Any:
+    """Declare one form of an end stop, with the names of its limits."""
+    scan, unit = dict.fromkeys(limits, REACHED), dict.fromkeys(limits, LIMIT["r"])
+    sentence = (
+        "An end stop, or a spring on one side: beyond a position something pushes back (in a tank: what overflows)."
     )
     return effect(
-        places, scan={"r": REACHED}, sign=1, unit=LIMIT, id="end_stop", form=form, sentence=sentence,
-        source="Shaw & Holmes 1983", **given,
+        given.pop("places", {"inside": "y"}), scan=scan, sign=1, unit=unit, id="end_stop", form=form,
+        sentence=sentence, source="Shaw & Holmes 1983", **given,
     )  # fmt: skip
 
 
@@ -137,6 +138,13 @@ def rigid_upper_stop(x: Any, y: Any, r: Any) -> Any:
 def rigid_lower_stop(x: Any, y: Any, r: Any) -> Any:
     """y[k] = Max(free[k], -r)."""
     return sp.Max(-r - y[k - 1] - x[k], 0)
+
+
+@stop("rigid both sides", limits="re", places={"motion": "y"}, full=True)
+def rigid_stops(x: Any, y: Any, r: Any, e: Any) -> Any:
+    """y[k] = free[k] between -e and r."""
+    free = y[k - 1] + x[k]
+    return within(free, -e, r) - free
 
 
 @effect(
