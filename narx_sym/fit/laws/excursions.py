@@ -303,7 +303,8 @@ def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None, 
     unstable = visit.sentence(law.model.Ts) if visit is not None and visit.unstable else ""
     if "u" in ranges and (out := leaves(law.model.info, "u", "compensated input", [m])):
         if excess(m, *ranges["u"]) > 10:
-            raise Diverged(f"The law runs away: {out}; {unstable or 'check m0 and the reference'}.")
+            advice = "check m0 and the reference, or give the limits of the input"
+            raise Diverged(f"The law runs away: {out}; {unstable or advice}.")
         found.append(out)
     return [*found, unstable] if visit is not None and visit.noteworthy else found
 
