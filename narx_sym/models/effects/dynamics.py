@@ -1,4 +1,4 @@
-"""Linear dynamics that a base may lack: lags, delays, creep."""
+"""Dynamics that a base may lack: lags, delays, creep, limits of speed."""
 
 from __future__ import annotations
 
