@@ -6,7 +6,6 @@ from sampling import more, some
 from scipy.signal import lfilter
 
 import narx_sym as ns
-from narx_sym.diagnosis.procedure import diagnose
 
 N, Ts = 1200, 0.01
 
@@ -45,7 +44,7 @@ def servo(w):
 
 def found(u, y):
     record = ns.Record.from_arrays(u, y + 0.01 * y.std() * np.random.default_rng(1).standard_normal(N), Ts)
-    return diagnose(ns.identify(record, base="linear"), record)
+    return ns.diagnose(ns.identify(record, base="linear"), record)
 
 
 @pytest.mark.parametrize(

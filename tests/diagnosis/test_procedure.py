@@ -366,8 +366,9 @@ def test_tanks_flow_over():
     """Its test is a record of its own; a dead zone stands for the root of the level."""
     train, test = (ns.read(SHARED / "cascaded_tanks" / name) for name in ("train.csv", "test.csv"))
     first = ns.diagnose(ns.identify(train, base="linear"), train).steps[0]
-    assert first.pair.effects[0] == "end_stop" and "hysteresis" not in first.pair.effects
+    assert first.pair.effects == ("end_stop", "dead_zone")
     both = first.pair.fitted.model
+    assert both.effects[0].form == "rigid both sides"
     assert ns.evaluate(both, test).free_run_nrmse < 0.6 * ns.evaluate(first.base.model, test).free_run_nrmse
 
 

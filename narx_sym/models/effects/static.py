@@ -98,7 +98,7 @@ def quadratic_spring(x: Any) -> Any:
     return x[k] ** 2
 
 
-def stop(form: str, limits: str = "r", **given: Any) -> Any:
+def stop(form: str, limits: tuple[str, ...] = ("r",), **given: Any) -> Any:
     """Declare one form of an end stop, with the names of its limits."""
     scan, unit = dict.fromkeys(limits, REACHED), dict.fromkeys(limits, LIMIT["r"])
     sentence = (
@@ -140,7 +140,7 @@ def rigid_lower_stop(x: Any, y: Any, r: Any) -> Any:
     return sp.Max(-r - y[k - 1] - x[k], 0)
 
 
-@stop("rigid both sides", limits="re", places={"motion": "y"}, full=True)
+@stop("rigid both sides", limits=("r", "e"), places={"motion": "y"}, full=True)
 def rigid_stops(x: Any, y: Any, r: Any, e: Any) -> Any:
     """y[k] = free[k] between -e and r."""
     free = y[k - 1] + x[k]
