@@ -66,7 +66,8 @@ print(f"free-run error of the record's range: {before.free_run_mape:.3g} % befor
 # %% [markdown]
 # ## How it decides
 # Every effect is a direction: the derivative of the free run with respect to its coefficient, derived by SymPy for each
-# place where it may act (at the input, inside, on the motion, at the output, at the sensor) and compiled. What a refit
+# place where it may act (at the input, as a force or inside, on the motion, in a friction, at the output, at the
+# sensor) and compiled. What a refit
 # of the base could absorb is projected out. The gate tests all effects and shapes at once against simulated maxima,
 # after whitening with a noise model. Then each form of each effect is fitted in free run beside cores of several orders
 # and delays, judged on held-out blocks, and stands in one table with the cores that have no effect. One price decides:

@@ -34,7 +34,8 @@ def add(
     data: DataFiles,
     out: Annotated[Path, typer.Option("--out", help="Where to write the model with the effect.")],
     where: Annotated[
-        str | None, typer.Option(help="input, inside, motion, output or sensor (default: what fits best).")
+        str | None,
+        typer.Option(help="input, force, inside, motion, friction, output or sensor (default: what fits best)."),
     ] = None,
     seed: Seed = 0,
     effects: EffectFiles = None,

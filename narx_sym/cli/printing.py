@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 # Heavy modules are imported inside the functions: `narx-sym --help` answers at once.
@@ -246,11 +245,3 @@ def print_detectable(step: Any, units: dict[str, str]) -> None:
         )
     if step.absorbed:
         console().print(f"A refit of the base absorbs: {', '.join(step.absorbed)}.", markup=False)
-
-
-def print_next(written: str | None, path: Path | None) -> None:
-    """Say where the input of the next experiment is."""
-    if written:
-        console().print(f"The input of the next experiment: {path}")
-    else:
-        console().print("To write the input of the next experiment: --experiment next.csv")

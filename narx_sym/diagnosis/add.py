@@ -15,7 +15,7 @@ from ..fit.simulate import Records
 from ..models.effects import EFFECTS, Catalogue
 from ..models.extend import find
 from ..models.model import Model
-from .refit import Fitted, Split, settle
+from .refit import Fitted, Split, settle, whole
 from .screening.scored import screen, shortlist
 from .table.candidates import Candidate
 from .table.hypotheses import written
@@ -54,7 +54,7 @@ class Addition:
         listed = prepare(records, self.model.info.units)
         split = Split.whole(listed)
         if isinstance(self.effect, Candidate):
-            fitted = settle(self.effect.model, split, limits=self.effect.fitted.limits, steps=FINAL)
+            fitted = whole(settle(self.effect.model, split, limits=self.effect.fitted.limits, steps=FINAL))
         else:
             with one_blas_thread():
                 fitted = self._search(split, seed, progress)
@@ -79,4 +79,4 @@ class Addition:
         best = min(map(search.finish, found), key=lambda row: row.price)
         model = written(best.hypothesis, base.model)
         theta = np.array(best.frame.theta(best.values, best.hypothesis.core))
-        return settle(model, split, theta, best.frame.limits(model))
+        return whole(settle(model, split, theta, best.frame.limits(model)))

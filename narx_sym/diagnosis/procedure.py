@@ -156,8 +156,7 @@ class Diagnosis(DiagnosisDoors):
         return [
             {
                 "effect": c.effect, "where": c.where, "share": c.share, "low": c.interval[0], "high": c.interval[1],
-                "before": float(np.sqrt(c.before)) / self.steps[0].base.problem.spread,
-                "nrmse": c.nrmse["validation"], "p_value": c.p_value,
+                "before": c.nrmse["base"], "nrmse": c.nrmse["validation"], "p_value": c.p_value,
                 "in_confusion_set": c.effect in self.confusion_set,
                 "parameters": ", ".join(f"{n} = {v:.4g}" for n, v in c.parameters.items()),
             }

@@ -36,7 +36,7 @@ def effect_to_dict(one: AddedEffect) -> dict[str, Any]:
     """Return an added effect as plain data."""
     named = {n: {own: str(s) for own, s in getattr(one, n).items()} for n in ("coefficients", "shape")}
     return {n: getattr(one, n) for n in ("effect", "form", "where", "driver", "group")} | named | {
-        "fixed": dict(one.fixed)
+        "fixed": dict(one.fixed), "full": one.full,
     }  # fmt: skip
 
 
@@ -151,7 +151,10 @@ def read_effects(listed: Any, symbols: Mapping[str, Any]) -> list[AddedEffect]:
             raise ModelError("'effects': 'fixed' must be an object of whole numbers.")
         made: dict[str, Any] = {n: one[n] for n in ("effect", "form", "where", "driver", "group") if n in one}
         made |= {n: {o: symbols[s] for o, s in one.get(n, {}).items()} for n in ("coefficients", "shape")}
-        found.append(AddedEffect(**made, fixed={n: int(v) for n, v in fixed.items()}))
+        full = one.get("full", False)
+        if not isinstance(full, bool):
+            raise ModelError("'effects': 'full' must be true or false.")
+        found.append(AddedEffect(**made, fixed={n: int(v) for n, v in fixed.items()}, full=full))
     return found
 
 

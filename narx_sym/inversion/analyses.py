@@ -263,7 +263,8 @@ def dynamics(subject: Subject) -> Finding:
     lines = [f"attracting where {shown(internal.condition)}"]
     if subject.model.values:
         region = internal.region
-        lines.append("repelling nowhere" if region is sp.false else f"repelling where {shown(region)}")
+        everywhere = {sp.false: "repelling nowhere", sp.true: "repelling everywhere"}
+        lines.append(everywhere.get(region) or f"repelling where {shown(region)}")
     return Finding([*lines, *(f"{d} = {shown(turn)}" for d, turn in internal.turns.items())])
 
 

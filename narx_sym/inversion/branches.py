@@ -167,7 +167,7 @@ def _inverse_function(G: Any, w: Any, target: Any, values: Mapping[Any, Any], ma
     inner = core.args[0]
     scale = derivative(inner, w)
     size = number(factor, values)
-    if scale.has(w) or size is None or size == 0 or (values and number(scale, values) in (None, 0)):
+    if scale.has(w) or size is None or size == 0 or number(scale, values) in (None, 0):
         return None
     low, high = row.values
     wanted = (target - beside) / factor

@@ -23,18 +23,16 @@ def _addends(model: Model) -> list[tuple[Any, Any]]:
 
 
 def offending(model: Model) -> list[tuple[Any, Any]]:
-    """Return the terms that violate Assumption A1(i), each also with its coefficient in the user's units."""
+    """Return the terms that violate Assumption A1(i), each also with its coefficient in the user's units.
+
+    They contain u[k - tau_d] other than linearly with a constant coefficient.
+    """
     latest = model.input[k - newest_input(model)]
     return [
         (term, written)
         for term, written in _addends(model)
         if (written.has(latest) and samples(derivative(written, latest))) or _hidden(written, latest)
     ]
-
-
-def offending_terms(model: Model) -> list[Any]:
-    """Return the terms that contain u[k - tau_d] other than linearly with a constant coefficient (Assumption A1(i))."""
-    return [term for term, _ in offending(model)]
 
 
 def _hidden(expr: Any, sample: Any) -> bool:

@@ -145,15 +145,17 @@ def _jump(G: Any, w: Any, at: Any, values: Mapping[Any, Any]) -> float:
     Raises
     ------
     Undecided
-        Where that depends on samples.
+        Where that depends on samples, and for a step inside a step.
     """
-    turned = {}
-    for node in (n for n in nodes_of(G, w) if isinstance(n, (sp.sign, sp.Heaviside))):
+    turned, jumping = {}, [n for n in nodes_of(G, w) if isinstance(n, (sp.sign, sp.Heaviside))]
+    for node in jumping:
         for place, direction in switching_of(node, w, values):
             if same(place, at, values):
                 turned[node] = direction if isinstance(node, sp.sign) else direction / 2
     if not turned:
         return 0.0
+    if any(n != other and (n.has(other) or other.has(n)) for n in turned for other in jumping):
+        raise Undecided
     held = {n: sp.Dummy(real=True) for n in turned}
     change = sp.expand(sum(derivative(G.xreplace(held), held[n]) * 2 * sp.Float(s) for n, s in turned.items()))
     size = None if change.has(w) else number(change, values)

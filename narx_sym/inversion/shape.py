@@ -283,7 +283,7 @@ def bounds(e: Any, w: Any, values: Mapping[Any, Any]) -> Bounds:
     if e.is_Add:
         return sum(p[0] for p in parts), sum(p[1] for p in parts)
     if e.is_Mul:
-        return _product(e, parts)
+        return _product(parts)
     if e.is_Pow:
         return _power(parts[0], e.exp)
     if isinstance(e, sp.Piecewise):
@@ -292,7 +292,7 @@ def bounds(e: Any, w: Any, values: Mapping[Any, Any]) -> Bounds:
     return _function(e, parts)
 
 
-def _product(e: Any, parts: list[Bounds]) -> Bounds:
+def _product(parts: list[Bounds]) -> Bounds:
     low, high = 1.0, 1.0
     for one in parts:
         ends = [0.0 if a == 0 or b == 0 else a * b for a in (low, high) for b in one]

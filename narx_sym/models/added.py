@@ -39,6 +39,8 @@ class AddedEffect:
     group : of the states that it remembers
     coefficients, shape : mappings from the effect's own names, such as "c" and "r", to the model's symbols
     fixed : mapping from shape parameters in whole samples to their values
+    full : bool
+        Whether a coefficient of 1 is the whole effect, a smaller one a share of it; without a coefficient it is whole.
     """
 
     effect: str
@@ -49,6 +51,7 @@ class AddedEffect:
     coefficients: Mapping[str, Any] = field(default_factory=dict)
     shape: Mapping[str, Any] = field(default_factory=dict)
     fixed: Mapping[str, int] = field(default_factory=dict)
+    full: bool = False
 
     @property
     def symbols(self) -> dict[str, Any]:
@@ -62,9 +65,9 @@ class AddedEffect:
 
 
 def newer(model: Any, before: Any) -> list[AddedEffect]:
-    """Return the effects of a model that an earlier one has not, by their coefficients."""
-    known = {c for e in before.effects for c in e.coefficients.values()}
-    return [e for e in model.effects if not known & set(e.coefficients.values())]
+    """Return the effects of a model that an earlier one has not, by their groups."""
+    known = {e.group for e in before.effects}
+    return [e for e in model.effects if e.group not in known]
 
 
 def starts(model: Any) -> dict[Any, Any]:

@@ -274,8 +274,9 @@ def extend(model: Model, variant: Variant) -> Extended:
     name = variant.id.replace(":", "_")
     names = {str(s) for s in model.symbols}
     signals = {*model.channels, variant.channel, *(s.left.base.name for s in model.states)}
+    groups = {e.group for e in model.effects}
     suffix, count = name, 1
-    while any(n.endswith(f"_{suffix}") for n in names) or signals & _new_names(variant, suffix):
+    while suffix in groups or any(n.endswith(f"_{suffix}") for n in names) or signals & _new_names(variant, suffix):
         count += 1
         suffix = f"{name}{count}"
     form = equations(model, variant, suffix, [s.left.base for s in model.states])
@@ -290,7 +291,7 @@ def extend(model: Model, variant: Variant) -> Extended:
     own = [f"c{i + 1 if many else ''}" for i in range(len(cs))]
     added = AddedEffect(
         variant.id, variant.effect.form, variant.where, variant.driver, suffix, dict(zip(own, cs, strict=True)),
-        dict(zip(variant.shape, shapes, strict=True)), dict(variant.fixed),
+        dict(zip(variant.shape, shapes, strict=True)), dict(variant.fixed), variant.effect.full,
     )  # fmt: skip
     made = model.replace(
         F=F, symbols=(*model.symbols, *cs, *shapes), states=states, constraints=written_constraints(model),

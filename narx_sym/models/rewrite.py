@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import sympy as sp
@@ -139,18 +139,26 @@ def smooth(model: Model, eps: Any = None, form: Any = "tanh") -> Any:
 
 def without(model: Model, symbols: Iterable[Any]) -> Model:
     """Return a model that lacks some terms: their coefficients are zero and gone; so is what only they needed."""
-    gone = dict.fromkeys(symbols, sp.S.Zero)
-    states = [s.map(lambda e: e.xreplace(gone)) for s in model.states]
-    F = model.F.xreplace(gone)
+    return held(model, dict.fromkeys(symbols, sp.S.Zero))
+
+
+def held(model: Model, known: Mapping[Any, Any]) -> Model:
+    """Return a model in which some parameters are numbers, and gone; so is what only they needed.
+
+    An effect is gone where none of its coefficients is left or a number other than zero.
+    """
+    states = [s.map(lambda e: e.xreplace(known)) for s in model.states]
+    F = model.F.xreplace(known)
     needed = Graph.of([*((s.left, s.right) for s in states), (model.output[k], F)]).reached(model.output)
     states = [s for s in states if s.left.base in needed]
     left = set().union(F.free_symbols, *(s.right.free_symbols for s in states))
     kept = tuple(s for s in model.symbols if s in left)
     constraints = [
-        c if isinstance(c, str) else sp.Eq(c.lhs.xreplace(gone), c.rhs.xreplace(gone)) for c in model.constraints
+        c if isinstance(c, str) else sp.Eq(c.lhs.xreplace(known), c.rhs.xreplace(known)) for c in model.constraints
     ]
     values = dict(zip(model.symbols, model.numbers or (), strict=bool(model.numbers)))
-    effects = [part for e in model.effects if (part := e.among(kept)).coefficients]
+    acting = {*kept, *(s for s, number in known.items() if number != 0)}
+    effects = [e.among(kept) for e in model.effects if not e.coefficients or acting & set(e.coefficients.values())]
     return model.replace(
         F=F, symbols=kept, states=states, constraints=[c for c in constraints if c != sp.true],
         theta=[values[s] for s in kept] if values else None, info=Info(units=model.info.units), effects=effects,

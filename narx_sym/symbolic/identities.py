@@ -6,7 +6,7 @@ input rests (sign(0)^2 = 0) and would change Sigma_y.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -158,7 +158,7 @@ def vanishes(expr: Any) -> bool:
     return bool(sp.expand(sp.fraction(sp.together(exact))[0]) == 0 or sp.simplify(exact) == 0)
 
 
-def independent(terms: Sequence[Any], protect: Iterable[Any] = ()) -> tuple[list[Any], dict[Any, str]]:
+def independent(terms: Sequence[Any]) -> tuple[list[Any], dict[Any, str]]:
     """Keep the terms that are linearly independent of those before them.
 
     Returns

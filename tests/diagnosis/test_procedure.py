@@ -267,8 +267,8 @@ def test_a_pair_is_found_together(pair):
     first = d.steps[0]
     assert set(first.pair.effects) == set(first.added) == {"saturation", "creep"}
     assert d.verdict == "helps_but_incomplete"  # no single effect is enough
-    alone = min(c.mean_square for c in first.candidates)
-    assert first.pair.mean_square < 0.75 * alone
+    alone = min(c.nrmse["validation"] for c in first.candidates) * first.base.problem.spread
+    assert first.pair.mean_square < 0.75 * alone**2
     assert np.sqrt(first.chosen.mean_square(first.base.split.held)) < WORST * noise
     assert {e.effect for e in d.model.effects} == {"saturation", "creep"}
 

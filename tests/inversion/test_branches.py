@@ -278,6 +278,13 @@ def test_numbers_in_which_samples_cancel():
         (["y[k-1]", "u[k-1]*abs(u[k-1])"], [0.5, 1.0], "exactly one m[k] for every r[k+1] (proved)"),
         (["y[k-1]", "u[k-1]", "y[k-1]*u[k-1]**2"], [0.5, 1.0, 0.2], "none, one or two"),
         (["y[k-1]", "log(u[k-1])"], [0.5, -1.0], "exactly one m[k] for every r[k+1] (proved)"),
+        (["y[k-1]", "tanh(y[k-1]*u[k-1])"], [0.5, 1.0], "not proved"),  # at y = 0 no input acts
+        # A step inside a step: 0.2 from rest is given by -0.4 and by 0.65.
+        (
+            ["y[k-1]", "u[k-1]", "sign(0.5+sign(u[k-1]-u[k-2]))", "Max(0,u[k-1]-0.2)", "Max(0,u[k-1]-y[k-1])"],
+            [0.5, 1.0, -0.6, 0.2, 0.1],
+            "not proved",
+        ),
     ],
 )
 def test_a_proof_says_what_brute_force_finds(terms, theta, said):

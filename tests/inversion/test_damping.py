@@ -93,6 +93,19 @@ def test_what_does_not_ring_is_left_as_it_is(law):
     assert (quietly(law, goal, 3.0, clip=True) == quietly(law, goal, 3.0, clip=True, share=None)).all()
 
 
+@pytest.mark.parametrize("zero", (0.98, 1.0, 1.02, 1.035, 1.5))
+def test_what_grows_without_turning_back_does_not_ring(zero):
+    """A zero at 1.02, of a machine that first goes the other way: no part of the way would cure it."""
+    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, -zero]).compensator()
+    assert law.share() == 1 and not law.damping().rings
+
+
+def test_how_long_it_rings_is_a_least_where_it_is_not_seen_to_end():
+    for zero, said in ((-0.9, "lasts for 4"), (-0.99, "lasts for at least"), (-1.02, "lasts for at least")):
+        law = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, -zero]).compensator()
+        assert said in law.damping().sentence
+
+
 @pytest.mark.skipif(gcc is None, reason="no gcc in PATH")
 def test_the_source_is_damped_too(tmp_path):
     law, goal = ringing(-1.1).compensator(), wave(600)

@@ -258,6 +258,14 @@ def test_the_operating_range_is_a_band_around_the_line():
     assert operating_range(inverse).shares == {"rising": 0.0, "falling": 1.0}
 
 
+def test_a_law_that_repels_everywhere_has_no_elsewhere():
+    """A zero at 1.02: nothing shrinks again."""
+    info = Info(ranges={"u": (2.0, 4.0), "y": (2.0, 4.0)}, line=(0.0, 1.0), band=0.2)
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, -1.02], Ts=0.01).replace(info=info)
+    said = operating_range(model.compensator()).sentence
+    assert "repel in all of the operating range" in said and "elsewhere" not in said and "short visit" not in said
+
+
 def test_the_band_of_a_fit(tmp_path):
     u = ns.plants.filtered_noise(N=3000, Ts=0.01, cutoff=0.5, seed=2)
     record = ns.Record.from_arrays(u, ns.plants.bouc_wen(u, Ts=0.01), Ts=0.01)

@@ -98,8 +98,8 @@ class Experiment:
         if not self.visible:
             within = f"{self._range(self.limits)} at the present rate" if self.given else "the present range and rate"
             return (
-                f"No input within {within} tells {between} apart: after a refit they say the same "
-                f"even on the best one found ({self.name}).{self._further}"
+                f"No input that was tried within {within} tells {between} apart: after a refit they say the same "
+                f"even on the best of them ({self.name}).{self._further}"
             )
         said = (
             f"To decide between {between}: run this {self.duration:.3g} s input{where}: {self.name}. "
@@ -114,7 +114,7 @@ class Experiment:
         elif self.ratio < 1:
             said += " Repeat it and average: one sample's noise is larger than the difference."
         for a, b in self.together:
-            said += f" No input of this kind tells {words(a)} and {words(b)} apart."
+            said += f" No input that was tried tells {words(a)} and {words(b)} apart."
         return said
 
     def _range(self, limits: tuple[float, float]) -> str:

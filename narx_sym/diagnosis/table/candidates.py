@@ -52,8 +52,6 @@ class Candidate:
         95 % interval of the share, by bootstrap over the blocks.
     p_value : float
         Corrected for everything that was tried.
-    mean_square, before : float
-        Held-out free-run error with the effect, and that of the base [unit of y squared].
     nrmse : dict
         Errors where it was fitted and on held-out blocks, and that of the base on these blocks, over the standard
         deviation of the output.
@@ -68,8 +66,6 @@ class Candidate:
     variant: Variant
     row: Row
     p_value: float
-    mean_square: float
-    before: float
     share: float
     interval: tuple[float, float]
     nrmse: dict[str, float]
@@ -83,7 +79,7 @@ class Candidate:
 
         `lowest` is the mean square of the noise, over the variance of y; a `likely` one is fitted at the own rate.
         """
-        averaged, spread = 1 if likely else table.factor, row.frame.problem.spread
+        averaged = 1 if likely else table.factor
         variant = row.beyond(known)[0].finer(table.factor // averaged)
         drawn = np.random.default_rng(table.seed).integers(0, len(row.blocks), size=(DRAWS, len(row.blocks)))
         shares = explained((known.blocks - row.blocks)[drawn].mean(axis=1), known, lowest)
@@ -94,8 +90,7 @@ class Candidate:
             "base": float(np.sqrt(known.held)),
         }
         return cls(
-            variant.id, variant, row, p_value, row.held * spread**2, known.held * spread**2,
-            explained(known.held - row.held, known, lowest), interval, errors,
+            variant.id, variant, row, p_value, explained(known.held - row.held, known, lowest), interval, errors,
             table.own(row) if likely else table.fitted(row), averaged, lambda: table.own(row),
         )  # fmt: skip
 

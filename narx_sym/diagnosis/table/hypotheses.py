@@ -135,7 +135,7 @@ def ways(
     return [v for v in dict.fromkeys(replace(v, lag=0) for v in listed) if not linear_in_signals(model, v)]
 
 
-def ladder(given: Model, family: str, integrating: bool, delays: Sequence[int]) -> list[Core]:
+def ladder(family: str, integrating: bool, delays: Sequence[int]) -> list[Core]:
     """Return the cores that are compared, small ones first."""
     if family == "given":
         return [Core(given=True)]

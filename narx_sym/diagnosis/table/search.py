@@ -84,7 +84,7 @@ class Search:
         if self.sizes is not None:
             return [Core(a, b, d, self.integrating) for a, b in self.sizes for d in delays]
         return [
-            *ladder(self.given, self.family, self.integrating, delays),
+            *ladder(self.family, self.integrating, delays),
             *(Core(a, b, d, self.integrating) for a, b in self.higher for d in delays),
         ]
 

@@ -14,7 +14,7 @@ import numpy as np
 from ...fit.bases.choice import PRICE
 
 PER_PARAMETER = PRICE  # that of bases; half and twice of it name the same real machines (tests/bench/sensitivity.py)
-PER_EFFECT = 0.27  # an effect is picked among 25: ln 25 / 12 blocks (extended BIC, Chen & Chen 2008)
+PER_EFFECT = 0.27  # of 25 that a linear base may lack one is picked: ln 25 / 12 blocks (extended BIC, Chen & Chen 2008)
 MOST = 0.9  # fewer effects win if they remove this share of the rms error that more of them remove
 ALIKE = 0.1  # difference of log errors, or of prices, that counts as none, whatever its standard error: 5 % rms
 SAME = 0.01  # difference of the log errors of one free run under two names: half a percent rms

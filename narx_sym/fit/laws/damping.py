@@ -73,7 +73,8 @@ class Damping:
         """Say that a law rings, and what is done; empty where it does not."""
         if not self.rings:
             return ""
-        grows = "grows from sample to sample" if np.isinf(self.ring) else f"lasts for {self.lasts} samples"
+        longer = "at least " if self.lasts >= LASTS - 1 else ""  # no more are looked at
+        grows = "grows from sample to sample" if np.isinf(self.ring) else f"lasts for {longer}{self.lasts} samples"
         said = (
             "The law rings: after a disturbance its input alternates from sample to sample, which "
             f"{grows} (the model has a zero near -1)"
@@ -202,11 +203,16 @@ class _Trial:
 
 
 def _ring(d: Array, depth: int) -> float:
-    """H2 norm of the alternating part, half the differences, of what is left once the output is back on its way."""
+    """H2 norm of the alternating part, half the differences, of what is left once the output is back on its way.
+
+    What grows or decays without turning back, as a zero near 1 makes it, does not alternate.
+    """
     left, within = d[depth:], np.diff(d[np.abs(d) < 1 / SMALL])  # comparisons with NaN are False
+    turns = within[1:] * within[:-1] < 0
+    if not turns.sum() > ALTERNATES * turns.size:
+        return 0.0
     if not (np.abs(left) < 1 / SMALL).all():
-        turns = within[1:] * within[:-1] < 0
-        return float("inf") if turns.sum() > ALTERNATES * turns.size else 0.0
+        return float("inf")
     size = abs(left[0])
     return float(np.sqrt(np.sum(np.diff(left, prepend=0.0) ** 2)) / (2 * size)) if size > FORGOTTEN else 0.0
 

@@ -242,11 +242,16 @@ class OperatingRange:
             return ""
         where = ", ".join(f"{100 * share:.3g} % while {way}" for way, share in self.shares.items() if share)
         m, r = self.at
+        largest = f"internal eigenvalue up to {self.largest:.4g}, at m = {m:.4g}, r = {r:.4g}; stable below 1"
+        if min(self.shares.values()) == 1:
+            return (
+                f"The law's own dynamics repel in all of the operating range ({largest}): wherever it moves, an error "
+                "of m grows from sample to sample, by up to that factor."
+            )
         return (
-            f"The law's own dynamics repel in a part of the operating range ({where}; internal eigenvalue up to "
-            f"{self.largest:.4g}, at m = {m:.4g}, r = {r:.4g}; stable below 1): while it moves there, an error of m "
-            "grows by that factor from sample to sample, and elsewhere it shrinks again. A short visit is not a "
-            "divergence; a run over a reference says how long it stays."
+            f"The law's own dynamics repel in a part of the operating range ({where}; {largest}): while it moves "
+            "there, an error of m grows by that factor from sample to sample, and elsewhere it shrinks again. A short "
+            "visit is not a divergence; a run over a reference says how long it stays."
         )
 
 

@@ -28,8 +28,9 @@ class SteadyState:
     ----------
     equation : Eq(ybar, G(ybar, ubar))
     conditions : list of Eq
-        Necessary and sufficient for a continuum: every ybar is an equilibrium for every constant input (Lemma 1; the
-        paper asks for Sigma_y = 1, which is enough only where no input or constant term remains at rest).
+        Sufficient for a continuum: every ybar is an equilibrium for every constant input (Lemma 1; the paper asks for
+        Sigma_y = 1, which is enough only where no input or constant term remains at rest). Necessary too where the
+        functions of what is held are independent, as products of powers are; Max(0, y) and |y| are not.
     equilibria : "continuum", or a list of expressions in ubar; None where there is no closed form
         Numbers where they do not depend on ubar. An expression is an equilibrium at those inputs where it is real.
     held : list of (low, symbol, high)

@@ -14,7 +14,7 @@ from ...symbolic.signals import rewritten
 
 Vector = tuple[float, ...]
 Matrix = list[list[float]]
-STAYS = 1.0 - 1e-6  # an eigenvalue beyond it does not attract: a double root has one at 1, which rounding puts aside
+STAYS = 1.0 - 1e-6  # between it and its inverse an eigenvalue says nothing: what is not linear decides, or rounding
 MOST = 64  # pieces
 PRODUCTS = 3000  # of matrices that are looked at
 STARTS, STEPS, FAR = 16, 4000, math.log(1e12)  # runs of the pieces, and what is called growth without end
@@ -133,7 +133,7 @@ def settles(found: Sequence[Linear]) -> bool | None:
     if not all(math.isfinite(a) for slopes in distinct for a in slopes):
         return None
     if len(distinct) == 1:
-        return _inside(distinct[0])
+        return True if _inside(distinct[0], STAYS) else None if _inside(distinct[0], 1 / STAYS) else False
     if len(distinct[0]) == 1:
         return _one_lag(found)
     if _contract([[list(slopes), *_shift(len(slopes))] for slopes in distinct]):
@@ -141,9 +141,9 @@ def settles(found: Sequence[Linear]) -> bool | None:
     return False if _grow(found) else None
 
 
-def _inside(slopes: Vector) -> bool:
-    """Whether all eigenvalues lie inside the unit circle (Jury's table in numbers)."""
-    row = [1.0, *(-a / STAYS ** (i + 1) for i, a in enumerate(slopes))]
+def _inside(slopes: Vector, radius: float) -> bool:
+    """Whether all eigenvalues lie inside a circle (Jury's table in numbers)."""
+    row = [1.0, *(-a / radius ** (i + 1) for i, a in enumerate(slopes))]
     while len(row) > 1:
         last = row[-1]
         if not abs(last) < 1:
@@ -157,9 +157,9 @@ def _one_lag(found: Sequence[Linear]) -> bool | None:
     if any(len(side) != 1 for side in sides):
         return None
     (right,), (left,) = sides
-    if right < 0 and left < 0:  # to the other side and back
-        return right * left < STAYS
-    return max(right, left) < STAYS  # once where it stays, it contracts or not
+    back = right < 0 and left < 0  # to the other side and back; else, once where it stays, it contracts or not
+    size = right * left if back else max(right, left)
+    return True if size < STAYS else None if size <= 1 / STAYS else False
 
 
 def _contract(matrices: list[Matrix]) -> bool:
@@ -182,7 +182,7 @@ def _contract(matrices: list[Matrix]) -> bool:
 
 def _norm_of(mean: Matrix) -> tuple[Matrix, Matrix] | None:
     """Return T and its inverse, so that |T x| falls along the mean of the pieces; None where that does not settle."""
-    if not _inside(tuple(mean[0])):
+    if not _inside(tuple(mean[0]), STAYS):
         return None
     n = len(mean)
     total, power = sp.eye(n), sp.Matrix(mean)

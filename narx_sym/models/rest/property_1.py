@@ -206,13 +206,13 @@ def _at_rest(local: Local, excess: Any, at: float, scale: float) -> Verdict:
     found = resting_points(excess, ybar, scale)
     if not found.points:
         drifts = ": the output drifts under a constant input" if found.complete else ": unknown"
-        return Verdict([] if found.complete else None, None, False, f"{found}{drifts}", at)
+        return Verdict([] if found.complete else None, None, False if found.complete else None, f"{found}{drifts}", at)
     judged = [_judged(local, point, at, found) for point in found.points]
     steady, unknown = judged.count(True), judged.count(None)
     open_ = f", {unknown} not decided by the linearisation" if unknown else ""
     reason = f"{found} for a constant input, {steady} non-diverging{open_}; two are needed"
-    diverging = False if steady else None if unknown else True
-    holds = True if steady >= 2 else None if steady + unknown >= 2 else False
+    diverging = False if steady else None if unknown or not found.complete else True
+    holds = True if steady >= 2 else None if steady + unknown >= 2 or not found.complete else False
     return Verdict(list(found.points), diverging, holds, reason, at)
 
 

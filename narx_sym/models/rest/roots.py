@@ -10,10 +10,12 @@ from typing import Any
 import sympy as sp
 
 from ...errors import ModelError
+from .pieces import pieces
 
 WIDTH = sp.Rational(1, 10**15)  # of the interval that isolates a root
 TOUCH = 1e-11  # relative to the largest term: a minimum as low as that touches zero
 SAME = 1e-6  # relative: roots nearer to each other are one that rounding has split
+JUMPS = sp.sign, sp.Heaviside, sp.Piecewise, sp.core.relational.Relational
 GRID, RANGES = 2001, 1e6  # where a bracket is looked for, and how many ranges away
 
 
@@ -46,8 +48,9 @@ def counted(n: int) -> str:
 def resting_points(excess: Any, unknown: Any, scale: float = 1.0) -> Equilibria:
     """Find the real roots of an expression in one unknown with numbers.
 
-    Polynomials by Sturm's theorem over the rationals that the decimals stand for, so that none is missed and none is
-    invented; all else by changes of sign, from within a small part of `scale` to a million times it.
+    Polynomials, and those that meet at kinks, by Sturm's theorem over the rationals that the decimals stand for, so
+    that none is missed and none is invented; all else by changes of sign, from within a small part of `scale` to a
+    million times it.
 
     Raises
     ------
@@ -58,8 +61,28 @@ def resting_points(excess: Any, unknown: Any, scale: float = 1.0) -> Equilibria:
         raise ModelError(f"The equilibria depend on further signals ({', '.join(map(str, foreign))}).")
     exact = sp.expand(excess)
     if exact.is_polynomial(unknown):
-        return Equilibria(_isolated(sp.Poly(sp.nsimplify(exact, rational=True), unknown, domain="QQ")), True)
+        return Equilibria(_isolated(_polynomial(exact, unknown)), True)
+    if (found := _between_kinks(exact, unknown)) is not None:
+        return Equilibria(found, True)
     return Equilibria(_bracketed(sp.lambdify([unknown], excess, modules="math"), scale), False)
+
+
+def _polynomial(expr: Any, unknown: Any) -> Any:
+    return sp.Poly(sp.nsimplify(expr, rational=True), unknown, domain="QQ")
+
+
+def _between_kinks(expr: Any, unknown: Any) -> tuple[float, ...] | None:
+    """Return the roots of polynomials that meet at kinks; None for all else, as where one of them is zero all along."""
+    parts = None if expr.has(*JUMPS) else pieces(expr, lambda argument: True)
+    found: list[float] = []
+    for part in parts or ():
+        if not all(sp.expand(e).is_polynomial(unknown) for e in (part.right, *(at for at, _ in part.sides))):
+            return None
+        right, sides = _polynomial(part.right, unknown), [(_polynomial(at, unknown), sign) for at, sign in part.sides]
+        if right.is_zero:
+            return None
+        found += [x for x in _isolated(right) if all(sign * p(x) >= 0 or _touches(p, x) for p, sign in sides)]
+    return None if parts is None else _apart(sorted(found), 1.0)
 
 
 def _isolated(polynomial: Any) -> tuple[float, ...]:
@@ -108,6 +131,11 @@ def _bracketed(gap: Any, scale: float) -> tuple[float, ...]:
             found.append(before[0])
         elif before[1] * here[1] < 0 and (root := _bisected(value, before, here)) is not None:
             found.append(root)
+    return _apart(found, scale)
+
+
+def _apart(found: list[float], scale: float) -> tuple[float, ...]:
+    """Return roots, each once."""
     return tuple(x for i, x in enumerate(found) if not i or x - found[i - 1] > SAME * (1e-3 * scale + abs(x)))
 
 
