@@ -23,6 +23,11 @@ def mape(y: ArrayLike, y_hat: ArrayLike) -> float:
     -------
     float
         100 sum|y - y_hat| / (N |max y - min y|), in per cent.
+
+    Raises
+    ------
+    NarxError
+        For arrays of different lengths, and a `y` that is constant.
     """
     a, b = _pair(y, y_hat, "mape", "y", "y_hat")
     _need_change(a, "mape", "y")
@@ -41,6 +46,11 @@ def nsavi(m: ArrayLike, r: ArrayLike) -> float:
     -------
     float
         sum|diff m| / sum|diff r|, without unit when `m` and `r` share one.
+
+    Raises
+    ------
+    NarxError
+        For arrays of different lengths, and an `r` that is constant.
     """
     a, b = _pair(m, r, "nsavi", "m", "r")
     _need_change(b, "nsavi", "r")

@@ -86,7 +86,7 @@ class Record:
     ) -> Record:
         """Record from (N,) or (N, 1) arrays, lists or Series; `Ts` in s overrides the stamps `t` in s.
 
-        `units` such as {"u": "V", "y": "um"} go with the record.
+        `units` such as {"u": "V", "y": "um"} go with the record. DataError says what is wrong with the arrays.
         """
         where = f"record '{name}': "
         if not isinstance(channels or {}, Mapping):
@@ -157,7 +157,7 @@ class Record:
         return [self[a:b] for a, b in pairwise(edges) if b - a >= 2]
 
     def split(self, fraction: float) -> tuple[Record, Record]:
-        """Return the first `fraction` (0 to 1) of the samples and the rest."""
+        """Return the first `fraction` (0 to 1) of the samples and the rest; DataError where one has fewer than 2."""
         n = round(len(self) * fraction)
         if not 2 <= n <= len(self) - 2:
             raise DataError(
@@ -175,7 +175,7 @@ class Record:
         Parameters
         ----------
         seconds : float
-            Length of the window [s]; at least five samples, and no longer than the shortest segment.
+            Length of the window [s]; at least five samples, and no longer than the shortest segment, else DataError.
         """
         from scipy.signal import savgol_filter
 
@@ -289,7 +289,7 @@ def read(
     missing: str = "refuse",
     units: Mapping[str, str] | None = None,
 ) -> Record:
-    """Read one experiment from .csv, .txt, .tsv, .dat, .npz, .mat, .parquet, .mf4, .mdf or .tdms.
+    """Read one experiment from .csv, .txt, .tsv, .dat, .npz, .mat, .parquet, .mf4, .mdf or .tdms; else DataError.
 
     Logs (.mf4, .mdf, .tdms, .mat of version 7.3) need `pip install "narx-sym[logs]"`. Where their channels have several
     rates, the chosen ones are interpolated to the stamps of the fastest, which are called `t`; that is noted. Units

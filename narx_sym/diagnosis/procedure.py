@@ -231,7 +231,9 @@ def diagnose(
     Raises
     ------
     FitError
-        Where the base cannot follow the data at all.
+        Where the base cannot follow the data at all, and for fewer than 100 samples.
+    ModelError
+        For what is no model, limits that are none, an unknown channel, and `max_effects` below 1.
     """
     begin = time.perf_counter()
     _check(model, limits, max_effects, seed=seed, delay=delay)

@@ -81,7 +81,7 @@ def to_text(model: Model) -> str:
 
 
 def save(model: Model, path: Any) -> None:
-    """Write a model file; it appears whole or not at all, and only where it can be read again."""
+    """Write a model file; it appears whole or not at all, and only where it can be read again, else ModelError."""
     write_text(path, to_text(model))
 
 

@@ -164,7 +164,8 @@ def identify(
 
     Returns
     -------
-    Model, fitted; `info.selection` says what was chosen and why
+    Model, fitted; `info.selection` says what was chosen and why. FitError where nothing can be fitted, ModelError for
+    a base, a size or a channel that is none.
     """
     check_method(method)
     whole(n_y=n_y, n_u=n_u, degree=degree, delay=delay)
@@ -269,7 +270,8 @@ def identify_inverse(
     n_y, n_u : int
         Largest lags of the model's own output u and of its input y.
 
-    Noise on y acts on the model's input here: smooth y first where it is noisy.
+    Noise on y acts on the model's input here: smooth y first where it is noisy. ModelError for a lead below 1, FitError
+    as in `identify`.
     """
     listed = prepare(records)
     origin = operating_point(listed) if point == "auto" else around(point)

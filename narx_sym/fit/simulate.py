@@ -329,7 +329,7 @@ def _predicted(model: Model, record: Record) -> Array:
 
 
 def free_run(model: Model, record: Record, engine: str = "native") -> Array:
-    """Simulate along a record, starting from its first measured outputs, and again after each gap.
+    """Simulate along a record from its first measured outputs, again after each gap; else Diverged or ModelError.
 
     Returns
     -------
@@ -372,6 +372,7 @@ def evaluate(model: Model, records: Records) -> Errors:
     """Compare a model with measurements; what diverges, as the memory of an effect may, has an infinite error.
 
     All samples count alike: over several records, or across a gap, the errors are those of the samples put together.
+    DataError for a constant output, ModelError for a model without values or a record without its channel.
     """
     fitted(model)
     measured, predicted, simulated = (list[Array]() for _ in range(3))

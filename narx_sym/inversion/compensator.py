@@ -190,7 +190,7 @@ class Compensator(CompensatorDoors):
     def smooth(self, eps: Any = None, form: Any = "tanh") -> Compensator:
         """Put a smooth function in the place of the sign of a step of m or r; see `narx_sym.models.model.Model.smooth`.
 
-        `eps` speaks of u and y: m has the unit of u, r that of y.
+        `eps` speaks of u and y: m has the unit of u, r that of y. ModelError for a law with branches or states.
         """
         if self.staged:
             raise ModelError("A law with branches or further states is not smoothed: smooth the model first.")

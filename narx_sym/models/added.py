@@ -17,6 +17,7 @@ from ..symbolic.signals import (
     k,
     lag,
     lags,
+    passed,
     renamed,
     samples,
     sensed,
@@ -75,6 +76,7 @@ def starts(model: Any) -> dict[Any, Any]:
     kept = {s.left.base for s in model.states if s.left.base != x and (s in model.recurrent or s.remembers)}
     first = {s.left.base: s.initial for s in model.states}
     found: dict[Any, Any] = {}
+    makes = ((model.input, v), (model.input, passed), (model.output, x))
 
     def known(expr: Any) -> Any:
         """Put in what the states start from."""
@@ -89,8 +91,7 @@ def starts(model: Any) -> dict[Any, Any]:
             found[state.left.base] = known(state.right)
             continue
         # Its initial value speaks of what drives it: that may be what the effects have made of the input or the output.
-        driven = {model.output: x, model.input: v} if samples(state.right, x) else {model.input: v}
-        driven = {a: b for a, b in driven.items() if samples(state.right, b)}
+        driven = {plain: b for plain, b in makes if samples(state.right, b)}
         meant = {s: driven[s.base][s.indices[0]] for s in samples(state.initial) if s.base in driven}
         found[state.left.base] = known(state.initial.xreplace(meant))
     if x not in first:

@@ -104,6 +104,11 @@ def pool(
     -------
     Pool
         Free of terms that are identically equal to a combination of earlier ones.
+
+    Raises
+    ------
+    ModelError
+        For sizes that are none, lags before the delay, an unknown function, and a reserved channel name.
     """
     output, source = (u, y) if inverse else (y, u)
     first, second = differences(source)

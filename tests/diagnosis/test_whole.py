@@ -10,7 +10,7 @@ from narx_sym.models.added import newer
 from narx_sym.models.effects import EFFECTS
 from narx_sym.models.extend import Variant, extend
 from narx_sym.models.rewrite import held, without
-from narx_sym.symbolic.signals import k, u, v
+from narx_sym.symbolic.signals import k, signal, u, v
 
 Ts, N = 0.01, 1500
 t = Ts * np.arange(N)
@@ -86,3 +86,16 @@ def test_a_whole_delay_that_has_no_other_parameter_is_told_from_a_second_one():
     model = held(first.model.replace(theta=[0.8, 0.2, 1.0]), {first.coefficients[0]: sp.S.One})
     second = extend(model, delay).model
     assert len({e.group for e in second.effects}) == 2 and len(newer(second, model)) == 1
+
+
+def test_what_stands_behind_a_curve_starts_where_the_curve_puts_it():
+    """Off zero a saturation holds the input back; a rate limit behind it does not begin by following the input."""
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.2], Ts=Ts, operating_point={u: 0.3})
+    soft = extend(base, Variant(FORMS["soft"][0], "input", "u", raw=True)).model
+    slow = extend(soft, Variant(EFFECTS["rate_limit"][0], "input", "u")).model.replace(
+        theta=[0.8, 0.2, 1.0, 0.4, 1.0, 0.001]
+    )
+    rest = 0.4 * np.tanh(0.3 / 0.4) - 0.3
+    assert float(slow.starts[signal("w")].xreplace(slow.values | {u[k]: 0.3})) == pytest.approx(rest)
+    still = slow.simulate(np.full(50, 0.3), rest, u0=0.3)
+    assert np.ptp(still) < 1e-12

@@ -1,7 +1,10 @@
 """The Python API with what it cannot use: one clear error of this package, never a number from it."""
 
+import ast
+
 import numpy as np
 import pytest
+from places import PACKAGE
 
 import narx_sym as ns
 from narx_sym.errors import NarxError
@@ -90,3 +93,42 @@ def test_one_clear_error(name):
     with pytest.raises(NarxError, match=said) as error:
         call()
     assert "\n" not in str(error.value)
+
+
+def errors_of(function, others, seen):
+    """Return the project's errors that a function raises, itself or through functions beside it."""
+    found = set()
+    for node in ast.walk(function):
+        if isinstance(node, ast.Raise) and node.exc is not None:
+            name = ast.unparse(node.exc.func if isinstance(node.exc, ast.Call) else node.exc)
+            found |= {name} if name in vars(ns.errors) else set()
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id not in seen:
+            seen.add(node.func.id)
+            if isinstance(others.get(node.func.id), ast.FunctionDef):
+                found |= errors_of(others[node.func.id], others, seen)
+    return found
+
+
+def public_functions():
+    """Yield each function and method of the public names with what else its module defines."""
+    listed = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8")).body
+    for node in (n for n in listed if isinstance(n, ast.ImportFrom) and n.module):
+        path = PACKAGE.joinpath(*node.module.split(".")).with_suffix(".py")
+        if not path.is_file():
+            continue
+        others = {f.name: f for f in ast.parse(path.read_text(encoding="utf-8")).body if hasattr(f, "name")}
+        for one in (others[a.name] for a in node.names if a.name in others):
+            for f in [one] if isinstance(one, ast.FunctionDef) else getattr(one, "body", []):
+                if isinstance(f, ast.FunctionDef) and not f.name.startswith("_"):
+                    yield f"{one.name}.{f.name}", f, others
+
+
+def test_docstrings_name_the_errors():
+    listed = list(public_functions())
+    assert len(listed) > 60
+    silent = {
+        name: missing
+        for name, f, others in listed
+        if (missing := {e for e in errors_of(f, others, set()) if e not in (ast.get_docstring(f) or "")})
+    }
+    assert not silent

@@ -208,6 +208,11 @@ def select(
     Returns
     -------
     Selection
+
+    Raises
+    ------
+    FitError
+        For an unknown criterion or method, a target that is zero, and where every model on the path diverges.
     """
     check_method(method)
     output, source = pool.structure.output, pool.structure.input
