@@ -265,5 +265,6 @@ class Linearised:
                 blocks.append(block)
                 at += block.shape[1]
         if not blocks:
-            raise ModelError("No effect of the catalogue applies to this model.")
+            only = f"The effect {next(iter(catalogue))} does not apply" if len(catalogue) == 1 else ""
+            raise ModelError(f"{only or 'No effect of the catalogue applies'} to this model.")
         return listed, np.concatenate(blocks, axis=1)
