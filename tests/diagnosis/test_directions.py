@@ -49,6 +49,12 @@ def test_the_last_term_with_the_input_stays(rubbing):
     assert ns.u in prune(fitted, before).model.recursion.inputs
 
 
+def test_an_effect_that_does_not_apply_is_named(rubbing):
+    base, _ = rubbing
+    with pytest.raises(ns.NarxError, match="The effect uneven_speed does not apply to this model"):
+        base.model.add("uneven_speed").fit(base.split.records[0])
+
+
 def disturbed(frequency, n=4000, bent=0.0, turns=1.0):
     """Return the frequencies [Hz] at which a periodic disturbance is tried; the input is a triangle of 1 Hz."""
     time = Ts * np.arange(n)

@@ -273,6 +273,16 @@ def test_what_notebooks_show(hostile, stage_diagnosis):
 # ---- equations, numbers, units ------------------------------------------------------------------------------------
 
 
+def test_equations_of_candidates_speak_of_their_own_signals(stage_diagnosis):
+    """What the first effect at the input acts on is u: there is no sequence that another one lets through."""
+    shown = [c for s in stage_diagnosis.steps for c in s.candidates]
+    assert any(c.where == "input" for c in shown)
+    for c in shown:
+        known = {s.left.base.name for s in c.shown.model.states}
+        assert ("passed" in c.latex) == ("passed" in known), (c.effect, c.latex)
+        assert all(f"{p}_{{" not in c.latex.replace("_{k", "") for p in c.variant.shape)  # by their short names
+
+
 def test_equations_are_mathml_not_latex(page):
     assert 'class="latex"' not in page
     for block in re.findall(r"<math .*?</math>", page, flags=re.DOTALL):

@@ -12,9 +12,11 @@ import numpy as np
 import sympy as sp
 
 from ...errors import FitError
-from ...models.extend import Variant, equations
+from ...models.extend import Variant
 from ...models.model import Model
 from ...symbolic import printing
+from ...symbolic.sensitivity import derivative
+from ...symbolic.signals import passed
 from ..bases import BASE
 from ..refit import Fitted
 from .row import Row
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from .rounds import Table
 
 TARGETS = {
-    "input": "v_{k} - u_{k}", "force": r"\mathrm{acting}_{k} - u_{k-d}",
+    "first": "v_{k} - u_{k}", "input": r"v_{k} - \mathrm{passed}_{k}", "force": r"\mathrm{acting}_{k} - u_{k-d}",
     "friction": r"\mathrm{grip}_{k} - \mathrm{rub}_{k}",
     "inside": r"\Delta F", "motion": r"y_{k} - \mathrm{free}_{k}", "output": "y_{k} - x_{k}",
     "sensor": r"y_{k} - \mathrm{sensed}_{k}",
@@ -137,12 +139,19 @@ class Candidate:
     @property
     def latex(self) -> str:
         """LaTeX of the contribution with what it remembers."""
-        form = equations(self.shown.model, self.variant)
-        names = self.parameters
-        coefficients = [n for n in names if n.startswith("c")]
-        shown = [(sp.Float(f"{names[c]:.4g}"), z) for c, z in zip(coefficients, form.z, strict=False)]
-        lines = [printing.latex_sum(sp.Symbol(TARGETS[self.where]), shown)]
-        lines += [f"{printing.latex(s.left)} = {printing.latex(s.right)}" for s in form.states]
+        model = self.shown.model
+        added, rights = model.effects[-1], [*(s.right for s in model.states), model.F]
+        short = {s: sp.Symbol(n, real=True) for n, s in added.shape.items()}
+        shown = [
+            (sp.Float(f"{float(model.values[c]):.4g}"), derivative(right, c).xreplace(short))
+            for c in added.coefficients.values()
+            for right in rights
+            if right.has(c)
+        ]
+        first = self.where == "input" and not any(s.left.base == passed for s in model.states)
+        lines = [printing.latex_sum(sp.Symbol(TARGETS["first" if first else self.where]), shown)]
+        own = (s for s in model.states if s.group == added.group)
+        lines += [f"{printing.latex(s.left)} = {printing.latex(s.right.xreplace(short))}" for s in own]
         return r",\quad ".join(lines)
 
     @property
