@@ -48,7 +48,7 @@ def compensate(
     """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
     from ..codegen.registry import exports, target_of
     from ..data.units import coefficients_latex, said_first
-    from ..files.atomic import write_bytes, write_text
+    from ..files.atomic import check_columns, write_bytes, write_text
     from ..files.store import load
     from ..inversion.compensator import allowed
 
@@ -56,8 +56,12 @@ def compensate(
     own = [(name, path) for name, path in (("c", c), ("st", st), ("fmu", fmu), ("fmu2", fmu2)) if path]
     sources = [*((target_of(path), path) for path in export or []), *own]
     check_targets([latex, *(path for _, path in sources), out], model_file, reference)
+    check_columns(out)
     if (reference is None) != (out is None):
         raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
+    run_alone = {"--column": column, "--m0": m0, "--clip": clip or None, "--ts": ts, "--rows": rows}
+    if reference is None and (unused := [n for n, value in run_alone.items() if value is not None]):
+        raise DataError(f"{unused[0]} belongs to a run of the law: give --reference and --out too.")
     model = load(model_file)
     names = said_first(model.info.units, unit_names(units))
     how = {"Ts": ts, "t": t, "rows": rows, "unit": names.get("y", "")}
@@ -148,10 +152,11 @@ def simulate(
     rows: Rows = None,
 ) -> None:
     """Free run over an input."""
-    from ..files.atomic import write_csv
+    from ..files.atomic import check_columns, write_csv
     from ..files.store import load
 
     check_targets([out], model_file, input_file)
+    check_columns(out)
     model = load(model_file)
     if model.channels:
         raise DataError(f"{model_file}: the model needs the channel {model.channels[0]!r}; use Python for this one.")

@@ -11,6 +11,7 @@ from ..models.info import Info
 
 Array = np.ndarray
 POWER, PIECE = 0.99, 2**17  # share of the power that counts; samples of one periodogram
+ROUNDING = 1e-12  # of a signal: changes up to here are those of arithmetic
 RESOLUTION = 3.0  # periods per length of a record, within which its window cannot tell frequencies
 SLIGHT = {"range": 0.01, "rate": 0.1, "frequency": 0.1}  # shares by which a run may go beyond without a word
 WORDS = {"u": "inputs", "y": "outputs"}
@@ -30,11 +31,15 @@ def rate(parts: Sequence[Array], Ts: float) -> float:
 def frequency(parts: Sequence[Array], Ts: float) -> float:
     """Return the frequency below which 99 % of a signal's power lies [Hz]: of its Hann periodograms, without means.
 
+    A signal that is constant but for rounding has none.
+
     Parameters
     ----------
     parts : (N,) arrays, contiguous each
     Ts : float [s]
     """
+    if all(np.ptp(x) <= ROUNDING * np.abs(x).max() for x in parts):
+        return 0.0
     pieces = [x[i : i + PIECE] for x in parts for i in range(0, x.size, PIECE)]
     n = max(x.size for x in pieces)
     power = np.zeros(n // 2 + 1)

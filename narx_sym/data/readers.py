@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DataError
+from ..files.atomic import COLUMNS
 from .logs import MATLAB_NUMBERS, load_mat73, load_mdf, load_tdms
 from .tables import LARGEST_FILE, PathLike, Table, readable
 
@@ -36,7 +37,7 @@ def load(path: PathLike, wanted: Collection[str] | None = None) -> Table:
         ".parquet": _load_parquet,
         **dict.fromkeys((".mf4", ".mdf"), lambda name: load_mdf(name, wanted)),
         ".tdms": lambda name: load_tdms(name, wanted),
-        **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), _load_text),
+        **dict.fromkeys(COLUMNS, _load_text),
     }
     if Path(path).is_dir():
         raise DataError(f"{name}: is a folder; give a data file")

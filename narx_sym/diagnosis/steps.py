@@ -21,13 +21,12 @@ from .refit import Fitted, prune
 from .screening import gate
 from .screening.promise import detectable
 from .screening.scored import absorbed
-from .table.candidates import RIVALS, Candidate, Pair, candidates_of, half_of, instead, new_effect
+from .table.candidates import RIVALS, Candidate, Pair, candidates_of, exchanged, half_of, instead, new_effect
 from .table.rounds import Table
 from .table.row import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, alike, nothing_named, removes, verdict, winner
 
-NO_FLOOR = "not estimated"  # the kind of the noise floor in closed loop
-REPEATED, ESTIMATE = "repeated periods", "estimate"  # the kind that is sure, and the other one
+REPEATED, ESTIMATE, NO_FLOOR = "repeated periods", "estimate", "not estimated"  # kinds of floors: sure, not, in loops
 
 
 @dataclass
@@ -168,13 +167,13 @@ class Step:
             if self.follows_nothing:
                 return f"The base does not follow the output: what is missing cannot be told from it. {sizes}."
             shown = ", ".join(f"{name} above {few(size, 2)}{unit}" for name, size in self.unseen[:3])
-            would = f"; these data would have shown {shown} rms" if shown else ""
+            would = f"; these data would probably have shown {shown} rms" if shown else ""
             if self.trace:
                 return f"{self.trace} {sizes}{would}."
             if self.unexplained:
                 return (
-                    f"No effect of the catalogue is seen in what is left. {sizes}; the sensor's noise is about "
-                    f"{few(self.sensor)}{unit}, {self.unexplained}{would}."
+                    f"No effect of the catalogue is seen in what is left. {sizes}; the sensor's noise, if white, is "
+                    f"about {few(self.sensor)}{unit}, {self.unexplained}{would}."
                 )
             return f"Nothing is missing that these data can show. {sizes}{would}."
         if self.loop is not None and self.verdict == "closed_loop":
@@ -370,6 +369,7 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
         table.course.say(", and what the best one leaves")
     if table.screened(at).structure > HELPS and (alone is None or not _enough(table, alone, at)):
         table.pairs(known)  # two effects may hide each other
+        exchanged(table, known)
     at, best = table.held(lambda: won(table.beside(known), known))
     if best is not None and table.closer(best, at):
         at, best = table.held(lambda: won(table.beside(known), known))

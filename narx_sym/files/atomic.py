@@ -14,11 +14,19 @@ import numpy as np
 from ..errors import DataError
 
 PathLike = str | os.PathLike[str]
+COLUMNS = (".csv", ".txt", ".tsv", ".dat")  # files that are read as text
 
 
 def write_csv(path: PathLike, columns: Mapping[str, Any]) -> None:
     """Write (N,) columns with 10 significant digits; the file appears whole or not at all."""
+    check_columns(path)
     write_text(path, columns_text(columns, os.fspath(path)))
+
+
+def check_columns(path: PathLike | None) -> None:
+    """Refuse a name under which columns of text would not be read again."""
+    if path is not None and Path(path).suffix.lower() not in COLUMNS:
+        raise DataError(f"{path}: columns are written as text; give a name that ends in {', '.join(COLUMNS)}.")
 
 
 def columns_text(columns: Mapping[str, Any], name: str) -> str:

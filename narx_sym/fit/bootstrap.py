@@ -37,7 +37,7 @@ class Bootstrap:
 
     @property
     def std(self) -> Array:
-        """Standard errors that hold for coloured residuals too, (n_theta,)."""
+        """Standard errors for coloured residuals too, of records many correlation lengths long, (n_theta,)."""
         return np.asarray(self.thetas.std(axis=0, ddof=1))
 
     def interval(self, level: float = 0.95) -> Array:
@@ -53,6 +53,15 @@ class Bootstrap:
 def block_length(x: Array, most: int) -> int:
     """Return a length of blocks that keeps the correlation of a series: three correlation lengths, at most `most`."""
     return int(min(max(10, 3 * correlation_length(x)), max(2, most)))
+
+
+def as_large(residual: Array, parameters: int) -> Array:
+    """Return a residual as large as the noise was: so many parameters have taken their part of it.
+
+    What counts are independent samples, a few in a short record of coloured noise.
+    """
+    independent = max(residual.size / (2 * correlation_length(residual) - 1), parameters + 2.0)
+    return np.asarray(residual * np.sqrt(independent / (independent - parameters - 1)))
 
 
 def moving_blocks(x: Array, block: int, draws: int, rng: np.random.Generator) -> Array:
@@ -95,13 +104,16 @@ def block_bootstrap(
     if not np.all(np.isfinite(residual)):
         raise FitError("The free run of the model diverges on these records.")
     size = block or block_length(residual, residual.size // 4)
-    calls = [(problem, z, residual, size, seed, i, steps) for i in range(draws)]
+    noise = as_large(residual, problem.free)
+    calls = [(problem, z, residual, noise, size, seed, i, steps) for i in range(draws)]
     return Bootstrap(model, np.array(sweep(_draw, calls)), size)
 
 
-def _draw(problem: FreeRun, z: Array, residual: Array, block: int, seed: int, number: int, steps: int) -> Array:
+def _draw(
+    problem: FreeRun, z: Array, residual: Array, noise: Array, block: int, seed: int, number: int, steps: int
+) -> Array:
     rng = np.random.default_rng([seed, number])
-    noise = moving_blocks(residual, block, 1, rng)[0]
+    noise = moving_blocks(noise, block, 1, rng)[0]
     noise = noise - noise.mean() + residual.mean()
     moved = z.copy()
     for _ in range(steps):

@@ -26,7 +26,6 @@ from ..symbolic.signals import expand_phi, k, lag, samples, t, x, y
 
 Array = np.ndarray
 Records = Record | Sequence[Record]
-HUGE = 1e12  # a free run this many ranges away counts as diverged
 
 
 # -- data of a model -------------------------------------------------------------------------------------------
@@ -395,6 +394,6 @@ def evaluate(model: Model, records: Records) -> Errors:
             f"record {record.name!r}: {model.output.name} is constant ({target[0]:.6g}): an error has nothing to be "
             "compared with. Check the columns (--input, --output) and the rows (--rows)."
         )
-    most = HUGE * float(np.ptp(target) or 1.0)
     pairs = [(measure, run) for measure in (nrmse, mape) for run in (one, free)]
-    return Errors(*(measure(target, run) if np.abs(run).max() < most else np.inf for measure, run in pairs))
+    with np.errstate(over="ignore"):
+        return Errors(*(measure(target, run) if np.isfinite(run).all() else np.inf for measure, run in pairs))

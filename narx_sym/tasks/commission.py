@@ -13,7 +13,7 @@ from ..data.coverage import beyond
 from ..data.metrics import rms
 from ..data.units import said_first
 from ..errors import Diverged, ModelError
-from ..fit.bootstrap import block_bootstrap, fresh_blocks
+from ..fit.bootstrap import as_large, block_bootstrap, fresh_blocks
 from ..fit.identify import prepare
 from ..fit.laws.damping import Share
 from ..fit.least_squares import describe
@@ -71,7 +71,7 @@ class Commissioning:
 
     @property
     def worst(self) -> float:
-        """The rms tracking error that 95 % of the runs which the records allow stay below [unit of the output]."""
+        """The rms tracking error that 95 % of the simulated runs stay below [unit of the output]."""
         return float(np.quantile(self.errors, LEVEL))
 
     @property
@@ -86,7 +86,7 @@ class Commissioning:
         gain = self.without / self.expected if self.expected else np.inf
         less = f"{gain:.3g} times less than" if gain > GAINS else "no less than"
         beside = f", {less} {WITHOUT} ({self.plain})" if np.isfinite(gain) else ""
-        text = f"Expected: an error of {self.expected:.3g}{of_y} rms{beside}; 95 % of the runs that the records allow"
+        text = f"Expected: an error of {self.expected:.3g}{of_y} rms{beside}; 95 % of the simulated runs"
         left = f"What the model leaves unexplained, {self.unexplained:.3g}{of_y} rms, is part of it."
         text += f" stay below {self.worst:.3g}{of_y}. {left}"
         text += f" The input changes by up to {self.steepest:.3g}{of_u} per sample."
@@ -131,7 +131,7 @@ def commission(
     run = follow(law, r, m0, limits=limits, rate=rate, share=share)
     left = np.concatenate([s.y - free_run(model, s) for one in listed for s in one.segments()])
     drawn = block_bootstrap(model, listed, draws, seed=seed)
-    noise = fresh_blocks(left, drawn.block, draws, r.size, np.random.default_rng(seed))
+    noise = fresh_blocks(as_large(left, len(model.symbols)), drawn.block, draws, r.size, np.random.default_rng(seed))
 
     def missed(m: Array, start: float) -> Array:
         """Return y - r under an input for each parameter set, (sets, N); NaN where that one runs away."""

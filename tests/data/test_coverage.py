@@ -65,6 +65,13 @@ def test_rate_and_frequency_of_a_sine_and_of_steps():
     assert frequency([both], TS) == pytest.approx(3.0, abs=0.3)  # a little noise is no signal
 
 
+def test_what_is_constant_but_for_rounding_has_no_frequency():
+    """A law that holds its input moves it by 1e-16: that is no fast motion."""
+    still = 0.3 + 1e-16 * np.sign(np.random.default_rng(0).standard_normal(400))
+    assert np.ptp(still) > 0 and frequency([still], 0.01) == 0.0
+    assert frequency([0.3 + 1e-6 * np.sin(np.arange(400))], 0.01) > 0.0
+
+
 def test_pieces_are_not_joined():
     jump = [sine(), 100 + sine()]
     assert rate(jump, TS) == rate(jump[:1], TS) and frequency(jump, TS) < 1.5

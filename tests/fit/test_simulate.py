@@ -109,3 +109,12 @@ def test_a_memory_that_runs_away_has_an_infinite_error_one_step_ahead_too():
     w = 50 * np.random.default_rng(0).standard_normal(300)
     found = ns.evaluate(model, ns.Record.from_arrays(w, w, Ts=0.01))
     assert (found.one_step_nrmse, found.free_run_nrmse) == (np.inf, np.inf)
+
+
+def test_units_that_are_far_apart_are_no_divergence():
+    """An error of 1e18 ranges is one, where nothing ran away."""
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0], Ts=0.01)
+    u = np.sin(np.arange(300) / 9)
+    record = ns.Record.from_arrays(1e9 * u, 1e-9 * model.simulate(u, 0.0), 0.01)
+    errors = ns.evaluate(model, record)
+    assert 1e15 < errors.free_run_nrmse < 1e20 and np.isfinite(errors.one_step_mape)

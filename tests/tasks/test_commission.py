@@ -7,7 +7,7 @@ import pytest
 
 import narx_sym as ns
 from narx_sym.files.atomic import write_csv
-from narx_sym.fit.bootstrap import fresh_blocks, moving_blocks
+from narx_sym.fit.bootstrap import as_large, fresh_blocks, moving_blocks
 
 TS, NOISE, N = 0.01, 0.01, 1500
 T = np.arange(N) * TS
@@ -177,3 +177,17 @@ def test_the_law_of_an_inverse_model_is_refused():
     model = ns.identify_inverse(record.smoothed(0.1), lead=1, n_terms=2)
     with pytest.raises(ns.ModelError, match="model of the output"):
         model.compensator().commission(GOAL, record)
+
+
+def test_residuals_are_as_large_as_the_noise_was():
+    """What a fit of p parameters leaves of n independent samples is smaller by (n - p) / n; little is left of few."""
+    rng = np.random.default_rng(0)
+    sizes = {False: [], True: []}
+    for _ in range(300):
+        A, e = rng.standard_normal((30, 6)), rng.standard_normal(30)
+        left = e - A @ np.linalg.lstsq(A, e, rcond=None)[0]
+        sizes[False].append(np.mean(left**2))
+        sizes[True].append(np.mean(as_large(left, 6) ** 2))
+    assert np.mean(sizes[False]) < 0.85 and 0.9 < np.mean(sizes[True]) < 1.15
+    slow = np.convolve(rng.standard_normal(340), np.ones(40) / 40, "valid")
+    assert np.std(as_large(slow, 3)) > 1.1 * np.std(slow)

@@ -20,7 +20,7 @@ from ...symbolic.signals import passed
 from ..bases import BASE
 from ..refit import Fitted
 from .row import Row
-from .verdict import PER_EFFECT, cheapest, explained
+from .verdict import LEFT, PER_EFFECT, cheapest, explained
 
 if TYPE_CHECKING:
     from .rounds import Table
@@ -225,6 +225,23 @@ def instead(table: Table, best: Row, known: Row) -> tuple[Row, Row, list[str]]:
             found += [(other.price, row, other)] if other is not None and table.holds(other) else []
     _, base, made = min(found, key=lambda f: f[0])
     return base, made, [name for name in known.ids if name not in base.ids]
+
+
+def exchanged(table: Table, known: Row) -> None:
+    """Fit either half of the cheapest pair, where that leaves something, with every other effect beside it.
+
+    What was first may have stood for another effect, as a cubic for a saturation, and so may what was second.
+    """
+    pairs = (r for r in cheapest(table.beside(known)) if len(r.beyond(known)) == 2)
+    best = next(filter(table.holds, pairs), None)
+    if best is None or table.left(best, known) <= LEFT:
+        return
+    alone = [r for r in table.beside(known) if len(r.beyond(known)) == 1 and r.before_judged < known.before_judged]
+    first, second = best.beyond(known)
+    firsts = [r for r in alone if r.hypothesis.effects[-1] == first][:1]
+    for row in (r for r in alone if r.ids[-1] not in best.ids):
+        for half, variant, like in ((row, second, best), *((r, row.hypothesis.effects[-1], row) for r in firsts)):
+            table.search.added(half, variant, like, best.price + PER_EFFECT)
 
 
 def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], lowest: float) -> list[Candidate]:

@@ -316,10 +316,10 @@ class Search:
             row.shape = tuple(shape)
         return row
 
-    def added(self, row: Row, variant: Variant, like: Row) -> Row | None:
+    def added(self, row: Row, variant: Variant, like: Row, worth: float = np.inf) -> Row | None:
         """Fit an effect beside what a row has, from the shape that it has last in another row, to the end."""
         made = self._beside(row, variant, like.values[like.frame.added[-1][1]].tolist(), 8)
-        return made and self.finish(made)
+        return made and self.finish(made, worth=worth)
 
     def next_to(self, size: Core) -> list[Core]:
         """Return the open cores that hold one of this size, and no other that does."""

@@ -84,7 +84,10 @@ def _along(frame: Frame, x: Array, core: Core) -> list[Array]:
         return []
     (cs, shapes), point, records = frame.added[-1], x.copy(), frame.measured()
     if others:
-        records = [replace(r, u=v) for r, v in zip(records, _through(frame, x), strict=True)]
+        through = _through(frame, x)
+        if not np.isfinite(np.concatenate(through)).all():
+            return []
+        records = [replace(r, u=v) for r, v in zip(records, through, strict=True)]
     z = frame.contributions(records, x[shapes])
     inputs = [[r.u for r in records], *([part[:, j] for part in z] for j in range(len(cs)))]
     if not all(np.isfinite(part).all() for given in inputs for part in given):
