@@ -57,11 +57,7 @@ def compensate(
     sources = [*((target_of(path), path) for path in export or []), *own]
     check_targets([latex, *(path for _, path in sources), out], model_file, reference)
     check_columns(out)
-    if (reference is None) != (out is None):
-        raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
-    run_alone = {"--column": column, "--m0": m0, "--clip": clip or None, "--ts": ts, "--rows": rows}
-    if reference is None and (unused := [n for n, value in run_alone.items() if value is not None]):
-        raise DataError(f"{unused[0]} belongs to a run of the law: give --reference and --out too.")
+    _check_run(reference, out, {"column": column, "m0": m0, "clip": clip or None, "ts": ts, "rows": rows})
     model = load(model_file)
     names = said_first(model.info.units, unit_names(units))
     how = {"Ts": ts, "t": t, "rows": rows, "unit": names.get("y", "")}
@@ -81,6 +77,15 @@ def compensate(
         console().print(f"{exports()[name].title} written to {path}")
     if goal and out:
         _follow(law, goal, out, model_file, m0, limits=limits, rate=rate, share=part, clip=clip)
+
+
+def _check_run(reference: Path | None, out: Path | None, options: dict[str, Any]) -> None:
+    """Refuse half a run of a law, and options of a run where there is none."""
+    if (reference is None) != (out is None):
+        raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
+    unused = [name for name, value in options.items() if value is not None]
+    if reference is None and unused:
+        raise DataError(f"--{unused[0]} belongs to a run of the law: give --reference and --out too.")
 
 
 def _tell(law: Compensator, share: Any, known: dict[str, str]) -> None:

@@ -24,8 +24,8 @@ def write_csv(path: PathLike, columns: Mapping[str, Any]) -> None:
 
 
 def check_columns(path: PathLike | None) -> None:
-    """Refuse a name under which columns of text would not be read again."""
-    if path is not None and Path(path).suffix.lower() not in COLUMNS:
+    """Refuse a name that ends as another kind of file does: columns of text would not be read again."""
+    if path is not None and Path(path).suffix.lower() not in ("", *COLUMNS):
         raise DataError(f"{path}: columns are written as text; give a name that ends in {', '.join(COLUMNS)}.")
 
 
