@@ -645,6 +645,10 @@ def test_polynomials_between_kinks_are_solved():
         found = property_1(NARX.from_terms(terms, [1 + a, b, c, d])).equilibria
         gap = a * y_ + b * np.abs(y_ - 1) + c * np.maximum(y_, y_**2 - 1) + d
         assert sum(abs(x) < 6 for x in found) == np.sum(gap[1:] * gap[:-1] < 0), (a, b, c, d, found)
+    for unit in (1e-9, 1e9):  # the same map in other units of y
+        terms = ["y[k-1]", f"abs(y[k-1] - {unit!r})", "1"]
+        model = NARX.from_terms(terms, [0.2, 0.5, -0.2 * unit], info=Info(ranges={"y": (-3 * unit, 3 * unit)}))
+        assert property_1(model).equilibria == [pytest.approx(0.3 / 1.3 * unit)]
     at_the_kink = property_1(NARX.from_terms(["y[k-1]", "abs(y[k-1])"], [0.5, 0.2]))
     assert at_the_kink.equilibria == [0.0] and at_the_kink.holds is False
 

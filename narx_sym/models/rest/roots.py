@@ -62,7 +62,7 @@ def resting_points(excess: Any, unknown: Any, scale: float = 1.0) -> Equilibria:
     exact = sp.expand(excess)
     if exact.is_polynomial(unknown):
         return Equilibria(_isolated(_polynomial(exact, unknown)), True)
-    if (found := _between_kinks(exact, unknown)) is not None:
+    if (found := _between_kinks(exact, unknown, scale)) is not None:
         return Equilibria(found, True)
     return Equilibria(_bracketed(sp.lambdify([unknown], excess, modules="math"), scale), False)
 
@@ -71,7 +71,7 @@ def _polynomial(expr: Any, unknown: Any) -> Any:
     return sp.Poly(sp.nsimplify(expr, rational=True), unknown, domain="QQ")
 
 
-def _between_kinks(expr: Any, unknown: Any) -> tuple[float, ...] | None:
+def _between_kinks(expr: Any, unknown: Any, scale: float) -> tuple[float, ...] | None:
     """Return the roots of polynomials that meet at kinks; None for all else, as where one of them is zero all along."""
     parts = None if expr.has(*JUMPS) else pieces(expr, lambda argument: True)
     found: list[float] = []
@@ -82,7 +82,7 @@ def _between_kinks(expr: Any, unknown: Any) -> tuple[float, ...] | None:
         if right.is_zero:
             return None
         found += [x for x in _isolated(right) if all(sign * p(x) >= 0 or _touches(p, x) for p, sign in sides)]
-    return None if parts is None else _apart(sorted(found), 1.0)
+    return None if parts is None else _apart(sorted(found), scale)
 
 
 def _isolated(polynomial: Any) -> tuple[float, ...]:
