@@ -72,9 +72,9 @@ print(
 # ## Go or no go
 # Before it runs on the machine: the law's input goes through many models that the records allow as well (a moving-block
 # bootstrap), and a piece of what the model left unexplained on the records is added to each run, drawn from a resampled
-# record of its own: the next record is not this one. The error on 20 machines that were not in the records lies in the 95
-# % band for 95 % of the samples (`tests/tasks/test_commission.py`); of records that are only a few correlation lengths of
-# their noise long it lies there less often. What speaks against the run is said in sentences: an input at its limits,
+# record of its own: the next record is not this one. The error on 20 machines that were not in the records lies in the
+# 95 % band for 95 % of the samples (`tests/tasks/test_commission.py`); of records that are only a few correlation lengths
+# of their noise long it lies there less often. What speaks against the run is said in sentences: an input at its limits,
 # beyond the recorded range, rate or frequency, a law that repels, an error that is no smaller than without the law.
 # "Without" is a strong opponent: the constant gain and offset that bring the model nearest to this reference, so that a
 # lag in the records does not make the law look better than it is.

@@ -20,6 +20,7 @@ from ..fit.simulate import evaluate
 from ..inversion.analyses import document
 from ..models import analysis
 from ..models.model import Model
+from ..report.parameters import effect_parameters, shape_units
 from ..report.plots import (
     plot_candidates,
     plot_comparison,
@@ -149,8 +150,9 @@ def find_missing(out: Path) -> None:
         with working("Fitting the model with the effect"):
             model = base.add(found.best).fit(record)
         print_equations(model)
-        said = f"{found.best.effect} with {found.table()[0]['parameters']}"
-        say(f"  found: {said}; simulated: backlash with c = 1, r = {PLAY:g} rad", markup=False)
+        added = model.effects[-1]
+        sizes = effect_parameters(model, added, STAGE_UNITS, shape_units(found, STAGE_UNITS, model))
+        say(f"  found: {added.effect} with {sizes}; simulated: backlash with r = {PLAY:g} rad", markup=False)
     save(model, out / "model_with_effect.json")
     before, after = (evaluate(m, record).free_run_nrmse for m in (base, model))
     say(f"  free-run NRMSE: {before:.3g} before, {after:.3g} after", markup=False)
