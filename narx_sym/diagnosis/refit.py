@@ -187,12 +187,8 @@ def prune(fitted: Fitted, before: Fitted) -> Fitted:
             break
         _, name, symbol = min(scored, key=lambda p: p[:2])
         refused.add(name)
-        try:
-            less = without(model, [symbol])
-            smaller = settle(less.replace(info=model.info), fitted.split, limits=fitted.limits)
-        except FitError:
-            continue
-        if all(smaller.mean_square(mask) <= most for mask, most in zip(masks, limits, strict=True)):
+        smaller = _simpler(fitted, {symbol: sp.S.Zero}, limits)
+        if smaller is not None:
             fitted = smaller
             refused.discard(name)
     return fitted
@@ -203,18 +199,24 @@ def whole(fitted: Fitted) -> Fitted:
 
     A share of 0.998 is a whole slack with the error of its fit; a law would invert the 0.2 % that pass beside it too.
     """
-    masks = (fitted.split.train, fitted.split.held)
-    most = [SLACK * fitted.mean_square(mask) for mask in masks]
+    limits = [SLACK * fitted.mean_square(mask) for mask in (fitted.split.train, fitted.split.held)]
     for symbol in (c for e in fitted.model.effects if e.full for c in e.coefficients.values()):
-        model = fitted.model
-        try:
-            fixed = held(model, {symbol: sp.S.One})
-            made = settle(fixed.replace(info=model.info), fitted.split, limits=fitted.limits)
-        except FitError:
-            continue
-        if all(made.mean_square(mask) <= limit for mask, limit in zip(masks, most, strict=True)):
-            fitted = made
+        fitted = _simpler(fitted, {symbol: sp.S.One}, limits) or fitted
     return fitted
+
+
+def _simpler(fitted: Fitted, known: Mapping[Any, Any], limits: Sequence[float]) -> Fitted | None:
+    """Fit a model in which some parameters are numbers; None where it cannot be held, or leaves more than `limits`.
+
+    These are mean squared errors on the training and on the held-out samples [unit of y squared].
+    """
+    model, split = fitted.model, fitted.split
+    try:
+        made = settle(held(model, known).replace(info=model.info), split, limits=fitted.limits)
+    except FitError:
+        return None
+    masks = (split.train, split.held)
+    return made if all(made.mean_square(mask) <= most for mask, most in zip(masks, limits, strict=True)) else None
 
 
 def _removable(model: Model, symbol: Any) -> bool:
