@@ -180,14 +180,18 @@ def _common_step(t: Vector, k: Vector, pieces: list[slice]) -> float | None:
 
 
 def _last_digit(t: Vector) -> Vector:
-    """Find the unit of the last printed digit of each stamp in s, 0 where all digits are used."""
+    """Find the unit of the last printed digit of each stamp in s, 0 where all digits are used.
+
+    It is no larger than a step: stamps that follow one another differ in it.
+    """
     size = np.where(t == 0, 1.0, np.abs(t))
-    exponent = np.floor(np.log10(size))
+    exponent, step = np.floor(np.log10(size)), float(np.max(np.diff(t)))
 
     def whole(x: Vector) -> bool:
         return bool(np.all(np.abs(x - np.rint(x)) <= 1e-6 + 4 * np.spacing(np.abs(x))))
 
-    fixed = next((10.0**-d for d in range(13) if whole(t * 10.0**d)), 0.0)
-    digits = next((d for d in range(1, 13) if whole(t * 10.0 ** (d - 1 - exponent))), None)
+    fixed = next((10.0**-d for d in range(13) if 10.0**-d <= step and whole(t * 10.0**d)), 0.0)
+    fine = [d for d in range(1, 13) if 10.0 ** (exponent.max() - d + 1) <= step]
+    digits = next((d for d in fine if whole(t * 10.0 ** (d - 1 - exponent))), None)
     floating = 0.0 if digits is None else 10.0 ** (exponent - digits + 1)
     return np.where(t == 0, fixed, np.maximum(fixed, floating))

@@ -178,6 +178,8 @@ class Step:
             return f"Nothing is missing that these data can show. {sizes}{would}."
         if self.loop is not None and self.verdict == "closed_loop":
             said = [f"{v.record.name}: {v.sentence}." for v in self.valves]
+            if self.loop.given and not said:
+                said = ["Of a valve nothing is said: its OP is to be in percent of its span, a fraction, or in mA."]
             return " ".join([*said, f"{self.loop.sentence}. {sizes}."])
         more = self.verdict in ("outside_library", "helps_but_incomplete") and self.floor_kind != REPEATED
         sizes += f"; the noise floor is {'at most' if more else 'about'} {few(self.floor)}{unit}"

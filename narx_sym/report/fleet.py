@@ -18,7 +18,7 @@ from .page import style, templates
 Row = dict[str, Any]
 # The time that a record took is in no table: the same records give the same bytes.
 FIELDS = (
-    "file", "tag", "verdict", "finding", "missing", "before", "after", "unit", "explained", "sizes", "report",
+    "file", "tag", "verdict", "finding", "missing", "valve", "before", "after", "unit", "explained", "sizes", "report",
     "problem",
 )  # fmt: skip
 WIDTH, HEIGHT = 160, 32  # of a trend [px]
@@ -48,14 +48,16 @@ def write_fleet(rows: Sequence[Row], path: Path, reports: str = "") -> list[Path
 
 
 def judged(row: Row) -> bool:
-    """Whether a record was judged: a file that cannot be read is not healthy, nor is a loop under a controller."""
-    return not row["problem"] and row["verdict"] != "closed_loop"
+    """Whether a record was judged: an unreadable file is not healthy, nor is a loop of which nothing is said."""
+    return not row["problem"] and (row["verdict"] != "closed_loop" or bool(row["valve"]))
 
 
 def nothing(row: Row) -> str:
     """Say in words that nothing is named in a record."""
     if not judged(row):
         return "not judged"
+    if row["valve"]:
+        return str(row["valve"])
     return "nothing that the record shows" if row["finding"] == "nothing_detectable" else "nothing is named"
 
 
@@ -111,10 +113,10 @@ def heat(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def trends(rows: Sequence[Row]) -> list[Row]:
-    """Return every size that enough records of one tag have, with its values in the order of the files."""
+    """Return every size that enough records of one tag have, in the order of the list, or of the names."""
     made = []
     for tag in sorted({r["tag"] for r in rows}):
-        own = sorted((r for r in rows if r["tag"] == tag and r["sizes"]), key=lambda r: r["file"])
+        own = sorted((r for r in rows if r["tag"] == tag and r["sizes"]), key=lambda r: r["order"])
         for name in sorted({n for r in own for n in r["sizes"]}):
             values = np.array([r["sizes"][name] for r in own if name in r["sizes"]])
             if values.size >= FEWEST:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..data.evidence.stiction import Sticking
+from ..data.evidence.stiction import worst_valve
 from ..diagnosis.bases import BASE
 from ..diagnosis.experiment import Experiment
 from ..diagnosis.procedure import UNNAMED, Diagnosis
@@ -140,11 +140,6 @@ def headline(diagnosis: Diagnosis) -> str:
     if first.verdict == "confused":
         return f"{', '.join(names[:-1])} or {names[-1]} is probably missing; these data cannot tell which.".capitalize()
     return f"{names[0].capitalize()} is probably missing."
-
-
-def worst_valve(valves: Sequence[Sticking]) -> Sticking:
-    """Return the valve that most surely sticks; the first one where none does."""
-    return max(valves, key=lambda v: (v.found, v.perhaps))
 
 
 def has_floor(diagnosis: Diagnosis) -> bool:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..data.evidence.stiction import worst_valve
 from ..data.record import read
 from ..diagnosis.procedure import Diagnosis, diagnose
 from ..errors import DataError, NarxError
@@ -26,6 +27,7 @@ Row = dict[str, Any]
 SUFFIXES = (".csv", ".npz", ".mat", ".parquet", ".mf4", ".mdf", ".tdms")
 LIST = "file"  # the column that makes a CSV a list of records
 COLUMNS = {"u": "u", "y": "y", "t": "t"}
+STICKING, BAND = "sticking valve", "band of the valve in % of span"
 UNKNOWN = "unknown"  # the machine of a record whose path does not tell it
 
 
@@ -102,13 +104,13 @@ def _content(file: Path) -> str:
 
 
 def _found(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
-    files = sorted(path.rglob("*")) if path.is_dir() else sorted(Path(path.anchor or ".").glob(_relative(path)))
+    files = path.rglob("*") if path.is_dir() else Path(path.anchor or ".").glob(_relative(path))
     try:
         pattern = re.compile(group) if group else None
     except re.error as error:
         raise DataError(f"--group {group!r} is no regular expression: {error}.") from None
     found = []
-    for file in files:
+    for file in sorted(files, key=_counted):
         if file.suffix.lower() in SUFFIXES and file.is_file():
             tag = _machine(pattern, file) if pattern else file.parent.name
             found.append(Entry(file, tag, tuple(columns.items())))
@@ -122,6 +124,11 @@ def _found(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
             stacklevel=3,
         )
     return found
+
+
+def _counted(file: Path) -> list[tuple[int, str]]:
+    """Order paths as people count: log_2 before log_10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", str(file))]
 
 
 def _machine(pattern: re.Pattern[str], file: Path) -> str:
@@ -162,7 +169,7 @@ def fleet(
     listed: Sequence[Entry], settings: Settings, jobs: int | None = -1,
     resumed: Callable[[int], Any] = lambda done: None,
 ) -> list[Row]:  # fmt: skip
-    """Diagnose every record; return one row each, what explains most of an output first, problems last.
+    """Diagnose every record; return one row each, the worst first, problems last.
 
     The work spreads to what `joblib.parallel_config` names; inside `narx_sym.resuming(file)` it goes on from there.
 
@@ -178,16 +185,21 @@ def fleet(
         return settings.reports is None or not row["report"] or (settings.reports / row["report"]).is_file()
 
     calls, what = [(entry, settings) for entry in listed], f"Diagnosing {len(listed)} records"
-    rows = sweep(look, calls, what, jobs, holds, resumed)
-    return sorted(rows, key=lambda r: (bool(r["problem"]), -r["explained"], r["tag"], r["file"]))
+    rows = [row | {"order": i} for i, row in enumerate(sweep(look, calls, what, jobs, holds, resumed))]
+    return sorted(rows, key=_worst)
+
+
+def _worst(row: Row) -> tuple[Any, ...]:
+    """Order rows: valves that stick, and of the others what explains most; problems last."""
+    return bool(row["problem"]), STICKING not in row["missing"], -row["explained"], row["tag"], row["order"]
 
 
 def look(entry: Entry, settings: Settings) -> Row:
     """Diagnose one record; whatever goes wrong becomes its row, which is `Passing` where the record is not to blame."""
     begin = time.monotonic()
     row: Row = {
-        "file": str(entry.file), "tag": entry.tag, "verdict": "", "finding": "", "missing": [], "sizes": {},
-        "before": None, "after": None, "unit": "", "explained": 0.0, "report": "", "problem": "",
+        "file": str(entry.file), "tag": entry.tag, "verdict": "", "finding": "", "missing": [], "valve": "",
+        "sizes": {}, "before": None, "after": None, "unit": "", "explained": 0.0, "report": "", "problem": "",
     }  # fmt: skip
 
     def watch(_: str) -> None:
@@ -237,16 +249,19 @@ def _told(found: Diagnosis) -> Row:
     before, after = (found.ladder[i]["validation"] * spread for i in (0, -1))
     later = [effect for step in found.steps[1:] for effect in step.added]
     missing = list(dict.fromkeys([*first.confusion_set, *later]))
-    if any(valve.found for valve in first.valves):
-        missing = ["sticking valve"]
+    valve = worst_valve(first.valves) if first.valves else None
+    if valve is not None and valve.found:
+        missing = [STICKING]
     elif first.verdict == "outside_library":
         missing = ["outside the catalogue"]
     sizes = {}
     if found.candidates and missing:
         best = found.best
         sizes = {f"{best.effect} {name}": float(value) for name, value in best.parameters.items()}
+    if valve is not None and valve.band:
+        sizes = {BAND: 100 * valve.band / valve.span}
     return {
         "verdict": first.verdict, "finding": first.finding, "missing": missing, "sizes": sizes,
-        "before": float(before), "after": float(after),
+        "valve": "" if valve is None else valve.verdict, "before": float(before), "after": float(after),
         "explained": max(0.0, float(before - after)) / spread,
     }  # fmt: skip

@@ -12,7 +12,7 @@ from narx_sym.data.evidence.dead_time import dead_time
 from narx_sym.data.evidence.feedback import feedback
 from narx_sym.data.evidence.levels import one_speed, turns
 from narx_sym.data.evidence.noise import sensor_noise, unexplained
-from narx_sym.data.evidence.stiction import held, sticking
+from narx_sym.data.evidence.stiction import held, span_of, sticking
 from narx_sym.diagnosis.procedure import diagnose
 from narx_sym.errors import DataError
 from narx_sym.fit.identify import identify
@@ -390,3 +390,35 @@ def test_an_input_of_one_speed():
     assert not [name for name, u in others.items() if one_speed([record(u)])]
     assert one_speed([record(triangle(5)), record(triangle(5))])
     assert not one_speed([record(triangle(5)), record(triangle(20))])  # together they move at two
+
+
+def test_a_setpoint_that_hardly_moves_does_not_clear_the_load():
+    """One step, or a historian's jitter, on a loop that its load moves: what looks like stiction may be the load."""
+    loop = cycling(0.4, 0.1)
+    resting = np.full(len(loop), float(loop.y.mean()))
+    jitter = resting + 1e-5 * np.random.default_rng(0).standard_normal(len(loop))
+    once = resting + np.ptp(loop.y) * (np.arange(len(loop)) > 250)
+    for setpoint in (resting, jitter, once):
+        found = sticking(ns.Record.from_arrays(loop.u, loop.y, Ts=loop.Ts, channels={"setpoint": setpoint}))
+        assert found.band and found.perhaps and not found.found
+
+
+def test_a_bent_valve_is_none_that_sticks():
+    """An equal-percentage valve, ten times steeper open than shut, behind a controller whose setpoint moves far."""
+    rng, n = np.random.default_rng(5), 1500
+    wanted = 50 + np.repeat(rng.uniform(-15, 15, n // 300), 300)
+    op, pv, total, level = np.zeros(n), np.zeros(n), 50.0, 0.0
+    for k in range(n):
+        pv[k] = 50 + level + 0.1 * rng.standard_normal()
+        error = wanted[k] - pv[k]
+        total += 0.05 * error
+        op[k] = np.clip(total + error, 0, 100)
+        moved = 50.0 ** (op[max(k - 3, 0)] / 100 - 0.5) / np.log(50) * 100 - 100 / np.log(50)
+        level += 0.03 * (moved - level)
+    assert not sticking(ns.Record.from_arrays(op, pv, Ts=1.0, channels={"setpoint": wanted})).found
+
+
+def test_of_an_output_in_another_unit_no_span_is_guessed():
+    loop = cycling(0.4, 0.1)
+    for unit, span in (("", 100.0), ("%", 100.0), ("m3/h", 0.0), ("V", 0.0)):
+        assert span_of(ns.Record.from_arrays(loop.u, loop.y, Ts=loop.Ts, units={"u": unit} if unit else {})) == span

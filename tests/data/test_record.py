@@ -609,3 +609,12 @@ def test_a_setpoint_that_nobody_reads_is_noted(tmp_path):
     told = "column 'Setpoint_mm' is not read"
     assert any(told in note for note in read(path).notes)
     assert not any("is not read" in note for note in read(path, channels="Setpoint_mm").notes)
+
+
+@pytest.mark.parametrize("begin", [0.0, 1.7e9, 1.7e9 + 0.4])
+@pytest.mark.parametrize("rate", [60, 300, 700])
+def test_stamps_in_milliseconds_after_a_round_number_keep_their_step(begin, rate):
+    """Nine digits before the point are no sign that the last printed digit is larger than a step."""
+    t = np.round(begin + np.arange(600) / rate, 3)
+    record = Record.from_arrays(np.sin(t - begin), np.cos(t - begin), t=t)
+    assert record.Ts == pytest.approx(1 / rate, rel=1e-3)

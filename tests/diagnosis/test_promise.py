@@ -1,10 +1,17 @@
 """What is promised to be seen, against brute force."""
 
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
-from narx_sym.diagnosis.screening.promise import detectable, left_out, paid
+import narx_sym as ns
+from narx_sym.diagnosis.screening.promise import TURNS, detectable, doubt, left_out, paid
+from narx_sym.diagnosis.table.frame import BLOCKS, FOLDS
+from narx_sym.diagnosis.table.hypotheses import Core
+from narx_sym.diagnosis.table.search import Search
+from narx_sym.diagnosis.table.verdict import ALIKE, alike, price
 
 
 def test_at_the_promised_size_an_effect_is_just_worth_its_price():
@@ -30,20 +37,56 @@ def test_an_effect_that_explains_nothing_of_another_is_never_worth_it():
     assert np.all(np.isfinite(grow.diagonal())) and np.isinf(grow[0, 1]) and np.isinf(grow[1, 0])
 
 
-def test_what_the_other_folds_explain_is_left_out_of_each():
+def test_what_a_refit_without_a_fold_leaves_is_what_the_table_judges_rows_by():
+    """A small wave on the output of a linear machine: its share of the error of every block that is held out."""
     rng = np.random.default_rng(1)
-    own, directions, folds = rng.standard_normal((60, 2)), rng.standard_normal((60, 1)), np.arange(60) // 20
-    own[20:, 1] = 0  # the start of the record: no other fold determines it
-    left = left_out(own, directions, folds)
-    for fold in range(3):
-        of, seen = folds == fold, [0] if fold == 0 else [0, 1]
-        fitted = np.linalg.lstsq(own[~of][:, seen], directions[~of], rcond=None)[0]
-        expected = directions[of] - own[of][:, seen] @ fitted
-        if fold == 0:
-            start = own[of][:, [1]]
-            expected = expected - start @ np.linalg.lstsq(start, expected, rcond=None)[0]
-        np.testing.assert_allclose(left[of], expected, atol=1e-12)
-    np.testing.assert_allclose(left_out(own * [1e9, 1e-9], directions, folds), left, atol=1e-12)  # in any units
+    u = np.cumsum(rng.standard_normal(600)) * 0.1
+    y = np.zeros(600)
+    for i in range(1, 600):
+        y[i] = 0.9 * y[i - 1] + 0.2 * u[i - 1]
+    wave = 1e-3 * np.sin(2 * np.pi * np.arange(600) ** 1.5 / 5000)[:, None]
+    record = ns.Record.from_arrays(u, y + wave[:, 0], 0.1)
+    base = ns.identify(record, base="linear", n_y=1, n_u=1, delay=1)
+    search = Search(base, [record], sizes=[(1, 1)])
+    (row,) = search.cored([Core(1, 1, 1)])
+    problem = row.frame.problem
+    own = np.array(problem.run(row.values)[1])
+    free, depth = problem.free, problem.depth
+    folds = np.arange(600 - depth) * BLOCKS // (600 - depth) % FOLDS
+    left = left_out(own[:, :free], own[:, free:], wave[depth:], folds)
+    edges = np.linspace(0, len(left), BLOCKS + 1).astype(int)
+    expected = [np.mean(left[b:e] ** 2) / record.y.var() for b, e in itertools.pairwise(edges)]
+    np.testing.assert_allclose(row.judged().blocks, expected, rtol=0.05, atol=1e-9)
+    scaled = left_out(own[:, :free] * 1e9, own[:, free:] * 1e-9, wave[depth:], folds)  # in any units
+    np.testing.assert_allclose(scaled, left, rtol=1e-6, atol=1e-12)
+
+
+def row(ids: tuple[str, ...], blocks: np.ndarray, parameters: int) -> SimpleNamespace:
+    """Return what the verdict reads of a row."""
+    held, count = float(blocks.mean()), len(ids)
+    return SimpleNamespace(
+        ids=ids, blocks=blocks, held=held, parameters=parameters, count=count, charged=count, becomes=frozenset(),
+        price=price(held, parameters, count),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("blocks", [12, 3])
+def test_what_is_promised_is_no_longer_alike(blocks):
+    """An effect in some of the blocks: at the size promised the verdict tells it from nothing, and not below it."""
+    noise, direction = np.ones(1_200_000), np.zeros((1_200_000, 1))
+    direction[: blocks * 100_000] = 1.0
+    costs, group = np.array([price(1.0, 1, 1)]), [slice(0, 1)]
+    margin = np.array([ALIKE])
+    for _ in range(TURNS):
+        grown = paid(group, direction.T @ direction, 1.2e6, costs + margin)[:, 0]
+        margin = doubt(group, direction, noise, costs, grown)
+
+    def seen(size: float) -> bool:
+        empty = row((), np.where(np.arange(12) < blocks, 1.0 + size, 1.0), 3)
+        best = row(("drift",), np.ones(12), 4)
+        return empty not in alike([empty, best], best)
+
+    assert seen(1.1 * grown[0]) and not seen(0.9 * grown[0])
 
 
 @np.errstate(all="raise")
@@ -55,7 +98,7 @@ def test_of_what_moves_nothing_nothing_is_promised():
     columns = [slice(0, 1), slice(1, 2)]
     scored = SimpleNamespace(
         directions=[SimpleNamespace(columns=c, variant=v) for c, v in zip(columns, named, strict=True)],
-        line=SimpleNamespace(residual=rng.standard_normal(120), own=np.ones((120, 1))),
+        line=SimpleNamespace(residual=rng.standard_normal(120), own=np.ones((120, 1)), problem=SimpleNamespace(free=1)),
         matrix=matrix, scores=SimpleNamespace(passes=np.array([[1.0, np.inf], [np.inf, np.inf]])),
     )  # fmt: skip
     assert set(detectable(scored)) == {"drift"}

@@ -12,12 +12,13 @@ from narx_sym.files.journal import remembered
 from narx_sym.report import fleet as pages
 from narx_sym.report.fleet import heat, trends, write_fleet
 from narx_sym.tasks import fleet as fleets
-from narx_sym.tasks.fleet import Settings, entries, fleet, look
+from narx_sym.tasks.fleet import BAND, STICKING, Settings, _worst, entries, fleet, look
 
 N, TS = 900, 0.01
 ROW = {
-    "file": "a.csv", "tag": "V1", "verdict": "named", "finding": "named", "missing": ["backlash"], "sizes": {"backlash r": 0.3}, "before": 0.2,
-    "after": 0.05, "unit": "mm", "explained": 0.6, "seconds": 1.0, "report": "", "problem": "",
+    "file": "a.csv", "tag": "V1", "verdict": "named", "finding": "named", "missing": ["backlash"], "valve": "",
+    "sizes": {"backlash r": 0.3}, "before": 0.2, "after": 0.05, "unit": "mm", "explained": 0.6, "seconds": 1.0,
+    "order": 0, "report": "", "problem": "",
 }  # fmt: skip
 
 
@@ -218,13 +219,13 @@ def test_parquet_where_its_writer_is_there(folder, tmp_path, run, monkeypatch):
     paths = write_fleet(rows, tmp_path / "plant.html")
     assert [p.name for p in paths] == ["plant.html", "plant.csv", "plant.parquet"]
     read = [{n: dict(v) if n == "sizes" else v for n, v in r.items()} for r in parquet.read_table(paths[2]).to_pylist()]
-    assert read == [{n: v for n, v in row.items() if n != "seconds"} for row in rows]
+    assert read == [{n: v for n, v in row.items() if n not in ("seconds", "order")} for row in rows]
     with monkeypatch.context() as context:
         context.setattr(pages, "find_spec", lambda name: None)
         assert len(write_fleet(rows, tmp_path / "bare.html")) == 2 and not (tmp_path / "bare.parquet").exists()
     monkeypatch.setattr(fleets, "look", lambda entry, settings: ROW | {"file": str(entry.file), "tag": entry.tag})
     code, text, err = run("fleet", folder, "--out", tmp_path / "all.html", "--jobs", "1")
-    assert code == 0 and "all.parquet" in text.replace("\n", "") and len(load(tmp_path / "all.parquet").columns) == 12
+    assert code == 0 and "all.parquet" in text.replace("\n", "") and len(load(tmp_path / "all.parquet").columns) == 13
     code, _, err = run("fleet", folder, "--out", tmp_path / "p.parquet", "--jobs", "1")
     assert code and "two results would go to the same file" in err and not (tmp_path / "p.parquet").exists()
     before = (tmp_path / "all.parquet").read_bytes()
@@ -239,3 +240,23 @@ def test_what_was_not_judged_is_not_called_healthy(tmp_path):
     page, *_ = write_fleet([row], tmp_path / "plant.html")
     assert "0 of 0 records that were judged" in page.read_text() and heat([row])["left"] == {"V1": 1}
     assert ">not judged</td>" in page.read_text() and "nothing that the record shows" not in page.read_text()
+
+
+def test_of_a_valve_the_page_says_what_the_report_does(tmp_path):
+    """A loop whose valve is told is judged, and a valve that sticks comes before what explains more."""
+    loop = {"verdict": "closed_loop", "finding": "valve", "sizes": {BAND: 4.0}, "explained": 0.0}
+    sticks = ROW | loop | {"tag": "V1", "missing": [STICKING], "valve": "the valve sticks"}
+    perhaps = ROW | loop | {"tag": "V2", "missing": [], "valve": "the valve may stick"}
+    assert sorted([perhaps, ROW, sticks], key=_worst)[0] is sticks
+    page, table, *_ = write_fleet([sticks, perhaps], tmp_path / "plant.html")
+    assert "1 of 2 records that were judged" in page.read_text() and heat([sticks])["of"] == {"V1": 1}
+    assert "not judged</td>" not in page.read_text() and "the valve may stick" in page.read_text()
+    assert "the valve may stick" in table.read_text() and f"{BAND}=4" in table.read_text()
+
+
+def test_trends_go_by_the_order_of_the_list_and_numbers_count(tmp_path):
+    rows = [ROW | {"file": name, "sizes": {"r": i}, "order": i} for i, name in enumerate(("z", "m", "a"))]
+    assert trends(rows[::-1])[0]["values"] == [0, 1, 2]
+    for i in (10, 9, 1):
+        (tmp_path / f"log_{i}.csv").write_text("u,y\n")
+    assert [e.file.name for e in entries(tmp_path)] == ["log_1.csv", "log_9.csv", "log_10.csv"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ...data.evidence.stiction import worst_valve
 from ...models.added import newer
 from .. import words
 from ..comparison import Comparison, Units, worst
@@ -35,7 +36,7 @@ def pictures(material: Material) -> list[Picture]:
     valves = material.diagnosis.steps[0].valves
     if not valves:
         return [picture(material.compared, material.units)]
-    valve = words.worst_valve(valves)
+    valve = worst_valve(valves)
     record, said = valve.record, f"{valve.sentence}."
     columns = {"t": record.t, "OP": record.u, "PV": record.y}
     columns |= {"valve, as estimated": valve.position} if valve.band else {}
