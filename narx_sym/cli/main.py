@@ -116,8 +116,13 @@ def derive(
     if plot:
         from ..report.plots import plot_quasi_static
 
-        save_figure(plot_quasi_static(model, units=unit_names(units)), plot)
-        console().print(f"Picture written to {plot}")
+        try:
+            figure = plot_quasi_static(model, units=unit_names(units))
+        except NarxError as error:  # what can be derived is told above
+            note(f"no picture: {error}")
+        else:
+            save_figure(figure, plot)
+            console().print(f"Picture written to {plot}")
 
 
 @app.command()

@@ -1,6 +1,7 @@
-"""What the sensor itself does to a record: values that are cut off, that freeze, and values in steps.
+"""What the sensor itself does to a record: values that are cut off, that freeze, that stand alone, and values in steps.
 
-All are seen in the record alone, before any model: clipped extremes, one rest too long, and the levels that occur.
+All are seen in the record alone, before any model: clipped extremes, one rest too long, samples far from both
+neighbours, and the levels that occur.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from .record import Record
 
@@ -21,7 +23,10 @@ LEVELS = 0.25  # distinct values per sample below which steps are looked for
 WHOLE = 1e-3  # of a step: differences between levels are whole multiples of it
 CROSSES = 0.5  # of the range of the input, while the output stays at one value: friction holds over a part of it
 CHANCE = 1e-3  # that the longest rest is one of the many rests of this signal
-FELT = 0.25  # share of the noise power that steps must make up to be worth saying
+ALONE, FARTHER = 0.02, 3.0  # share of the samples that stand alone at most, and how much farther than all others
+AROUND = 5  # samples of a median that two bad ones in a row do not bend
+LATE = 3  # samples in which an output follows a peak of its input
+FELT = 0.25  # share of the noise power that steps, or what stands alone, must make up to be worth saying
 
 
 @dataclass(frozen=True)
@@ -30,13 +35,13 @@ class Fault:
 
     Attributes
     ----------
-    effect : "sensor_saturation", "frozen_sensor" or "quantisation"
+    effect : "sensor_saturation", "frozen_sensor", "spikes" or "quantisation"
     size : float
-        Where the values are cut off or stay, or the step [unit of y].
+        Where the values are cut off or stay, how far most of those that stand alone do, or the step [unit of y].
     share : float
-        Of the samples that are cut off or stay, or of the noise power that the steps make up.
+        Of the samples that are cut off, stay or stand alone, or of the noise power that the steps make up.
     rows : pair of int
-        The first row that stays, and the first that does not, counted from 0.
+        The first row that stays, and the first that does not, counted from 0; the first and the last that stand alone.
     record : str
         The name of the record that these are rows of.
     """
@@ -46,6 +51,7 @@ class Fault:
     share: float
     rows: tuple[int, int] = (0, 0)
     record: str = ""
+    count: int = 0
 
     @property
     def sentence(self) -> str:
@@ -61,6 +67,15 @@ class Fault:
                 f"The measured output stays at exactly {self.size:.6g} in the rows {first}:{last} of '{self.record}', "
                 "while the input goes through half of its range (frozen_sensor): a sensor that froze, values that were "
                 "filled in, or a machine that was held."
+            )
+        if self.effect == "spikes":
+            first, last = self.rows
+            many = self.count > 1
+            return (
+                f"{f'{self.count} samples' if many else 'A sample'} of '{self.record}' "
+                f"({f'rows {first} to {last}' if many else f'row {first}'}) {'are' if many else 'is'} far from those "
+                f"around (spikes), by {self.size:.4g}: a sensor that drops out, or a placeholder for missing values. "
+                "They count as noise here."
             )
         return (
             f"The measured output comes in steps of {self.size:.4g} (quantisation), which make up "
@@ -91,7 +106,8 @@ def sensor_faults(records: Sequence[Record], floor: float, step: float | None = 
         if piles and not _sticks(records, float(extreme), levels[[0, -1]], length / 2, moves):
             found.append(Fault("sensor_saturation", float(extreme), share))
     frozen = max((_frozen(r) for r in records), key=lambda one: one.share if one else 0.0, default=None)
-    found += [frozen] if frozen else []
+    alone = max((_spikes(r, floor) for r in records), key=lambda one: one.count if one else 0, default=None)
+    found += [one for one in (frozen, alone) if one]
     part = step**2 / 12 / floor**2 if floor > 0 else 0.0
     return [*found, *([Fault("quantisation", step, min(1.0, part))] if part >= FELT else [])]
 
@@ -155,6 +171,31 @@ def _frozen(record: Record) -> Fault | None:
     if others and len(others) * np.exp(-length / np.mean(others)) > CHANCE:
         return None
     return Fault("frozen_sensor", float(y[rows.start]), length / n, (rows.start, rows.stop), record.name)
+
+
+def _spikes(record: Record, floor: float) -> Fault | None:
+    """Return the samples of the output that stand alone, where the input has none just before: much of the noise."""
+    peaks, heights = _alone(record.y)
+    driven = _alone(record.u)[0]
+    own = [not np.any((driven <= k) & (driven >= k - LATE)) for k in peaks]
+    peaks, heights = peaks[own], heights[own]
+    if not peaks.size or np.sum(heights**2) < FELT * floor**2 * len(record):
+        return None
+    rows = (int(peaks[0]), int(peaks[-1]))
+    return Fault("spikes", float(np.median(heights)), peaks.size / len(record), rows, record.name, peaks.size)
+
+
+def _alone(x: Array) -> tuple[Array, Array]:
+    """Return the few samples that are much farther than all others from the median around them, and how far, (n,).
+
+    And farther than the signal usually moves between two samples, when it does.
+    """
+    heights, moves = np.abs(x - median_filter(x, AROUND, mode="nearest")), np.abs(np.diff(x))
+    step = np.median(moves[moves > 0]) if moves.any() else 0.0
+    order = np.argsort(-heights, kind="stable")[: max(2, int(ALONE * x.size))]
+    falls = np.flatnonzero(heights[order[:-1]] > FARTHER * np.maximum(heights[order[1:]], step))
+    peaks = np.sort(order[: falls[-1] + 1]) if falls.size else order[:0]
+    return peaks, heights[peaks]
 
 
 def quantum(values: Array) -> float:

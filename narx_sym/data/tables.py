@@ -183,7 +183,9 @@ class Table:
             return regular_time(kept * check_step(Ts), lambda i: self.where(int(kept[i])), f"{self.path}: ")
         if t is None or t not in self.columns:
             return None
-        stamps, own = self.numbers(t, "--time", cut, keep), self.unit(t) or _ending(t)
+        stamps, own = self._dates(t, cut, keep), "s"
+        if stamps is None:
+            stamps, own = self.numbers(t, "--time", cut, keep), self.unit(t) or _ending(t)
         if own != "s":
             seconds = converted(stamps, own, "s")
             if seconds is None:
@@ -191,6 +193,26 @@ class Table:
             self.notes.append(f"time column '{t}' is converted from {own} to s")
             stamps = seconds
         return regular_time(stamps, lambda i: self.where(int(kept[i])), f"{self.path}: column '{t}', ")
+
+    def _dates(self, t: str, cut: slice, keep: NDArray[np.bool_] | None) -> Vector | None:
+        """Return a column of dates (ISO 8601) as seconds since the first; None where its first entry is a number."""
+        import pandas as pd
+
+        raw = self.columns[t][cut] if keep is None else self.columns[t][cut][keep]
+        if raw.dtype.kind != "O" or self._first_text(raw) != 0:
+            return None
+        try:
+            stamps = pd.to_datetime(pd.Series(raw), format="ISO8601", utc=True)
+        except ValueError:
+            raise DataError(
+                f"{self.path}: the time column '{t}' holds text such as {str(raw[0])!r}: write numbers (seconds) or "
+                "dates as 2024-10-27T00:59:50, or ignore the column with --ts SECONDS"
+            ) from None
+        self.notes.append(f"time column '{t}' holds dates, read as seconds since the first one")
+        since = np.asarray((stamps - stamps.iloc[0]).dt.total_seconds(), dtype=np.float64)
+        if not np.isfinite(since).all():
+            raise DataError(f"{self.path}: column '{t}' has rows without a date; {self._repair}")
+        return since
 
     @property
     def _repair(self) -> str:

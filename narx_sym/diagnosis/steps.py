@@ -24,7 +24,7 @@ from .screening.scored import absorbed
 from .table.candidates import RIVALS, Candidate, Pair, candidates_of, exchanged, half_of, instead, new_effect
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, alike, nothing_named, removes, verdict, winner
+from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, SAME, alike, nothing_named, removes, verdict, winner
 
 REPEATED, ESTIMATE, NO_FLOOR = "repeated periods", "estimate", "not estimated"  # kinds of floors: sure, not, in loops
 
@@ -110,8 +110,8 @@ class Step:
         return {name: float(np.sqrt(fitted.mean_square(masks)) / spread) for name, masks in parts.items()}
 
     def near(self, known: Row, *rows: Row) -> Step:
-        """Take those of some rows that lessen the error for what comes nearest, and return the step."""
-        less = [r for r in rows if r.held < known.held]
+        """Take those of some rows that lessen the error at all for what comes nearest, and return the step."""
+        less = [r for r in rows if r.held < (1 - SAME) * known.held]
         self.nearest = [" with ".join(v.id for v in r.beyond(known)) for r in less]
         self.nearest_share = 1 - less[0].held / known.held if less else 0.0
         return self
@@ -135,10 +135,11 @@ class Step:
     @property
     def trace(self) -> str:
         """What is left though nothing is named, in words; an empty text where no effect of the catalogue lessens it."""
-        if not self.nearest:
+        if not self.nearest or self.verdict != "nothing_detectable":
             return ""
-        said = f"Something is left (p = {self.p_value:.2g}), too little in these data to be named"
-        return f"{said}: {' or '.join(self.nearest)} would come nearest."
+        much = "of which no effect explains enough" if self.unexplained else "too little in these data"
+        near = f"{' or '.join(self.nearest)} would come nearest"
+        return f"Something is left (p = {self.p_value:.2g}), {much} to be named: {near}."
 
     @property
     def follows_nothing(self) -> bool:
@@ -149,7 +150,7 @@ class Step:
     def finding(self) -> str:
         """Return the verdict, or what it is in a case that is told in other words."""
         if self.verdict == "nothing_detectable":
-            cases = {"follows_nothing": self.follows_nothing, "trace": self.trace, "unexplained": self.unexplained}
+            cases = {"follows_nothing": self.follows_nothing, "unexplained": self.unexplained, "trace": self.trace}
             return next((name for name, case in cases.items() if case), self.verdict)
         if self.verdict == "closed_loop" and self.valves:
             return "valve"
@@ -168,13 +169,10 @@ class Step:
                 return f"The base does not follow the output: what is missing cannot be told from it. {sizes}."
             shown = ", ".join(f"{name} above {few(size, 2)}{unit}" for name, size in self.unseen[:3])
             would = f"; these data would probably have shown {shown} rms" if shown else ""
-            if self.trace:
-                return f"{self.trace} {sizes}{would}."
             if self.unexplained:
-                return (
-                    f"No effect of the catalogue is seen in what is left. {sizes}; the sensor's noise, if white, is "
-                    f"about {few(self.sensor)}{unit}, {self.unexplained}{would}."
-                )
+                sizes += f"; the sensor's noise, if white, is about {few(self.sensor)}{unit}, {self.unexplained}"
+            if self.trace or self.unexplained:
+                return f"{self.trace or 'No effect of the catalogue is seen in what is left.'} {sizes}{would}."
             return f"Nothing is missing that these data can show. {sizes}{would}."
         if self.loop is not None and self.verdict == "closed_loop":
             said = [f"{v.record.name}: {v.sentence}." for v in self.valves]

@@ -113,10 +113,10 @@ def headline(diagnosis: Diagnosis) -> str:
     if first.verdict == "nothing_detectable":
         if first.follows_nothing:
             return "The base does not follow the output: what is missing cannot be told from it."
+        if first.unexplained:
+            return "What is left is more than the sensor's noise, and no effect of the catalogue explains enough of it."
         if first.trace:
             return "Something is left, too little in these data to be named."
-        if first.unexplained:
-            return "No effect of the catalogue is seen in what is left, which is more than the sensor's noise."
         return "Nothing is missing that these data can show."
     if first.verdict == "outside_library":
         return "Something is missing that the catalogue does not know."
@@ -157,22 +157,28 @@ def what_next(diagnosis: Diagnosis) -> str:
     """Say what to do next, after the last step."""
     last = next((s for s in reversed(diagnosis.steps) if s.chosen is not None), diagnosis.steps[0])
     chosen = diagnosis.steps[0] if diagnosis.steps[0].verdict == "confused" else last
-    frozen = next((f for f in diagnosis.faults if f.effect == "frozen_sensor"), None)
-    if frozen:
+    faults = {f.effect: f for f in diagnosis.faults}
+    if frozen := faults.get("frozen_sensor"):
         rows = "{}:{}".format(*frozen.rows)
-        return f"Diagnose without the rows {rows} of '{frozen.record}' (--rows): the output stays there at one value."
+        return (
+            f"Empty the output in the rows {rows} of '{frozen.record}', where it stays at one value, and diagnose "
+            "again with --missing drop."
+        )
+    if "spikes" in faults:
+        return "Empty the cells of the samples that stand alone, and diagnose again with --missing drop."
     if chosen.follows_nothing:
         return (
             "Choose another base, or record with an input that moves the output: a constant does as well as this model."
         )
     if diagnosis.one_speed and chosen.verdict in UNNAMED:
         return "Record at a second speed or stroke: at one speed a linear base may hide friction, slack or hysteresis."
-    if chosen.trace:
-        return "Keep the model for now. A longer record, less noise or a wider input would tell what it is."
     if chosen.verdict == "nothing_detectable" and chosen.unexplained:
         return (
-            "Look for what disturbs the machine, or for a signal that was not recorded: the input alone tells no more."
+            "Look at where the model fails, for what disturbs the machine, or for a signal that was not recorded: what "
+            "is left is no noise of the sensor, and no effect of the catalogue."
         )
+    if chosen.trace:
+        return "Keep the model for now. A longer record, less noise or a wider input would tell what it is."
     if any(v.found or v.perhaps for v in chosen.valves):
         return (
             "Put the controller in manual and move its output up and down in small steps: how far it goes before PV "

@@ -618,3 +618,19 @@ def test_stamps_in_milliseconds_after_a_round_number_keep_their_step(begin, rate
     t = np.round(begin + np.arange(600) / rate, 3)
     record = Record.from_arrays(np.sin(t - begin), np.cos(t - begin), t=t)
     assert record.Ts == pytest.approx(1 / rate, rel=1e-3)
+
+
+def test_dates_are_a_time(tmp_path):
+    """ISO 8601, with and without fractions, with a zone; other text is refused with what to do."""
+    path = tmp_path / "iso.csv"
+    rows = ["2024-10-27T00:59:59.5+02:00", "2024-10-27T01:00:00+02:00", "2024-10-27T01:00:00.500+02:00"]
+    path.write_text("t,u,y\n" + "".join(f"{at},{i},{2 * i}\n" for i, at in enumerate(rows)))
+    record = read(path)
+    assert record.Ts == 0.5 and record.t.tolist() == [0, 0.5, 1.0] and "holds dates" in record.notes[0]
+    path.write_text("t,u,y\n31.03.2024 00:30:00,1,2\n31.03.2024 00:30:05,2,3\n")
+    with pytest.raises(DataError, match="31.03.2024 00:30:00.*--ts SECONDS"):
+        read(path)
+    assert len(read(path, Ts=5.0)) == 2
+    path.write_text("t,u,y\n2024-10-27,1,2\n,2,3\n2024-10-29,2,3\n")
+    with pytest.raises(DataError, match="without a date"):
+        read(path)

@@ -57,6 +57,20 @@ def test_rounding_cuts_nothing_off():
     assert "sensor_saturation" in [f.effect for f in sensor_faults([ns.Record.from_arrays(held, cut, Ts)], 0.005)]
 
 
+def test_samples_that_stand_alone():
+    """Placeholders and drop-outs, two in a row too; not the peaks of an input that passes at once, nor one step."""
+    bad = np.array([200, 201, 900, 2400])
+    (fault,) = faults(np.where(np.isin(np.arange(N), bad), -9999, y))
+    assert fault.effect == "spikes" and fault.count == 4 and fault.rows == (200, 2400)
+    assert "4 samples of 'record' (rows 200 to 2400) are far from those around" in fault.sentence
+    pulses = np.where(np.isin(np.arange(N), bad), 3.0, u)
+    noise = 0.005 * rng.standard_normal(N)
+    assert sensor_faults([ns.Record.from_arrays(pulses, 2 * pulses + noise, Ts)], 0.005) == []
+    toggles = 0.5 * (np.arange(N) % 300 == 7)
+    levels = [f.effect for f in sensor_faults([ns.Record.from_arrays(u, 0.5 * np.round(y / 0.5) + toggles, Ts)], 0.1)]
+    assert "spikes" not in levels
+
+
 def rubbing(force, spring, F=0.15):
     """Return the position of a part that rubs, on a spring or free; forces go up to one."""
     m, b, k = (0.02, 0.3, 1.5) if spring else (0.1, 1.0, 0.0)

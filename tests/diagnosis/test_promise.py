@@ -19,7 +19,7 @@ def test_at_the_promised_size_an_effect_is_just_worth_its_price():
     rng = np.random.default_rng(0)
     D = rng.standard_normal((400, 3))
     D[:, 2] += D[:, 0]
-    groups, costs = [slice(0, 1), slice(1, 3)], [0.37, 0.47]
+    groups, costs = [slice(0, 1), slice(1, 3)], np.array([0.37, 0.47])
     grow = paid(groups, D.T @ D, 100.0, costs)
     for i, hidden in enumerate(groups):
         for j, tried in enumerate(groups):
@@ -33,7 +33,7 @@ def test_at_the_promised_size_an_effect_is_just_worth_its_price():
 
 
 def test_an_effect_that_explains_nothing_of_another_is_never_worth_it():
-    grow = paid([slice(0, 1), slice(1, 2)], np.eye(2), 1.0, [0.3, 0.3])
+    grow = paid([slice(0, 1), slice(1, 2)], np.eye(2), 1.0, np.full(2, 0.3))
     assert np.all(np.isfinite(grow.diagonal())) and np.isinf(grow[0, 1]) and np.isinf(grow[1, 0])
 
 

@@ -642,3 +642,14 @@ def test_a_start_is_the_same_in_all_units(unit):
     a = np.array([1.7, -0.72])
     found = [start_beside([r], core, a)[0] for r in (plain, scaled)]
     assert np.array_equal(found[1], scale * found[0])
+
+
+def test_an_effect_that_hardly_acts_is_no_excuse_for_poles_that_swing_by_themselves():
+    """A hum on a lag: a core that swings as it does, beside an effect of no size, was told as its rival."""
+    rng, n = np.random.default_rng(3), 4000
+    u = lfilter([0.16], [1, -0.987], rng.standard_normal(n))
+    hum = 0.12 * np.sin(2 * np.pi * 0.065 * np.arange(n) + 1)
+    y = lfilter([0, 0.026], [1, -0.974], u) + hum + 0.01 * rng.standard_normal(n)
+    record = ns.Record.from_arrays(u, y, 0.0013)
+    found = ns.diagnose(ns.identify(record, base="linear"), record)
+    assert found.verdict == "named" and found.confusion_set == ["periodic_disturbance"]

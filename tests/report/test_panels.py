@@ -263,12 +263,20 @@ def test_few_digits_need_no_exponent(value, said):
         (
             False,
             "Something is left",
-            "more",
+            "",
             "Something is left, too little",
             "something left, too little",
             "A longer record",
         ),
-        (False, "", "more", "No effect of the catalogue", "more left than noise", "what disturbs the machine"),
+        (
+            False,
+            "Something is left",
+            "more",
+            "What is left is more",
+            "more left than noise",
+            "what disturbs the machine",
+        ),
+        (False, "", "more", "What is left is more", "more left than noise", "what disturbs the machine"),
         (True, "", "more", "The base does not follow the output", "the base does not follow", "another base"),
     ],
 )

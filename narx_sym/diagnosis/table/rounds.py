@@ -391,7 +391,8 @@ class Table:
 
     def holds(self, row: Row) -> bool:
         """Whether the free run of a row can be held at the working rate and at the records' own, however long it is."""
-        return not self.search.grows(row) and self.settles(row) and settles(self.own, row)
+        stays = not (self.search.grows(row) or self.search.idle(row))
+        return stays and self.settles(row) and settles(self.own, row)
 
     def settles(self, row: Row) -> bool:
         """Whether the free run of a row can be held on the training samples alone, at the working rate."""
