@@ -255,7 +255,9 @@ class Targets:
 def _command(found: Diagnosis, data: list[Path], base: str, targets: Targets) -> str:
     """Return the command to go on with, if there is one: with every option that says what is read, and how."""
     files, options = [*map(str, data)], {"--base": ["--base", base], **targets.typed}
-    if found.verdict == "confused":
+    if {f.effect for f in found.faults} & {"frozen_sensor", "spikes"}:
+        options["--missing"] = ["--missing", "drop"]
+    elif found.verdict == "confused":
         files.append("NEW_RECORD.csv")
     elif found.verdict == "helps_but_incomplete" and not found.exhausted:
         options["--max-effects"] = ["--max-effects", str(1 + sum(len(s.added) for s in found.steps))]

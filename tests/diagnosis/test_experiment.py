@@ -1,10 +1,13 @@
 """The next experiment: it keeps the record's limits, and separates what the record confuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from narx_sym.data.record import Record, read_signal
 from narx_sym.diagnosis.experiment import Limits, family, propose
+from narx_sym.diagnosis.experiment.proposal import Experiment
 from narx_sym.diagnosis.refit import Split, settle
 from narx_sym.errors import ModelError
 from narx_sym.fit.freerun import FreeRun
@@ -133,7 +136,9 @@ def test_backlash_and_hysteresis(loops):
     assert found.separates == ["backlash", "hysteresis"]
     assert found.separation > 1.2 * found.present and found.ratio > 1.5
     assert all(run.shape == found.u.shape == found.t.shape for run in found.outputs.values())
-    assert found.sentence.startswith("To decide between backlash and hysteresis: run this 20 s input: ")
+    assert found.sentence.startswith(
+        "To decide between backlash and hysteresis: run this 20 s input, from rest at 0 V: "
+    )
     assert "times the noise" in found.sentence and " um rms" in found.sentence
     kept(Limits.of([record]), found.u)
 
@@ -257,3 +262,12 @@ def test_twice_the_range_is_looked_at_where_this_one_does_not_decide(tmp_path):
 def test_limits_that_are_none(loops, limits):
     with pytest.raises(ModelError, match="two finite numbers"):
         propose(*loops, NOISE, limits=limits)
+
+
+def test_beyond_the_record_it_says_that_the_models_extrapolate():
+    t = np.linspace(0, 1, 50)
+    u = 5 + np.sin(6 * t)
+    models = ["backlash", "hysteresis"]
+    found = Experiment(models, "a sine", t, u, 1.0, 0.1, 0.1, {m: u for m in models}, seen=(0.0, 5.5), units={"u": "V"})
+    assert "from rest at 5 V" in found.sentence and "Beyond 0 ... 5.5 V the models extrapolate." in found.sentence
+    assert "extrapolate" not in replace(found, seen=(0.0, 7.0)).sentence

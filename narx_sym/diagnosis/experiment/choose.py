@@ -83,14 +83,15 @@ def propose(
     n = min(longest, sum(len(p) for p in parts))
     if allowed.half <= 0 or allowed.rate <= 0 or n < 2 * SHORTEST:
         return None
-    given = units or {}
+    given, seen = units or {}, (min(float(p.u.min()) for p in parts), max(float(p.u.max()) for p in parts))
     now = {name: _as_measured(model, parts) for name, model in models.items()}
     present = _distances(models, lambda model, truth: _on_all(model, now[truth]))[:, 0]
 
     def best(within: Limits) -> Experiment | None:
         drawn = family(within, n, parts[0].Ts, seed, given.get("u", ""))
         found = _best(models, bench, present, drawn, floor)
-        return found and replace(found, units=dict(given), limits=(within.low, within.high), given=limits is not None)
+        reach = (within.low, within.high)
+        return found and replace(found, units=dict(given), limits=reach, given=limits is not None, seen=seen)
 
     found = best(allowed)
     if found is None or found.clear:

@@ -46,6 +46,8 @@ class Experiment:
         Of the input [its unit].
     given : bool
         Whether the user gave them; else they are the range of the present records.
+    seen : (low, high)
+        That range.
     wider : Experiment, optional
         The best one over twice the range, where this one hardly decides and that one does.
     """
@@ -63,6 +65,7 @@ class Experiment:
     together: list[tuple[str, str]] = field(default_factory=list)
     limits: tuple[float, float] = (-np.inf, np.inf)
     given: bool = False
+    seen: tuple[float, float] = (-np.inf, np.inf)
     wider: Experiment | None = None
 
     @property
@@ -101,10 +104,14 @@ class Experiment:
                 f"No input that was tried within {within} tells {between} apart: after a refit they say the same "
                 f"even on the best of them ({self.name}).{self._further}"
             )
+        first = float(self.u[0]) if abs(self.u[0]) > 1e-9 * np.ptp(self.u) else 0.0
+        rest = with_unit(first, self.units.get("u", ""))
         said = (
-            f"To decide between {between}: run this {self.duration:.3g} s input{where}: {self.name}. "
+            f"To decide between {between}: run this {self.duration:.3g} s input{where}, from rest at {rest}: {self.name}. "
             f"Even after a refit {which} then differ by {least}{self._y(self.separation)} rms{noise}."
         )
+        if self.u.min() < self.seen[0] or self.u.max() > self.seen[1]:
+            said += f" Beyond {self._range(self.seen)} the models extrapolate."
         if not self.clear:
             how = "no better" if self.separation <= self.present else "hardly better"
             said += (
