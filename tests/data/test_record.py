@@ -628,7 +628,7 @@ def test_dates_are_a_time(tmp_path):
     record = read(path)
     assert record.Ts == 0.5 and record.t.tolist() == [0, 0.5, 1.0] and "holds dates" in record.notes[0]
     path.write_text("t,u,y\n31.03.2024 00:30:00,1,2\n31.03.2024 00:30:05,2,3\n")
-    with pytest.raises(DataError, match="31.03.2024 00:30:00.*--ts SECONDS"):
+    with pytest.raises(DataError, match=r"31\.03\.2024 00:30:00.*--ts SECONDS"):
         read(path)
     assert len(read(path, Ts=5.0)) == 2
     path.write_text("t,u,y\n2024-10-27,1,2\n,2,3\n2024-10-29,2,3\n")

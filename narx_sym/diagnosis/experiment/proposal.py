@@ -107,8 +107,8 @@ class Experiment:
         first = float(self.u[0]) if abs(self.u[0]) > 1e-9 * np.ptp(self.u) else 0.0
         rest = with_unit(first, self.units.get("u", ""))
         said = (
-            f"To decide between {between}: run this {self.duration:.3g} s input{where}, from rest at {rest}: {self.name}. "
-            f"Even after a refit {which} then differ by {least}{self._y(self.separation)} rms{noise}."
+            f"To decide between {between}: run this {self.duration:.3g} s input{where}, from rest at {rest}: "
+            f"{self.name}. Even after a refit {which} then differ by {least}{self._y(self.separation)} rms{noise}."
         )
         if self.u.min() < self.seen[0] or self.u.max() > self.seen[1]:
             said += f" Beyond {self._range(self.seen)} the models extrapolate."
