@@ -30,7 +30,9 @@ Time = Annotated[str, typer.Option("--time", help="Column of the time, in s.")]
 Ts = Annotated[float | None, typer.Option("--ts", help="Sampling time in s; overrides the time column.")]
 Channels = Annotated[str, typer.Option("--channels", help="Further columns: names with commas, or all.")]
 Rows = Annotated[str | None, typer.Option("--rows", help="Data rows A:B, counted from 0.")]
-Missing = Annotated[str, typer.Option("--missing", help="Rows with missing values: refuse, or drop and say so.")]
+Missing = Annotated[
+    str, typer.Option("--missing", help="Rows with missing values: refuse, or drop (a few are filled) and say so.")
+]
 Units = Annotated[
     str,
     typer.Option(

@@ -307,8 +307,8 @@ def read(
         Further columns to keep. A name that cannot stand in an equation is changed, and that is noted: "temp [C]"
         becomes temp_C. Who asks for temp_C, or for temp ("all,temp" too), finds that column by this name.
     missing : "refuse" or "drop"
-        What happens where a value is missing or infinite. "drop" leaves the row out; the hole is treated as one in the
-        time stamps: up to ten steps are filled by linear interpolation, a longer one splits the record. It is noted.
+        What happens where a value is missing or infinite. With "drop" up to ten steps of that column are filled by
+        linear interpolation; a longer hole, and one at an end, is left out and splits the record. It is noted.
     units : mapping such as {"u": "V", "y": "um"}
         What the record is in, whatever the file says.
     """
@@ -320,7 +320,7 @@ def read(
     names = table.channels(channels, {u, y, t}, cut)
     asked = {**dict.fromkeys(names.values(), "--channels"), u: "--input", y: "--output"}
     stamps = [t] if Ts is None and t in table.columns else []
-    keep = table.complete([*asked, *stamps], cut) if missing == "drop" else None
+    keep = table.complete([*asked], stamps, cut) if missing == "drop" else None
     data = {n: table.numbers(n, option, cut, keep) for n, option in asked.items()}
     grid = table.time(t, Ts, cut, keep)
     if grid is None:

@@ -25,6 +25,7 @@ CROSSES = 0.5  # of the range of the input, while the output stays at one value:
 CHANCE = 1e-3  # that the longest rest is one of the many rests of this signal
 ALONE, FARTHER = 0.02, 3.0  # share of the samples that stand alone at most, and how much farther than all others
 AROUND = 5  # samples of a median that two bad ones in a row do not bend
+LISTED = 30  # rows at most
 LATE = 3  # samples in which an output follows a peak of its input
 FELT = 0.25  # share of the noise power that steps, or what stands alone, must make up to be worth saying
 
@@ -41,9 +42,11 @@ class Fault:
     share : float
         Of the samples that are cut off, stay or stand alone, or of the noise power that the steps make up.
     rows : pair of int
-        The first row that stays, and the first that does not, counted from 0; the first and the last that stand alone.
+        The first row that stays, and the first that does not, counted from 0.
     record : str
         The name of the record that these are rows of.
+    at : tuple of int
+        The rows that stand alone.
     """
 
     effect: str
@@ -51,7 +54,7 @@ class Fault:
     share: float
     rows: tuple[int, int] = (0, 0)
     record: str = ""
-    count: int = 0
+    at: tuple[int, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -69,13 +72,15 @@ class Fault:
                 "filled in, or a machine that was held."
             )
         if self.effect == "spikes":
-            first, last = self.rows
-            many = self.count > 1
+            shown = ", ".join(map(str, self.at[:LISTED])) + (" ..." if len(self.at) > LISTED else "")
+            many = (
+                f"{len(self.at)} samples of '{self.record}' are"
+                if len(self.at) > 1
+                else f"A sample of '{self.record}' is"
+            )
             return (
-                f"{f'{self.count} samples' if many else 'A sample'} of '{self.record}' "
-                f"({f'rows {first} to {last}' if many else f'row {first}'}) {'are' if many else 'is'} far from those "
-                f"around (spikes), by {self.size:.4g}: a sensor that drops out, or a placeholder for missing values. "
-                "They count as noise here."
+                f"{many} far from those around (spikes), by {self.size:.4g}: row{'s' * (len(self.at) > 1)} {shown}. "
+                "What a sensor drops, or a placeholder for missing values, counts as noise here."
             )
         return (
             f"The measured output comes in steps of {self.size:.4g} (quantisation), which make up "
@@ -106,7 +111,7 @@ def sensor_faults(records: Sequence[Record], floor: float, step: float | None = 
         if piles and not _sticks(records, float(extreme), levels[[0, -1]], length / 2, moves):
             found.append(Fault("sensor_saturation", float(extreme), share))
     frozen = max((_frozen(r) for r in records), key=lambda one: one.share if one else 0.0, default=None)
-    alone = max((_spikes(r, floor) for r in records), key=lambda one: one.count if one else 0, default=None)
+    alone = max((_spikes(r, floor) for r in records), key=lambda one: len(one.at) if one else 0, default=None)
     found += [one for one in (frozen, alone) if one]
     part = step**2 / 12 / floor**2 if floor > 0 else 0.0
     return [*found, *([Fault("quantisation", step, min(1.0, part))] if part >= FELT else [])]
@@ -181,8 +186,8 @@ def _spikes(record: Record, floor: float) -> Fault | None:
     peaks, heights = peaks[own], heights[own]
     if not peaks.size or np.sum(heights**2) < FELT * floor**2 * len(record):
         return None
-    rows = (int(peaks[0]), int(peaks[-1]))
-    return Fault("spikes", float(np.median(heights)), peaks.size / len(record), rows, record.name, peaks.size)
+    share, rows = peaks.size / len(record), tuple(peaks.tolist())
+    return Fault("spikes", float(np.median(heights)), share, record=record.name, at=rows)
 
 
 def _alone(x: Array) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import DataError
 from ..symbolic.signals import plain_name
-from .timegrid import Grid, Vector, check_step, regular_time, uniform_time
+from .timegrid import GAP, Grid, Vector, check_step, regular_time, uniform_time
 from .units import converted, in_header
 
 PathLike = str | os.PathLike[str]
@@ -121,22 +121,31 @@ class Table:
             )
         return called
 
-    def complete(self, names: Sequence[str], cut: slice) -> NDArray[np.bool_]:
-        """Rows of `cut` in which no named column is empty, NaN or infinite; what is dropped is noted."""
-        keep = np.ones(cut.stop - cut.start, dtype=bool)
-        for n in names:
+    def complete(self, names: Sequence[str], stamps: Sequence[str], cut: slice) -> NDArray[np.bool_]:
+        """Rows of `cut` to keep: in which no stamp is empty, NaN or infinite, and no longer run of the named columns.
+
+        In a short run `numbers` fills what is missing and leaves the other columns as they are; both are noted.
+        """
+        whole, timed = (np.ones(cut.stop - cut.start, dtype=bool) for _ in range(2))
+        for n, known in (*((n, whole) for n in names), *((n, timed) for n in stamps)):
             raw = self.columns.get(n, np.zeros(0))[cut]
-            if raw.size == keep.size and self._first_text(raw) is None:
-                keep &= np.isfinite(self._floats(raw))
-        bad = np.flatnonzero(~keep)
-        if bad.size:
-            self.notes.append(
-                f"{bad.size} row(s) with missing or infinite values are dropped, the first in "
-                f"{self.where(cut.start + int(bad[0]))}"
-            )
-        if keep.size - bad.size < 2:
+            if raw.size == known.size and self._first_text(raw) is None:
+                known &= np.isfinite(self._floats(raw))
+        near = np.diff(np.flatnonzero(np.concatenate([[True], whole, [True]])))  # rows from one whole one to the next
+        keep = timed.copy()
+        for begin, rows in zip(np.cumsum(near) - near, near, strict=True):
+            if rows > GAP or begin == 0 or begin + rows > whole.size:  # at the ends nothing tells what was there
+                keep[begin : begin + rows - 1] = False
+        filled = "filled there by linear interpolation"
+        for lost, how in ((np.flatnonzero(~keep), "dropped"), (np.flatnonzero(keep & ~whole), filled)):
+            if lost.size:
+                self.notes.append(
+                    f"{lost.size} row(s) with missing or infinite values are {how}, the first in "
+                    f"{self.where(cut.start + int(lost[0]))}"
+                )
+        if np.sum(keep & whole) < 2:
             raise DataError(
-                f"{self.path}: {keep.size - bad.size} complete row(s) of {keep.size}; at least 2 are needed"
+                f"{self.path}: {np.sum(keep & whole)} complete row(s) of {keep.size}; at least 2 are needed"
             )
         return keep
 
@@ -163,6 +172,8 @@ class Table:
         values = self._floats(raw)
         if keep is not None and keep.size == values.size:
             values = values[keep]
+            known = np.flatnonzero(np.isfinite(values))
+            values = np.interp(np.arange(values.size), known, values[known]) if known.size else values
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             raise DataError(

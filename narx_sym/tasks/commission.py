@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..data.coverage import beyond
+from ..data.evidence.noise import CLEARLY, sensor_noise
 from ..data.metrics import rms
 from ..data.units import said_first
 from ..errors import Diverged, ModelError
@@ -44,6 +45,7 @@ class Commissioning:
     low, high : (N,) arrays, the band of the tracking error, 95 % at each sample [unit of the output]
     errors : (draws,) array, rms tracking error of each parameter set with what its model leaves unexplained
     unexplained : median rms of what is added of that, part of every error [unit of the output]
+    sensor : standard deviation of the sensor's noise in the records; what is left beyond it may come with the motion
     plain : the input of the best constant gain, which the law is compared with
     without : median of the same errors under that input [unit of the output]
     steepest : largest change of the input [its unit per sample]
@@ -58,6 +60,7 @@ class Commissioning:
     high: Array
     errors: Array
     unexplained: float
+    sensor: float
     plain: Straight
     without: float
     steepest: float
@@ -88,6 +91,11 @@ class Commissioning:
         beside = f", {less} {WITHOUT} ({self.plain})" if np.isfinite(gain) else ""
         text = f"Expected: an error of {self.expected:.3g}{of_y} rms{beside}; 95 % of the simulated runs"
         left = f"What the model leaves unexplained, {self.unexplained:.3g}{of_y} rms, is part of it."
+        if self.unexplained > CLEARLY * self.sensor:  # drawn by chance, it may not be chance
+            left += (
+                f" The sensor makes {self.sensor:.2g}{of_y} of that; what comes with the motion, as friction or slack"
+            )
+            left += " that the model lacks, may be larger on this reference: no bound holds for it."
         text += f" stay below {self.worst:.3g}{of_y}. {left}"
         text += f" The input changes by up to {self.steepest:.3g}{of_u} per sample."
         return f"{'Go' if self.go else 'No go'}. {text}{''.join(f' {reason}.' for reason in self.against)}"
@@ -156,7 +164,7 @@ def commission(
     worse = float(np.mean(errors[stays] > GAINS * bare[stays]))  # set by set: the same machine, the same noise
     found = Commissioning(
         law, r, run, low, high,
-        errors=errors[stays], unexplained=float(np.median(rms(noise[stays]))),
+        errors=errors[stays], unexplained=float(np.median(rms(noise[stays]))), sensor=sensor_noise(listed),
         plain=plain, without=float(np.median(np.nan_to_num(bare, nan=np.inf))),
         steepest=float(np.abs(np.diff(run.m, prepend=run.start)).max()),
         at_limits=float(run.held.mean()),
@@ -186,7 +194,8 @@ def _check(model: Model, draws: int) -> None:
 def write_commissioning(found: Commissioning, path: Path) -> None:
     """Write the figures as JSON."""
     rows = {
-        "schema": 1, "go": found.go, "expected": found.expected, "worst": found.worst, "without": found.without,
+        "schema": 1, "go": found.go, "expected": found.expected, "worst": found.worst, "sensor": found.sensor,
+        "without": found.without,
         "without_input": {"offset": found.plain.offset, "slope": found.plain.slope},
         "unexplained": found.unexplained, "steepest": found.steepest, "at_limits": found.at_limits,
         "against": list(found.against), "sentence": found.sentence({}),

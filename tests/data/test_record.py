@@ -634,3 +634,18 @@ def test_dates_are_a_time(tmp_path):
     path.write_text("t,u,y\n2024-10-27,1,2\n,2,3\n2024-10-29,2,3\n")
     with pytest.raises(DataError, match="without a date"):
         read(path)
+
+
+def test_a_missing_output_does_not_change_the_input(tmp_path):
+    """Cells that were emptied are filled; the other columns of their rows, which were measured, stay."""
+    rng = np.random.default_rng(0)
+    t, u, y = 0.1 * np.arange(60), rng.standard_normal(60), rng.standard_normal(60)
+    told = [f"{y[i]}" for i in range(60)]
+    for i in (20, 21, 40):
+        told[i] = ""
+    path = tmp_path / "holes.csv"
+    path.write_text("t,u,y\n" + "".join(f"{a:.1f},{b!r},{c}\n" for a, b, c in zip(t, u.tolist(), told, strict=True)))
+    record = read(path, missing="drop")
+    assert len(record) == 60 and not record.breaks and np.array_equal(record.u, u)
+    assert record.y[20] == pytest.approx(y[19] + (y[22] - y[19]) / 3) and np.array_equal(record.y[41:], y[41:])
+    assert "3 row(s)" in record.notes[0] and "filled" in record.notes[0]

@@ -85,7 +85,9 @@ class Sticking:
     @property
     def verdict(self) -> str:
         """Return the verdict in a few words."""
-        return f"the valve {'sticks' if self.found else 'may stick' if self.perhaps else 'is not seen to stick'}"
+        return (
+            f"the valve {'probably sticks' if self.found else 'may stick' if self.perhaps else 'is not seen to stick'}"
+        )
 
     @property
     def sentence(self) -> str:
@@ -102,7 +104,7 @@ class Sticking:
         what += f", then jumps by {jump:.2g} %" if self.jump else ""
         why = f"behind it a process predicts the output with {100 * (1 - self.left):.2g} % less squared error"
         if self.found:
-            return f"The valve sticks: {what}; {why}"
+            return f"The valve probably sticks: {what}; {why}"
         if self.perhaps:
             return (
                 f"The valve may stick: {what}; {why}. But no setpoint was recorded that moves the loop, and a load "

@@ -79,7 +79,7 @@ def shown(of: Any, labels: Iterable[str]) -> str:
     """Return a unit as text, each name as the user spells it in `labels`; "1" for a pure number."""
     spelled = {f"{unit(label):~P}": label for label in labels}
     for name in {name for label in labels if LABEL.fullmatch(label) for name in re.findall(NAME, label)}:
-        spelled[f"{unit(name):~P}"] = name
+        spelled.setdefault(f"{unit(name):~P}", name)
     found = re.sub(rf"own_[0-9a-f]+|{NAME}", lambda m: spelled.get(m[0], m[0]), f"{of:~P}")
     return found or "1"
 
