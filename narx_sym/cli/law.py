@@ -125,10 +125,12 @@ def _follow(
     say = console().print
     say(f"Compensated input: {len(m)} samples, m in [{m.min():.4g}, {m.max():.4g}]")
     how = "starts from rest" if run.rests else "starts where the model does not rest,"
-    say(f"It {how} at m = {run.start:.6g} with the output at {r[0]:.6g}. To see what the model expects:")
+    first = run.start if abs(run.start) > 1e-12 * abs(m).max() else 0.0
+    say(f"It {how} at m = {first:.6g} with the output at {r[0]:.6g}. To see what the model expects:")
     files = shlex.join([str(model_file), str(out)])
     say(
-        f"  narx-sym simulate {files} --input m --u0 {run.start:.10g} --y0 {r[0]:.10g} --out expected.csv", markup=False
+        f"  narx-sym simulate {files} --input m --u0 {first:.10g} --y0 {r[0] + 0.0:.10g} --out expected.csv",
+        markup=False,
     )
     if run.effort is not None:
         say(f"NSAVI (effort against the reference's): {run.effort:.4g}")

@@ -82,8 +82,11 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def exhausted(self) -> bool:
-        """Whether it looked for a further effect beside those that it added, and found none."""
-        return len(self.steps) > 1 and self.steps[-1].chosen is None
+        """Whether it looked for a further effect beside those that it added, and found none, or two that are all."""
+        last = self.steps[-1]
+        if last.pair is not None and last.pair.all and len(last.added) > 1:
+            return True
+        return len(self.steps) > 1 and last.chosen is None
 
     @property
     def confusion_set(self) -> list[str]:

@@ -262,12 +262,10 @@ class Step:
 
 def _instead(pair: Pair) -> str:
     """Say what else explains as much as a pair, and which of the two is in all of it."""
-    if not pair.rivals:
-        return ""
     listed = [" with ".join(rival) for rival in pair.rivals[:RIVALS]]
     more = f", or one of {len(pair.rivals) - RIVALS} more" if len(pair.rivals) > RIVALS else ""
     every = f"; {pair.sure[0]} is in all of them" if pair.sure else ""
-    return f" As well it could be {', or '.join(listed)}{more}{every}."
+    return f" As well it could be {', or '.join(listed)}{more}{every}." if listed else ""
 
 
 def looped(base: Fitted, loop: Feedback, valves: Sequence[Sticking] = ()) -> Step:
@@ -322,13 +320,14 @@ def step(
         made.floor = float(np.sqrt(min(chosen.mean_square(base.split.held) * (1 - left), floor)))
     if made.verdict == "outside_library":
         return made.near(known, best), known
-    pair = len(best.beyond(known)) > 1
     both = [v.id for v in best.beyond(known)]
+    pair = len(both) > 1
     made.confusion_set = both if pair else list(names)
     if pair:
         made.verdict = "helps_but_incomplete"
         rivals = tuple(ids for ids in (tuple(v.id for v in r.beyond(known)) for r in found[1:]) if ids)
-        made.pair = Pair((both[0], both[1]), chosen, chosen.mean_square(base.split.held), share, rivals, left <= LEFT)
+        held, every = chosen.mean_square(base.split.held), verdict(share, left, 1) != "helps_but_incomplete"
+        made.pair = Pair((both[0], both[1]), chosen, held, share, rivals, every)
     if len(made.confusion_set) > 1 and not pair:
         table.course.say(": looking for an experiment that separates them")
         bare = next((table.own(r).model for r in found if not r.beyond(known) and table.holds(r)), None)

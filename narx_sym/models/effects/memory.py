@@ -40,7 +40,7 @@ def backlash(x: Any, r: Any) -> Form:
     {"inside": "uy"},
     scan={"r": Scan("amplitude", (0.02, 0.06, 0.15, 0.4)), "d": Scan("gain", (0.8, 1.0, 1.25))},
     sign=1,
-    unit={"r": "unit of the driver", "d": "unit of y / unit of u"},
+    unit={"r": "unit of u", "d": "unit of y / unit of u"},
     id="backlash",
     form="elastic",
     source="Nordin & Gutman 2002 (dead zone of an elastic shaft)",
