@@ -20,7 +20,7 @@ TURNS = 4  # of the size and of what it leaves in doubt
 def detectable(scored: Scored) -> dict[str, float]:
     """Return per effect the rms by which it moves the output where 80 % of such records would show it [unit of y].
 
-    So far as the directions tell: of machines that nobody asked, 71 % did (derivations/results/named.md).
+    So far as its direction tells what it does: tests/bench/power.py counts.
 
     It is seen as itself or as any other effect that passes its test and is worth its price. Its forms and shapes count
     by their median; of the places where it may act, the one where it shows least. Where most of them never show, as a
