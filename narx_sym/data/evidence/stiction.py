@@ -36,7 +36,7 @@ WIDEST = 0.9  # of the range of OP: a wider band is never left
 SEARCHED = 2  # parameters of a sticking valve: f_s and f_d
 LEADS = (
     1 / 3
-)  # of PV's range, that the setpoint moves by: loops with valves that stick 0.38 ... 1.7, a trifle 0.02 ... 0.3
+)  # of PV's range, that the setpoint moves by at least: 0.38 ... 1.7 where valves stick, 0.02 ... 0.3 a trifle
 SHARES = ("", "1", "%", "percent", "pct")  # units of an output that is told in parts of its span; none may be that too
 LONG, SHORT = 6000, 10  # samples that are looked at; samples for each lag, at least
 OWN = 1e-3  # of a lag of OP: a controller without noise makes the rest from the lags of PV, where it is no parameter
@@ -51,7 +51,7 @@ class Sticking:
     ----------
     found : bool
         Whether it sticks by more than the specification allows or makes the loop cycle, as a setpoint has shown that
-        moves more than once, and PV by no less than all else.
+        moves more than once, and by a third of PV's range.
     perhaps : bool
         Whether it looks so, but hardly anything moved the loop but its load: one that steps or ramps would look
         alike. Where the setpoint is known, only what cycles by the valve looks so.

@@ -19,6 +19,7 @@ from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import passed
 from ..bases import BASE
 from ..refit import Fitted
+from .finer import idle
 from .row import Row
 from .verdict import LEFT, PER_EFFECT, cheapest, explained
 
@@ -262,7 +263,7 @@ def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], low
             break
         likely = variant.id in members
         worth = row.held < known.held or (likely and np.isfinite(row.held))
-        if not worth or table.search.idle(row) or not (table.holds(row) if likely else table.settles(row)):
+        if not worth or idle(row, table.search) or not (table.holds(row) if likely else table.settles(row)):
             continue
         tests = [i for i, d in enumerate(scored.directions) if d.variant.id == variant.id]
         p = min((scored.scores.corrected(i) for i in tests), default=1.0)

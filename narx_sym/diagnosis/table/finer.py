@@ -17,7 +17,7 @@ from ...models.model import Model
 from ..refit import Fitted, Split, settle
 from .hypotheses import Hypothesis, written
 from .row import Row
-from .search import Search
+from .search import CLOSER, Search
 from .starts.arx import resampled, zeroed
 from .verdict import ALIKE
 
@@ -130,6 +130,23 @@ def settled(row: Row, search: Search) -> Fitted:
     core, frame = row.hypothesis.core, row.frame
     made, theta = written(row.hypothesis, search.given), np.array(frame.theta(row.values, core))
     return settle(made, Split.of(search.cut), theta, frame.limits(made), errors=frame.errors(row.values, core))
+
+
+def idle(row: Row, search: Search) -> bool:
+    """Whether the core of a row does as well without its last effect, though its poles may not do so by themselves.
+
+    Poles on the unit circle imitate a drift or a hum, and an effect that hardly acts is no excuse for them.
+    """
+    effects = row.hypothesis.effects
+    if not effects or not search.runs_away(row):
+        return False
+    if row not in search.idle:
+        bare = replace(row.hypothesis, effects=effects[:-1])
+        problem = search.frame(bare.effects, False).problem
+        x = np.pad(row.values[: problem.free], (0, problem.shifts))
+        alone = search.fitted(bare, x, CLOSER, any_pole=True)
+        search.idle[row] = alone is not None and alone.fitted <= np.exp(ALIKE) * row.fitted
+    return search.idle[row]
 
 
 def settles(fit: Callable[[Row], Fitted], row: Row) -> bool:

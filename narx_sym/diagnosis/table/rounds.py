@@ -22,7 +22,7 @@ from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted
 from ..screening.directions import Linearised
 from ..screening.scored import TRIED, Scored, linearised, screen, shortlist
-from .finer import Finer, settled, settles
+from .finer import Finer, idle, settled, settles
 from .hypotheses import Core, family_of, ways, written
 from .row import Row, leading
 from .search import Search
@@ -391,7 +391,7 @@ class Table:
 
     def holds(self, row: Row) -> bool:
         """Whether the free run of a row can be held at the working rate and at the records' own, however long it is."""
-        stays = not (self.search.grows(row) or self.search.idle(row))
+        stays = not (self.search.grows(row) or idle(row, self.search))
         return stays and self.settles(row) and settles(self.own, row)
 
     def settles(self, row: Row) -> bool:

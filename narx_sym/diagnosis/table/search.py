@@ -20,7 +20,7 @@ from .hypotheses import Core, Hypothesis, family_of, ladder, written
 from .row import Row
 from .starts.arx import arx_start
 from .starts.restart import beginnings, slower
-from .verdict import ALIKE, price
+from .verdict import price
 
 Array = np.ndarray
 HIGHER = (5, 7, 9, 11)  # orders of further cores, tried in turn
@@ -56,7 +56,7 @@ class Search:
         self.rows: list[Row] = []
         self.higher: list[tuple[int, int]] = []
         self._near: set[tuple[Hypothesis, Core | Effect]] = set()  # what was fitted from where a hypothesis stands
-        self._idle: dict[Row, bool] = {}
+        self.idle: dict[Row, bool] = {}  # see `finer.idle`
         self.withheld: list[Row] = []
         self.integrating = self.swings = self.leaks = False
         self.modes: float = np.inf
@@ -124,13 +124,13 @@ class Search:
             Where no core follows the data.
         """
         every = [r.judged() for r in self.cored(self.cores(delays), any_pole=True)]
-        away = [r for r in every if self._runs_away(r)]
+        away = [r for r in every if self.runs_away(r)]
         self.swings = any(slowest(r.a) < 1 and not at_one(r.a, self.slow) and self._driven(r, r.held) for r in away)
-        found = staying = [r for r in every if r not in away]
+        found = self._staying(every)
         least = min((r.held for r in found), default=np.inf)
         near = sorted((r for r in away if at_one(r.a, self.slow)), key=lambda r: r.held)
         if near and least > DRIVEN * near[0].held and any(self._driven(r, r.held) for r in near):
-            found = self._integrated(near[0], least, delays) or staying
+            found = self._integrated(near[0], least, delays) or self._staying(every)
         if not found:
             raise FitError("The base model cannot follow these data in free run: choose another base.")
         found = self._climbed(found, delays)
@@ -151,6 +151,9 @@ class Search:
             if row.size not in starts or row.fitted < starts[row.size].fitted:
                 starts[row.size] = row
         return list(starts.values())
+
+    def _staying(self, rows: Sequence[Row]) -> list[Row]:
+        return [r for r in rows if not self.runs_away(r)]
 
     def _integrated(self, near: Row, whole: float, delays: Sequence[int]) -> list[Row]:
         """Fit every core with a pole at 1, in pieces; return none where the axis does not integrate after all.
@@ -241,7 +244,7 @@ class Search:
     def _poles(self, core: Core) -> int:
         return self.given.n_y if core.given else core.n_y
 
-    def _runs_away(self, row: Row, a: Array | None = None) -> bool:
+    def runs_away(self, row: Row, a: Array | None = None) -> bool:
         """Whether a pole has moved to the unit circle, as far as the record tells: it imitates a drift, or a line.
 
         `a`, (n_y,), are the coefficients of older outputs; by default those of the core.
@@ -256,31 +259,16 @@ class Search:
         """Whether a pole beside that at 1 grows by more than the slowest one decays, and no effect holds it."""
         return row.hypothesis.core.integrating and not row.hypothesis.effects and slowest(row.a) > 1 / self.slow
 
-    def idle(self, row: Row) -> bool:
-        """Whether the core of a row does as well without its last effect, though its poles may not do so by themselves.
-
-        Poles on the unit circle imitate a drift or a hum, and an effect that hardly acts is no excuse for them.
-        """
-        effects = row.hypothesis.effects
-        if not effects or not self._runs_away(row):
-            return False
-        if row not in self._idle:
-            bare = replace(row.hypothesis, effects=effects[:-1])
-            problem = self.frame(bare.effects, False).problem
-            alone = self.fitted(bare, np.pad(row.values[: problem.free], (0, problem.shifts)), CLOSER, any_pole=True)
-            self._idle[row] = alone is not None and alone.fitted <= np.exp(ALIKE) * row.fitted
-        return self._idle[row]
-
     def _keeps(self, row: Row) -> bool:
         """Whether no pole has moved to the unit circle, or the effects hold what the input drives through it.
 
         What acts on the motion holds it; beside a core that forgets from sample to sample it is a play.
         """
-        (core, effects), away = (row.hypothesis.core, row.hypothesis.effects), self._runs_away(row)
+        (core, effects), away = (row.hypothesis.core, row.hypothesis.effects), self.runs_away(row)
         motion = any(v.where == "motion" for v in effects)
         if not away or not effects:
             return not (away or (motion and not core.given and slowest(row.a) < FORGETS))
-        held = motion or not self._runs_away(row, row.frame.linearised(row.values, core))
+        held = motion or not self.runs_away(row, row.frame.linearised(row.values, core))
         return held and self._driven(row, row.fitted)
 
     def _driven(self, row: Row, error: float) -> bool:
