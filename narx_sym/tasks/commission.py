@@ -91,11 +91,11 @@ class Commissioning:
         beside = f", {less} {WITHOUT} ({self.plain})" if np.isfinite(gain) else ""
         text = f"Expected: an error of {self.expected:.3g}{of_y} rms{beside}; 95 % of the simulated runs"
         left = f"What the model leaves unexplained, {self.unexplained:.3g}{of_y} rms, is part of it."
-        if self.unexplained > CLEARLY * self.sensor:  # drawn by chance, it may not be chance
+        if 0 < CLEARLY * self.sensor < self.unexplained:  # it is drawn by chance, and may be none
             left += (
-                f" The sensor makes {self.sensor:.2g}{of_y} of that; what comes with the motion, as friction or slack"
+                f" The sensor makes {self.sensor:.2g}{of_y} of that; what comes with the motion, as friction or slack "
+                "that the model lacks, may be larger on this reference: no bound holds for it."
             )
-            left += " that the model lacks, may be larger on this reference: no bound holds for it."
         text += f" stay below {self.worst:.3g}{of_y}. {left}"
         text += f" The input changes by up to {self.steepest:.3g}{of_u} per sample."
         return f"{'Go' if self.go else 'No go'}. {text}{''.join(f' {reason}.' for reason in self.against)}"

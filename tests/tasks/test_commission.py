@@ -1,6 +1,7 @@
 """Go or no go: what is expected of a law is what the machine then does."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -191,3 +192,10 @@ def test_residuals_are_as_large_as_the_noise_was():
     assert np.mean(sizes[False]) < 0.85 and 0.9 < np.mean(sizes[True]) < 1.15
     slow = np.convolve(rng.standard_normal(340), np.ones(40) / 40, "valid")
     assert np.std(as_large(slow, 3)) > 1.1 * np.std(slow)
+
+
+def test_what_no_sensor_makes_has_no_bound(found):
+    """What a model lacks is drawn by chance, and may be none: it is said where the sensor makes clearly less."""
+    assert found.sensor == pytest.approx(NOISE, rel=0.2) and "no bound" not in found.sentence()
+    assert "no bound holds for it" in replace(found, sensor=found.unexplained / 3).sentence()
+    assert "no bound" not in replace(found, sensor=0.0).sentence()  # nothing is known of it
