@@ -12,6 +12,7 @@ import pytest
 import narx_sym as ns
 from narx_sym.data.examples import STAGE_UNITS
 from narx_sym.diagnosis.bases import few
+from narx_sym.diagnosis.procedure import Diagnosis
 from narx_sym.diagnosis.steps import NO_FLOOR, Step
 from narx_sym.diagnosis.table.candidates import Pair
 from narx_sym.fit.alignment import aligned
@@ -314,3 +315,11 @@ def test_a_damped_law_starts_from_the_states_that_its_script_has():
     told = try_it.reference(law, [SimpleNamespace(fitted=SimpleNamespace(model=law.model))], seen)
     states = re.search(r"states = (\[.*?\])", law.to_js("law"))[1]
     assert len(told["start"]) == len(json.loads(states)) == len(law.exported().states) > len(law.recursion.states)
+
+
+@pytest.mark.parametrize(
+    "every, added, exhausted", [(True, ["a", "b"], True), (False, ["a", "b"], False), (True, ["a"], False)]
+)
+def test_two_effects_that_are_all_need_no_third(every, added, exhausted):
+    step = SimpleNamespace(pair=SimpleNamespace(all=every), added=added, chosen=object())
+    assert Diagnosis.exhausted.fget(SimpleNamespace(steps=[step])) == exhausted
