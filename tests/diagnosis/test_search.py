@@ -644,6 +644,7 @@ def test_a_start_is_the_same_in_all_units(unit):
     assert np.array_equal(found[1], scale * found[0])
 
 
+@pytest.mark.more
 def test_an_effect_that_hardly_acts_is_no_excuse_for_poles_that_swing_by_themselves():
     """A hum on a lag: a core that swings as it does, beside an effect of no size, was told as its rival."""
     rng, n = np.random.default_rng(3), 4000

@@ -224,11 +224,13 @@ class _Process:
         most = max(1, min(LAGS[-1], y.size // SHORT))
         n, least = y.size - most, float(np.var(y)) * ROUNDING**2
         found = []
-        for lags, bent in product((n for n in LAGS if n <= most), (False, True)):
+        for lags in (n for n in LAGS if n <= most):
             known = qr(np.column_stack([_past(y, lags, n), np.ones(n)]), mode="economic")[0]
-            one = cls(lags, bent, n, known, y[most:] - known @ (known.T @ y[most:]), least)
-            error, own = one.behind(part.u)
-            found.append((n * np.log(error) + 2 * (lags + own), one))
+            target = y[most:] - known @ (known.T @ y[most:])
+            for bent in (False, True):
+                one = cls(lags, bent, n, known, target, least)
+                error, own = one.behind(part.u)
+                found.append((n * np.log(error) + 2 * (lags + own), one))
         return min(found, key=lambda pair: pair[0])[1]
 
     def behind(self, moved: Array) -> tuple[float, int]:
