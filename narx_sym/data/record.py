@@ -320,7 +320,7 @@ def read(
     names = table.channels(channels, {u, y, t}, cut)
     asked = {**dict.fromkeys(names.values(), "--channels"), u: "--input", y: "--output"}
     stamps = [t] if Ts is None and t in table.columns else []
-    keep = table.complete([*asked], stamps, cut) if missing == "drop" else None
+    keep = table.complete(list(asked), stamps, cut) if missing == "drop" else None
     data = {n: table.numbers(n, option, cut, keep) for n, option in asked.items()}
     grid = table.time(t, Ts, cut, keep)
     if grid is None:

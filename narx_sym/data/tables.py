@@ -207,11 +207,11 @@ class Table:
 
     def _dates(self, t: str, cut: slice, keep: NDArray[np.bool_] | None) -> Vector | None:
         """Return a column of dates (ISO 8601) as seconds since the first; None where its first entry is a number."""
-        import pandas as pd
-
         raw = self.columns[t][cut] if keep is None else self.columns[t][cut][keep]
         if raw.dtype.kind != "O" or self._first_text(raw) != 0:
             return None
+        import pandas as pd
+
         try:
             stamps = pd.to_datetime(pd.Series(raw), format="ISO8601", utc=True)
         except ValueError:

@@ -110,7 +110,7 @@ class Step:
         return {name: float(np.sqrt(fitted.mean_square(masks)) / spread) for name, masks in parts.items()}
 
     def near(self, known: Row, *rows: Row) -> Step:
-        """Take those of some rows that lessen the error at all for what comes nearest, and return the step."""
+        """Take the rows that lessen the error by more than `SAME` for what comes nearest, and return the step."""
         less = [r for r in rows if r.held < (1 - SAME) * known.held]
         self.nearest = [" with ".join(v.id for v in r.beyond(known)) for r in less]
         self.nearest_share = 1 - less[0].held / known.held if less else 0.0

@@ -76,10 +76,10 @@ def test_what_is_promised_is_no_longer_alike(blocks):
     noise, direction = np.ones(1_200_000), np.zeros((1_200_000, 1))
     direction[: blocks * 100_000] = 1.0
     costs, group = np.array([price(1.0, 1, 1)]), [slice(0, 1)]
-    margin = np.array([ALIKE])
+    margin, energy = np.array([ALIKE]), np.where(np.arange(12) < blocks, 1e5, 0.0)[None]
     for _ in range(TURNS):
         grown = paid(group, direction.T @ direction, 1.2e6, costs + margin)[:, 0]
-        margin = doubt(group, direction, noise, costs, grown)
+        margin = doubt(energy, np.full(12, 1e5), noise.size, costs, grown)
 
     def seen(size: float) -> bool:
         empty = row((), np.where(np.arange(12) < blocks, 1.0 + size, 1.0), 3)

@@ -34,9 +34,7 @@ STARTS = (-0.99, 0.0, 0.99)  # of f_s: where the valve is within its band before
 LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of PV and OP; y is measured before u is written: nothing acts at once
 WIDEST = 0.9  # of the range of OP: a wider band is never left
 SEARCHED = 2  # parameters of a sticking valve: f_s and f_d
-LEADS = (
-    1 / 3
-)  # of PV's range, that the setpoint moves by at least: 0.38 ... 1.7 where valves stick, 0.02 ... 0.3 a trifle
+LEADS = 1 / 3  # of PV's range: a setpoint moves by this at least; 0.38 ... 1.7 where valves stick, a trifle 0 ... 0.3
 SHARES = ("", "1", "%", "percent", "pct")  # units of an output that is told in parts of its span; none may be that too
 LONG, SHORT = 6000, 10  # samples that are looked at; samples for each lag, at least
 OWN = 1e-3  # of a lag of OP: a controller without noise makes the rest from the lags of PV, where it is no parameter

@@ -34,10 +34,13 @@ def detectable(scored: Scored) -> dict[str, float]:
     own, starts = line.own[:, : line.problem.free], line.own[:, line.problem.free :]
     folds = np.arange(residual.size) * BLOCKS // residual.size % FOLDS
     left = left_out(own, starts, matrix, folds)
+    begins = np.arange(BLOCKS) * residual.size // BLOCKS
+    noise = np.maximum(np.add.reduceat(residual**2, begins), np.finfo(float).tiny)
+    parts = np.array([np.add.reduceat((left[:, c] ** 2).sum(axis=1), begins) for c in groups])
     products, error = left.T @ left, float(residual @ residual)
     worth = paid(groups, products, error, costs + ALIKE)
     for _ in range(TURNS):
-        margin = doubt(groups, left, residual, costs, worth.min(axis=1))
+        margin = doubt(parts, noise, residual.size, costs, worth.min(axis=1))
         worth = paid(groups, products, error, costs + margin[:, None])
     energy = np.array([np.einsum("ij,ij->", matrix[:, c], matrix[:, c]) for c in groups]) / residual.size
     shows = np.min(np.maximum(scored.scores.passes, worth), axis=1)
@@ -51,19 +54,17 @@ def detectable(scored: Scored) -> dict[str, float]:
     return {name: size for name, size in least.items() if np.isfinite(size)}
 
 
-def doubt(groups: Sequence[slice], left: Array, residual: Array, costs: Array, grown: Array) -> Array:
+def doubt(energy: Array, noise: Array, count: int, costs: Array, grown: Array) -> Array:
     """Return by how much each effect, its energy grown so often, is to be worth more than its price, (groups,).
 
     What costs as much as nothing, as far as the blocks scatter, is not seen (`verdict.alike`); in 80 % of records it is
-    with so much more as noise adds or takes.
+    with so much more as noise adds or takes. `energy`, (groups, BLOCKS), is what a refit leaves of each in the blocks,
+    `noise` that of the residual there, of so many samples.
     """
-    starts = np.arange(BLOCKS) * residual.size // BLOCKS
-    noise = np.maximum(np.add.reduceat(residual**2, starts), np.finfo(float).tiny)
-    energy = np.array([np.add.reduceat((left[:, c] ** 2).sum(axis=1), starts) for c in groups])
     more = energy * np.where(np.isfinite(grown), grown, 0.0)[:, None]  # of what is never worth it nothing is asked
     gap, whole = np.log1p(more / noise), more.sum(axis=1) / noise.sum()
     scatter = np.maximum(ALIKE, gap.std(axis=1) / np.sqrt(BLOCKS))
-    chance = 2 * POWER * np.sqrt(whole / residual.size) / (1 + whole)
+    chance = 2 * POWER * np.sqrt(whole / count) / (1 + whole)
     return np.asarray(scatter + chance + np.maximum(0.0, np.log1p(whole) - costs - gap.mean(axis=1)))
 
 

@@ -263,7 +263,7 @@ def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], low
             break
         likely = variant.id in members
         worth = row.held < known.held or (likely and np.isfinite(row.held))
-        if not worth or idle(row, table.search) or not (table.holds(row) if likely else table.settles(row)):
+        if not worth or not (table.holds(row) if likely else table.settles(row) and not idle(row, table.search)):
             continue
         tests = [i for i, d in enumerate(scored.directions) if d.variant.id == variant.id]
         p = min((scored.scores.corrected(i) for i in tests), default=1.0)
