@@ -127,6 +127,9 @@ class Table:
         In a short run `numbers` fills what is missing and leaves the other columns as they are; both are noted.
         """
         whole, timed = (np.ones(cut.stop - cut.start, dtype=bool) for _ in range(2))
+        for n in stamps:
+            if (dates := self._dates(n, cut)) is not None:
+                timed &= np.isfinite(dates)
         for n, known in (*((n, whole) for n in names), *((n, timed) for n in stamps)):
             raw = self.columns.get(n, np.zeros(0))[cut]
             if raw.size == known.size and self._first_text(raw) is None:
@@ -194,9 +197,15 @@ class Table:
             return regular_time(kept * check_step(Ts), lambda i: self.where(int(kept[i])), f"{self.path}: ")
         if t is None or t not in self.columns:
             return None
-        stamps, own = self._dates(t, cut, keep), "s"
-        if stamps is None:
+        dates, own = self._dates(t, cut), "s"
+        if dates is None:
             stamps, own = self.numbers(t, "--time", cut, keep), self.unit(t) or _ending(t)
+        else:
+            stamps = dates if keep is None else dates[keep]
+            if not np.isfinite(stamps).all():
+                raise DataError(f"{self.path}: column '{t}' has rows without a date; {self._repair}")
+            stamps = stamps - stamps[0]
+            self.notes.append(f"time column '{t}' holds dates, read as seconds since the first one")
         if own != "s":
             seconds = converted(stamps, own, "s")
             if seconds is None:
@@ -205,25 +214,24 @@ class Table:
             stamps = seconds
         return regular_time(stamps, lambda i: self.where(int(kept[i])), f"{self.path}: column '{t}', ")
 
-    def _dates(self, t: str, cut: slice, keep: NDArray[np.bool_] | None) -> Vector | None:
-        """Return a column of dates (ISO 8601) as seconds since the first; None where its first entry is a number."""
-        raw = self.columns[t][cut] if keep is None else self.columns[t][cut][keep]
-        if raw.dtype.kind != "O" or self._first_text(raw) != 0:
+    def _dates(self, t: str, cut: slice) -> Vector | None:
+        """Return a column of dates (ISO 8601) in s, NaN where one is missing; None where it begins with numbers."""
+        raw = self.columns[t][cut]
+        text = self._first_text(raw)
+        if text is None or np.isfinite(self._floats(raw[:text])).any():
             return None
         import pandas as pd
 
-        try:
-            stamps = pd.to_datetime(pd.Series(raw), format="ISO8601", utc=True)
-        except ValueError:
+        given = pd.Series(raw)
+        stamps = pd.to_datetime(given, format="ISO8601", utc=True, errors="coerce")
+        bad = np.flatnonzero(stamps.isna() & given.notna())
+        if bad.size:
             raise DataError(
-                f"{self.path}: the time column '{t}' holds text such as {str(raw[0])!r}: write numbers (seconds) or "
-                "dates as 2024-10-27T00:59:50, or ignore the column with --ts SECONDS"
-            ) from None
-        self.notes.append(f"time column '{t}' holds dates, read as seconds since the first one")
-        since = np.asarray((stamps - stamps.iloc[0]).dt.total_seconds(), dtype=np.float64)
-        if not np.isfinite(since).all():
-            raise DataError(f"{self.path}: column '{t}' has rows without a date; {self._repair}")
-        return since
+                f"{self.path}: the time column '{t}' holds text such as {str(raw[bad[0]])!r} in "
+                f"{self.where(cut.start + int(bad[0]))}: write numbers (seconds) or dates as 2024-10-27T00:59:50, or "
+                "ignore the column with --ts SECONDS"
+            )
+        return np.asarray((stamps - stamps.min()).dt.total_seconds(), dtype=np.float64)
 
     @property
     def _repair(self) -> str:

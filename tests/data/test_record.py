@@ -634,6 +634,13 @@ def test_dates_are_a_time(tmp_path):
     path.write_text("t,u,y\n2024-10-27,1,2\n,2,3\n2024-10-29,2,3\n")
     with pytest.raises(DataError, match="without a date"):
         read(path)
+    days = "".join(f"2024-10-{d},{d},{d}\n" for d in range(10, 25) if d != 12).replace("2024-10-17", "")
+    path.write_text("t,u,y\n" + days)
+    record = read(path, missing="drop")  # a row without a date is a hole in the stamps
+    assert len(record) == 15 and record.Ts == 86400 and record.t[0] == 0
+    path.write_text("t,u,y\n" + days.replace("2024-10-20", "yesterday"))
+    with pytest.raises(DataError, match="'yesterday' in line 11"):
+        read(path, missing="drop")
 
 
 def test_a_missing_output_does_not_change_the_input(tmp_path):
