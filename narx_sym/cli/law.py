@@ -60,8 +60,7 @@ def compensate(
     _check_run(reference, out, {"column": column, "m0": m0, "clip": clip or None, "ts": ts, "rows": rows})
     model = load(model_file)
     names = said_first(model.info.units, unit_names(units))
-    how = {"Ts": ts, "t": t, "rows": rows, "unit": names.get("y", "")}
-    goal = reference and _signal(model, reference, column, "reference", prefer="r", option="--column", **how)
+    goal = reference and _goal(model, reference, column, names.get("y", ""), Ts=ts, t=t, rows=rows)
     law = model.compensator()
     part = None if share == "none" else law.share(share)
     # Not every law has a source: that is known before anything is written.
@@ -110,18 +109,16 @@ def _tell(law: Compensator, share: Any, known: dict[str, str]) -> None:
 
 
 def _follow(
-    law: Compensator, goal: tuple[Any, Any], out: Path, model_file: Path, m0: float | None, **options: Any
+    law: Compensator, goal: tuple[Any, Any, Any], out: Path, model_file: Path, m0: float | None, **options: Any
 ) -> None:
-    """Run a law over a reference: samples and time stamps; say what came of it."""
+    """Run a law over a reference: samples, time stamps and channels; say what came of it."""
     from ..files.atomic import write_csv
     from ..tasks.compensate import follow
 
-    r, stamps = goal
-    if law.model.channels:
-        raise DataError(f"{model_file}: the law needs the channel {law.model.channels[0]!r}; use Python for this one.")
-    run = follow(law, r, m0, **options)
+    r, stamps, beside = goal
+    run = follow(law, r, m0, beside, **options)
     m = run.m
-    write_csv(out, {"t": stamps, "r": r, "m": m})
+    write_csv(out, {"t": stamps, "r": r, "m": m, **beside})
     say = console().print
     say(f"Compensated input: {len(m)} samples, m in [{m.min():.4g}, {m.max():.4g}]")
     how = "starts from rest" if run.rests else "starts where the model does not rest,"
@@ -137,6 +134,12 @@ def _follow(
     say(f"Written to {out}")
 
 
+def _goal(model: Model, file: Path, column: str | None, unit: str, **how: Any) -> tuple[Any, Any, dict[str, Any]]:
+    """Read samples and time stamps [s] of a reference, and the channels that the model needs."""
+    r, stamps = _signal(model, file, column, "reference", prefer="r", option="--column", unit=unit, **how)
+    return r, stamps, _channels(model, file, "--reference", **how)
+
+
 def _signal(model: Model, file: Path, column: str | None, what: str, **how: Any) -> tuple[Any, Any]:
     """Read samples and time stamps [s] of a signal; where it has no time, it is at the rate of the model."""
     from ..data.record import read_signal
@@ -145,6 +148,18 @@ def _signal(model: Model, file: Path, column: str | None, what: str, **how: Any)
     values, step, stamps = read_signal(file, column, offers=("--rows", "--ts"), **how)
     check_pace(model, step, f"{file}: the {what} has")
     return values, stamps if step or not model.Ts else stamps * model.Ts
+
+
+def _channels(model: Model, file: Path, option: str, **how: Any) -> dict[str, Any]:
+    """Read the channels that a model needs, (N,) arrays by name, from the columns of these names."""
+    found = {}
+    for name in model.channels:
+        try:
+            unit = model.info.units.get(name, "")
+            found[name], _ = _signal(model, file, name, "channel", option=option, unit=unit, **how)
+        except DataError as error:
+            raise DataError(f"The model needs the channel {name!r}: {error}") from None
+    return found
 
 
 def simulate(
@@ -165,13 +180,12 @@ def simulate(
     check_targets([out], model_file, input_file)
     check_columns(out)
     model = load(model_file)
-    if model.channels:
-        raise DataError(f"{model_file}: the model needs the channel {model.channels[0]!r}; use Python for this one.")
     own = model.input.name
-    how = {"Ts": ts, "t": t, "rows": rows, "unit": model.info.units.get(own, "")}
-    values, stamps = _signal(model, input_file, u, "input", prefer=own, **how)
+    how = {"Ts": ts, "t": t, "rows": rows}
+    values, stamps = _signal(model, input_file, u, "input", prefer=own, unit=model.info.units.get(own, ""), **how)
+    beside = _channels(model, input_file, "INPUT.csv", **how)
     name = model.output.name
-    simulated = model.simulate(values, y0, u0=u0)
-    write_csv(out, {"t": stamps, model.input.name: values, name: simulated})
+    simulated = model.simulate(values, y0, beside, u0=u0)
+    write_csv(out, {"t": stamps, own: values, name: simulated, **beside})
     low, high = float(simulated.min()), float(simulated.max())
     console().print(f"{len(values)} samples, {name} in [{low:.4g}, {high:.4g}], written to {out}")

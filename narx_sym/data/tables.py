@@ -62,9 +62,12 @@ class Table:
         return f"the columns {shown}{line}" + "".join(f"; {n}" for n in self.notes if "left out" in n)
 
     def named(self, asked: str) -> str:
-        """Return the column that is meant: of that name, else the only one that has it before a unit, as "u [V]"."""
-        alike = [n for n in self.columns if in_header(n)[0] == asked] if asked not in self.columns else []
-        return alike[0] if len(alike) == 1 else asked
+        """Return the column that is meant: of that name, else the only one of which it is the name.
+
+        That of "temp [C]" is temp, before the unit, and temp_C, as a channel.
+        """
+        alike = [n for n in self.columns if n and asked in (in_header(n)[0], plain_name(n))]
+        return alike[0] if len(alike) == 1 and asked not in self.columns else asked
 
     def unit(self, column: str) -> str:
         """Return the unit of a column, empty where the file does not say it."""

@@ -89,7 +89,8 @@ def stages_of(model: Model) -> Staged:
     plain = {b: e for b, e in own.items() if b != y}
     beside = [(b[k + leads[b]], swap(shift(e, leads[b]), {y: r})) for b, e in plain.items() if b in leads]
     taken = {left.base for left, _ in updates}
-    everything = (*updates, *(one for one in beside if one[0].base not in taken))
+    every = {one[0].base: one for one in (*updates, *(o for o in beside if o[0].base not in taken))}
+    everything = tuple(every[left.base] for left, _ in _in_turn(every.values()))
     early = delays[x] - delays[y] if delays.get(x) is not None else 0
     note = (
         f"what is added to the output sees the input {early} sample(s) before the core does: the law inverts that, and "
@@ -160,7 +161,13 @@ def _leads(updates: Iterable[Any], own: Mapping[Any, Any], found: dict[Any, int]
 
 
 def in_order(updates: Sequence[tuple[Any, Any]], symbols: Sequence[Any]) -> Recursion:
-    """Return updates in true time as a recursion: each sequence shifted to k, each after what it needs."""
+    """Return updates in true time as a recursion."""
+    return Recursion(tuple(_in_turn(updates)), tuple(symbols))
+
+
+def _in_turn(updates: Iterable[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
+    """Return updates in true time with each sequence shifted to k, each after what it needs."""
+    updates = list(updates)
     leads = {left.base: -lag(left) for left, _ in updates}
     moved = {left.base: swap(right, {}, {b: -i for b, i in leads.items()}) for left, right in updates}
     waiting, done = dict(moved), []
@@ -171,7 +178,7 @@ def in_order(updates: Sequence[tuple[Any, Any]], symbols: Sequence[Any]) -> Recu
         if ready is None:  # cannot happen for a model that can be computed
             raise NotInvertible(f"{text(next(iter(waiting)))} and others need each other at the same time.")
         done.append((ready[k], waiting.pop(ready)))
-    return Recursion(tuple(done), tuple(symbols))
+    return done
 
 
 def wanted(base: Any) -> Any:

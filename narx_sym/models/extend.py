@@ -61,6 +61,7 @@ class Variant:
     where : one of `effects.PLACES`
     driver : "u", "y", "uy", "t", "channel" or "friction"
     channel : str, optional
+        What an effect that asks for another measured quantity reads; a driver "channel" moves it alone.
     lag : int
         Samples by which the driving input comes later.
     raw : bool
@@ -132,7 +133,7 @@ def variants(
                 for lag in {0, model.delay} if moved else {0}:
                     for raw in about if centred else (False,):
                         for fixed in choices:
-                            for name in named if driver == "channel" else (None,):
+                            for name in named if "channel" in one.arguments else (None,):
                                 made = Variant(one, where, driver, name, lag, raw, fixed)
                                 if made.beside(model.n_y):
                                     yield made

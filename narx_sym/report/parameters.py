@@ -75,14 +75,16 @@ def shape_units(diagnosis: Diagnosis, units: Units, model: Model | None = None) 
     for one in (model or diagnosis.model).effects:
         given = known.get((one.effect, one.form), {})
         for name, symbol in one.shape.items():
-            found[str(symbol)] = shape_unit(given.get(name, ""), one.driver, units)
+            found[str(symbol)] = shape_unit(given.get(name, ""), one, units)
     return found
 
 
-def shape_unit(said: str, driver: str, units: Units) -> str:
-    """Put the units of u and y into what the catalogue says about a shape parameter."""
-    said = said.replace("unit of the driver", f"unit of {driver}")
-    for signal in "uy":
+def shape_unit(said: str, added: AddedEffect, units: Units) -> str:
+    """Put the units of u, y and the channel into what the catalogue says about a shape parameter of an effect."""
+    channel = added.effect.partition(":")[2]
+    said = said.replace("unit of the driver", f"unit of {added.driver}")
+    said = said.replace("unit of the channel", f"unit of {channel}")
+    for signal in filter(None, ("u", "y", channel)):
         said = said.replace(f"unit of {signal}", units.get(signal) or f"unit of {signal}")
     return "" if said == "1" else said.replace(" / ", "/")
 
@@ -91,7 +93,7 @@ def candidate_parameters(candidate: Candidate, units: Units) -> str:
     """Return the parameters of a candidate with their units."""
     model, own = candidate.shown.model, candidate.variant.effect
     added = model.effects[-1]
-    shapes = {str(s): shape_unit(own.unit.get(n, ""), added.driver, units) for n, s in added.shape.items()}
+    shapes = {str(s): shape_unit(own.unit.get(n, ""), added, units) for n, s in added.shape.items()}
     return effect_parameters(model, added, units, shapes)
 
 

@@ -154,22 +154,25 @@ class Followed:
     rests: bool
 
 
-def follow(law: Compensator, r: Array, m0: float | None = None, **options: Any) -> Followed:
+def follow(
+    law: Compensator, r: Array, m0: float | None = None, channels: Mapping[str, Array] | None = None, **options: Any
+) -> Followed:
     """Run a law over a reference, (N,) array [unit of the output], from rest.
 
     Parameters
     ----------
     m0 : float, optional
         Input before the start; what keeps the model at the first sample of the reference by default.
+    channels : mapping of names to (N,) arrays, those that the model needs
     options : limits, rate, share, clip, as `Compensator.run` takes them
     """
-    _alone(law)
     r = vector(r, "reference", least=2)
     start = law.rest_input(r[0], ends(options.get("limits"))) if m0 is None else m0
-    found, said = told(law, r, start, **options)
+    found, said = told(law, r, start, channels, **options)
     for warning in said:
         warnings.warn(warning, stacklevel=2)
-    rests = law.model.input == y or rests_with(law.model, start, float(r[0]))
+    first = {name: float(values[0]) for name, values in (channels or {}).items()}
+    rests = law.model.input == y or rests_with(law.model, start, float(r[0]), first)
     return Followed(found.m, start, found.held, nsavi(found.m, r) if np.ptp(r) > 0 else None, rests)
 
 

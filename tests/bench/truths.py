@@ -351,18 +351,20 @@ def dry_inside(plant: Plant, drive: Array, kinetic: float, static: float = 0.0, 
     return np.array(out)
 
 
-def rubbing(u: Array, Ts: float, m: float, b: float, k: float, F: float, kp: float = 0.0, kd: float = 0.0) -> Array:
+def rubbing(
+    u: Array, Ts: float, m: float, b: float, k: float, F: float | Array, kp: float = 0.0, kd: float = 0.0
+) -> Array:
     """Return position and speed of a part that rubs, (N, 2): m x'' + b x' + k x + F sign(x') = u, at rest at first.
 
-    With kp and kd a loop drives it: the force is kp (u - x) - kd x'. 40 implicit steps per sample (Moreau 1988).
+    F is a number or one per sample. With kp and kd a loop drives it: the force is kp (u - x) - kd x'. 40 implicit steps per sample (Moreau 1988).
     """
     h, x, v, out = Ts / 40, 0.0, 0.0, []
-    for d in u.tolist():
+    for d, rubs in zip(u.tolist(), np.broadcast_to(F, u.shape).tolist(), strict=True):
         out.append((x, v))
         for _ in range(40):
             force = kp * (d - x) - kd * v if kp else d
             w = v + h * (force - b * v - k * x) / m
-            v = math.copysign(max(abs(w) - h * F / m, 0.0), w)
+            v = math.copysign(max(abs(w) - h * rubs / m, 0.0), w)
             x += h * v
     return np.array(out)
 

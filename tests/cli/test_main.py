@@ -204,6 +204,28 @@ def test_a_constant_output_is_told_by_its_record(run, bench, tmp_path):
     assert not (tmp_path / "p.png").exists()
 
 
+def test_channels_that_a_model_needs_are_columns_of_the_file(run, tmp_path):
+    """A law over a reference, and the model over what came of it, with the load that both read."""
+    terms = ["y[k-1]", "u[k-1]", "temp_C[k]*u[k-1]"]
+    loaded = ns.NARX.from_terms(terms, [0.8, 0.2, 0.05], Ts=0.1, channels=["temp_C"])
+    ns.save(loaded, tmp_path / "m.json")
+    t = 0.1 * np.arange(80)
+    table = "t,r,temp [C]\n" + "".join(f"{a},{np.sin(a)},{2 + np.cos(a)}\n" for a in t)
+    (tmp_path / "r.csv").write_text(table)
+    (tmp_path / "bare.csv").write_text("t,r\n" + "".join(f"{a},{np.sin(a)}\n" for a in t))
+    given = ("compensate", tmp_path / "m.json", "--m0", "0", "--out", tmp_path / "m.csv", "--reference")
+    code, text, err = run(*given, tmp_path / "r.csv")
+    assert code == 0 and (tmp_path / "m.csv").read_text().startswith("t,r,m,temp_C\n"), err
+    (line,) = [line for line in text.splitlines() if line.startswith("  narx-sym ")]
+    code, _, err = run(*shlex.split(line)[1:-1], tmp_path / "expected.csv")
+    made = ns.read(tmp_path / "expected.csv")
+    assert code == 0 and np.abs(made.y[1:] - np.sin(t)[1:]).max() < 1e-6, err
+    (tmp_path / "m.csv").unlink()
+    code, _, err = run(*given, tmp_path / "bare.csv")
+    assert code == 2 and "The model needs the channel 'temp_C'" in err and "there are the columns t, r" in err
+    assert not (tmp_path / "m.csv").exists()
+
+
 def test_another_rate_is_refused_and_no_rate_is_that_of_the_model(run, bench, tmp_path):
     model, out = bench / "model.json", tmp_path / "m.csv"
     for name in ("data", "ref"):

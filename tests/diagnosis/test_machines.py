@@ -252,6 +252,23 @@ def test_a_friction_is_found_that_no_core_stands_without(m, k, F):
     assert found.ladder[-1]["validation"] < 0.01
 
 
+@more
+@pytest.mark.parametrize(
+    "m, k, measured", [(0.3, 0.0, 1), (0.1, 0.0, 0), (0.02, 1.5, 0)], ids=["a speed", "an axis", "a stage on a spring"]
+)
+def test_friction_that_a_load_presses_on_is_that_of_the_load(m, k, measured):
+    """It was told as a friction of one size and a gain that depends on the load: it holds, as the load lets it."""
+    rng, t = np.random.default_rng(3), np.arange(3000) * 0.01
+    load = 50.0 + 40.0 * np.sin(0.9 * t)
+    u = np.interp(t, np.arange(0.0, 31.0, 0.7), rng.uniform(-2, 2, 45))
+    y = truths.rubbing(u, 0.01, m, 0.5, k, 0.01 * load)[:, measured]
+    y = y + 0.005 * y.std() * rng.standard_normal(3000)
+    record = ns.Record.from_arrays(u, y, 0.01, channels={"load": load, "room": np.sin(0.3 * t)})
+    found = diagnosed(record)
+    assert found.verdict == "named" and found.confusion_set == ["channel_friction:load"]
+    assert found.ladder[-1]["validation"] < 0.02
+
+
 @pytest.mark.long
 def test_friction_of_the_driven_mass_of_a_drive_train():
     """Its torque passes the zeros of the train, as the motor's does: motor torque in, motor speed out."""

@@ -172,6 +172,9 @@ class Linearised:
             unit = float(np.abs(np.polyfit(x, y, 1)[0])) or 1.0
         else:
             raise ModelError(f"Unknown scan rule {scan.of!r}.")
+        if scan.per_channel:
+            beside = np.abs(np.concatenate([seen[str(variant.channel)] for seen in self.seen]))
+            unit /= float(np.quantile(beside, 0.98)) or 1.0
         return [float(x) for x in single([v * unit**scan.power for v in scan.values])]
 
     def grid(self, variant: Variant) -> list[tuple[float, ...]]:
@@ -185,9 +188,9 @@ class Linearised:
             scan = variant.effect.scan[name]
             grid = self.scale(scan, variant)
             if grid:
-                found[name] = (
-                    (min(grid), max(grid)) if scan.of == "ratio" else (min(grid) / BELOW, max(grid) * scan.beyond)
-                )
+                most = max(grid) * scan.beyond
+                least = -most if scan.signed else min(grid) / BELOW
+                found[name] = (min(grid), max(grid)) if scan.of == "ratio" else (least, most)
         return found
 
     def _peaks(self, count: int) -> list[float]:

@@ -169,10 +169,11 @@ class Frame:
                 continue
             through = x[self.used(core)][core.n_y : core.n_y + core.n_u] if variant.where == "force" else np.ones(1)
             offset = 0.0 if variant.raw else float(model.operating_point.get(model.output, 0.0))
+            beside = np.concatenate([r.channels[variant.channel] for r in self.segments]) if variant.channel else 0.0
             for i, z in enumerate(slopes(variant)):
                 for j, slope in enumerate(z[: core.n_y]):
                     with np.errstate(all="ignore"):
-                        added = slope(measured - offset, *x[shapes])
+                        added = slope(measured - offset, beside, *x[shapes])
                     often = x[cs[i]] * float(added[np.argsort(np.abs(added))[added.size // 10]])
                     a[j : j + through.size] += often * through[: core.n_y - j]
         return a

@@ -166,7 +166,7 @@ def family_of(given: Model) -> str:
 def slopes(variant: Variant) -> list[list[Callable[..., Array]]]:
     """Return how far each contribution of an effect without memory follows its driver, for older and older samples.
 
-    Functions of the driver and the shape parameters; of an effect that remembers there is none.
+    Functions of the driver, the channel and the shape parameters; of an effect that remembers there is none.
     """
     driver, names = signal("x"), [sp.Symbol(p, positive=True) for p in variant.shape]
     form = variant.effect.equations(**dict(variant.fixed))
@@ -176,8 +176,9 @@ def slopes(variant: Variant) -> list[list[Callable[..., Array]]]:
         found.append([])
         for at in range(max(map(lag, read), default=-1) + 1):
             slope = derivative(z, driver[k - at])
-            level = sp.Symbol("level", real=True)
-            found[-1].append(_array(lambdify([slope.xreplace(dict.fromkeys(read, level))], [level, *names])))
+            level, beside = sp.symbols("level beside", real=True)
+            slope = slope.xreplace(dict.fromkeys(read, level) | dict.fromkeys(samples(z, signal("channel")), beside))
+            found[-1].append(_array(lambdify([slope], [level, beside, *names])))
     return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import brentq
@@ -54,16 +54,17 @@ def rest_input(law: Compensator, output: float, limits: Sequence[float] | None =
     return near if seen is None or model.channels else _resting(model, output, near, _both(seen, limits))
 
 
-def rests_with(model: Model, held: float, output: float) -> bool:
-    """Whether a model stays at an output while its input is held."""
+def rests_with(model: Model, held: float, output: float, beside: Mapping[str, float] | None = None) -> bool:
+    """Whether a model stays at an output while its input, and the channels `beside` it, are held."""
     low, high = model.info.ranges.get(model.output.name, (output, output))
-    return bool(np.abs(_moved(model, held, output)).max() <= RESTS * max(high - low, abs(output), 1e-300))
+    return bool(np.abs(_moved(model, held, output, beside)).max() <= RESTS * max(high - low, abs(output), 1e-300))
 
 
-def _moved(model: Model, held: float, output: float) -> np.ndarray:
+def _moved(model: Model, held: float, output: float, beside: Mapping[str, float] | None = None) -> np.ndarray:
     """Return how far a model moves from an output while its input is held, (HELD,); NaN where it runs away."""
+    channels = {name: np.full(HELD, value) for name, value in (beside or {}).items()}
     try:
-        return simulate(model, np.full(HELD, held), output, u0=held, warn=False) - output
+        return simulate(model, np.full(HELD, held), output, channels, u0=held, warn=False) - output
     except NarxError:
         return np.full(HELD, np.nan)
 

@@ -35,13 +35,16 @@ class Scan:
     "speed" (rms step of the driver), "stroke" (half the way that a driver which is a speed covers), "time" (log-spaced
     between a few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the
     line through the data), "peaks" (of the residual's periodogram) or "steps" (whole samples, not refined).
-    The fit may leave the grid upwards by the factor `beyond`, and downwards by four.
+    The fit may leave the grid upwards by the factor `beyond`, and downwards by four, or to the same size below zero
+    where it is `signed`. What is `per_channel` is that over the size of the channel.
     """
 
     of: str
     values: tuple[float, ...] = ()
     power: int = 1
     beyond: float = 4.0
+    signed: bool = False
+    per_channel: bool = False
 
 
 AMPLITUDE = Scan("amplitude", (0.03, 0.08, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9))

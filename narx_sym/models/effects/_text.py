@@ -161,8 +161,8 @@ def _built(name: str, data: Mapping[str, Any]) -> Effect:
         sentence=words["sentence"],
         register=False,
     )(function)
-    if ("channel" in made.arguments) != any("channel" in d for d in places.values()):
-        raise ModelError("an equation uses channel[k] where, and only where, the driver is 'channel'.")
+    if "channel" not in made.arguments and any("channel" in d for d in places.values()):
+        raise ModelError("the driver is 'channel', and no equation uses channel[k].")
     return made
 
 
@@ -274,8 +274,6 @@ def _places(data: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
     wrong = [d for d in drivers if d not in DRIVERS]
     if wrong:
         raise ModelError(f"a driver is one of {', '.join(DRIVERS)}, not {wrong[0][:40]!r}.")
-    if "channel" in drivers and set(drivers) != {"channel"}:
-        raise ModelError("an effect is driven by channels everywhere or nowhere.")
     return places
 
 

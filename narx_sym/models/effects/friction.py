@@ -167,15 +167,20 @@ def holding_friction_of_speed(x: Any, y: Any, r: Any) -> Any:
     return -clip(y[k - 1] + x[k], r)
 
 
+def soft(d: Any, f: Any) -> Any:
+    """Return what is left of a push d that a friction f >= 0 holds."""
+    return sp.Max(d - f, 0) + sp.Min(d + f, 0)
+
+
 def held(d: Any, before: Any, r: Any, e: Any) -> tuple[Any, State]:
-    """Return what is left of a push d, soft(d, f) = Max(d - f, 0) + Min(d + f, 0), and the state f that holds it.
+    """Return what is left of a push d, and the state f that holds it.
 
     On the move f is r, at rest r + e; the last step tells which. It falls over e / 2, so that the part breaks loose by
     a jump: faster than what pushes it.
     """
     f = signal("f")
     holds = State(f[k], r + e * sp.exp(-((2 * before / e) ** 2)))
-    return sp.Max(d - f[k], 0) + sp.Min(d + f[k], 0), holds
+    return soft(d, f[k]), holds
 
 
 @effect(
@@ -230,28 +235,93 @@ def valve_stiction(x: Any, r: Any, e: Any) -> Form:
     return Form((p[k] - x[k],), (holds, State(p[k], p[k - 1] + left, x[k])))
 
 
-@effect(
-    {"inside": "channel"},
-    source="Coulomb 1785: friction is proportional to the load",
-)
-def channel_friction(channel: Any, y: Any) -> list[Any]:
+@effect({"inside": "y"}, source="Coulomb 1785: friction is proportional to the load")
+def channel_friction(channel: Any, x: Any) -> list[Any]:
     """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
-    side = sp.sign(y[k - 1] - y[k - 2])
-    return [side, channel[k] * side]
+    return _loaded(channel, sp.sign(step(x)))
 
 
 @effect(
-    {"output": "channel"},
+    {"force": "y", "output": "u"},
     scan={"s": SLOW_SPEED},
-    unit={"s": "unit of u per sample"},
+    unit={"s": "unit of the driver per sample"},
     id="channel_friction",
     form="smooth",
     source="Coulomb 1785, smoothed by tanh",
 )
 def smooth_channel_friction(channel: Any, x: Any, s: Any) -> list[Any]:
     """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
-    side = sp.tanh(step(x) / s)
+    return _loaded(channel, sp.tanh(step(x) / s))
+
+
+@effect(DRIVEN, id="channel_friction", form=OF_A_SPEED, standing=True, source="Coulomb 1785")
+def channel_friction_of_speed(channel: Any, x: Any) -> list[Any]:
+    """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
+    return _loaded(channel, sp.sign(x[k]))
+
+
+@effect(
+    {"force": "y", "output": "u"},
+    scan={"s": SLOW},
+    unit={"s": "unit of the driver"},
+    id="channel_friction",
+    form=f"smooth, {OF_A_SPEED}",
+    standing=True,
+    source="Coulomb 1785, smoothed by tanh",
+)
+def smooth_channel_friction_of_speed(channel: Any, x: Any, s: Any) -> list[Any]:
+    """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
+    return _loaded(channel, sp.tanh(x[k] / s))
+
+
+def _loaded(channel: Any, side: Any) -> list[Any]:
+    """Return a friction on one side, c1 + c2 channel."""
     return [side, channel[k] * side]
+
+
+@effect(
+    {"motion": "y"},
+    scan={
+        "r": Scan("speed", (0.1, 0.5, 2.0), beyond=5.0, signed=True),
+        "q": Scan("speed", (-0.3, 0.3, 2.0), beyond=5.0, signed=True, per_channel=True),
+    },
+    sign=1,
+    full=True,
+    unit={"r": "unit of the driver per sample", "q": "unit of the driver / unit of the channel per sample"},
+    id="channel_friction",
+    form="holding",
+    source="Coulomb 1785; implicit Euler step (Moreau 1988)",
+    limit=("q", 0.0, "coulomb_friction"),
+)
+def holding_channel_friction(channel: Any, x: Any, r: Any, q: Any) -> Form:
+    """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
+    return _held_by(channel, x[k], r, q)
+
+
+@effect(
+    {"motion": "y"},
+    scan={
+        "r": Scan("amplitude", (0.01, 0.1, 0.3), beyond=2.0, signed=True),
+        "q": Scan("amplitude", (-0.1, 0.1, 0.3), beyond=2.0, signed=True, per_channel=True),
+    },
+    sign=1,
+    full=True,
+    unit={"r": "unit of the driver", "q": "unit of the driver / unit of the channel"},
+    id="channel_friction",
+    form=f"holding, {OF_A_SPEED}",
+    standing=True,
+    source="Coulomb 1785; implicit Euler step (Moreau 1988)",
+    limit=("q", 0.0, "coulomb_friction"),
+)
+def holding_channel_friction_of_speed(channel: Any, x: Any, y: Any, r: Any, q: Any) -> Form:
+    """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
+    return _held_by(channel, y[k - 1] + x[k], r, q)
+
+
+def _held_by(channel: Any, d: Any, r: Any, q: Any) -> Form:
+    """Return what a friction f, as large as a channel lets it be, takes from a push."""
+    f = signal("f")
+    return Form((soft(d, f[k]) - d,), (State(f[k], sp.Max(0, r + q * channel[k])),))
 
 
 @effect(
