@@ -18,7 +18,6 @@ from .tables import PathLike, check_size, names_of, wants_all
 from .timegrid import Vector, check_step, regular_time, uniform_time
 from .units import converted, said_first
 
-CLOCK = 1e-3  # by which sampling times may differ: two clocks, or times of few digits; no time constant is so sure
 PURE = 0.99  # of a signal's power at one frequency; measured sines have 0.998 and more, triangles 0.986
 LEAKS = 2  # lines beside it that a Hann window fills
 STEADY = 1.25  # largest ratio between its sizes in the quarters of a record: with more, amplitudes differ
@@ -43,6 +42,8 @@ class Record:
         Indices where a new segment starts after a gap.
     units : dict of str
         Of u, y and the channels, where they are known.
+    aside : tuple of str
+        Names of the further columns of its file: signals that nobody asked for.
     """
 
     u: Vector
@@ -54,6 +55,7 @@ class Record:
     notes: tuple[str, ...] = ()
     breaks: tuple[int, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+    aside: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         where = f"record '{self.name}': "
@@ -214,11 +216,6 @@ def one_sine(x: Vector, Ts: float) -> float:
     return top / (Ts * len(x)) if max(sizes) <= STEADY * min(sizes) else 0.0
 
 
-def same_pace(a: float, b: float) -> bool:
-    """Whether two sampling times [s] are one, as far as clocks tell."""
-    return abs(a - b) <= CLOCK * max(a, b)
-
-
 def check_excitation(record: Record) -> None:
     """Refuse a record whose input or output is constant, or which has one signal: nothing can be identified from it."""
     for word, x in {"input": record.u, "output": record.y}.items():
@@ -333,7 +330,7 @@ def read(
     return Record(
         data[u], data[y], grid.t, grid.Ts, {name: data[n] for name, n in names.items()}, Path(path).stem,
         (*table.notes, *grid.notes), grid.breaks,
-        said_first(written, _known_units(units, written, f"{table.path}: ")),
+        said_first(written, _known_units(units, written, f"{table.path}: ")), table.aside({*asked, t}, cut),
     )  # fmt: skip
 
 

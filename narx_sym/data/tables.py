@@ -124,6 +124,17 @@ class Table:
             )
         return called
 
+    def aside(self, used: set[str | None], cut: slice) -> tuple[str, ...]:
+        """Return the names, as channels, of the signals that are not used: no text, no constant, no clock."""
+        found = [n for n in self.unread if n and n not in used]
+        for n, raw in ((n, a[cut]) for n, a in self.columns.items() if n and n not in used):
+            if self._first_text(raw) is None:
+                values = self._floats(raw)
+                steps = np.diff(values[np.isfinite(values)])
+                if steps.any() and not steps.max() < 2 * steps.min():
+                    found.append(n)
+        return tuple(map(plain_name, found))
+
     def complete(self, names: Sequence[str], stamps: Sequence[str], cut: slice) -> NDArray[np.bool_]:
         """Rows of `cut` to keep: in which no stamp is empty, NaN or infinite, and no longer run of the named columns.
 

@@ -13,6 +13,7 @@ from ..errors import DataError
 
 Vector = NDArray[np.float64]
 MOST_NOTES = 10
+CLOCK = 1e-3  # by which sampling times may differ: two clocks, or times of few digits; no time constant is so sure
 GAP, SHORTEST = 10.0, 10  # a gap is longer than 10 median steps; shorter pieces than 10 samples are useless
 
 
@@ -25,6 +26,11 @@ def check_step(Ts: float | None) -> float:
     if not (np.isfinite(value) and value > 0):
         raise DataError(f"the sampling time must be a positive number of seconds, not {Ts!r}; check --ts")
     return value
+
+
+def same_pace(a: float, b: float) -> bool:
+    """Whether two sampling times [s] are one, as far as clocks tell."""
+    return abs(a - b) <= CLOCK * max(a, b)
 
 
 @dataclass(frozen=True)

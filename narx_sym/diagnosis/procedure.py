@@ -89,6 +89,11 @@ class Diagnosis(DiagnosisDoors):
         return len(self.steps) > 1 and last.chosen is None
 
     @property
+    def aside(self) -> tuple[str, ...]:
+        """Names of the signals in the first record's file that took no part."""
+        return self.steps[0].base.split.records[0].aside
+
+    @property
     def confusion_set(self) -> list[str]:
         """The effects of the first step that these data cannot tell apart."""
         return self.steps[0].confusion_set

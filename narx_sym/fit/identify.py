@@ -12,7 +12,8 @@ import numpy as np
 from sympy import Eq, S
 
 from ..data.evidence.dead_time import PLAIN, dead_time
-from ..data.record import Record, check_excitation, same_pace
+from ..data.record import Record, check_excitation
+from ..data.timegrid import same_pace
 from ..data.units import in_units
 from ..errors import Diverged, FitError, ModelError, NotInvertible
 from ..inversion.compensator import compensator
@@ -34,8 +35,7 @@ Array = np.ndarray
 BASES = ("narx", "linear", "static", "play", "bouc-wen", "auto")
 OPEN = ("linear", "static")  # a diagnosis chooses their orders again
 HELD_OUT = 0.3
-CYCLES = 10
-CANCELS, CALM = 5.0, 2.0
+CYCLES, CANCELS, CALM = 10, 5.0, 2.0
 FEWEST = 20  # samples; below this a structure cannot be told from chance
 LITTLE = 0.5  # NRMSE of a free run that explains little of the output
 

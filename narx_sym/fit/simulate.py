@@ -12,7 +12,8 @@ import numpy as np
 
 from ..data.coverage import beyond
 from ..data.metrics import mape, nrmse
-from ..data.record import Record, same_pace
+from ..data.record import Record
+from ..data.timegrid import same_pace
 from ..data.units import in_units, listed
 from ..engines.columns import Columns, reader
 from ..engines.compile import compile

@@ -49,6 +49,7 @@ BADGES = {  # by `Step.finding`: what the headline says, in a few words
 }
 PARTS = {"train": "training", "validation": "held out", "sealed": "sealed"}  # of a record, as a ladder has them
 BEYOND = 1.2  # times the errors that are shown first: from here on that of the sealed samples is told too
+NAMED = 5  # columns in a sentence
 AT_FLOOR = 1.1  # times the noise floor: an error up to here is called at the floor
 
 
@@ -154,7 +155,18 @@ def only_both(diagnosis: Diagnosis) -> bool:
 
 
 def what_next(diagnosis: Diagnosis) -> str:
-    """Say what to do next, after the last step."""
+    """Say what to do next, after the last step; where something is left, also which signals took no part."""
+    aside = diagnosis.aside
+    if diagnosis.steps[0].finding in ("named", "nothing_detectable") or not aside:
+        return _next(diagnosis)
+    listed = ", ".join(aside[:NAMED]) + (f" and {len(aside) - NAMED} more" if len(aside) > NAMED else "")
+    return (
+        f"{_next(diagnosis)} Columns that took no part: {listed}. Those that act on the machine are named as channels: "
+        f"--channels {aside[0]}."
+    )
+
+
+def _next(diagnosis: Diagnosis) -> str:
     last = next((s for s in reversed(diagnosis.steps) if s.chosen is not None), diagnosis.steps[0])
     chosen = diagnosis.steps[0] if diagnosis.steps[0].verdict == "confused" else last
     faults = {f.effect: f for f in diagnosis.faults}

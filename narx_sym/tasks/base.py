@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..data.record import Record, same_pace
+from ..data.record import Record
 from ..data.sensor import sensor_faults
+from ..data.timegrid import same_pace
 from ..errors import DataError, ModelError, NarxError
 from ..files.store import load
 from ..fit.identify import BASES, OPEN, identify, prepare

@@ -166,6 +166,7 @@ def follow(
     channels : mapping of names to (N,) arrays, those that the model needs
     options : limits, rate, share, clip, as `Compensator.run` takes them
     """
+    _alone(law, channels or {})
     r = vector(r, "reference", least=2)
     start = law.rest_input(r[0], ends(options.get("limits"))) if m0 is None else m0
     found, said = told(law, r, start, channels, **options)
@@ -176,10 +177,10 @@ def follow(
     return Followed(found.m, start, found.held, nsavi(found.m, r) if np.ptp(r) > 0 else None, rests)
 
 
-def _alone(law: Compensator) -> None:
-    """Refuse a law that needs more than a reference."""
-    if law.model.channels:
-        raise ModelError(f"The law needs the channel {law.model.channels[0]!r}; use Python for this one.")
+def _alone(law: Compensator, known: Mapping[str, Array]) -> None:
+    """Refuse a law that needs more channels than those that are known."""
+    if lacking := [name for name in law.model.channels if name not in known]:
+        raise ModelError(f"The law needs the channel {lacking[0]!r}, which is not given here.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,7 +303,7 @@ def track(
     DataError
         Where the reference has another sampling time than the model.
     """
-    _alone(law)
+    _alone(law, {})
     r, model = reference.r, law.model
     check_pace(model, reference.Ts, "The reference has")
     start = law.rest_input(r[0], limits)

@@ -656,3 +656,13 @@ def test_a_missing_output_does_not_change_the_input(tmp_path):
     assert len(record) == 60 and not record.breaks and np.array_equal(record.u, u)
     assert record.y[20] == pytest.approx(y[19] + (y[22] - y[19]) / 3) and np.array_equal(record.y[41:], y[41:])
     assert "3 row(s)" in record.notes[0] and "filled" in record.notes[0]
+
+
+def test_signals_that_nobody_asked_for_stand_aside(tmp_path):
+    """A text, a constant, a second clock and a name that is asked for are none of them."""
+    rows = "".join(f"{i / 10},{i % 3},{i % 5},{20 + i % 7},{i},a,5,{10 * i}\n" for i in range(30))
+    (tmp_path / "log.csv").write_text("t,u,y,oil temp [C],index,note,rig,t_ms\n" + rows)
+    assert read(tmp_path / "log.csv").aside == ("oil_temp_C",)
+    assert read(tmp_path / "log.csv")[3:20].aside == ("oil_temp_C",)
+    assert read(tmp_path / "log.csv", channels="oil temp [C]").aside == ()
+    assert read(tmp_path / "log.csv", u="index").aside == ("u", "oil_temp_C")

@@ -253,9 +253,7 @@ def added(effect, form="", where=""):
     model = extend(base, one).model
     (effect,) = model.effects
     units = UNITS | {"temp": "degC"}
-    shapes = {
-        str(s): parameters.shape_unit(one.effect.unit.get(n, ""), one.driver, units) for n, s in effect.shape.items()
-    }
+    shapes = {str(s): parameters.shape_unit(one.effect.unit.get(n, ""), effect, units) for n, s in effect.shape.items()}
     found = coefficient_units(model, units, shapes)
     return {own: found[str(s)] for own, s in effect.symbols.items() if str(s) in found}
 

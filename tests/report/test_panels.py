@@ -286,9 +286,11 @@ def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge,
         verdict="nothing_detectable", confusion_set=[], unexplained=unexplained, base=None, chosen=None,
         valves=[], trace=trace, follows_nothing=nothing,
     )  # fmt: skip
-    found = SimpleNamespace(steps=[step], rungs=["base"], faults=[], one_speed=False)
+    step.finding = Step.finding.fget(step)
+    found = SimpleNamespace(steps=[step], rungs=["base"], faults=[], one_speed=False, aside=("load",))
     assert words.headline(found).startswith(title) and advice in words.what_next(found)
-    assert words.BADGES[Step.finding.fget(step)] == badge
+    assert ("took no part: load" in words.what_next(found)) == (badge != "nothing found")
+    assert words.BADGES[step.finding] == badge
 
 
 @pytest.mark.parametrize(
