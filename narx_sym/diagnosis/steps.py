@@ -21,7 +21,7 @@ from .refit import Fitted, prune
 from .screening import gate
 from .screening.promise import detectable
 from .screening.scored import absorbed
-from .table.candidates import RIVALS, Candidate, Pair, candidates_of, exchanged, half_of, instead, new_effect
+from .table.candidates import RIVALS, Candidate, Pair, candidates_of, exchanged, half_of, instead, jointly, new_effect
 from .table.rounds import Table
 from .table.row import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, SAME, alike, nothing_named, removes, verdict, winner
@@ -138,8 +138,8 @@ class Step:
         if not self.nearest or self.verdict != "nothing_detectable":
             return ""
         much = "of which no effect explains enough" if self.unexplained else "too little in these data"
-        near = f"{' or '.join(self.nearest)} would come nearest"
-        return f"Something is left (p = {self.p_value:.2g}), {much} to be named: {near}."
+        nearest = " or ".join(self.nearest)
+        return f"Something is left (p = {self.p_value:.2g}), {much} to be named: {nearest} would come nearest."
 
     @property
     def follows_nothing(self) -> bool:
@@ -175,10 +175,10 @@ class Step:
                 return f"{self.trace or 'No effect of the catalogue is seen in what is left.'} {sizes}{would}."
             return f"Nothing is missing that these data can show. {sizes}{would}."
         if self.loop is not None and self.verdict == "closed_loop":
-            said = [f"{v.record.name}: {v.sentence}." for v in self.valves]
-            if self.loop.given and not said:
-                said = ["Of a valve nothing is said: its OP is to be in percent of its span, a fraction, or in mA."]
-            return " ".join([*said, f"{self.loop.sentence}. {sizes}."])
+            said = [*(f"{v.record.name}: {v.sentence}." for v in self.valves), f"{self.loop.sentence}. {sizes}."]
+            if self.loop.given and not self.valves:
+                said += ["Whether a valve sticks is told of an input in percent of its span, a fraction, or in mA."]
+            return " ".join(said)
         more = self.verdict in ("outside_library", "helps_but_incomplete") and self.floor_kind != REPEATED
         sizes += f"; the noise floor is {'at most' if more else 'about'} {few(self.floor)}{unit}"
         if self.sensor and self.sensor <= self.floor:  # what is more than a model leaves is no noise
@@ -187,14 +187,12 @@ class Step:
         if self.verdict == "outside_library":
             removes = f"comes nearest, and removes {100 * self.nearest_share:.0f} % of the squared error"
             near = f" Of what it knows, {self.nearest[0]} {removes}: too little to be named." if self.nearest else ""
-            return (
-                f"Something is missing that the catalogue does not know. {sizes}.{near} Look at where the model fails, "
-                "and at the equivalent missing input."
-            )
+            look = "Look at where the model fails, and at the equivalent missing input."
+            return f"Something is missing that the catalogue does not know. {sizes}.{near} {look}"
         if self.pair is not None:
             return (
-                f"Two effects are probably missing: {' and '.join(self.pair.effects)}. {sizes}. Together they remove "
-                f"{100 * self.pair.share:.0f} % of the removable error on data never used for fitting"
+                f"{self.pair.counted} are probably missing: {' and '.join(self.pair.effects)}. {sizes}. Together they "
+                f"remove {100 * self.pair.share:.0f} % of the removable error on data never used for fitting"
                 f"{'' if self.pair.all else ', but not all that is missing'}.{_instead(self.pair)}"
             )
         best = self.candidates[0]
@@ -327,13 +325,13 @@ def step(
         made.verdict = "helps_but_incomplete"
         rivals = tuple(ids for ids in (tuple(v.id for v in r.beyond(known)) for r in found[1:]) if ids)
         held, every = chosen.mean_square(base.split.held), verdict(share, left, 1) != "helps_but_incomplete"
-        made.pair = Pair((both[0], both[1]), chosen, held, share, rivals, every)
+        made.pair = Pair(tuple(both), chosen, held, share, rivals, every)
     if len(made.confusion_set) > 1 and not pair:
         table.course.say(": looking for an experiment that separates them")
         bare = next((table.own(r).model for r in found if not r.beyond(known) and table.holds(r)), None)
         made.decide(bare, table.seed, limits)
     table.course.say(": deleting what became redundant")
-    if made.pair is not None and room == 1:
+    if made.pair is not None and room < len(both):
         half = half_of(made.pair, made.candidates, table, known)
         if half is None:
             return made, known
@@ -363,10 +361,12 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     seen = scored.scores.p_value <= gate.LEVEL or float(scored.scores.share.max()) >= LARGE
     if seen or scored.structure > HELPS:
         table.singles(known)
+        jointly(table, known)
     at, alone = table.held(lambda: won([r for r in table.beside(known) if len(r.beyond(known)) <= 1], known))
     if alone is not None:
         table.course.say(", and what the best one leaves")
-    if table.screened(at).structure > HELPS and (alone is None or not _enough(table, alone, at)):
+    told = 0.0 if alone is None else 1 - alone.held / at.held  # what one effect removes follows from the signals
+    if max(told, table.screened(at).structure) > HELPS and (alone is None or not _enough(table, alone, at)):
         table.pairs(known)  # two effects may hide each other
         exchanged(table, known)
     at, best = table.held(lambda: won(table.beside(known), known))

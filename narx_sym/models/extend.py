@@ -67,6 +67,7 @@ class Variant:
     raw : bool
         Whether the input is measured from zero instead of the operating point.
     fixed : pairs of a shape parameter in whole samples and its value
+    aside : names that its states leave to the channels of the records
     """
 
     effect: Effect
@@ -76,6 +77,7 @@ class Variant:
     lag: int = 0
     raw: bool = False
     fixed: tuple[tuple[str, int], ...] = ()
+    aside: tuple[str, ...] = ()
 
     @property
     def id(self) -> str:
@@ -134,7 +136,7 @@ def variants(
                     for raw in about if centred else (False,):
                         for fixed in choices:
                             for name in named if "channel" in one.arguments else (None,):
-                                made = Variant(one, where, driver, name, lag, raw, fixed)
+                                made = Variant(one, where, driver, name, lag, raw, fixed, named)
                                 if made.beside(model.n_y):
                                     yield made
 
@@ -197,7 +199,7 @@ def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[
     values: dict[str, Any] = {p: sp.Symbol(f"{p}_{suffix}" if suffix else p, real=True) for p in variant.shape}
     form = variant.effect.equations(Ts=model.Ts or 1.0, **values, **dict(variant.fixed))
     used = {b.name for b in taken} | {*model.channels, variant.channel or ""} | {str(s) for s in model.symbols}
-    used |= RESERVED | _new_names(variant, suffix)
+    used |= RESERVED | _new_names(variant, suffix) | set(variant.aside)
     own = {}
     for state in form.states:
         name = plain = state.left.base.name

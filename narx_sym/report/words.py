@@ -123,7 +123,9 @@ def headline(diagnosis: Diagnosis) -> str:
         return "Something is missing that the catalogue does not know."
     if first.verdict == "closed_loop":
         if first.valves:
-            return f"{worst_valve(first.valves).verdict.capitalize()}."
+            valve = worst_valve(first.valves)
+            none = "This record was taken in closed loop: nothing is named, and no valve is seen to stick."
+            return f"{valve.verdict.capitalize()}." if valve.found or valve.perhaps else none
         if first.loop is not None and first.loop.unseen:
             return "Perhaps this record was taken in closed loop: nothing is named."
         known = first.loop is not None and first.loop.given
@@ -131,7 +133,9 @@ def headline(diagnosis: Diagnosis) -> str:
     if first.pair is not None:
         others = ", or others that explain as much" if first.pair.rivals else ""
         rest = "" if first.pair.all else "; they are not all"
-        return f"Two effects are probably missing: {' and '.join(map(spaced, first.pair.effects))}{others}{rest}."
+        return (
+            f"{first.pair.counted} are probably missing: {' and '.join(map(spaced, first.pair.effects))}{others}{rest}."
+        )
     if first.verdict == "helps_but_incomplete":
         listed = [n for n in names if n != BASE] or [spaced(first.candidates[0].effect)]
         return f"{' or '.join(listed)} helps, but something else is missing too.".capitalize()

@@ -120,7 +120,7 @@ def test_one_free_run_under_two_names_is_one_partner():
     assert list(distinct(rows)) == [rows[0], rows[2], rows[3]]
 
 
-@pytest.mark.parametrize(("after", "shows"), [(0.9, True), (1.04, True), (1.2, False)])
+@pytest.mark.parametrize(("after", "shows"), [(0.9, True), (1.0, True), (1.04, False)])
 def test_no_winner_raises_the_error_that_is_shown(after, shows):
     """On all blocks it may fall all the same: of a record with one step most of it is before that."""
 
@@ -266,6 +266,35 @@ def test_friction_that_a_load_presses_on_is_that_of_the_load(m, k, measured):
     record = ns.Record.from_arrays(u, y, 0.01, channels={"load": load, "room": np.sin(0.3 * t)})
     found = diagnosed(record)
     assert found.verdict == "named" and found.confusion_set == ["channel_friction:load"]
+    assert found.ladder[-1]["validation"] < 0.02
+
+
+@more
+def test_several_measured_inputs_are_found_together():
+    """Of four channels three act, as the input does: each alone leaves most of it. Their names are those of states."""
+    rng = np.random.default_rng(4)
+    u, *beside = (smooth(rng, 3000, 0.95) for _ in range(5))
+    x = 2 * u + 0.6 * beside[0] + 0.6 * beside[1] - 1.2 * beside[3]
+    y = lfilter([0.2], [1, -0.8], x)
+    channels = dict(zip(("w1", "p", "f", "p1"), beside, strict=True))
+    record = ns.Record.from_arrays(u, y + 0.01 * y.std() * rng.standard_normal(3000), 0.05, channels=channels)
+    found = ns.diagnose(ns.identify(record, base="linear"), record, max_effects=3)
+    assert sorted(found.confusion_set) == ["channel:p", "channel:p1", "channel:w1"]
+    assert len(found.steps[0].added) == 3 and found.ladder[-1]["validation"] < 0.012
+    assert found.sentence().startswith("3 effects are probably missing")
+
+
+@more
+def test_a_slack_is_found_beside_channels_that_are_called_like_its_states():
+    rng = np.random.default_rng(5)
+    u, load = smooth(rng, 2500, 0.95), smooth(rng, 2500, 0.98)
+    play, at = np.zeros(2500), 0.0
+    for k, v in enumerate(2 * u):
+        at = play[k] = min(max(at, v - 0.7), v + 0.7)
+    y = lfilter([0.2], [1, -0.8], play + 0.8 * load)
+    record = ns.Record.from_arrays(u, y + 0.01 * y.std() * rng.standard_normal(2500), 0.05, channels={"p": load})
+    found = ns.diagnose(ns.identify(record, base="linear"), record, max_effects=2)
+    assert {e for step in found.steps for e in step.added} == {"backlash", "channel:p"}
     assert found.ladder[-1]["validation"] < 0.02
 
 

@@ -112,9 +112,10 @@ class Sum(Entry):
 
 
 def test_what_pays_for_two_wins_as_two():
-    one, two, pair = Entry(("a",), 0.0009, 8), Sum(("a",), 0.0009, 8), Entry(("b", "c"), 0.0004, 6)
+    one, two, pair = Entry(("a",), 0.0009, 8), Sum(("a",), 0.0009, 8), Entry(("b", "c"), 0.0004, 8)
     assert winner([BASE, one, pair], BASE) is one  # it removes most of what two remove
     assert winner([BASE, two, pair], BASE) is pair
+    assert winner([BASE, Entry(("a",), 0.0009, 9), pair], BASE) is pair  # not by being fewer: it needs more
 
 
 def test_pairs_are_asked_where_one_effect_would_not_be_named():

@@ -509,7 +509,7 @@ def test_a_friction_that_a_slack_takes_effect(tmp_path):
         (("stiction", "", "motion", {"e": 1e-9}), ("coulomb_friction", "holding", "motion", {})),
         (("stiction", "of a valve", "input", {"e": 1e-9}), ("backlash", "", "input", {})),
         (("end_stop", "rigid upper", "motion", {"r": 9.0}), ("end_stop", "upper", "inside", {"r": 9.0})),
-        (("output_limit", "upper", "sensor", {"r": 9.0}), ("output_limit", "both sides", "sensor", {"r": 9.0})),
+        (("output_limit", "both sides", "sensor", {"e": 9.0}), ("output_limit", "upper", "sensor", {})),
         (("coulomb_friction", "Dahl", "inside", {"r": 1e-9}), ("coulomb_friction", "", "inside", {})),
     ),
 )

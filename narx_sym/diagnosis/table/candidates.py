@@ -167,14 +167,14 @@ class Candidate:
 
 @dataclass(repr=False)
 class Pair:
-    """Two effects that only together explain the error.
+    """Two effects that only together explain the error; channels that all are inputs may be more.
 
     Attributes
     ----------
-    effects : (str, str)
+    effects : tuple of str
         Their ids.
     fitted : Fitted
-        The model that has both.
+        The model that has them.
     mean_square : float
         Held-out free-run error, as of the ladder [unit of y squared].
     share : float
@@ -182,10 +182,10 @@ class Pair:
     rivals : tuple of tuples of str
         What these data cannot tell from them, cheapest first: pairs, or effects that explain as much alone.
     all : bool
-        Whether what the two leave is noise, as far as can be told.
+        Whether what they leave is noise, as far as can be told.
     """
 
-    effects: tuple[str, str]
+    effects: tuple[str, ...]
     fitted: Fitted
     mean_square: float
     share: float
@@ -194,8 +194,13 @@ class Pair:
 
     @property
     def sure(self) -> tuple[str, ...]:
-        """Those of the two without which nothing explains as much."""
+        """Those of them without which nothing explains as much."""
         return tuple(e for e in self.effects if all(e in rival for rival in self.rivals))
+
+    @property
+    def counted(self) -> str:
+        """How many there are, in words."""
+        return "Two effects" if len(self.effects) == 2 else f"{len(self.effects)} effects"
 
     def __repr__(self) -> str:
         return f"Pair({' + '.join(self.effects)}, {100 * self.share:.0f} % of the removable error)"
@@ -226,6 +231,31 @@ def instead(table: Table, best: Row, known: Row) -> tuple[Row, Row, list[str]]:
             found += [(other.price, row, other)] if other is not None and table.holds(other) else []
     _, base, made = min(found, key=lambda f: f[0])
     return base, made, [name for name in known.ids if name not in base.ids]
+
+
+def jointly(table: Table, known: Row) -> None:
+    """Fit all channels at once, each a further input of every core, and then fewer while that costs less.
+
+    Of a machine with several inputs each alone may explain little.
+    """
+    search, forms = table.search, table.catalogue.get("channel", [])
+    new = [name for name in table.channels if f"channel:{name}" not in known.ids]
+    inputs = [Variant(e, "inside", "channel", name) for e in forms if "inside" in e.places for name in new]
+    rows = table.every_core(table.bases(known, given=False)) if len(inputs) > 1 else []
+
+    def fitted(beside: Sequence[Row], added: Sequence[Variant]) -> list[Row]:
+        for variant in added:
+            search.limits[variant] = {}
+            looks = search.look(beside, variant, [()]) if beside else []
+            beside = search.one_more(beside, looks) if looks else []
+        return [search.finish(row) for row in beside[:1]]
+
+    best = fitted(rows, inputs)
+    while best and len(best[0].beyond(known)) > 2:
+        kept = best[0].beyond(known)
+        fewer = [row for out in kept for row in fitted(rows, [v for v in kept if v != out])]
+        cheaper = [r for r in fewer if r.price < best[0].price]
+        best = [min(cheaper, key=lambda r: r.price)] if cheaper else []
 
 
 def exchanged(table: Table, known: Row) -> None:

@@ -152,9 +152,9 @@ class Table:
     def singles(self, base: Row) -> None:
         """Fit every effect beside the effects of a row, with every core; the best to the end."""
         self.course.reach(ALONE)
-        kinds = [given for given in (True, False) if self._bases(base, given)]
+        kinds = [given for given in (True, False) if self.bases(base, given)]
         for turn, given in enumerate(kinds):
-            bases = self._bases(base, given)
+            bases = self.bases(base, given)
             at = base if base in bases else next(filter(self.settles, sorted(bases, key=lambda r: r.price)), None)
             if at is None:
                 continue
@@ -164,7 +164,7 @@ class Table:
             listed = ways(written(largest, self.search.given), given, self.channels, self.catalogue)
             tried = [v for v in listed if (v.id, v.where) not in taken and self._may_show(v)]
             tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
-            starts = self._every_core(bases) + ([] if given or base.ids else self.search.withheld)
+            starts = self.every_core(bases) + ([] if given or base.ids else self.search.withheld)
             self._fit(starts, {v: line.grid(v) for v in tried}, line, tell, base.price)
 
     def closer(self, best: Row, base: Row) -> bool:
@@ -174,11 +174,11 @@ class Table:
         if more or not forms or self.left(best, base) <= LEFT:
             return False
         bare = written(replace(best.hypothesis, effects=base.hypothesis.effects), self.search.given)
-        bases = self._bases(base, given)
+        bases = self.bases(base, given)
         line, tell = self.screened(best).line, partial(self._tell, base, ", in closer forms", 0, 1)
         listed = ways(bare, given, self.channels, Catalogue({added.id: forms}), closer=True)
         shapes = {v: line.grid(v) for v in listed if self._may_show(v)}
-        self._fit(self._every_core(bases), shapes, line, tell, base.price)
+        self._fit(self.every_core(bases), shapes, line, tell, base.price)
         return bool(shapes)
 
     def complete(self, best: Row, base: Row) -> Row:
@@ -201,13 +201,13 @@ class Table:
             others = {v: s for v, s in shortlist(scored, kind).items() if v.id not in first.ids and self._may_show(v)}
             tell = partial(self._tell, base, f", one of them {first.ids[-1]}", turn, PARTNERS)
             worth = cheapest(self.rows)[0].price + PER_EFFECT  # dearer ones neither win nor are taken for the winner
-            self._fit(self._every_core([first]), others, scored.line, tell, worth, first)
+            self._fit(self.every_core([first]), others, scored.line, tell, worth, first)
 
-    def _bases(self, base: Row, given: bool) -> list[Row]:
+    def bases(self, base: Row, given: bool) -> list[Row]:
         """Return the rows with the effects of another around the given model, or around open cores."""
         return [r for r in self.rows if r.ids == base.ids and r.hypothesis.core.given == given]
 
-    def _every_core(self, rows: list[Row]) -> list[Row]:
+    def every_core(self, rows: list[Row]) -> list[Row]:
         """Return rows, and behind them their effects as they were fitted with the other cores."""
         had = {(r.hypothesis.effects, r.size) for r in rows}
         sets = dict.fromkeys((r.hypothesis.effects, r.hypothesis.core.given) for r in rows)
@@ -320,10 +320,9 @@ class Table:
             self.rows.remove(lost[0])
 
     def _shows(self, best: Row, base: Row) -> bool:
-        """Whether a winner is one at the records' own rate too, and the error that is shown does not clearly rise."""
-        before, after = (self.own(r) for r in (base, best))
-        held = before.mean_square(before.split.held) * np.exp(ALIKE)
-        return after.mean_square(after.split.held) <= held and self.worth(best, base) and self._needed(best, base)
+        """Whether a winner is one at the records' own rate too, and the error that is shown does not rise."""
+        before, after = (f.mean_square(f.split.held) for f in (self.own(base), self.own(best)))
+        return after <= before and self.worth(best, base) and self._needed(best, base)
 
     def _needed(self, best: Row, base: Row) -> bool:
         """Whether no other effects clearly cost less at the records' own rate: the cheapest of fewer or as many."""

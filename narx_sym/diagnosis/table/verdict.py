@@ -93,16 +93,18 @@ def distinct(rows: Sequence[E]) -> Iterator[E]:
 def winner(rows: Sequence[E], base: E) -> E | None:
     """Return the best hypothesis with a further effect, None where none is worth its price.
 
-    Fewer effects that pay for fewer win where they remove most of what the best removes.
+    Fewer effects that pay for fewer win where they remove most of what the best removes, and need no more parameters
+    than its effects do.
     """
     listed = [r for r in cheapest(rows) if r.count > base.count and r.price < base.price]
     if not listed:
         return None
     rms = {id(r): float(np.sqrt(r.held)) for r in (base, *listed)}
     most = rms[id(base)] - rms[id(listed[0])]
+    room = listed[0].parameters if len(listed[0].ids) > len(base.ids) else np.inf
     for count in sorted({r.count for r in listed}):
         fewer = [r for r in listed if r.count == count and (count == listed[0].count or r.charged < listed[0].charged)]
-        enough = [r for r in fewer if rms[id(base)] - rms[id(r)] >= MOST * most]
+        enough = [r for r in fewer if r.parameters <= room and rms[id(base)] - rms[id(r)] >= MOST * most]
         if enough:
             return enough[0]
     return listed[0]

@@ -55,13 +55,13 @@ def no_faster(x: Any, down: Any, up: Any) -> Form:
 
 @limit_of_speed(("r",))
 def rate_limit(x: Any, r: Any) -> Form:
-    """A limit of speed: the actuator follows its input no faster than a motor that runs at one speed."""
+    """A limit of speed: the actuator follows its input no faster than it can, as a motor at full speed."""
     return no_faster(x, r, r)
 
 
 @limit_of_speed(("r", "e"), "two speeds")
 def two_rate_limits(x: Any, r: Any, e: Any) -> Form:
-    """A limit of speed: the actuator follows its input no faster than a motor that runs at one speed."""
+    """A limit of speed: the actuator follows its input no faster than it can, as a motor at full speed."""
     return no_faster(x, e, r)
 
 

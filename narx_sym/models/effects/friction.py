@@ -10,6 +10,7 @@ from typing import Any
 
 import sympy as sp
 
+from ...symbolic.functions import within
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, rub, signal
 from ._effect import SLOW_SPEED, SPEED, Form, Scan, clip, effect, step
@@ -17,6 +18,7 @@ from ._effect import SLOW_SPEED, SPEED, Form, Scan, clip, effect, step
 MOVING = {"inside": "y", "output": "u"}
 DRIVEN = {"inside": "y", "force": "y", "output": "u"}  # also at the mass that is driven, behind whose force are zeros
 OF_A_SPEED = "of a speed"
+LEVEL = Scan("speed", (0.2, 0.6, 1.5))
 SLOW = Scan("amplitude", (0.01, 0.03, 0.1), beyond=1.0)  # well below the speed: tanh reaches its plateau
 
 
@@ -70,6 +72,21 @@ def smooth_coulomb_friction_of_speed(x: Any, s: Any) -> Any:
 def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:
     """Dry friction: a constant force against the motion, whatever the speed."""
     return sp.tanh((x[k] - x[k - n]) / s)
+
+
+@effect(
+    {"output": "u"},
+    scan={"r": LEVEL, "e": LEVEL, "tau": Scan("time", (0.0, 0.15), beyond=1.0)},
+    id="coulomb_friction",
+    form="viscoelastic",
+    unit={"r": "unit of the driver per sample", "e": "unit of the driver per sample", "tau": "s"},
+    source="Jenkins 1962, the spring as Maxwell's 1867; two levels, as in bump and rebound (Dixon 2007)",
+    lagged=True,
+)
+def viscoelastic_friction(x: Any, r: Any, e: Any, tau: Any, Ts: Any) -> Form:
+    """Dry friction: a constant force against the motion, whatever the speed."""
+    w, a = signal("w"), sp.exp(-Ts / tau)  # as elastic friction, but oil or rubber lets the spring relax
+    return Form((w[k],), (State(w[k], within(a * w[k - 1] + (1 - a) * step(x), -e, r), 0),))
 
 
 def dahl(d: Any, r: Any, before: Any = 0) -> Form:

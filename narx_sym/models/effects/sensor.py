@@ -6,8 +6,9 @@ from typing import Any
 
 import sympy as sp
 
+from ...symbolic.functions import within
 from ...symbolic.signals import k
-from ._effect import Scan, clip, effect
+from ._effect import Scan, effect
 
 # What is measured ends where the limit is: beyond the range there is nothing to be seen.
 EDGE = Scan("amplitude", (0.3, 0.5, 0.7, 0.85, 1.0), beyond=1.2)
@@ -44,14 +45,14 @@ def lower_limit(x: Any, r: Any) -> Any:
 
 @effect(
     {"sensor": "y"},
-    scan={"r": EDGE},
+    scan={"r": EDGE, "e": EDGE},
     sign=1,
     full=True,
-    unit=LIMIT,
+    unit=LIMIT | {"e": LIMIT["r"]},
     id="output_limit",
     form="both sides",
     source="Tao & Kokotovic 1996",
 )
-def both_limits(x: Any, r: Any) -> Any:
+def both_limits(x: Any, r: Any, e: Any) -> Any:
     """The sensor has a limit: what goes beyond it is shown as the limit."""
-    return clip(x[k], r) - x[k]
+    return within(x[k], -e, r) - x[k]  # the middle of what a sensor shows is not where the machine works

@@ -11,6 +11,7 @@ from ...symbolic.signals import k
 from ._effect import AMPLITUDE, Scan, clip, effect
 
 LIMIT = {"r": "unit of the driver"}
+ENDS = Scan("amplitude", (0.15, 0.3, 0.5, 0.7, 0.9))
 REACHED = Scan("amplitude", (0.15, 0.3, 0.5, 0.7, 0.9), beyond=1.1)  # a stop beyond what was reached is not seen
 
 
@@ -68,9 +69,25 @@ def hard_saturation(x: Any, r: Any) -> Any:
     return clip(x[k], r) - x[k]
 
 
+@effect(
+    "input",
+    scan={"r": ENDS, "e": ENDS},
+    sign=1,
+    full=True,
+    unit=LIMIT | {"e": LIMIT["r"]},
+    id="saturation",
+    source="Tao & Kokotovic 1996",
+    form="hard, two limits",
+    centred=True,
+)
+def unequal_saturation(x: Any, r: Any, e: Any) -> Any:
+    """Saturation: large inputs do less and less."""
+    return within(x[k], -e, r) - x[k]
+
+
 @effect("input", source="Billings 2013", centred=True)
 def asymmetric_gain(x: Any) -> Any:
-    """Another gain for positive inputs than for negative ones."""
+    """Another gain above a level of the input, zero or where the machine works, than below it."""
     return sp.Abs(x[k])
 
 
