@@ -216,16 +216,18 @@ def one_sine(x: Vector, Ts: float) -> float:
     return top / (Ts * len(x)) if max(sizes) <= STEADY * min(sizes) else 0.0
 
 
-def check_excitation(record: Record) -> None:
+def check_excitation(*segments: Record) -> None:
     """Refuse a record whose input or output is constant, or which has one signal: nothing can be identified from it."""
-    for word, x in {"input": record.u, "output": record.y}.items():
+    record = segments[0]
+    u, y = (np.concatenate([getattr(s, name) for s in segments]) for name in "uy")
+    for word, x in {"input": u, "output": y}.items():
         if np.ptp(x) <= 1e-12 * np.max(np.abs(x)):
             raise DataError(
                 f"record '{record.name}': the {word} is constant ({x[0]:.6g} in all {x.size} "
                 f"samples), nothing can be identified; check the column (--{word}) and the rows "
                 "(--rows), or measure with motion"
             )
-    if np.array_equal(record.u, record.y):
+    if np.array_equal(u, y):
         raise DataError(
             f"record '{record.name}': output and input are the same signal, nothing can be identified; check the "
             "columns (--input, --output)"

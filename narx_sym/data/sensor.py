@@ -61,8 +61,9 @@ class Fault:
         """What was seen, in plain words."""
         if self.effect == "sensor_saturation":
             return (
-                f"The measured output is cut off at {self.size:.6g} in {100 * self.share:.2g} % of the samples "
-                "(sensor_saturation): leave these rows out, or measure in a wider range."
+                f"The measured output seems to be cut off at {self.size:.6g} in {100 * self.share:.2g} % of the "
+                "samples (sensor_saturation). Where the sensor ends there, leave these rows out, or measure in a wider "
+                "range; a machine that rests there looks alike."
             )
         if self.effect == "frozen_sensor":
             first, last = self.rows

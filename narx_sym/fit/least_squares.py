@@ -260,8 +260,7 @@ def fit(
     if method == "auto":
         better = _better_fit(model, records, constraints, max_steps, starts, seed)
         return unfinished(better) if warn else better
-    for record in records:
-        check_excitation(record)
+    check_excitation(*records)
     equations = constraint_equations(model, constraints)
     converged = True
     if method in ("one_step", "els") or model.theta is None:

@@ -10,10 +10,10 @@ import numpy as np
 from ..data.units import coefficient_units
 from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.table.candidates import Candidate
-from ..models.added import AddedEffect, outside
+from ..models.added import AddedEffect, newer, outside
 from ..models.model import Model
 from ..symbolic.signals import expand_phi
-from .words import Row, Units, number
+from .words import Row, Units, number, spaced
 
 MOVED = 3.0  # standard errors
 
@@ -95,6 +95,16 @@ def candidate_parameters(candidate: Candidate, units: Units) -> str:
     added = model.effects[-1]
     shapes = {str(s): shape_unit(own.unit.get(n, ""), added, units) for n, s in added.shape.items()}
     return effect_parameters(model, added, units, shapes)
+
+
+def added_sizes(diagnosis: Diagnosis, units: Units) -> list[str]:
+    """Return a line with the parameters of each effect that was added and kept, and their units."""
+    model, shapes = diagnosis.model, shape_units(diagnosis, units)
+    return [
+        f"{spaced(one.effect).capitalize()}{f' ({one.form})' if one.form else ''}: "
+        f"{effect_parameters(model, one, units, shapes)}."
+        for one in newer(model, diagnosis.steps[0].base.model)
+    ]
 
 
 def effect_parameters(model: Model, effect: AddedEffect, units: Units, shapes: Mapping[str, str]) -> str:

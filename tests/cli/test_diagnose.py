@@ -130,9 +130,11 @@ def test_five_lines_first_and_the_same_data_and_seed_give_the_same_file(files, d
     assert code == 0, err
     lines = text.splitlines()
     assert lines[0] == "Dead zone is probably missing. (named: one explanation fits)"
-    assert "times smaller" in lines[1] and " mm" in lines[1] and "Probably missing: dead_zone" in lines[2]
+    assert "times smaller" in lines[1] and " mm" in lines[1] and "Probably missing: dead_zone" in lines[3]
+    size = re.search(r"Dead zone: .*r = (0\.[0-9]+) V\.", lines[2])
+    assert size and float(size[1]) == pytest.approx(DEAD, rel=0.02)
     assert any(line.startswith("Next: ") for line in lines) and any("narx-sym diagnose" in line for line in lines)
-    assert "Candidates (" not in text and len(lines) <= 8
+    assert "Candidates (" not in text and len(lines) <= 9
     first, second = ((files / name).read_text().splitlines() for name in ("d.json", "again.json"))
     differ = [(a, b) for a, b in zip(first, second, strict=True) if a != b]
     assert all('"seconds"' in a for a, _ in differ) and len(differ) <= 1

@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.dead_time import dead_time
 from narx_sym.data.evidence.feedback import feedback
-from narx_sym.data.evidence.levels import one_speed, turns
+from narx_sym.data.evidence.levels import one_speed, turns, two_levels
 from narx_sym.data.evidence.noise import sensor_noise, unexplained
 from narx_sym.data.evidence.stiction import held, span_of, sticking
 from narx_sym.diagnosis.procedure import diagnose
@@ -422,3 +422,9 @@ def test_of_an_output_in_another_unit_no_span_is_guessed():
     loop = cycling(0.4, 0.1)
     for unit, span in (("", 100.0), ("%", 100.0), ("m3/h", 0.0), ("V", 0.0)):
         assert span_of(ns.Record.from_arrays(loop.u, loop.y, Ts=loop.Ts, units={"u": unit} if unit else {})) == span
+
+
+def test_two_levels_have_noise_only_where_it_is_more_than_rounding():
+    u = np.where(np.arange(60) % 20 < 10, 0.1, 0.7)
+    assert two_levels(u + 1e-16 * np.arange(60)) is None and two_levels(u) is None
+    assert two_levels(u + 0.01 * np.sin(np.arange(60))) is not None

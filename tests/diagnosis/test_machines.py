@@ -270,6 +270,36 @@ def test_friction_that_a_load_presses_on_is_that_of_the_load(m, k, measured):
 
 
 @more
+def test_a_motor_that_does_not_begin_where_its_command_is():
+    """Short records, each from rest at zero while the command stands elsewhere already: no derivative tells where."""
+    rng, records = np.random.default_rng(6), []
+    for _ in range(8):
+        u = np.repeat(rng.uniform(-1, 1, 6), 25)
+        y, at = np.zeros(150), 0.0
+        for k in range(3, 150):
+            y[k] = at = at + np.clip(u[k - 3] - at, -0.05, 0.035)
+        records.append(ns.Record.from_arrays(u, 2 * y + 0.005 * rng.standard_normal(150), 0.02))
+    found = ns.diagnose(ns.identify(records, base="linear"), records)
+    assert found.confusion_set[0] == "rate_limit" and found.best.variant.effect.form == "two speeds"
+    speeds = sorted(abs(float(found.best.parameters[n])) for n in "re")
+    assert speeds == pytest.approx([0.035, 0.05], rel=0.05)
+
+
+@more
+def test_a_damper_whose_bump_and_rebound_differ_is_no_end_stop():
+    """Its force follows the speed through a spring and oil, and yields: other levels in the two directions."""
+    t = np.arange(3000) * 0.01
+    u = 0.01 * (np.sin(2 * np.pi * 0.7 * t) + 0.6 * np.sin(2 * np.pi * 1.9 * t + 1))
+    force, f = np.zeros(3000), 0.0
+    for k in range(1, 3000):
+        f = np.clip(0.8 * f + 4e5 * (u[k] - u[k - 1]), -300.0, 550.0)
+        force[k] = f + 4000 * u[k]
+    found = diagnosed(record_of(u, force, 0.01, 0.01))
+    assert found.confusion_set[0] == "coulomb_friction" and found.best.variant.effect.form == "viscoelastic"
+    assert found.ladder[-1]["validation"] < 0.015
+
+
+@more
 def test_several_measured_inputs_are_found_together():
     """Of four channels three act, as the input does: each alone leaves most of it. Their names are those of states."""
     rng = np.random.default_rng(4)

@@ -1,5 +1,7 @@
 """Least squares with and without constraints, free-run fits, sensitivities, simulation and prediction."""
 
+from dataclasses import replace
+
 import mpmath
 import numpy as np
 import pandas as pd
@@ -265,6 +267,9 @@ def test_data_that_do_not_determine_the_model():
         NARX.from_terms(["y[k-1]", "log(u[k-1])"]).fit(record)
     with pytest.raises(DataError, match="constant"):
         NARX.from_terms(["y[k-1]"]).fit(Record.from_arrays(np.ones(50), record.y[:50], Ts=1))
+    # A machine that rests in one segment tells something in the others.
+    still = replace(record, u=np.where(np.arange(len(record)) < 60, record.u[60], record.u), breaks=(60,))
+    assert NARX.from_terms(["y[k-1]", "u[k-1]"]).fit(still).theta is not None
     with pytest.raises(FitError, match="Unknown method"):
         NARX.from_terms(["y[k-1]"]).fit(record, method="magic")
     with pytest.raises(FitError, match="not linear in its parameters"):

@@ -15,6 +15,7 @@ Array = np.ndarray
 # records go back by nothing or by more than 0.14.
 TURN = 0.05
 ONE_SPEED = 0.9  # of the mean squared step, what its mean size makes up: of a sine 0.81, of a triangle all of it
+ROUNDING = 1e-9  # of the way between the levels: less than that is no noise
 NEAR = 0.1  # of the way between the levels: a wider spread about them is excitation
 
 
@@ -25,7 +26,8 @@ def two_levels(u: Array) -> Array | None:
         return None
     levels = np.where(high, u[high].mean(), u[~high].mean())
     noise = float(np.std(u - levels))
-    return levels if 0 < noise <= NEAR * float(np.ptp(levels)) else None
+    way = float(np.ptp(levels))
+    return levels if ROUNDING * way < noise <= NEAR * way else None
 
 
 def turns(x: Array) -> bool:

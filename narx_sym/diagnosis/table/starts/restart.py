@@ -10,6 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ....data.record import Record
+from ....symbolic.signals import samples
 from ..frame import Frame
 from ..hypotheses import Core
 from ..row import Row
@@ -34,9 +35,40 @@ def beginnings(frame: Frame, base: Row, shape: Sequence[float]) -> list[Array]:
             [base.values[: cs[0]], np.zeros(len(cs) + len(where)), frame.shifts(base.frame, base.values)]
         )
         x[cs], x[where] = HALF if frame.effects[-1].effect.full else 0.0, shape
+        x = x if core.given else _as_measured(frame, x, core)
         other = x if core.given else restarted(frame, x, core)
         frame.begins[key] = [x] if other is x else [x, other]
     return frame.begins[key]
+
+
+@np.errstate(all="ignore")
+def _as_measured(frame: Frame, x: Array, core: Core) -> Array:
+    """Return the point at which what follows the input begins where the output is, at rest; x where that is better.
+
+    A motor at its full speed, or a slack, that begins elsewhere than its input: from where it has arrived there no
+    derivative tells. Where that is, the core says, or the ranges of input and output, where the effect hides the core.
+    """
+    model, linear, n = frame.problem.model, x[frame.used(core)], core.n_y
+    own = [s for s in model.states if s.group == model.effects[-1].group]
+    follow = {s.left.base for s in own if any(i.base == model.input for i in samples(s.initial))}
+    at = [j for j, s in enumerate(frame.problem.starts) if s.back is None and follow.issuperset(s.states)]
+    gain = float(linear[n : n + core.n_u].sum())
+    if not at or not gain:
+        return x
+    frame.late(core.delay)
+    records = frame.measured()
+    u, y = (np.concatenate([getattr(r, name) for r in records]) for name in "uy")
+    slope = float(np.copysign(np.ptp(u) / (np.ptp(y) or 1.0), gain))
+    points = [x]
+    for level, rise in (
+        (-float(linear[n + core.n_u]) / gain, (1 - float(linear[:n].sum())) / gain),
+        (float(u.max() + u.min() - slope * (y.max() + y.min())) / 2, slope),
+    ):
+        points.append(x.copy())
+        for i, r in enumerate(records):
+            rest = np.clip(level + rise * r.y[0], u.min(), u.max())
+            points[-1][frame.problem.own(i).start + np.array(at)] = rest - r.u[0]
+    return min(points, key=lambda point: frame.error(point, core))
 
 
 @np.errstate(all="ignore")
