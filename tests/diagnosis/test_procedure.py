@@ -374,7 +374,6 @@ def test_tanks_flow_over():
 
 @pytest.mark.bench
 @needs_shared
-@pytest.mark.xfail(reason="a falling cubic gain is named, which draws the same curve within the record")
 def test_motor_saturates():
     record = ns.read(SHARED / "hydraulic_motor_rotation" / "run.csv")
     d = ns.diagnose(ns.identify(record, base="linear"), record)
