@@ -13,7 +13,7 @@ from ..diagnosis.table.candidates import Candidate
 from ..models.added import AddedEffect, newer, outside
 from ..models.model import Model
 from ..symbolic.signals import expand_phi
-from .words import Row, Units, number, spaced
+from .words import Row, Units, begun, number, spaced
 
 MOVED = 3.0  # standard errors
 
@@ -101,7 +101,7 @@ def added_sizes(diagnosis: Diagnosis, units: Units) -> list[str]:
     """Return a line with the parameters of each effect that was added and kept, and their units."""
     model, shapes = diagnosis.model, shape_units(diagnosis, units)
     return [
-        f"{spaced(one.effect).capitalize()}{f' ({one.form})' if one.form else ''}: "
+        f"{begun(spaced(one.effect))}{f' ({one.form})' if one.form else ''}: "
         f"{effect_parameters(model, one, units, shapes)}."
         for one in newer(model, diagnosis.steps[0].base.model)
     ]

@@ -54,8 +54,14 @@ AT_FLOOR = 1.1  # times the noise floor: an error up to here is called at the fl
 
 
 def spaced(name: str) -> str:
-    """Return the id of an effect as words."""
-    return name.replace("_", " ")
+    """Return the id of an effect as words; a channel is called as the user calls it."""
+    effect, colon, channel = name.partition(":")
+    return effect.replace("_", " ") + colon + channel
+
+
+def begun(text: str) -> str:
+    """Return a text as the beginning of a sentence."""
+    return text[:1].upper() + text[1:]
 
 
 def without_ids(text: str) -> str:
@@ -125,7 +131,7 @@ def headline(diagnosis: Diagnosis) -> str:
         if first.valves:
             valve = worst_valve(first.valves)
             none = "This record was taken in closed loop: nothing is named, and no valve is seen to stick."
-            return f"{valve.verdict.capitalize()}." if valve.found or valve.perhaps else none
+            return f"{begun(valve.verdict)}." if valve.found or valve.perhaps else none
         if first.loop is not None and first.loop.unseen:
             return "Perhaps this record was taken in closed loop: nothing is named."
         known = first.loop is not None and first.loop.given
@@ -138,13 +144,13 @@ def headline(diagnosis: Diagnosis) -> str:
         )
     if first.verdict == "helps_but_incomplete":
         listed = [n for n in names if n != BASE] or [spaced(first.candidates[0].effect)]
-        return f"{' or '.join(listed)} helps, but something else is missing too.".capitalize()
+        return begun(f"{' or '.join(listed)} helps, but something else is missing too.")
     if BASE in names:
         found = f"{' or '.join(n for n in names if n != BASE)} may be missing: one speed cannot tell."
-        return found[0].upper() + found[1:]
+        return begun(found)
     if first.verdict == "confused":
-        return f"{', '.join(names[:-1])} or {names[-1]} is probably missing; these data cannot tell which.".capitalize()
-    return f"{names[0].capitalize()} is probably missing."
+        return begun(f"{', '.join(names[:-1])} or {names[-1]} is probably missing; these data cannot tell which.")
+    return f"{begun(names[0])} is probably missing."
 
 
 def has_floor(diagnosis: Diagnosis) -> bool:

@@ -325,3 +325,8 @@ def test_a_damped_law_starts_from_the_states_that_its_script_has():
 def test_two_effects_that_are_all_need_no_third(every, added, exhausted):
     step = SimpleNamespace(pair=SimpleNamespace(all=every), added=added, chosen=object())
     assert Diagnosis.exhausted.fget(SimpleNamespace(steps=[step])) == exhausted
+
+
+def test_a_channel_is_called_as_the_user_calls_it():
+    assert words.spaced("channel_friction:Oil_temp") == "channel friction:Oil_temp"
+    assert words.begun(words.spaced("channel:Oil_temp")) == "Channel:Oil_temp"

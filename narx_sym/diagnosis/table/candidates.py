@@ -248,6 +248,7 @@ def jointly(table: Table, known: Row) -> None:
             search.limits[variant] = {}
             looks = search.look(beside, variant, [()]) if beside else []
             beside = search.one_more(beside, looks) if looks else []
+            search.rest()
         return [search.finish(row) for row in beside[:1]]
 
     best = fitted(rows, inputs)
