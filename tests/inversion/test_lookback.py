@@ -25,11 +25,9 @@ def as_drawn(e):
     return replace(e, centred=e.centred and e.family != "disturbance", places=places)
 
 
-def was_there(e):
-    return not (e.standing or e.form == "elastic" or (e.id, e.form) == ("channel_friction", "holding"))
-
-
-DRAWN = ns.effects.Catalogue({name: [as_drawn(e) for e in forms if was_there(e)] for name, forms in KEPT.items()})
+DRAWN = ns.effects.Catalogue(
+    {name: [as_drawn(e) for e in forms if not e.standing and e.form != "elastic"] for name, forms in KEPT.items()}
+)
 
 
 def attacked(seed):
