@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sampling import more, some
+from sampling import more
 
 import narx_sym as ns
 from narx_sym.cli import main as cli
@@ -180,7 +180,8 @@ def test_what_was_done_with_the_data_and_every_unit_are_printed(files, run, stag
     assert "steps of 0.5 V, moving at 62.6 V/s" in text and "62.6 per s" not in text
 
 
-@pytest.mark.parametrize("given", some([3, 1]))
+@more
+@pytest.mark.parametrize("given", [3, 1])
 def test_a_dead_time_that_is_given_is_kept_and_said(files, run, given):
     code, text, _ = run("diagnose", files / "dead.csv", "--base", "linear", "--rows", "0:600", "--delay", given)
     assert code == 0 and f"acts after {given} sample{'s' * (given > 1)} ({given / 100} s)" in text

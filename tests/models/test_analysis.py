@@ -8,6 +8,7 @@ import sympy as sp
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from paper import BENCH
+from sampling import more
 
 from narx_sym.data.record import Record
 from narx_sym.engines.columns import evaluate_quasi_static
@@ -636,6 +637,7 @@ def test_property_1_does_not_fail_where_equilibria_may_be_missed(terms, theta):
     assert property_1(NARX.from_terms(terms, theta)).holds is None
 
 
+@more
 def test_polynomials_between_kinks_are_solved():
     """Random ones against a fine search; a root at a kink counts once."""
     rng = np.random.default_rng(3)
