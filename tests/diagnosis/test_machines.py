@@ -252,9 +252,13 @@ def test_a_friction_is_found_that_no_core_stands_without(m, k, F):
     assert found.ladder[-1]["validation"] < 0.01
 
 
-@more
 @pytest.mark.parametrize(
-    "m, k, measured", [(0.3, 0.0, 1), (0.1, 0.0, 0), (0.02, 1.5, 0)], ids=["a speed", "an axis", "a stage on a spring"]
+    ("m", "k", "measured"),
+    [
+        pytest.param(0.3, 0.0, 1, id="a speed", marks=more),
+        pytest.param(0.1, 0.0, 0, id="an axis", marks=pytest.mark.bench),
+        pytest.param(0.02, 1.5, 0, id="a stage on a spring", marks=pytest.mark.bench),
+    ],
 )
 def test_friction_that_a_load_presses_on_is_that_of_the_load(m, k, measured):
     """It was told as a friction of one size and a gain that depends on the load: it holds, as the load lets it."""
@@ -285,7 +289,7 @@ def test_a_motor_that_does_not_begin_where_its_command_is():
     assert speeds == pytest.approx([0.035, 0.05], rel=0.05)
 
 
-@more
+@pytest.mark.bench
 def test_a_damper_whose_bump_and_rebound_differ_is_no_end_stop():
     """Its force follows the speed through a spring and oil, and yields: other levels in the two directions."""
     t = np.arange(3000) * 0.01
@@ -299,7 +303,7 @@ def test_a_damper_whose_bump_and_rebound_differ_is_no_end_stop():
     assert found.ladder[-1]["validation"] < 0.015
 
 
-@more
+@pytest.mark.bench
 def test_several_measured_inputs_are_found_together():
     """Of four channels three act, as the input does: each alone leaves most of it. Their names are those of states."""
     rng = np.random.default_rng(4)
@@ -314,7 +318,7 @@ def test_several_measured_inputs_are_found_together():
     assert found.sentence().startswith("3 effects are probably missing")
 
 
-@more
+@pytest.mark.bench
 def test_a_slack_is_found_beside_channels_that_are_called_like_its_states():
     rng = np.random.default_rng(5)
     u, load = smooth(rng, 2500, 0.95), smooth(rng, 2500, 0.98)

@@ -68,7 +68,6 @@ EFFECTS = {
     ("hysteresis", "output", "y", "Bouc-Wen"): (-0.3, 0.3),
     ("drift", "output", "t", ""): (-0.5, 0.5),
     ("channel:temp", "output", "channel", ""): (-0.5, 0.5),
-    ("coulomb_friction", "output", "u", "viscoelastic"): (-0.3, 0.3),
     ("saturation", "input", "u", "hard, two limits"): (-0.3, 0.3),
     ("hysteresis", "inside", "y", "Bouc-Wen"): (-0.1, 0.1),
     ("hysteresis", "inside", "y", "Bouc-Wen force"): (-0.05, 0.05),

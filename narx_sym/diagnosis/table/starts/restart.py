@@ -35,7 +35,7 @@ def beginnings(frame: Frame, base: Row, shape: Sequence[float]) -> list[Array]:
             [base.values[: cs[0]], np.zeros(len(cs) + len(where)), frame.shifts(base.frame, base.values)]
         )
         x[cs], x[where] = HALF if frame.effects[-1].effect.full else 0.0, shape
-        x = x if core.given else _as_measured(frame, x, core)
+        x = x if core.given or core.integrating else _as_measured(frame, x, core)
         other = x if core.given else restarted(frame, x, core)
         frame.begins[key] = [x] if other is x else [x, other]
     return frame.begins[key]
@@ -46,7 +46,8 @@ def _as_measured(frame: Frame, x: Array, core: Core) -> Array:
     """Return the point at which what follows the input begins where the output is, at rest; x where that is better.
 
     A motor at its full speed, or a slack, that begins elsewhere than its input: from where it has arrived there no
-    derivative tells. Where that is, the core says, or the ranges of input and output, where the effect hides the core.
+    derivative tells. Where that is, the core says, or the ranges of input and output, where the effect hides the core;
+    of an axis that integrates the output tells nothing of it.
     """
     model, linear, n = frame.problem.model, x[frame.used(core)], core.n_y
     own = [s for s in model.states if s.group == model.effects[-1].group]
