@@ -1,5 +1,7 @@
 """The base in words: the user's own terms, in a confusion set."""
 
+from collections.abc import Iterable
+
 BASE = "base"
 
 
@@ -11,3 +13,9 @@ def few(value: float, digits: int = 3) -> str:
 def words(name: str) -> str:
     """Return the name of an effect, a run or a panel as words."""
     return "the base" if name == BASE else name.replace("_", " ")
+
+
+def joined(names: Iterable[str]) -> str:
+    """Return names as one text: a, b and c."""
+    listed = list(names)
+    return " and ".join([", ".join(listed[:-1]), listed[-1]] if len(listed) > 1 else listed)

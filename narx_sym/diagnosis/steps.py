@@ -14,7 +14,7 @@ from ..data.evidence.stiction import Sticking
 from ..models.added import newer
 from ..models.model import NARX, Model
 from ..symbolic import printing
-from .bases import BASE, few
+from .bases import BASE, few, joined
 from .experiment import Experiment, propose, wider_file
 from .progress import JUDGE, WAYS
 from .refit import Fitted, prune
@@ -191,7 +191,7 @@ class Step:
             return f"Something is missing that the catalogue does not know. {sizes}.{near} {look}"
         if self.pair is not None:
             return (
-                f"{self.pair.counted} are probably missing: {' and '.join(self.pair.effects)}. {sizes}. Together they "
+                f"{self.pair.counted} are probably missing: {joined(self.pair.effects)}. {sizes}. Together they "
                 f"remove {100 * self.pair.share:.0f} % of the removable error on data never used for fitting"
                 f"{'' if self.pair.all else ', but not all that is missing'}.{_instead(self.pair)}"
             )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..data.evidence.stiction import worst_valve
-from ..diagnosis.bases import BASE
+from ..diagnosis.bases import BASE, joined
 from ..diagnosis.experiment import Experiment
 from ..diagnosis.procedure import UNNAMED, Diagnosis
 from ..diagnosis.steps import NO_FLOOR, Step
@@ -139,9 +139,7 @@ def headline(diagnosis: Diagnosis) -> str:
     if first.pair is not None:
         others = ", or others that explain as much" if first.pair.rivals else ""
         rest = "" if first.pair.all else "; they are not all"
-        return (
-            f"{first.pair.counted} are probably missing: {' and '.join(map(spaced, first.pair.effects))}{others}{rest}."
-        )
+        return f"{first.pair.counted} are probably missing: {joined(map(spaced, first.pair.effects))}{others}{rest}."
     if first.verdict == "helps_but_incomplete":
         listed = [n for n in names if n != BASE] or [spaced(first.candidates[0].effect)]
         return begun(f"{' or '.join(listed)} helps, but something else is missing too.")
@@ -217,7 +215,7 @@ def _next(diagnosis: Diagnosis) -> str:
 
 
 def _added(diagnosis: Diagnosis) -> str:
-    return " and ".join(spaced(rung.removeprefix("+ ")) for rung in diagnosis.rungs[1:])
+    return joined(spaced(rung.removeprefix("+ ")) for rung in diagnosis.rungs[1:])
 
 
 def sizes(diagnosis: Diagnosis, units: Units) -> list[tuple[str, str, str, float]]:

@@ -90,3 +90,23 @@ def test_what_was_first_of_a_pair_may_stand_for_another():
     assert set(d.steps[0].pair.effects) == {"saturation", "backlash"}
     assert d.ladder[-1]["validation"] < 0.012
     assert all(e.coefficients == {} for e in d.model.effects)  # both are whole
+
+
+@more
+def test_a_force_that_ends_where_the_input_moves_is_a_friction():
+    # a damper whose valve opens at a force of its own on each side, in series with a stiffness: no way ends there
+    f, u = np.zeros(N), noise()
+    for i in range(1, N):
+        f[i] = min(max(0.87 * f[i - 1] + 20 * (u[i] - u[i - 1]), -1.0), 1.3)
+    d = found(u, f + 0.06 * u + 0.002 * np.gradient(u, Ts))
+    assert d.confusion_set[0] == "coulomb_friction" and not {"end_stop", "output_limit"} & set(d.confusion_set)
+
+
+@more
+def test_a_stop_that_only_a_swing_reaches_is_a_stop():
+    k, y = np.arange(N), np.zeros(N)
+    u = np.sin(0.05 * k * (0.5 + 1.5 * k / N))
+    for i in range(2, N):  # at rest the input moves it by 0.2, at its resonance by four times as much
+        swing = 1.98 * y[i - 1] - 0.98 * y[i - 2] + 0.01 * (0.2 * u[i - 1] - y[i - 1])
+        y[i] = min(max(swing, -0.5), 0.6)
+    assert y.max() == 0.6 and found(u, y).confusion_set == ["end_stop"]

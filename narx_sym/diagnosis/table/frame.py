@@ -267,8 +267,8 @@ class Frame:
             self._measured[self._delay] = [_shifted(r, model) for r in late]
         return self._measured[self._delay]
 
-    def contributions(self, records: Sequence[Record], shape: Array) -> list[Array]:
-        """Return what the last effect adds along measured outputs, per coefficient: (N, coefficients) per segment."""
+    def contributions(self, records: Sequence[Record], shape: Array, seen: Sequence[Array] = ()) -> list[Array]:
+        """Return what the last effect adds along measured outputs, or `seen` ones: (N, coefficients) per segment."""
         if self._form is None:
             bare = self.given if self.largest is None else linear(self.largest, self.given)
             model, _ = extended(bare, self.effects[:-1])
@@ -276,7 +276,7 @@ class Frame:
         names = [sp.Symbol(p, real=True) for p in self.effects[-1].shape]
         values = dict(zip(names, map(float, shape), strict=True))
         moved = ({**r.channels, "t": r.t, "u": r.u, "v": r.u, "passed": r.u} for r in records)
-        outputs = (dict.fromkeys(("y", *(b.name for b in INNER_OUTPUTS)), r.y) for r in records)
+        outputs = (dict.fromkeys(("y", *(b.name for b in INNER_OUTPUTS)), y) for y in seen or [r.y for r in records])
         return [contribution(self._form, values, {**a, **b}) for a, b in zip(moved, outputs, strict=True)]
 
     def near(self, x: Array, core: Core) -> Array:

@@ -18,6 +18,7 @@ from ...fit.identify import OPEN
 from ...models.effects import Catalogue
 from ...models.extend import Variant
 from ...models.model import Model
+from ..bases import joined
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted
 from ..screening.directions import Linearised
@@ -277,7 +278,7 @@ class Table:
         rows = [r for r in self.beside(base) if r.beyond(base) and r.held < base.held]
         if rows:
             best = min(rows, key=lambda r: r.price)
-            names = " and ".join(v.id for v in best.beyond(base))
+            names = joined(v.id for v in best.beyond(base))
             verb = "remove" if len(best.beyond(base)) > 1 else "removes"
             self.course.found = f"{names} {verb} {100 * (1 - best.held / base.held):.0f} % of the squared error"
         self.course.say(more, done, of, turn, turns)

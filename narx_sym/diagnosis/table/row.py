@@ -7,10 +7,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.signal import lfilter, lfiltic
 
+from ...fit.bases.integrating import slowest
 from ...models.extend import Variant
 from .frame import Frame
 from .hypotheses import Core, Hypothesis
+from .starts.arx import polynomial
 from .verdict import price
 
 Array = np.ndarray
@@ -81,6 +84,25 @@ class Row:
         added = zip(self.hypothesis.effects, self.frame.added, strict=True)
         weights = (self.values[cs] for variant, (cs, _) in added if variant.effect.weights)
         return self.count + sum(int(w.min() < 0 < w.max()) for w in weights)
+
+    @property
+    def met_at_rest(self) -> bool:
+        """Whether the last effect of a linear core acts where the output is what the input makes of it at rest.
+
+        The input passes the poles alone, by the gain at rest: a swing may reach an end, but what only the changes of
+        the input reach is no end of a way.
+        """
+        core, a = self.hypothesis.core, self.a
+        b, constant = np.split(self.values[self.frame.used(core)][core.n_y :][: core.n_u + 1], [core.n_u])
+        if core.integrating or slowest(a) >= 1:
+            return True
+        measured, seen, denominator = self.frame.measured(), [], polynomial(a)
+        for record in measured:
+            driven = b.sum() * record.u + constant
+            begin = lfiltic([1.0], denominator, np.full(a.size, driven[0] / denominator.sum()))
+            seen.append(lfilter([1.0], denominator, driven, zi=begin)[0])
+        shape = self.values[self.frame.added[-1][1]]
+        return any(z.any() for z in self.frame.contributions(measured, shape, seen))
 
     def beyond(self, known: Row) -> tuple[Variant, ...]:
         """Return the effects that another row does not have."""

@@ -262,10 +262,13 @@ class Search:
     def _keeps(self, row: Row) -> bool:
         """Whether no pole has moved to the unit circle, or the effects hold what the input drives through it.
 
-        What acts on the motion holds it; beside a core that forgets from sample to sample it is a play.
+        What acts on the motion holds it; beside a core that forgets from sample to sample it is a play. What ends a way
+        is met at rest: a force that ends where the input moves is a friction.
         """
         (core, effects), away = (row.hypothesis.core, row.hypothesis.effects), self.runs_away(row)
         motion = any(v.where == "motion" for v in effects)
+        if effects and not core.given and effects[-1].effect.at_rest and not row.met_at_rest:
+            return False
         if not away or not effects:
             return not (away or (motion and not core.given and slowest(row.a) < FORGETS))
         held = motion or not self.runs_away(row, row.frame.linearised(row.values, core))

@@ -101,6 +101,8 @@ class Effect:
         Whether its coefficients are weights of like parts: with both signs it is two, one against the other.
     closer : bool
         Whether it is a closer form of an effect that other forms of it find: asked where these leave something.
+    at_rest : bool
+        Whether it is met at rest, as the end of a way is: what only a changing input reaches is a friction.
     """
 
     id: str
@@ -122,6 +124,7 @@ class Effect:
     turning: bool = False
     weights: bool = False
     closer: bool = False
+    at_rest: bool = False
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -252,6 +255,7 @@ def effect(
     turning: bool = False,
     weights: bool = False,
     closer: bool = False,
+    at_rest: bool = False,
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Turn a function into an effect and put it into the catalogue.
@@ -267,6 +271,7 @@ def effect(
     turning : whether it shows only where its driver turns back
     weights : whether its coefficients are weights of like parts, which cost as two effects do where their signs differ
     closer : whether it is asked only where the other forms of the effect leave something
+    at_rest : whether it is met at rest
     register : bool
         False keeps it out of the catalogue.
 
@@ -291,7 +296,7 @@ def effect(
         one = Effect(
             name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
             full, (function.__module__ or "").rpartition(".")[2], limit, standing, least, lagged,
-            turning, weights, closer,
+            turning, weights, closer, at_rest,
         )  # fmt: skip
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:

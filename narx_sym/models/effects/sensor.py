@@ -22,7 +22,16 @@ def absolute_sensor(x: Any) -> Any:
     return sp.Abs(x[k]) - x[k]
 
 
-@effect({"sensor": "y"}, scan={"r": EDGE}, sign=1, full=True, unit=LIMIT, form="upper", source="Tao & Kokotovic 1996")
+@effect(
+    {"sensor": "y"},
+    scan={"r": EDGE},
+    sign=1,
+    full=True,
+    unit=LIMIT,
+    form="upper",
+    source="Tao & Kokotovic 1996",
+    at_rest=True,
+)
 def output_limit(x: Any, r: Any) -> Any:
     """The sensor has a limit: what goes beyond it is shown as the limit."""
     return sp.Min(x[k], r) - x[k]
@@ -37,6 +46,7 @@ def output_limit(x: Any, r: Any) -> Any:
     id="output_limit",
     form="lower",
     source="Tao & Kokotovic 1996",
+    at_rest=True,
 )
 def lower_limit(x: Any, r: Any) -> Any:
     """The sensor has a limit: what goes beyond it is shown as the limit."""
@@ -52,6 +62,7 @@ def lower_limit(x: Any, r: Any) -> Any:
     id="output_limit",
     form="both sides",
     source="Tao & Kokotovic 1996",
+    at_rest=True,
 )
 def both_limits(x: Any, r: Any, e: Any) -> Any:
     """The sensor has a limit: what goes beyond it is shown as the limit."""

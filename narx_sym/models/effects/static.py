@@ -123,7 +123,7 @@ def stop(form: str, limits: tuple[str, ...] = ("r",), **given: Any) -> Any:
     )
     return effect(
         given.pop("places", {"inside": "y"}), scan=scan, sign=1, unit=unit, id="end_stop", form=form,
-        sentence=sentence, source="Shaw & Holmes 1983", **given,
+        sentence=sentence, source="Shaw & Holmes 1983", at_rest=True, **given,
     )  # fmt: skip
 
 

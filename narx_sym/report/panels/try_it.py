@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...data.units import headed
-from ...diagnosis.bases import words
+from ...diagnosis.bases import joined, words
 from ...diagnosis.procedure import Diagnosis
 from ...diagnosis.refit import Fitted
 from ...errors import FitError, ModelError, NotInvertible
@@ -53,7 +53,7 @@ def models(diagnosis: Diagnosis) -> list[Tried]:
         for step in diagnosis.steps:
             if step.chosen is not None:
                 known = [n for n in known if n not in step.withdrawn] + step.added
-                yield f"With {' and '.join(map(words, known))}", step.chosen
+                yield f"With {joined(map(words, known))}", step.chosen
         first = diagnosis.steps[0].added
         for candidate in diagnosis.candidates:
             if candidate.effect not in first:
