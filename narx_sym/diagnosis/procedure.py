@@ -17,6 +17,7 @@ from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
 from ..data.sensor import Fault, quantum, sensor_faults
 from ..data.tables import is_setpoint
+from ..data.units import listed as each
 from ..data.units import said_first
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
@@ -66,7 +67,7 @@ class Diagnosis(DiagnosisDoors):
     faults: list[Fault] = field(default_factory=list)
     data_notes: list[str] = field(default_factory=list)  # what was dropped, resampled or split, and what to know
     hypotheses: list[Row] = field(default_factory=list)  # the table, at the working rate
-    judged: list[Record] = field(default_factory=list)  # the records without what was taken off, where something was
+    judged: list[Record] = field(default_factory=list)  # the records where something was taken off, or resampled
     max_effects: int = 1
     one_speed: bool = False  # whether the input moves at one speed, where the memory of a linear base hides effects
 
@@ -285,7 +286,7 @@ def diagnose(
     faults = sensor_faults(listed, min(s.floor for s in steps), converter)
     said = [*_noted(listed, table), *speed, *held]
     seconds = time.perf_counter() - begin
-    judged = listed if held else []
+    judged = listed if held or any(a.Ts != b.Ts for a, b in zip(each(records), listed, strict=True)) else []
     return Diagnosis(steps, failed, seconds, seed, faults, said, table.rows, judged, max_effects, same_speed)
 
 
@@ -337,8 +338,8 @@ def _memory_or_effect(
     if families[0] == "dynamics" or set(families) <= NO_TURN:  # the memory of a base itself, or nothing like it
         return None
     like_one = int(core.hypothesis.core.remembers)
-    paid = price(averaged(memory), core.parameters, core.charged + like_one)
-    if price(averaged(effect), row.parameters, row.charged) > paid + ALIKE:
+    paid = price(averaged(memory), core.paid, core.charged + like_one)
+    if price(averaged(effect), row.paid, row.charged) > paid + ALIKE:
         return None
     names = [*(c.effect for c in first.candidates if c.effect in first.confusion_set), MEMORY]
     alone = float(np.sqrt(memory.mean_square(memory.split.held)))
@@ -354,7 +355,7 @@ def _memory_or_effect(
 
 def _noted(records: Sequence[Record], table: Table) -> list[str]:
     """Return what is to know of records and of how they were compared, as sentences."""
-    said = [f"{r.name}: {text}" for r in records for text in (*r.notes, *r.remarks())] + one_way(records)
+    said = [f"{r.name}: {text}" for r in records for text in (*r.notes, *r.remarks(records))] + one_way(records)
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
     if table.search.integrating:

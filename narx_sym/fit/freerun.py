@@ -192,9 +192,9 @@ class FreeRun:
         np.subtract(runs[self.name], self.data[i][self.name], out=columns[:, -1])
         return np.asarray(columns)
 
-    def walked(self, i: int, z: Array) -> dict[str, Array]:
-        """Return every computed sequence along segment i from the measured starts, (N,) each, used again."""
-        return dict(self._move(i, self.theta(z), np.zeros(len(self.starts)))[0])
+    def walked(self, i: int, z: Array, shifts: Array | None = None) -> dict[str, Array]:
+        """Return every computed sequence along segment i from measured or shifted starts, (N,) each, used again."""
+        return dict(self._move(i, self.theta(z), np.zeros(len(self.starts)) if shifts is None else shifts)[0])
 
     def reach(self, z: Array, i: int) -> Array:
         """Return how far what starts at a number goes along segment i from there, (starts,); infinite of the others."""

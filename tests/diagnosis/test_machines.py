@@ -273,7 +273,7 @@ def test_friction_that_a_load_presses_on_is_that_of_the_load(m, k, measured):
     assert found.ladder[-1]["validation"] < 0.02
 
 
-@more
+@pytest.mark.bench
 def test_a_motor_that_does_not_begin_where_its_command_is():
     """Short records, each from rest at zero while the command stands elsewhere already: no derivative tells where."""
     rng, records = np.random.default_rng(6), []
@@ -461,7 +461,7 @@ def sharp():
     return record_of(u, y, 0.01, 0.01)
 
 
-@more
+@pytest.mark.bench
 def test_a_loop_that_leaves_something_is_asked_in_a_closer_form(sharp):
     found = diagnosed(sharp)
     assert found.verdict == "named" and found.confusion_set == ["hysteresis"]
@@ -508,7 +508,7 @@ def test_closer_forms_are_no_usual_ways():
     assert not any(v.effect.closer for v in variants(base))
 
 
-@more
+@pytest.mark.bench
 def test_what_imitated_a_slack_goes_when_the_slack_comes():
     case = truths.case("pair", "saturation+backlash", 9911, "sine", level=0.005, Ts=0.005)
     record = ns.Record.from_arrays(case.u, case.y, case.Ts)

@@ -186,6 +186,23 @@ def test_a_start_of_a_memory_stays_where_the_memory_goes(linear):
     assert 0 < abs(found[at]) <= goes[-1]
 
 
+def test_a_start_that_is_not_forgotten_is_a_parameter(linear):
+    """A play that its input never takes up is a constant: of several records each has one of its own."""
+    record, base = linear
+    slack = Variant(next(e for e in EFFECTS["backlash"] if "input" in e.places and not e.form), "input", "u")
+    small = ns.Record.from_arrays(1.0 + 0.01 * (u - 1.0), record.y, Ts)
+
+    def row(*records):
+        frame = Frame(base, LARGEST, [slack], records)
+        x = np.zeros(frame.size)
+        x[0], x[2], x[6], x[7] = 0.9, 0.1, 1.0, 0.3
+        return Row(Hypothesis(LARGEST, (slack,)), frame, x, 0.0, 4)
+
+    assert row(small).paid == 5 and not row(small).goes_back
+    assert 5 < row(small, record).paid < 5.2 and row(small, record).goes_back
+    assert 4 < row(record).paid < 4.2  # it is taken up after a few samples
+
+
 def test_a_partner_is_looked_at_beside_the_best_core(linear):
     record, base = linear
     search = Search(base, [record])

@@ -380,7 +380,7 @@ class Table:
         """Whether a row costs less than another, `by` so much, at the records' own rate, on all but sealed samples."""
 
         def paid(r: Row) -> float:
-            return price(self.finer.averaged(self.own(r)), r.parameters, r.charged)
+            return price(self.finer.averaged(self.own(r)), r.paid, r.charged)
 
         return paid(row) + by < paid(base)
 
@@ -391,8 +391,9 @@ class Table:
 
     def holds(self, row: Row) -> bool:
         """Whether the free run of a row can be held at the working rate and at the records' own, however long it is."""
+        turns = not any(v.effect.turning for v in row.hypothesis.effects[-1:]) or row.goes_back
         stays = not (self.search.grows(row) or idle(row, self.search))
-        return stays and self.settles(row) and settles(self.own, row)
+        return stays and turns and self.settles(row) and settles(self.own, row)
 
     def settles(self, row: Row) -> bool:
         """Whether the free run of a row can be held on the training samples alone, at the working rate."""

@@ -17,6 +17,7 @@ from .starts.arx import polynomial
 from .verdict import price
 
 Array = np.ndarray
+FORGOTTEN = float(np.exp(-1))  # of the most that a start does: below it is forgotten
 
 
 @dataclass(eq=False)
@@ -104,9 +105,55 @@ class Row:
         shape = self.values[self.frame.added[-1][1]]
         return any(z.any() for z in self.frame.contributions(measured, shape, seen))
 
+    @cached_property
+    def paid(self) -> float:
+        """How many parameters it pays for: its own, and where its memories begin in each segment.
+
+        A start counts for the share of the segment until it is forgotten; one that never is, is a constant of its own.
+        """
+        core, x, problem = self.hypothesis.core, self.values, self.frame.problem
+        remembered = [j for j, start in enumerate(problem.starts) if start.back is None]
+        shares = 0.0
+        self.frame.late(core.delay)
+        for i in range(len(problem.data) if remembered else 0):
+            moved = problem.moved(i, problem.theta(x), x[problem.own(i)])[1][problem.depth - 1 :]
+            for j in remembered:
+                left = np.abs(moved[:, j - len(problem.starts)])
+                if left.max() > 0:
+                    shares += float(np.flatnonzero(left >= left.max() * FORGOTTEN)[-1] + 1) / left.size
+        return self.parameters + shares
+
+    @property
+    def goes_back(self) -> bool:
+        """Whether what the last effect remembers goes back on its way within a segment: on one way it is a curve."""
+        problem, x = self.frame.problem, self.values
+        group = problem.model.effects[-1].group
+        names = [s.left.base.name for s in problem.model.memory if s.group == group]
+        self.frame.late(self.hypothesis.core.delay)
+        for i in range(len(problem.data)):
+            runs = problem.walked(i, x, x[problem.own(i)])
+            steps = (np.diff(runs[n][problem.depth - 1 :]) for n in names)
+            if any(s.min() < 0 < s.max() for s in steps):
+                return True
+        return False
+
     def beyond(self, known: Row) -> tuple[Variant, ...]:
         """Return the effects that another row does not have."""
         return self.hypothesis.effects[len(known.hypothesis.effects) :]
+
+    def falls(self, other: Row, to: float) -> bool:
+        """Whether the error falls from that of another delay to a share, where both have samples that count.
+
+        What a dead time leaves out at the beginning of each record it does not explain.
+        """
+        late = max(self.hypothesis.core.delay, other.hypothesis.core.delay)
+        return self._after(late) < to * other._after(late)
+
+    def _after(self, delay: int) -> float:
+        errors = self.frame.errors(self.values, self.hypothesis.core)
+        self.frame.late(delay)
+        cut = [e[rows] for e, blocks in zip(errors, self.frame.cuts[1], strict=True) for _, rows in blocks]
+        return float(np.mean(np.concatenate(cut) ** 2))
 
     def judged(self) -> Row:
         """Score it on held-out blocks, once, and return it."""
@@ -120,12 +167,12 @@ class Row:
     @property
     def price(self) -> float:
         """The one price: logarithm of the held-out mean square, plus what parameters and effects cost."""
-        return price(self.held, self.parameters, self.charged)
+        return price(self.held, self.paid, self.charged)
 
     @property
     def before_judged(self) -> float:
         """The same price of the error where it was fitted: it orders rows that are not judged."""
-        return price(self.fitted, self.parameters, self.charged)
+        return price(self.fitted, self.paid, self.charged)
 
     def __repr__(self) -> str:
         return f"Row({self.hypothesis}, nrmse {np.sqrt(self.held):.4g}, price {self.price:.3f})"

@@ -210,7 +210,7 @@ class Search:
         for core in cores:
             frame = self.frame((), core.given)
             row = self.fitted(Hypothesis(core), frame.near(self._start(core, frame), core), 15, any_pole)
-            if row is not None and (row.size not in best or row.fitted < 0.999 * best[row.size].fitted):
+            if row is not None and (row.size not in best or row.falls(best[row.size], 0.999)):
                 best[row.size] = row
         return [self.fitted(r.hypothesis, r.values, 40, any_pole) or r for r in best.values()]
 
@@ -373,7 +373,7 @@ class Search:
             for delay in {max(0, core.delay - 1), core.delay + 1} - {core.delay}:
                 other = replace(row.hypothesis, core=replace(core, delay=delay))
                 made = self.fitted(other, row.values, 8)
-                if made is not None and made.fitted < 0.98 * row.fitted:
+                if made is not None and made.falls(row, 0.98):
                     row = self.fitted(other, made.values, steps) or made
                     break
             if row is before:

@@ -63,7 +63,7 @@ class Entry(Protocol):
 E = TypeVar("E", bound=Entry)
 
 
-def price(error: float, parameters: int, effects: int) -> float:
+def price(error: float, parameters: float, effects: int) -> float:
     """Return the one price: ln(held-out mean square over the variance of y) and what parameters and effects cost."""
     return float(_log(error) + PER_PARAMETER * parameters + PER_EFFECT * effects)
 
