@@ -127,10 +127,11 @@ class Record:
             breaks=tuple(i - a for i in self.breaks if a < i < b),
         )  # fmt: skip
 
-    def remarks(self) -> list[str]:
-        """Return what to know about the data before anything is concluded from them; nothing was changed."""
+    def remarks(self, among: Sequence[Record] = ()) -> list[str]:
+        """Return what to know about the data, among other records, before anything is concluded from them."""
         found = []
-        for word, x in {"input": self.u, "output": self.y}.items():
+        for word, name in {"input": "u", "output": "y"}.items():
+            x = np.concatenate([getattr(r, name) for r in among or (self,)])
             low, high = float(x.min()), float(x.max())
             if low < high and np.all((x == low) | (x == high)):
                 found.append(

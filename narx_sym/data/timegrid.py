@@ -14,6 +14,7 @@ from ..errors import DataError
 Vector = NDArray[np.float64]
 MOST_NOTES = 10
 CLOCK = 1e-3  # by which sampling times may differ: two clocks, or times of few digits; no time constant is so sure
+NEXT = 1e-6  # of a step: so near before a sample it is that one
 GAP, SHORTEST = 10.0, 10  # a gap is longer than 10 median steps; shorter pieces than 10 samples are useless
 
 
@@ -49,7 +50,17 @@ class Grid:
         """(M,) samples at the stamps -> (N,) samples on the grid."""
         if not self.resampled:
             return np.concatenate([x[rows] for rows, _, _ in self.pieces])
-        return np.concatenate([np.interp(new, old, x[rows]) for rows, old, new in self.pieces])
+        return np.concatenate([between(new, old, x[rows]) for rows, old, new in self.pieces])
+
+
+def between(at: Vector, known: Vector, x: Vector) -> Vector:
+    """Return a signal (N,) between the samples where it is known, at (M,) places.
+
+    On the straight line; what rests at most of its samples, as a command of levels does, was there what it is before.
+    """
+    if 2 * np.count_nonzero(np.diff(x)) >= x.size:
+        return np.asarray(np.interp(at, known, x))
+    return np.asarray(x[np.maximum(np.searchsorted(known, at + NEXT, side="right") - 1, 0)])
 
 
 def uniform_time(n: int, Ts: float, start: int = 0) -> Grid:
@@ -99,14 +110,15 @@ def regular_time(t: Vector, where: Callable[[int], str] = lambda i: f"sample {i}
             )
             lost = lost if k is index else 0
             if lost:
-                notes.append(f"{lost} sample(s) are missing in the time stamps; filled by linear interpolation")
+                how = "filled by linear interpolation, and what rests is held"
+                notes.append(f"{lost} sample(s) are missing in the time stamps; {how}")
             return _grid(t, Ts, pieces, old, notes, lost > 0)
     Ts = float(f"{median:.9g}")
     inside = np.concatenate([np.diff(t[p]) for p in pieces])
     jitter = np.sqrt(np.mean((inside - Ts) ** 2))
     notes.append(
         f"time stamps are irregular (steps {inside.min():.4g} to {inside.max():.4g} s, rms jitter "
-        f"{jitter:.2g} s); resampled by linear interpolation at Ts = {Ts:.10g} s"
+        f"{jitter:.2g} s); resampled by linear interpolation at Ts = {Ts:.10g} s, and what rests is held"
     )
     return _grid(t, Ts, pieces, [(t[p] - t[p][0]) / Ts for p in pieces], notes, True)
 

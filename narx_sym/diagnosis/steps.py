@@ -118,10 +118,10 @@ class Step:
 
     @property
     def unseen(self) -> list[tuple[str, float]]:
-        """Effects that were not found, and that no refit absorbs, with the rms that would show; smallest first."""
-        hidden = {*self.absorbed, *self.confusion_set}
-        listed = ((size, name) for name, size in self.smallest_detectable.items() if name not in hidden)
-        return [(name, size) for size, name in sorted(listed)]
+        """Effects not found, that no refit absorbs, with the rms that would show, below that of y; smallest first."""
+        hidden, most = {*self.absorbed, *self.confusion_set}, self.base.problem.spread
+        sizes = self.smallest_detectable.items()
+        return sorted(((n, size) for n, size in sizes if n not in hidden and size < most), key=lambda one: one[::-1])
 
     @property
     def unexplained(self) -> str:

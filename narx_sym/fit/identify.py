@@ -12,8 +12,8 @@ import numpy as np
 from sympy import Eq, S
 
 from ..data.evidence.dead_time import PLAIN, dead_time
+from ..data.evidence.rate import at_one_step
 from ..data.record import Record, check_excitation
-from ..data.timegrid import same_pace
 from ..data.units import in_units
 from ..errors import Diverged, FitError, ModelError, NotInvertible
 from ..inversion.compensator import compensator
@@ -56,16 +56,16 @@ def operating_point(records: Records) -> dict[Any, float]:
 
 
 def prepare(records: Any, units: Mapping[str, str] | None = None) -> list[Record]:
-    """Return the records as a list, each with a moving input and output, in the units of a model, or of the first."""
-    listed = in_units(records, units)
+    """Return the records as a list, each with a moving input and output, in the units of a model, or of the first.
+
+    Sampling times that differ by less than a factor of two become the longest of them.
+    """
+    listed = at_one_step(in_units(records, units))
     for record in listed:
         check_excitation(record)
     total = sum(len(r) for r in listed)
     if total < FEWEST:
         raise FitError(f"{total} samples are too few to choose a structure: at least {FEWEST} are needed.")
-    if not all(same_pace(r.Ts, listed[0].Ts) for r in listed):
-        shown = ", ".join(f"{r.name}: {r.Ts:.6g} s" for r in listed)
-        raise FitError(f"The records have different sampling times ({shown}); a model has one.")
     return listed
 
 

@@ -436,6 +436,10 @@ def test_jitter_is_resampled_and_said():
     assert grid.resampled and grid.breaks == () and grid.Ts == pytest.approx(0.01, rel=0.05)
     assert "irregular" in grid.notes[-1] and "linear interpolation" in grid.notes[-1] and "jitter" in grid.notes[-1]
     np.testing.assert_allclose(grid.apply(3 * t + 1), 3 * grid.t + 1, atol=1e-9)  # a line stays a line
+    switch = (t > 2.0).astype(float)  # and a command that rests has no values between its levels
+    assert set(grid.apply(switch)) == {0.0, 1.0}
+    changes = (float(x[np.argmax(s > 0)]) for x, s in ((t, switch), (grid.t, grid.apply(switch))))
+    assert abs(next(changes) - next(changes)) <= grid.Ts
     assert grid.t[0] == t[0] and grid.t[-1] <= t[-1] + 1e-6
     assert grid.t[-1] > t[-1] - grid.Ts
 

@@ -1,11 +1,14 @@
 """An axis that integrates is found by the linear base; sampling times that only differ by a clock are one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy as sp
 from scipy.signal import lfilter
 
 import narx_sym as ns
+from narx_sym.data.evidence.rate import at_one_step
 
 N, TS = 4000, 0.01
 
@@ -75,6 +78,21 @@ def test_two_clocks_are_one_sampling_time():
     u = force(0)
     records = [ns.Record.from_arrays(u, axis(u), Ts=Ts, name=str(Ts)) for Ts in (TS, TS * 1.00002)]
     assert ns.identify(records, base="linear").Ts == TS
-    slower = ns.Record.from_arrays(u, axis(u), Ts=TS * 1.01, name="slow")
-    with pytest.raises(ns.FitError, match=r"different sampling times \(0.01: 0.01 s, slow: 0.0101 s\)"):
+    slower = ns.Record.from_arrays(u, axis(u), Ts=TS * 2, name="slow")
+    with pytest.raises(ns.DataError, match=r"different sampling times \(0.01: 0.01 s, slow: 0.02 s\)"):
         ns.identify([records[0], slower], base="linear")
+
+
+def test_what_one_logger_records_has_one_step():
+    t = TS * np.arange(N)
+    fast, slow = (
+        replace(ns.Record.from_arrays(np.sin(3 * s * t), np.cos(2 * s * t), Ts=s * TS, name=f"{s}"), breaks=(400,))
+        for s in (1.0, 1.04)
+    )
+    one, two = at_one_step([fast, slow])
+    assert two is slow and one.Ts == slow.Ts and len(one.breaks) == 1
+    for part in one.segments():  # each begins with its own first sample, and is a line between two of its samples
+        assert np.abs(part.u - np.sin(3 * part.t)).max() < 2e-4 and np.abs(part.y - np.cos(2 * part.t)).max() < 2e-4
+        assert np.allclose(np.diff(part.t), slow.Ts)
+    assert one.t[one.breaks[0]] == fast.t[400] and fast.t[-1] - one.t[-1] < slow.Ts
+    assert "resampled from Ts = 0.01 s to 0.0104 s" in one.notes[-1]
