@@ -28,7 +28,7 @@ from ..models.extend import find
 from ..models.info import whole
 from ..models.model import Model
 from .bases import BASE as MEMORY
-from .bases import few
+from .bases import few, joined
 from .doors import DiagnosisDoors
 from .experiment import Experiment, check_limits
 from .misfit import Misfit, misfit_of
@@ -355,7 +355,10 @@ def _memory_or_effect(
 
 def _noted(records: Sequence[Record], table: Table) -> list[str]:
     """Return what is to know of records and of how they were compared, as sentences."""
-    said = [f"{r.name}: {text}" for r in records for text in (*r.notes, *r.remarks(records))] + one_way(records)
+    names: dict[str, list[str]] = {}  # of the records of which the same is to be said
+    for name, text in ((r.name, x) for r in records for x in (*r.notes, *r.remarks(records), *one_way(r))):
+        names.setdefault(text, []).append(name)
+    said = [f"{joined(of)}: {text}" for text, of in names.items()]
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
     if table.search.integrating:

@@ -42,13 +42,11 @@ def turning(records: Sequence[Record]) -> set[str]:
     return {name for name in ("u", "y") if any(turns(getattr(part, name)) for part in parts)}
 
 
-def one_way(records: Sequence[Record]) -> list[str]:
-    """Say of which records the input never turns back."""
-    return [
-        f"{r.name}: the input never turns back: what remembers where it turned (hysteresis, slack) is a curve there"
-        for r in records
-        if np.ptp(r.u) > 0 and "u" not in turning([r])
-    ]
+def one_way(record: Record) -> list[str]:
+    """Say where the input of a record never turns back."""
+    if np.ptp(record.u) == 0 or "u" in turning([record]):
+        return []
+    return ["the input never turns back: what remembers where it turned (hysteresis, slack) is a curve there"]
 
 
 def one_speed(records: Sequence[Record]) -> bool:
