@@ -210,7 +210,7 @@ class Search:
         for core in cores:
             frame = self.frame((), core.given)
             row = self.fitted(Hypothesis(core), frame.near(self._start(core, frame), core), 15, any_pole)
-            if row is not None and (row.size not in best or row.falls(best[row.size], 0.999)):
+            if row is not None and (row.size not in best or row.fitted < 0.999 * best[row.size].fitted):
                 best[row.size] = row
         return [self.fitted(r.hypothesis, r.values, 40, any_pole) or r for r in best.values()]
 
