@@ -201,6 +201,10 @@ def test_a_start_that_is_not_forgotten_is_a_parameter(linear):
     assert row(small).paid == 5 and not row(small).goes_back
     assert 5 < row(small, record).paid < 5.2 and row(small, record).goes_back
     assert 4 < row(record).paid < 4.2  # it is taken up after a few samples
+    elastic = Variant(next(e for e in EFFECTS["backlash"] if e.form == "elastic"), "inside", "uy")
+    frame = Frame(base, LARGEST, [elastic], [record])
+    bare = Row(Hypothesis(LARGEST, (elastic,)), frame, np.zeros(frame.size), 0.0, 4)
+    assert bare.paid == 4 and bare.goes_back  # a dead zone between two signals remembers nothing
 
 
 def test_a_partner_is_looked_at_beside_the_best_core(linear):

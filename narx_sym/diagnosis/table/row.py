@@ -91,11 +91,12 @@ class Row:
         """Whether the last effect of a linear core acts where the output is what the input makes of it at rest.
 
         The input passes the poles alone, by the gain at rest: a swing may reach an end, but what only the changes of
-        the input reach is no end of a way.
+        the input reach is no end of a way. Where the input, time or a channel moves other effects too, any may.
         """
         core, a = self.hypothesis.core, self.a
         b, constant = np.split(self.values[self.frame.used(core)][core.n_y :][: core.n_u + 1], [core.n_u])
-        if core.integrating or slowest(a) >= 1:
+        others = self.hypothesis.effects[:-1]
+        if core.integrating or slowest(a) >= 1 or any(v.driver != "y" for v in others):
             return True
         measured, seen, denominator = self.frame.measured(), [], polynomial(a)
         for record in measured:
@@ -135,7 +136,7 @@ class Row:
             steps = (np.diff(runs[n][problem.depth - 1 :]) for n in names)
             if any(s.min() < 0 < s.max() for s in steps):
                 return True
-        return False
+        return not names
 
     def beyond(self, known: Row) -> tuple[Variant, ...]:
         """Return the effects that another row does not have."""
