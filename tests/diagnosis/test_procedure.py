@@ -188,6 +188,7 @@ def test_steps_and_finding_are_told_as_data(nothing):
     assert nrmse["noise_floor"] >= min(nrmse["sensor_noise"], nrmse["validation"]) - 1e-12
 
 
+@more
 def test_of_several_records_that_with_most_of_the_error_is_looked_at():
     rng = np.random.default_rng(5)
     records = []
