@@ -112,7 +112,7 @@ def regular_time(t: Vector, where: Callable[[int], str] = lambda i: f"sample {i}
             if lost:
                 how = "filled by linear interpolation, and what rests is held"
                 notes.append(f"{lost} sample(s) are missing in the time stamps; {how}")
-            return _grid(t, Ts, pieces, old, notes, lost > 0)
+            return stepped(t, Ts, pieces, old, notes, lost > 0)
     Ts = float(f"{median:.9g}")
     inside = np.concatenate([np.diff(t[p]) for p in pieces])
     jitter = np.sqrt(np.mean((inside - Ts) ** 2))
@@ -120,7 +120,7 @@ def regular_time(t: Vector, where: Callable[[int], str] = lambda i: f"sample {i}
         f"time stamps are irregular (steps {inside.min():.4g} to {inside.max():.4g} s, rms jitter "
         f"{jitter:.2g} s); resampled by linear interpolation at Ts = {Ts:.10g} s, and what rests is held"
     )
-    return _grid(t, Ts, pieces, [(t[p] - t[p][0]) / Ts for p in pieces], notes, True)
+    return stepped(t, Ts, pieces, [(t[p] - t[p][0]) / Ts for p in pieces], notes, True)
 
 
 def _snap_notes(deviation: float, Ts: float) -> list[str]:
@@ -161,9 +161,9 @@ def _split_at_gaps(
     return keep, notes
 
 
-def _grid(t: Vector, Ts: float, pieces: list[slice], old: list[Vector], notes: list[str], resampled: bool) -> Grid:
-    """Grid with one run of whole steps per piece; `old` are the positions of the samples in steps."""
-    new = [np.arange(np.floor(k[-1] + 1e-6) + 1) for k in old]
+def stepped(t: Vector, Ts: float, pieces: list[slice], old: list[Vector], notes: list[str], resampled: bool) -> Grid:
+    """Return the grid with one run of whole steps per piece; `old` are the positions of the samples in steps."""
+    new = [np.arange(np.floor(k[-1] + NEXT) + 1) for k in old]
     time = np.concatenate([t[p][0] + Ts * k for p, k in zip(pieces, new, strict=True)])
     breaks = tuple(np.cumsum([k.size for k in new])[:-1].tolist())
     return Grid(time, Ts, breaks, tuple(notes), resampled, tuple(zip(pieces, old, new, strict=True)))

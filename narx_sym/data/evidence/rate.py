@@ -11,11 +11,10 @@ import numpy as np
 
 from ...errors import DataError
 from ..record import Record
-from ..timegrid import between, same_pace
+from ..timegrid import same_pace, stepped
 
 Array = np.ndarray
 POWER, PER_CYCLE, LEAST, MOST, SHORT = 0.999, 10, 1200, 6000, 40  # of the working rate [samples]
-ROUNDING = 1e-9  # of a number of samples
 STRETCHES = 3  # of a record that is still too long
 
 
@@ -73,25 +72,19 @@ def at_one_step(records: Sequence[Record]) -> list[Record]:
     Ts = max(steps)
     if Ts >= 2 * min(steps):
         shown = ", ".join(f"{r.name}: {r.Ts:.6g} s" for r in records)
-        raise DataError(f"The records have different sampling times ({shown}); a model has one: bring them onto one.")
+        raise DataError(f"The records have different sampling times ({shown}); a model has one: resample them.")
     return [r if same_pace(r.Ts, Ts) else _resampled(r, Ts) for r in records]
 
 
 def _resampled(record: Record, Ts: float) -> Record:
     """Return a record with another sampling time [s], segment by segment."""
-    parts, breaks = [], [0]
-    for a, b in pairwise((0, *record.breaks, len(record))):
-        at = a + np.arange(int((b - 1 - a) * record.Ts / Ts * (1 + ROUNDING)) + 1) * Ts / record.Ts
-        parts.append(np.minimum(at, b - 1))
-        breaks.append(breaks[-1] + at.size)
-
-    def apply(x: Array) -> Array:
-        return between(np.concatenate(parts), np.arange(float(len(record))), x)
-
+    pieces = [slice(a, b) for a, b in pairwise((0, *record.breaks, len(record)))]
+    places = [np.arange(float(p.stop - p.start)) * (record.Ts / Ts) for p in pieces]
     note = f"resampled from Ts = {record.Ts:.6g} s to {Ts:.6g} s, the longest of the records"
+    grid = stepped(record.t, Ts, pieces, places, [*record.notes, note], True)
     return replace(
-        record, u=apply(record.u), y=apply(record.y), t=apply(record.t), Ts=Ts, notes=(*record.notes, note),
-        channels={name: apply(c) for name, c in record.channels.items()}, breaks=tuple(breaks[1:-1]),
+        record, u=grid.apply(record.u), y=grid.apply(record.y), t=grid.t, Ts=Ts, notes=grid.notes, breaks=grid.breaks,
+        channels={name: grid.apply(c) for name, c in record.channels.items()},
     )  # fmt: skip
 
 

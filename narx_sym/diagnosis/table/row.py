@@ -17,7 +17,7 @@ from .starts.arx import polynomial
 from .verdict import price
 
 Array = np.ndarray
-FORGOTTEN = float(np.exp(-1))  # of the most that a start does: below it is forgotten
+FORGOTTEN = float(np.exp(-1))  # of what a start does: below it is forgotten, and in one sample by a pole of less
 
 
 @dataclass(eq=False)
@@ -124,7 +124,7 @@ class Row:
                     shares += float(np.flatnonzero(left >= left.max() * FORGOTTEN)[-1] + 1) / left.size
         return self.parameters + shares
 
-    @property
+    @cached_property
     def goes_back(self) -> bool:
         """Whether what the last effect remembers goes back on its way within a segment: on one way it is a curve."""
         problem, x = self.frame.problem, self.values

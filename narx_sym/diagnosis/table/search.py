@@ -17,7 +17,7 @@ from ...models.extend import Variant, rubs
 from ...models.model import Model
 from .frame import BLOCKS, GAIN, Frame, parts
 from .hypotheses import Core, Hypothesis, family_of, ladder, written
-from .row import Row
+from .row import FORGOTTEN, Row
 from .starts.arx import arx_start
 from .starts.restart import beginnings, slower
 from .verdict import price
@@ -27,7 +27,6 @@ HIGHER = (5, 7, 9, 11)  # orders of further cores, tried in turn
 LOOKS = 4  # shapes from which a fit is begun
 SHORT, CLOSER = 3, 16  # steps of a look, and beside every core: after 8 some still fell far, and another was taken
 BRIEF = 1e-3  # relative gain of a step at which a brief fit ends: a hundredth of what a parameter must buy
-FORGETS = float(np.exp(-1))  # a pole of less has no memory that samples show
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
 
 
@@ -270,7 +269,7 @@ class Search:
         if effects and not core.given and effects[-1].effect.at_rest and not row.met_at_rest:
             return False
         if not away or not effects:
-            return not (away or (motion and not core.given and slowest(row.a) < FORGETS))
+            return not (away or (motion and not core.given and slowest(row.a) < FORGOTTEN))
         held = motion or not self.runs_away(row, row.frame.linearised(row.values, core))
         return held and self._driven(row, row.fitted)
 

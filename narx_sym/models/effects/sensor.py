@@ -12,7 +12,6 @@ from ._effect import Scan, effect
 
 # What is measured ends where the limit is: beyond the range there is nothing to be seen.
 EDGE = Scan("amplitude", (0.3, 0.5, 0.7, 0.85, 1.0), beyond=1.2)
-LIMIT = {"r": "unit of the driver"}
 
 
 # A half of it shows one direction only, which is a limit at zero; less shows both, with different gains.
@@ -22,48 +21,28 @@ def absolute_sensor(x: Any) -> Any:
     return sp.Abs(x[k]) - x[k]
 
 
-@effect(
-    {"sensor": "y"},
-    scan={"r": EDGE},
-    sign=1,
-    full=True,
-    unit=LIMIT,
-    form="upper",
-    source="Tao & Kokotovic 1996",
-    at_rest=True,
-)
+def limited(form: str, limits: tuple[str, ...] = ("r",)) -> Any:
+    """Declare one form of a sensor's limit, with the names of its levels."""
+    return effect(
+        {"sensor": "y"}, scan=dict.fromkeys(limits, EDGE), unit=dict.fromkeys(limits, "unit of the driver"), sign=1,
+        full=True, id="output_limit", form=form, source="Tao & Kokotovic 1996", at_rest=True,
+        sentence="The sensor has a limit: what goes beyond it is shown as the limit.",
+    )  # fmt: skip
+
+
+@limited("upper")
 def output_limit(x: Any, r: Any) -> Any:
-    """The sensor has a limit: what goes beyond it is shown as the limit."""
+    """y[k] = Min(sensed[k], r)."""
     return sp.Min(x[k], r) - x[k]
 
 
-@effect(
-    {"sensor": "y"},
-    scan={"r": EDGE},
-    sign=1,
-    full=True,
-    unit=LIMIT,
-    id="output_limit",
-    form="lower",
-    source="Tao & Kokotovic 1996",
-    at_rest=True,
-)
+@limited("lower")
 def lower_limit(x: Any, r: Any) -> Any:
-    """The sensor has a limit: what goes beyond it is shown as the limit."""
+    """y[k] = Max(sensed[k], -r)."""
     return sp.Max(x[k], -r) - x[k]
 
 
-@effect(
-    {"sensor": "y"},
-    scan={"r": EDGE, "e": EDGE},
-    sign=1,
-    full=True,
-    unit=LIMIT | {"e": LIMIT["r"]},
-    id="output_limit",
-    form="both sides",
-    source="Tao & Kokotovic 1996",
-    at_rest=True,
-)
+@limited("both sides", limits=("r", "e"))
 def both_limits(x: Any, r: Any, e: Any) -> Any:
-    """The sensor has a limit: what goes beyond it is shown as the limit."""
+    """y[k] = sensed[k] between -e and r."""
     return within(x[k], -e, r) - x[k]  # the middle of what a sensor shows is not where the machine works
