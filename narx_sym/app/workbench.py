@@ -181,7 +181,7 @@ class Workbench(Compensation):
             self.record, self.preview = record, preview
             if record is not None:
                 self.wanted = Wanted.of(record, self.wanted)
-            self.notes = tuple(what_to_know(record)) if record is not None else ()
+            self.notes = tuple(what_to_know([record])) if record is not None else ()
 
     def _label(self) -> None:
         """Show everything with other units."""

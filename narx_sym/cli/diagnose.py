@@ -117,9 +117,10 @@ def diagnose(
 
 def _say_done(found: Diagnosis, measured: list[Record]) -> None:
     """Print what was done with the data, and what to know of them, that was not printed when they were read."""
+    from ..diagnosis.bases import joined
     from ..tasks.base import what_to_know
 
-    known = {f"{r.name}: {text}" for r in measured for text in what_to_know(r)}
+    known = {f"{joined(names)}: {text}" for text, names in what_to_know(measured).items()}
     for said in found.data_notes:
         if said not in known:
             note(said)

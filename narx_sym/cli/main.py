@@ -70,7 +70,7 @@ def fit(
     """Select the structure and fit the parameters under Sigma_y = 1."""
     from ..files.store import save
     from ..fit.identify import BASES, check_method, identify
-    from ..fit.simulate import evaluate
+    from ..tasks.compare import errors_of
 
     check_targets([out], *data)
     check_method(method)
@@ -84,7 +84,7 @@ def fit(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
             method=method, creep=creep,
         )  # fmt: skip
-        pairs = [(r.name, evaluate(model, r)) for r in measured]
+        pairs = errors_of(model, measured)
     save(model, out)
     print_model(model)
     console().print(f"Terms: {model.info.selection.reason}. Fit: {model.info.method}.")

@@ -13,6 +13,7 @@ import numpy as np
 from ..data.evidence.feedback import Feedback, closed_loop, setpoint
 from ..data.evidence.levels import at_levels, one_speed, one_way
 from ..data.evidence.noise import repeated, sensor_noise
+from ..data.evidence.several import told_once
 from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
 from ..data.sensor import Fault, quantum, sensor_faults
@@ -355,9 +356,7 @@ def _memory_or_effect(
 
 def _noted(records: Sequence[Record], table: Table) -> list[str]:
     """Return what is to know of records and of how they were compared, as sentences."""
-    names: dict[str, list[str]] = {}  # of the records of which the same is to be said
-    for name, text in ((r.name, x) for r in records for x in (*r.notes, *r.remarks(records), *one_way(r))):
-        names.setdefault(text, []).append(name)
+    names = told_once(records, lambda r: [*r.notes, *r.remarks(records), *one_way(r, records)])
     said = [f"{joined(of)}: {text}" for text, of in names.items()]
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")

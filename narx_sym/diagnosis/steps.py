@@ -21,10 +21,23 @@ from .refit import Fitted, prune
 from .screening import gate
 from .screening.promise import detectable
 from .screening.scored import absorbed
-from .table.candidates import RIVALS, Candidate, Pair, candidates_of, exchanged, half_of, instead, jointly, new_effect
+from .table.candidates import (
+    RIVALS,
+    Candidate,
+    Pair,
+    candidates_of,
+    closer,
+    exchanged,
+    half_of,
+    instead,
+    jointly,
+    new_effect,
+    slower,
+    won,
+)
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, SAME, alike, nothing_named, removes, verdict, winner
+from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, SAME, alike, nothing_named, removes, verdict
 
 REPEATED, ESTIMATE, NO_FLOOR = "repeated periods", "estimate", "not estimated"  # kinds of floors: sure, not, in loops
 
@@ -294,7 +307,8 @@ def step(
     floor = float(np.mean(np.concatenate(repeats) ** 2)) if repeats else base.mean_square(base.split.held)
     made = Step(
         base, "", [], [], float(np.sqrt(floor * (1 if repeats else 1 - scored.structure))),
-        REPEATED if repeats else ESTIMATE, scored.scores.p_value, detectable(scored), absorbed(scored),
+        REPEATED if repeats else ESTIMATE, scored.scores.p_value, {} if table.one_step else detectable(scored),
+        absorbed(scored),
         loop=loop,
     )  # fmt: skip
     seen = made.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
@@ -346,7 +360,8 @@ def _unnamed(made: Step, table: Table, known: Row) -> Step:
     made.p_value = scored.scores.p_value
     listed = table.nearest(known, 1, RIVALS)
     removed = max((1 - r.held / known.held for r in listed), default=0.0)
-    made.verdict = nothing_named(0.0 if table.exact(known) else scored.structure, removed)
+    told = not (table.exact(known) or table.one_step)
+    made.verdict = nothing_named(scored.structure if told else 0.0, removed)
     if made.verdict == "outside_library":
         return made.near(known, min(listed + table.nearest(known, 2, RIVALS), key=lambda r: r.price, default=known))
     return made.near(known, *(listed if made.p_value <= gate.LEVEL else ()))
@@ -356,7 +371,7 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     """Fill the table beside a row; return the base, and the hypothesis that wins over it."""
     table.course.reach(WAYS)
     scored = table.screened(known)
-    if table.exact(known):
+    if table.exact(known) or table.one_step:
         return known, None
     seen = scored.scores.p_value <= gate.LEVEL or float(scored.scores.share.max()) >= LARGE
     if seen or scored.structure > HELPS:
@@ -365,12 +380,13 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     at, alone = table.held(lambda: won([r for r in table.beside(known) if len(r.beyond(known)) <= 1], known))
     if alone is not None:
         table.course.say(", and what the best one leaves")
+        slower(table, alone, at)
     told = 0.0 if alone is None else 1 - alone.held / at.held  # what one effect removes follows from the signals
     if max(told, table.screened(at).structure) > HELPS and (alone is None or not _enough(table, alone, at)):
         table.pairs(known)  # two effects may hide each other
         exchanged(table, known)
     at, best = table.held(lambda: won(table.beside(known), known))
-    if best is not None and table.closer(best, at):
+    if best is not None and closer(table, best, at):
         at, best = table.held(lambda: won(table.beside(known), known))
     return at, best
 
@@ -379,21 +395,3 @@ def _enough(table: Table, alone: Row, known: Row) -> bool:
     """Whether one effect would be all that is missing; what pays for two may stand for two others."""
     left = table.left(alone, known)
     return alone.charged == alone.count and verdict(removes(alone, known, left), left, 1) == "named"
-
-
-def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
-    """Return the base and the winner with an effect; where what a core does itself wins, the base moves there.
-
-    None wins that these data cannot tell from nothing: the rows without it are in the table too.
-    """
-    best = winner(rows, known)
-    while best is not None and not best.beyond(known):
-        rivals = [r for r in alike(rows, best) if r.beyond(known) and r.held <= np.exp(ALIKE) * best.held]
-        if rivals:  # what a core explains, an effect explains as well
-            best = rivals[0]
-            break
-        known = best
-        best = winner(rows, known)
-    if best is not None and not all(r.beyond(known) or r.more for r in alike(rows, best)):
-        return known, None
-    return known, best

@@ -13,9 +13,10 @@ from sympy import Eq, S
 
 from ..data.evidence.dead_time import PLAIN, dead_time
 from ..data.evidence.rate import at_one_step
+from ..data.evidence.several import moving
 from ..data.record import Record, check_excitation
 from ..data.units import in_units
-from ..errors import Diverged, FitError, ModelError, NotInvertible
+from ..errors import FitError, ModelError, NotInvertible
 from ..inversion.compensator import compensator
 from ..models import assumptions
 from ..models.info import around, whole
@@ -25,19 +26,19 @@ from ..symbolic.signals import k, phi1, u, y
 from .bases.bouc_wen import identify_bouc_wen
 from .bases.choice import choose_base
 from .bases.integrating import integrates
+from .bases.judged import judged
 from .bases.play import KNOTS, PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
 from .laws.excursions import law_radius
-from .least_squares import check_method, fit, free_run_error
-from .simulate import Records, centre, evaluate, segments, simulate
+from .least_squares import check_method, fit
+from .simulate import Records, centre, evaluate, segments
 
 Array = np.ndarray
 BASES = ("narx", "linear", "static", "play", "bouc-wen", "auto")
 OPEN = ("linear", "static")  # a diagnosis chooses their orders again
 HELD_OUT = 0.3
-CYCLES, CANCELS, CALM = 10, 5.0, 2.0
+CANCELS, CALM = 5.0, 2.0
 FEWEST = 20  # samples; below this a structure cannot be told from chance
-LITTLE = 0.5  # NRMSE of a free run that explains little of the output
 
 
 def operating_point(records: Records) -> dict[Any, float]:
@@ -56,57 +57,16 @@ def operating_point(records: Records) -> dict[Any, float]:
 
 
 def prepare(records: Any, units: Mapping[str, str] | None = None) -> list[Record]:
-    """Return the records as a list, each with a moving input and output, in the units of a model, or of the first.
+    """Return the records as a list in the units of a model, or of the first; input and output move in one at least.
 
-    Sampling times that differ by less than a factor of two become the longest of them.
+    Sampling times that differ by less than a factor of two become that of the most samples.
     """
     listed = at_one_step(in_units(records, units))
-    for record in listed:
-        check_excitation(record)
+    check_excitation(*listed)
     total = sum(len(r) for r in listed)
     if total < FEWEST:
         raise FitError(f"{total} samples are too few to choose a structure: at least {FEWEST} are needed.")
     return listed
-
-
-def judged(model: Model, records: Sequence[Record]) -> Model:
-    """Warn where a model explains little, where its law is unstable, or where its free run is not bounded."""
-    error = free_run_error(model)
-    if error >= 0.95:
-        warnings.warn(
-            f"The free run is no better than a constant (NRMSE {error:.3g}): do not use this model. Another base, "
-            "delay or input column may fit; noise on the input of an inverse model has this effect too.",
-            stacklevel=3,
-        )
-    elif error >= LITTLE:
-        warnings.warn(f"The free run explains little of the output (NRMSE {error:.3g}).", stacklevel=3)
-    for record in records if len(records) > 1 and error < 0.95 else ():  # offsets between them may hide it
-        if (own := evaluate(model, record).free_run_nrmse) >= 0.95:
-            said = f"no better than a constant (NRMSE {own:.3g})"
-            warnings.warn(f"Along the record {record.name!r} the free run is {said}.", stacklevel=3)
-    if model.info.selection.stable_law is False:
-        warnings.warn("The compensation law of this model is unstable on these data: it may run away.", stacklevel=3)
-    growth = periodic_growth(model)
-    if growth > 1:
-        warnings.warn(
-            f"Under a periodic input over the identified range the free run drifts away by {growth:.2g} ranges in "
-            f"{CYCLES} periods: the model is not bounded.",
-            stacklevel=3,
-        )
-    return model
-
-
-def periodic_growth(model: Model) -> float:
-    """Return how far repeated loops over the identified input range move, in ranges of the output."""
-    (low, high), (bottom, top) = (model.info.ranges[b.name] for b in (model.input, model.output))
-    if model.channels or top <= bottom:
-        return 0.0
-    sine = (low + high) / 2 + (high - low) / 2 * np.sin(2 * np.pi * np.arange(400 * CYCLES) / 400)
-    try:
-        run = simulate(model, sine, warn=False)
-    except Diverged:
-        return float("inf")
-    return float(np.abs(run[-1] - run[399]) / (top - bottom))
 
 
 def identify(
@@ -308,13 +268,14 @@ def stable_law(model: Model, records: Records) -> bool:
 
 
 def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
-    """Hold out the last record, or the last part of the only one: of what moves in it, where a part would rest.
+    """Hold out the last record that moves, or the last part of the only one: of what moves in it, where a part rests.
 
     One step that is over at once cannot be parted: it judges itself.
     """
-    if len(records) > 1:
-        return records[:-1], records[-1:]
-    one = records[0]
+    *others, one = moving(records)
+    still = [r for r in records if not np.ptp(r.y)]
+    if others:
+        return [*others, *still], [one]
     at = round((1 - HELD_OUT) * len(one))
     if not all(map(np.ptp, (one.u[:at], one.y[:at], one.y[at:]))):
         changes = [np.flatnonzero(np.diff(x)) for x in (one.u, one.y)]
@@ -322,7 +283,7 @@ def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
         at = round(begin + (1 - HELD_OUT) * (end - begin))
         if not begin + 2 <= at <= end:
             return records, records
-    return [one[:at]], [one[at:]]
+    return [one[:at], *still], [one[at:]]
 
 
 def _choose(candidates: list[NARX], records: list[Record], what: str, method: str, for_compensation: bool) -> Model:

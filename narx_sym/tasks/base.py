@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ..data.evidence.several import told_once
 from ..data.record import Record
 from ..data.sensor import sensor_faults
 from ..data.timegrid import same_pace
@@ -17,9 +18,9 @@ from ..models.model import Model
 from ..symbolic.signals import u
 
 
-def what_to_know(record: Record) -> list[str]:
-    """Say what was changed in a record, and what to know about it before anything is concluded from it."""
-    return [*record.notes, *record.remarks(), *(fault.sentence for fault in sensor_faults([record], 0.0))]
+def what_to_know(records: Sequence[Record]) -> dict[str, list[str]]:
+    """Say what was changed in records and what to know before anything is concluded; with the names of the records."""
+    return told_once(records, lambda r: [*r.notes, *r.remarks(records), *(f.sentence for f in sensor_faults([r], 0.0))])
 
 
 def read_base(path: str | Path, shown: str = "") -> Model:

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from ..data.evidence.noise import period_noise
+from ..data.evidence.several import moving
 from ..data.metrics import mape, nsavi
 from ..data.record import Record
 from ..data.units import in_units
@@ -50,20 +51,26 @@ def compare(model: Model, records: Sequence[Record], first: float | None = None)
         The part of each segment that start and offset are estimated on [s].
     """
     records = in_units(list(records), model.info.units)
-    errors = [(r.name, evaluate(model, r)) for r in records]
+    moved = moving(records, model.output.name)
+    errors = errors_of(model, records)
     notes = [
         f"{record.name}: {said}"
         for record in records
         for said in extrapolates(model, [arrays(model, s)[model.input.name] for s in record.segments()], record.Ts)
     ]
     fair = []
-    for record in records:
+    for record in moved:
         try:
             fair.append((record.name, aligned(model, record, first)))
         except FitError as error:
             notes.append(f"start and offset are not estimated: {error}")
-    misfit, why_not = where_it_fails(model, records)
+    misfit, why_not = where_it_fails(model, moved)
     return Compared(errors, fair, misfit, [*notes, *filter(None, [why_not])])
+
+
+def errors_of(model: Model, records: Sequence[Record]) -> list[tuple[str, Errors]]:
+    """Return name and errors of each record that moves."""
+    return [(r.name, evaluate(model, r)) for r in moving(records, model.output.name)]
 
 
 def where_it_fails(model: Model, records: Sequence[Record]) -> tuple[Misfit | None, str]:

@@ -172,7 +172,7 @@ def test_what_was_done_with_the_data_and_every_unit_are_printed(files, run, stag
     kept = ["dead: read before", "The hypotheses were compared at 20 samples averaged into one."]
     told = replace(stage_diagnosis, steps=[replace(first, experiment=slow)], data_notes=kept)
     monkeypatch.setattr("narx_sym.diagnosis.procedure.diagnose", lambda *_, **__: told)
-    monkeypatch.setattr("narx_sym.tasks.base.what_to_know", lambda record: ["read before"])
+    monkeypatch.setattr("narx_sym.tasks.base.what_to_know", lambda records: {"read before": [r.name for r in records]})
     monkeypatch.setattr(type(told), "units", {"u": "V", "y": "mm"})
     arguments = ["diagnose", files / "dead.csv", "--base", files / "linear.json", "--units", "V,mm"]
     code, text, err = run(*arguments, "--verbose")

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from narx_sym.diagnosis.steps import _enough, won
+from narx_sym.diagnosis.steps import _enough
+from narx_sym.diagnosis.table.candidates import won
 from narx_sym.diagnosis.table.verdict import (
     ALIKE,
     LEFT,
@@ -112,10 +113,10 @@ class Sum(Entry):
 
 
 def test_what_pays_for_two_wins_as_two():
-    one, two, pair = Entry(("a",), 0.0009, 8), Sum(("a",), 0.0009, 8), Entry(("b", "c"), 0.0004, 8)
+    one, two, pair = Entry(("a",), 0.0009, 7), Sum(("a",), 0.0009, 8), Entry(("b", "c"), 0.0004, 8)
     assert winner([BASE, one, pair], BASE) is one  # it removes most of what two remove
     assert winner([BASE, two, pair], BASE) is pair
-    assert winner([BASE, Entry(("a",), 0.0009, 9), pair], BASE) is pair  # not by being fewer: it needs more
+    assert winner([BASE, Entry(("a",), 0.0009, 8), pair], BASE) is pair  # not by being fewer: it needs as many
 
 
 def test_pairs_are_asked_where_one_effect_would_not_be_named():

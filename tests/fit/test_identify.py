@@ -96,3 +96,21 @@ def test_what_one_logger_records_has_one_step():
         assert np.allclose(np.diff(part.t), slow.Ts)
     assert one.t[one.breaks[0]] == fast.t[400] and fast.t[-1] - one.t[-1] < slow.Ts
     assert "resampled from Ts = 0.01 s to 0.0104 s" in one.notes[-1]
+
+
+def test_a_record_at_rest_is_one_among_others():
+    u = force(0)
+    moved = ns.Record.from_arrays(u, axis(u), Ts=TS, name="moved")
+    held = ns.Record.from_arrays(0.1 * u, np.zeros(u.size), Ts=TS, name="held")
+    alone, both = (ns.identify(r, base="linear") for r in ([moved], [moved, held]))
+    assert both.info.nrmse.free_run >= alone.info.nrmse.free_run
+    with pytest.raises(ns.DataError, match=r"'held': the output is constant"):
+        ns.identify([held, held], base="linear")
+
+
+def test_a_short_record_is_resampled_not_the_long_one():
+    t = TS * np.arange(N)
+    long = ns.Record.from_arrays(np.sin(t), np.cos(t), Ts=TS, name="long")
+    short = ns.Record.from_arrays(np.sin(1.04 * t[:20]), np.cos(1.04 * t[:20]), Ts=1.04 * TS, name="short")
+    kept, moved = at_one_step([long, short])
+    assert kept is long and moved.Ts == TS and moved.t[-1] <= short.t[-1] < moved.t[-1] + TS

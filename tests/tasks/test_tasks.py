@@ -61,7 +61,10 @@ def test_another_sampling_time_is_refused():
 def test_what_to_know_about_a_record():
     y = np.round(simulated().y, 0)
     two = ns.Record.from_arrays(np.sign(U), y, Ts=TS)
-    assert any("two values" in said for said in base.what_to_know(two))
+    assert any("two values" in said for said in base.what_to_know([two]))
+    one, other = replace(two, name="one", notes=("cut",)), replace(two, u=two.u * 2, name="other", notes=("cut",))
+    said = base.what_to_know([one, other])  # levels are those of all together
+    assert said["cut"] == ["one", "other"] and not any("two values" in text for text in said)
 
 
 def test_a_fit_on_all_that_fails_keeps_the_parameters(monkeypatch):

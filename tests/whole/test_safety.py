@@ -14,7 +14,7 @@ from narx_sym import __main__ as command
 from narx_sym.cli import stop
 from narx_sym.errors import Diverged, FitError, ModelError, NotInvertible
 from narx_sym.fit import identify as identification
-from narx_sym.fit.identify import periodic_growth
+from narx_sym.fit.bases.judged import periodic_growth
 from narx_sym.models.info import Info
 
 TERMS = ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"]

@@ -140,10 +140,10 @@ def feedback(record: Record) -> Feedback:
         u, y, r = u[moves], y[moves], None if r is None else r[moves]
     rows = np.arange(OWN + 1, u.size)
     target, now = u[rows] - u[rows - 1], y[rows] - y[rows - 1]
-    moved = usual_size(target)
+    moved = usual_size(target) if rows.size >= FEWEST else 0.0
     if rests:
         r = None  # it tells nothing
-    if rows.size < FEWEST or moved == 0 or not np.any(now):
+    if moved == 0 or not np.any(now):
         return Feedback(False, 0.0, 1.0, given, rests=rests)
     own, past = _lags(u, rows - 1), _lags(y, rows - 1)
     if r is not None:

@@ -42,11 +42,24 @@ def turning(records: Sequence[Record]) -> set[str]:
     return {name for name in ("u", "y") if any(turns(getattr(part, name)) for part in parts)}
 
 
-def one_way(record: Record) -> list[str]:
-    """Say where the input of a record never turns back."""
+def one_way(record: Record, among: Sequence[Record] = ()) -> list[str]:
+    """Say where the input of a record never turns back, and where all that it does among others is one step."""
     if np.ptp(record.u) == 0 or "u" in turning([record]):
         return []
+    if one_step(among or [record]):
+        return [
+            "all that the input does is one step, and every output is what some linear machine answers to it: no "
+            "effect is named; record steps of several sizes, up and down"
+        ]
     return ["the input never turns back: what remembers where it turned (hysteresis, slack) is a curve there"]
+
+
+def one_step(records: Sequence[Record]) -> bool:
+    """Whether all that the input ever does is one step: every output is what some linear machine answers to it."""
+    parts = [part.u for r in records for part in r.segments()]
+    moved = [np.flatnonzero(np.diff(u[:-1])) for u in parts]  # what the last one does has no answer
+    sizes = {(float(u[at[0]]), float(u[at[0] + 1])) for u, at in zip(parts, moved, strict=True) if at.size}
+    return len(sizes) == 1 and all(at.size <= 1 for at in moved)
 
 
 def one_speed(records: Sequence[Record]) -> bool:

@@ -63,14 +63,14 @@ def _averaged(record: Record, factor: int) -> Record:
 
 
 def at_one_step(records: Sequence[Record]) -> list[Record]:
-    """Return records of nearly one sampling time at the longest of them, with a note in each.
+    """Return records of nearly one sampling time at that of the most samples, with a note in each that is resampled.
 
-    Those of one logger differ by what its clock does. DataError where one is twice another or more: samples would be
-    skipped.
+    Those of one logger differ by what its clock does; of two steps with as many samples the longer is taken. DataError
+    where one is twice another or more: samples would be skipped.
     """
     steps = [r.Ts for r in records]
-    Ts = max(steps)
-    if Ts >= 2 * min(steps):
+    Ts = max(steps, key=lambda step: (sum(len(r) for r in records if same_pace(r.Ts, step)), step))
+    if max(steps) >= 2 * min(steps):
         shown = ", ".join(f"{r.name}: {r.Ts:.6g} s" for r in records)
         raise DataError(f"The records have different sampling times ({shown}); a model has one: resample them.")
     return [r if same_pace(r.Ts, Ts) else _resampled(r, Ts) for r in records]
@@ -80,7 +80,7 @@ def _resampled(record: Record, Ts: float) -> Record:
     """Return a record with another sampling time [s], segment by segment."""
     pieces = [slice(a, b) for a, b in pairwise((0, *record.breaks, len(record)))]
     places = [np.arange(float(p.stop - p.start)) * (record.Ts / Ts) for p in pieces]
-    note = f"resampled from Ts = {record.Ts:.6g} s to {Ts:.6g} s, the longest of the records"
+    note = f"resampled from Ts = {record.Ts:.6g} s to {Ts:.6g} s, that of most samples"
     grid = stepped(record.t, Ts, pieces, places, [*record.notes, note], True)
     return replace(
         record, u=grid.apply(record.u), y=grid.apply(record.y), t=grid.t, Ts=Ts, notes=grid.notes, breaks=grid.breaks,

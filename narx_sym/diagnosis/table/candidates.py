@@ -12,16 +12,18 @@ import numpy as np
 import sympy as sp
 
 from ...errors import FitError
+from ...models.effects import Catalogue
 from ...models.extend import Variant
 from ...models.model import Model
 from ...symbolic import printing
 from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import passed
-from ..bases import BASE
+from ..bases import BASE, joined
 from ..refit import Fitted
 from .finer import idle
+from .hypotheses import filters
 from .row import Row
-from .verdict import LEFT, PER_EFFECT, cheapest, explained
+from .verdict import ALIKE, LEFT, PER_EFFECT, alike, cheapest, explained, winner
 
 if TYPE_CHECKING:
     from .rounds import Table
@@ -231,6 +233,46 @@ def instead(table: Table, best: Row, known: Row) -> tuple[Row, Row, list[str]]:
             found += [(other.price, row, other)] if other is not None and table.holds(other) else []
     _, base, made = min(found, key=lambda f: f[0])
     return base, made, [name for name in known.ids if name not in base.ids]
+
+
+def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
+    """Return the base and the winner with an effect; where what a core does itself wins, the base moves there.
+
+    None wins that these data cannot tell from nothing: the rows without it are in the table too.
+    """
+    best = winner(rows, known)
+    while best is not None and not best.beyond(known):
+        rivals = [r for r in alike(rows, best) if r.beyond(known) and r.held <= np.exp(ALIKE) * best.held]
+        if rivals:  # what a core explains, an effect explains as well
+            best = rivals[0]
+            break
+        known = best
+        best = winner(rows, known)
+    if best is not None and not all(r.beyond(known) or r.more for r in alike(rows, best)):
+        return known, None
+    return known, best
+
+
+def closer(table: Table, best: Row, base: Row) -> bool:
+    """Fit the closer forms of an effect that wins alone and leaves something; return whether there are any."""
+    (added, *more) = best.beyond(base)
+    forms = [e for e in table.catalogue.get(added.id, []) if e.closer]
+    if more or not forms or table.left(best, base) <= LEFT:
+        return False
+    bases = table.bases(base, best.hypothesis.core.given)
+    return table.asked(Catalogue({added.id: forms}), bases, best, ", in closer forms", base.price, base)
+
+
+def slower(table: Table, best: Row, base: Row) -> None:
+    """Fit what only filters beside an effect that wins alone, with every core.
+
+    The lags of the core stand for it, so that neither its direction nor what is left shows it.
+    """
+    if best.hypothesis.core.given or not best.hypothesis.core.n_y:
+        return
+    forms = {name: [e for e in of if filters(e)] for name, of in table.catalogue.items() if name not in best.ids}
+    few = Catalogue({name: of for name, of in forms.items() if of})
+    table.asked(few, [best], best, f", with {joined(few)}", best.price, base, best)
 
 
 def jointly(table: Table, known: Row) -> None:

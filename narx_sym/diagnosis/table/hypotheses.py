@@ -11,7 +11,7 @@ import numpy as np
 import sympy as sp
 
 from ...engines.numpy import lambdify
-from ...models.effects import Catalogue
+from ...models.effects import Catalogue, Effect
 from ...models.extend import Variant, equations, extend, variants
 from ...models.info import Info
 from ...models.model import NARX, Model
@@ -120,6 +120,16 @@ def linear_in_signals(model: Model, variant: Variant) -> bool:
     if form.states or variant.shape or any(x.base.name not in ("u", "v", "x", "y") for x in seen):
         return False
     return all(not sp.diff(z.xreplace({x: sp.Symbol("s")}), sp.Symbol("s")).free_symbols for z in form.z for x in seen)
+
+
+@lru_cache(maxsize=256)
+def filters(effect: Effect) -> bool:
+    """Whether an effect remembers and bends nothing: a core's own lags may stand for it."""
+    form = effect.equations(**{p: int(s.values[0]) for p, s in effect.scan.items() if s.of == "steps"})
+    said = [*form.z, *(s.right for s in form.states)]
+    read = {x: sp.Dummy(real=True) for z in said for x in samples(z)}
+    slopes = [sp.diff(z.xreplace(read), x) for z in said for x in read.values()]
+    return bool(form.states) and not any(slope.has(*read.values()) for slope in slopes)
 
 
 def ways(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...data.evidence.levels import turning
+from ...data.evidence.levels import one_step, turning
 from ...data.evidence.rate import MOST, working
 from ...data.record import Record, one_sine
 from ...errors import FitError
@@ -67,7 +67,7 @@ class Table:
         self._own: dict[Row, Fitted] = {}
         steps = quantum**2 / 12 / (float(np.var(np.concatenate([r.y for r in self.records]))) or 1.0)
         self.rounding = max(ROUNDING**2, steps * float(np.exp(ALIKE)))
-        self.turning = turning(self.records)
+        self.turning, self.one_step = turning(self.records), one_step(self.records)
         self.one_sine = all(one_sine(r.u, r.Ts) for r in self.records)  # of a core it shows a gain and a phase alone
         if delay is None:
             begin = given.delay
@@ -168,18 +168,16 @@ class Table:
             starts = self.every_core(bases) + ([] if given or base.ids else self.search.withheld)
             self._fit(starts, {v: line.grid(v) for v in tried}, line, tell, base.price)
 
-    def closer(self, best: Row, base: Row) -> bool:
-        """Fit the closer forms of an effect that wins alone and leaves something; return whether there are any."""
-        given, (added, *more) = best.hypothesis.core.given, best.beyond(base)
-        forms = [e for e in self.catalogue.get(added.id, []) if e.closer]
-        if more or not forms or self.left(best, base) <= LEFT:
-            return False
-        bare = written(replace(best.hypothesis, effects=base.hypothesis.effects), self.search.given)
-        bases = self.bases(base, given)
-        line, tell = self.screened(best).line, partial(self._tell, base, ", in closer forms", 0, 1)
-        listed = ways(bare, given, self.channels, Catalogue({added.id: forms}), closer=True)
+    def asked(
+        self, few: Catalogue, bases: list[Row], best: Row, said: str, worth: float, base: Row, first: Row | None = None
+    ) -> bool:
+        """Fit a few effects beside rows with every core; return whether there are any."""
+        given = best.hypothesis.core.given
+        bare = written(replace(best.hypothesis, effects=bases[0].hypothesis.effects), self.search.given)
+        line, tell = self.screened(best).line, partial(self._tell, base, said, 0, 1)
+        listed = ways(bare, given, self.channels, few, closer=first is None)
         shapes = {v: line.grid(v) for v in listed if self._may_show(v)}
-        self._fit(self.every_core(bases), shapes, line, tell, base.price)
+        self._fit(self.every_core(bases), shapes, line, tell, worth, first)
         return bool(shapes)
 
     def complete(self, best: Row, base: Row) -> Row:

@@ -11,7 +11,8 @@ import numpy as np
 from ...data.record import Record
 from ...errors import FitError
 from ...fit.bases.integrating import DRIVEN, at_one, drives, lasting, slowest, slowest_seen
-from ...fit.identify import FEWEST, LITTLE
+from ...fit.bases.judged import LITTLE
+from ...fit.identify import FEWEST
 from ...models.effects import Effect
 from ...models.extend import Variant, rubs
 from ...models.model import Model

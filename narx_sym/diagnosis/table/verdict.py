@@ -93,8 +93,7 @@ def distinct(rows: Sequence[E]) -> Iterator[E]:
 def winner(rows: Sequence[E], base: E) -> E | None:
     """Return the best hypothesis with a further effect, None where none is worth its price.
 
-    Fewer effects that pay for fewer win where they remove most of what the best removes, and need no more parameters
-    than its effects do.
+    Fewer effects that pay for fewer win where they remove most of what the best removes, and need fewer parameters.
     """
     listed = [r for r in cheapest(rows) if r.count > base.count and r.price < base.price]
     if not listed:
@@ -102,11 +101,10 @@ def winner(rows: Sequence[E], base: E) -> E | None:
     rms = {id(r): float(np.sqrt(r.held)) for r in (base, *listed)}
     most = rms[id(base)] - rms[id(listed[0])]
     room = listed[0].parameters if len(listed[0].ids) > len(base.ids) else np.inf
-    for count in sorted({r.count for r in listed}):
-        fewer = [r for r in listed if r.count == count and (count == listed[0].count or r.charged < listed[0].charged)]
-        enough = [r for r in fewer if r.parameters <= room and rms[id(base)] - rms[id(r)] >= MOST * most]
-        if enough:
-            return enough[0]
+    for count in sorted({r.count for r in listed if r.count < listed[0].count}):
+        fewer = next((r for r in listed if r.count == count and r.charged < listed[0].charged), None)
+        if fewer is not None and fewer.parameters < room and rms[id(base)] - rms[id(fewer)] >= MOST * most:
+            return fewer
     return listed[0]
 
 
