@@ -33,6 +33,7 @@ from .table.candidates import (
     jointly,
     new_effect,
     slower,
+    turned,
     won,
 )
 from .table.rounds import Table
@@ -384,6 +385,7 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     told = 0.0 if alone is None else 1 - alone.held / at.held  # what one effect removes follows from the signals
     if max(told, table.screened(at).structure) > HELPS and (alone is None or not _enough(table, alone, at)):
         table.pairs(known)  # two effects may hide each other
+        turned(table, known)
         exchanged(table, known)
     at, best = table.held(lambda: won(table.beside(known), known))
     if best is not None and closer(table, best, at):

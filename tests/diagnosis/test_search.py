@@ -616,6 +616,24 @@ def test_what_wins_is_fitted_at_its_limit_too():
     assert search.near(row, [], [play]) == []
 
 
+def test_friction_that_its_channel_does_not_move_is_one_without_a_channel():
+    rng = np.random.default_rng(9)
+    u = np.repeat(rng.uniform(-1, 1, 60), 8)
+    y, x = np.zeros(u.size), lfilter([0, 0.3], [1, -0.7], u)
+    for i in range(1, u.size):
+        moved = x[i] - y[i - 1]
+        y[i] = y[i - 1] + moved - np.clip(moved, -0.1, 0.1)
+    record = ns.Record.from_arrays(u, y, 0.01, channels={"load": rng.uniform(1, 2, u.size)})
+    search = Search(ns.identify(record, base="linear"), [record], [(1, 1)])
+    (base,) = search.bases([1])
+    (pressed,) = (e for e in EFFECTS["channel_friction"] if e.form == "holding")
+    (bare,) = EFFECTS.at_limit(pressed, "motion")
+    variant = Variant(pressed, "motion", "y", "load")
+    search.limits[variant] = {"r": (0.01, 2.0), "q": (1e-4, 2.0)}
+    row = search.look([base], variant, [(0.1, 0.01)])[0]
+    assert row.ids == ("channel_friction:load",) and search.at_limit(row, bare).ids == ("coulomb_friction",)
+
+
 def test_what_a_new_effect_makes_superfluous_is_withdrawn():
     """Of a loop, a curve and a slack: the slack alone beside the curve costs less than beside loop and curve."""
 

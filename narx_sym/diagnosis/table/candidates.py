@@ -318,6 +318,17 @@ def exchanged(table: Table, known: Row) -> None:
             table.search.added(half, variant, like, best.price + PER_EFFECT)
 
 
+def turned(table: Table, known: Row) -> None:
+    """Fit pairs at the input in the other order too: a gain before a limit is not one behind it."""
+    rows = [r for r in table.beside(known) if all(v.where == "input" for v in r.beyond(known))]
+    alone = {r.ids[-1]: r for r in cheapest([r for r in rows if len(r.beyond(known)) == 1])}
+    pairs = dict.fromkeys(tuple(v.id for v in r.beyond(known)) for r in rows if len(r.beyond(known)) == 2)
+    worth = cheapest(table.rows)[0].price + PER_EFFECT
+    for first, second in pairs:
+        if first in alone and second in alone and (second, first) not in pairs:
+            table.search.added(alone[second], alone[first].hypothesis.effects[-1], alone[first], worth)
+
+
 def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], lowest: float) -> list[Candidate]:
     """Return the hypotheses with one effect more, the best of each: the confusion set first."""
     both = best.beyond(known)

@@ -357,7 +357,8 @@ class Search:
     def at_limit(self, row: Row, effect: Effect) -> Row | None:
         """Fit what the last effect of a row is at the limit of its shape, from where the row stands."""
         *known, last = row.hypothesis.effects
-        variant = replace(last, effect=effect)
+        channel = last.channel if "channel" in effect.arguments else None
+        variant = replace(last, effect=effect, channel=channel)
         self.limits.setdefault(variant, {p: self.limits[last][p] for p in variant.shape})
         hypothesis = replace(row.hypothesis, effects=(*known, variant))
         frame = self.frame(hypothesis.effects, row.hypothesis.core.given)
