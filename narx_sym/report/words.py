@@ -256,14 +256,13 @@ def _beyond(rung: Mapping[str, Any]) -> bool:
 
 
 def _sealed(diagnosis: Diagnosis, units: Units) -> str:
-    """Say the error on the sealed samples where it is clearly larger than those that are shown first."""
-    rungs = diagnosis.ladder
-    last = rungs[-1]
-    if len(rungs) < 2 or not _beyond(last):
-        return ""
-    size, unit = last["sealed"] * diagnosis.steps[0].base.problem.spread, units.get("y") or "(unit of y)"
-    name = _added(diagnosis)
-    return f"On the last samples, which took no part in its fit, the error with {name} is {number(size)} {unit}."
+    """Say the error on the sealed samples where it is clearly larger than those that are shown first, or rises."""
+    rungs, unit = diagnosis.ladder, units.get("y") or "(unit of y)"
+    before, after = (rungs[i]["sealed"] * diagnosis.steps[0].base.problem.spread for i in (0, -1))
+    name, there = _added(diagnosis), "On the last samples, which took no part in its fit,"
+    if len(rungs) > 1 and after > before:
+        return f"{there} the error is larger with {name}: {number(after)} {unit}, and {number(before)} without."
+    return f"{there} the error with {name} is {number(after)} {unit}." if len(rungs) > 1 and _beyond(rungs[-1]) else ""
 
 
 def _falls(diagnosis: Diagnosis, units: Units) -> str:

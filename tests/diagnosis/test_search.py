@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.rate import MOST, working
 from narx_sym.diagnosis.progress import BASE, ROUND, Course
-from narx_sym.diagnosis.table.candidates import instead
+from narx_sym.diagnosis.table.candidates import instead, turned
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
 from narx_sym.diagnosis.table.rounds import Table
@@ -551,6 +551,24 @@ def test_no_winner_costs_clearly_more_at_the_own_rate_than_another():
     for other, best in ((("b",), 0), (("a",), 3), (("c", "d"), 3)):
         dear = [other]
         assert not Table._needed(table, rows[best], None)
+
+
+def test_two_effects_at_the_input_are_asked_in_both_orders():
+    def row(price, *ids):
+        effects = tuple(SimpleNamespace(id=i, where="output" if i == "c" else "input") for i in ids)
+        made = SimpleNamespace(ids=ids, price=price, parameters=len(ids), beyond=lambda known: effects)
+        made.hypothesis = SimpleNamespace(effects=effects)
+        return made
+
+    a, b, c = row(1.0, "a"), row(2.0, "b"), row(1.5, "c")
+    rows, asked = [row(0.5, "a", "b"), a, b, c, row(0.7, "a", "c"), row(0.8, "a", "d"), row(3.0, "b")], []
+    search = SimpleNamespace(added=lambda row, variant, like, worth: asked.append((row, variant, like, worth)))
+    table = SimpleNamespace(rows=rows, search=search, beside=lambda known: rows)
+    turned(table, None)  # a lag is no effect at the input, and d does not stand alone
+    assert asked == [(b, a.hypothesis.effects[0], a, 0.5 + PER_EFFECT)]
+    rows.append(row(0.6, "b", "a"))
+    turned(table, None)
+    assert len(asked) == 1
 
 
 def test_a_single_sine_grows_no_core():

@@ -152,15 +152,24 @@ def test_what_helps_but_has_rivals_says_so_and_keeps_its_experiment(stage_diagno
 def test_an_error_that_is_larger_on_the_sealed_samples_is_told(stage_diagnosis):
     first = stage_diagnosis.steps[0]
     assert "took no part" not in words.fall(stage_diagnosis, STAGE_UNITS)
-    chosen = replace(first.chosen)
-    chosen.errors = [np.where(m, 3 * e, e) for e, m in zip(first.chosen.errors, first.base.split.test, strict=True)]
-    found = replace(stage_diagnosis, steps=[replace(first, chosen=chosen)])
+
+    def worse(by):
+        chosen = replace(first.chosen)
+        chosen.errors = [
+            np.where(m, by * e, e) for e, m in zip(first.chosen.errors, first.base.split.test, strict=True)
+        ]
+        return replace(stage_diagnosis, steps=[replace(first, chosen=chosen)])
+
+    found = worse(3)
     before, after = stage_diagnosis.ladder[-1], found.ladder[-1]
     assert after["sealed"] == pytest.approx(3 * before["sealed"]) and after["train"] == before["train"]
     size = number(after["sealed"] * first.base.problem.spread)
     said = words.fall(found, STAGE_UNITS)
     assert "at the noise floor" in words.fall(stage_diagnosis, STAGE_UNITS) and "floor" not in said
     assert said.endswith(f"On the last samples, which took no part in its fit, the error with backlash is {size} mm.")
+    sizes = [number(rung["sealed"] * first.base.problem.spread) for rung in (worse(300).ladder[-1], found.ladder[0])]
+    larger = f"the error is larger with backlash: {sizes[0]} mm, and {sizes[1]} without."
+    assert words.fall(worse(300), STAGE_UNITS).endswith(larger)
 
 
 def test_of_a_pair_it_is_said_how_far_one_of_them_goes_and_how_far_both(stage_diagnosis):
