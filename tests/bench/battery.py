@@ -120,6 +120,7 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
         "top": [f"{c.effect}@{c.where}" for c in step.candidates[:SHOWN]],
         "share": [c.share for c in step.candidates[:SHOWN]],
         "set": step.confusion_set,
+        "rivals": [list(rival) for rival in step.pair.rivals] if step.pair else [],
         "steps": [
             [
                 s.verdict, s.candidates[0].effect if s.candidates else None,
@@ -259,6 +260,12 @@ def both(row: Row) -> bool:
     return bool(row.get("accept")) and all(added & set(accept) for accept in row["accept"])
 
 
+def both_or_rivals(row: Row) -> bool:
+    """Whether every hidden effect is found, or is one of two that are told to explain as much as those."""
+    rivals = [set(rival) for rival in row.get("rivals", [])]
+    return both(row) or any(all(rival & set(accept) for accept in row["accept"]) for rival in rivals)
+
+
 class Table:
     """Figures by group, with their intervals and targets."""
 
@@ -366,6 +373,7 @@ def figures(rows: Sequence[Row]) -> Table:
             table.counts(group, "verdicts", verdicts)
         else:
             table.share(group, "both found", [both(r) for r in seen])
+            table.share(group, "both found, or told to explain as much", [both_or_rivals(r) for r in seen])
             table.share(group, "top-1 of the first step", [bool(ids(r, 1) & truth(r)) for r in seen])
             good = [r for r in seen if "failed" not in r]
             false = [any(name not in truth(r) for _, _, names in r["steps"] for name in names) for r in good]
