@@ -5,7 +5,7 @@ from sampling import more
 from scipy.signal import lfilter
 
 import narx_sym as ns
-from narx_sym.data.evidence.levels import one_step
+from narx_sym.data.evidence.levels import one_step, one_way
 from narx_sym.models.effects import EFFECTS, Catalogue
 
 
@@ -26,6 +26,7 @@ def test_of_one_step_nothing_is_named():
     assert not one_step([ns.Record.from_arrays(noise, record.y, Ts=0.01)])
     last = ns.Record.from_arrays(np.append(record.u, 0.0), np.append(record.y, record.y[-1]), Ts=0.01)
     assert one_step([last])  # the record ends before the second one has an answer
+    assert ["one step" in said for said in one_way(last)] == [True]
     found = ns.diagnose(ns.identify(record, base="linear"), record)
     assert found.verdict == "nothing_detectable" and not found.steps[0].smallest_detectable
     assert sum("all that the input does is one step" in note for note in found.data_notes) == 1

@@ -175,7 +175,7 @@ class Table:
         given = best.hypothesis.core.given
         bare = written(replace(best.hypothesis, effects=bases[0].hypothesis.effects), self.search.given)
         line, tell = self.screened(best).line, partial(self._tell, base, said, 0, 1)
-        listed = ways(bare, given, self.channels, few, closer=first is None)
+        listed = ways(bare, given, self.channels, few, closer=any(e.closer for e in few.all()))
         shapes = {v: line.grid(v) for v in listed if self._may_show(v)}
         self._fit(self.every_core(bases), shapes, line, tell, worth, first)
         return bool(shapes)
