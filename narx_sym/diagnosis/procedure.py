@@ -356,7 +356,7 @@ def _memory_or_effect(
 
 def _noted(records: Sequence[Record], table: Table) -> list[str]:
     """Return what is to know of records and of how they were compared, as sentences."""
-    names = told_once(records, lambda r: [*r.notes, *r.remarks(records), *one_way(r, records)])
+    names = told_once(records, lambda r: [*r.notes, *r.remarks(records), *one_way(r)])
     said = [f"{joined(of)}: {text}" for text, of in names.items()]
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")

@@ -33,6 +33,7 @@ from .table.candidates import (
     jointly,
     new_effect,
     slower,
+    suffices,
     turned,
     won,
 )
@@ -40,6 +41,7 @@ from .table.rounds import Table
 from .table.row import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, SAME, alike, nothing_named, removes, verdict
 
+ONE_STEP = "All that the input does is one step, and every output is what some linear machine answers to it."
 REPEATED, ESTIMATE, NO_FLOOR = "repeated periods", "estimate", "not estimated"  # kinds of floors: sure, not, in loops
 
 
@@ -87,6 +89,7 @@ class Step:
     nearest: list[str] = field(default_factory=list)
     nearest_share: float = 0.0
     sensor: float = 0.0
+    one_step: bool = False  # is all that the input does: nothing is named from it
     linear: float = 0.0  # rms that a linear base leaves by itself, where one speed cannot tell [unit of y]
 
     def hear(self, sensor: float) -> None:
@@ -164,8 +167,8 @@ class Step:
     def finding(self) -> str:
         """Return the verdict, or what it is in a case that is told in other words."""
         if self.verdict == "nothing_detectable":
-            cases = {"follows_nothing": self.follows_nothing, "unexplained": self.unexplained, "trace": self.trace}
-            return next((name for name, case in cases.items() if case), self.verdict)
+            cases = ("follows_nothing", "one_step", "unexplained", "trace")
+            return next((name for name in cases if getattr(self, name)), self.verdict)
         if self.verdict == "closed_loop" and self.valves:
             return "valve"
         if self.verdict == "closed_loop" and self.loop is not None and not self.loop.given:
@@ -181,6 +184,8 @@ class Step:
         if self.verdict == "nothing_detectable":
             if self.follows_nothing:
                 return f"The base does not follow the output: what is missing cannot be told from it. {sizes}."
+            if self.one_step:
+                return f"{ONE_STEP} {sizes}."
             shown = ", ".join(f"{name} above {few(size, 2)}{unit}" for name, size in self.unseen[:3])
             would = f"; these data would probably have shown {shown} rms" if shown else ""
             if self.unexplained:
@@ -309,8 +314,7 @@ def step(
     made = Step(
         base, "", [], [], float(np.sqrt(floor * (1 if repeats else 1 - scored.structure))),
         REPEATED if repeats else ESTIMATE, scored.scores.p_value, {} if table.one_step else detectable(scored),
-        absorbed(scored),
-        loop=loop,
+        absorbed(scored), loop=loop, one_step=table.one_step,
     )  # fmt: skip
     seen = made.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
     if best is None or not seen:
@@ -383,7 +387,7 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
         table.course.say(", and what the best one leaves")
         slower(table, alone, at)
     told = 0.0 if alone is None else 1 - alone.held / at.held  # what one effect removes follows from the signals
-    if max(told, table.screened(at).structure) > HELPS and (alone is None or not _enough(table, alone, at)):
+    if max(told, table.screened(at).structure) > HELPS and (alone is None or not suffices(table, alone, at)):
         table.pairs(known)  # two effects may hide each other
         turned(table, known)
         exchanged(table, known)
@@ -391,9 +395,3 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
     if best is not None and closer(table, best, at):
         at, best = table.held(lambda: won(table.beside(known), known))
     return at, best
-
-
-def _enough(table: Table, alone: Row, known: Row) -> bool:
-    """Whether one effect would be all that is missing; what pays for two may stand for two others."""
-    left = table.left(alone, known)
-    return alone.charged == alone.count and verdict(removes(alone, known, left), left, 1) == "named"

@@ -35,6 +35,7 @@ NEXT = {
 BADGES = {  # by `Step.finding`: what the headline says, in a few words
     "nothing_detectable": "nothing found",
     "follows_nothing": "the base does not follow",
+    "one_step": "one step tells no effect",
     "trace": "something left, too little",
     "unexplained": "more left than noise",
     "two_effects": "two effects together",
@@ -120,6 +121,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if first.verdict == "nothing_detectable":
         if first.follows_nothing:
             return "The base does not follow the output: what is missing cannot be told from it."
+        if first.one_step:
+            return "From one step of the input no effect can be named."
         if first.unexplained:
             return "What is left is more than the sensor's noise, and no effect of the catalogue explains enough of it."
         if first.trace:
@@ -190,6 +193,8 @@ def _next(diagnosis: Diagnosis) -> str:
         return (
             "Choose another base, or record with an input that moves the output: a constant does as well as this model."
         )
+    if chosen.one_step:
+        return "Record steps of several sizes, up and down."
     if diagnosis.one_speed and chosen.verdict in UNNAMED:
         return "Record at a second speed or stroke: at one speed a linear base may hide friction, slack or hysteresis."
     if chosen.verdict == "nothing_detectable" and chosen.unexplained:

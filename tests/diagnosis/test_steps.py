@@ -5,8 +5,9 @@ from sampling import more
 from scipy.signal import lfilter
 
 import narx_sym as ns
-from narx_sym.data.evidence.levels import one_step, one_way
+from narx_sym.data.evidence.levels import one_step
 from narx_sym.models.effects import EFFECTS, Catalogue
+from narx_sym.report.words import headline, what_next
 
 
 def limited(level: float, seed: int, back: bool = False, rest: int = 20) -> ns.Record:
@@ -26,10 +27,11 @@ def test_of_one_step_nothing_is_named():
     assert not one_step([ns.Record.from_arrays(noise, record.y, Ts=0.01)])
     last = ns.Record.from_arrays(np.append(record.u, 0.0), np.append(record.y, record.y[-1]), Ts=0.01)
     assert one_step([last])  # the record ends before the second one has an answer
-    assert ["one step" in said for said in one_way(last)] == [True]
     found = ns.diagnose(ns.identify(record, base="linear"), record)
     assert found.verdict == "nothing_detectable" and not found.steps[0].smallest_detectable
-    assert sum("all that the input does is one step" in note for note in found.data_notes) == 1
+    assert found.steps[0].finding == "one_step" and "All that the input does is one step" in found.sentence()
+    assert headline(found) == "From one step of the input no effect can be named."
+    assert what_next(found) == "Record steps of several sizes, up and down."
 
 
 @more

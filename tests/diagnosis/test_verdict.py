@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from narx_sym.diagnosis.steps import _enough
-from narx_sym.diagnosis.table.candidates import won
+from narx_sym.diagnosis.table.candidates import suffices, won
 from narx_sym.diagnosis.table.verdict import (
     ALIKE,
     LEFT,
@@ -121,7 +120,7 @@ def test_what_pays_for_two_wins_as_two():
 
 def test_pairs_are_asked_where_one_effect_would_not_be_named():
     def enough(row, left):
-        return _enough(SimpleNamespace(left=lambda row, known: left), row, BASE)
+        return suffices(SimpleNamespace(left=lambda row, known: left), row, BASE)
 
     one = Entry(("a",), 0.05, 4)
     assert enough(one, LEFT) and not enough(one, 2 * LEFT)  # something is left of it

@@ -42,13 +42,8 @@ def turning(records: Sequence[Record]) -> set[str]:
     return {name for name in ("u", "y") if any(turns(getattr(part, name)) for part in parts)}
 
 
-def one_way(record: Record, among: Sequence[Record] = ()) -> list[str]:
-    """Say where the input of a record never turns back, and where all that it does among others is one step."""
-    if one_step(among or [record]):
-        return [
-            "all that the input does is one step, and every output is what some linear machine answers to it: no "
-            "effect is named; record steps of several sizes, up and down"
-        ]
+def one_way(record: Record) -> list[str]:
+    """Say where the input of a record never turns back."""
     if np.ptp(record.u) == 0 or "u" in turning([record]):
         return []
     return ["the input never turns back: what remembers where it turned (hysteresis, slack) is a curve there"]

@@ -23,7 +23,7 @@ from ..refit import Fitted
 from .finer import idle
 from .hypotheses import filters
 from .row import Row
-from .verdict import ALIKE, LEFT, PER_EFFECT, alike, cheapest, explained, winner
+from .verdict import ALIKE, LEFT, PER_EFFECT, alike, cheapest, explained, removes, verdict, winner
 
 if TYPE_CHECKING:
     from .rounds import Table
@@ -251,6 +251,12 @@ def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
     if best is not None and not all(r.beyond(known) or r.more for r in alike(rows, best)):
         return known, None
     return known, best
+
+
+def suffices(table: Table, alone: Row, known: Row) -> bool:
+    """Whether one effect would be all that is missing; what pays for two may stand for two others."""
+    left = table.left(alone, known)
+    return alone.charged == alone.count and verdict(removes(alone, known, left), left, 1) == "named"
 
 
 def closer(table: Table, best: Row, base: Row) -> bool:
