@@ -293,7 +293,7 @@ def test_few_digits_need_no_exponent(value, said):
 def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge, advice):
     step = SimpleNamespace(
         verdict="nothing_detectable", confusion_set=[], unexplained=unexplained, base=None, chosen=None,
-        valves=[], trace=trace, follows_nothing=nothing,
+        valves=[], trace=trace, follows_nothing=nothing, one_step=False,
     )  # fmt: skip
     step.finding = Step.finding.fget(step)
     found = SimpleNamespace(steps=[step], rungs=["base"], faults=[], one_speed=False, aside=("load",))
