@@ -117,10 +117,9 @@ def diagnose(
 
 def _say_done(found: Diagnosis, measured: list[Record]) -> None:
     """Print what was done with the data, and what to know of them, that was not printed when they were read."""
-    from ..diagnosis.bases import joined
-    from ..tasks.base import what_to_know
+    from ..tasks.base import what_to_print
 
-    known = {f"{joined(names)}: {text}" for text, names in what_to_know(measured).items()}
+    known = set(what_to_print(measured))
     for said in found.data_notes:
         if said not in known:
             note(said)

@@ -75,8 +75,7 @@ def records(
     """Read the data files in the units of a model, or of the first; say what was changed and what to know."""
     from ..data.record import read
     from ..data.units import in_units
-    from ..diagnosis.bases import joined
-    from ..tasks.base import check_pace, what_to_know
+    from ..tasks.base import check_pace, what_to_print
 
     said = unit_names(units)
     read_in = [
@@ -86,8 +85,8 @@ def records(
     for file, record in zip(files, listed, strict=True):
         if model:
             check_pace(model, record.Ts, f"{file}: the record has")
-    for text, names in what_to_know(listed).items():
-        note(f"{joined(names)}: {text}")
+    for text in what_to_print(listed):
+        note(text)
     return listed
 
 

@@ -57,12 +57,13 @@ def operating_point(records: Records) -> dict[Any, float]:
 
 
 def prepare(records: Any, units: Mapping[str, str] | None = None) -> list[Record]:
-    """Return the records as a list in the units of a model, or of the first; input and output move in one at least.
+    """Return the records as a list in the units of a model, or of the first; in one at least both signals move.
 
     Sampling times that differ by less than a factor of two become that of the most samples.
     """
     listed = at_one_step(in_units(records, units))
-    check_excitation(*listed)
+    for record in moving(moving(listed), "u"):  # what rests is one among these
+        check_excitation(record)
     total = sum(len(r) for r in listed)
     if total < FEWEST:
         raise FitError(f"{total} samples are too few to choose a structure: at least {FEWEST} are needed.")

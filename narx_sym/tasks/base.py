@@ -11,6 +11,7 @@ from ..data.evidence.several import told_once
 from ..data.record import Record
 from ..data.sensor import sensor_faults
 from ..data.timegrid import same_pace
+from ..diagnosis.bases import joined
 from ..errors import DataError, ModelError, NarxError
 from ..files.store import load
 from ..fit.identify import BASES, OPEN, identify, prepare
@@ -21,6 +22,11 @@ from ..symbolic.signals import u
 def what_to_know(records: Sequence[Record]) -> dict[str, list[str]]:
     """Say what was changed in records and what to know before anything is concluded; with the names of the records."""
     return told_once(records, lambda r: [*r.notes, *r.remarks(records), *(f.sentence for f in sensor_faults([r], 0.0))])
+
+
+def what_to_print(records: Sequence[Record]) -> list[str]:
+    """Return what to know of records as sentences, each with the names of those that it is said of."""
+    return [f"{joined(names)}: {text}" for text, names in what_to_know(records).items()]
 
 
 def read_base(path: str | Path, shown: str = "") -> Model:

@@ -106,6 +106,9 @@ def test_a_record_at_rest_is_one_among_others():
     assert both.info.nrmse.free_run >= alone.info.nrmse.free_run
     with pytest.raises(ns.DataError, match=r"'held': the output is constant"):
         ns.identify([held, held], base="linear")
+    same = ns.Record.from_arrays(moved.y, moved.y, Ts=TS, name="same")
+    with pytest.raises(ns.DataError, match=r"'same': output and input are the same signal"):
+        ns.identify([moved, held, same], base="linear")
 
 
 def test_a_short_record_is_resampled_not_the_long_one():

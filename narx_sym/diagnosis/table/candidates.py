@@ -1,4 +1,4 @@
-"""A hypothesis of the table as users see it: an effect that may be missing, its share of the error, its model."""
+"""A hypothesis of the table as users see it, an effect that may be missing; and what is asked once one of them wins."""
 
 from __future__ import annotations
 
