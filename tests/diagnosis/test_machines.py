@@ -131,6 +131,33 @@ def test_no_winner_raises_the_error_that_is_shown(after, shows):
     assert Table._shows(table, after, 1.0) == shows
 
 
+def test_an_effect_does_not_leave_the_table_with_one_core():
+    """The best core may have a pole that cannot be held: the effect is fitted with the next one."""
+
+    def row(size, ids=("drift",)):
+        core = SimpleNamespace(given=False)
+        return SimpleNamespace(ids=ids, size=size, hypothesis=SimpleNamespace(effects=ids, core=core))
+
+    large, middle, small, other = row((2, 3)), row((3, 3)), row((2, 2)), row((2, 3), ("creep",))
+    rows, stands = [middle, other], [small]
+    search = SimpleNamespace(finish=rows.append)
+    table = SimpleNamespace(
+        rows=rows, search=search, holds=stands.__contains__, _lost=set(),
+        _cores={(("drift",), False): [large, middle, small], (("creep",), False): [other]},
+    )  # fmt: skip
+    Table._instead(table, large)  # another row has it
+    assert rows == [middle, other]
+    rows.remove(middle)
+    Table._instead(table, middle)
+    assert rows == [other, small]
+    rows.remove(small)
+    Table._instead(table, small)  # it could be held: it lost for another reason
+    assert rows == [other]
+    rows.remove(other)
+    Table._instead(table, other)  # no core is left
+    assert rows == []
+
+
 @pytest.mark.parametrize(
     ("pole", "effects", "grows"), [(0.9, 0, False), (1.0005, 0, False), (1.08, 0, True), (1.08, 1, False)]
 )

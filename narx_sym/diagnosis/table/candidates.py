@@ -338,8 +338,9 @@ def turned(table: Table, known: Row) -> None:
 def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], lowest: float) -> list[Candidate]:
     """Return the hypotheses with one effect more, the best of each: the confusion set first."""
     both = best.beyond(known)
-    for variant in both if len(both) > 1 else ():
-        table.judge_alone(known, variant.id)
+    for row in table.beside(known) if len(both) > 1 else ():
+        if [v.id for v in row.beyond(known)] in [[v.id] for v in both]:
+            row.judged()  # by itself it need not be worth its price
     listed = [best if r.ids == best.ids else r for r in cheapest(table.beside(known))]
     listed = [r for r in listed if len(r.beyond(known)) == 1 and r.blocks.size]
     members = {new_effect(r, known) for r in found} | {v.id for v in both}

@@ -63,6 +63,7 @@ class Table:
         self._screened: dict[Fitted, Scored] = {}
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
         self._tried: dict[tuple[Variant, ...], set[Core]] = {}  # cores that were fitted with these effects alone
+        self._lost: set[tuple[tuple[Variant, ...], Core]] = set()  # cores of effects that left the table
         self._fitted: dict[Row, Fitted] = {}
         self._own: dict[Row, Fitted] = {}
         steps = quantum**2 / 12 / (float(np.var(np.concatenate([r.y for r in self.records]))) or 1.0)
@@ -70,8 +71,7 @@ class Table:
         self.turning, self.one_step = turning(self.records), one_step(self.records)
         self.one_sine = all(one_sine(r.u, r.Ts) for r in self.records)  # of a core it shows a gain and a phase alone
         if delay is None:
-            begin = given.delay
-            near = {max(0, begin - 1), begin, begin + 1} if self.factor == 1 else {begin // self.factor}
+            near = range(max(0, given.delay - 1), given.delay + 2) if self.factor == 1 else [given.delay // self.factor]
             tried = {0, 1, 2, 3, *near}
         else:
             tried = {delay // self.factor, -(-delay // self.factor)}
@@ -99,12 +99,6 @@ class Table:
         near = cheapest(self.beside(known), by=lambda r: r.before_judged)
         near = [r for r in near if len(r.beyond(known)) == count]
         return [r for r in near[:most] if r.judged().held < known.held]
-
-    def judge_alone(self, known: Row, effect: str) -> None:
-        """Judge an effect of a pair by itself, which need not be worth its price."""
-        for row in self.beside(known):
-            if [v.id for v in row.beyond(known)] == [effect]:
-                row.judged()
 
     def fitted(self, row: Row) -> Fitted:
         """Return a row as a fitted model at the working rate.
@@ -230,8 +224,7 @@ class Table:
     ) -> None:  # fmt: skip
         """Look at effects beside rows; fit each form in its best place with every core, the best core to the end.
 
-        All effects, but beside the `first` one of a pair only a few; judged is what may cost less than `worth`. `tell`
-        hears how many fits of how many are done.
+        All effects, but beside the `first` one of a pair only a few; judged is what may cost less than `worth`.
         """
         search, looks, most = self.search, [], TOGETHER if first is not None else None
         count = len(shapes) + min(len({v.id for v in shapes}), most or len(shapes))
@@ -317,6 +310,15 @@ class Table:
             if not lost:
                 return base, best
             self.rows.remove(lost[0])
+            self._instead(lost[0])
+
+    def _instead(self, lost: Row) -> None:
+        """Fit the effects of a row that could not be held with their next core, where no other row has them."""
+        effects, given = lost.hypothesis.effects, lost.hypothesis.core.given
+        self._lost.add((effects, lost.size))
+        if not self.holds(lost) and all(r.ids != lost.ids for r in self.rows):
+            for row in [r for r in self._cores.get((effects, given), []) if (effects, r.size) not in self._lost][:1]:
+                self.search.finish(row)
 
     def _shows(self, best: Row, base: Row) -> bool:
         """Whether a winner is one at the records' own rate too, and the error that is shown does not rise."""
