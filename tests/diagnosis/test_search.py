@@ -535,6 +535,18 @@ def test_a_superposition_with_weights_of_both_signs_costs_two(linear, weights, c
     assert (row.count, row.charged) == (1, charged)
 
 
+def test_what_only_filters_is_one_of_few_beside_another_effect(linear):
+    record, model = linear
+    lags, gain = of("creep", "", "output"), of("quadratic_gain", "", "input")
+
+    def charged(*effects):
+        frame = Frame(model, LARGEST, effects, [record])
+        return Row(Hypothesis(Core(1, 1), effects), frame, np.zeros(frame.size), 0.1, 4).charged
+
+    assert (charged(), charged(lags), charged(gain)) == (0, 1, 1)
+    assert charged(gain, lags) == pytest.approx(1 + np.log(2) / np.log(25))  # of two, not of 25
+
+
 def test_no_winner_costs_clearly_more_at_the_own_rate_than_another():
     names = [("a",), ("b",), ("c", "d"), ("e", "f")]
     rows = [SimpleNamespace(ids=n, price=i, parameters=0, beyond=lambda base, n=n: n) for i, n in enumerate(names)]

@@ -256,7 +256,7 @@ def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
 def suffices(table: Table, alone: Row, known: Row) -> bool:
     """Whether one effect would be all that is missing; what pays for two may stand for two others."""
     left = table.left(alone, known)
-    return alone.charged == alone.count and verdict(removes(alone, known, left), left, 1) == "named"
+    return alone.charged <= alone.count and verdict(removes(alone, known, left), left, 1) == "named"
 
 
 def closer(table: Table, best: Row, base: Row) -> bool:

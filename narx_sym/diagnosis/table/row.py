@@ -12,9 +12,9 @@ from scipy.signal import lfilter, lfiltic
 from ...fit.bases.integrating import slowest
 from ...models.extend import Variant
 from .frame import Frame
-from .hypotheses import Core, Hypothesis
+from .hypotheses import Core, Hypothesis, filters
 from .starts.arx import polynomial
-from .verdict import price
+from .verdict import OF_FEW, price
 
 Array = np.ndarray
 FORGOTTEN = float(np.exp(-1))  # of what a start does: below it is forgotten, and in one sample by a pole of less
@@ -80,11 +80,16 @@ class Row:
         return len(self.hypothesis.effects) + self.more
 
     @property
-    def charged(self) -> int:
-        """How many effects it pays for: a sum of like parts with weights of both signs is two, one against another."""
+    def charged(self) -> float:
+        """How many effects it pays for: a sum of like parts with weights of both signs is two, one against another.
+
+        What only filters beside another effect is one of few, and stands where more lags of the core would.
+        """
         added = zip(self.hypothesis.effects, self.frame.added, strict=True)
         weights = (self.values[cs] for variant, (cs, _) in added if variant.effect.weights)
-        return self.count + sum(int(w.min() < 0 < w.max()) for w in weights)
+        filtering = sum(filters(v.effect) for v in self.hypothesis.effects)
+        few = filtering if filtering < len(self.hypothesis.effects) else 0
+        return self.count - few * (1 - OF_FEW) + sum(int(w.min() < 0 < w.max()) for w in weights)
 
     @property
     def met_at_rest(self) -> bool:

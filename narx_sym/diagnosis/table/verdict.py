@@ -15,6 +15,7 @@ from ...fit.bases.choice import PRICE
 
 PER_PARAMETER = PRICE  # that of bases; half and twice of it name the same real machines (tests/bench/sensitivity.py)
 PER_EFFECT = 0.27  # of 25 that a linear base may lack one is picked: ln 25 / 12 blocks (extended BIC, Chen & Chen 2008)
+OF_FEW = float(np.log(2) / np.log(25))  # of that, where of two that only filter one is picked beside another effect
 MOST = 0.9  # fewer effects win if they remove this share of the rms error that more of them remove
 ALIKE = 0.1  # difference of log errors, or of prices, that counts as none, whatever its standard error: 5 % rms
 SAME = 0.01  # difference of the log errors of one free run under two names: half a percent rms
@@ -44,7 +45,7 @@ class Entry(Protocol):
         """How many effects."""
 
     @property
-    def charged(self) -> int:
+    def charged(self) -> float:
         """How many effects it pays for."""
 
     @property
@@ -63,7 +64,7 @@ class Entry(Protocol):
 E = TypeVar("E", bound=Entry)
 
 
-def price(error: float, parameters: float, effects: int) -> float:
+def price(error: float, parameters: float, effects: float) -> float:
     """Return the one price: ln(held-out mean square over the variance of y) and what parameters and effects cost."""
     return float(_log(error) + PER_PARAMETER * parameters + PER_EFFECT * effects)
 
