@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.linalg.lapack import dgeqrf
 
 from .compile import has_llvm
 from .numpy import banded as by_lapack
@@ -64,6 +65,34 @@ def step(H: Array, g: Array, damping: float = 0.0) -> Array | None:
         return -np.linalg.solve(H + damping * np.eye(g.size), g)
     except np.linalg.LinAlgError:
         return None
+
+
+def triangle(matrix: Array) -> Array:
+    """Return R of a matrix = Q R, upper triangular, (columns or fewer, columns)."""
+    return np.triu(dgeqrf(matrix)[0][: matrix.shape[1]])
+
+
+def gathered(J: Array, r: Array, blocks: Sequence[tuple[slice, slice]], shared: int) -> Array:
+    """Return a square matrix that has the products of [J r], (n + 1, n + 1): all that least squares asks of them.
+
+    Of the n columns of J the first `shared` act in all rows, the others in one block of rows each: `blocks` are its
+    rows and its columns. Of many short segments each has a start: without that, nearly all of J is zero.
+    """
+    if len(blocks) == 1:
+        return triangle(np.asfortranarray(np.column_stack([J, r])))
+    n = J.shape[1]
+    found, left = np.zeros((n + 1, n + 1)), []
+    common = [*range(shared), n]
+    for rows, own in blocks:
+        size = own.stop - own.start
+        R = triangle(np.asfortranarray(np.column_stack([J[rows, own], J[rows, :shared], r[rows]])))
+        begin = own.start - shared
+        found[begin : begin + min(size, len(R)), own] = R[:size, :size]
+        found[begin : begin + min(size, len(R))][:, common] = R[:size, size:]
+        left.append(R[size:, size:])
+    last = triangle(np.asfortranarray(np.vstack(left)))
+    found[n - shared : n - shared + len(last)][:, common] = last
+    return found
 
 
 def banded(lags: Sequence[int], slopes: Sequence[Array], right: Array) -> Array:

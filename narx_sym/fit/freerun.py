@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import sympy as sp
 from scipy.linalg import LinAlgError, qr, solve_triangular
-from scipy.linalg.lapack import dgeqrf
 from scipy.optimize import least_squares
 
-from ..engines.algebra import banded
+from ..engines.algebra import banded, gathered
 from ..engines.columns import Columns, reader
 from ..engines.compile import compile
 from ..engines.slopes import Walk, with_slopes
@@ -317,20 +316,22 @@ class FreeRun:
                 raise FitError("The derivatives of the free run diverge: the model is unstable there.")
             return moved
 
-        with np.errstate(all="ignore"), one_blas_thread():
-            return least_squares(
-                lambda z: self._triangle(z)[:, -1], np.clip(start, *bounds), jac=slopes,
-                bounds=bounds, x_scale="jac", method="trf", max_nfev=max_steps, xtol=tolerance, ftol=tolerance,
-                gtol=tolerance,
-            )  # fmt: skip
+        try:
+            with np.errstate(all="ignore"), one_blas_thread():
+                return least_squares(
+                    lambda z: self._triangle(z)[:, -1], np.clip(start, *bounds), jac=slopes,
+                    bounds=bounds, x_scale="jac", method="trf", max_nfev=max_steps, xtol=tolerance, ftol=tolerance,
+                    gtol=tolerance,
+                )  # fmt: skip
+        except LinAlgError:
+            raise FitError("The derivatives of the free run cannot be decomposed: it is hardly stable.") from None
 
     def _triangle(self, z: Array) -> Array:
-        """Return R of [J r] = Q R, square: all that least squares asks of the derivatives J and the residuals r."""
+        """Return a square matrix with the products of the derivatives and the residuals [J r]."""
         if self._reduced is None or not np.array_equal(self._reduced[0], z):
             residuals, slopes = self.run(z)
-            both = np.empty((residuals.size, z.size + 1), order="F")
-            both[:, :-1], both[:, -1] = slopes, residuals
-            self._reduced = z.copy(), np.triu(dgeqrf(both, overwrite_a=True)[0][: z.size + 1])
+            blocks = [(slice(*self.edges[i : i + 2]), self.own(i)) for i in range(len(self.data))]
+            self._reduced = z.copy(), gathered(slopes, residuals, blocks, self.free)
         return self._reduced[1]
 
     def solve(self, theta: Array, max_steps: int) -> tuple[Array, Array, bool, float]:

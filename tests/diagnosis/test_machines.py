@@ -168,6 +168,19 @@ def test_no_base_of_an_axis_has_a_pole_that_grows(pole, effects, grows):
     assert Search.grows(SimpleNamespace(slow=np.exp(-4 / 1000)), row) == grows
 
 
+@pytest.mark.parametrize(("pole", "at_rest", "kept"), [(1.0, True, True), (1.05, True, False), (1.05, False, True)])
+def test_an_end_stop_holds_nothing_that_grows(pole, at_rest, kept):
+    """Between its ends such a machine runs away from wherever it stands; what rubs holds it."""
+    core = SimpleNamespace(given=False, integrating=False)
+    effect = SimpleNamespace(where="motion", effect=SimpleNamespace(at_rest=at_rest))
+    row = SimpleNamespace(
+        hypothesis=SimpleNamespace(core=core, effects=(effect,)), a=np.array([pole]), met_at_rest=True, fitted=0.1,
+        values=None, frame=SimpleNamespace(linearised=lambda values, core: None),
+    )  # fmt: skip
+    search = SimpleNamespace(slow=np.exp(-4 / 146), runs_away=lambda row, a=None: True, _driven=lambda row, error: True)
+    assert Search._keeps(search, row) == kept
+
+
 def test_half_of_a_pair_is_what_promises_most():
     """A curve alone removes more of a loop than the loop alone does, but only beside the loop a curve explains all."""
 

@@ -121,3 +121,20 @@ def test_what_single_precision_cannot_hold_stays_as_it_is():
     rough = algebra.single(x)
     assert rough[0] == np.float32(1 / 3)
     np.testing.assert_array_equal(rough[1:], x[1:])
+
+
+@pytest.mark.parametrize("rows", [[50], [40, 30, 25], [40, 2, 25, 4]])
+@pytest.mark.parametrize("starts", [0, 2])
+def test_of_segments_with_their_own_starts_the_products_stay(rows, starts):
+    """A segment may have fewer samples than unknowns."""
+    rng, shared, edges = np.random.default_rng(3), 3, np.cumsum([0, *rows])
+    J, r = np.zeros((edges[-1], shared + starts * len(rows))), rng.normal(size=edges[-1])
+    J[:, :shared] = rng.normal(size=(edges[-1], shared))
+    blocks = []
+    for i in range(len(rows)):
+        block, own = slice(*edges[i : i + 2]), slice(shared + i * starts, shared + (i + 1) * starts)
+        J[block, own] = rng.normal(size=(rows[i], starts))
+        blocks.append((block, own))
+    both, R = np.column_stack([J, r]), algebra.gathered(J, r, blocks, shared)
+    assert R.shape == (J.shape[1] + 1,) * 2
+    np.testing.assert_allclose(R.T @ R, both.T @ both, atol=1e-12)

@@ -16,7 +16,8 @@ from narx_sym.data.record import Record
 from narx_sym.engines.columns import Columns
 from narx_sym.engines.compile import compile
 from narx_sym.errors import DataError, Diverged, FitError, ModelError
-from narx_sym.fit.least_squares import Elimination, factor, one_step
+from narx_sym.fit import freerun
+from narx_sym.fit.least_squares import Elimination, factor, fit, one_step
 from narx_sym.fit.simulate import evaluate, free_run, predict, simulate
 from narx_sym.models.analysis import continuum
 from narx_sym.models.info import Info
@@ -573,3 +574,22 @@ def test_extended_least_squares_removes_the_bias_of_noise_at_the_output():
     assert better.info.method == "els" and better.info.converged and better.terms == model.terms
     held = model.fit(record, [sp.Eq(model.symbols[1], 0.3)], method="els")
     assert held.theta[1] == 0.3 and held.theta[0] == pytest.approx(0.8, abs=0.02)
+
+
+def test_derivatives_that_cannot_be_decomposed_are_no_fit(monkeypatch):
+    """LAPACK gives up on some: that start counts for nothing, the one-step fit is kept."""
+
+    def fails(*args, **kwargs):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=200)
+    y = np.zeros(200)
+    for i in range(1, 200):
+        y[i] = 0.8 * y[i - 1] + 0.2 * u[i - 1]
+    record = Record.from_arrays(u, y, 0.01)
+    model = NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 0.5])
+    monkeypatch.setattr(freerun, "least_squares", fails)
+    with pytest.raises(FitError, match="decomposed"):
+        fit(model, record, method="free_run")
+    assert fit(model, record).theta == pytest.approx([0.8, 0.2])

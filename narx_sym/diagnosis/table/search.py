@@ -271,7 +271,8 @@ class Search:
             return False
         if not away or not effects:
             return not (away or (motion and not core.given and slowest(row.a) < FORGOTTEN))
-        held = motion or not self.runs_away(row, row.frame.linearised(row.values, core))
+        ended = effects[-1].effect.at_rest and slowest(row.a) > 1 / self.slow  # between its ends it runs away
+        held = (motion and not ended) or not self.runs_away(row, row.frame.linearised(row.values, core))
         return held and self._driven(row, row.fitted)
 
     def _driven(self, row: Row, error: float) -> bool:
