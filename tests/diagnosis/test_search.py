@@ -19,7 +19,7 @@ from narx_sym.diagnosis.table.rounds import Table
 from narx_sym.diagnosis.table.row import Row
 from narx_sym.diagnosis.table.search import Search
 from narx_sym.diagnosis.table.starts.arx import arx_start, gains, start_beside
-from narx_sym.diagnosis.table.starts.restart import restarted
+from narx_sym.diagnosis.table.starts.restart import faster, restarted
 from narx_sym.diagnosis.table.verdict import ALIKE, PER_EFFECT
 from narx_sym.fit.bases.integrating import at_one, drives, slowest
 from narx_sym.fit.simulate import free_run
@@ -533,6 +533,26 @@ def test_a_superposition_with_weights_of_both_signs_costs_two(linear, weights, c
     values[frame.added[0][0][:3]] = weights
     row = Row(Hypothesis(Core(1, 1), (plays,)), frame, values, 0.1, 4)
     assert (row.count, row.charged) == (1, charged)
+
+
+@pytest.mark.parametrize("zeros", [[], [0.985], [0.5, 0.985]])
+def test_what_filters_begins_where_the_core_has_no_slow_pole(linear, zeros):
+    """A core has the slow lag of a creep itself; of the same gain without it, the creep takes it over."""
+    gain = of("quadratic_gain", "", "input")
+    frame, core = Frame(linear[1], LARGEST, (gain,), [linear[0]]), Core(2, len(zeros) + 1)
+    a, b = -np.poly([0.99, 0.8])[1:], 0.3 * np.poly(zeros) * np.ones(1)
+    x = frame.placed(core, np.concatenate([a, b, [0.1]]))
+    x[frame.added[0][0]] = 0.2
+    fewer = faster(Row(Hypothesis(core, (gain,)), frame, x, 0.1, frame.parameters(core)))
+    small = fewer.hypothesis.core
+    assert (small.n_y, small.n_u) == (1, max(1, len(zeros))) and fewer.a == pytest.approx([0.8])
+    *left, constant = fewer.values[frame.used(small)][1 : small.n_u + 2]
+    assert sum(left) / 0.2 == pytest.approx(b.sum() / (1 - a.sum()))  # the gain at rest
+    assert constant / 0.2 == pytest.approx(0.1 / (1 - a.sum()))
+    assert fewer.values[frame.added[0][0]] == pytest.approx([0.2])  # bends the input, before any lag
+    assert np.isfinite(fewer.fitted)
+    swinging = np.concatenate([-np.poly([0.9 + 0.1j, 0.9 - 0.1j])[1:].real, b, [0.0]])
+    assert faster(Row(Hypothesis(core, (gain,)), frame, frame.placed(core, swinging), 0.1, 4)) is None
 
 
 def test_what_only_filters_is_one_of_few_beside_another_effect(linear):

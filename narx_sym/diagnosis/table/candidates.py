@@ -23,6 +23,7 @@ from ..refit import Fitted
 from .finer import idle
 from .hypotheses import filters
 from .row import Row
+from .starts.restart import faster
 from .verdict import ALIKE, LEFT, PER_EFFECT, alike, cheapest, explained, removes, verdict, winner
 
 if TYPE_CHECKING:
@@ -279,6 +280,13 @@ def slower(table: Table, best: Row, base: Row) -> None:
     forms = {name: [e for e in of if filters(e)] for name, of in table.catalogue.items() if name not in best.ids}
     few = Catalogue({name: of for name, of in forms.items() if of})
     table.asked(few, [best], best, f", with {joined(few)}", best.price, base, best)
+    bare = faster(best)
+    if bare is None:
+        return
+    # Beside the core that has it all no derivative leads to the smaller one; one lag in place of a pole is the same.
+    rows = [r for r in table.rows if r.ids[:-1] == best.ids and r.ids[-1] in few and r.remembers > 1]
+    for row in cheapest(rows, by=lambda r: r.before_judged):
+        table.search.added(bare, row.hypothesis.effects[-1], row, best.price)
 
 
 def jointly(table: Table, known: Row) -> None:

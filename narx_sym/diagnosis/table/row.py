@@ -143,6 +143,12 @@ class Row:
                 return True
         return not names
 
+    @property
+    def remembers(self) -> int:
+        """How many states its last effect has."""
+        model = self.frame.problem.model
+        return sum(s.group == model.effects[-1].group for s in model.memory)
+
     def beyond(self, known: Row) -> tuple[Variant, ...]:
         """Return the effects that another row does not have."""
         return self.hypothesis.effects[len(known.hypothesis.effects) :]
