@@ -704,7 +704,7 @@ def test_what_a_new_effect_makes_superfluous_is_withdrawn():
 
     def added(base, variant, like):
         assert variant.id == "slack" and like is best
-        return row(prices.get(base.ids, -1.0), *base.ids, "slack")
+        rows.append(row(prices.get(base.ids, -1.0), *base.ids, "slack"))
 
     table = SimpleNamespace(rows=rows, search=SimpleNamespace(added=added), holds=lambda r: True)
     assert instead(table, best, known) == (known, best, [])
@@ -716,6 +716,8 @@ def test_what_a_new_effect_makes_superfluous_is_withdrawn():
     prices[curve.ids] = -8.0
     base, made, gone = instead(table, best, known)
     assert base is curve and made.ids == ("curve", "slack") and gone == ["loop"]
+    rows.append(pair := row(-8.5, "spring", "curve", "slack"))  # fitted before
+    assert instead(table, best, known)[:2] == (other, pair)
     table.holds = lambda r: r is best or "slack" not in r.ids
     assert instead(table, best, known) == (known, best, [])
 

@@ -230,8 +230,9 @@ def instead(table: Table, best: Row, known: Row) -> tuple[Row, Row, list[str]]:
         others = [r for r in listed if rest <= set(r.ids) and len(r.ids) == len(known.ids) and old.id not in r.ids]
         near = [r for r in others if r.price <= known.price + 2 * PER_EFFECT]
         for row in filter(table.holds, fewer + near[:RIVALS]):
-            other = table.search.added(row, new[0], best)
-            found += [(other.price, row, other)] if other is not None and table.holds(other) else []
+            table.search.added(row, new[0], best)
+            both = [r for r in table.rows if r.ids == (*row.ids, new[0].id)]  # one of a pair was fitted before
+            found += [(r.price, row, r) for r in cheapest(both)[:1] if np.isfinite(r.price) and table.holds(r)]
     _, base, made = min(found, key=lambda f: f[0])
     return base, made, [name for name in known.ids if name not in base.ids]
 
