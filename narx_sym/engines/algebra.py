@@ -67,30 +67,33 @@ def step(H: Array, g: Array, damping: float = 0.0) -> Array | None:
         return None
 
 
-def triangle(matrix: Array) -> Array:
-    """Return R of a matrix = Q R, upper triangular, (columns or fewer, columns)."""
-    return np.triu(dgeqrf(matrix)[0][: matrix.shape[1]])
+def triangle(*parts: Array) -> Array:
+    """Return R of the columns of several matrices (rows, n) = Q R, upper triangular, (columns or fewer, columns)."""
+    both = np.empty((len(parts[0]), sum(p.shape[1] for p in parts)), order="F")
+    np.concatenate(parts, axis=1, out=both)
+    return np.triu(dgeqrf(both, overwrite_a=True)[0][: both.shape[1]])
 
 
 def gathered(J: Array, r: Array, blocks: Sequence[tuple[slice, slice]], shared: int) -> Array:
     """Return a square matrix that has the products of [J r], (n + 1, n + 1): all that least squares asks of them.
 
     Of the n columns of J the first `shared` act in all rows, the others in one block of rows each: `blocks` are its
-    rows and its columns. Of many short segments each has a start: without that, nearly all of J is zero.
+    rows, which may be none, and its columns. Of many short segments each has a start: nearly all of J is zero.
     """
     if len(blocks) == 1:
-        return triangle(np.asfortranarray(np.column_stack([J, r])))
+        return triangle(J, r[:, None])
     n = J.shape[1]
     found, left = np.zeros((n + 1, n + 1)), []
     common = [*range(shared), n]
     for rows, own in blocks:
-        size = own.stop - own.start
-        R = triangle(np.asfortranarray(np.column_stack([J[rows, own], J[rows, :shared], r[rows]])))
-        begin = own.start - shared
+        if rows.stop == rows.start:
+            continue
+        size, begin = own.stop - own.start, own.start - shared
+        R = triangle(J[rows, own], J[rows, :shared], r[rows, None])
         found[begin : begin + min(size, len(R)), own] = R[:size, :size]
         found[begin : begin + min(size, len(R))][:, common] = R[:size, size:]
         left.append(R[size:, size:])
-    last = triangle(np.asfortranarray(np.vstack(left)))
+    last = triangle(np.vstack(left))
     found[n - shared : n - shared + len(last)][:, common] = last
     return found
 
