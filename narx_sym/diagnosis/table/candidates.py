@@ -285,7 +285,7 @@ def slower(table: Table, best: Row, base: Row) -> None:
     if bare is None:
         return
     # Beside the core that has it all no derivative leads to the smaller one; one lag in place of a pole is the same.
-    rows = [r for r in table.rows if r.ids[:-1] == best.ids and r.ids[-1] in few and r.remembers > 1]
+    rows = [r for r in table.rows if r.ids[:-1] == best.ids and r.ids[-1] in few and len(r.states) > 1]
     for row in cheapest(rows, by=lambda r: r.before_judged):
         table.search.added(bare, row.hypothesis.effects[-1], row, best.price)
 

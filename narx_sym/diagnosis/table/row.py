@@ -132,9 +132,7 @@ class Row:
     @cached_property
     def goes_back(self) -> bool:
         """Whether what the last effect remembers goes back on its way within a segment: on one way it is a curve."""
-        problem, x = self.frame.problem, self.values
-        group = problem.model.effects[-1].group
-        names = [s.left.base.name for s in problem.model.memory if s.group == group]
+        problem, x, names = self.frame.problem, self.values, self.states
         self.frame.late(self.hypothesis.core.delay)
         for i in range(len(problem.data)):
             runs = problem.walked(i, x, x[problem.own(i)])
@@ -144,10 +142,10 @@ class Row:
         return not names
 
     @property
-    def remembers(self) -> int:
-        """How many states its last effect has."""
+    def states(self) -> list[str]:
+        """The names of what its last effect remembers."""
         model = self.frame.problem.model
-        return sum(s.group == model.effects[-1].group for s in model.memory)
+        return [s.left.base.name for s in model.memory if s.group == model.effects[-1].group]
 
     def beyond(self, known: Row) -> tuple[Variant, ...]:
         """Return the effects that another row does not have."""
