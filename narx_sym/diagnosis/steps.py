@@ -27,9 +27,7 @@ from .table.candidates import (
     Pair,
     candidates_of,
     closer,
-    exchanged,
     half_of,
-    instead,
     jointly,
     new_effect,
     slower,
@@ -37,6 +35,7 @@ from .table.candidates import (
     turned,
     won,
 )
+from .table.exchange import exchanged, instead
 from .table.rounds import Table
 from .table.row import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, SAME, alike, nothing_named, removes, verdict
@@ -316,10 +315,10 @@ def step(
         REPEATED if repeats else ESTIMATE, scored.scores.p_value, {} if table.one_step else detectable(scored),
         absorbed(scored), loop=loop, one_step=table.one_step,
     )  # fmt: skip
-    seen = made.p_value <= gate.LEVEL or (best is not None and best.held < (1 - LARGE) * known.held)
-    if best is None or not seen:
+    at, best, gone = instead(table, best, known)
+    if best is None or (made.p_value > gate.LEVEL and best.held >= (1 - LARGE) * known.held):
         return _unnamed(made, table, known), known
-    known, best, made.withdrawn = instead(table, best, known)
+    known, made.withdrawn = at, gone
     whole = table.complete(best, known)
     left = table.left(whole, known)
     # Two effects are no rival of one, though it be priced as two: it would be shown as if its first were enough.

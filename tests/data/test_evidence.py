@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.dead_time import dead_time
 from narx_sym.data.evidence.feedback import feedback
-from narx_sym.data.evidence.levels import one_speed, turns, two_levels
+from narx_sym.data.evidence.levels import one_speed, one_way, turns, two_levels
 from narx_sym.data.evidence.noise import sensor_noise, unexplained
 from narx_sym.data.evidence.stiction import held, span_of, sticking
 from narx_sym.diagnosis.procedure import diagnose
@@ -368,6 +368,18 @@ def test_whether_a_signal_turns_back(way, back):
     noisy = up + 0.02 * np.random.default_rng(0).standard_normal(400)
     assert turns(ways.get(way, noisy)) is back
     assert not turns(np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [(lambda t: np.clip(t - 1, 0, 6), "one signal"), (lambda t: t**2, "a curve there"), (np.floor, "a curve there"),
+     (lambda t: 1.0 * (t > 3), "a curve there"), (np.sin, None)],
+    ids=["ramp", "faster and faster", "staircase", "step", "back"],
+)  # fmt: skip
+def test_a_ramp_tells_no_curve_from_a_lag_or_a_drift(shape, said):
+    t = np.arange(900) / 100
+    told = one_way(ns.Record.from_arrays(shape(t), np.zeros(900), 0.01))
+    assert [note.endswith(said) for note in told] == ([True] if said else [])
 
 
 def test_an_input_of_one_speed():

@@ -175,7 +175,7 @@ def test_an_end_stop_holds_nothing_that_grows(pole, at_rest, kept):
     effect = SimpleNamespace(where="motion", effect=SimpleNamespace(at_rest=at_rest))
     row = SimpleNamespace(
         hypothesis=SimpleNamespace(core=core, effects=(effect,)), a=np.array([pole]), met_at_rest=True, fitted=0.1,
-        values=None, frame=SimpleNamespace(linearised=lambda values, core: None),
+        linearised=None, expands=False,
     )  # fmt: skip
     search = SimpleNamespace(slow=np.exp(-4 / 146), runs_away=lambda row, a=None: True, _driven=lambda row, error: True)
     assert Search._keeps(search, row) == kept
@@ -207,7 +207,7 @@ def test_a_large_core_that_imitates_a_line_is_priced_as_an_effect():
     large = [r for r in search.bases([0, 1, 2, 3]) if r.size.n_y > 3]
     assert all(r.more == (r.size.n_y - 3) // 2 == r.count for r in large)
     found = ns.diagnose(ns.identify(record, base="linear"), record)
-    assert "cubic_gain" in found.confusion_set
+    assert "saturation" in found.confusion_set
 
 
 @pytest.mark.parametrize(("tail", "counts"), [((), {1: 2, 0: 1}), ((0.8,), {2: 2, 1: 1, 0: 1})], ids=["one", "two"])

@@ -41,7 +41,7 @@ def diagnosed(records, catalogue=FEW):
 @pytest.fixture(scope="module")
 def one():
     """Return the record of a slack at one speed, and its diagnosis."""
-    record = measured(slack, triangle(8), 0)
+    record = measured(slack, triangle(8), 0, 1.5 * NOISE)
     return record, diagnosed(record)
 
 
@@ -54,7 +54,7 @@ def test_a_slack_may_be_the_memory_of_the_base(one):
     assert found.ladder[1]["validation"] < 0.1 * found.ladder[0]["validation"]  # of the base without memory
     assert found.experiment.clear and found.experiment.separates[-1] == "base"
     assert f"a linear base, with its memory, leaves {found.steps[0].linear:.3g}" in found.sentence()
-    assert found.steps[0].linear < 3 * NOISE
+    assert found.steps[0].linear < 4 * NOISE
 
 
 @pytest.mark.more

@@ -12,7 +12,8 @@ from scipy.signal import lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.rate import MOST, working
 from narx_sym.diagnosis.progress import BASE, ROUND, Course
-from narx_sym.diagnosis.table.candidates import instead, turned
+from narx_sym.diagnosis.table.candidates import turned
+from narx_sym.diagnosis.table.exchange import instead
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
 from narx_sym.diagnosis.table.rounds import Table
@@ -304,8 +305,7 @@ def test_a_tank_is_an_integrator_but_for_its_outflow():
     found = ns.diagnose(ns.identify(record, base="linear"), record)
     assert found.confusion_set[0] == "sqrt_outflow" and found.ladder[-1]["validation"] < 0.02
     (row,) = [r for r in found.hypotheses if r.ids == ("sqrt_outflow",)][:1]
-    core = row.hypothesis.core
-    assert slowest(row.values[: core.n_y]) > slowest(row.frame.linearised(row.values, core))
+    assert slowest(row.a) > slowest(row.linearised)
 
 
 @pytest.mark.parametrize("standing", (False, pytest.param(True, marks=pytest.mark.long)))
@@ -659,11 +659,11 @@ def test_what_wins_is_fitted_at_its_limit_too():
     variant = Variant(valve, "input", "u")
     search.limits[variant] = {"r": (0.01, 2.0), "e": (1e-4, 2.0)}
     row = search.finish(search.look([base], variant, [(0.3, 0.01)])[0])
-    (made,) = search.near(row, [], [play])
+    (made,) = search.near(row, [], [(0, play)])
     assert made.ids == ("backlash",) and made.parameters == row.parameters - 1
     assert made.before_judged < row.before_judged
     assert made.values[made.frame.added[0][1]] == pytest.approx(0.4, abs=0.02)
-    assert search.near(row, [], [play]) == []
+    assert search.near(row, [], [(0, play)]) == []
 
 
 def test_friction_that_its_channel_does_not_move_is_one_without_a_channel():
@@ -684,20 +684,20 @@ def test_friction_that_its_channel_does_not_move_is_one_without_a_channel():
     assert row.ids == ("channel_friction:load",) and search.at_limit(row, bare).ids == ("coulomb_friction",)
 
 
+def one_of_a_table(price, *ids):
+    """A row whose blocks all have one error."""
+    effects = tuple(SimpleNamespace(id=i) for i in ids)
+    core = SimpleNamespace(given=False)
+    return SimpleNamespace(
+        price=price, before_judged=price, ids=ids, count=len(ids), parameters=len(ids), becomes=frozenset(),
+        blocks=np.full(12, np.exp(price)), hypothesis=SimpleNamespace(effects=effects, core=core),
+        beyond=lambda known: effects[len(known.ids) :],
+    )  # fmt: skip
+
+
 def test_what_a_new_effect_makes_superfluous_is_withdrawn():
     """Of a loop, a curve and a slack: the slack alone beside the curve costs less than beside loop and curve."""
-
-    def row(price, *ids):
-        effects = tuple(SimpleNamespace(id=i) for i in ids)
-        beyond = lambda known: effects[len(known.ids) :]  # noqa: E731
-        return SimpleNamespace(
-            price=price,
-            ids=ids,
-            parameters=1,
-            beyond=beyond,
-            hypothesis=SimpleNamespace(effects=effects, core=SimpleNamespace(given=False)),
-        )
-
+    row = one_of_a_table
     known, best = row(-6.0, "loop", "curve"), row(-7.0, "loop", "curve", "slack")
     curve, other, dear = row(-2.0, "curve"), row(-5.9, "spring", "curve"), row(-5.0, "drag", "curve")
     rows, prices = [known, best, curve, other, dear], {}
@@ -706,7 +706,11 @@ def test_what_a_new_effect_makes_superfluous_is_withdrawn():
         assert variant.id == "slack" and like is best
         rows.append(row(prices.get(base.ids, -1.0), *base.ids, "slack"))
 
-    table = SimpleNamespace(rows=rows, search=SimpleNamespace(added=added), holds=lambda r: True)
+    def held(choose):
+        base, made = choose()
+        return (base, made) if made is not None and table.holds(made) else (known, None)
+
+    table = SimpleNamespace(rows=rows, search=SimpleNamespace(added=added), held=held, holds=lambda r: True)
     assert instead(table, best, known) == (known, best, [])
     prices[dear.ids] = -9.0  # too dear before to be asked
     assert instead(table, best, known) == (known, best, [])
@@ -720,6 +724,40 @@ def test_what_a_new_effect_makes_superfluous_is_withdrawn():
     assert instead(table, best, known)[:2] == (other, pair)
     table.holds = lambda r: r is best or "slack" not in r.ids
     assert instead(table, best, known) == (known, best, [])
+
+
+@pytest.mark.parametrize(
+    ("named", "beside", "found"), [(-9.5, None, True), (-9.5, -9.8, True), (-9.5, -10.1, False), (-9.95, None, False)]
+)
+def test_two_effects_take_the_place_of_one_that_imitated_them(named, beside, found):
+    """A cubic removes nearly all of what a saturation and creep do: what the first round knew better it may say now."""
+    row = one_of_a_table
+    known, alone, pair = row(named, "cubic"), row(-9.4, "saturation"), row(-10.0, "saturation", "creep")
+    best = row(beside, "cubic", "spring") if beside else None
+    table = SimpleNamespace(
+        rows=[r for r in (known, alone, pair, best) if r], held=lambda choose: choose(), holds=lambda r: True,
+        search=SimpleNamespace(added=lambda *given: None),
+    )  # fmt: skip
+    assert instead(table, best, known) == ((alone, pair, ["cubic"]) if found else (known, best, []))
+
+
+@pytest.mark.parametrize(("share", "whole"), [(1.0, True), (0.6, False)])
+def test_an_effect_is_whole_where_that_costs_less(linear, share, whole):
+    """The share is a parameter only where it says something: a dead zone of 0.98 is one with the error of its fit."""
+    record, base = linear
+    moved = record.u - float(base.operating_point[base.input])
+    passed = moved - share * np.clip(moved, -0.4, 0.4)
+    noise = 0.01 * np.random.default_rng(2).standard_normal(N)
+    search = Search(base, [ns.Record.from_arrays(record.u, lagged(passed) + noise, Ts)])
+    zone = next(Variant(e, "input", "u") for e in EFFECTS["dead_zone"] if not e.form)
+    search.limits[zone] = {"r": (0.05, 2.0)}
+    bases = search.bases([1])
+    row = search.finish(search.look(bases, zone, [(0.3,)])[0])
+    (at,), (r,) = row.frame.added[-1]
+    assert row.values[[at, r]] == pytest.approx([share, 0.4], abs=0.03)
+    assert (row.values[at] == 1.0) == whole
+    core = row.hypothesis.core
+    assert row.parameters == row.frame.parameters(core) == search.frame((zone,), False).parameters(core) - whole
 
 
 @pytest.mark.parametrize("unit", [2.0**-30, 2.0**30], ids=["small", "large"])

@@ -26,6 +26,7 @@ ROUGH = ((1, 1), (2, 2))  # lags of the output, of the input, of the first look 
 ORDERS = ((0, 1), (1, 1), (1, 2), (2, 1), (2, 2))  # and of the last look at the best ones
 TURNS, POLISHED = 4, 8  # of the iteration on the denominator; then of Gauss and Newton, at the last look
 SETTLED = 1e-6  # relative gain below which a fit is done
+RIDGE = 1e-12  # of columns of length 1: what data do not determine stays small
 LAST = 6  # candidates that get the last look
 WHITENING, EARLIEST = 20, 12  # lags of the input's model; candidates before the first clear peak
 LATE, FEW = 8, 6  # candidates after it; peaks that are looked at
@@ -172,27 +173,22 @@ def _free_run(pairs: Pairs, denominator: Array, b: int, d: int, most: int) -> tu
 
     Numerator, offset and the start of each segment are fitted.
     """
-    blocks, targets, own = [], [], denominator.size
-    for i, (u, y) in enumerate(pairs):
+    parts, own = [], denominator.size
+    for u, y in pairs:
         v, pulse = lfilter([1.0], denominator, u), np.zeros(u.size)
         pulse[0] = 1.0
         free = lfilter([1.0], denominator, pulse)
-        X = np.zeros((u.size, b + len(pairs) * own))
-        X[:, :b] = np.column_stack([_late(v, d + j) for j in range(b)])
-        starts = X[:, b + i * own : b + (i + 1) * own]
-        starts[:, 0] = 1.0
-        for j in range(own - 1):
-            starts[:, j + 1] = _late(free, j)
-        blocks.append(X)
-        targets.append(y)
-    theta = _solved(np.vstack([X[most:] for X in blocks]), np.concatenate([y[most:] for y in targets]))
-    runs = [X @ theta for X in blocks]
-    e = np.concatenate([(y - run)[most:] for y, run in zip(targets, runs, strict=True)])
-    turned = []
-    for X, run in zip(blocks, runs, strict=True):
+        X = np.column_stack([_late(v, d + j) for j in range(b)])
+        parts.append((X, np.column_stack([np.ones(u.size), *(_late(free, j) for j in range(own - 1))]), y))
+    theta, starts = _beside([(X[most:], S[most:], y[most:]) for X, S, y in parts])
+    turned, errors = [], []
+    for (X, S, y), start in zip(parts, starts, strict=True):
+        run = X @ theta + S @ start
         slope = lfilter([1.0], denominator, run)
-        turned.append(np.column_stack([X, *(-_late(slope, j) for j in range(1, own))])[most:])
-    step = _solved(np.vstack(turned), e)[theta.size :] if own > 1 else np.zeros(0)
+        errors.append((y - run)[most:])
+        moved = np.column_stack([X, *(-_late(slope, j) for j in range(1, own))])
+        turned.append((moved[most:], S[most:], errors[-1]))
+    step, e = _beside(turned)[0][b:] if own > 1 else np.zeros(0), np.concatenate(errors)
     square = float(e @ e)
     return square / e.size, float(e[1:] @ e[:-1]) / (square or 1.0), step
 
@@ -203,11 +199,27 @@ def _late(x: Array, lag: int) -> Array:
 
 def _solved(X: Array, target: Array) -> Array:
     """Least squares by normal equations of scaled columns: many small problems, whose noise is far above rounding."""
-    size = np.sqrt(np.einsum("ij,ij->j", X, X))
+    return _beside([(X, np.zeros((len(X), 0)), target)])[0]
+
+
+def _beside(parts: Sequence[tuple[Array, Array, Array]]) -> tuple[Array, list[Array]]:
+    """Solve least squares of parts (X, S, target): what multiplies all X, and what multiplies each S, its own.
+
+    Its own are eliminated part by part: of many short segments nearly all else would be zeros.
+    """
+    size = np.sqrt(sum(np.einsum("ij,ij->j", X, X) for X, _, _ in parts))
     size[size == 0] = 1.0
-    scaled = X / size
-    gram = scaled.T @ scaled + 1e-12 * np.eye(size.size)
-    return np.asarray(np.linalg.solve(gram, scaled.T @ target) / size)
+    gram, right, own = RIDGE * np.eye(size.size), np.zeros(size.size), []
+    for X, S, target in parts:
+        scaled, width = X / size, np.sqrt(np.einsum("ij,ij->j", S, S))
+        S = S / np.where(width == 0, 1.0, width)
+        both = np.column_stack([S.T @ scaled, S.T @ target])
+        taken = np.linalg.solve(S.T @ S + RIDGE * np.eye(width.size), both)
+        gram += scaled.T @ scaled - both[:, :-1].T @ taken[:, :-1]
+        right += scaled.T @ target - both[:, :-1].T @ taken[:, -1]
+        own.append((taken, np.where(width == 0, 1.0, width)))
+    theta = np.linalg.solve(gram, right)
+    return theta / size, [(taken[:, -1] - taken[:, :-1] @ theta) / width for taken, width in own]
 
 
 def _stable(denominator: Array) -> Array:

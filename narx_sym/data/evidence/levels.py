@@ -43,10 +43,13 @@ def turning(records: Sequence[Record]) -> set[str]:
 
 
 def one_way(record: Record) -> list[str]:
-    """Say where the input of a record never turns back."""
+    """Say where the input of a record never turns back, and whether it only moves at one speed."""
     if np.ptp(record.u) == 0 or "u" in turning([record]):
         return []
-    return ["the input never turns back: what remembers where it turned (hysteresis, slack) is a curve there"]
+    said = "the input never turns back: what remembers where it turned (hysteresis, slack) is a curve there"
+    moves = [steps for part in record.segments() if (steps := np.trim_zeros(np.diff(part.u))).size]
+    ramps = all(steps.size > 2 and np.mean(np.abs(steps)) ** 2 > ONE_SPEED * np.mean(steps**2) for steps in moves)
+    return [f"{said}, and at one speed a curve of the input, a lag and a drift are one signal" if ramps else said]
 
 
 def one_step(records: Sequence[Record]) -> bool:

@@ -214,29 +214,6 @@ def new_effect(row: Row, known: Row) -> str:
     return next((v.id for v in row.beyond(known)), BASE)
 
 
-def instead(table: Table, best: Row, known: Row) -> tuple[Row, Row, list[str]]:
-    """Return base and winner without an effect that was added before, or with another one for it, and what is gone.
-
-    Where that costs less: what was named first may have imitated what is new now.
-    """
-    new, found = best.beyond(known), [(best.price, known, best)]
-    if len(new) > 1:
-        return known, best, []
-    without = [r for r in table.rows if new[0].id not in r.ids]
-    listed = cheapest([r for r in without if r.hypothesis.core.given == best.hypothesis.core.given])
-    for old in known.hypothesis.effects:
-        rest = set(known.ids) - {old.id}
-        fewer = [r for r in listed if set(r.ids) == rest]
-        others = [r for r in listed if rest <= set(r.ids) and len(r.ids) == len(known.ids) and old.id not in r.ids]
-        near = [r for r in others if r.price <= known.price + 2 * PER_EFFECT]
-        for row in filter(table.holds, fewer + near[:RIVALS]):
-            table.search.added(row, new[0], best)
-            both = [r for r in table.rows if r.ids == (*row.ids, new[0].id)]  # one of a pair was fitted before
-            found += [(r.price, row, r) for r in cheapest(both)[:1] if np.isfinite(r.price) and table.holds(r)]
-    _, base, made = min(found, key=lambda f: f[0])
-    return base, made, [name for name in known.ids if name not in base.ids]
-
-
 def won(rows: Sequence[Row], known: Row) -> tuple[Row, Row | None]:
     """Return the base and the winner with an effect; where what a core does itself wins, the base moves there.
 
@@ -314,23 +291,6 @@ def jointly(table: Table, known: Row) -> None:
         fewer = [row for out in kept for row in fitted(rows, [v for v in kept if v != out])]
         cheaper = [r for r in fewer if r.price < best[0].price]
         best = [min(cheaper, key=lambda r: r.price)] if cheaper else []
-
-
-def exchanged(table: Table, known: Row) -> None:
-    """Fit either half of the cheapest pair, where that leaves something, with every other effect beside it.
-
-    What was first may have stood for another effect, as a cubic for a saturation, and so may what was second.
-    """
-    pairs = (r for r in cheapest(table.beside(known)) if len(r.beyond(known)) == 2)
-    best = next(filter(table.holds, pairs), None)
-    if best is None or table.left(best, known) <= LEFT:
-        return
-    alone = [r for r in table.beside(known) if len(r.beyond(known)) == 1 and r.before_judged < known.before_judged]
-    first, second = best.beyond(known)
-    firsts = [r for r in alone if r.hypothesis.effects[-1] == first][:1]
-    for row in (r for r in alone if r.ids[-1] not in best.ids):
-        for half, variant, like in ((row, second, best), *((r, row.hypothesis.effects[-1], row) for r in firsts)):
-            table.search.added(half, variant, like, best.price + PER_EFFECT)
 
 
 def turned(table: Table, known: Row) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +17,7 @@ import sympy as sp
 
 from ...data.record import Record
 from ...engines.algebra import add_grams, step
-from ...fit.constraints import Elimination, constraint_equations
+from ...fit.constraints import constraint_equations
 from ...fit.freerun import FreeRun, determined
 from ...fit.simulate import segments
 from ...models.effects import Form
@@ -24,7 +25,7 @@ from ...models.extend import Variant, equations
 from ...models.model import Model
 from ...symbolic.signals import INNER_OUTPUTS
 from ..screening.contribution import contribution
-from .hypotheses import Core, around, extended, linear, slopes
+from .hypotheses import Core, around, extended, linear
 from .span import Span
 from .starts.arx import later, start_beside
 
@@ -64,6 +65,8 @@ class Frame:
     ):
         self.given, self.largest, self.effects = given, largest, tuple(effects)
         self._form: Form | None = None
+        self.pinned: tuple[int, ...] = ()  # coefficients that are 1
+        self._whole: dict[tuple[int, ...], Frame] = {}  # shared by all that pin some
         self.begins: dict[Any, list[Array]] = {}  # where fits beside a row begin
         self._measured: dict[int, list[Record]] = {}
         if largest is not None and not any(v.raw for v in effects):
@@ -155,29 +158,6 @@ class Frame:
                 found[symbol] = (float(self.low[i]), float(self.high[i]))
         return found
 
-    def linearised(self, x: Array, core: Core) -> Array:
-        """Return the coefficients of older outputs of a core with what its effects add nearly everywhere, (n_y,).
-
-        A tank whose outflow is the effect is an integrator without it, and no integrator with it. Between end stops
-        nothing is added. What is added is that at nine of ten samples at least.
-        """
-        a = x[: core.n_y].copy()
-        model = self.problem.model
-        measured = np.concatenate([d[self.problem.name] for d in self._data[0]])
-        for variant, (cs, shapes) in zip(self.effects, self.added, strict=True):
-            if variant.where not in ("inside", "force") or variant.driver != "y":
-                continue
-            through = x[self.used(core)][core.n_y : core.n_y + core.n_u] if variant.where == "force" else np.ones(1)
-            offset = 0.0 if variant.raw else float(model.operating_point.get(model.output, 0.0))
-            beside = np.concatenate([r.channels[variant.channel] for r in self.segments]) if variant.channel else 0.0
-            for i, z in enumerate(slopes(variant)):
-                for j, slope in enumerate(z[: core.n_y]):
-                    with np.errstate(all="ignore"):
-                        added = slope(measured - offset, beside, *x[shapes])
-                    often = x[cs[i]] * float(added[np.argsort(np.abs(added))[added.size // 10]])
-                    a[j : j + through.size] += often * through[: core.n_y - j]
-        return a
-
     def late(self, delay: int) -> None:
         """Let the input come later by some samples."""
         if delay not in self._data:
@@ -185,34 +165,34 @@ class Frame:
             shown = [u[s] for u in moved for s in parts(len(u), self.pieces)]
             self._data[delay] = [{**d, name: x} for d, x in zip(self._data[0], shown, strict=True)]
             self._cuts[delay] = self._judged(delay)
-        if delay != self._delay:
-            self.problem.data, self._delay = self._data[delay], delay
-            self.cuts, self.counts = self._cuts[delay]
+        self.problem.data, self._delay = self._data[delay], delay  # of a problem that other frames move too
+        self.cuts, self.counts = self._cuts[delay]
+
+    def whole(self, coefficient: int) -> Frame:
+        """Return the same where a coefficient is 1."""
+        pinned = (*self.pinned, coefficient)
+        if pinned not in self._whole:
+            made = copy(self)
+            made._free, made.pinned = {}, pinned
+            self._whole[pinned] = made
+        return self._whole[pinned]
 
     def free(self, core: Core) -> Span:
         """Return the points that a core leaves free."""
         key = (core.n_y, core.n_u, core.integrating, core.given)
         if key not in self._free:
-            self._free[key] = Span(*self._spanned(core))
+            self._free[key] = self._spanned(core).where_one(self.pinned)
         return self._free[key]
 
-    def _spanned(self, core: Core) -> tuple[Array, Array]:
-        T, t0 = np.eye(self.size), np.zeros(self.size)
+    def _spanned(self, core: Core) -> Span:
         if self.largest is None:
-            if not self.equations:
-                return t0, T
-            rule = Elimination.of(self.equations, self.problem.model.symbols)
-            n = rule.Z.shape[0]
-            wide = np.zeros((self.size, rule.Z.shape[1] + self.size - n))
-            wide[:n, : rule.Z.shape[1]], wide[n:, rule.Z.shape[1] :] = rule.Z, np.eye(self.size - n)
-            t0[:n] = rule.t0
-            return t0, wide
-        T = T[:, self.used(core)]
+            return Span.of(self.equations, self.problem.model.symbols, self.size)
+        t0, T = np.zeros(self.size), np.eye(self.size)[:, self.used(core)]
         if core.integrating:
             t0[0] = 1.0
             T[0, 1 : core.n_y] = -1.0
             T = T[:, 1:]
-        return t0, T
+        return Span(t0, T)
 
     def used(self, core: Core) -> list[int]:
         """Return which unknowns a core has: of older outputs, of inputs, the constant, and all behind it."""
@@ -262,7 +242,7 @@ class Frame:
     def measured(self) -> list[Record]:
         """Return every segment measured from the operating point, with the input as late as it comes."""
         if self._delay not in self._measured:
-            model, data = self.problem.model, zip(self.segments, self.problem.data, strict=True)
+            model, data = self.problem.model, zip(self.segments, self._data[self._delay], strict=True)
             late = [replace(r, u=d[model.input.name], y=d[model.output.name]) for r, d in data]
             self._measured[self._delay] = [_shifted(r, model) for r in late]
         return self._measured[self._delay]

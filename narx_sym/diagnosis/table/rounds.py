@@ -186,7 +186,9 @@ class Table:
         """Fit pairs: the best effects, and what the directions show beside each of them."""
         self.course.reach(PAIRS)
         # What is half of a pair bends to what the other half does, in each fold otherwise: where it was fitted counts.
-        alone = [r for r in self.rows if len(r.beyond(base)) == 1 and (np.isfinite(r.held) or not r.blocks.size)]
+        # A share that is whole alone need not be so beside another effect.
+        alone = [r for r in self.rows if len(r.beyond(base)) == 1 and not r.frame.pinned]
+        alone = [r for r in alone if np.isfinite(r.held) or not r.blocks.size]
         listed = islice(filter(self.settles, distinct(cheapest(alone, by=lambda r: r.before_judged))), TRIED)
         for turn, first in enumerate(sorted(listed, key=self._promised)[:PARTNERS]):
             scored = self.screened(first)
@@ -309,7 +311,7 @@ class Table:
                 lost = [best]
             if not lost:
                 return base, best
-            self.rows.remove(lost[0])
+            self.rows[:] = [r for r in self.rows if r.hypothesis != lost[0].hypothesis]
             self._instead(lost[0])
 
     def _instead(self, lost: Row) -> None:
@@ -344,10 +346,7 @@ class Table:
         return found if len(found) > 1 else [best, *missed]
 
     def _bare(self, base: Row) -> bool:
-        """Put the cores of what is cheaper than a base, with their delays, into the table with its effects alone.
-
-        False where all of them stand there.
-        """
+        """Put the cores of what is cheaper than a base, with their delays, into the table with its effects alone."""
         effects = base.hypothesis.effects
         alone = [r for r in self.rows if r.hypothesis.effects == effects and not r.hypothesis.core.given]
         cheaper = {r.hypothesis.core: r for r in self.beside(base) if r.price < base.price}
@@ -369,8 +368,8 @@ class Table:
         """
         found = []
         for row in (r for r in cheapest(self.beside(base)) if r.beyond(base) and r.price <= best.price + PER_EFFECT):
-            last = row.hypothesis.effects[-1]
-            forms = self.catalogue.at_limit(last.effect, last.where)
+            new = enumerate(row.hypothesis.effects[len(base.ids) :], len(base.ids))
+            forms = [(i, e) for i, v in new for e in self.catalogue.at_limit(v.effect, v.where)]
             found += self.search.near(row, [] if self.one_sine else self.search.next_to(row.size), forms)
         for row in found:
             self.search.finish(row)

@@ -12,7 +12,7 @@ from scipy.signal import lfilter, lfiltic
 from ...fit.bases.integrating import slowest
 from ...models.extend import Variant
 from .frame import Frame
-from .hypotheses import Core, Hypothesis, filters
+from .hypotheses import Core, Hypothesis, filters, slopes
 from .starts.arx import polynomial
 from .verdict import OF_FEW, price
 
@@ -140,6 +140,46 @@ class Row:
             if any(s.min() < 0 < s.max() for s in steps):
                 return True
         return not names
+
+    @property
+    def expands(self) -> bool:
+        """Whether an effect is the Taylor polynomial of another one: it takes away, and turns back beyond the data.
+
+        A cubic that falls is a saturation, which costs as much and means something outside the data too. What turns
+        back where the input goes is none.
+        """
+        model = self.frame.problem.model
+        for variant, (cs, _) in zip(self.hypothesis.effects, self.frame.added, strict=True):
+            if n := variant.effect.degree:
+                middle = 0.0 if variant.raw else float(model.operating_point.get(model.input, 0.0))
+                most = max(float(np.max(np.abs(r.u - middle))) for r in self.frame.segments)
+                if -1 < n * float(self.values[cs[0]]) * most ** (n - 1) < 0:
+                    return True
+        return False
+
+    @property
+    def linearised(self) -> Array:
+        """The coefficients of older outputs in its core, with what its effects add nearly everywhere, (n_y,).
+
+        A tank whose outflow is the effect is an integrator without it, and no integrator with it. Between end stops
+        nothing is added. What is added is that at nine of ten samples at least.
+        """
+        core, x, frame, a = self.hypothesis.core, self.values, self.frame, self.a.copy()
+        model = frame.problem.model
+        measured = np.concatenate([d[frame.problem.name] for d in frame.problem.data])
+        for variant, (cs, shapes) in zip(self.hypothesis.effects, frame.added, strict=True):
+            if variant.where not in ("inside", "force") or variant.driver != "y":
+                continue
+            through = x[frame.used(core)][core.n_y : core.n_y + core.n_u] if variant.where == "force" else np.ones(1)
+            offset = 0.0 if variant.raw else float(model.operating_point.get(model.output, 0.0))
+            beside = np.concatenate([r.channels[variant.channel] for r in frame.segments]) if variant.channel else 0.0
+            for i, z in enumerate(slopes(variant)):
+                for j, slope in enumerate(z[: core.n_y]):
+                    with np.errstate(all="ignore"):
+                        added = slope(measured - offset, beside, *x[shapes])
+                    often = x[cs[i]] * float(added[np.argsort(np.abs(added))[added.size // 10]])
+                    a[j : j + through.size] += often * through[: core.n_y - j]
+        return a
 
     @property
     def states(self) -> list[str]:

@@ -20,7 +20,7 @@ from .frame import BLOCKS, GAIN, Frame, parts
 from .hypotheses import Core, Hypothesis, family_of, ladder, written
 from .row import FORGOTTEN, Row
 from .starts.arx import arx_start
-from .starts.restart import beginnings, slower
+from .starts.restart import beginnings, slower, whole
 from .verdict import price
 
 Array = np.ndarray
@@ -267,12 +267,12 @@ class Search:
         """
         (core, effects), away = (row.hypothesis.core, row.hypothesis.effects), self.runs_away(row)
         motion = any(v.where == "motion" for v in effects)
-        if effects and not core.given and effects[-1].effect.at_rest and not row.met_at_rest:
+        if row.expands or (effects and not core.given and effects[-1].effect.at_rest and not row.met_at_rest):
             return False
         if not away or not effects:
             return not (away or (motion and not core.given and slowest(row.a) < FORGOTTEN))
         ended = effects[-1].effect.at_rest and slowest(row.a) > 1 / self.slow  # between its ends it runs away
-        held = (motion and not ended) or not self.runs_away(row, row.frame.linearised(row.values, core))
+        held = (motion and not ended) or not self.runs_away(row, row.linearised)
         return held and self._driven(row, row.fitted)
 
     def _driven(self, row: Row, error: float) -> bool:
@@ -331,16 +331,17 @@ class Search:
         larger = [c for c in self.cores([0]) if not (c.given or size.given or c == size) and c.holds(size)]
         return [c for c in larger if not any(c.holds(other) for other in larger if other != c)]
 
-    def near(self, row: Row, sizes: Iterable[Core], forms: Iterable[Effect]) -> list[Row]:
-        """Fit larger cores, and what the last effect of a row is at its limit, from where it stands: what is cheaper.
+    def near(self, row: Row, sizes: Iterable[Core], forms: Iterable[tuple[int, Effect]]) -> list[Row]:
+        """Fit larger cores, and what effects of a row are at their limits, from where it stands: what is cheaper.
 
         A core that was fitted without an effect begins where it imitates the effect, a dead time imitates a lag, and an
         effect with more freedom finds its way where its limit does not. Nothing is tried twice.
         """
         ordered = sorted((c for c in sizes if self._first(row, c)), key=lambda c: (c.n_y, c.n_u))
         found = [self.enlarged(row, c) for c in ordered]
-        found += [self.at_limit(row, form) for form in forms if self._first(row, form)]
-        return [r for r in found if r is not None and r.before_judged < row.before_judged]
+        found += [self.at_limit(row, form, i) for i, form in forms if self._first(row, form)]
+        closer = [whole(r, self._keeps) for r in found if r is not None]
+        return [r for r in closer if r.before_judged < row.before_judged]
 
     def _first(self, row: Row, to: Core | Effect) -> bool:
         first = (row.hypothesis, to) not in self._near
@@ -355,17 +356,19 @@ class Search:
             found.append(self.fitted(other, slower(row, less / (1 + less)), 8, gain=BRIEF))
         return min((r for r in found if r is not None), key=lambda r: r.fitted, default=None)
 
-    def at_limit(self, row: Row, effect: Effect) -> Row | None:
-        """Fit what the last effect of a row is at the limit of its shape, from where the row stands."""
-        *known, last = row.hypothesis.effects
-        channel = last.channel if "channel" in effect.arguments else None
-        variant = replace(last, effect=effect, channel=channel)
-        self.limits.setdefault(variant, {p: self.limits[last][p] for p in variant.shape})
-        hypothesis = replace(row.hypothesis, effects=(*known, variant))
+    def at_limit(self, row: Row, effect: Effect, i: int = -1) -> Row | None:
+        """Fit what the effect i of a row is at the limit of its shape, from where the row stands."""
+        effects = list(row.hypothesis.effects)
+        old = effects[i]
+        effects[i] = new = replace(old, effect=effect, channel=old.channel if "channel" in effect.arguments else None)
+        self.limits.setdefault(new, {p: self.limits[old][p] for p in new.shape})
+        hypothesis = replace(row.hypothesis, effects=tuple(effects))
         frame = self.frame(hypothesis.effects, row.hypothesis.core.given)
-        cs, where = row.frame.added[-1]
-        kept = [i for p, i in zip(last.shape, where, strict=True) if p in variant.shape]
-        x = np.concatenate([row.values[: cs[0]], row.values[[*cs, *kept]], np.zeros(frame.problem.shifts)])
+        x = np.zeros(frame.size)
+        x[: frame.n_core] = row.values[: frame.n_core]
+        for was, now, had, has in zip(row.frame.added, frame.added, row.hypothesis.effects, effects, strict=True):
+            shape = dict(zip(had.shape, row.values[was[1]], strict=True))
+            x[now[0]], x[now[1]] = row.values[was[0]], [shape[p] for p in has.shape]
         return self.fitted(hypothesis, x, 8, gain=BRIEF)
 
     def tuned(self, row: Row, steps: int = 40) -> Row:
@@ -388,6 +391,8 @@ class Search:
         It is judged where it may cost less than `worth`: at its minimum no error on held-out blocks is below that where
         it was fitted.
         """
-        best = self.tuned(self.fitted(row.hypothesis, row.values, steps) or row, steps)
+        free = self.tuned(self.fitted(row.hypothesis, row.values, steps) or row, steps)
+        best = whole(free, self._keeps)
         self.rows.append(best.judged() if best.before_judged < worth else best)
+        self.rows += [free] if best is not free else []  # beside another effect it need not be whole
         return best

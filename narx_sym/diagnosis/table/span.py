@@ -6,11 +6,14 @@ kinks.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ...engines.algebra import single
+from ...fit.constraints import Elimination
 
 Array = np.ndarray
 
@@ -31,6 +34,23 @@ class Span:
         rest[self._own, np.arange(T.shape[1])] -= 1.0
         self._more = [(int(r), rest[r]) for r in np.flatnonzero(rest.any(axis=1))]
         self._picked = np.ix_(self._own, self._own)
+
+    @classmethod
+    def of(cls, equations: Sequence[Any], symbols: Sequence[Any], size: int) -> Span:
+        """Return the points whose first unknowns, the `symbols`, keep equations; the others, up to `size`, are free."""
+        t0, T = np.zeros(size), np.eye(size)
+        if equations:
+            rule = Elimination.of(equations, symbols)
+            n, free = rule.Z.shape
+            t0[:n], T = rule.t0, np.eye(size, free + size - n, free - n)
+            T[:n, :free] = rule.Z
+        return cls(t0, T)
+
+    def where_one(self, unknowns: Sequence[int]) -> Span:
+        """Return those points at which some unknowns are 1."""
+        at, t0 = list(unknowns), self.t0.copy()
+        t0[at] = 1.0
+        return Span(t0, np.delete(self.T, np.flatnonzero(self.T[at].any(axis=0)), axis=1)) if at else self
 
     @property
     def size(self) -> int:

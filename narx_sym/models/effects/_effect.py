@@ -103,6 +103,8 @@ class Effect:
         Whether it is a closer form of an effect that other forms of it find: asked where these leave something.
     at_rest : bool
         Whether it is met at rest, as the end of a way is: what only a changing input reaches is a friction.
+    degree : int
+        Of the Taylor polynomial of another effect that it is where it takes away; 0 of all others.
     """
 
     id: str
@@ -125,6 +127,7 @@ class Effect:
     weights: bool = False
     closer: bool = False
     at_rest: bool = False
+    degree: int = 0
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -256,6 +259,7 @@ def effect(
     weights: bool = False,
     closer: bool = False,
     at_rest: bool = False,
+    degree: int = 0,
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Turn a function into an effect and put it into the catalogue.
@@ -272,6 +276,7 @@ def effect(
     weights : whether its coefficients are weights of like parts, which cost as two effects do where their signs differ
     closer : whether it is asked only where the other forms of the effect leave something
     at_rest : whether it is met at rest
+    degree : of the Taylor polynomial of another effect that it is where it takes away without turning back
     register : bool
         False keeps it out of the catalogue.
 
@@ -296,7 +301,7 @@ def effect(
         one = Effect(
             name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
             full, (function.__module__ or "").rpartition(".")[2], limit, standing, least, lagged,
-            turning, weights, closer, at_rest,
+            turning, weights, closer, at_rest, degree,
         )  # fmt: skip
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:

@@ -26,7 +26,7 @@ def limited(form: str, limits: tuple[str, ...] = ("r",)) -> Any:
     return effect(
         {"sensor": "y"}, scan=dict.fromkeys(limits, EDGE), unit=dict.fromkeys(limits, "unit of the driver"), sign=1,
         full=True, id="output_limit", form=form, source="Tao & Kokotovic 1996", at_rest=True,
-        sentence="The sensor has a limit: what goes beyond it is shown as the limit.",
+        sentence="What is shown ends at a limit: that of the sensor, or where a contact is lost.",
     )  # fmt: skip
 
 

@@ -93,11 +93,11 @@ def asymmetric_gain(x: Any) -> Any:
 
 @effect("input", source="Billings 2013")
 def quadratic_gain(x: Any) -> Any:
-    """A gain that grows with the input: the static curve is bent to one side."""
+    """A gain that grows or falls with the input: the static curve is bent to one side."""
     return x[k] ** 2
 
 
-@effect("input", source="Billings 2013", centred=True)
+@effect("input", source="Billings 2013", degree=3, centred=True)  # where it falls, that of a saturation
 def cubic_gain(x: Any) -> Any:
     """A gain that depends on the size of the input, alike in both directions."""
     return x[k] ** 3

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -229,3 +229,17 @@ def faster(row: Row) -> Row | None:
     for variant, (cs, _) in zip(row.hypothesis.effects, frame.added, strict=True):
         x[cs] *= share if variant.where in MACHINE else 1.0
     return Row(replace(row.hypothesis, core=small), frame, x, frame.error(x, small), frame.parameters(small))
+
+
+def whole(row: Row, keeps: Callable[[Row], bool]) -> Row:
+    """Return a row whose effects are whole, where that costs less: a share near 1 may be the error of its fit."""
+    core = row.hypothesis.core
+    for variant, (cs, _) in zip(row.hypothesis.effects, row.frame.added, strict=True):
+        if variant.effect.full:
+            frame, x = row.frame.whole(cs[0]), row.values.copy()
+            x[cs[0]] = 1.0
+            x, cost = frame.fit(x, core, 15)
+            made = replace(row, frame=frame, values=x, fitted=cost, parameters=frame.parameters(core))
+            if np.isfinite(cost) and made.before_judged < row.before_judged and keeps(made):
+                row = made
+    return row
