@@ -175,9 +175,11 @@ def test_an_end_stop_holds_nothing_that_grows(pole, at_rest, kept):
     effect = SimpleNamespace(where="motion", effect=SimpleNamespace(at_rest=at_rest))
     row = SimpleNamespace(
         hypothesis=SimpleNamespace(core=core, effects=(effect,)), a=np.array([pole]), met_at_rest=True, fitted=0.1,
-        linearised=None, expands=False,
+        linearised=None, expands=set(),
     )  # fmt: skip
-    search = SimpleNamespace(slow=np.exp(-4 / 146), runs_away=lambda row, a=None: True, _driven=lambda row, error: True)
+    search = SimpleNamespace(
+        slow=np.exp(-4 / 146), tried=set(), runs_away=lambda row, a=None: True, _driven=lambda row, error: True
+    )
     assert Search._keeps(search, row) == kept
 
 

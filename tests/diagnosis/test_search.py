@@ -604,8 +604,8 @@ def test_two_effects_at_the_input_are_asked_in_both_orders():
 
 
 def test_a_single_sine_grows_no_core():
-    row = SimpleNamespace(price=0.0, size=None, beyond=lambda base: [1], ids=("a",), parameters=1)
-    row.hypothesis = SimpleNamespace(effects=[SimpleNamespace(effect=None, where="input")])
+    new = [SimpleNamespace(effect=None, where="input")]
+    row = SimpleNamespace(price=0.0, size=None, beyond=lambda base: new, ids=("a",), parameters=1)
     asked = []
     search = SimpleNamespace(next_to=lambda size: 1 / 0, near=lambda row, sizes, forms: asked.append(sizes) or [])
     catalogue = SimpleNamespace(at_limit=lambda effect, where: [])
@@ -739,6 +739,23 @@ def test_two_effects_take_the_place_of_one_that_imitated_them(named, beside, fou
         search=SimpleNamespace(added=lambda *given: None),
     )  # fmt: skip
     assert instead(table, best, known) == ((alone, pair, ["cubic"]) if found else (known, best, []))
+
+
+@pytest.mark.parametrize(("bend", "kept"), [(0.02, True), (-0.02, False), (-0.2, True)])
+def test_a_cubic_that_falls_and_does_not_turn_back_is_a_saturation(linear, bend, kept):
+    """It costs as much, and means something outside the data; where the catalogue has none, the cubic stays."""
+    record, base = linear
+    moved = record.u - float(base.operating_point[base.input])
+    assert (np.min(1 + 3 * bend * moved**2) > 0) == (bend > -0.1)
+    search = Search(base, [ns.Record.from_arrays(record.u, lagged(moved + bend * moved**3), Ts)])
+    cubic = next(Variant(e, "input", "u") for e in EFFECTS["cubic_gain"])
+    search.limits[cubic] = {}
+    bases = search.bases([1])
+    (row, *_) = search.look(bases, cubic, [()])
+    assert row.values[row.frame.added[-1][0][0]] == pytest.approx(bend, rel=0.2)
+    assert row.expands == (set() if kept else {"saturation"}) and search._keeps(row)
+    search.tried = set(EFFECTS)
+    assert search._keeps(row) == kept and bool(search.look(bases, cubic, [()])) == kept
 
 
 @pytest.mark.parametrize(("share", "whole"), [(1.0, True), (0.6, False)])

@@ -60,6 +60,7 @@ class Table:
         self.channels, self.catalogue, self.seed, self.course = tuple(channels), catalogue, seed, course
         work, self.factor = working(self.records) if family_of(given) in OPEN else (self.records, 1)
         self.search = Search(given if self.factor == 1 else given.replace(Ts=work[0].Ts), work)
+        self.search.tried = set(catalogue)
         self._screened: dict[Fitted, Scored] = {}
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
         self._tried: dict[tuple[Variant, ...], set[Core]] = {}  # cores that were fitted with these effects alone
@@ -346,7 +347,7 @@ class Table:
         return found if len(found) > 1 else [best, *missed]
 
     def _bare(self, base: Row) -> bool:
-        """Put the cores of what is cheaper than a base, with their delays, into the table with its effects alone."""
+        """Put the cores of what is cheaper than a base into the table with its effects alone; whether any came."""
         effects = base.hypothesis.effects
         alone = [r for r in self.rows if r.hypothesis.effects == effects and not r.hypothesis.core.given]
         cheaper = {r.hypothesis.core: r for r in self.beside(base) if r.price < base.price}
@@ -368,7 +369,7 @@ class Table:
         """
         found = []
         for row in (r for r in cheapest(self.beside(base)) if r.beyond(base) and r.price <= best.price + PER_EFFECT):
-            new = enumerate(row.hypothesis.effects[len(base.ids) :], len(base.ids))
+            new = enumerate(row.beyond(base), -len(row.beyond(base)))
             forms = [(i, e) for i, v in new for e in self.catalogue.at_limit(v.effect, v.where)]
             found += self.search.near(row, [] if self.one_sine else self.search.next_to(row.size), forms)
         for row in found:

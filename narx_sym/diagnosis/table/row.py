@@ -93,12 +93,14 @@ class Row:
 
     @property
     def met_at_rest(self) -> bool:
-        """Whether the last effect of a linear core acts where the output is what the input makes of it at rest.
+        """Whether the last effect, where it ends a way, acts where the output is what the input makes of it at rest.
 
         The input passes the poles alone, by the gain at rest: a swing may reach an end, but what only the changes of
         the input reach is no end of a way. Where the input, time or a channel moves other effects too, any may.
         """
         core, a = self.hypothesis.core, self.a
+        if core.given or not any(v.effect.at_rest for v in self.hypothesis.effects[-1:]):
+            return True
         b, constant = np.split(self.values[self.frame.used(core)][core.n_y :][: core.n_u + 1], [core.n_u])
         others = self.hypothesis.effects[:-1]
         if core.integrating or slowest(a) >= 1 or any(v.driver != "y" for v in others):
@@ -142,20 +144,21 @@ class Row:
         return not names
 
     @property
-    def expands(self) -> bool:
-        """Whether an effect is the Taylor polynomial of another one: it takes away, and turns back beyond the data.
+    def expands(self) -> set[str]:
+        """Of what other effects one of its own is the Taylor polynomial: it takes away, and turns back beyond the data.
 
         A cubic that falls is a saturation, which costs as much and means something outside the data too. What turns
         back where the input goes is none.
         """
-        model = self.frame.problem.model
+        model, found = self.frame.problem.model, set[str]()
         for variant, (cs, _) in zip(self.hypothesis.effects, self.frame.added, strict=True):
-            if n := variant.effect.degree:
+            if variant.effect.series:
+                degree, other = variant.effect.series
                 middle = 0.0 if variant.raw else float(model.operating_point.get(model.input, 0.0))
                 most = max(float(np.max(np.abs(r.u - middle))) for r in self.frame.segments)
-                if -1 < n * float(self.values[cs[0]]) * most ** (n - 1) < 0:
-                    return True
-        return False
+                if -1 < degree * float(self.values[cs[0]]) * most ** (degree - 1) < 0:
+                    found.add(other)
+        return found
 
     @property
     def linearised(self) -> Array:

@@ -57,6 +57,7 @@ class Search:
         self.higher: list[tuple[int, int]] = []
         self._near: set[tuple[Hypothesis, Core | Effect]] = set()  # what was fitted from where a hypothesis stands
         self.idle: dict[Row, bool] = {}  # see `finer.idle`
+        self.tried: set[str] = set()  # effects whose Taylor polynomials do not stand for them
         self.withheld: list[Row] = []
         self.integrating = self.swings = self.leaks = False
         self.modes: float = np.inf
@@ -267,7 +268,7 @@ class Search:
         """
         (core, effects), away = (row.hypothesis.core, row.hypothesis.effects), self.runs_away(row)
         motion = any(v.where == "motion" for v in effects)
-        if row.expands or (effects and not core.given and effects[-1].effect.at_rest and not row.met_at_rest):
+        if row.expands & self.tried or not row.met_at_rest:
             return False
         if not away or not effects:
             return not (away or (motion and not core.given and slowest(row.a) < FORGOTTEN))
@@ -340,7 +341,7 @@ class Search:
         ordered = sorted((c for c in sizes if self._first(row, c)), key=lambda c: (c.n_y, c.n_u))
         found = [self.enlarged(row, c) for c in ordered]
         found += [self.at_limit(row, form, i) for i, form in forms if self._first(row, form)]
-        closer = [whole(r, self._keeps) for r in found if r is not None]
+        closer = (whole(r, self._keeps) for r in found if r is not None)
         return [r for r in closer if r.before_judged < row.before_judged]
 
     def _first(self, row: Row, to: Core | Effect) -> bool:

@@ -103,8 +103,8 @@ class Effect:
         Whether it is a closer form of an effect that other forms of it find: asked where these leave something.
     at_rest : bool
         Whether it is met at rest, as the end of a way is: what only a changing input reaches is a friction.
-    degree : int
-        Of the Taylor polynomial of another effect that it is where it takes away; 0 of all others.
+    series : (degree, id), or nothing
+        Where it takes away it is the Taylor polynomial of another effect: it turns back, as that one does not.
     """
 
     id: str
@@ -127,7 +127,7 @@ class Effect:
     weights: bool = False
     closer: bool = False
     at_rest: bool = False
-    degree: int = 0
+    series: tuple[int, str] | tuple[()] = ()
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -259,7 +259,7 @@ def effect(
     weights: bool = False,
     closer: bool = False,
     at_rest: bool = False,
-    degree: int = 0,
+    series: tuple[int, str] | tuple[()] = (),
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Turn a function into an effect and put it into the catalogue.
@@ -276,7 +276,7 @@ def effect(
     weights : whether its coefficients are weights of like parts, which cost as two effects do where their signs differ
     closer : whether it is asked only where the other forms of the effect leave something
     at_rest : whether it is met at rest
-    degree : of the Taylor polynomial of another effect that it is where it takes away without turning back
+    series : of what effect it is the Taylor polynomial where it takes away: (degree, id)
     register : bool
         False keeps it out of the catalogue.
 
@@ -301,7 +301,7 @@ def effect(
         one = Effect(
             name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
             full, (function.__module__ or "").rpartition(".")[2], limit, standing, least, lagged,
-            turning, weights, closer, at_rest, degree,
+            turning, weights, closer, at_rest, series,
         )  # fmt: skip
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:

@@ -97,7 +97,7 @@ def quadratic_gain(x: Any) -> Any:
     return x[k] ** 2
 
 
-@effect("input", source="Billings 2013", degree=3, centred=True)  # where it falls, that of a saturation
+@effect("input", source="Billings 2013", series=(3, "saturation"), centred=True)
 def cubic_gain(x: Any) -> Any:
     """A gain that depends on the size of the input, alike in both directions."""
     return x[k] ** 3
