@@ -432,6 +432,7 @@ def test_the_steps_of_a_converter_are_no_missing_effect(seed):
     assert ns.diagnose(ns.identify(record, base="linear"), record).verdict == "nothing_detectable"
 
 
+@pytest.mark.more
 def test_noise_on_an_input_of_two_levels_is_no_saturation():
     """It does not move the output, as what a saturation cuts off; where it does, it stays."""
     rng = np.random.default_rng(8)
