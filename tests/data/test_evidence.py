@@ -1,6 +1,7 @@
 """What a record says before any model."""
 
 import itertools
+from dataclasses import replace
 
 import evidence
 import numpy as np
@@ -380,6 +381,13 @@ def test_a_ramp_tells_no_curve_from_a_lag_or_a_drift(shape, said):
     t = np.arange(900) / 100
     told = one_way(ns.Record.from_arrays(shape(t), np.zeros(900), 0.01))
     assert [note.endswith(said) for note in told] == ([True] if said else [])
+
+
+def test_levels_between_which_there_is_a_gap_are_no_ramp():
+    u = np.repeat([0.0, 1.0], 100)
+    record = ns.Record.from_arrays(u, u, 0.01)
+    (said,) = one_way(replace(record, breaks=(100,)))
+    assert said.endswith("a curve there")
 
 
 def test_an_input_of_one_speed():

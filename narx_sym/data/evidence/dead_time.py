@@ -212,12 +212,13 @@ def _beside(parts: Sequence[tuple[Array, Array, Array]]) -> tuple[Array, list[Ar
     gram, right, own = RIDGE * np.eye(size.size), np.zeros(size.size), []
     for X, S, target in parts:
         scaled, width = X / size, np.sqrt(np.einsum("ij,ij->j", S, S))
-        S = S / np.where(width == 0, 1.0, width)
+        width[width == 0] = 1.0
+        S = S / width
         both = np.column_stack([S.T @ scaled, S.T @ target])
         taken = np.linalg.solve(S.T @ S + RIDGE * np.eye(width.size), both)
         gram += scaled.T @ scaled - both[:, :-1].T @ taken[:, :-1]
         right += scaled.T @ target - both[:, :-1].T @ taken[:, -1]
-        own.append((taken, np.where(width == 0, 1.0, width)))
+        own.append((taken, width))
     theta = np.linalg.solve(gram, right)
     return theta / size, [(taken[:, -1] - taken[:, :-1] @ theta) / width for taken, width in own]
 

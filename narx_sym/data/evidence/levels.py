@@ -48,7 +48,7 @@ def one_way(record: Record) -> list[str]:
         return []
     said = "the input never turns back: what remembers where it turned (hysteresis, slack) is a curve there"
     moves = [steps for part in record.segments() if (steps := np.trim_zeros(np.diff(part.u))).size]
-    ramps = all(steps.size > 2 and np.mean(np.abs(steps)) ** 2 > ONE_SPEED * np.mean(steps**2) for steps in moves)
+    ramps = moves and all(steps.size > 2 and _one_size(steps) for steps in moves)  # one or two steps are no ramp
     return [f"{said}, and at one speed a curve of the input, a lag and a drift are one signal" if ramps else said]
 
 
@@ -64,7 +64,10 @@ def one_speed(records: Sequence[Record]) -> bool:
     """Whether the input goes there and back at one speed, at the working rate of the records."""
     if "u" not in turning(records):
         return False
-    steps = np.concatenate([np.diff(part.u) for part in working(records)[0]])
+    return _one_size(np.concatenate([np.diff(part.u) for part in working(records)[0]]))
+
+
+def _one_size(steps: Array) -> bool:
     return bool(np.mean(np.abs(steps)) ** 2 > ONE_SPEED * np.mean(steps**2))
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .candidates import RIVALS
+from .hypotheses import Hypothesis
 from .row import Row
 from .verdict import ALIKE, LEFT, PER_EFFECT, alike, cheapest
 
@@ -70,9 +71,11 @@ def exchanged(table: Table, known: Row) -> None:
     best = next(filter(table.holds, pairs), None)
     if best is None:
         return
-    rows = sorted(table.beside(known), key=lambda r: -r.before_judged)
-    rows = [r for r in rows if len(r.beyond(known)) == 1 and r.before_judged < known.before_judged]
-    alone = list({r.hypothesis: r for r in rows}.values())[::-1]
+    best_of: dict[Hypothesis, Row] = {}
+    for row in sorted(table.beside(known), key=lambda r: r.before_judged):
+        if len(row.beyond(known)) == 1 and row.before_judged < known.before_judged:
+            best_of.setdefault(row.hypothesis, row)
+    alone = list(best_of.values())
     if table.left(best, known) <= LEFT:
         worth = max((r.before_judged for r in cheapest(alone) if r.ids[-1] in best.ids), default=-np.inf)
         alone = [r for r in alone if r.before_judged <= worth + ALIKE]

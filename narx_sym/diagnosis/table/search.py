@@ -55,7 +55,7 @@ class Search:
         self.frames: dict[Any, Frame] = {}
         self.rows: list[Row] = []
         self.higher: list[tuple[int, int]] = []
-        self._near: set[tuple[Hypothesis, Core | Effect]] = set()  # what was fitted from where a hypothesis stands
+        self._near: set[tuple[Hypothesis, Core | tuple[int, Effect]]] = set()  # fitted from where a hypothesis stands
         self.idle: dict[Row, bool] = {}  # see `finer.idle`
         self.tried: set[str] = set()  # effects whose Taylor polynomials do not stand for them
         self.withheld: list[Row] = []
@@ -340,11 +340,11 @@ class Search:
         """
         ordered = sorted((c for c in sizes if self._first(row, c)), key=lambda c: (c.n_y, c.n_u))
         found = [self.enlarged(row, c) for c in ordered]
-        found += [self.at_limit(row, form, i) for i, form in forms if self._first(row, form)]
+        found += [self.at_limit(row, form, i) for i, form in forms if self._first(row, (i, form))]
         closer = (whole(r, self._keeps) for r in found if r is not None)
         return [r for r in closer if r.before_judged < row.before_judged]
 
-    def _first(self, row: Row, to: Core | Effect) -> bool:
+    def _first(self, row: Row, to: Core | tuple[int, Effect]) -> bool:
         first = (row.hypothesis, to) not in self._near
         self._near.add((row.hypothesis, to))
         return first
