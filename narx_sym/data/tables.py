@@ -95,7 +95,8 @@ class Table:
     def channels(self, wanted: str | Sequence[str], used: set[str | None], cut: slice) -> dict[str, str]:
         """Further columns by the names of their channels: what was asked for, or `plain_name` of the column.
 
-        "all", alone or beside names, takes every column that no name has taken; it leaves out text, and says so.
+        "all", alone or beside names, takes every column that no name has taken; it leaves out text, and says so. Where
+        nothing was asked for, a column that is called a setpoint, and moves, is that of the controller.
         """
         every, listed = wants_all(wanted), names_of(wanted)
         plain = {plain_name(n): n for n in self.columns if n}
@@ -117,12 +118,27 @@ class Table:
             if name != n and (said := f"column '{n}' is the channel {name}") not in self.notes:
                 self.notes.append(said)
         left = [n for n in (*self.columns, *self.unread) if n and n not in {*called.values(), *used}]
-        if not any(map(is_setpoint, called)) and (aside := next(filter(is_setpoint, map(plain_name, left)), None)):
-            self.notes.append(
-                f"column '{aside}' is not read; where it is the setpoint of a controller that made the input, name it: "
-                f"--channels {aside}"
-            )
+        found = [n for n in left if is_setpoint(plain_name(n))]
+        if found and not any(map(is_setpoint, called)):
+            aside = plain_name(found[0])
+            if not listed and len(found) == 1 and self._moves(found[0], cut):
+                called[aside] = found[0]
+                self.notes.append(
+                    f"column '{found[0]}' is taken for the setpoint of a controller that made the input; where none "
+                    "did, tell the diagnosis (--open-loop)"
+                )
+            else:
+                self.notes.append(
+                    f"column '{aside}' is not read; where it is the setpoint of a controller that made the input, name "
+                    f"it: --channels {aside}"
+                )
         return called
+
+    def _moves(self, column: str, cut: slice) -> bool:
+        """Whether a column was read, holds a number in every row, and not always the same."""
+        raw = self.columns.get(column, np.zeros(0))[cut]
+        values = np.zeros(0) if self._first_text(raw) is not None else self._floats(raw)
+        return bool(values.size and np.all(np.isfinite(values)) and np.ptp(values) > 0)
 
     def aside(self, used: set[str | None], cut: slice) -> tuple[str, ...]:
         """Return the names, as channels, of the signals that are not used: no text, no constant, no clock."""

@@ -13,6 +13,7 @@ import numpy as np
 from ..data.evidence.feedback import Feedback, closed_loop, setpoint
 from ..data.evidence.levels import at_levels, one_speed, one_way
 from ..data.evidence.noise import repeated, sensor_noise
+from ..data.evidence.rate import left_out
 from ..data.evidence.several import told_once
 from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
@@ -260,7 +261,6 @@ def diagnose(
     named = [n for n in (measured if channels == "all" else channels) if not is_setpoint(n)]
     start = model.fit(listed) if model.theta is None else model
     listed, held = at_levels(listed, lambda seen: evaluate(start, seen).free_run_nrmse)
-
     converter = quantum(np.concatenate([r.y for r in listed]))  # as measured: offsets that are taken off hide it
 
     search = partial(_searched, channels=named, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
@@ -356,7 +356,8 @@ def _memory_or_effect(
 
 def _noted(records: Sequence[Record], table: Table) -> list[str]:
     """Return what is to know of records and of how they were compared, as sentences."""
-    names = told_once(records, lambda r: [*r.notes, *r.remarks(records), *one_way(r)])
+    of = len(records) if not table.same_rate else 0
+    names = told_once(records, lambda r: [*r.notes, *r.remarks(records), *one_way(r), *left_out(r, of)])
     said = [f"{joined(of)}: {text}" for text, of in names.items()]
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")

@@ -13,7 +13,7 @@ from sympy import Eq, S
 
 from ..data.evidence.dead_time import PLAIN, dead_time
 from ..data.evidence.rate import at_one_step
-from ..data.evidence.several import moving
+from ..data.evidence.several import moving, rests
 from ..data.record import Record, check_excitation
 from ..data.units import in_units
 from ..errors import FitError, ModelError, NotInvertible
@@ -59,11 +59,13 @@ def operating_point(records: Records) -> dict[Any, float]:
 def prepare(records: Any, units: Mapping[str, str] | None = None) -> list[Record]:
     """Return the records as a list in the units of a model, or of the first; in one at least both signals move.
 
-    Sampling times that differ by less than a factor of two become that of the most samples.
+    Or each begins with a step, and the input only differs between them. Sampling times that differ by less than a
+    factor of two become that of the most samples.
     """
     listed = at_one_step(in_units(records, units))
-    for record in moving(moving(listed), "u"):  # what rests is one among these
-        check_excitation(record)
+    seen = moving(moving(listed), "u")  # what rests is one among these
+    for part in [seen] if rests(seen) else [[r] for r in seen]:
+        check_excitation(*part)
     total = sum(len(r) for r in listed)
     if total < FEWEST:
         raise FitError(f"{total} samples are too few to choose a structure: at least {FEWEST} are needed.")

@@ -342,6 +342,7 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> Mo
 
 
 def _step(pieces: Sequence[Array]) -> float:
-    """Return the median size of the steps of a signal, where it moves."""
-    moves = np.abs(np.concatenate([np.diff(x) for x in pieces]))
+    """Return the median size of the steps of a signal, where it moves: within records, else from one to the next."""
+    within = np.concatenate([np.diff(x) for x in pieces])
+    moves = np.abs(within if within.any() else np.diff(np.concatenate(pieces)))
     return float(np.median(moves[moves > 0]))

@@ -615,6 +615,17 @@ def test_a_setpoint_that_nobody_reads_is_noted(tmp_path):
     assert not any("is not read" in note for note in read(path, channels="Setpoint_mm").notes)
 
 
+def test_a_setpoint_that_moves_is_that_of_the_controller(tmp_path):
+    path = tmp_path / "loop.csv"
+    path.write_text("t,u,y,load,Setpoint [mm]\n" + "".join(f"{k},{k % 3},{k % 5},{k},{k // 5}\n" for k in range(20)))
+    found = read(path)
+    assert list(found.channels) == ["Setpoint_mm"] and found.units["Setpoint_mm"] == "mm"
+    assert "taken for the setpoint of a controller" in found.notes[0] and "--open-loop" in found.notes[0]
+    assert list(read(path, channels="load").channels) == ["load"]  # who names channels names all of them
+    path.write_text(path.read_text().replace("19,1,4,19,3", "19,1,4,19,"))
+    assert not read(path).channels and "is not read" in read(path).notes[-1]
+
+
 @pytest.mark.parametrize("begin", [0.0, 1.7e9, 1.7e9 + 0.4])
 @pytest.mark.parametrize("rate", [60, 300, 700])
 def test_stamps_in_milliseconds_after_a_round_number_keep_their_step(begin, rate):

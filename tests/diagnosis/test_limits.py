@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sampling import more, some
+from sampling import more
 from scipy.signal import lfilter
 
 import narx_sym as ns
@@ -47,9 +47,8 @@ def found(u, y):
     return ns.diagnose(ns.identify(record, base="linear"), record)
 
 
-@pytest.mark.parametrize(
-    "case", some([(noise, 0.08, 0.048), (steps, 0.08, 0.08), (noise, 0.08, 0.08), (steps, 0.08, 0.04)], 4)
-)
+@more
+@pytest.mark.parametrize("case", [(noise, 0.08, 0.048), (steps, 0.08, 0.08), (noise, 0.08, 0.08), (steps, 0.08, 0.04)])
 def test_a_motor_at_one_speed_is_named_with_its_speeds(case):
     wave, up, down = case
     d = found(wave(), servo(limited(wave(), up, down)))

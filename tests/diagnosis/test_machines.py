@@ -674,3 +674,20 @@ def test_what_bends_more_than_the_linear_gain_is_found():
     found = diagnosed(record_of(u, lfilter([0, 0.2], [1, -0.9], u - 0.08 * u**3), 0.01, 0.01))
     assert found.confusion_set == ["cubic_gain"]
     assert found.ladder[-1]["validation"] < 0.012 < 0.5 < found.ladder[0]["validation"]
+
+
+@more
+@pytest.mark.parametrize(("axis", "rest"), [(True, 0), (False, 0), (False, 12)])
+def test_of_records_that_each_answer_a_step_the_levels_tell(axis, rest):
+    """A dead zone shows in what comes of the levels; what only acts where something turns does not."""
+    records = []
+    for level in (10, 20, 40, 60, 100):
+        speed = lfilter([0, 0.1], [1, -0.9], np.full(400, max(level - rest, 0.0)))
+        y = lfilter([0, 1], [1, -1.0 if axis else -0.97], speed)
+        y += 0.05 * np.random.default_rng(level).standard_normal(400)
+        records.append(ns.Record.from_arrays(np.full(400, float(level)), y, 0.01, name=f"r{level}"))
+    few = Catalogue(
+        {n: EFFECTS[n] for n in ("backlash", "creep", "dead_zone", "drift", "hysteresis", "quadratic_drag")}
+    )
+    found = ns.diagnose(ns.identify(records, base="linear"), records, catalogue=few)
+    assert found.confusion_set == ([] if rest == 0 else ["dead_zone"]), found

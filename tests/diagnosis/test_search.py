@@ -1,5 +1,6 @@
 """One compiled frame holds every core: its points are the models, its fits find them; rates and integrating axes."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import patch
 
@@ -10,7 +11,7 @@ from sampling import some
 from scipy.signal import lfilter
 
 import narx_sym as ns
-from narx_sym.data.evidence.rate import MOST, working
+from narx_sym.data.evidence.rate import MOST, left_out, working
 from narx_sym.diagnosis.progress import BASE, ROUND, Course
 from narx_sym.diagnosis.table.candidates import turned
 from narx_sym.diagnosis.table.exchange import instead
@@ -271,6 +272,16 @@ def test_of_a_long_record_the_end_is_looked_at_too():
     short = ns.Record.from_arrays(noise[:5000], noise[:5000], Ts)
     few = ns.Record.from_arrays(noise[:500], noise[:500], Ts)
     assert [len(r) for r in working([few, short])[0]] == [500, 5000]  # what a short one leaves, a long one has
+
+
+def test_of_a_record_with_many_gaps_the_longest_pieces_are_compared():
+    y = np.random.default_rng(2).standard_normal(4000)
+    cut = replace(ns.Record.from_arrays(y, y, Ts, name="cut"), breaks=tuple(range(1000, 4000, 100)))
+    found, factor = working([cut])
+    assert len(found) == 24 and len(found[0]) == 1000 and {len(r) for r in found[1:]} == {100}
+    assert factor == 1 and "24 longest" in left_out(cut, 1)[0] and left_out(cut[:1000], 1) == []
+    each = [replace(cut, name=f"r{i}") for i in range(30)]
+    assert len(working(each)[0]) == 30  # every record is there
 
 
 def test_a_structure_with_several_resonances():

@@ -111,6 +111,17 @@ def test_a_record_at_rest_is_one_among_others():
         ns.identify([moved, held, same], base="linear")
 
 
+def test_steps_to_several_levels_are_enough_where_each_record_begins_with_one():
+    def answer(level):
+        return ns.Record.from_arrays(np.full(N, float(level)), 2 * level * (1 - 0.97 ** np.arange(N)), Ts=TS)
+
+    model = ns.identify([answer(level) for level in (1, 2, 4)], base="linear", n_y=1, n_u=1, delay=1)
+    assert dict(zip(map(str, model.terms), model.theta, strict=True))["y[k - 1]"] == pytest.approx(0.97, abs=1e-6)
+    assert model.info.nrmse.free_run < 1e-6
+    with pytest.raises(ns.DataError, match="the input is constant"):
+        ns.identify([answer(2), answer(2)], base="linear")
+
+
 def test_a_short_record_is_resampled_not_the_long_one():
     t = TS * np.arange(N)
     long = ns.Record.from_arrays(np.sin(t), np.cos(t), Ts=TS, name="long")

@@ -27,7 +27,8 @@ def two_levels(u: Array) -> Array | None:
     levels = np.where(high, u[high].mean(), u[~high].mean())
     noise = float(np.std(u - levels))
     way = float(np.ptp(levels))
-    return levels if ROUNDING * way < noise <= NEAR * way else None
+    beside = bool(np.max(np.abs(u - levels)) > way / 2)  # a sample at neither of them: a brief pulse is no noise
+    return levels if ROUNDING * way < noise <= NEAR * way and not beside else None
 
 
 def turns(x: Array) -> bool:

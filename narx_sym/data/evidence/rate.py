@@ -15,7 +15,8 @@ from ..timegrid import same_pace, stepped
 
 Array = np.ndarray
 POWER, PER_CYCLE, LEAST, MOST, SHORT = 0.999, 10, 1200, 6000, 40  # of the working rate [samples]
-STRETCHES = 3  # of a record that is still too long
+STRETCHES = 3  # of a record that is still too long; of several, each has its share of them
+MANY = 24  # pieces without a gap, twice the blocks that are judged: each brings unknown starts of its own
 
 
 def working(records: Sequence[Record]) -> tuple[list[Record], int]:
@@ -23,25 +24,44 @@ def working(records: Sequence[Record]) -> tuple[list[Record], int]:
 
     About ten samples per cycle of the frequency below which 99.9 % of the output's power lies, and no fewer than
     `LEAST` samples; of what is still longer than `MOST` the beginning, the middle and the end: what shows in large
-    swings only, or late, is there.
+    swings only, or late, is there. Of a record with many gaps the longest pieces.
     """
     factors = [min(_ratio(r.y) / PER_CYCLE, sum(map(len, records)) / LEAST) for r in records]
     factor = max(1, int(min(factors)))
-    found = [_averaged(r, factor) for r in records for r in r.segments()]
+    most = _pieces(len(records))
+    found = [_averaged(part, factor) for r in records for part in _longest(r.segments(), most)]
     room, left = MOST, MOST
     for i, length in enumerate(sorted(map(len, found))):  # what short ones leave is there for long ones
         room = left // (len(found) - i)
         left -= min(length, room)
-    room = max(LEAST, room)
-    return [part for r in found if len(r) > SHORT for part in _spread(r, room)] or found, factor
+    room, stretches = max(LEAST, room), -(-STRETCHES // len(found))
+    return [part for r in found if len(r) > SHORT for part in _spread(r, room, stretches)] or found, factor
 
 
-def _spread(record: Record, room: int) -> list[Record]:
-    """Return a record that is no longer than `room`, or as many samples of it in three stretches."""
+def left_out(record: Record, of: int) -> list[str]:
+    """Say where only the longest pieces of a record, one of so many, are at the working rate; of 0, all of it is."""
+    if not of or len(record.segments()) <= _pieces(of):
+        return []
+    return [f"the hypotheses were compared along its {_pieces(of)} longest pieces without a gap"]
+
+
+def _pieces(records: int) -> int:
+    """Return how many pieces of each of so many records are compared."""
+    return max(1, MANY // records)
+
+
+def _longest(pieces: Sequence[Record], most: int) -> list[Record]:
+    """Return so many of the longest pieces, in their order."""
+    kept = sorted(sorted(range(len(pieces)), key=lambda i: -len(pieces[i]))[:most])
+    return [pieces[i] for i in kept]
+
+
+def _spread(record: Record, room: int, stretches: int) -> list[Record]:
+    """Return a record that is no longer than `room`, or as many samples of it in stretches from its beginning on."""
     if len(record) <= room:
         return [record]
-    part = room // STRETCHES
-    return [record[i : i + part] for i in np.linspace(0, len(record) - part, STRETCHES).astype(int)]
+    part = room // stretches
+    return [record[i : i + part] for i in np.linspace(0, len(record) - part, stretches).astype(int)]
 
 
 def _ratio(y: Array) -> float:

@@ -21,3 +21,8 @@ def told_once(records: Sequence[Record], said: Callable[[Record], Iterable[str]]
 def moving(records: Sequence[Record], signal: str = "y") -> list[Record]:
     """Return the records in which a signal moves: an error at rest has nothing to be compared with. All, if none."""
     return [r for r in records if np.ptp(r.signals[signal]) > 0] or list(records)
+
+
+def rests(records: Iterable[Record]) -> bool:
+    """Whether the input moves in none of some records: each is the answer to a step at its beginning."""
+    return all(np.ptp(r.u) == 0 for r in records)

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...data.evidence.several import rests
 from ...data.record import Record
 from ...errors import FitError
 from ..refit import Fitted, Split, settle
@@ -47,8 +48,9 @@ def without_offsets(
     best : with the effects that would be named, of which there are so many
     """
     segments = [s for record in records for s in record.segments()]
-    # An axis that integrates is cut further, and starts again at each cut: an offset is nothing of its own there.
-    same = [len(s) for s in segments] == [len(s) for s in base.split.records]
+    # An axis that integrates is cut further, and starts again at each cut: an offset is nothing of its own there. Where
+    # the input only differs between segments it is a curve of the input.
+    same = [len(s) for s in segments] == [len(s) for s in base.split.records] and not rests(segments)
     found = offsets_of(base) if same and len(segments) > 1 else None
     if found is None:
         return None

@@ -143,6 +143,13 @@ class Row:
                 return True
         return not names
 
+    @cached_property
+    def still(self) -> float:
+        """The error of its free run where the input does nothing, (as `fitted`)."""
+        core, x = self.hypothesis.core, self.values.copy()
+        x[self.frame.used(core)[core.n_y : core.n_y + core.n_u]] = 0.0
+        return self.frame.error(x, core)
+
     @property
     def expands(self) -> set[str]:
         """Of what other effects one of its own is the Taylor polynomial: it takes away, and turns back beyond the data.

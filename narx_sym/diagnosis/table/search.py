@@ -254,7 +254,8 @@ class Search:
         if core.given or core.integrating or slowest(a) <= self.slow:
             return False
         near, swinging = lasting(a, self.slow)
-        return slowest(a) >= 1 or (near and not self.leaks) or (swinging and not self.swings)
+        most = 1 / self.slow if self.leaks else 1.0  # where it leaks so slowly that it may as well grow
+        return slowest(a) >= most or (near and not self.leaks) or (swinging and not self.swings)
 
     def grows(self, row: Row) -> bool:
         """Whether a pole beside that at 1 grows by more than the slowest one decays, and no effect holds it."""
@@ -278,8 +279,8 @@ class Search:
 
     def _driven(self, row: Row, error: float) -> bool:
         """Whether the input drives the poles of a core that hardly decay; `error` is what is left with them."""
-        core, spread = row.hypothesis.core, row.frame.problem.spread
-        return drives(row.a, core.n_u, core.delay, self.cut, self.slow, error * spread**2)
+        core, power = row.hypothesis.core, row.frame.problem.spread**2
+        return drives(row.a, core.n_u, core.delay, self.cut, self.slow, error * power, row.still * power)
 
     # -- with one more effect -----------------------------------------------------------------------------------------
 
@@ -341,7 +342,7 @@ class Search:
         ordered = sorted((c for c in sizes if self._first(row, c)), key=lambda c: (c.n_y, c.n_u))
         found = [self.enlarged(row, c) for c in ordered]
         found += [self.at_limit(row, form, i) for i, form in forms if self._first(row, (i, form))]
-        closer = (whole(r, self._keeps) for r in found if r is not None)
+        closer = (whole(r, self._keeps, row.before_judged) for r in found if r is not None)
         return [r for r in closer if r.before_judged < row.before_judged]
 
     def _first(self, row: Row, to: Core | tuple[int, Effect]) -> bool:
@@ -393,7 +394,7 @@ class Search:
         it was fitted.
         """
         free = self.tuned(self.fitted(row.hypothesis, row.values, steps) or row, steps)
-        best = whole(free, self._keeps)
+        best = whole(free, self._keeps, worth)
         self.rows.append(best.judged() if best.before_judged < worth else best)
         self.rows += [free] if best is not free else []  # beside another effect it need not be whole
         return best

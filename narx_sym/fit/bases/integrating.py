@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
+from ...data.evidence.several import rests
 from ...data.record import Record
 from ...models.model import Model
 from ...symbolic.signals import lag, u, y
@@ -51,12 +52,15 @@ def at_one(a: Array, slow: float) -> bool:
     return lasting(a, slow)[0]
 
 
-def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: float, error: float) -> bool:
+def drives(
+    a: Array, n_u: int, delay: int, records: Sequence[Record], slow: float, error: float, still: float = np.inf
+) -> bool:
     """Whether the input drives the poles of A y = B u that hardly decay: without it much more would be left.
 
     Undriven these poles keep their free response in each segment, and the input the other poles: least squares. A
     drift, or a line of the spectrum, which no input makes, is described as well without a drive; an axis or a
-    resonance is not.
+    resonance is not. Where each segment answers a step at its beginning, its free response is that answer: what its own
+    input does there counts.
 
     Parameters
     ----------
@@ -64,7 +68,10 @@ def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: floa
     n_u, delay : int, of the inputs
     slow : float, the pole from which on one hardly decays
     error : float, the mean square that A y = B u leaves [unit of y squared]
+    still : float, what it leaves where B is zero [unit of y squared]
     """
+    if rests(records):
+        return still > DRIVEN * error
     found = poles(a)
     stay = np.abs(found) > slow
     inputs, outputs = [], []

@@ -15,6 +15,7 @@ from ....symbolic.signals import samples
 from ..frame import Frame
 from ..hypotheses import Core
 from ..row import Row
+from ..verdict import PER_PARAMETER
 from .arx import TURNS, arx_start, gains, nearest_product, polynomial, start_beside
 
 Array = np.ndarray
@@ -231,11 +232,14 @@ def faster(row: Row) -> Row | None:
     return Row(replace(row.hypothesis, core=small), frame, x, frame.error(x, small), frame.parameters(small))
 
 
-def whole(row: Row, keeps: Callable[[Row], bool]) -> Row:
-    """Return a row whose effects are whole, where that costs less: a share near 1 may be the error of its fit."""
+def whole(row: Row, keeps: Callable[[Row], bool], worth: float) -> Row:
+    """Return a row whose effects are whole, where that costs less: a share near 1 may be the error of its fit.
+
+    It is fitted where, with that parameter less, it may cost less than `worth`.
+    """
     core = row.hypothesis.core
     for variant, (cs, _) in zip(row.hypothesis.effects, row.frame.added, strict=True):
-        if variant.effect.full:
+        if variant.effect.full and row.before_judged - PER_PARAMETER < worth:
             frame, x = row.frame.whole(cs[0]), row.values.copy()
             x[cs[0]] = 1.0
             x, cost = frame.fit(x, core, 15)
