@@ -447,4 +447,6 @@ def test_of_an_output_in_another_unit_no_span_is_guessed():
 def test_two_levels_have_noise_only_where_it_is_more_than_rounding():
     u = np.where(np.arange(60) % 20 < 10, 0.1, 0.7)
     assert two_levels(u + 1e-16 * np.arange(60)) is None and two_levels(u) is None
-    assert two_levels(u + 0.01 * np.sin(np.arange(60))) is not None
+    assert two_levels(u + 0.01 * np.sin(2.5 * np.arange(60))) is not None
+    assert two_levels(u + 0.01 * np.sin(0.5 * np.arange(60))) is None  # what goes on from sample to sample excites
+    assert two_levels(np.where(np.arange(60) == 7, 3.0, u + 0.001 * np.sin(2.5 * np.arange(60)))) is None  # a pulse

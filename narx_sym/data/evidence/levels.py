@@ -20,15 +20,18 @@ NEAR = 0.1  # of the way between the levels: a wider spread about them is excita
 
 
 def two_levels(u: Array) -> Array | None:
-    """Return an input of two levels without its noise, (N,); None where it is none, or has no noise."""
+    """Return an input of two levels without its noise, (N,); None where it is none, or has no noise.
+
+    Noise is near its level, and new at each sample: a brief pulse, and what swings about a level, is excitation.
+    """
     high = u > (u.max() + u.min()) / 2
     if high.all() or not high.any():
         return None
     levels = np.where(high, u[high].mean(), u[~high].mean())
-    noise = float(np.std(u - levels))
-    way = float(np.ptp(levels))
-    beside = bool(np.max(np.abs(u - levels)) > way / 2)  # a sample at neither of them: a brief pulse is no noise
-    return levels if ROUNDING * way < noise <= NEAR * way and not beside else None
+    beside, way = u - levels, float(np.ptp(levels))
+    noise, new = float(np.std(beside)), float(np.sqrt(np.mean(np.diff(beside) ** 2)))
+    near = ROUNDING * way < noise <= NEAR * way and float(np.max(np.abs(beside))) <= way / 2
+    return levels if near and new > noise else None  # white noise has sqrt(2) of it as its step
 
 
 def turns(x: Array) -> bool:
