@@ -189,18 +189,20 @@ def test_a_start_of_a_memory_stays_where_the_memory_goes(linear):
 
 
 def test_a_start_that_is_not_forgotten_is_a_parameter(linear):
-    """A play that its input never takes up is a constant: of several records each has one of its own."""
+    """A play that its input never takes up is a constant: of several records each has one of its own. So is a slow pole."""
     record, base = linear
     slack = Variant(next(e for e in EFFECTS["backlash"] if "input" in e.places and not e.form), "input", "u")
     small = ns.Record.from_arrays(1.0 + 0.01 * (u - 1.0), record.y, Ts)
 
-    def row(*records):
+    def row(*records, pole=0.9):
         frame = Frame(base, LARGEST, [slack], records)
         x = np.zeros(frame.size)
-        x[0], x[2], x[6], x[7] = 0.9, 0.1, 1.0, 0.3
+        x[0], x[2], x[6], x[7] = pole, 0.1, 1.0, 0.3
         return Row(Hypothesis(LARGEST, (slack,)), frame, x, 0.0, 4)
 
-    assert row(small).paid == 5 and not row(small).goes_back
+    pole = -1 / np.log(0.9) / N  # is forgotten in ten samples
+    assert row(small).paid == pytest.approx(5 + pole) and not row(small).goes_back
+    assert row(small, small, pole=0.9999).paid == pytest.approx(4 + 2 + 2)
     assert 5 < row(small, record).paid < 5.2 and row(small, record).goes_back
     assert 4 < row(record).paid < 4.2  # it is taken up after a few samples
     elastic = Variant(next(e for e in EFFECTS["backlash"] if e.form == "elastic"), "inside", "uy")

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import lfilter, lfiltic
 
-from ...fit.bases.integrating import slowest
+from ...fit.bases.integrating import poles, slowest
 from ...models.extend import Variant
 from .frame import Frame
 from .hypotheses import Core, Hypothesis, filters, slopes
@@ -115,13 +115,14 @@ class Row:
 
     @cached_property
     def paid(self) -> float:
-        """How many parameters it pays for: its own, and where its memories begin in each segment.
+        """How many parameters it pays for: its own, and where its core and its memories begin in each segment.
 
         A start counts for the share of the segment until it is forgotten; one that never is, is a constant of its own.
         """
         core, x, problem = self.hypothesis.core, self.values, self.frame.problem
         remembered = [j for j, start in enumerate(problem.starts) if start.back is None]
-        shares = 0.0
+        last = [] if core.given else [-1 / np.log(p) if p < 1 else np.inf for p in np.abs(poles(self.a)) if p]
+        shares = sum(min(1.0, samples / len(s)) for s in self.frame.segments for samples in last)
         self.frame.late(core.delay)
         for i in range(len(problem.data) if remembered else 0):
             moved = problem.moved(i, problem.theta(x), x[problem.own(i)])[1][problem.depth - 1 :]
