@@ -118,10 +118,12 @@ class Row:
         """How many parameters it pays for: its own, and where its core and its memories begin in each segment.
 
         A start counts for the share of the segment until it is forgotten; one that never is, is a constant of its own.
+        That of an axis that integrates is one for every hypothesis, and counts for none.
         """
         core, x, problem = self.hypothesis.core, self.values, self.frame.problem
         remembered = [j for j, start in enumerate(problem.starts) if start.back is None]
-        last = [] if core.given else [-1 / np.log(p) if p < 1 else np.inf for p in np.abs(poles(self.a)) if p]
+        sizes = [] if core.given else sorted(np.abs(poles(self.a)))[: core.n_y - core.integrating]
+        last = [-1 / np.log(p) if p < 1 else np.inf for p in sizes if p]
         shares = sum(min(1.0, samples / len(s)) for s in self.frame.segments for samples in last)
         self.frame.late(core.delay)
         for i in range(len(problem.data) if remembered else 0):
