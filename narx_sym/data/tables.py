@@ -136,19 +136,22 @@ class Table:
 
     def _moves(self, column: str, cut: slice) -> bool:
         """Whether a column was read, holds a number in every row, and not always the same."""
-        raw = self.columns.get(column, np.zeros(0))[cut]
-        values = np.zeros(0) if self._first_text(raw) is not None else self._floats(raw)
+        values = self._signal(column, cut)
         return bool(values.size and np.all(np.isfinite(values)) and np.ptp(values) > 0)
+
+    def _signal(self, column: str, cut: slice) -> NDArray[np.float64]:
+        """Return the numbers of a column, (N,); none where it holds text, or was not read."""
+        raw = self.columns.get(column, np.zeros(0))[cut]
+        return np.zeros(0) if self._first_text(raw) is not None else self._floats(raw)
 
     def aside(self, used: set[str | None], cut: slice) -> tuple[str, ...]:
         """Return the names, as channels, of the signals that are not used: no text, no constant, no clock."""
         found = [n for n in self.unread if n and n not in used]
-        for n, raw in ((n, a[cut]) for n, a in self.columns.items() if n and n not in used):
-            if self._first_text(raw) is None:
-                values = self._floats(raw)
-                steps = np.diff(values[np.isfinite(values)])
-                if steps.any() and not steps.max() < 2 * steps.min():
-                    found.append(n)
+        for n in (n for n in self.columns if n and n not in used):
+            values = self._signal(n, cut)
+            steps = np.diff(values[np.isfinite(values)])
+            if steps.any() and not steps.max() < 2 * steps.min():
+                found.append(n)
         return tuple(map(plain_name, found))
 
     def complete(self, names: Sequence[str], stamps: Sequence[str], cut: slice) -> NDArray[np.bool_]:

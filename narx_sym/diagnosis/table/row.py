@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import lfilter, lfiltic
 
-from ...fit.bases.integrating import poles, slowest
+from ...data.evidence.several import rests
+from ...data.record import Record
+from ...fit.bases.integrating import DRIVEN, drives, poles, slowest
 from ...models.extend import Variant
 from .frame import Frame
 from .hypotheses import Core, Hypothesis, filters, slopes
@@ -146,12 +148,23 @@ class Row:
                 return True
         return not names
 
-    @cached_property
-    def still(self) -> float:
-        """The error of its free run where the input does nothing, (as `fitted`)."""
-        core, x = self.hypothesis.core, self.values.copy()
+    def driven(self, records: Sequence[Record], slow: float, error: float) -> bool:
+        """Whether the input drives the poles of its core that hardly decay; `error` is what is left with them.
+
+        Of records that each answer a step at its beginning the run without the input tells.
+
+        Parameters
+        ----------
+        records : as they are fitted, in pieces where the axis integrates
+        slow : the pole from which on one hardly decays
+        error : mean square over the variance of y
+        """
+        core = self.hypothesis.core
+        if not rests(records):
+            return drives(self.a, core.n_u, core.delay, records, slow, error * self.frame.problem.spread**2)
+        x = self.values.copy()
         x[self.frame.used(core)[core.n_y : core.n_y + core.n_u]] = 0.0
-        return self.frame.error(x, core)
+        return self.frame.error(x, core) > DRIVEN * error
 
     @property
     def expands(self) -> set[str]:

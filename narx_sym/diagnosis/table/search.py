@@ -10,7 +10,7 @@ import numpy as np
 
 from ...data.record import Record
 from ...errors import FitError
-from ...fit.bases.integrating import DRIVEN, at_one, drives, lasting, slowest, slowest_seen
+from ...fit.bases.integrating import DRIVEN, at_one, lasting, slowest, slowest_seen
 from ...fit.bases.judged import LITTLE
 from ...fit.identify import FEWEST
 from ...models.effects import Effect
@@ -279,8 +279,7 @@ class Search:
 
     def _driven(self, row: Row, error: float) -> bool:
         """Whether the input drives the poles of a core that hardly decay; `error` is what is left with them."""
-        core, power = row.hypothesis.core, row.frame.problem.spread**2
-        return drives(row.a, core.n_u, core.delay, self.cut, self.slow, error * power, row.still * power)
+        return row.driven(self.cut, self.slow, error)
 
     # -- with one more effect -----------------------------------------------------------------------------------------
 

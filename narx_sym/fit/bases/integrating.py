@@ -52,15 +52,13 @@ def at_one(a: Array, slow: float) -> bool:
     return lasting(a, slow)[0]
 
 
-def drives(
-    a: Array, n_u: int, delay: int, records: Sequence[Record], slow: float, error: float, still: float = np.inf
-) -> bool:
+def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: float, error: float) -> bool:
     """Whether the input drives the poles of A y = B u that hardly decay: without it much more would be left.
 
     Undriven these poles keep their free response in each segment, and the input the other poles: least squares. A
     drift, or a line of the spectrum, which no input makes, is described as well without a drive; an axis or a
-    resonance is not. Where each segment answers a step at its beginning, its free response is that answer: what its own
-    input does there counts.
+    resonance is not. Of records that each answer a step at its beginning it cannot tell: their free response is that
+    answer.
 
     Parameters
     ----------
@@ -68,10 +66,7 @@ def drives(
     n_u, delay : int, of the inputs
     slow : float, the pole from which on one hardly decays
     error : float, the mean square that A y = B u leaves [unit of y squared]
-    still : float, what it leaves where B is zero [unit of y squared]
     """
-    if rests(records):
-        return still > DRIVEN * error
     found = poles(a)
     stay = np.abs(found) > slow
     inputs, outputs = [], []
@@ -98,6 +93,8 @@ def integrates(model: Model, records: Sequence[Record]) -> bool:
     slow, first = slowest_seen(records), int(np.argmax(b != 0))
     if not at_one(a, slow):
         return False
+    if rests(records):  # nothing else makes what they do
+        return True
     error = evaluate(model, records).free_run_nrmse * np.std(np.concatenate([r.y for r in records]))
     return drives(a, b.size - first, first, records, slow, error**2)
 
