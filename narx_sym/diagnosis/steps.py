@@ -174,7 +174,7 @@ class Step:
             return "perhaps_closed_loop" if self.loop.unseen else "probably_closed_loop"
         return "two_effects" if self.pair is not None else self.verdict
 
-    def sentence(self, units: Mapping[str, str]) -> str:
+    def sentence(self, units: Mapping[str, str]) -> str:  # noqa: C901, PLR0911, PLR0912
         """Return the verdict in plain words."""
         unit = f" {units['y']}" if units.get("y") else ""
         error = np.sqrt(self.base.mean_square(self.base.split.held))

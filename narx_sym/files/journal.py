@@ -186,7 +186,7 @@ def digest(*things: Any) -> str:
     return found.hexdigest()
 
 
-def _feed(into: Any, thing: Any) -> None:
+def _feed(into: Any, thing: Any) -> None:  # noqa: C901, PLR0912
     """Add one thing, with its type and its length: no two things look alike."""
 
     def add(*parts: Any) -> None:

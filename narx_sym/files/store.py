@@ -114,7 +114,7 @@ def load(path: Any) -> Model:
         raise ModelError(f"{path}: {error}") from None
 
 
-def from_dict(data: Any) -> Model:
+def from_dict(data: Any) -> Model:  # noqa: C901, PLR0912, PLR0915
     """Build a model from plain data; everything is checked before it is used."""
     if not isinstance(data, dict) or "schema" not in data:
         raise ModelError("not a model file: the field 'schema' is missing.")

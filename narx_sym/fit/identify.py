@@ -72,7 +72,7 @@ def prepare(records: Any, units: Mapping[str, str] | None = None) -> list[Record
     return listed
 
 
-def identify(
+def identify(  # noqa: PLR0913
     records: Records,
     *,
     base: str = "narx",

@@ -114,7 +114,7 @@ def _with_units(e: Experiment, units: Units) -> Experiment:
     return replace(e, name=name, units=dict(units))
 
 
-def headline(diagnosis: Diagnosis) -> str:
+def headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
     """Say in a few words what was found."""
     first = diagnosis.steps[0]
     names = [spaced(e) for e in first.confusion_set]
@@ -177,7 +177,7 @@ def what_next(diagnosis: Diagnosis) -> str:
     )
 
 
-def _next(diagnosis: Diagnosis) -> str:
+def _next(diagnosis: Diagnosis) -> str:  # noqa: PLR0911
     last = next((s for s in reversed(diagnosis.steps) if s.chosen is not None), diagnosis.steps[0])
     chosen = diagnosis.steps[0] if diagnosis.steps[0].verdict == "confused" else last
     faults = {f.effect: f for f in diagnosis.faults}

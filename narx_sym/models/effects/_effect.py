@@ -238,7 +238,7 @@ class Catalogue(dict[str, list[Effect]]):
 EFFECTS = Catalogue()
 
 
-def effect(
+def effect(  # noqa: PLR0913
     where: str | Sequence[str] | dict[str, Any],
     *,
     driver: str | Sequence[str] = "u",

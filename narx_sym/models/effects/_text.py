@@ -110,7 +110,7 @@ def text_effect(data: Mapping[str, Any]) -> Effect:
         raise ModelError(f"Effect {name}: {error}") from None
 
 
-def _built(name: str, data: Mapping[str, Any]) -> Effect:
+def _built(name: str, data: Mapping[str, Any]) -> Effect:  # noqa: C901, PLR0912
     for field in REQUIRED:
         if field not in data:
             raise ModelError(f"the field '{field}' is missing.")
