@@ -21,10 +21,10 @@ from .files.journal import resuming as resuming
 from .files.store import load as load
 from .files.store import save as save
 from .fit.bases.select import select as select
+from .fit.evaluate import evaluate as evaluate
+from .fit.evaluate import free_run as free_run
 from .fit.identify import identify as identify
 from .fit.identify import identify_inverse as identify_inverse
-from .fit.simulate import evaluate as evaluate
-from .fit.simulate import free_run as free_run
 from .inversion.compensator import Compensator as Compensator
 from .models import analysis as analysis
 from .models import assumptions as assumptions

@@ -15,8 +15,8 @@ from ..diagnosis.procedure import diagnose
 from ..engines.compile import compile
 from ..files.atomic import write_csv, write_text
 from ..files.store import save
+from ..fit.evaluate import evaluate
 from ..fit.identify import identify, identify_inverse
-from ..fit.simulate import evaluate
 from ..inversion.analyses import document
 from ..models import analysis
 from ..models.model import Model

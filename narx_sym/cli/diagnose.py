@@ -38,7 +38,7 @@ from .options import (
     with_columns,
     with_own,
 )
-from .printing import console, note, print_equations, print_errors, print_found, print_headline, print_tables, working
+from .printing import console, note, print_equations, print_found, print_headline, print_tables, working
 
 if TYPE_CHECKING:
     from ..data.record import Record
@@ -197,7 +197,12 @@ class Targets:
         if self.report is not None:
             with working("Writing the report"):
                 found.report(self.report, units, data, settings)
-        final = self._write_model(found, measured)
+        if self.save is not None:
+            from ..files.store import save
+
+            save(found.model, self.save)
+            if len(found.rungs) == 1:
+                note("nothing was added: the model written is the base")
         if self.loud < 0:
             print_headline(found)
             return
@@ -211,9 +216,8 @@ class Targets:
             console().print(
                 named if self.next_input else "To write the input of the next experiment: --experiment next.csv"
             )
-        if final is not None:
-            print_errors(final[1])
-            print_equations(final[0])
+        if self.save is not None:
+            print_equations(found.model)
         for path, what in (
             (self.save, "Model written to"), (self.plot and f"{self.plot}, {self.where}", "Pictures:"),
             (self.report, "Report:"), (self.json_file, "JSON written to"),
@@ -234,22 +238,6 @@ class Targets:
             step.experiment = replace(step.experiment, units=units, file=written or "")
         if self.json_file is not None:
             write_json(found, self.json_file, written)
-
-    def _write_model(self, found: Diagnosis, measured: list[Record]) -> tuple[Model, list[tuple[str, Any]]] | None:
-        """Fit the last model again, on all samples, and write it; return it with the errors on the way there."""
-        if self.save is None:
-            return None
-        from ..files.store import save
-        from ..tasks.finish import finish
-
-        with working("Fitting on all samples"):
-            made, errors = finish(found, measured)
-        if made.note:
-            note(made.note)
-        save(made.model, self.save)
-        if len(found.rungs) == 1:
-            note("nothing was added: the model written is the base")
-        return made.model, errors
 
 
 def _command(found: Diagnosis, data: list[Path], base: str, targets: Targets) -> str:

@@ -25,7 +25,7 @@ from .options import (
     with_columns,
     with_own,
 )
-from .printing import console, note, print_equations, print_errors, working
+from .printing import console, print_equations, print_errors, working
 
 
 def add(
@@ -62,8 +62,6 @@ def add(
     measured = records(data, u, y, t, ts, wanted, rows, missing, units, model)
     with working(f"Adding {effect}") as progress:
         made = task.add(addition, measured, seed, progress)
-    if made.without.note:
-        note(made.without.note)
     save(made.model, out)
     for one in made.model.effects[-1:]:
         driven = f", driven by {one.driver}" if one.driver in ("u", "y") else ""

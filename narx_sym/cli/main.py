@@ -33,7 +33,7 @@ from .options import (
     where_beside,
     with_columns,
 )
-from .printing import console, note, print_errors, print_fails, print_fair, print_model, table, working
+from .printing import console, note, print_errors, print_fails, print_model, table, working
 
 app = typer.Typer(
     help="Hysteretic actuators as symbolic NARX models: identify, derive, compensate, compare, diagnose.",
@@ -137,12 +137,8 @@ def compare(
         str | None, typer.Option("--reference", help="Column of the reference in a log of a compensated run.")
     ] = None,
     align: Annotated[
-        bool, typer.Option("--align", help="Estimate a constant offset of the sensor on the first part too.")
+        bool, typer.Option("--align", help="Estimate a constant offset of the sensor beside the start states.")
     ] = False,
-    align_on: Annotated[
-        float | None,
-        typer.Option("--align-on", help="The first part, in s (by default 1 s or 50 samples); start and offset."),
-    ] = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write the errors.")] = None,
     units: Units = "",
     u: Input = "u",
@@ -155,6 +151,7 @@ def compare(
 ) -> None:
     """Compare a model with measurements: one-step and free-run errors, time response and loop, where it fails.
 
+    The free-run error is that of the whole record at its own rate, from start states estimated on it.
     With --reference the data are a log of reference, compensated input and measured output: tracking MAPE and NSAVI.
     """
     from ..data.units import said_first
@@ -168,12 +165,11 @@ def compare(
     named = with_columns(channels, [*filter(None, [reference]), *model.channels])
     measured = records(data, u, y, t, ts, named, rows, missing, units, model)
     with working("Simulating"):
-        found = task.compare(model, measured, align_on)
+        found = task.compare(model, measured, align)
     names = said_first(model.info.units, measured[0].units)
     for said in found.notes:
         note(said)
     print_errors(found.errors)
-    print_fair(found.fair, align, names)
     if json:
         task.write_errors(found, json)
     if found.misfit is not None:

@@ -101,30 +101,15 @@ def print_model(model: Model) -> None:
 
 
 def print_errors(rows: list[tuple[str, Any]]) -> None:
-    """Print the pairs of errors."""
+    """Print the pairs of errors, and the fit of the free run in per cent."""
+    from ..fit.evaluate import PROTOCOL
+
     table(
-        "Errors, always in pairs (NRMSE = rms error / std of the output; MAPE in % of its range)",
-        ["record", "one-step NRMSE", "free-run NRMSE", "one-step MAPE", "free-run MAPE"],
-        [[n, e.one_step_nrmse, e.free_run_nrmse, e.one_step_mape, e.free_run_mape] for n, e in rows],
+        "Errors, always in pairs (NRMSE = rms error / std of the output; fit = 100 (1 - NRMSE))",
+        ["record", "one-step NRMSE", "free-run NRMSE", "fit [%]", "one-step MAPE", "free-run MAPE"],
+        [[n, e.one_step_nrmse, e.free_run_nrmse, e.fit, e.one_step_mape, e.free_run_mape] for n, e in rows],
     )
-
-
-def print_fair(rows: list[tuple[str, Any]], align: bool, units: dict[str, str]) -> None:
-    """Print the free run as it is, with its start and with an offset of the sensor estimated; or suggest the offset."""
-    if not rows:
-        return
-    unit = units.get("y", "")
-    shown = [[name, sum(a.first), a.raw, a.started] for name, a in rows]
-    columns = ["record", "samples of the estimate", "as it is", "start estimated"]
-    if align:
-        shown = [
-            [*row, a.aligned, ", ".join(f"{o:.3g}" for o in a.offsets)] for row, (_, a) in zip(shown, rows, strict=True)
-        ]
-        columns += ["offset estimated", f"offset{f' [{unit}]' if unit else ''}"]
-    table("Free-run NRMSE after the first part, which is used for the estimates", columns, shown)
-    for name, a in rows:
-        if said := a.advice(align, unit):
-            note(f"{name}: {said}")
+    console().print(f"Free run: {PROTOCOL.partition(': ')[2] or PROTOCOL}. MAPE in % of the range of the output.")
 
 
 def print_equations(model: Model) -> None:

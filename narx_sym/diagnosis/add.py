@@ -10,18 +10,16 @@ import numpy as np
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
 from ..fit.identify import prepare
-from ..fit.least_squares import describe, unfinished
+from ..fit.least_squares import unfinished
 from ..fit.simulate import Records
 from ..models.effects import EFFECTS, Catalogue
 from ..models.extend import find
 from ..models.model import Model
-from .refit import Fitted, Split, settle, whole
+from .refit import Fitted, Split, Trial, settle, whole
 from .screening.scored import screen, shortlist
 from .table.candidates import Candidate
 from .table.hypotheses import written
 from .table.search import Search
-
-FINAL = 200  # steps of the last fit: a kink is passed slowly
 
 
 def add(model: Model, effect: str | Candidate, where: str | None = None) -> Addition:
@@ -52,13 +50,12 @@ class Addition:
             Where no stable fit is found, or a refit of the model absorbs the effect.
         """
         listed = prepare(records, self.model.info.units)
-        split = Split.whole(listed)
         if isinstance(self.effect, Candidate):
-            fitted = whole(settle(self.effect.model, split, limits=self.effect.fitted.limits, steps=FINAL))
+            fitted = whole(Trial.of(listed, listed).final(self.effect.fitted))
         else:
             with one_blas_thread():
-                fitted = self._search(split, seed, progress)
-        return unfinished(describe(fitted.model, listed, "free_run", fitted.converged))
+                fitted = self._search(Split.whole(listed), seed, progress)
+        return unfinished(Trial.of(listed, listed).final(fitted).model)
 
     def _search(self, split: Split, seed: int, progress: Callable[[str], Any]) -> Fitted:
         only = Catalogue({self.forms[0].id: self.forms})

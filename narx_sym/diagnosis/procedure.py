@@ -19,12 +19,13 @@ from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
 from ..data.sensor import Fault, quantum, sensor_faults
 from ..data.tables import is_setpoint
+from ..data.units import in_units, said_first
 from ..data.units import listed as each
-from ..data.units import said_first
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
+from ..fit.evaluate import PROTOCOL, evaluate
 from ..fit.identify import prepare
-from ..fit.simulate import Records, evaluate
+from ..fit.simulate import Records, segments
 from ..models.effects import EFFECTS, Catalogue
 from ..models.extend import find
 from ..models.info import whole
@@ -35,7 +36,7 @@ from .doors import DiagnosisDoors
 from .experiment import Experiment, check_limits
 from .misfit import Misfit, misfit_of
 from .progress import BASE, ROUND, Course, inside
-from .refit import Fitted
+from .refit import Fitted, Trial
 from .steps import Step, looped, step
 from .table.candidates import Candidate
 from .table.hypotheses import family_of, static
@@ -135,14 +136,40 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
-        """The errors after each addition: name, and NRMSE on training, held-out and sealed samples."""
-        rungs = [{"added": "base", **self.steps[0].nrmse(self.steps[0].base)}]
+        """The errors after each addition, those of `evaluate`: name, NRMSE on the records and on validation records."""
+        rungs: list[dict[str, Any]] = [{"added": "base", **self.steps[0].nrmse(self.steps[0].base)}]
         for one in self.steps:
             if one.chosen is not None:
                 rungs.append({"added": " + ".join(one.added), **one.nrmse(one.chosen)})
                 if one.withdrawn:
                     rungs[-1]["withdrawn"] = one.withdrawn
         return rungs
+
+    @property
+    def base(self) -> Model:
+        """The baseline: the given model, or a linear model with other orders that follows the records better."""
+        return self.steps[0].base.model
+
+    @property
+    def errors(self) -> dict[str, Any]:
+        """What `evaluate` gives for `base` and `model`: on the diagnosed records, and on the validation records."""
+        first, found = self.steps[0], dict[str, Any](protocol=PROTOCOL)
+        for name, fitted in (("baseline", first.base), ("completed", self.last)):
+            if fitted is not None:
+                pairs = zip(("estimation", "validation"), first.errors(fitted).values(), strict=True)
+                found[name] = {part: e.free_run_nrmse for part, e in pairs}
+        return found
+
+    @property
+    def validation(self) -> str:
+        """Which data the validation errors are of, in words."""
+        trial = self.steps[0].trial
+        if trial.given:
+            return joined(dict.fromkeys(r.name for r in trial.validation))
+        if not trial.tail:
+            return "the record itself, whose last part rests"
+        rows = [len(s) - len(v) for s, v in zip(trial.split.records, trial.validation, strict=True)]
+        return f"the last part of the record (from row {rows[0]})" if len(rows) == 1 else "the last part of each record"
 
     @property
     def rungs(self) -> list[str]:
@@ -167,7 +194,7 @@ class Diagnosis(DiagnosisDoors):
         return [
             {
                 "effect": c.effect, "where": c.where, "share": c.share, "low": c.interval[0], "high": c.interval[1],
-                "before": c.nrmse["base"], "nrmse": c.nrmse["validation"], "p_value": c.p_value,
+                "before": c.nrmse["base_cross_validated"], "nrmse": c.nrmse["cross_validated"], "p_value": c.p_value,
                 "in_confusion_set": c.effect in self.confusion_set,
                 "parameters": ", ".join(f"{n} = {v:.4g}" for n, v in c.parameters.items()),
             }
@@ -185,6 +212,7 @@ class Diagnosis(DiagnosisDoors):
             for row in self.misfit.table()
         ]
         first |= {"schema": 1, "seed": self.seed, "seconds": round(self.seconds, 3), "ladder": self.ladder}
+        first |= {"errors": self.errors, "validation_data": self.validation}
         first["sensor"] = [{"effect": f.effect, "size": f.size, "share": f.share} for f in self.faults]
         first["data_notes"] = self.data_notes
         first["sentence"] = self._verdict({})  # the same whatever the units are called
@@ -209,6 +237,7 @@ def diagnose(
     limits: tuple[float, float] | None = None,
     delay: int | None = None,
     open_loop: bool = False,
+    validation: Records = (),
     report: Callable[[str], Any] = lambda what: None,
 ) -> Diagnosis:
     """Compare a model with measurements and name the physical effect that is missing.
@@ -232,6 +261,9 @@ def diagnose(
     open_loop : bool
         Nothing made the input from the output, whatever it looks like: what is new in both in one sample cannot tell a
         controller from a machine that passes its input on at once.
+    validation : Record or list of Record
+        Records that nothing is fitted to: an effect is only added where the error falls on them too. Without them the
+        last part of each record serves: no model is fitted to it, though effects are chosen on the whole record.
     report : callable
         Told what is going on: a text, which is also a `narx_sym.diagnosis.progress.Told`.
 
@@ -263,8 +295,11 @@ def diagnose(
     listed, held = at_levels(listed, lambda seen: evaluate(start, seen).free_run_nrmse)
     converter = quantum(np.concatenate([r.y for r in listed]))  # as measured: offsets that are taken off hide it
 
-    search = partial(_searched, channels=named, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
-                     quantum=converter, most=max_effects, open_loop=open_loop)  # fmt: skip
+    kept = in_units(segments(validation), model.info.units) if validation else []
+    search = partial(
+        _searched, validation=kept, channels=named, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
+        quantum=converter, most=max_effects, open_loop=open_loop,
+    )  # fmt: skip
     same_speed = family_of(start) == "linear" and one_speed(listed)
     stages = [BASE, *ROUND * max_effects]
     tell = inside(report, 0, len(stages)) if same_speed else report  # a second base may be asked
@@ -305,7 +340,8 @@ class _Searched:
 
 
 def _searched(
-    start: Model, seen: list[Record], course: Course, *, channels: Sequence[str], catalogue: Catalogue, seed: int,
+    start: Model, seen: list[Record], course: Course, *, validation: list[Record], channels: Sequence[str],
+    catalogue: Catalogue, seed: int,
     limits: tuple[float, float] | None, delay: int | None, quantum: float, most: int, open_loop: bool,
 ) -> _Searched:  # fmt: skip
     """Fill a table beside one base, step by step, until nothing more is added."""
@@ -315,10 +351,21 @@ def _searched(
     valves = _valves(seen, loop)
     if loop is not None and (valves or not loop.moved_by_setpoint):  # of a valve it is judged whether it sticks
         rounds.append((looped(table.own(known), loop, valves), known))
+    trial = Trial.of(seen, validation)
+    for made, _ in rounds:
+        made.finish(trial, _baseline(trial, start, made.base))
     while not rounds or (rounds[-1][0].chosen is not None and len(known.hypothesis.effects) < most):
+        before = rounds[-1][0].last if rounds else None
         made, known = step(table, known, most - len(known.hypothesis.effects), limits, loop)
+        made.finish(trial, before or _baseline(trial, start, made.base))
         rounds.append((made, known))
     return _Searched(table, rounds)
+
+
+def _baseline(trial: Trial, given: Model, found: Fitted) -> Fitted:
+    """Return the better of the given model as it is and the base of the search, by their errors on the records."""
+    pair = [trial.as_given(given), trial.final(found)]
+    return min(pair, key=lambda one: trial.errors(one)["train"].free_run_rms)
 
 
 def _memory_or_effect(

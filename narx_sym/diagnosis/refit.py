@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +16,9 @@ from ..data.record import Record
 from ..errors import FitError
 from ..files.journal import remembered
 from ..fit.constraints import constraint_equations
+from ..fit.evaluate import Errors, estimated, evaluate, free_run
 from ..fit.freerun import FreeRun
+from ..fit.least_squares import describe
 from ..fit.simulate import segments
 from ..models.added import newer
 from ..models.model import Model
@@ -23,7 +26,7 @@ from ..models.rewrite import held, without
 
 Array = np.ndarray
 BLOCKS, SEALED, EVERY = 24, 3, 4
-STEPS, TOLERANCE = 40, 1e-7
+STEPS, FINAL, TOLERANCE = 40, 200, 1e-7  # of the last fit more: a kink is passed slowly
 SLACK, RETURNED = 1.01, 0.001
 REFUSALS = 4  # after so many terms that must stay, no others are tried
 
@@ -71,6 +74,8 @@ class Fitted:
     model : Model, with theta
     unknowns : parameters and initial shifts
     limits : of some parameters
+    judged : bool
+        Whether its errors are those of `evaluate`: from start states estimated on each whole record.
     """
 
     model: Model
@@ -79,11 +84,14 @@ class Fitted:
     unknowns: Array
     converged: bool
     limits: Mapping[Any, Any]
+    judged: bool = False
 
     @cached_property
     def errors(self) -> list[Array]:
         """Measured minus simulated along each segment, (N,) [unit of y]; zero before the first computed sample."""
         found = []
+        if self.judged:
+            return [r.y - free_run(self.model, r) for r in self.split.records]
         for i, data in enumerate(self.problem.data):
             e = data[self.problem.name] - self.problem.simulate(self.unknowns, i)
             e[: self.problem.depth] = 0.0
@@ -108,6 +116,87 @@ class Fitted:
     def relative(self, masks: Sequence[Array]) -> float:
         """Return the mean squared free-run error on chosen samples over the variance of y."""
         return self.mean_square(masks) / self.problem.spread**2
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What the models of a diagnosis are fitted to in the end, and judged on; each number is one of `evaluate`.
+
+    Attributes
+    ----------
+    records : tuple of Record
+        As they were diagnosed.
+    validation : tuple of Record
+        Records that no model is fitted to: those given, else the last part of each contiguous record.
+    given : bool
+        Whether the validation records were given.
+    split : Split
+        The samples of the final fit: all where validation records were given, else all but the last part.
+    """
+
+    records: tuple[Record, ...]
+    validation: tuple[Record, ...]
+    given: bool
+    split: Split
+    _errors: dict[int, tuple[Fitted, dict[str, Errors]]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, records: Sequence[Record], validation: Sequence[Record] = ()) -> Trial:
+        """Prepare a trial."""
+        whole = Split.whole(records)
+        if validation:
+            return cls(tuple(records), tuple(validation), True, whole)
+        at = [len(s) - int(np.count_nonzero(m)) for s, m in zip(whole.records, Split.of(records).test, strict=True)]
+        last = [s[a:] for s, a in zip(whole.records, at, strict=True)]
+        if not any(np.ptp(s.y) for s in last):  # what rests judges nothing
+            return cls(tuple(records), tuple(records), False, whole)
+        train = tuple(np.arange(len(s)) < a for s, a in zip(whole.records, at, strict=True))
+        return cls(tuple(records), tuple(last), False, Split(whole.records, train, train, tuple(~m for m in train)))
+
+    @property
+    def tail(self) -> bool:
+        """Whether the last part of each record is what judges."""
+        return not self.given and self.validation != self.records
+
+    def errors(self, fitted: Fitted) -> dict[str, Errors]:
+        """Return the errors on the diagnosed records (`train`) and on the validation records."""
+        if id(fitted) not in self._errors:
+            found = {
+                "train": evaluate(fitted.model, self.records),
+                "validation": evaluate(fitted.model, self.validation),
+            }
+            self._errors[id(fitted)] = fitted, found
+        return self._errors[id(fitted)][1]
+
+    def as_given(self, model: Model) -> Fitted:
+        """Return a model as it is, judged here."""
+        problem = FreeRun(model, list(self.split.records), None, self.split.train, loads=True)
+        return Fitted(model, self.split, problem, problem.start(model.theta), True, {}, judged=True)
+
+    def final(self, fitted: Fitted) -> Fitted:
+        """Fit a model once more, in free run over the whole records from estimated start states.
+
+        Where that fails, or leaves more by `evaluate` on the samples of the fit, the parameters stay.
+        """
+        before, records = self.as_given(fitted.model), list(self.split.records)
+        begins = FreeRun(fitted.model, records, None, self.split.train, loads=True)
+        problem = FreeRun(fitted.model, records, constraint_equations(fitted.model, None), self.split.train, loads=True)
+        begin = problem.start(fitted.model.theta)
+        begin[problem.free :] = estimated(begins, begins.start(fitted.model.theta))[0]
+        limits = {s: pair for s, pair in fitted.limits.items() if s in fitted.model.symbols}
+        made = before
+        with suppress(FitError):
+            unknowns, std, converged = remembered(_minimum, problem, begin, FINAL, limits)
+            problem.model = fitted.model.replace(theta=problem.theta(unknowns).tolist(), standard_errors=std)
+            made = Fitted(problem.model, self.split, problem, unknowns, converged, limits, judged=True)
+        part = [r[: int(np.count_nonzero(m))] for r, m in zip(records, self.split.train, strict=True)]
+        if not evaluate(made.model, part).free_run_nrmse <= evaluate(before.model, part).free_run_nrmse:
+            made = replace(before, limits=limits)
+        made.model = describe(made.model, self.records, "free_run", made.converged)
+        return made
+
+
+NO_TRIAL = Trial((), (), False, Split((), (), (), ()))
 
 
 def settle(

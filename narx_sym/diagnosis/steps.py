@@ -11,13 +11,14 @@ import numpy as np
 from ..data.evidence.feedback import Feedback
 from ..data.evidence.noise import unexplained
 from ..data.evidence.stiction import Sticking
+from ..fit.evaluate import Errors
 from ..models.added import newer
 from ..models.model import NARX, Model
 from ..symbolic import printing
 from .bases import BASE, few, joined
 from .experiment import Experiment, propose, wider_file
 from .progress import JUDGE, WAYS
-from .refit import Fitted, prune
+from .refit import NO_TRIAL, Fitted, Trial, prune
 from .screening import gate
 from .screening.promise import detectable
 from .screening.scored import absorbed
@@ -89,6 +90,8 @@ class Step:
     nearest_share: float = 0.0
     sensor: float = 0.0
     one_step: bool = False  # is all that the input does: nothing is named from it
+    trial: Trial = NO_TRIAL  # what its models are fitted to in the end, and judged on; see `finish`
+    refused: Fitted | None = None  # what was found, but does not lessen the error on the record and on validation data
     linear: float = 0.0  # rms that a linear base leaves by itself, where one speed cannot tell [unit of y]
 
     def hear(self, sensor: float) -> None:
@@ -98,6 +101,40 @@ class Step:
             self.floor_kind = ESTIMATE  # what a model tells is no noise, though it does not repeat
         if self.floor_kind != REPEATED:
             self.floor = min(max(self.floor, sensor), left)
+
+    def finish(self, trial: Trial, before: Fitted) -> None:
+        """Fit what is shown once more over the whole records, and add it only where the error falls.
+
+        Parameters
+        ----------
+        before : Fitted
+            The model that the step begins with: the baseline, or what the step before it added.
+        """
+        self.trial, self.base = trial, before
+        if self.pair is not None:
+            self.pair.fitted = trial.final(self.pair.fitted)
+        if self.chosen is not None:
+            found = newer(self.chosen.model, before.model)
+            self.chosen = trial.final(self.chosen)
+            same = self.pair is not None and len(found) == len(self.pair.effects)
+            if self.pair is not None and same:
+                self.pair.fitted = self.chosen
+            if self.candidates and not same:
+                self.candidates[0].final = self.chosen
+        members = set(self.confusion_set) | {e for e in (self.pair.effects if self.pair else ())}
+        for c in self.candidates:
+            c.judge(trial, c.effect in members)
+        if self.chosen is not None and not self.falls(self.chosen):
+            self.refused, self.chosen = self.chosen, None
+
+    def falls(self, fitted: Fitted) -> bool:
+        """Whether a model leaves less than the base on the diagnosed records, and no more on the validation records."""
+        before, after = (self.trial.errors(f) for f in (self.base, fitted))
+        rise = ALIKE if self.trial.tail else 0.0  # a short last part tells no smaller difference
+        return (
+            after["train"].free_run_rms < before["train"].free_run_rms
+            and after["validation"].free_run_rms < np.exp(rise / 2) * before["validation"].free_run_rms
+        )
 
     def decide(self, base: Model | None, seed: int, limits: tuple[float, float] | None) -> None:
         """Propose the input that tells the confusion set apart; a `base` in it has a model of its own."""
@@ -116,14 +153,13 @@ class Step:
         """The effects that this step added."""
         return [e.effect for e in newer(self.chosen.model, self.base.model)] if self.chosen is not None else []
 
-    def nrmse(self, fitted: Fitted) -> dict[str, float]:
-        """Return the free-run errors of a model over the standard deviation of the output.
+    def errors(self, fitted: Fitted) -> dict[str, Errors]:
+        """Return the errors of a model on the diagnosed records (`train`) and on the validation records."""
+        return self.trial.errors(fitted)
 
-        Of the samples that it was fitted on, that it was pruned by, and of the last ones, which took no part in either.
-        """
-        spread, split = fitted.problem.spread, self.base.split
-        parts = {"train": split.train, "validation": split.held, "sealed": split.test}
-        return {name: float(np.sqrt(fitted.mean_square(masks)) / spread) for name, masks in parts.items()}
+    def nrmse(self, fitted: Fitted) -> dict[str, float]:
+        """Return the free-run errors of `evaluate`, over the standard deviation of the output of these records."""
+        return {name: e.free_run_nrmse for name, e in self.errors(fitted).items()}
 
     def near(self, known: Row, *rows: Row) -> Step:
         """Take the rows that lessen the error by more than `SAME` for what comes nearest, and return the step."""
@@ -160,7 +196,7 @@ class Step:
     @property
     def follows_nothing(self) -> bool:
         """Whether nothing is named, and the free run of the base is no better than a constant."""
-        return self.verdict == "nothing_detectable" and 2 * np.log(self.nrmse(self.base)["validation"]) > -ALIKE
+        return self.verdict == "nothing_detectable" and 2 * np.log(self.nrmse(self.base)["train"]) > -ALIKE
 
     @property
     def finding(self) -> str:

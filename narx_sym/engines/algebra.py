@@ -113,3 +113,13 @@ def banded(lags: Sequence[int], slopes: Sequence[Array], right: Array) -> Array:
 
         return algebra.banded(lags, slopes, right)
     return by_lapack(lags, slopes, right)
+
+
+def smallest(columns: Array, target: Array, dependent: float) -> Array:
+    """Return the smallest least-squares solution; each column counts in its own size, whatever its unit.
+
+    Singular values below `dependent` times the largest are none.
+    """
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    return np.asarray(np.linalg.lstsq(columns / scale, target, rcond=dependent)[0] / scale)

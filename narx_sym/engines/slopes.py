@@ -106,9 +106,7 @@ class Extended:
 
 
 @lru_cache(maxsize=512)
-def with_slopes(
-    recursion: Recursion, groups: tuple[tuple[Any, ...], ...], output: Any, fixed: tuple[Any, ...] = ()
-) -> Tangents | Extended:
+def with_slopes(recursion: Recursion, groups: tuple[tuple[Any, ...], ...], output: Any) -> Tangents | Extended:
     """Return a compiled recursion with the derivatives of one of its states.
 
     Parameters
@@ -116,9 +114,8 @@ def with_slopes(
     groups : tuples of states
         The starts of each move together, in one more direction behind those of the parameters.
     output : the state that is looked at
-    fixed : parameters that have no direction
     """
-    parameters = [p for p in recursion.parameters if p not in fixed]
+    parameters = list(recursion.parameters)
     reads = recursion.graph.reads.values()
     longest = max((lags[-1] for read in reads for base, lags in read.items() if base in recursion.states), default=0)
     if not has_llvm() or longest > LONGEST:
@@ -134,5 +131,5 @@ def with_slopes(
         lanes = Lanes.of(plain, Tangent.of(plain, parameters), groups, at)
         return (Layout.of(lanes.plan).plain, lanes.keys, lanes.width), *coded(lanes.plan, lanes)
 
-    found = kept(f"with slopes of {output.name} {len(groups)} {fixed} {written(plain)}", make)
+    found = kept(f"with slopes of {output.name} {len(groups)} {written(plain)}", make)
     return Tangents(*found, directions, numbers)

@@ -20,7 +20,7 @@ from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep
 from ..models.model import NARX, Model
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import expand_phi, k, lag, lags
+from ..symbolic.signals import expand_phi, k, lag, lags, pairs, samples
 from .constraints import Elimination
 from .ensemble import costs
 from .simulate import Records, arrays, initial_values, segments
@@ -55,6 +55,18 @@ def starts(model: Model) -> list[Start]:
     return [*(Start((model.inner,), i) for i in outputs), *(Start(tuple(g)) for g in groups.values())]
 
 
+def load_of(model: Model) -> Any:
+    """Return the constant of a model that integrates: an unknown load, which may differ between records; else None.
+
+    The model integrates where a constraint keeps the sum of the coefficients of older outputs in its core at 1.
+    """
+    terms = pairs(model.core)
+    constant = next((c for c, term in terms if term == 1 and c in model.symbols), None)
+    total = sp.Add(*(c for c, term in terms if term in samples(term, model.inner)))
+    equations = (sp.expand(c.lhs - c.rhs) for c in model.constraints if not isinstance(c, str))
+    return constant if any(sp.expand(e - total + 1) == 0 or sp.expand(e + total - 1) == 0 for e in equations) else None
+
+
 def determined(z: Array, size: Array) -> bool:
     """Whether the unknowns determine a free run: the norms of its derivatives stay bounded, it is not chaotic."""
     return bool(np.all(size * np.abs(z) < HUGE) and np.all(size < LARGEST))
@@ -63,21 +75,37 @@ def determined(z: Array, size: Array) -> bool:
 class FreeRun:
     """Residuals and their derivatives of a model along records, under linear constraints.
 
-    The unknowns are z: the free parameters, then per record the shifts in `starts`: of each initial output, and of what
-    each effect remembers. (In a Sigma_y = 1 model an error in the initial output never decays.)
+    The unknowns are z: the free parameters, then per segment the shifts in `starts`: of each initial output, and of
+    what each effect remembers. (In a Sigma_y = 1 model an error in the initial output never decays.) Last may come that
+    of the load.
 
     Parameters
     ----------
     model : Model
     records : Record or list of Record
-    equations : sequence of Eq in the model's symbols
+    equations : sequence of Eq in the model's symbols; None where the model's parameters stay as they are
     use : list of (N,) bool arrays, optional
         Which samples of each segment count; all by default.
+    loads : bool
+        Whether the load of a model that integrates (`load_of`) is estimated for each segment, like a start state.
     """
 
-    def __init__(self, model: Model, records: Records, equations: Sequence[Any], use: Sequence[Array] | None = None):
-        self.model, self.records, self.equations, self.use = model, records, equations, use
-        self.elimination = Elimination.of(equations, model.symbols)
+    def __init__(
+        self,
+        model: Model,
+        records: Records,
+        equations: Sequence[Any] | None,
+        use: Sequence[Array] | None = None,
+        loads: bool = False,
+    ):
+        self.model, self.records, self.equations, self.use, self.loads = model, records, equations, use, loads
+        load = load_of(model) if loads else None
+        self.load = None if load is None else list(model.symbols).index(load)
+        if equations is None:
+            self.elimination = Elimination(np.array(model.theta), np.zeros((len(model.symbols), 0)))
+        else:
+            held = [] if load is None else [sp.Eq(load, model.values.get(load, sp.S.Zero))]
+            self.elimination = Elimination.of([*equations, *held], model.symbols)
         self.name, self.depth = model.output.name, max(1, model.recursion.depth)
         self.data = [arrays(model, p) for p in segments(records)]
         self.free = self.elimination.Z.shape[1]
@@ -95,7 +123,8 @@ class FreeRun:
         self._moved = [([state.name for state in s.states], s.shape(self.depth)) for s in self.starts]
         numbers = {s.left.base.name for s in model.memory if sp.sympify(s.initial).is_number}
         self.blank = [[n for n in names if n in numbers] for names, _ in self._moved]
-        self.shifts = len(self.data) * len(self.starts)
+        self.own_unknowns = len(self.starts) + (self.load is not None)
+        self.shifts = len(self.data) * self.own_unknowns
         self._last: Array | None = None
         self._reduced: tuple[Array, Array] | None = None
 
@@ -123,7 +152,7 @@ class FreeRun:
 
     def __reduce__(self) -> Any:
         """Rebuild in another process: machine code does not travel."""
-        return FreeRun, (self.model, self.records, self.equations, self.use)
+        return FreeRun, (self.model, self.records, self.equations, self.use, self.loads)
 
     def start(self, theta: Array) -> Array:
         """Return the unknowns of given parameters, with the measured initial outputs."""
@@ -143,8 +172,19 @@ class FreeRun:
         return z
 
     def theta(self, z: Array) -> Array:
-        """Return the parameters of given unknowns."""
-        return self.elimination.t0 + self.elimination.Z @ z[: self.free]
+        """Return the parameters of given unknowns; with the mean of the loads, where these are unknowns."""
+        theta = self.elimination.t0 + self.elimination.Z @ z[: self.free]
+        if self.load is not None:
+            lengths = [d[self.name].size for d in self.data]
+            theta[self.load] += np.average([z[self.own(i)][-1] for i in range(len(self.data))], weights=lengths)
+        return theta
+
+    def along(self, z: Array, i: int) -> tuple[Array, Array]:
+        """Return the parameters along segment i, with its own load, and the shifts of its starts."""
+        theta, shifts = self.elimination.t0 + self.elimination.Z @ z[: self.free], z[self.own(i)]
+        if self.load is not None:
+            theta[self.load] += shifts[-1]
+        return theta, shifts[: len(self.starts)]
 
     def run(self, z: Array) -> tuple[Array, Array]:
         """Return residuals (rows,) and derivatives (rows, unknowns), in standard deviations of the output.
@@ -165,17 +205,18 @@ class FreeRun:
         return Z.shape[0] == Z.shape[1] and bool(np.array_equal(Z, np.eye(len(Z))))
 
     def _run(self, z: Array) -> None:
-        theta = self.theta(z)
         for i, d in enumerate(self.data):
             own = self.own(i)
-            simulated, moved = self.moved(i, theta, z[own])
+            simulated, moved = self.moved(i, *self.along(z, i))
             rows, kept, p = slice(self.edges[i], self.edges[i + 1]), self.rows[i], moved.shape[1] - len(self.starts)
             self.residuals[rows] = (simulated[kept] - d[self.name][kept]) / self.spread
             if self._open and p:
                 np.divide(moved[kept, :p], self.spread, out=self.slopes[rows, :p])
             elif self.free:
                 self.slopes[rows, : self.free] = moved[kept, :p] @ (self.elimination.Z / self.spread)
-            self.slopes[rows, own] = moved[kept, p:] / self.spread
+            self.slopes[rows, own.start : own.start + len(self.starts)] = moved[kept, p:] / self.spread
+            if self.load is not None:
+                self.slopes[rows, own.stop - 1] = moved[kept, self.load] / self.spread
 
     def moved(self, i: int, theta: Array, shifts: Array) -> tuple[Array, Array]:
         """Return the free run along segment i, (N,), and its derivatives by the parameters and by the segment's starts.
@@ -193,7 +234,7 @@ class FreeRun:
 
     def walked(self, i: int, z: Array, shifts: Array | None = None) -> dict[str, Array]:
         """Return every computed sequence along segment i from measured or shifted starts, (N,) each, used again."""
-        return dict(self._move(i, self.theta(z), np.zeros(len(self.starts)) if shifts is None else shifts)[0])
+        return dict(self._move(i, self.along(z, i)[0], np.zeros(len(self.starts)) if shifts is None else shifts)[0])
 
     def reach(self, z: Array, i: int) -> Array:
         """Return how far what starts at a number goes along segment i from there, (starts,); infinite of the others."""
@@ -202,7 +243,7 @@ class FreeRun:
 
     def own(self, i: int) -> slice:
         """Return where the shifts of segment i stand among the unknowns."""
-        return slice(self.free + i * len(self.starts), self.free + (i + 1) * len(self.starts))
+        return slice(self.free + i * self.own_unknowns, self.free + (i + 1) * self.own_unknowns)
 
     def shifted(self, i: int, shifts: Array) -> dict[str, Array]:
         """Return the initial values of segment i with each group of starts shifted."""
@@ -212,21 +253,20 @@ class FreeRun:
                 values[name] = values[name] + shift * shape
         return values
 
-    def simulate(self, z: Array, i: int) -> Array:
+    def simulate(self, z: Array, i: int, engine: str = "native") -> Array:
         """Return the free run along segment i, (N,)."""
-        return np.asarray(self.states(z, i)[self.name])
+        return np.asarray(self.states(z, i, engine)[self.name])
 
-    def states(self, z: Array, i: int) -> dict[str, Array]:
+    def states(self, z: Array, i: int, engine: str = "native") -> dict[str, Array]:
         """Return every computed sequence along segment i, by name, (N,) each."""
-        compiled = compile(self.model.recursion)
-        return dict(compiled(self.data[i], self.theta(z), self.shifted(i, z[self.own(i)]), on_divergence="nan"))
+        compiled, (theta, shifts) = compile(self.model.recursion, engine), self.along(z, i)
+        return dict(compiled(self.data[i], theta, self.shifted(i, shifts), on_divergence="nan"))
 
     def determined(self, z: Array) -> bool:
         """Whether the unknowns determine the free run along all samples, those too that do not count."""
-        theta = self.theta(z)
 
         def bounded(i: int) -> bool:
-            shifts = z[self.own(i)]
+            theta, shifts = self.along(z, i)
             with np.errstate(all="ignore"):
                 size = np.linalg.norm(self.moved(i, theta, shifts)[1], axis=0) / self.spread
                 return determined(np.concatenate([theta, shifts]), size)
@@ -235,9 +275,8 @@ class FreeRun:
 
     def _forward(self) -> Any:
         """Sensitivities in the same compiled pass as the run."""
-        fixed = () if self.free else self.model.symbols  # where only starts are unknown, only these are differentiated
-        groups = tuple(s.states for s in self.starts)
-        compiled = with_slopes(self.model.recursion, groups, self.model.output, tuple(fixed))
+        groups = tuple(s.states for s in self.starts)  # with all parameters, fixed ones too: derived and compiled once
+        compiled = with_slopes(self.model.recursion, groups, self.model.output)
         walks: dict[tuple[int, int], tuple[Any, dict[str, Array], Walk]] = {}  # the data may be exchanged
 
         def move(i: int, theta: Array, shifts: Array) -> tuple[dict[str, Array], Array]:
@@ -349,8 +388,12 @@ class FreeRun:
         try:
             with np.errstate(all="ignore"):
                 inverse = solve_triangular(R, np.eye(R.shape[0]))
-                covariance = (2 * found.cost / freedom * inverse @ inverse.T)[: self.free, : self.free]
-                return np.asarray(np.sqrt(np.maximum(np.diag(Z @ covariance @ Z.T), 0.0)))
+                whole = 2 * found.cost / freedom * inverse @ inverse.T
+                found_errors = np.sqrt(np.maximum(np.diag(Z @ whole[: self.free, : self.free] @ Z.T), 0.0))
+                if self.load is not None:
+                    at = int(np.count_nonzero(moves[: self.own(0).stop])) - 1
+                    found_errors[self.load] = np.sqrt(max(whole[at, at], 0.0))
+                return np.asarray(found_errors)
         except (LinAlgError, ValueError):
             return np.full(Z.shape[0], np.nan)  # the data do not determine the parameters
 

@@ -25,13 +25,14 @@ from ..models.pool import lagged, pool
 from ..symbolic.signals import k, phi1, u, y
 from .bases.bouc_wen import identify_bouc_wen
 from .bases.choice import choose_base
-from .bases.integrating import integrates
+from .bases.integrating import grows, integrates
 from .bases.judged import judged
 from .bases.play import KNOTS, PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
+from .evaluate import evaluate
 from .laws.excursions import law_radius
 from .least_squares import check_method, fit
-from .simulate import Records, centre, evaluate, segments
+from .simulate import Records, centre, segments
 
 Array = np.ndarray
 BASES = ("narx", "linear", "static", "play", "bouc-wen", "auto")
@@ -302,6 +303,8 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
             continue
         if not model.constraints and what == "linear" and integrates(fitted, train):
             tried.append(model.replace(constraints=[Eq(model.sigma_y, 1)]))
+            if grows(fitted):  # no machine does by itself: with the pole at 1 it stands for an integrator
+                continue
         if np.isfinite(score):
             scored.append((score, len(model.symbols) - len(model.constraints), len(fits) - 1))
     if not scored:

@@ -21,8 +21,9 @@ from ..models.info import Nrmse
 from ..models.model import NARX, Model
 from ..symbolic.signals import k, signal
 from .constraints import Elimination, constraint_equations
+from .evaluate import evaluate
 from .freerun import free_run_fit
-from .simulate import arrays, centre, evaluate, predict, segments, shifted
+from .simulate import arrays, centre, predict, segments, shifted
 
 Array = np.ndarray
 BLOCK = 2048
@@ -82,16 +83,6 @@ def factor(columns: Columns, records: Sequence[Mapping[str, Array]], transform: 
     if R is None:
         raise FitError(f"The records are shorter than the largest lag ({columns.depth} samples).")
     return np.triu(R), rows
-
-
-def smallest(columns: Array, target: Array, dependent: float) -> Array:
-    """Return the smallest least-squares solution; each column counts in its own size, whatever its unit.
-
-    Singular values below `dependent` times the largest are none.
-    """
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0] = 1.0
-    return np.asarray(np.linalg.lstsq(columns / scale, target, rcond=dependent)[0] / scale)
 
 
 def one_step(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[Array, Array]:

@@ -1,24 +1,21 @@
-"""Free run, one-step prediction and the two errors."""
+"""Simulation from given first outputs, and one-step prediction."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from ..data.coverage import beyond
-from ..data.metrics import mape, nrmse
 from ..data.record import Record
-from ..data.timegrid import same_pace
 from ..data.units import in_units, listed
 from ..engines.columns import Columns, reader
 from ..engines.compile import compile
 from ..engines.numbers import floats
-from ..errors import DataError, Diverged, ModelError, NarxError
+from ..errors import Diverged, ModelError, NarxError
 from ..models.model import Model
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
@@ -297,7 +294,7 @@ def rest_output(model: Model, value: float) -> float:
     return 0.0
 
 
-def _by_parts(model: Model, record: Record, run: Callable[[Record], Array]) -> Array:
+def by_parts(model: Model, record: Record, run: Callable[[Record], Array]) -> Array:
     """Run over each contiguous part of a record by itself; a sample left alone is the measured one."""
     fitted(model)
     (record,) = in_units([record], model.info.units)
@@ -315,7 +312,7 @@ def predict(model: Model, record: Record) -> Array:
     -------
     (N,) array [unit of the output]; for an inverse model each part lacks its last `lead` samples
     """
-    return _by_parts(model, record, lambda part: _predicted(model, part))
+    return by_parts(model, record, lambda part: _predicted(model, part))
 
 
 def _predicted(model: Model, record: Record) -> Array:
@@ -326,23 +323,6 @@ def _predicted(model: Model, record: Record) -> Array:
     result = predictor(data, theta, initial)["prediction"]
     result[: predictor.recursion.depth] = data[model.output.name][: predictor.recursion.depth]
     return result
-
-
-def free_run(model: Model, record: Record, engine: str = "native") -> Array:
-    """Simulate along a record from its first measured outputs, again after each gap; else Diverged or ModelError.
-
-    Returns
-    -------
-    (N,) array [unit of the output]; for an inverse model each part lacks its last `lead` samples
-    """
-    return _by_parts(model, record, lambda part: _simulated(model, part, engine))
-
-
-def _simulated(model: Model, record: Record, engine: str) -> Array:
-    data = arrays(model, record)
-    output = model.output.name
-    first = data[output][: max(1, model.recursion.depth)]
-    return simulate(model, data[model.input.name], first, data, engine, warn=False)
 
 
 def extrapolates(model: Model, inputs: Sequence[Array], Ts: float | None = None) -> list[str]:
@@ -356,45 +336,3 @@ def extrapolates(model: Model, inputs: Sequence[Array], Ts: float | None = None)
     """
     name = model.input.name
     return [f"{said}: this extrapolates" for said in beyond(model.info, name, "input", inputs, Ts or model.Ts)]
-
-
-@dataclass(frozen=True)
-class Errors:
-    """One-step and free-run errors, always in pairs: one-step accuracy alone says nothing."""
-
-    one_step_nrmse: float
-    free_run_nrmse: float
-    one_step_mape: float
-    free_run_mape: float
-
-
-def evaluate(model: Model, records: Records) -> Errors:
-    """Compare a model with measurements; what diverges, as the memory of an effect may, has an infinite error.
-
-    All samples count alike: over several records, or across a gap, the errors are those of the samples put together.
-    DataError for a constant output, ModelError for a model without values or a record without its channel.
-    """
-    fitted(model)
-    measured, predicted, simulated = (list[Array]() for _ in range(3))
-    for record in in_units(segments(records), model.info.units):
-        if model.Ts and not same_pace(record.Ts, model.Ts):
-            warnings.warn(
-                f"The record {record.name!r} has Ts = {record.Ts:g} s, the model was identified at {model.Ts:g} s.",
-                stacklevel=2,
-            )
-        data = arrays(model, record)[model.output.name]
-        measured.append(data)
-        for runs, run in ((predicted, predict), (simulated, free_run)):
-            try:
-                runs.append(run(model, record))
-            except Diverged:
-                runs.append(np.full(data.size, np.inf))
-    target, one, free = (np.concatenate(parts) for parts in (measured, predicted, simulated))
-    if np.ptp(target) == 0:
-        raise DataError(
-            f"record {record.name!r}: {model.output.name} is constant ({target[0]:.6g}): an error has nothing to be "
-            "compared with. Check the columns (--input, --output) and the rows (--rows)."
-        )
-    pairs = [(measure, run) for measure in (nrmse, mape) for run in (one, free)]
-    with np.errstate(over="ignore"):
-        return Errors(*(measure(target, run) if np.isfinite(run).all() else np.inf for measure, run in pairs))

@@ -24,7 +24,6 @@ class ModelDoors:
     fit = door("fit.least_squares", "fit")
     simulate = door("fit.simulate", "simulate")
     predict = door("fit.simulate", "predict")
-    aligned = door("fit.alignment", "aligned")
     to_control = door("fit.interop", "to_control")
     to_sysidentpy = door("fit.interop", "to_sysidentpy")
     rest_state = door("fit.interop", "model_rest_state")

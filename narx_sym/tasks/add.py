@@ -8,10 +8,10 @@ from typing import Any
 
 from ..data.record import Record
 from ..diagnosis.add import Addition
+from ..diagnosis.refit import Trial
+from ..fit.evaluate import Errors, evaluate
 from ..fit.identify import prepare
-from ..fit.simulate import Errors, evaluate
 from ..models.model import Model
-from .finish import Finished, fit_on_all
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,13 +23,13 @@ class Added:
     model : Model
     errors : list of (name, Errors)
         Before, before but fitted to the same data, and with the effect.
-    without : Finished
+    without : Model
         The model without the effect, fitted to the same data.
     """
 
     model: Model
     errors: list[tuple[str, Errors]]
-    without: Finished
+    without: Model
 
 
 def add(
@@ -44,10 +44,11 @@ def add(
     """
     listed = prepare(list(records), addition.model.info.units)
     before = evaluate(addition.model, listed)
-    without = fit_on_all(addition.model, listed)
+    trial = Trial.of(listed, listed)
+    without = trial.final(trial.as_given(addition.model)).model
     model = addition.fit(listed, seed, progress)
     errors = [
-        ("before", before), ("before, fitted to these data", evaluate(without.model, listed)),
+        ("before", before), ("before, fitted to these data", evaluate(without, listed)),
         (f"with {addition.effect}", evaluate(model, listed)),
     ]  # fmt: skip
     return Added(model, errors, without)

@@ -15,10 +15,11 @@ from ..data.metrics import rms
 from ..data.units import said_first
 from ..errors import Diverged, ModelError
 from ..fit.bootstrap import as_large, block_bootstrap, fresh_blocks
+from ..fit.evaluate import free_run
 from ..fit.identify import prepare
 from ..fit.laws.damping import Share
 from ..fit.least_squares import describe
-from ..fit.simulate import Records, free_run, simulate, vector
+from ..fit.simulate import Records, simulate, vector
 from ..inversion.compensator import Compensator, ends
 from ..models.info import whole
 from ..models.model import Model

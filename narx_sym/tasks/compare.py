@@ -13,12 +13,14 @@ from ..data.metrics import mape, nsavi
 from ..data.record import Record
 from ..data.units import in_units
 from ..diagnosis.misfit import Misfit, misfit_of
-from ..errors import DataError, FitError, NarxError
-from ..fit.alignment import Aligned, aligned, described
-from ..fit.simulate import Errors, arrays, evaluate, extrapolates, free_run
+from ..errors import DataError, NarxError
+from ..fit.evaluate import PROTOCOL, Errors, evaluate, free_run, started
+from ..fit.simulate import arrays, extrapolates
 from ..models.model import Model
 from ..symbolic.signals import plain_name, u
 from .result_file import write_plain
+
+OFFSET = 0.5  # share of the mean square that a constant offset must explain to be spoken of
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,49 +30,57 @@ class Compared:
     Attributes
     ----------
     errors : list of (name of the record, Errors)
-    fair : list of (name of the record, Aligned)
-        The free run with start and sensor offset estimated on the first part; without records that are too short.
+        By the protocol of `evaluate`.
     misfit : Misfit or None
         Where the model fails along the longest segment; None where that cannot be said.
     notes : list of str
-        Where records leave what the model has seen, and why there is no misfit.
+        Where records leave what the model has seen, why there is no misfit, and where a constant offset explains most
+        of the error.
     """
 
     errors: list[tuple[str, Errors]]
-    fair: list[tuple[str, Aligned]]
     misfit: Misfit | None
     notes: list[str]
 
 
-def compare(model: Model, records: Sequence[Record], first: float | None = None) -> Compared:
+def compare(model: Model, records: Sequence[Record], align: bool = False) -> Compared:
     """Compare a model, as it is, with measurements.
 
     Parameters
     ----------
-    first : float, optional
-        The part of each segment that start and offset are estimated on [s].
+    align : bool
+        Whether a constant offset of the sensor is estimated on each contiguous record.
     """
     records = in_units(list(records), model.info.units)
     moved = moving(records, model.output.name)
-    errors = errors_of(model, records)
+    errors = errors_of(model, records, align)
     notes = [
         f"{record.name}: {said}"
         for record in records
         for said in extrapolates(model, [arrays(model, s)[model.input.name] for s in record.segments()], record.Ts)
     ]
-    fair = []
-    for record in moved:
-        try:
-            fair.append((record.name, aligned(model, record, first)))
-        except FitError as error:
-            notes.append(f"start and offset are not estimated: {error}")
+    for (name, found), record in zip(errors, moved, strict=True):
+        without = found if align else evaluate(model, record, align=True)
+        if without.free_run_rms**2 < (1 - OFFSET) * found.free_run_rms**2:
+            notes.append(
+                f"{name}: without a constant offset of the sensor the free-run NRMSE is {without.free_run_nrmse:.3g}; "
+                "--align estimates the offset"
+            )
+        if align:
+            offsets = [f"{started(model, part, True).offset:.3g}" for part in record.segments()]
+            notes.append(f"{name}: estimated offset of the sensor {', '.join(offsets)}")
+        if found.own_load_nrmse is not None:
+            notes.append(
+                f"{name}: the axis integrates, and its constant load is estimated on the record like a start state; "
+                f"with the load of the model the free-run NRMSE is {found.own_load_nrmse:.4g}"
+            )
     misfit, why_not = where_it_fails(model, moved)
-    return Compared(errors, fair, misfit, [*notes, *filter(None, [why_not])])
+    return Compared(errors, misfit, [*notes, *filter(None, [why_not])])
 
 
-def errors_of(model: Model, records: Sequence[Record]) -> list[tuple[str, Errors]]:
+def errors_of(model: Model, records: Sequence[Record], align: bool = False) -> list[tuple[str, Errors]]:
     """Return name and errors of each record that moves."""
-    return [(r.name, evaluate(model, r)) for r in moving(records, model.output.name)]
+    return [(r.name, evaluate(model, r, align)) for r in moving(records, model.output.name)]
 
 
 def where_it_fails(model: Model, records: Sequence[Record]) -> tuple[Misfit | None, str]:
@@ -89,8 +99,8 @@ def where_it_fails(model: Model, records: Sequence[Record]) -> tuple[Misfit | No
 
 def write_errors(found: Compared, path: Path) -> None:
     """Write the errors as JSON; null stands for those of a run that diverges."""
-    rows = [{"record": name, **asdict(e)} for name, e in found.errors]
-    write_plain({"schema": 1, "errors": rows, "free_run_after_the_first_part": described(found.fair)}, path)
+    rows = [{"record": name, **asdict(e), "free_run_fit": e.fit} for name, e in found.errors]
+    write_plain({"schema": 1, "protocol": PROTOCOL, "errors": rows}, path)
 
 
 @dataclass(frozen=True)

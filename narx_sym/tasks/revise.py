@@ -15,10 +15,9 @@ from ..errors import FitError
 from ..models.effects import EFFECTS
 from ..models.model import Model
 from .base import check_pace, identify_base
-from .finish import fit_on_all
 
 Progress = Callable[[str], Any]
-STAGES = 1 + 1 + len(ROUND) + 1  # what is new, the base, a round of a diagnosis, and the fit on all samples
+STAGES = 1 + 1 + len(ROUND)  # what is new, the base, and a round of a diagnosis
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +29,8 @@ class Revision:
     name : str
         What was done to get here.
     found : Diagnosis
-        Of this model: `found.steps[0].base` is the model as fitted on the training samples.
+        Of this model: `found.steps[0].base` is the model as it is shown.
     model : Model
-        Fitted on all samples: the one to take away.
     effect : str
         The effect that was added; "" for a base or an edited term.
     notes : tuple of str
@@ -46,12 +44,12 @@ class Revision:
 
     @property
     def base(self) -> Fitted:
-        """The model as fitted on the training samples."""
+        """The model as it is shown."""
         return self.found.steps[0].base
 
     @property
     def errors(self) -> dict[str, float]:
-        """Free-run NRMSE on training and on held-out samples."""
+        """Free-run NRMSE on the records and on validation data."""
         return self.found.steps[0].nrmse(self.base)
 
 
@@ -102,9 +100,6 @@ def revised(
     effect: str = "",
 ) -> Revision:
     """Diagnose a model, and fit it on all samples."""
-    found = diagnose(model, list(records), report=inside(progress, before=1, after=1))
-    progress(Told("fitting on all samples", STAGES, STAGES))
+    found = diagnose(model, list(records), report=inside(progress, before=1))
     base = found.steps[0].base
-    final = fit_on_all(base.model, records, base.limits, max(found.steps[0].nrmse(base).values()))
-    kept = [f"{final.note[0].upper()}{final.note[1:]}."] if final.note else []
-    return Revision(name, found, final.model, effect, tuple(kept))
+    return Revision(name, found, base.model, effect)

@@ -50,7 +50,7 @@ from narx_sym.diagnosis.steps import Step
 from narx_sym.diagnosis.table.rounds import Table as Hypotheses
 from narx_sym.diagnosis.table.verdict import cheapest
 from narx_sym.errors import FitError
-from narx_sym.fit.simulate import free_run
+from narx_sym.fit.evaluate import free_run
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.tasks.finish import finish
 

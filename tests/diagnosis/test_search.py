@@ -24,7 +24,7 @@ from narx_sym.diagnosis.table.starts.arx import arx_start, gains, start_beside
 from narx_sym.diagnosis.table.starts.restart import faster, restarted
 from narx_sym.diagnosis.table.verdict import ALIKE, PER_EFFECT
 from narx_sym.fit.bases.integrating import at_one, drives, slowest
-from narx_sym.fit.simulate import free_run
+from narx_sym.fit.evaluate import free_run
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.models.extend import Variant
 

@@ -17,8 +17,9 @@ from narx_sym.engines.columns import Columns
 from narx_sym.engines.compile import compile
 from narx_sym.errors import DataError, Diverged, FitError, ModelError
 from narx_sym.fit import freerun
+from narx_sym.fit.evaluate import evaluate, free_run
 from narx_sym.fit.least_squares import Elimination, factor, fit, one_step
-from narx_sym.fit.simulate import evaluate, free_run, predict, simulate
+from narx_sym.fit.simulate import predict, simulate
 from narx_sym.models.analysis import continuum
 from narx_sym.models.info import Info
 from narx_sym.models.model import NARX, Model

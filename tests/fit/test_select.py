@@ -13,8 +13,8 @@ from narx_sym.data.record import Record
 from narx_sym.engines.columns import Columns
 from narx_sym.errors import FitError
 from narx_sym.fit.bases.select import candidates_of, err_path, path_of, select
+from narx_sym.fit.evaluate import evaluate
 from narx_sym.fit.least_squares import factor
-from narx_sym.fit.simulate import evaluate
 from narx_sym.models.assumptions import COMPENSATION, CONTINUUM
 from narx_sym.models.model import NARX
 from narx_sym.models.pool import pool

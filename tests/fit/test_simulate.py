@@ -5,7 +5,8 @@ import pytest
 
 import narx_sym as ns
 from narx_sym.data.record import Record
-from narx_sym.fit.simulate import free_run, predict
+from narx_sym.fit.evaluate import free_run
+from narx_sym.fit.simulate import predict
 from narx_sym.models.extend import extend, variants
 from narx_sym.symbolic.signals import u, y
 

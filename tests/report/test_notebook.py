@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import narx_sym as ns
-from narx_sym.fit.simulate import free_run
+from narx_sym.fit.evaluate import free_run
 
 anywidget = pytest.importorskip("anywidget")
 SHOW = """async ([source, page]) => {

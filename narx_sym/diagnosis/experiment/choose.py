@@ -18,8 +18,9 @@ from ...data.tables import LARGEST
 from ...errors import ModelError, NarxError
 from ...files.parallel import one_blas_thread
 from ...fit.constraints import constraint_equations
+from ...fit.evaluate import free_run
 from ...fit.freerun import FreeRun
-from ...fit.simulate import Records, fitted, free_run, segments, simulate
+from ...fit.simulate import Records, fitted, segments, simulate
 from ...models.model import Model
 from ...symbolic.signals import u as input_sequence
 from .proposal import CLEARLY, Experiment, threshold

@@ -19,7 +19,7 @@ from ...symbolic import printing
 from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import passed
 from ..bases import BASE, joined
-from ..refit import Fitted
+from ..refit import Fitted, Trial
 from .finer import idle
 from .hypotheses import filters
 from .row import Row
@@ -59,8 +59,9 @@ class Candidate:
     p_value : float
         Corrected for everything that was tried.
     nrmse : dict
-        Errors where it was fitted and on held-out blocks, and that of the base on these blocks, over the standard
-        deviation of the output.
+        `cross_validated` and `base_cross_validated`: free-run errors of the effect and of the base on held-out blocks
+        at the working rate, over the standard deviation of the output. Where the data may mean this effect, also
+        `train` and `validation`: those of `evaluate` on the diagnosed records and on the validation records.
     shown : Fitted
         The model whose numbers are shown: that at the record's own rate where the data may mean this effect, else that
         of the table.
@@ -78,6 +79,8 @@ class Candidate:
     shown: Fitted
     averaged: int
     fit: Callable[[], Fitted] | None = field(compare=False)
+    final: Fitted | None = None
+    trial: Trial | None = None
 
     @classmethod
     def of(cls, table: Table, row: Row, known: Row, p_value: float, lowest: float, likely: bool) -> Candidate:
@@ -91,9 +94,8 @@ class Candidate:
         shares = explained((known.blocks - row.blocks)[drawn].mean(axis=1), known, lowest)
         interval = (float(np.quantile(shares, 0.025)), float(np.quantile(shares, 0.975)))
         errors = {
-            "train": float(np.sqrt(row.fitted)),
-            "validation": float(np.sqrt(row.held)),
-            "base": float(np.sqrt(known.held)),
+            "cross_validated": float(np.sqrt(row.held)),
+            "base_cross_validated": float(np.sqrt(known.held)),
         }
         return cls(
             variant.id, variant, row, p_value, explained(known.held - row.held, known, lowest), interval, errors,
@@ -110,18 +112,27 @@ class Candidate:
     def __repr__(self) -> str:
         return f"Candidate({self.variant}, {100 * self.share:.0f} % of the removable error)"
 
+    def judge(self, trial: Trial, likely: bool) -> None:
+        """Take the final fit over the whole records; a `likely` one is fitted and judged at once."""
+        self.trial = trial
+        if likely:
+            self.shown = self.fitted
+            self.nrmse |= {name: e.free_run_nrmse for name, e in trial.errors(self.fitted).items()}
+
     @cached_property
     def fitted(self) -> Fitted:
-        """The model that has it, fitted at the record's own rate when it is first needed.
+        """The model that has it, fitted over the whole records at their own rate when it is first needed.
 
         Raises
         ------
         FitError
             Where it cannot be held there.
         """
+        if self.final is not None:
+            return self.final
         if self.fit is None:
             raise FitError(f"{self.variant} has no stable fit at the record's own rate.")
-        return self.fit()
+        return self.fit() if self.trial is None else self.trial.final(self.fit())
 
     @property
     def model(self) -> Model:

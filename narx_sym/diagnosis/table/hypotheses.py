@@ -74,7 +74,11 @@ class Hypothesis:
 def linear(core: Core, like: Model) -> NARX:
     """Return the linear model of a core, around the operating point of another model."""
     kept = Info(selection=like.info.selection)
-    return NARX(core.terms(), operating_point=like.operating_point, Ts=like.Ts, info=kept)
+    options: dict[str, Any] = {"operating_point": like.operating_point, "Ts": like.Ts, "info": kept}
+    made = NARX(core.terms(), **options)
+    if not core.integrating:
+        return made
+    return NARX(core.terms(), constraints=[sp.Eq(sp.Add(*made.symbols[: core.n_y]), 1)], **options)
 
 
 def static(like: Model) -> Model:

@@ -1,7 +1,7 @@
 """Which base: each is fitted on some blocks and judged in free run on others, at one price per parameter.
 
-By how much the sensor has moved in the meantime is estimated for every base. A model with Sigma_y = 1 keeps what it
-starts from and takes an offset along for nothing, while one that forgets its start would pay for it.
+A constant offset of the sensor is estimated for every base. A model with Sigma_y = 1 keeps what it starts from and
+takes an offset along for nothing, while one that forgets its start would pay for it.
 """
 
 from __future__ import annotations
@@ -15,22 +15,23 @@ from typing import Any
 
 import numpy as np
 
+from ...data.metrics import nrmse
 from ...data.record import Record
 from ...errors import NarxError
 from ...models.model import Model
-from ..alignment import aligned
+from ..evaluate import free_run
 
 BASES = ("static", "linear", "narx", "play", "bouc-wen")
 # Each is judged by itself: of a base with few parameters and one with many, the one that pays.
 SIZES: dict[str, list[dict[str, Any]]] = {"play": [{"plays": n, "knots": m} for n in (2, 4, 10) for m in (1, 2, 4)]}
 BLOCKS, HELD = 6, (1, 4)  # of one record, and which of them are held out
-START = 0.1  # of a record that is held out: there the start of the run and the sensor's offset are estimated
+SHORT = 0.1  # of the longest part that is held out: a shorter one does not count
 PRICE = 0.1  # of a parameter, in ln(mean square): it must buy 5 % of the rms error
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A base of some size: its aligned free-run NRMSE on held-out samples, and the price of its parameters."""
+    """A base of some size: its free-run NRMSE on held-out samples, an offset aside, and the price of its parameters."""
 
     base: str
     error: float
@@ -60,7 +61,7 @@ def choose_base(
     NarxError
         What stopped the last base, where none follows the data.
     """
-    train, held, first = _split(list(records))
+    train, held = _split(list(records))
     found: list[Judged] = []
     last: NarxError | None = None
     with warnings.catch_warnings():
@@ -68,7 +69,7 @@ def choose_base(
         for base, size in ((name, size) for name in BASES for size in SIZES.get(name, [{}])):
             try:
                 model = identified(base, train, size)
-                error = aligned(model, held, first).aligned
+                error = _error(model, held)
             except NarxError as problem:
                 last = problem
                 continue
@@ -88,7 +89,13 @@ def choose_base(
     )
 
 
-def _split(records: list[Record]) -> tuple[list[Record], list[Record], float]:
+def _error(model: Model, held: Sequence[tuple[Record, int]]) -> float:
+    """Return the free-run NRMSE on what is held out: of each record the samples from a first one on."""
+    runs = [free_run(model, record, align=True)[first:] for record, first in held]
+    return nrmse(np.concatenate([r.y[first:] for r, first in held]), np.concatenate(runs))
+
+
+def _split(records: list[Record]) -> tuple[list[Record], list[tuple[Record, int]]]:
     """Hold out the last record, or some blocks of the only one: what drifts slowly is then in both parts.
 
     No base is identified from a block in which nothing moves. Each block that is held out stands behind what was
@@ -96,13 +103,11 @@ def _split(records: list[Record]) -> tuple[list[Record], list[Record], float]:
 
     Returns
     -------
-    train, held : lists of Record
-    first : float
-        The part of each record of `held` that is there for its start; of none more than half [s].
+    train : list of Record
+    held : list of (Record, first sample that is judged)
     """
     if len(records) > 1:
-        held = _long(records[-1].segments())
-        return records[:-1], held, START * min(len(s) * s.Ts for s in held)
+        return records[:-1], _long([(s, 0) for s in records[-1].segments()])
     (record,), n = records, len(records[0])
     edges = [n * i // BLOCKS for i in range(BLOCKS + 1)]
     train, held = [], []
@@ -113,16 +118,17 @@ def _split(records: list[Record]) -> tuple[list[Record], list[Record], float]:
             held += _with_history(record, a, b)
         elif min(np.ptp(record.u[a:b]), np.ptp(record.y[a:b])) > 0:
             train.append(record[a:b])
-    return train or records, _long(held), n * record.Ts / BLOCKS
+    return train or records, _long(held)
 
 
-def _with_history(record: Record, a: int, b: int) -> list[Record]:
+def _with_history(record: Record, a: int, b: int) -> list[tuple[Record, int]]:
     """Return the contiguous pieces from row a to b, each behind as many rows before it, where they are contiguous."""
     breaks = (0, *record.breaks)
     inside = [a, *(i for i in breaks if a < i < b), b]
-    return [record[max(p - (q - p), *(i for i in breaks if i <= p)) : q] for p, q in pairwise(inside) if q - p >= 2]
+    pieces = [(p, q, max(p - (q - p), *(i for i in breaks if i <= p))) for p, q in pairwise(inside) if q - p >= 2]
+    return [(record[begin:q], p - begin) for p, q, begin in pieces]
 
 
-def _long(pieces: list[Record]) -> list[Record]:
+def _long(pieces: list[tuple[Record, int]]) -> list[tuple[Record, int]]:
     """Return the pieces that are long enough to be judged, beside the longest."""
-    return [s for s in pieces if len(s) >= START * max(map(len, pieces))]
+    return [(s, first) for s, first in pieces if len(s) >= SHORT * max(len(r) for r, _ in pieces)]

@@ -12,7 +12,7 @@ from ...data.evidence.several import rests
 from ...data.record import Record
 from ...models.model import Model
 from ...symbolic.signals import lag, u, y
-from ..simulate import evaluate
+from ..evaluate import evaluate
 
 Array = np.ndarray
 DRIVEN = 2.0  # times the mean square, where nothing drives a pole that hardly decays: less, and it imitates a drift
@@ -97,6 +97,11 @@ def integrates(model: Model, records: Sequence[Record]) -> bool:
         return True
     error = evaluate(model, records).free_run_nrmse * np.std(np.concatenate([r.y for r in records]))
     return drives(a, b.size - first, first, records, slow, error**2)
+
+
+def grows(model: Model) -> bool:
+    """Whether a linear model has a pole beyond 1."""
+    return slowest(_coefficients(model, y)) > 1
 
 
 def _coefficients(model: Model, base: Any) -> Array:

@@ -11,8 +11,9 @@ from ...data.evidence.several import moving
 from ...data.record import Record
 from ...errors import Diverged
 from ...models.model import Model
+from ..evaluate import evaluate
 from ..least_squares import free_run_error
-from ..simulate import evaluate, simulate
+from ..simulate import simulate
 
 CYCLES = 10  # of a loop over the whole range of the input
 LITTLE = 0.5  # NRMSE of a free run that explains little of the output

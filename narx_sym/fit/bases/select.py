@@ -17,8 +17,9 @@ from ...errors import FitError
 from ...models.model import NARX, Model
 from ...models.pool import Pool
 from ...symbolic.signals import expand_phi, k, samples
+from ..evaluate import evaluate
 from ..least_squares import check_method, factor, fit, free_run_error
-from ..simulate import Records, arrays, evaluate, segments, shifted
+from ..simulate import Records, arrays, segments, shifted
 
 Array = np.ndarray
 INDEPENDENT, TIE = 1e-10, 1e-7

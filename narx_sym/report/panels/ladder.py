@@ -6,8 +6,6 @@ from typing import Any
 
 from ...diagnosis.bases import words
 from ...diagnosis.procedure import Diagnosis
-from ...errors import FitError
-from ...fit.alignment import Aligned, aligned
 from ..comparison import Units
 from ..picture import Picture
 from ..plots import plot_ladder
@@ -49,22 +47,4 @@ def ladder(material: Material) -> dict[str, Any]:
     rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
     if has_floor(d):
         rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread, "sealed": None})
-    listed = fair(d)
-    return {
-        "rungs": [r | {"size": r["validation"] * spread} for r in rows], "kind": d.steps[0].floor_kind, "fair": listed,
-        "first": max(max(a.first) for _, a in listed) * d.steps[0].base.split.records[0].Ts if listed else 0.0,
-        "said": next(filter(None, (a.sentence(material.units.get("y", "")) for _, a in listed)), ""),
-    }  # fmt: skip
-
-
-def fair(diagnosis: Diagnosis) -> list[tuple[str, Aligned]]:
-    """Return the errors of every rung's model on the same samples, as they come and with start and offset estimated.
-
-    Empty where a segment is too short to estimate them.
-    """
-    fitted = [diagnosis.steps[0].base, *(s.chosen for s in diagnosis.steps if s.chosen is not None)]
-    records = list(diagnosis.steps[0].base.split.records)
-    try:
-        return [(n, aligned(f.model, records)) for n, f in zip(diagnosis.rungs, fitted, strict=True)]
-    except FitError:
-        return []
+    return {"rungs": [r | {"size": r["validation"] * spread} for r in rows], "kind": d.steps[0].floor_kind}

@@ -9,7 +9,8 @@ import numpy as np
 from ...data.metrics import nrmse
 from ...data.record import Record
 from ...data.units import headed, in_units, said_first
-from ...fit.simulate import arrays, free_run, simulate
+from ...fit.evaluate import free_run
+from ...fit.simulate import arrays, simulate
 from ...models.model import Model
 from ...tasks.commission import Commissioning
 from ..figures.describe import SEVERAL, TIME, Area, Line, Panel, traces

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ....data.record import Record
+from ....engines.algebra import smallest
 from ....fit.bases.integrating import poles
-from ....fit.least_squares import smallest
 from ..hypotheses import Core
 
 Array = np.ndarray

@@ -1,0 +1,250 @@
+"""The one protocol by which a model is compared with a record.
+
+The error of a model on a record is that of its free run over the whole record, at the record's own rate, from start
+states that are estimated on that record; a gap starts a new run. Nothing else is fitted to the record, unless it is
+asked for (`align`: a constant offset of the sensor). Of a model that integrates, the constant load counts as a start
+state; the error without it stands beside. MATLAB's `compare` estimates start states in the same way.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ..data.metrics import mape, nrmse
+from ..data.record import Record
+from ..data.timegrid import same_pace
+from ..data.units import in_units
+from ..engines.algebra import smallest
+from ..errors import DataError, Diverged, FitError
+from ..models.model import Model
+from .freerun import FreeRun, load_of
+from .simulate import Records, arrays, by_parts, fitted, predict, segments, simulate
+
+Array = np.ndarray
+PROTOCOL = (
+    "free run over the whole record at its own sampling rate, from start states estimated on that record; gaps start "
+    "anew; nothing else is fitted to it"
+)
+STEPS, SETTLED = 30, 1e-9
+DEPENDENT = 1e-6  # directions that a record does not show stay where they are
+
+
+@dataclass(frozen=True)
+class Started:
+    """A free run along one contiguous record.
+
+    Attributes
+    ----------
+    run : (N,) array
+        From the estimated start states; NaN from where it diverges [unit of the output].
+    offset : float
+        Of the sensor; 0 where it was not asked for [unit of the output].
+    load : float
+        By how much the constant of a model that integrates differs from the model's own [unit of the output].
+    """
+
+    run: Array
+    offset: float = 0.0
+    load: float = 0.0
+
+
+def started(model: Model, part: Record, align: bool = False, loads: bool = True, engine: str = "native") -> Started:
+    """Run a model along one contiguous record from start states estimated on it, by Gauss-Newton from measured ones.
+
+    Parameters
+    ----------
+    align : bool
+        Whether a constant offset of the sensor is estimated too.
+    loads : bool
+        Whether the constant load of a model that integrates is.
+    """
+    try:
+        problem = FreeRun(model, part, None, loads=loads)
+    except FitError:  # no sample to estimate from
+        data = arrays(model, part)
+        return Started(simulate(model, data[model.input.name], data[model.output.name], data, engine, warn=False))
+    z, constant = problem.start(fitted(model)), 0.0
+    if align:  # where Sigma_y = 1 no record tells a start from an offset: first only what nobody measured moves
+        remembered = np.array(
+            [s.back is None for s in problem.starts] + [True] * (problem.load is not None), dtype=bool
+        )
+        z, constant = estimated(problem, z, constant, remembered, True)
+    z, constant = estimated(problem, z, constant)
+    run = problem.simulate(z, 0, engine)
+    return Started(run + constant, constant, float(z[-1]) if problem.load is not None else 0.0)
+
+
+def estimated(
+    problem: FreeRun, z: Array, constant: float = 0.0, moves: Array | None = None, offset: bool = False
+) -> tuple[Array, float]:
+    """Return the start states, and the offset of the sensor, with the least free-run error, by Gauss-Newton.
+
+    Parameters
+    ----------
+    problem : FreeRun
+        Of fixed parameters: its unknowns are start states alone.
+    z : (unknowns,) array
+        Where it begins.
+    constant : float
+        The offset of the sensor [unit of the output], which moves where `offset` says so.
+    moves : (unknowns,) bool array, optional
+        Which start states are estimated; all by default.
+    """
+    best, kept, step = np.inf, (z, constant), np.zeros(z.size + 1)
+    moves = np.ones(z.size, dtype=bool) if moves is None else moves
+    for _ in range(STEPS):
+        residuals, slopes = problem.run(z)
+        gap = residuals + constant / problem.spread
+        columns = np.column_stack([slopes * moves, np.full(gap.size, offset / problem.spread)])
+        cost = float(gap @ gap) if np.all(np.isfinite(columns)) and np.all(np.isfinite(gap)) else np.inf
+        if not cost < best:  # halve the way back to the best one
+            if not np.isfinite(best):
+                break
+            step = step / 2
+        else:
+            settled = cost > (1 - SETTLED) * best
+            best, kept = cost, (z.copy(), constant)
+            if settled:
+                break
+            step = smallest(columns, -gap, DEPENDENT)
+        z, constant = kept[0] + step[:-1], kept[1] + float(step[-1])
+    return kept
+
+
+def free_run(model: Model, record: Record, engine: str = "native", align: bool = False, loads: bool = True) -> Array:
+    """Simulate along a record from start states that are estimated on it, again after each gap.
+
+    Parameters
+    ----------
+    model : Model with theta
+    record : Record
+    engine : "native", "numpy", "python" or "casadi"
+    align : bool
+        Whether a constant offset of the sensor is estimated too.
+    loads : bool
+        Whether the constant load of a model that integrates counts as a start state.
+
+    Returns
+    -------
+    (N,) array [unit of the output]; for an inverse model each part lacks its last `lead` samples. The first samples,
+    which the model looks back at, are the measured ones.
+
+    Raises
+    ------
+    Diverged
+        Where the run leaves the finite numbers.
+    ModelError
+        For a model without values, or a record without its channel.
+    """
+    return by_parts(model, record, partial(_run, model, engine, align, loads))
+
+
+def _run(model: Model, engine: str, align: bool, loads: bool, part: Record) -> Array:
+    found = started(model, part, align, loads, engine)
+    data = arrays(model, part)
+    measured, depth = data[model.output.name], max(1, model.recursion.depth)
+    if not np.all(np.isfinite(found.run)):  # which says where, and why
+        return simulate(model, data[model.input.name], measured[:depth], data, engine, warn=False)
+    return np.concatenate([measured[:depth], found.run[depth:]]) if model.recursion.depth else found.run
+
+
+@dataclass(frozen=True)
+class Errors:
+    """One-step and free-run errors, always in pairs: one-step accuracy alone says nothing.
+
+    Attributes
+    ----------
+    one_step_nrmse, free_run_nrmse : float
+        rms(y - model) over the standard deviation of y.
+    one_step_mape, free_run_mape : float
+        Mean absolute error in per cent of the range.
+    free_run_rms : float
+        rms of the free-run error [unit of the output].
+    own_load_nrmse : float or None
+        The free-run NRMSE with the model's own constant load; None where the model does not integrate.
+    """
+
+    one_step_nrmse: float
+    free_run_nrmse: float
+    one_step_mape: float
+    free_run_mape: float
+    free_run_rms: float = float("nan")
+    own_load_nrmse: float | None = None
+
+    @property
+    def fit(self) -> float:
+        """Fit of the free run as MATLAB's `compare` gives it, 100 (1 - NRMSE) [%]."""
+        return 100.0 * (1.0 - self.free_run_nrmse)
+
+
+def evaluate(model: Model, records: Records, align: bool = False) -> Errors:
+    """Compare a model with measurements.
+
+    The error of a model on a record is that of its free run over the whole record, at the record's own rate, from
+    start states that are estimated on that record; a gap starts a new run. Nothing else is fitted to the record. Of a
+    model that integrates an unknown constant load counts as a start state. What diverges has an infinite error.
+
+    Parameters
+    ----------
+    model : Model with theta
+    records : Record or list of Record
+        All samples count alike: over several records, or across a gap, the errors are those of the samples together.
+    align : bool
+        Whether a constant offset of the sensor is estimated beside the start states.
+
+    Returns
+    -------
+    Errors
+
+    Raises
+    ------
+    DataError
+        For a constant output.
+    ModelError
+        For a model without values or a record without its channel.
+    """
+    fitted(model)
+    listed = in_units(segments(records), model.info.units)
+    for record in listed:
+        if model.Ts and not same_pace(record.Ts, model.Ts):
+            warnings.warn(
+                f"The record {record.name!r} has Ts = {record.Ts:g} s, the model was identified at {model.Ts:g} s.",
+                stacklevel=2,
+            )
+    target = np.concatenate([arrays(model, r)[model.output.name] for r in listed])
+    if np.ptp(target) == 0:
+        raise DataError(
+            f"record {listed[-1].name!r}: {model.output.name} is constant ({target[0]:.6g}): an error has nothing to "
+            "be compared with. Check the columns (--input, --output) and the rows (--rows)."
+        )
+    one = _along(model, listed, predict)
+    free = _along(model, listed, partial(free_run, align=align))
+    own = _along(model, listed, partial(free_run, align=align, loads=False)) if load_of(model) is not None else None
+    pairs = [_measure(target, run) for run in (one, free)]
+    with np.errstate(over="ignore"):
+        rms = float(np.sqrt(np.mean((target - free) ** 2)))
+    return Errors(
+        pairs[0][0], pairs[1][0], pairs[0][1], pairs[1][1], rms, None if own is None else _measure(target, own)[0]
+    )
+
+
+def _along(model: Model, listed: Sequence[Record], run: object) -> Array:
+    """Return the runs along contiguous records, one array; infinite where one diverges."""
+    found = []
+    for record in listed:
+        try:
+            found.append(run(model, record))  # type: ignore[operator]
+        except Diverged:
+            found.append(np.full(arrays(model, record)[model.output.name].size, np.inf))
+    return np.concatenate(found)
+
+
+def _measure(target: Array, run: Array) -> tuple[float, float]:
+    """Return NRMSE and MAPE of a run."""
+    with np.errstate(over="ignore"):
+        return (nrmse(target, run), mape(target, run)) if np.isfinite(run).all() else (np.inf, np.inf)
