@@ -42,8 +42,8 @@ class State:
 
     @property
     def error(self) -> float:
-        """The free-run NRMSE on held-out samples."""
-        return self.revisions[-1].errors["validation"]
+        """The free-run error on validation data [unit of y]."""
+        return self.revisions[-1].errors["validation_rms"]
 
 
 @dataclass

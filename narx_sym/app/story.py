@@ -53,7 +53,7 @@ class Story(Diagnosis):
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
-        """The errors of each revision: name, NRMSE on training and held-out samples."""
+        """The errors of each revision, as `Diagnosis.ladder` has them."""
         return [{"added": name.removeprefix("+ "), **errors} for name, errors in self.way]
 
     @property

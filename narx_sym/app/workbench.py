@@ -311,7 +311,7 @@ class Workbench(Compensation):
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
-        """Name and free-run NRMSE on training and on held-out samples of each revision."""
+        """Name and free-run errors of each revision, as `Diagnosis.ladder` has them."""
         return [{"name": r.name, **r.errors} for r in self.revisions]
 
     @property
@@ -321,8 +321,8 @@ class Workbench(Compensation):
 
     @property
     def floor(self) -> float:
-        """The noise floor as NRMSE: the lowest that any revision tells."""
-        return min(r.found.steps[0].floor / r.base.problem.spread for r in self.revisions)
+        """The noise floor, the lowest that any revision tells [unit of y]."""
+        return min(r.found.steps[0].floor for r in self.revisions)
 
     @property
     def terms(self) -> dict[str, str]:

@@ -22,10 +22,12 @@ from .options import (
     Time,
     Ts,
     Units,
+    Validate,
     check_format,
     check_targets,
     records,
     save_figure,
+    validating,
 )
 from .printing import console, working
 
@@ -50,6 +52,7 @@ def commission(
     t: Time = "t",
     ts: Ts = None,
     rows: Rows = None,
+    validate: Validate = None,
     missing: Missing = "refuse",
 ) -> None:
     """Go or no go: what a law would reach on the machine, by Monte Carlo over what the records allow."""
@@ -62,9 +65,10 @@ def commission(
     from ..tasks.commission import write_commissioning
 
     check_format(plot)
-    check_targets([plot, json], model_file, reference, *data)
+    check_targets([plot, json], model_file, reference, *data, *(validate or []))
     model = load(model_file)
     measured = records(data, u, y, t, ts, "", rows, missing, units, model)
+    judging = validating(validate, measured, u, y, t, ts, "", missing, units)
     names = said_first(model.info.units, measured[0].units)
     goal, step, _ = read_signal(
         reference, column, t=t, option="--column", prefer="r", unit=names.get("y", ""), offers=()
@@ -73,7 +77,8 @@ def commission(
     with working("Running the law and the models that the records allow"):
         part: Any = None if share == "none" else share
         law = model.compensator()
-        found = run(law, goal, measured, limits=limits, rate=rate, share=part, draws=draws, seed=seed)
+        found = run(law, goal, measured, limits=limits, rate=rate, share=part, draws=draws, seed=seed,
+                    validation=judging)  # fmt: skip
     console().print(found.sentence(names), markup=False)
     if json:
         write_commissioning(found, json)

@@ -28,12 +28,14 @@ from .options import (
     Time,
     Ts,
     Units,
+    Validate,
     again,
     check_format,
     check_targets,
     records,
     save_figure,
     say_resumed,
+    validating,
     where_beside,
     with_columns,
     with_own,
@@ -56,6 +58,7 @@ def diagnose(
     delay: Annotated[
         int | None, typer.Option(min=0, max=10_000, help="Dead time in samples; found by default.")
     ] = None,
+    validate: Validate = None,
     max_effects: MaxEffects = 1,
     open_loop: OpenLoop = False,
     seed: Seed = 0,
@@ -82,8 +85,10 @@ def diagnose(
 ) -> None:
     """Compare a model with measurements and name the physical effect that is missing.
 
-    Without a model file the base is identified first. The same data and seed give the same JSON; only its last field,
-    `seconds`, differs.
+    Without a model file the base is identified first. An effect is only added where the error falls on the data and on
+    validation data: those of --validate, else the last part of each record, which no model is fitted to. Errors are of
+    the free run over the whole record from start states estimated on it, as `narx-sym compare` gives them.
+    The same data and seed give the same JSON; only its last field, `seconds`, differs.
     """
     from ..diagnosis.experiment import check_limits
     from ..diagnosis.procedure import diagnose as run
@@ -93,24 +98,25 @@ def diagnose(
     typed = again(context, RESULTS)
     targets = Targets(json_file, save, plot, experiment, report, -1 if quiet else int(verbose), typed)
     file = Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
-    check_targets([*targets.paths, resume], *data, *(effects or []), file)
+    check_targets([*targets.paths, resume], *data, *(validate or []), *(effects or []), file)
     check_format(plot)
     catalogue = with_own(effects or [])
     model = _read(file, delay) if file else None
     named = with_columns(channels, model.channels if model else ())
     measured = records(data, u, y, t, ts, named, rows, missing, units, model)
+    judging = validating(validate, measured, u, y, t, ts, named, missing, units)
     with resuming(resume) if resume else nullcontext() as journal:
         start = _begin(model or base, measured, delay)
         with working("Diagnosing") as progress:
             found = run(
                 start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
-                open_loop=open_loop, report=progress,
+                open_loop=open_loop, validation=judging, report=progress,
             )  # fmt: skip
     say_resumed(journal, resume)
     _say_done(found, measured)
     settings = {
-        "base": base, "delay": "found" if delay is None else delay, "max_effects": max_effects,
-        "channels": channels or "none", "rows": rows or "all", "open_loop": open_loop,
+        "base": base, "validation": ", ".join(map(str, validate or [])) or "last part",
+        "delay": "found" if delay is None else delay, "max_effects": max_effects, "channels": channels or "none", "rows": rows or "all", "open_loop": open_loop,
     }  # fmt: skip
     targets.write(found, measured, found.units, data, settings)
 

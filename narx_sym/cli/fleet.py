@@ -37,6 +37,12 @@ def fleet(
     group: Annotated[
         str, typer.Option("--group", help="What tells the machine: a column of the list, or a regular expression.")
     ] = "",
+    validate: Annotated[
+        str,
+        typer.Option(
+            "--validate", help="Regular expression: files that match are validation records of their machine."
+        ),
+    ] = "",
     max_effects: MaxEffects = 1,
     seed: Seed = 0,
     budget: Annotated[float, typer.Option(min=0.0, help="Seconds per record; 0 for no limit.")] = 0.0,
@@ -62,7 +68,7 @@ def fleet(
     from ..tasks.fleet import Settings, entries
     from ..tasks.fleet import fleet as run
 
-    listed = entries(source, group, {"u": u, "y": y, "t": t})
+    listed = entries(source, group, {"u": u, "y": y, "t": t}, validate)
     check_targets([out, *beside(out), resume], *(e.file for e in listed))
     if reports is not None:
         reports.mkdir(parents=True, exist_ok=True)

@@ -26,10 +26,12 @@ from .options import (
     Time,
     Ts,
     Units,
+    Validate,
     check_targets,
     records,
     save_figure,
     unit_names,
+    validating,
     where_beside,
     with_columns,
 )
@@ -56,6 +58,7 @@ def fit(
     degree: Annotated[int, typer.Option(min=1, max=6, help="Degree of the products.")] = 3,
     delay: Annotated[int | None, typer.Option(min=0, max=200, help="Pure delay in samples.")] = None,
     for_compensation: Annotated[bool, typer.Option("--for-compensation", help="Keep the model invertible.")] = False,
+    validate: Validate = None,
     creep: Annotated[bool, typer.Option("--creep", help="With --base play: a share of the motion comes late.")] = False,
     method: Annotated[str, typer.Option(help="auto, one_step, free_run or els.")] = "auto",
     u: Input = "u",
@@ -70,21 +73,22 @@ def fit(
     """Select the structure and fit the parameters under Sigma_y = 1."""
     from ..files.store import save
     from ..fit.identify import BASES, check_method, identify
-    from ..tasks.compare import errors_of
+    from ..tasks.compare import errors_of, validated
 
-    check_targets([out], *data)
+    check_targets([out], *data, *(validate or []))
     check_method(method)
     if base not in BASES:
         raise DataError(f"Unknown base {base!r}: --base is one of {', '.join(BASES)}.")
     if u == y:
         raise DataError(f"Input and output are the same column {u!r}; choose with --input and --output.")
     measured = records(data, u, y, t, ts, channels, rows, missing, units)
+    judging = validating(validate, measured, u, y, t, ts, channels, missing, units)
     with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
         model = identify(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
             method=method, creep=creep,
         )  # fmt: skip
-        pairs = errors_of(model, measured)
+        pairs = [*errors_of(model, measured), *validated(model, judging)]
     save(model, out)
     print_model(model)
     console().print(f"Terms: {model.info.selection.reason}. Fit: {model.info.method}.")
@@ -139,6 +143,7 @@ def compare(
     align: Annotated[
         bool, typer.Option("--align", help="Estimate a constant offset of the sensor beside the start states.")
     ] = False,
+    validate: Validate = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write the errors.")] = None,
     units: Units = "",
     u: Input = "u",
@@ -160,12 +165,15 @@ def compare(
 
     target = None if no_plot else plot
     where = where_beside(target)
-    check_targets([target, where, json], model_file, *data)
+    check_targets([target, where, json], model_file, *data, *(validate or []))
     model = load(model_file)
     named = with_columns(channels, [*filter(None, [reference]), *model.channels])
     measured = records(data, u, y, t, ts, named, rows, missing, units, model)
     with working("Simulating"):
         found = task.compare(model, measured, align)
+        found.errors.extend(
+            task.validated(model, validating(validate, measured, u, y, t, ts, named, missing, units), align)
+        )
     names = said_first(model.info.units, measured[0].units)
     for said in found.notes:
         note(said)

@@ -30,6 +30,10 @@ Time = Annotated[str, typer.Option("--time", help="Column of the time, in s.")]
 Ts = Annotated[float | None, typer.Option("--ts", help="Sampling time in s; overrides the time column.")]
 Channels = Annotated[str, typer.Option("--channels", help="Further columns: names with commas, or all.")]
 Rows = Annotated[str | None, typer.Option("--rows", help="Data rows A:B, counted from 0.")]
+Validate = Annotated[
+    list[Path] | None,
+    typer.Option("--validate", help="A record to judge by: nothing is fitted to it. May be repeated."),
+]
 Missing = Annotated[
     str, typer.Option("--missing", help="Rows with missing values: refuse, or drop (a few are filled) and say so.")
 ]
@@ -87,6 +91,33 @@ def records(
             check_pace(model, record.Ts, f"{file}: the record has")
     for text in what_to_print(listed):
         note(text)
+    return listed
+
+
+def validating(
+    files: list[Path] | None,
+    measured: list[Record],
+    u: str,
+    y: str,
+    t: str,
+    Ts: float | None,
+    channels: str = "",
+    missing: str = "refuse",
+    units: str = "",
+) -> list[Record]:
+    """Read the validation records, in the units of the data; they have the pace of the data."""
+    from ..data.timegrid import same_pace
+    from ..data.units import in_units
+
+    listed = (
+        in_units(records(files or [], u, y, t, Ts, channels, None, missing, units), measured[0].units) if files else []
+    )
+    for record in listed:
+        if not same_pace(record.Ts, measured[0].Ts):
+            raise DataError(
+                f"{record.name}: the validation record has Ts = {record.Ts:g} s, the data {measured[0].Ts:g} s: "
+                "resample one of them."
+            )
     return listed
 
 

@@ -201,15 +201,19 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
         meant = "both together are missing" if step.pair else "these data cannot tell apart"
         table(
             f"Candidates (share of the removable error, with its 95 % interval; {MARK} {meant})",
-            ["effect", "where", "share", "interval", "free-run NRMSE before", "after", "parameters"],
+            ["effect", "where", "share", "interval", "cross-validated NRMSE before", "after", "parameters"],
             rows,
         )
     floor = found.floor / step.base.problem.spread
-    ladder = [[name, *(r[part] for part in PARTS)] for name, r in zip(found.rungs, found.ladder, strict=True)]
-    ladder.append([f"noise floor ({step.floor_kind})", "", floor, ""])
+    ladder = [
+        [name, *(f(r[part]) for part in PARTS for f in (lambda e: e, lambda e: 100 * (1 - e)))]
+        for name, r in zip(found.rungs, found.ladder, strict=True)
+    ]
+    ladder.append([f"noise floor ({step.floor_kind})", floor, "", "", ""])
     if step.sensor:
-        ladder.append(["noise of the sensor alone", "", step.sensor / step.base.problem.spread, ""])
-    table("Errors, step by step (free-run NRMSE)", ["model", *PARTS.values()], ladder)
+        ladder.append(["noise of the sensor alone", step.sensor / step.base.problem.spread, "", "", ""])
+    columns = [f"{what}{of}" for of in PARTS.values() for what in ("NRMSE, ", "fit [%], ")]
+    table(f"Free-run errors, step by step; validation data: {found.validation}", ["model", *columns], ladder)
     print_fails(found.misfit, units)
     print_detectable(step, units)
 

@@ -9,21 +9,24 @@ import numpy as np
 
 from ..errors import FitError, ModelError
 from ..files.parallel import one_blas_thread
+from ..fit import least_squares
 from ..fit.identify import prepare
-from ..fit.least_squares import unfinished
 from ..fit.simulate import Records
 from ..models.effects import EFFECTS, Catalogue
 from ..models.extend import find
 from ..models.model import Model
 from .refit import Fitted, Split, Trial, settle, whole
 from .screening.scored import screen, shortlist
-from .table.candidates import Candidate
+from .table.candidates import Candidate, Pair
 from .table.hypotheses import written
 from .table.search import Search
 
 
-def add(model: Model, effect: str | Candidate, where: str | None = None) -> Addition:
-    """Add a physical effect by id, or a candidate of a diagnosis; `.fit(record)` returns the extended model."""
+def add(model: Model, effect: str | Candidate | Pair, where: str | None = None) -> Addition:
+    """Add a physical effect by id, or what a diagnosis found; `.fit(record)` returns the extended model.
+
+    What was found carries its core, form, place and values: a fit begins there, and never ends with a larger error.
+    """
     return Addition(model, effect, where)
 
 
@@ -33,7 +36,9 @@ class Addition:
     Made by `Model.add`.
     """
 
-    def __init__(self, model: Model, effect: str | Candidate, where: str | None = None, catalogue: Catalogue = EFFECTS):
+    def __init__(
+        self, model: Model, effect: str | Candidate | Pair, where: str | None = None, catalogue: Catalogue = EFFECTS
+    ):
         self.model, self.effect, self.where = model, effect, where
         if isinstance(effect, str):
             self.forms, self.channel = find(effect, catalogue)
@@ -50,12 +55,14 @@ class Addition:
             Where no stable fit is found, or a refit of the model absorbs the effect.
         """
         listed = prepare(records, self.model.info.units)
-        if isinstance(self.effect, Candidate):
+        if self.model.theta is None:
+            self.model = least_squares.fit(self.model, listed, method="auto")
+        if isinstance(self.effect, (Candidate, Pair)):
             fitted = whole(Trial.of(listed, listed).final(self.effect.fitted))
         else:
             with one_blas_thread():
                 fitted = self._search(Split.whole(listed), seed, progress)
-        return unfinished(Trial.of(listed, listed).final(fitted).model)
+        return least_squares.unfinished(Trial.of(listed, listed).final(fitted).model)
 
     def _search(self, split: Split, seed: int, progress: Callable[[str], Any]) -> Fitted:
         only = Catalogue({self.forms[0].id: self.forms})

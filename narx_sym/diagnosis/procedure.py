@@ -38,7 +38,7 @@ from .misfit import Misfit, misfit_of
 from .progress import BASE, ROUND, Course, inside
 from .refit import Fitted, Trial
 from .steps import Step, looped, step
-from .table.candidates import Candidate
+from .table.candidates import Candidate, Pair
 from .table.hypotheses import family_of, static
 from .table.offsets import without_offsets
 from .table.rounds import Table
@@ -108,11 +108,11 @@ class Diagnosis(DiagnosisDoors):
         return self.steps[0].experiment
 
     @property
-    def best(self) -> Candidate:
-        """The best candidate."""
+    def best(self) -> Candidate | Pair:
+        """What explains the error best: one effect, or two that only together do."""
         if not self.candidates:
             raise ModelError(f"There is no candidate: the verdict is {self.verdict}.")
-        return self.candidates[0]
+        return self.steps[0].pair or self.candidates[0]
 
     @property
     def model(self) -> Model:
@@ -136,11 +136,14 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
-        """The errors after each addition, those of `evaluate`: name, NRMSE on the records and on validation records."""
-        rungs: list[dict[str, Any]] = [{"added": "base", **self.steps[0].nrmse(self.steps[0].base)}]
+        """The errors after each addition, those of `evaluate`: on the records (`train`) and on validation data.
+
+        NRMSE, and with the ending `_rms` in the unit of y.
+        """
+        rungs: list[dict[str, Any]] = [{"added": "base", **self.steps[0].figures(self.steps[0].base)}]
         for one in self.steps:
             if one.chosen is not None:
-                rungs.append({"added": " + ".join(one.added), **one.nrmse(one.chosen)})
+                rungs.append({"added": " + ".join(one.added), **one.figures(one.chosen)})
                 if one.withdrawn:
                     rungs[-1]["withdrawn"] = one.withdrawn
         return rungs
@@ -163,13 +166,7 @@ class Diagnosis(DiagnosisDoors):
     @property
     def validation(self) -> str:
         """Which data the validation errors are of, in words."""
-        trial = self.steps[0].trial
-        if trial.given:
-            return joined(dict.fromkeys(r.name for r in trial.validation))
-        if not trial.tail:
-            return "the record itself, whose last part rests"
-        rows = [len(s) - len(v) for s, v in zip(trial.split.records, trial.validation, strict=True)]
-        return f"the last part of the record (from row {rows[0]})" if len(rows) == 1 else "the last part of each record"
+        return self.steps[0].trial.described
 
     @property
     def rungs(self) -> list[str]:
@@ -187,7 +184,8 @@ class Diagnosis(DiagnosisDoors):
     def _verdict(self, units: Mapping[str, str]) -> str:
         first = self.steps[0]
         loop = [f"{first.loop.outweighed}."] if first.loop is not None and first.candidates else []
-        return " ".join([first.sentence(units), *loop, *(fault.sentence for fault in self.faults)])
+        said = [first.sentence(units), first.refusal(units), *loop, *(fault.sentence for fault in self.faults)]
+        return " ".join(filter(None, said))
 
     def table(self) -> list[dict[str, Any]]:
         """One row per candidate of the first step."""
@@ -249,7 +247,7 @@ def diagnose(
     records : Record or list of Record
         Compared at a working rate, on twelve blocks; what is named is fitted at the records' own rate.
     max_effects : int
-        How many effects are added, one after the other.
+        How many effects are added, one after the other; two that only together explain the error are added together.
     channels : names or "all"
         Which further measured signals may act.
     catalogue : Catalogue
@@ -356,7 +354,7 @@ def _searched(
         made.finish(trial, _baseline(trial, start, made.base))
     while not rounds or (rounds[-1][0].chosen is not None and len(known.hypothesis.effects) < most):
         before = rounds[-1][0].last if rounds else None
-        made, known = step(table, known, most - len(known.hypothesis.effects), limits, loop)
+        made, known = step(table, known, limits, loop)
         made.finish(trial, before or _baseline(trial, start, made.base))
         rounds.append((made, known))
     return _Searched(table, rounds)

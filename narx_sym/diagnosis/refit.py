@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +23,7 @@ from ..fit.simulate import segments
 from ..models.added import newer
 from ..models.model import Model
 from ..models.rewrite import held, without
+from .bases import joined
 
 Array = np.ndarray
 BLOCKS, SEALED, EVERY = 24, 3, 4
@@ -158,6 +159,16 @@ class Trial:
         """Whether the last part of each record is what judges."""
         return not self.given and self.validation != self.records
 
+    @property
+    def described(self) -> str:
+        """Which data the validation errors are of, in words."""
+        if self.given:
+            return joined(dict.fromkeys(r.name for r in self.validation))
+        if not self.tail:
+            return "the record itself, whose last part rests"
+        rows = [len(s) - len(v) for s, v in zip(self.split.records, self.validation, strict=True)]
+        return f"the last part of the record (from row {rows[0]})" if len(rows) == 1 else "the last part of each record"
+
     def errors(self, fitted: Fitted) -> dict[str, Errors]:
         """Return the errors on the diagnosed records (`train`) and on the validation records."""
         if id(fitted) not in self._errors:
@@ -168,32 +179,31 @@ class Trial:
             self._errors[id(fitted)] = fitted, found
         return self._errors[id(fitted)][1]
 
-    def as_given(self, model: Model) -> Fitted:
-        """Return a model as it is, judged here."""
-        problem = FreeRun(model, list(self.split.records), None, self.split.train, loads=True)
-        return Fitted(model, self.split, problem, problem.start(model.theta), True, {}, judged=True)
+    def as_given(self, model: Model, converged: bool = True, limits: Mapping[Any, Any] | None = None) -> Fitted:
+        """Return a model as it is, judged here: its unknowns are the start states estimated on the whole records."""
+        problem = FreeRun(model, list(self.split.records), None, loads=True)
+        unknowns = estimated(problem, problem.start(model.theta))[0]
+        return Fitted(model, self.split, problem, unknowns, converged, limits or {}, judged=True)
 
     def final(self, fitted: Fitted) -> Fitted:
         """Fit a model once more, in free run over the whole records from estimated start states.
 
         Where that fails, or leaves more by `evaluate` on the samples of the fit, the parameters stay.
         """
-        before, records = self.as_given(fitted.model), list(self.split.records)
-        begins = FreeRun(fitted.model, records, None, self.split.train, loads=True)
-        problem = FreeRun(fitted.model, records, constraint_equations(fitted.model, None), self.split.train, loads=True)
-        begin = problem.start(fitted.model.theta)
-        begin[problem.free :] = estimated(begins, begins.start(fitted.model.theta))[0]
-        limits = {s: pair for s, pair in fitted.limits.items() if s in fitted.model.symbols}
-        made = before
+        model, records, use = fitted.model, list(self.split.records), self.split.train
+        limits = {s: pair for s, pair in fitted.limits.items() if s in model.symbols}
+        part = [r[: int(np.count_nonzero(m))] for r, m in zip(records, use, strict=True)]
+        begins = FreeRun(model, records, None, use, loads=True)
+        problem = FreeRun(model, records, constraint_equations(model, None), use, loads=True)
+        begin = problem.start(model.theta)
+        begin[problem.free :] = estimated(begins, begins.start(model.theta))[0]
+        made, ended = model, fitted.converged
         with suppress(FitError):
             unknowns, std, converged = remembered(_minimum, problem, begin, FINAL, limits)
-            problem.model = fitted.model.replace(theta=problem.theta(unknowns).tolist(), standard_errors=std)
-            made = Fitted(problem.model, self.split, problem, unknowns, converged, limits, judged=True)
-        part = [r[: int(np.count_nonzero(m))] for r, m in zip(records, self.split.train, strict=True)]
-        if not evaluate(made.model, part).free_run_nrmse <= evaluate(before.model, part).free_run_nrmse:
-            made = replace(before, limits=limits)
-        made.model = describe(made.model, self.records, "free_run", made.converged)
-        return made
+            found = model.replace(theta=problem.theta(unknowns).tolist(), standard_errors=std)
+            if evaluate(found, part).free_run_nrmse <= evaluate(model, part).free_run_nrmse:
+                made, ended = found, converged
+        return self.as_given(describe(made, self.records, "free_run", ended), ended, limits)
 
 
 NO_TRIAL = Trial((), (), False, Split((), (), (), ()))

@@ -28,7 +28,6 @@ from .table.candidates import (
     Pair,
     candidates_of,
     closer,
-    half_of,
     jointly,
     new_effect,
     slower,
@@ -41,6 +40,7 @@ from .table.rounds import Table
 from .table.row import Row
 from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, SAME, alike, nothing_named, removes, verdict
 
+PARTS = ("train", "validation")  # the diagnosed records, and those that no model is fitted to
 ONE_STEP = "All that the input does is one step, and every output is what some linear machine answers to it."
 REPEATED, ESTIMATE, NO_FLOOR = "repeated periods", "estimate", "not estimated"  # kinds of floors: sure, not, in loops
 
@@ -111,19 +111,14 @@ class Step:
             The model that the step begins with: the baseline, or what the step before it added.
         """
         self.trial, self.base = trial, before
-        if self.pair is not None:
-            self.pair.fitted = trial.final(self.pair.fitted)
         if self.chosen is not None:
-            found = newer(self.chosen.model, before.model)
             self.chosen = trial.final(self.chosen)
-            same = self.pair is not None and len(found) == len(self.pair.effects)
-            if self.pair is not None and same:
+            if self.pair is not None:
                 self.pair.fitted = self.chosen
-            if self.candidates and not same:
+            else:
                 self.candidates[0].final = self.chosen
-        members = set(self.confusion_set) | {e for e in (self.pair.effects if self.pair else ())}
         for c in self.candidates:
-            c.judge(trial, c.effect in members)
+            c.judge(trial, c.effect in self.confusion_set)
         if self.chosen is not None and not self.falls(self.chosen):
             self.refused, self.chosen = self.chosen, None
 
@@ -160,6 +155,11 @@ class Step:
     def nrmse(self, fitted: Fitted) -> dict[str, float]:
         """Return the free-run errors of `evaluate`, over the standard deviation of the output of these records."""
         return {name: e.free_run_nrmse for name, e in self.errors(fitted).items()}
+
+    def figures(self, fitted: Fitted) -> dict[str, float]:
+        """Return these errors, and with the ending `_rms` those in the unit of y."""
+        found = self.errors(fitted)
+        return self.nrmse(fitted) | {f"{name}_rms": e.free_run_rms for name, e in found.items()}
 
     def near(self, known: Row, *rows: Row) -> Step:
         """Take the rows that lessen the error by more than `SAME` for what comes nearest, and return the step."""
@@ -212,10 +212,10 @@ class Step:
 
     def sentence(self, units: Mapping[str, str]) -> str:  # noqa: C901, PLR0911, PLR0912
         """Return the verdict in plain words."""
-        unit = f" {units['y']}" if units.get("y") else ""
-        error = np.sqrt(self.base.mean_square(self.base.split.held))
-        percent = float(f"{100 * error / self.base.problem.spread:.2g}")
-        sizes = f"The error is {few(error)}{unit} rms ({percent:g} % of the output's standard deviation)"
+        unit, error = f" {units['y']}" if units.get("y") else "", self.errors(self.base)["validation"]
+        percent = float(f"{100 * error.free_run_nrmse:.3g}")
+        sizes = f"The error on {self.trial.described} is {few(error.free_run_rms)}{unit} rms "
+        sizes += f"({percent:g} % of the standard deviation of the output)"
         if self.verdict == "nothing_detectable":
             if self.follows_nothing:
                 return f"The base does not follow the output: what is missing cannot be told from it. {sizes}."
@@ -268,12 +268,28 @@ class Step:
             return f"{text} {self.experiment.sentence}" if self.experiment else text
         return f"Probably missing: {best.effect}. {what}. {sizes}. Adding it removes {share}."
 
+    def refusal(self, units: Mapping[str, str]) -> str:
+        """Say why what was found is not added: its error on the record and on validation data, before and after."""
+        if self.refused is None:
+            return ""
+        (one, before), (two, after) = self.moves(self.refused, units)
+        names = joined(e.effect for e in newer(self.refused.model, self.base.model))
+        on = f"and on {self.trial.described} it {two} {after}: it is not added."
+        return f"With {names} the error on the record {one} {before}, {on}"
+
+    def moves(self, fitted: Fitted, units: Mapping[str, str]) -> list[tuple[str, str]]:
+        """Return how the error of a model moves from that of the base: on the record, then on validation data."""
+        unit = units.get("y") or "(unit of y)"
+        pairs = [(self.errors(self.base)[p].free_run_rms, self.errors(fitted)[p].free_run_rms) for p in PARTS]
+        return [("falls" if b < a else "rises", f"from {few(a, 4)} to {few(b, 4)} {unit}") for a, b in pairs]
+
     def to_dict(self, experiment_file: str | None) -> dict[str, Any]:
         """Return the step as plain data."""
         base, spread = self.base.model, self.base.problem.spread
         terms = [printing.text(t) for t in base.terms] if isinstance(base, NARX) else [printing.text(base.F)]
         return {
             "verdict": self.verdict, "finding": self.finding, "sentence": self.sentence({}),
+            "refused": self.refusal({}),
             "confusion_set": self.confusion_set,
             "nearest": self.nearest, "nearest_share": self.nearest_share,
             "p_value": self.p_value,
@@ -329,15 +345,15 @@ def looped(base: Fitted, loop: Feedback, valves: Sequence[Sticking] = ()) -> Ste
 def step(
     table: Table,
     known: Row,
-    room: int = 1,
     limits: tuple[float, float] | None = None,
     loop: Feedback | None = None,
 ) -> tuple[Step, Row]:
     """Run one round: what may be missing beside the effects of a row, and a verdict; also the row that it ends at.
 
-    `room` is how many effects may be added, `limits` how far the input of the next experiment may go. In a `loop` an
-    effect is named where it alone removes nearly all of the error: what a disturbance makes of the input imitates
-    effects too, but in no healthy loop that the setpoint moves did one do so (tests/bench/evidence.py imitated).
+    Two effects that only together explain the error are added together. `limits` is how far the input of the next
+    experiment may go. In a `loop` an effect is named where it alone removes nearly all of the error: what a disturbance
+    makes of the input imitates effects too, but in no healthy loop that the setpoint moves did one do so
+    (tests/bench/evidence.py imitated).
     """
     known, best = _filled(table, known)
     table.course.reach(JUDGE)
@@ -385,11 +401,6 @@ def step(
         bare = next((table.own(r).model for r in found if not r.beyond(known) and table.holds(r)), None)
         made.decide(bare, table.seed, limits)
     table.course.say(": deleting what became redundant")
-    if made.pair is not None and room < len(both):
-        half = half_of(made.pair, made.candidates, table, known)
-        if half is None:
-            return made, known
-        chosen = half.fitted
     made.chosen = prune(chosen, base)
     return made, best
 

@@ -35,7 +35,7 @@ class Comparison:
     t, u, y : (N,) arrays [s, unit of u, unit of y]
     runs : mapping from "base" or the names of the rungs to the (N,) free runs [unit of y]
         The base first; the last model second, where something was added.
-    nrmse : mapping from the same names to the free-run error on held-out samples
+    nrmse : mapping from the same names to the free-run error on validation data
     floor : float
         rms of the noise [unit of y]; NaN where it is not known.
     name : str
@@ -124,12 +124,10 @@ class Comparison:
 
 
 def kept_back(fitted: Fitted, i: int) -> tuple[Area, ...]:
-    """Return what of segment i is held out, where errors are taken, and what is sealed, which decides no pruning."""
+    """Return what of segment i is validation data: no model is fitted to it."""
     split, t = fitted.split, fitted.split.records[i].t
-    kinds = (("held out", "held-out", split.held[i]), ("sealed", "sealed", split.test[i]))
-    return tuple(
-        Area(t[a], t[b - 1], word, role, True) for word, role, mask in kinds for a, b in spans(mask & ~split.train[i])
-    )
+    found = spans(split.test[i] & ~split.train[i])
+    return tuple(Area(t[a], t[b - 1], "validation", "held-out", True) for a, b in found)
 
 
 def response(c: Comparison, units: Units, *runs: str) -> Panel:

@@ -21,7 +21,7 @@ DIGITS = 4  # of the numbers in equations
 NEXT = {
     "nothing_detectable": "Keep the model. Smaller effects show with less noise, a longer record or a wider input: "
     "the sizes below say how small.",
-    "named": "Take the model with {best}, and compare it with a record that was not used here.",
+    "named": "Take the model with {best}, and compare it with a record of another day (--validate).",
     "confused": "Run the proposed experiment, and diagnose both records together.",
     "helps_but_incomplete": "Take {best} as a first step, look at where the model fails, and diagnose again with more "
     "effects.",
@@ -48,8 +48,7 @@ BADGES = {  # by `Step.finding`: what the headline says, in a few words
     "outside_library": "not in the catalogue",
     "closed_loop": "taken in closed loop",
 }
-PARTS = {"train": "training", "validation": "held out", "sealed": "sealed"}  # of a record, as a ladder has them
-BEYOND = 1.2  # times the errors that are shown first: from here on that of the sealed samples is told too
+PARTS = {"train": "record", "validation": "validation"}  # data, as a ladder has them
 NAMED = 5  # columns in a sentence
 AT_FLOOR = 1.1  # times the noise floor: an error up to here is called at the floor
 
@@ -159,12 +158,6 @@ def has_floor(diagnosis: Diagnosis) -> bool:
     return diagnosis.steps[0].floor_kind != NO_FLOOR
 
 
-def only_both(diagnosis: Diagnosis) -> bool:
-    """Whether effects help as a pair alone, so that none was added."""
-    first = diagnosis.steps[0]
-    return first.verdict == "helps_but_incomplete" and first.chosen is None
-
-
 def what_next(diagnosis: Diagnosis) -> str:
     """Say what to do next, after the last step; where something is left, also which signals took no part."""
     aside = diagnosis.aside
@@ -209,8 +202,8 @@ def _next(diagnosis: Diagnosis) -> str:  # noqa: PLR0911
             "Put the controller in manual and move its output up and down in small steps: how far it goes before PV "
             "follows is the band."
         )
-    if only_both(diagnosis):
-        return "Diagnose again and let it add two effects: neither of them helps by itself."
+    if chosen.refused is not None:
+        return "Record more, over the range of both records, and diagnose all records together."
     if chosen.verdict == "confused" and not (chosen.experiment and chosen.experiment.clear):
         return "Record with a wider range or faster moves, and diagnose both records together: here no input decides."
     verdict = chosen.verdict
@@ -225,13 +218,14 @@ def _added(diagnosis: Diagnosis) -> str:
 
 def sizes(diagnosis: Diagnosis, units: Units) -> list[tuple[str, str, str, float]]:
     """Return the figures that matter: what, in the unit of y, and twice over the output's standard deviation."""
-    first = diagnosis.steps[0]
-    spread, unit = first.base.problem.spread, units.get("y") or "(unit of y)"
-    rungs = diagnosis.ladder
-    found = [("Error of the base", rungs[0]["validation"])]
-    found += [(f"Error with {_added(diagnosis)}", rungs[-1]["validation"])] if rungs[1:] else []
-    found += list(floor(diagnosis).items())
-    return [(what, f"{number(size * spread)} {unit}", percent(size), size) for what, size in found]
+    unit, rungs = units.get("y") or "(unit of y)", diagnosis.ladder
+    spread = diagnosis.steps[0].base.problem.spread
+    names = ["Error of the base", *([f"Error with {_added(diagnosis)}"] if rungs[1:] else [])]
+    found = [
+        (name, r["validation_rms"], r["validation"]) for name, r in zip(names, (rungs[0], rungs[-1]), strict=False)
+    ]
+    found += [(what, size * spread, size) for what, size in floor(diagnosis).items()]
+    return [(what, f"{number(rms)} {unit}", percent(size), size) for what, rms, size in found]
 
 
 def floor(diagnosis: Diagnosis) -> dict[str, float]:
@@ -248,52 +242,25 @@ def floor(diagnosis: Diagnosis) -> dict[str, float]:
 
 
 def fall(diagnosis: Diagnosis, units: Units) -> str:
-    """Say how far the error falls with what was added, and with both of a pair; an empty text where nothing was."""
-    rungs, pair = diagnosis.ladder, diagnosis.steps[0].pair
-    if len(rungs) < 2 and pair is None:
+    """Say how far the error falls with what was added, or why nothing was; an empty text where nothing was found.
+
+    Each number is one of `evaluate`; the validation data stand first.
+    """
+    first, last = diagnosis.steps[0], diagnosis.last
+    if first.refused is not None:
+        return without_ids(first.refusal(units))
+    if last is None:
         return ""
-    return " ".join(filter(None, (_falls(diagnosis, units), _sealed(diagnosis, units))))
+    (one, before), (two, after) = first.moves(last, units)
+    unit = units.get("y") or "(unit of y)"
+    floor = f", at the noise floor of {number(diagnosis.floor)} {unit}" if _at_floor(diagnosis) else ""
+    return f"The error on {diagnosis.validation} {two} {after}{floor}; on the whole record it {one} {before}."
 
 
-def _beyond(rung: Mapping[str, Any]) -> bool:
-    """Whether a model is clearly worse on the last samples than on those that are shown first."""
-    return bool(rung["sealed"] > BEYOND * max(rung["train"], rung["validation"]))
-
-
-def _sealed(diagnosis: Diagnosis, units: Units) -> str:
-    """Say the error on the sealed samples where it is clearly larger than those that are shown first, or rises."""
-    rungs, unit = diagnosis.ladder, units.get("y") or "(unit of y)"
-    before, after = (rungs[i]["sealed"] * diagnosis.steps[0].base.problem.spread for i in (0, -1))
-    name, there = _added(diagnosis), "On the last samples, which took no part in its fit,"
-    if len(rungs) > 1 and after > before:
-        return f"{there} the error is larger with {name}: {number(after)} {unit}, and {number(before)} without."
-    return f"{there} the error with {name} is {number(after)} {unit}." if len(rungs) > 1 and _beyond(rungs[-1]) else ""
-
-
-def _falls(diagnosis: Diagnosis, units: Units) -> str:
-    rungs, pair = diagnosis.ladder, diagnosis.steps[0].pair
-    spread, unit = diagnosis.steps[0].base.problem.spread, units.get("y") or "(unit of y)"
-    before, after = (rungs[i]["validation"] * spread for i in (0, -1))
-    ratio = before / max(after, 1e-300)
-    change = f"{number(ratio, 2)} times smaller" if ratio > 1 else f"{number(1 / ratio, 2)} times larger"
-    moves = "falls" if ratio > 1 else "rises"
-    enough = diagnosis.steps[0].verdict != "helps_but_incomplete" and not _beyond(rungs[-1])
-    at = enough and after <= AT_FLOOR * diagnosis.floor
-    floor = f", at the noise floor of {number(diagnosis.floor)} {unit}" if at else ""
-    if pair is None or set(pair.effects) <= {e for step in diagnosis.steps for e in step.added}:
-        return f"The error {moves} from {number(before)} to {number(after)} {unit}: {change}{floor}."
-    together, name = float(np.sqrt(pair.mean_square)), _added(diagnosis)
-    both = number(together)
-    if len(rungs) < 2:
-        return f"Only both help: the error falls from {number(before)} to {both} {unit}; neither does by itself."
-    if ratio > 1:
-        more = f", to {both} with both" if together < after else f"; with both it is {both}"
-        return f"With {name} the error falls from {number(before)} to {number(after)} {unit}{more}."
-    if together < before:
-        alone = f"with {name} alone it is {number(after)}"
-        return f"Only both help: the error falls from {number(before)} to {both} {unit}; {alone}."
-    said = f"{number(before)} {unit} before, {number(after)} with {name}, {both} with both"
-    return f"On what was held out the error does not fall: {said}."
+def _at_floor(diagnosis: Diagnosis) -> bool:
+    """Whether what was added leaves only noise."""
+    left = max(diagnosis.ladder[-1]["train_rms"], diagnosis.ladder[-1]["validation_rms"])
+    return diagnosis.steps[0].verdict != "helps_but_incomplete" and left <= AT_FLOOR * diagnosis.floor
 
 
 def detectable(step: Step, units: Units) -> list[Row]:

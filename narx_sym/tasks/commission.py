@@ -12,14 +12,14 @@ import numpy as np
 from ..data.coverage import beyond
 from ..data.evidence.noise import CLEARLY, sensor_noise
 from ..data.metrics import rms
-from ..data.units import said_first
+from ..data.units import in_units, said_first
 from ..errors import Diverged, ModelError
 from ..fit.bootstrap import as_large, block_bootstrap, fresh_blocks
 from ..fit.evaluate import free_run
 from ..fit.identify import prepare
 from ..fit.laws.damping import Share
 from ..fit.least_squares import describe
-from ..fit.simulate import Records, simulate, vector
+from ..fit.simulate import Records, segments, simulate, vector
 from ..inversion.compensator import Compensator, ends
 from ..models.info import whole
 from ..models.model import Model
@@ -113,6 +113,7 @@ def commission(
     share: Share = "auto",
     draws: int = 200,
     seed: int = 0,
+    validation: Records = (),
 ) -> Commissioning:
     """Run a law over a reference, and its input through many models that the records allow as well.
 
@@ -126,6 +127,8 @@ def commission(
     records : Record or list of Record
     m0, limits, rate, share : as `Compensator.run` takes them
     draws : int
+    validation : Record or list of Record
+        What the model leaves unexplained is taken from these, where they are given.
 
     Raises
     ------
@@ -138,7 +141,8 @@ def commission(
     _check(model, draws)
     listed, r, share = prepare(records, model.info.units), vector(reference, "reference", least=2), law.share(share)
     run = follow(law, r, m0, limits=limits, rate=rate, share=share)
-    left = np.concatenate([s.y - free_run(model, s) for one in listed for s in one.segments()])
+    judged = in_units(segments(validation), model.info.units) if validation else segments(listed)
+    left = np.concatenate([s.y - free_run(model, s) for s in judged])
     drawn = block_bootstrap(model, listed, draws, seed=seed)
     noise = fresh_blocks(as_large(left, len(model.symbols)), drawn.block, draws, r.size, np.random.default_rng(seed))
 

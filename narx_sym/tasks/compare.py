@@ -83,6 +83,11 @@ def errors_of(model: Model, records: Sequence[Record], align: bool = False) -> l
     return [(r.name, evaluate(model, r, align)) for r in moving(records, model.output.name)]
 
 
+def validated(model: Model, records: Sequence[Record], align: bool = False) -> list[tuple[str, Errors]]:
+    """Return name and errors of validation records."""
+    return [(f"{name} (validation)", e) for name, e in errors_of(model, records, align)] if records else []
+
+
 def where_it_fails(model: Model, records: Sequence[Record]) -> tuple[Misfit | None, str]:
     """Return where a model fails along the longest segment; None, and the reason, where that cannot be said."""
     if model.input != u:

@@ -11,12 +11,12 @@ import re
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ..data.evidence.stiction import worst_valve
-from ..data.record import read
+from ..data.record import Record, read
 from ..diagnosis.procedure import Diagnosis, diagnose
 from ..errors import DataError, NarxError
 from ..files.journal import Passing
@@ -33,12 +33,13 @@ UNKNOWN = "unknown"  # the machine of a record whose path does not tell it
 
 @dataclass(frozen=True)
 class Entry:
-    """One record of a fleet: its file, the machine it belongs to, the columns in it, and a digest of its content."""
+    """One record of a fleet: its file, machine, columns, a digest of its content, and the records that judge it."""
 
     file: Path
     tag: str
     columns: tuple[tuple[str, str], ...] = tuple(COLUMNS.items())
     content: str = ""
+    validation: tuple[Entry, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,9 @@ class BudgetError(NarxError):
     """A record took longer than it may."""
 
 
-def entries(source: str | Path, group: str = "", columns: dict[str, str] | None = None) -> list[Entry]:
+def entries(
+    source: str | Path, group: str = "", columns: dict[str, str] | None = None, validate: str = ""
+) -> list[Entry]:
     """Return the records of a folder, of a pattern such as `logs/*.csv`, or of a CSV that lists files.
 
     Parameters
@@ -83,6 +86,8 @@ def entries(source: str | Path, group: str = "", columns: dict[str, str] | None 
         `UNKNOWN`, and a warning says so.
     columns : dict, optional
         Names of the columns u, y, t.
+    validate : str
+        A regular expression: records whose path it matches are validation records of the same machine.
 
     Raises
     ------
@@ -93,7 +98,19 @@ def entries(source: str | Path, group: str = "", columns: dict[str, str] | None 
     listed = _listed(path, group, named) if path.is_file() else _found(path, group, named)
     if not listed:
         raise DataError(f"{source}: no records ({', '.join(SUFFIXES)}) are there.")
-    return [Entry(e.file, e.tag, e.columns, _content(e.file)) for e in listed]
+    listed = [replace(e, content=_content(e.file)) for e in listed]
+    judging = _matching(listed, validate) if validate else []
+    return [replace(e, validation=tuple(v for v in judging if v.tag == e.tag)) for e in listed if e not in judging]
+
+
+def _matching(listed: list[Entry], pattern: str) -> list[Entry]:
+    try:
+        found = [e for e in listed if re.search(pattern, str(e.file))]
+    except re.error as error:
+        raise DataError(f"--validate {pattern!r} is no regular expression: {error}.") from None
+    if len(found) in (0, len(listed)):
+        raise DataError(f"--validate {pattern!r} matches {'every' if found else 'no'} path, such as {listed[0].file}.")
+    return found
 
 
 def _content(file: Path) -> str:
@@ -208,13 +225,12 @@ def look(entry: Entry, settings: Settings) -> Row:
 
     passing = False
     try:
-        names = dict(entry.columns)
-        record = read(
-            entry.file, u=names["u"], y=names["y"], t=names["t"], Ts=settings.Ts, channels=settings.channels,
-            missing=settings.missing, units=dict(settings.units),
-        )  # fmt: skip
+        names, record = dict(entry.columns), _read(entry, settings)
         base = identify_base(settings.base, [record])
-        found = diagnose(base, record, max_effects=settings.max_effects, seed=settings.seed, report=watch)
+        found = diagnose(
+            base, record, max_effects=settings.max_effects, seed=settings.seed, report=watch,
+            validation=[_read(one, settings) for one in entry.validation],
+        )  # fmt: skip
         row |= _told(found) | {"unit": record.units.get("y", "")}
         if settings.reports is not None:
             chosen = [names[n] for n in ("u", "y") if names[n] != COLUMNS[n]]  # two loops of one log are two reports
@@ -230,6 +246,14 @@ def look(entry: Entry, settings: Settings) -> Row:
     return Passing(row) if passing else row
 
 
+def _read(entry: Entry, settings: Settings) -> Record:
+    names = dict(entry.columns)
+    return read(
+        entry.file, u=names["u"], y=names["y"], t=names["t"], Ts=settings.Ts, channels=settings.channels,
+        missing=settings.missing, units=dict(settings.units),
+    )  # fmt: skip
+
+
 def _not_its_own(error: Exception) -> str:
     """Say what went wrong that is no fault of a record: of the machine, or of this package."""
     if isinstance(error, MemoryError):
@@ -240,13 +264,13 @@ def _not_its_own(error: Exception) -> str:
 
 
 def _told(found: Diagnosis) -> Row:
-    """Return what a diagnosis says, as plain data; errors are those of the free run on held-out samples [unit of y].
+    """Return what a diagnosis says, as plain data; errors are those of the free run on validation data [unit of y].
 
     `explained` is a share of the output's standard deviation, so that records compare: a report tells the share of the
     error that could be removed.
     """
     first, spread = found.steps[0], found.steps[0].base.problem.spread
-    before, after = (found.ladder[i]["validation"] * spread for i in (0, -1))
+    before, after = (found.ladder[i]["validation_rms"] for i in (0, -1))
     later = [effect for step in found.steps[1:] for effect in step.added]
     missing = list(dict.fromkeys([*first.confusion_set, *later]))
     valve = worst_valve(first.valves) if first.valves else None
@@ -257,7 +281,8 @@ def _told(found: Diagnosis) -> Row:
     sizes = {}
     if found.candidates and missing:
         best = found.best
-        sizes = {f"{best.effect} {name}": float(value) for name, value in best.parameters.items()}
+        named = [e for e in best.model.effects if e.effect in best.effect.split(" + ")]
+        sizes = {f"{e.effect} {n}": float(best.model.values[s]) for e in named for n, s in e.symbols.items()}
     if valve is not None and valve.band:
         sizes = {BAND: 100 * valve.band / valve.span}
     return {

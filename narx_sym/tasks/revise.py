@@ -49,8 +49,8 @@ class Revision:
 
     @property
     def errors(self) -> dict[str, float]:
-        """Free-run NRMSE on the records and on validation data."""
-        return self.found.steps[0].nrmse(self.base)
+        """Free-run errors on the records and on validation data, as `Diagnosis.ladder` has them."""
+        return self.found.steps[0].figures(self.base)
 
 
 def begin(base: str | Model, records: Sequence[Record], progress: Progress) -> Revision:

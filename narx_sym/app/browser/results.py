@@ -78,9 +78,8 @@ def sight(bench: Workbench) -> None:
 
 def rungs(bench: Workbench) -> None:
     """Show the error of each step as a bar; the last one falls from the one before."""
-    sizes = [(r["name"], r["validation"]) for r in bench.ladder]
-    most = max(size for _, size in sizes)
-    spread, unit = bench.revisions[0].base.problem.spread, bench.unit
+    sizes = [(r["name"], r["validation_rms"]) for r in bench.ladder]
+    most, unit = max(size for _, size in sizes), bench.unit
     rows, was = [], 100.0
     current = bench.current
     floor = [("noise floor", bench.floor)] if current is not None and words.has_floor(current.found) else []
@@ -88,11 +87,13 @@ def rungs(bench: Workbench) -> None:
         width = 100 * size / most
         look = "floor" if name == "noise floor" else "last" if name == sizes[-1][0] and len(sizes) > 1 else ""
         rows.append(
-            f'<li><span class="rung">{escape(spaced(name))}</span> <b>{number(size * spread)} {escape(unit)}</b>'
+            f'<li><span class="rung">{escape(spaced(name))}</span> <b>{number(size)} {escape(unit)}</b>'
             f'<span class="bar {look}" style="--was: {was:.1f}%; width: {width:.1f}%"></span></li>'
         )
         was = width
-    ui.html("".join(rows), tag="ol", sanitize=False).classes("rungs").props('aria-label="Error of each step, held out"')
+    ui.html("".join(rows), tag="ol", sanitize=False).classes("rungs").props(
+        'aria-label="Error of each step, validation data"'
+    )
 
 
 def nothing(bench: Workbench, current: Shown) -> None:
@@ -102,7 +103,7 @@ def nothing(bench: Workbench, current: Shown) -> None:
 def what_next(bench: Workbench, current: Shown) -> None:
     """Say what to do next."""
     found = current.found
-    here = None if words.only_both(found) else NEXT.get(found.verdict)
+    here = NEXT.get(found.verdict)
     said(here or f"Next: {words.what_next(found)}").classes("next-step")
 
 
@@ -152,9 +153,7 @@ def steps(bench: Workbench) -> None:
         for i, state in enumerate(bench.history.states):
             with ui.element("li").classes("undone" if i > bench.history.at else ""):
                 now = i == bench.history.at
-                text = (
-                    f"{spaced(state.name)}: {number(state.error * state.revisions[0].base.problem.spread)} {bench.unit}"
-                )
+                text = f"{spaced(state.name)}: {number(state.error)} {bench.unit}"
                 made = ui.button(text, on_click=partial(bench.go, i)).props("no-caps flat dense align=left")
                 made.props('aria-current="step"' if now else "").classes("step")
 

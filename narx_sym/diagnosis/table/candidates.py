@@ -207,6 +207,16 @@ class Pair:
     all: bool = True
 
     @property
+    def effect(self) -> str:
+        """Their ids as one text."""
+        return " + ".join(self.effects)
+
+    @property
+    def model(self) -> Model:
+        """The fitted model with all of them."""
+        return self.fitted.model
+
+    @property
     def sure(self) -> tuple[str, ...]:
         """Those of them without which nothing explains as much."""
         return tuple(e for e in self.effects if all(e in rival for rival in self.rivals))
@@ -340,13 +350,3 @@ def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], low
         p = min((scored.scores.corrected(i) for i in tests), default=1.0)
         made.append(Candidate.of(table, row, known, p, lowest, likely))
     return made
-
-
-def half_of(pair: Pair, listed: list[Candidate], table: Table, known: Row) -> Candidate | None:
-    """Return that one of two effects which pays for itself, best where it acts in the pair, and put it first."""
-    acts = {(e.effect, e.where) for e in pair.fitted.model.effects}
-    acting = sorted(listed, key=lambda c: (c.effect, c.where) not in acts)
-    half = next((c for c in acting if c.effect in pair.effects and table.worth(c.row, known)), None)
-    if half is not None:
-        listed.sort(key=lambda c: c is not half)
-    return half

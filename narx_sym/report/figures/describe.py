@@ -49,7 +49,6 @@ LOOKS = {
     "setpoint": Look("red", 1.0, _DOTTED), "zero": Look("black", 0.6), "region": Look("red", 0.0, dot=5.0),
     "start": Look("black", 0.0, dot=4.0), "floor": Look("yellow", 0.0, alpha=0.45),
     "range": Look("sky", 0.0, alpha=0.35), "held-out": Look("grey", 0.0, alpha=0.24),
-    "sealed": Look("grey", 0.0, alpha=0.1),
 } | dict(zip(SEVERAL, (
     Look("blue"), Look("orange", 1.4, _DASHED), Look("green", 1.4, _MIXED), Look("pink", 1.6, _DOTTED),
     Look("black", 0.8), Look("red", 2.0, _DASHED),

@@ -6,6 +6,7 @@ from typing import Any
 
 from ...diagnosis.bases import words
 from ...diagnosis.procedure import Diagnosis
+from ...fit.evaluate import PROTOCOL
 from ..comparison import Units
 from ..picture import Picture
 from ..plots import plot_ladder
@@ -18,7 +19,7 @@ def picture(diagnosis: Diagnosis, units: Units) -> Picture:
     rungs = diagnosis.ladder
     floor = diagnosis.floor / diagnosis.steps[0].base.problem.spread
     falls = ", then ".join(f"{r['validation']:.2g} {_after(n)}" for n, r in zip(diagnosis.rungs, rungs, strict=True))
-    alt = f"Free-run error on samples never used for fitting, over the output's standard deviation: {falls}; "
+    alt = f"Free-run error on validation data, over the standard deviation of the output: {falls}; "
     known = has_floor(diagnosis)
     columns = {
         "model": [*diagnosis.rungs, *(["noise floor"] if known else [])],
@@ -46,5 +47,5 @@ def ladder(material: Material) -> dict[str, Any]:
     spread = d.steps[0].base.problem.spread
     rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
     if has_floor(d):
-        rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread, "sealed": None})
-    return {"rungs": [r | {"size": r["validation"] * spread} for r in rows], "kind": d.steps[0].floor_kind}
+        rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread, "validation_rms": d.floor})
+    return {"rungs": rows, "kind": d.steps[0].floor_kind, "protocol": PROTOCOL, "validation": d.validation}

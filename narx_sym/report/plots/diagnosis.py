@@ -54,14 +54,14 @@ def plot_ladder(
     if ax is None:
         _, ax = new_axes(figsize=(max(5.0, 2.6 + 1.3 * len(rungs)), 4.2))
     for key, colour, marker, style, word in (
-        ("train", SKY, "o", "--", "training samples"), ("validation", BLUE, "s", "-", "samples never used for fitting"),
+        ("train", SKY, "o", "--", "whole record"), ("validation", BLUE, "s", "-", "validation data"),
     ):  # fmt: skip
         values = np.array([r[key] for r in rungs])
         ax.hlines(values, np.arange(len(rungs)) - 0.32, np.arange(len(rungs)) + 0.32, color=colour, lw=3, ls=style)
         joined = ":" if key == "validation" else "none"
         ax.plot(values, color=colour, ls=joined, lw=1.0, marker=marker, ms=6, label=word)
     for i, rung in enumerate(rungs):
-        shift = (9, 6) if rung["validation"] >= rung["train"] else (9, -14)  # away from the training samples
+        shift = (9, 6) if rung["validation"] >= rung["train"] else (9, -14)  # away from the other marker
         said = f"{rung['validation']:.2g}"
         ax.annotate(said, (i, rung["validation"]), shift, textcoords="offset points", fontsize=9)
     kind = {"estimate": "estimated"}.get(step.floor_kind, f"from {step.floor_kind}")
@@ -145,7 +145,7 @@ def plot_candidates(
             for r in rows
         ],
     )
-    ax.set_xlabel("share of the removable error, held-out samples")
+    ax.set_xlabel("share of the removable error, cross-validated")
     place = {"loc": "lower left", "bbox_to_anchor": (-0.3, 1)}
     ax.legend(fontsize=8, frameon=False, **place)
     if path is not None:

@@ -72,8 +72,9 @@ function say() {
   panel.dataset.theta = JSON.stringify(shown.theta);
   const first = Number.isNaN(all) ? shown.run.findIndex(Number.isNaN) : -1;
   element("rms").textContent = first < 0 ? united(all) : `Unstable from ${number(time[first])} s`;
-  element("said").textContent = first < 0 ? `rms error, ${percent(all)} of the output's standard deviation; held out `
-    + `${united(held)}, ${percent(held)}` : "on: there the run leaves the finite numbers";
+  const part = told.held.length ? `; shaded part ${united(held)}, ${percent(held)}` : "";
+  element("said").textContent = first < 0 ? `rms error, ${percent(all)} of the output's standard deviation${part}`
+    : "on: there the run leaves the finite numbers";
   told.models[m].parameters.forEach((p, i) => {
     if (said[m][i] === shown.theta[i]) return;
     said[m][i] = shown.theta[i];
