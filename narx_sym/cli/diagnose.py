@@ -116,7 +116,8 @@ def diagnose(
     _say_done(found, measured)
     settings = {
         "base": base, "validation": ", ".join(map(str, validate or [])) or "last part",
-        "delay": "found" if delay is None else delay, "max_effects": max_effects, "channels": channels or "none", "rows": rows or "all", "open_loop": open_loop,
+        "delay": "found" if delay is None else delay, "max_effects": max_effects,
+        "channels": channels or "none", "rows": rows or "all", "open_loop": open_loop,
     }  # fmt: skip
     targets.write(found, measured, found.units, data, settings)
 

@@ -114,18 +114,8 @@ def print_errors(rows: list[tuple[str, Any]]) -> None:
 
 def print_equations(model: Model) -> None:
     """Print all equations of a model with numbers: what its effects remember, then the output."""
-    from ..symbolic.printing import text
-    from ..symbolic.recursion import State
-    from ..symbolic.signals import k
-
-    def digits(expression: Any) -> str:
-        import sympy as sp
-
-        known = sp.sympify(expression).xreplace(model.values)
-        return text(known.xreplace({f: sp.Float(f"{float(f):.6g}") for f in known.atoms(sp.Float)}))
-
-    for equation in [*model.states, State(model.output[k], model.F)]:
-        console().print(f"  {equation.left.base.label}[k] = {digits(equation.right)}", markup=False)
+    for line in model.lines(numbers=True):
+        console().print(f"  {line}", markup=False, soft_wrap=True)
     _print_point(model)
 
 

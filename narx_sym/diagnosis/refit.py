@@ -18,7 +18,7 @@ from ..files.journal import remembered
 from ..fit.constraints import constraint_equations
 from ..fit.evaluate import Errors, estimated, evaluate, free_run
 from ..fit.freerun import FreeRun
-from ..fit.least_squares import describe
+from ..fit.least_squares import describe, described
 from ..fit.simulate import segments
 from ..models.added import newer
 from ..models.model import Model
@@ -203,7 +203,8 @@ class Trial:
             found = model.replace(theta=problem.theta(unknowns).tolist(), standard_errors=std)
             if evaluate(found, part).free_run_nrmse <= evaluate(model, part).free_run_nrmse:
                 made, ended = found, converged
-        return self.as_given(describe(made, self.records, "free_run", ended), ended, limits)
+        made = described(describe(made, self.records, "free_run", ended), self.records)
+        return self.as_given(made, ended, limits)
 
 
 NO_TRIAL = Trial((), (), False, Split((), (), (), ()))

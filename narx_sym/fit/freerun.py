@@ -63,7 +63,8 @@ def load_of(model: Model) -> Any:
     terms = pairs(model.core)
     constant = next((c for c, term in terms if term == 1 and c in model.symbols), None)
     total = sp.Add(*(c for c, term in terms if term in samples(term, model.inner)))
-    equations = (sp.expand(c.lhs - c.rhs) for c in model.constraints if not isinstance(c, str))
+    listed = (c for c in model.constraints if not isinstance(c, str))
+    equations = (sp.expand(c.lhs - c.rhs if isinstance(c, sp.Equality) else c) for c in listed)
     return constant if any(sp.expand(e - total + 1) == 0 or sp.expand(e + total - 1) == 0 for e in equations) else None
 
 

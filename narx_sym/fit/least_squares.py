@@ -21,7 +21,7 @@ from ..models.info import Nrmse
 from ..models.model import NARX, Model
 from ..symbolic.signals import k, signal
 from .constraints import Elimination, constraint_equations
-from .evaluate import evaluate
+from .evaluate import digits, evaluate
 from .freerun import free_run_fit
 from .simulate import arrays, centre, predict, segments, shifted
 
@@ -272,7 +272,7 @@ def fit(
         constraints=model.constraints if constraints is None else equations,
     )
     made = describe(made, records, method, converged)
-    return unfinished(made) if warn else made
+    return unfinished(described(made, records)) if warn else made
 
 
 def unfinished(model: Model) -> Model:
@@ -303,6 +303,11 @@ def _better_fit(
     except FitError:
         return one
     return one if free_run_error(free) > free_run_error(one) else free
+
+
+def described(model: Model, records: Records) -> Model:
+    """Return a fitted model with the digits that its printed parameters need."""
+    return model.replace(info=replace(model.info, digits=digits(model, records)))
 
 
 def describe(model: Model, records: Records, method: str, converged: bool) -> Model:

@@ -88,6 +88,7 @@ class Info:
     band : largest distance from that line [unit of the output]
     start : the first recorded input and output
     units : of the signals, by name, where they are known
+    digits : significant digits that its printed parameters need; 0 where that is not known
     """
 
     method: str = ""
@@ -103,6 +104,7 @@ class Info:
     selection: Selection = field(default_factory=Selection)
     start: tuple[float, float] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+    digits: int = 0
 
     @property
     def of_records(self) -> Info:

@@ -168,6 +168,12 @@ class Model(ModelDoors):
         return {} if self.numbers is None else dict(zip(self.symbols, map(sp.Float, self.numbers), strict=True))
 
     @property
+    def printed(self) -> dict[Any, Any]:
+        """Symbol to value, rounded to the digits that its free run needs (`info.digits`), where these are known."""
+        d = self.info.digits
+        return {s: sp.Float(f"{float(v):.{d}g}", d) for s, v in self.values.items()} if d else self.values
+
+    @property
     def equation(self) -> sp.Eq:
         """y[k] = F in the paper's notation; around an operating point the signals are the shifted ones."""
         return sp.Eq(self.output[k], self.F, evaluate=False)
@@ -293,7 +299,7 @@ class Model(ModelDoors):
 
     def latex(self, numbers: bool = False) -> str:
         """LaTeX of the equations, states first and the output last, with symbols or with numbers."""
-        values = self.values if numbers else {}
+        values = self.printed if numbers else {}
         system = [(left, [(c.xreplace(values), e.xreplace(values)) for c, e in pairs]) for left, pairs in self.system()]
         shown = printing.latex_system(system)
         if self.operating_point:
@@ -311,7 +317,7 @@ class Model(ModelDoors):
 
     def lines(self, numbers: bool = False) -> list[str]:
         """Return each equation in order, the output's last, as a text."""
-        values = self.values if numbers else {}
+        values = self.printed if numbers else {}
         equations = [*((s.left, s.right) for s in self.states), (self.output[k], self.F)]
         return [f"{printing.text(left)} = {printing.text(right.xreplace(values))}" for left, right in equations]
 

@@ -62,11 +62,11 @@ def marked(model: Any, new: Iterable[Any] = (), values: bool = False, width: int
     model : Model
     new : parameter symbols and sequences
     values : bool
-        Numbers, with four digits, in the place of the parameters.
+        Numbers, with the digits that the free run needs, in the place of the parameters.
     width : int
         About how many characters stand on a line.
     """
-    known = {s: sp.Float(f"{float(v):.4g}") for s, v in model.values.items()} if values else {}
+    known = model.printed if values else {}
     wanted, rows = set(new), []
     for left, terms in model.system():
         whole = left.base in wanted
@@ -81,10 +81,7 @@ def marked(model: Any, new: Iterable[Any] = (), values: bool = False, width: int
 
 def _piece(coefficient: Any, term: Any, known: dict[Any, Any], is_new: bool) -> str:
     """Return one signed term as LaTeX."""
-    numbers = term.xreplace(known)
-    if known:
-        numbers = numbers.xreplace({f: sp.Float(f"{float(f):.4g}") for f in numbers.atoms(sp.Float)})
-    block = printing.latex_sum(sp.Symbol("A"), [(coefficient.xreplace(known), numbers)])
+    block = printing.latex_sum(sp.Symbol("A"), [(coefficient.xreplace(known), term.xreplace(known))])
     shown = block.split("&= ")[1].split("\n")[0]
     sign, body = ("-", shown[2:]) if shown.startswith("- ") else ("+", shown)
     return f"{sign} " + (rf"\class{{new}}{{{body}}} " if is_new else f"{body} ")

@@ -6,18 +6,30 @@ import re
 from typing import Any
 
 import sympy as sp
+from mpmath.libmp import prec_to_dps
 from sympy.printing.latex import LatexPrinter
 from sympy.printing.str import StrPrinter
 
 from .functions import arguments_of, row_of
 from .signals import k, lag
 
-DIGITS = 6
+DIGITS, FULL = 6, 15  # of a printed number; of a float that was not rounded
 
 
-def _number(value: Any, digits: int = DIGITS) -> tuple[str, str]:
+def _digits(value: Any) -> int:
+    """Return with how many digits a float is printed: its own where it was rounded to some, else six."""
+    return (_rounded(value) or DIGITS) if isinstance(value, sp.Float) else DIGITS
+
+
+def _rounded(value: Any) -> int:
+    """Return to how many digits a float was rounded; 0 where it was not."""
+    own = int(prec_to_dps(value._prec))
+    return own if own != FULL else 0
+
+
+def _number(value: Any) -> tuple[str, str]:
     """Return mantissa and exponent of a float as texts; the exponent is empty where none is wanted."""
-    shown = f"{float(value):.{digits}g}"
+    shown = f"{float(value):.{_digits(value)}g}"
     mantissa, _, exponent = shown.partition("e")
     return mantissa, str(int(exponent)) if exponent else ""
 
@@ -165,7 +177,8 @@ class _Text(StrPrinter):
         return f"{expr.base.name}[{str(expr.indices[0]).replace(' ', '')}]"
 
     def _print_Float(self, expr: Any) -> str:
-        return repr(float(expr))
+        own = _rounded(expr)
+        return repr(float(f"{float(expr):.{own}g}") if own else float(expr))
 
     def _print_Exp1(self, expr: Any) -> str:  # the grammar has no name for it
         return repr(float(expr))
@@ -191,7 +204,7 @@ class _Text(StrPrinter):
 
 class _Shown(_Text):
     def _print_Float(self, expr: Any) -> str:
-        digits = f"{float(expr):.{DIGITS}g}"
+        digits = f"{float(expr):.{_digits(expr)}g}"
         return digits if re.search(r"[.en]", digits) else f"{digits}.0"  # 1.0 is measured, 1 is exact
 
     def _print_Symbol(self, expr: Any) -> str:

@@ -47,7 +47,7 @@ def test_sets_agree_with_single_runs(record, name, sets):
     depth = model.recursion.depth
     for i in range(0, sets, 7):
         model = model.replace(theta=thetas[i])
-        single = ns.free_run(model, record)
+        single = model.simulate(record.u, record.y[:depth], warn=False)
         assert np.allclose(runs[i], single, rtol=1e-9, atol=1e-9 * np.abs(single).max())
         assert costs[i] == pytest.approx(np.mean((single - record.y)[depth:] ** 2), rel=1e-9)
     assert np.allclose(bands.low, runs.min(axis=0)) and np.allclose(bands.high, runs.max(axis=0))
@@ -73,7 +73,7 @@ def test_sets_of_a_model_with_states_agree_with_single_runs(record, wanted, wher
     depth = max(1, model.recursion.depth)
     for i in range(0, 35, 8):
         model = model.replace(theta=thetas[i])
-        single = ns.free_run(model, late)
+        single = model.simulate(late.u, late.y[:depth], {"t": late.t}, warn=False)
         assert np.allclose(runs[i], single, rtol=1e-9, atol=1e-9 * np.abs(single).max())
         assert costs[i] == pytest.approx(np.mean((single - late.y)[depth:] ** 2), rel=1e-9)
 

@@ -100,12 +100,15 @@ def test_refusals(found):
 @pytest.mark.long
 @needs_shared
 def test_plays_beat_lags_on_the_real_piezo():
-    """Judged as every other model: fitted on one sine, the offset of the other record from its first second."""
+    """Judged as every other model: fitted on one sine, with the offset of the other record."""
     train = ns.read(SHARED / "piezo_dbo" / "train_1Hz_full_range.csv", rows=slice(20, None))
     test = ns.read(SHARED / "piezo_dbo" / "test_varying_amplitude.csv", rows=slice(20, 5000))
-    errors = {base: ns.identify(train, base=base).aligned(test).aligned for base in ("play", "linear")}
+    errors = {
+        base: ns.evaluate(ns.identify(train, base=base), test, align=True).free_run_nrmse for base in ("play", "linear")
+    }
     assert errors["play"] <= 0.028 and errors["play"] <= 0.6 * errors["linear"]
-    assert ns.identify(train, base="play", creep=True).aligned(test).aligned <= 0.022
+    creeping = ns.identify(train, base="play", creep=True)
+    assert ns.evaluate(creeping, test, align=True).free_run_nrmse <= 0.022
 
 
 def test_a_bouc_wen_base_is_the_papers_actuator_again():
@@ -130,7 +133,7 @@ def test_a_lag_behind_the_actuator_is_found():
     record = ns.Record.from_arrays(volts, late, Ts=TS)
     model = ns.identify(record, base="bouc-wen", delay=0)
     assert model.values[sp.Symbol("a", real=True)] == pytest.approx(0.7, abs=0.02)
-    assert model.aligned(record, 2.0).started < 0.02  # what stands before the lag was not measured
+    assert ns.evaluate(model, record).free_run_nrmse < 0.02  # what stands before the lag was not measured
 
 
 def test_auto_takes_the_best_free_run_on_blocks_that_no_fit_saw_at_a_price():
@@ -181,10 +184,11 @@ def test_what_is_held_out_stands_behind_what_was_measured_before():
     """Where the input turned before is known: a base that remembers it is asked without having to guess."""
     rows = np.arange(N, dtype=float)
     whole = ns.Record.from_arrays(rows, rows, Ts=TS)
-    _, held, first = _split([whole])
-    assert [(r.u[0], r.u[-1]) for r in held] == [(0, 299), (450, 749)] and first == pytest.approx(150 * TS)
-    _, held, _ = _split([replace(whole, breaks=(5, 100, 140, 640, 742))])  # nothing is run across a break
-    assert [(r.u[0], r.u[-1]) for r in held] == [(140, 299), (560, 639), (640, 741)]  # and 8 rows judge nothing
+    _, held = _split([whole])
+    assert [(r.u[0], r.u[first], r.u[-1]) for r, first in held] == [(0, 150, 299), (450, 600, 749)]
+    _, held = _split([replace(whole, breaks=(5, 100, 140, 640, 742))])  # nothing is run across a break
+    parts = [(r.u[0], r.u[first], r.u[-1]) for r, first in held]
+    assert parts == [(140, 150, 299), (560, 600, 639), (640, 640, 741)]  # and 8 rows judge nothing
 
 
 @needs_shared

@@ -15,6 +15,7 @@ from ...symbolic.signals import lag, u, y
 from ..evaluate import evaluate
 
 Array = np.ndarray
+ROUNDED = 1e-6  # of the output: less is rounding
 DRIVEN = 2.0  # times the mean square, where nothing drives a pole that hardly decays: less, and it imitates a drift
 
 
@@ -84,7 +85,7 @@ def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: floa
         outputs.append(both[:, -1])
     matrix, measured = np.vstack(inputs), np.concatenate(outputs)
     left = measured - matrix @ np.linalg.lstsq(matrix, measured, rcond=None)[0]
-    return bool(np.mean(left**2) > DRIVEN * error)
+    return bool(np.mean(left**2) > DRIVEN * max(error, ROUNDED**2 * float(np.mean(measured**2))))
 
 
 def integrates(model: Model, records: Sequence[Record]) -> bool:

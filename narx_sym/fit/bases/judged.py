@@ -12,7 +12,7 @@ from ...data.record import Record
 from ...errors import Diverged
 from ...models.model import Model
 from ..evaluate import evaluate
-from ..least_squares import free_run_error
+from ..least_squares import described, free_run_error
 from ..simulate import simulate
 
 CYCLES = 10  # of a loop over the whole range of the input
@@ -44,7 +44,7 @@ def judged(model: Model, records: Sequence[Record]) -> Model:
             f"{CYCLES} periods: the model is not bounded.",
             stacklevel=3,
         )
-    return model
+    return described(model, records)
 
 
 def periodic_growth(model: Model) -> float:

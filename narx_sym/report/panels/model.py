@@ -35,15 +35,15 @@ def model(material: Material) -> dict[str, Any]:
         "after": [Markup(marked(after, new, numbers)) for numbers in (False, True)] if after is not before else [],
         "rows": rows, "moved": moved(rows), "point": after.operating_point, "acts": acts(after.delay, after.Ts),
         "latex": after.latex(),
-        "python": python(after), "file": file,
+        "python": python(after, d.ladder[-1]["train"]), "file": file,
         **({"title": "The model"} if len(d.ladder) == 1 else {}),
     }  # fmt: skip
 
 
-def python(model: Model, file: str = "model.json") -> str:
-    """Return Python code that runs a model from its file."""
+def python(model: Model, error: float, file: str = "model.json") -> str:
+    """Return Python code that runs a model from its file, and gives the error that the page shows."""
     lines = ["import narx_sym as ns", "", *(f"# {line}" for line in model.lines(numbers=True))]
-    lines += [f'model = ns.load("{file}")', 'record = ns.read("data.csv", u="u", y="y")']
-    given = ", channels=record.channels" if model.channels else ""
-    lines.append(f"simulated = model.simulate(record.u, y0=record.y[0]{given})")
+    given = f", channels={list(model.channels)}" if model.channels else ""
+    lines += [f'model = ns.load("{file}")', f'record = ns.read("data.csv", u="u", y="y"{given})']
+    lines += ["simulated = ns.free_run(model, record)", f"ns.evaluate(model, record).free_run_nrmse  # {error:.6g}"]
     return "\n".join(lines) + "\n"
