@@ -18,24 +18,27 @@ from .story import Shown, shown
 Units = Mapping[str, str]
 
 
-def diagnosed(base: str | Model, records: Sequence[Record], units: Units, progress: Progress) -> Shown:
+def diagnosed(
+    base: str | Model, records: Sequence[Record], units: Units, progress: Progress, validation: Sequence[Record] = ()
+) -> Shown:
     """Identify a base, unless it is a model already, and diagnose it."""
-    return _drawn((), partial(begin, base, records), units, progress)
+    return _drawn((), partial(begin, base, records, validation=validation), units, progress)
 
 
 def added(
-    effect: str, before: Sequence[Revision], records: Sequence[Record], units: Units, progress: Progress
-) -> Shown:
+    effect: str, before: Sequence[Revision], records: Sequence[Record], units: Units, progress: Progress,
+    validation: Sequence[Record] = (),
+) -> Shown:  # fmt: skip
     """Add an effect to the last of the revisions before."""
-    return _drawn(before, partial(with_effect, before[-1], effect, records), units, progress)
+    return _drawn(before, partial(with_effect, before[-1], effect, records, validation=validation), units, progress)
 
 
 def edited(
     model: Model, name: str, what: str, before: Sequence[Revision], records: Sequence[Record], units: Units,
-    progress: Progress,
+    progress: Progress, validation: Sequence[Record] = (),
 ) -> Shown:  # fmt: skip
     """Fit a model whose term with the parameter `name` is new."""
-    return _drawn(before, partial(with_term, model, name, what, records), units, progress)
+    return _drawn(before, partial(with_term, model, name, what, records, validation=validation), units, progress)
 
 
 def derived(model: Model, limits: tuple[float, float] | None, rate: float | None, progress: Progress) -> Law:

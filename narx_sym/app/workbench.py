@@ -14,7 +14,7 @@ from typing import Any
 
 from ..data.examples import PLAY, STAGE_UNITS, stage
 from ..data.readers import load as load_table
-from ..data.record import Record
+from ..data.record import Record, read
 from ..data.tables import Table
 from ..data.units import said_first
 from ..errors import DataError, ModelError, NarxError
@@ -61,6 +61,7 @@ class Workbench(Compensation):
     Attributes
     ----------
     file, table : name and columns of the data file, or None
+    validation : a file with the same columns that models are judged by, or None
     choice : Choice
     record : Record or None
         What was read with this choice.
@@ -81,8 +82,8 @@ class Workbench(Compensation):
         Held while what the page shows changes: a page that holds it sees all of a change or nothing.
     """
 
-    def __init__(self, limit: int = LIMIT) -> None:
-        self.limit = limit
+    def __init__(self, limit: int = LIMIT, validation: Path | None = None) -> None:
+        self.limit, self.validation = limit, validation
         self.worker = Worker()
         self.folder = Path(tempfile.mkdtemp(prefix="narx_sym_app_"))  # mode 0700
         self.faults: dict[str, str] = {}
@@ -239,7 +240,8 @@ class Workbench(Compensation):
             if isinstance(base, Model):
                 suits(said, base, record)
             name = self.base_name
-            self._begin(lambda made: self._put([made], base, name), diagnosed, base, (record,), record.units)
+            work = partial(diagnosed, validation=self._judging())
+            self._begin(lambda made: self._put([made], base, name), work, base, (record,), record.units)
 
     def add(self, effect: str) -> None:
         """Begin to add an effect to the model."""
@@ -266,8 +268,18 @@ class Workbench(Compensation):
         bare = tuple(r.bare() for r in before)
         record, of = self._measured, self.history.states[self.history.at]
         self._begin(
-            lambda made: self._put([*before, made], of.base, of.base_name), work, *what, bare, (record,), record.units
-        )
+            lambda made: self._put([*before, made], of.base, of.base_name),
+            partial(work, validation=self._judging()), *what, bare, (record,), record.units,
+        )  # fmt: skip
+
+    def _judging(self) -> list[Record]:
+        """Read the validation record, with the same columns."""
+        c = self.choice
+        if self.validation is None:
+            return []
+        Ts = float(c.Ts) if c.Ts.strip() else None
+        kept = {"channels": c.channels, "missing": c.missing, "units": {n: v for n, v in c.units.items() if v}}
+        return [read(self.validation, u=c.u, y=c.y, t=c.t or None, Ts=Ts, **kept)]
 
     @property
     def _last(self) -> Shown:

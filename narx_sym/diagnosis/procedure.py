@@ -184,8 +184,7 @@ class Diagnosis(DiagnosisDoors):
     def _verdict(self, units: Mapping[str, str]) -> str:
         first = self.steps[0]
         loop = [f"{first.loop.outweighed}."] if first.loop is not None and first.candidates else []
-        said = [first.sentence(units), first.refusal(units), *loop, *(fault.sentence for fault in self.faults)]
-        return " ".join(filter(None, said))
+        return " ".join([first.sentence(units), *loop, *(fault.sentence for fault in self.faults)])
 
     def table(self) -> list[dict[str, Any]]:
         """One row per candidate of the first step."""

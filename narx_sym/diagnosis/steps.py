@@ -120,7 +120,7 @@ class Step:
         for c in self.candidates:
             c.judge(trial, c.effect in self.confusion_set)
         if self.chosen is not None and not self.falls(self.chosen):
-            self.refused, self.chosen = self.chosen, None
+            self.refused, self.chosen, self.verdict = self.chosen, None, "helps_but_incomplete"
 
     def falls(self, fitted: Fitted) -> bool:
         """Whether a model leaves less than the base on the diagnosed records, and no more on the validation records."""
@@ -204,6 +204,8 @@ class Step:
         if self.verdict == "nothing_detectable":
             cases = ("follows_nothing", "one_step", "unexplained", "trace")
             return next((name for name in cases if getattr(self, name)), self.verdict)
+        if self.refused is not None:
+            return "refused"
         if self.verdict == "closed_loop" and self.valves:
             return "valve"
         if self.verdict == "closed_loop" and self.loop is not None and not self.loop.given:
@@ -238,6 +240,8 @@ class Step:
         if self.sensor and self.sensor <= self.floor:  # what is more than a model leaves is no noise
             alone = f"of the sensor alone {few(self.sensor)}{unit}"
             sizes += f" ({alone if self.sensor < self.floor else 'all of it the noise of the sensor'})"
+        if self.refused is not None:
+            return f"{self.refusal(units)} {sizes}."
         if self.verdict == "outside_library":
             removes = f"comes nearest, and removes {100 * self.nearest_share:.0f} % of the squared error"
             near = f" Of what it knows, {self.nearest[0]} {removes}: too little to be named." if self.nearest else ""
@@ -246,11 +250,11 @@ class Step:
         if self.pair is not None:
             return (
                 f"{self.pair.counted} are probably missing: {joined(self.pair.effects)}. {sizes}. Together they "
-                f"remove {100 * self.pair.share:.0f} % of the removable error on data never used for fitting"
+                f"remove {100 * self.pair.share:.0f} % of the removable error in cross-validation"
                 f"{'' if self.pair.all else ', but not all that is missing'}.{_instead(self.pair)}"
             )
         best = self.candidates[0]
-        share = f"{100 * best.share:.0f} % of the removable error on data never used for fitting"
+        share = f"{100 * best.share:.0f} % of the removable error in cross-validation"
         what = f"{best.variant.effect.sentence.rstrip('.')} ({best.effect})"
         others = ", ".join(e for e in self.confusion_set if e not in (best.effect, BASE))
         if self.verdict == "helps_but_incomplete":

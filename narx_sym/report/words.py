@@ -14,6 +14,7 @@ from ..diagnosis.bases import BASE, joined
 from ..diagnosis.experiment import Experiment
 from ..diagnosis.procedure import UNNAMED, Diagnosis
 from ..diagnosis.steps import NO_FLOOR, Step
+from ..models.added import newer
 
 Units = Mapping[str, str]
 Row = dict[str, Any]
@@ -39,6 +40,7 @@ BADGES = {  # by `Step.finding`: what the headline says, in a few words
     "trace": "something left, too little",
     "unexplained": "more left than noise",
     "two_effects": "two effects together",
+    "refused": "not confirmed by validation data",
     "valve": "judged as a valve",
     "perhaps_closed_loop": "perhaps in closed loop",
     "probably_closed_loop": "probably in closed loop",
@@ -138,6 +140,12 @@ def headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
             return "Perhaps this record was taken in closed loop: nothing is named."
         known = first.loop is not None and first.loop.given
         return f"This record was {'' if known else 'probably '}taken in closed loop: nothing is named."
+    if first.refused is not None:
+        moved = [e.effect for e in newer(first.refused.model, first.base.model)]
+        record, validation = (verb for verb, _ in first.moves(first.refused, {}))
+        return begun(
+            f"with {joined(map(spaced, moved))} the error {record} on the record and {validation} on validation data."
+        )
     if first.pair is not None:
         others = ", or others that explain as much" if first.pair.rivals else ""
         rest = "" if first.pair.all else "; they are not all"

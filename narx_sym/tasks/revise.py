@@ -53,17 +53,21 @@ class Revision:
         return self.found.steps[0].figures(self.base)
 
 
-def begin(base: str | Model, records: Sequence[Record], progress: Progress) -> Revision:
+def begin(
+    base: str | Model, records: Sequence[Record], progress: Progress, validation: Sequence[Record] = ()
+) -> Revision:
     """Identify a base, unless it is a model already, and diagnose it."""
     if isinstance(base, Model):
         progress(Told("taking the model from its file", 1, STAGES))
         check_pace(base, records[0].Ts, "The data have")
-        return revised("model file", base, records, progress)
+        return revised("model file", base, records, progress, validation=validation)
     progress(Told(f"identifying a {base} base from {sum(map(len, records))} samples", 1, STAGES))
-    return revised(f"{base} base", identify_base(base, records), records, progress)
+    return revised(f"{base} base", identify_base(base, records), records, progress, validation=validation)
 
 
-def with_effect(before: Revision, effect: str, records: Sequence[Record], progress: Progress) -> Revision:
+def with_effect(
+    before: Revision, effect: str, records: Sequence[Record], progress: Progress, validation: Sequence[Record] = ()
+) -> Revision:
     """Add an effect: a candidate of the diagnosis as it was fitted there, or any other of the catalogue."""
     step = before.found.steps[0]
     candidate = next((c for c in step.candidates if c.effect == effect), None)
@@ -75,10 +79,13 @@ def with_effect(before: Revision, effect: str, records: Sequence[Record], progre
         model = step.chosen.model
     else:
         model = prune(candidate.fitted, before.base).model
-    return revised(f"+ {effect}", model, records, progress, effect)
+    return revised(f"+ {effect}", model, records, progress, effect, validation)
 
 
-def with_term(model: Model, name: str, what: str, records: Sequence[Record], progress: Progress) -> Revision:
+def with_term(
+    model: Model, name: str, what: str, records: Sequence[Record], progress: Progress,
+    validation: Sequence[Record] = (),
+) -> Revision:  # fmt: skip
     """Fit a model whose term with the parameter `name` is new; `what` says so in words."""
     starts = [model.theta]
     if model.theta is not None and name:  # the old value may be a bad one for the new term
@@ -86,10 +93,10 @@ def with_term(model: Model, name: str, what: str, records: Sequence[Record], pro
     progress(Told("taking the new term", 1, STAGES))
     for start in starts[:-1]:
         try:
-            return revised(what, model.replace(theta=start), records, progress)
+            return revised(what, model.replace(theta=start), records, progress, validation=validation)
         except FitError:
             continue
-    return revised(what, model.replace(theta=starts[-1]), records, progress)
+    return revised(what, model.replace(theta=starts[-1]), records, progress, validation=validation)
 
 
 def revised(
@@ -98,8 +105,9 @@ def revised(
     records: Sequence[Record],
     progress: Progress,
     effect: str = "",
+    validation: Sequence[Record] = (),
 ) -> Revision:
-    """Diagnose a model, and fit it on all samples."""
-    found = diagnose(model, list(records), report=inside(progress, before=1))
+    """Diagnose a model."""
+    found = diagnose(model, list(records), validation=list(validation), report=inside(progress, before=1))
     base = found.steps[0].base
     return Revision(name, found, base.model, effect)

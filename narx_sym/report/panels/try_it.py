@@ -169,7 +169,7 @@ def content(diagnosis: Diagnosis, listed: Sequence[Tried], c: Comparison, units:
         "signals": [packed(np.asarray(every[name][:n])) for name in names], "models": told,
         "spread": float(diagnosis.steps[0].base.problem.spread),
         "floor": float(diagnosis.floor) if has_floor(diagnosis) else 0.0,
-        "held": spans(base.split.test[i][:n]),
+        "held": spans((base.split.test[i] & ~base.split.train[i])[:n]),
         "aside": [[a.low, a.high, a.role] for a in c.aside],
         "worst": [min(c.worst.start, n - 1), min(c.worst.stop, n)],
         "axes": [_axis(driving, units), _axis(output, units), _axis("error", {"error": units.get(output, "")})],
