@@ -278,7 +278,8 @@ class Workbench(Compensation):
         if self.validation is None:
             return []
         Ts = float(c.Ts) if c.Ts.strip() else None
-        kept = {"channels": c.channels, "missing": c.missing, "units": {n: v for n, v in c.units.items() if v}}
+        kept: dict[str, Any] = {"channels": c.channels, "missing": c.missing}
+        kept["units"] = {n: v for n, v in c.units.items() if v}
         return [read(self.validation, u=c.u, y=c.y, t=c.t or None, Ts=Ts, **kept)]
 
     @property

@@ -557,7 +557,7 @@ def test_the_pair_of_errors_tells_one_step_from_free_run():
     record = made(BENCH.terms, BENCH.theta, slow(1_000), noise=0.1)
     lazy = NARX.from_terms(["y[k-1]", "y[k-2]"], (2.0, -1.0))
     pair = evaluate(lazy, record)
-    assert pair.one_step_nrmse < 0.05 < 1 < pair.free_run_nrmse
+    assert pair.one_step_nrmse < 0.05 < 0.9 < pair.free_run_nrmse
     assert expand_phi(phi2[k]).has(sp.sign)
 
 

@@ -25,7 +25,7 @@ def test_nothing_runs_across_a_gap():
 
 
 def test_the_errors_are_of_all_samples_whether_a_gap_lies_between_or_not():
-    """NRMSE is rms over the output's standard deviation: the table, the start's estimate and the picture say the same."""
+    """NRMSE is rms over the output's standard deviation: the table and the picture say the same."""
     rng = np.random.default_rng(0)
     w = np.concatenate([rng.standard_normal(200), 5 + rng.standard_normal(200)])  # another level after the gap
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.2])
@@ -37,8 +37,6 @@ def test_the_errors_are_of_all_samples_whether_a_gap_lies_between_or_not():
         noisy, predict(model, record)
     )
     assert f"NRMSE {found.free_run_nrmse:.3g}" in model.plot_comparison(record).axes[0].get_title(loc="left")
-    rows = np.r_[50:200, 250:400]
-    assert model.aligned(record, first=4.9).raw == pytest.approx(ns.metrics.nrmse(noisy[rows], run[rows]), rel=1e-12)
     parts = record.segments()
     assert ns.evaluate(model, parts) == found
 

@@ -1,18 +1,16 @@
 """One function for each thing that people ask for: what command line, page and report share."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import narx_sym as ns
+from narx_sym.diagnosis import refit
 from narx_sym.diagnosis.add import Addition
-from narx_sym.diagnosis.refit import Fitted, Split, settle
+from narx_sym.diagnosis.steps import Step
 from narx_sym.errors import DataError, FitError, ModelError
-from narx_sym.fit.freerun import FreeRun
-from narx_sym.fit.least_squares import free_run_error
-from narx_sym.tasks import base, finish, revise
+from narx_sym.tasks import base, revise
 from narx_sym.tasks.add import add
 from narx_sym.tasks.compare import compare, tracking, where_it_fails
 from narx_sym.tasks.compensate import ahead, follow, law_of
@@ -67,84 +65,67 @@ def test_what_to_know_about_a_record():
     assert said["cut"] == ["one", "other"] and not any("two values" in text for text in said)
 
 
-def test_a_fit_on_all_that_fails_keeps_the_parameters(monkeypatch):
-    record = simulated()
-    good = finish.fit_on_all(LINEAR, [record])
-    assert not good.note and good.model is not LINEAR and free_run_error(good.model) < 1e-6
-
-    def fails(*_, **__):
-        raise FitError("no way")
-
-    monkeypatch.setattr(finish, "settle", fails)
-    kept = finish.fit_on_all(LINEAR, [record])
-    assert "no way" in kept.note and kept.model.theta.tolist() == [0.8, 0.4]
-    assert free_run_error(kept.model) < 1e-6
-
-
-def rung(model, record):
-    """A model as a diagnosis has fitted it on its training blocks, without moving its parameters."""
-    split = Split.of([record])
-    problem = FreeRun(model, list(split.records), (), split.train)
-    return Fitted(model, split, problem, problem.start(model.theta), True, {})
-
-
-class Found:
-    """A diagnosis that added a cubic gain to a lag, as `finish` sees it."""
-
-    def __init__(self, record, second):
-        base = settle(LINEAR, Split.of([record]))
-        self.rungs, self.judged = ["base", "+ cubic"], []
-        self.steps = [SimpleNamespace(base=base, chosen=rung(second, record), nrmse=self.nrmse)]
-
-    def nrmse(self, fitted):
-        """Say a small error, whatever the model does."""
-        return {"train": 0.01, "validation": 0.01}
-
-
 CUBIC = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**3"], [0.8, 0.4, 0.04], Ts=TS)
 
 
-def test_what_is_saved_is_what_was_shown(monkeypatch):
+def test_the_last_fit_never_ends_above_where_it_began(monkeypatch):
     record = simulated(0.1)
-    made, errors = finish.finish(Found(record, CUBIC), [record])
-    assert not made.note and len(made.model.terms) == 3
-    assert dict(errors)["base + cubic, fitted on all samples"].free_run_nrmse < 1e-6
-    # The fit on all samples ends where it should not: what the training blocks gave is kept.
-    worse = rung(CUBIC.replace(theta=[0.8, 0.4, 0.07]), record)
-    monkeypatch.setattr(finish, "settle", lambda *_, **__: worse)
-    made, _ = finish.finish(Found(record, CUBIC), [record])
-    assert "instead of 0.01" in made.note and made.model.theta.tolist() == CUBIC.theta.tolist()
+    trial = refit.Trial.of([record], [record])
+    begin = trial.as_given(CUBIC.replace(theta=[0.8, 0.4, 0.02]))
+    good = trial.final(begin)
+    assert trial.errors(good)["train"].free_run_nrmse < 1e-6
+    assert trial.errors(good)["train"] == ns.evaluate(good.model, record)
+
+    def fails(*_):
+        raise FitError("no way")
+
+    def worse(problem, begin, *_):
+        return begin * 1.5, np.zeros(3), True
+
+    for way in (fails, worse):
+        monkeypatch.setattr(refit, "_minimum", way)
+        assert trial.final(begin).model.theta.tolist() == [0.8, 0.4, 0.02]
 
 
-def test_a_model_worse_than_its_base_is_not_saved(monkeypatch):
-    record = simulated(0.1)
-    wrong = CUBIC.replace(theta=[0.8, 0.4, 0.4])
-    monkeypatch.setattr(finish, "settle", lambda model, *_, **__: rung(model, record))
-    made, errors = finish.finish(Found(record, wrong), [record])
-    assert "no better than that of the base" in made.note and len(made.model.terms) == 2
-    # Its fit on all samples is worse than what was shown: it is not taken, and has no row.
-    assert [name for name, _ in errors][-1] == "base, fitted on the training blocks"
-
-
-def test_noise_of_the_first_samples_does_not_keep_a_model_back():
-    """Three slow poles make much of it: from the start that its fit found the free run follows."""
+def test_noise_of_the_first_samples_moves_no_error():
+    """Three slow poles make much of it: from estimated starts the free run follows."""
     from scipy.signal import lfilter
 
     a, u = np.poly([0.99, 0.98, 0.97]), np.repeat(np.random.default_rng(2).uniform(-1, 1, 100), 20)
     clean = lfilter([0, 1e-5], a, u + 0.4 * u**3)
-    record = ns.Record.from_arrays(
-        u, clean + 0.01 * np.std(clean) * np.random.default_rng(3).standard_normal(u.size), TS
+    noise = 0.01 * np.std(clean) * np.random.default_rng(3).standard_normal(u.size)
+    record = ns.Record.from_arrays(u, clean + noise, TS)
+    terms = ["y[k-1]", "y[k-2]", "y[k-3]", "u[k-1]", "u[k-1]**3"]
+    model = ns.NARX.from_terms(terms, [*-a[1:], 1e-5, 4e-6], Ts=TS)
+    assert ns.evaluate(model, record).free_run_nrmse == pytest.approx(0.01, rel=0.05)
+    assert ns.metrics.nrmse(record.y, model.simulate(u, record.y[:3])) > 0.02  # from the measured ones
+
+
+def step_of(before, after, validation):
+    """A step that has found the second model beside the first one."""
+    trial = refit.Trial.of([simulated(0.1)], validation)
+    base = trial.as_given(before)
+    made = Step(
+        base, "named", [], [], 0.0, "estimate", 0.0, {}, [], chosen=trial.as_given(after), pair=Both(), trial=trial
     )
-    terms = ["y[k-1]", "y[k-2]", "y[k-3]", "u[k-1]"]
-    straight = ns.NARX.from_terms(terms, [*-a[1:], 1.2e-5], Ts=TS)
-    bent = ns.NARX.from_terms([*terms, "u[k-1]**3"], [*-a[1:], 1e-5, 4e-6], Ts=TS)
-    found = Found(record, bent)
-    base, chosen = (settle(m, Split.of([record])) for m in (straight, bent))
-    found.steps = [SimpleNamespace(base=base, chosen=chosen, nrmse=lambda fitted: {"train": 0.011})]
-    made, errors = finish.finish(found, [record])
-    assert len(made.model.terms) == 5 and made.nrmse < 0.013
-    measured = errors[-1][1].free_run_nrmse
-    assert measured > 1.2 * made.nrmse and f"from them it leaves {measured:.3g}" in made.note
+    made.finish(trial, base)
+    return made
+
+
+class Both:
+    """Stands for two effects of the second model."""
+
+    fitted, effects = None, ()
+
+
+def test_what_helps_on_the_record_and_not_on_validation_data_is_not_added():
+    other = simulated(0.0)  # a machine without the effect
+    refused = step_of(LINEAR, CUBIC, [other])
+    assert refused.chosen is None and refused.finding == "refused" and refused.verdict == "helps_but_incomplete"
+    said = refused.sentence({"y": "um"})
+    assert "the error on the record falls from" in said and "it rises from" in said and "not added" in said
+    added = step_of(LINEAR, CUBIC, [simulated(0.1)[300:]])
+    assert added.chosen is not None and not added.refusal({})
 
 
 def test_compare_says_the_errors_and_where_it_fails():
@@ -200,4 +181,4 @@ def test_a_revision_knows_what_was_done(monkeypatch):
         revise.begin(other, [simulated()], print)
     said = []
     revise.begin("static", [simulated(0.1)], said.append)
-    assert asked[-1][0][0] == "static base" and said == ["Step 1 of 7: identifying a static base from 600 samples"]
+    assert asked[-1][0][0] == "static base" and said == ["Step 1 of 6: identifying a static base from 600 samples"]

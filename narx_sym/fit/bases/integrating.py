@@ -15,7 +15,7 @@ from ...symbolic.signals import lag, u, y
 from ..evaluate import evaluate
 
 Array = np.ndarray
-ROUNDED = 1e-6  # of the output: less is rounding
+ROUNDED = 1e-6  # of a pole: less is rounding
 DRIVEN = 2.0  # times the mean square, where nothing drives a pole that hardly decays: less, and it imitates a drift
 
 
@@ -85,7 +85,7 @@ def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: floa
         outputs.append(both[:, -1])
     matrix, measured = np.vstack(inputs), np.concatenate(outputs)
     left = measured - matrix @ np.linalg.lstsq(matrix, measured, rcond=None)[0]
-    return bool(np.mean(left**2) > DRIVEN * max(error, ROUNDED**2 * float(np.mean(measured**2))))
+    return bool(np.mean(left**2) > DRIVEN * error)
 
 
 def integrates(model: Model, records: Sequence[Record]) -> bool:
@@ -101,8 +101,8 @@ def integrates(model: Model, records: Sequence[Record]) -> bool:
 
 
 def grows(model: Model) -> bool:
-    """Whether a linear model has a pole beyond 1."""
-    return slowest(_coefficients(model, y)) > 1
+    """Whether a linear model has a pole beyond 1, by more than rounding."""
+    return slowest(_coefficients(model, y)) > 1 + ROUNDED
 
 
 def _coefficients(model: Model, base: Any) -> Array:
