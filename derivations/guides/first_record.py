@@ -49,8 +49,8 @@ shell("narx-sym fit my_data.csv --for-compensation --out model.json")
 # %% [markdown]
 # ## Compare
 # One-step **and** free-run errors: one-step accuracy alone says nothing. Here it is the file of the fit; always try one
-# that was not used in the fit. The second table runs the model again with what it cannot know of a new record estimated
-# on the first second: where its states start and, with `--align`, how far the sensor has drifted. Only the rest counts.
+# that was not used in the fit (`--validate other.csv` puts it beside). The free run covers the whole record, from start
+# states that are estimated on it; with `--align` a constant offset of the sensor is estimated too.
 
 # %%
 shell("narx-sym compare model.json my_data.csv --units V,um --plot compare.png")

@@ -99,8 +99,7 @@ print(f"on the machine itself: {100 * np.abs(tracked - reference).mean() / np.pt
 # ## What one record tells
 # One loop of one size does not tell the widths of plays from a curve: both bend it. Of all weights that explain the first
 # loop the even ones are the start of the fit. One frequency does not tell a lag from a delay; the smallest delay is taken.
-# Where most of the error on a new record is an offset of its sensor, `compare` says so, and `--align` estimates it on
-# the first second. Where that second shows something else, such as a transient from before, it says so instead.
+# Where most of the error on a new record is an offset of its sensor, `compare` says so, and `--align` estimates it.
 #
 # `--base auto` tries `static`, `linear`, `narx`, `play` and `bouc-wen` on held-out samples, at a price of 0.1 in ln(mean
 # square) per parameter, and says why it chose. What was measured before a held-out block is given to every base, so that

@@ -69,12 +69,17 @@ print(f"free-run error of the record's range: {before.free_run_mape:.3g} % befor
 # each place where it may act (at the input, as a force or inside, on the motion, in a friction, at the output, at the
 # sensor) and compiled. What a refit of the base could absorb is projected out. The gate tests all effects and shapes
 # at once against simulated maxima, after whitening with a noise model. Then each form of each effect is fitted in
-# free run beside cores of several orders and delays, judged on held-out blocks, and stands in one table with the
+# free run beside cores of several orders and delays, cross-validated on held-out blocks, and stands in one table with the
 # cores that have no effect. One price decides: the logarithm of the held-out error, plus 0.1 per parameter, plus 0.27
 # per effect. A further resonance counts as an effect, and so does a lag of an effect's own where the linear core has
 # no such pole. Where no effect is enough, the pairs that explain most together are fitted too. What the new effect
 # makes redundant is deleted, and a share of an effect that cannot be told from 1 goes: a slack is whole, and its law
 # that of textbooks. How often all this is right, and where it is not: [](../results/named.md).
+#
+# In the end the base and what was found are fitted once more, over the whole records at their own rate, and judged by
+# [the protocol](what_the_figures_mean.py): on the records, and on validation data that no model is fitted to. These are
+# the records of `validation=` (`--validate`), else the last part of each record. **An effect is only added where the
+# error falls on both.** Where it falls on the record and rises on the validation data, that is what is said.
 #
 # ## The next experiment
 # Where several effects explain a record, some 30 inputs are simulated with each of them: ramps, triangles, stairs, sines,

@@ -39,9 +39,23 @@ print(ns.mape(target, answer), by_hand)
 # %% [markdown]
 # ## NRMSE
 # The root mean square error over the standard deviation of what was measured: 0 is exact, 1 is as good as a constant.
-# Both are over all samples: of a record with a gap, or of several records, as if they stood in one.
-# It also counts a constant offset: two records of one machine that differ by an offset look worse than they are
-# ([a piezo stage](../results/paper.md#a-real-piezo-stage) is an example).
+# Both are over all samples: of a record with a gap, or of several records, as if they stood in one. MATLAB's fit in per
+# cent is 100 (1 - NRMSE).
+#
+# ## The protocol
+# **The error of a model on a record is that of its free run over the whole record, at the record's own rate, from start
+# states that are estimated on that record.** A gap starts a new run. Nothing else is fitted to the record, unless it is
+# asked for: `--align` (`align=True`) also estimates a constant offset of the sensor, by which two records of one machine
+# may differ ([a piezo stage](../results/paper.md#a-real-piezo-stage) is an example). The first samples, which the model
+# looks back at, are the measured ones. MATLAB's `compare` estimates start states in the same way.
+#
+# Start states are the outputs before the first computed sample and what effects remember. Of a model that integrates (a
+# constraint keeps the sum of the coefficients of older outputs at 1) the constant load counts as one too: nobody knows it
+# on another day, and an axis drifts with it. The error with the model's own load stands beside (`own_load_nrmse`).
+#
+# `evaluate`, `free_run`, `narx-sym compare`, the headline and the ladder of a diagnosis, its page and its JSON all give
+# this number. Validation data are records that no model is fitted to: those of `--validate`, else the last part of each
+# record. Errors of cross-validation, by which effects are compared at a working rate, stand under that name.
 
 # %%
 nrmse = np.sqrt(np.mean((target - answer) ** 2)) / np.std(target)
@@ -58,7 +72,7 @@ print(ns.nsavi(m, r), np.abs(np.diff(m)).sum() / np.abs(np.diff(r)).sum())
 # %% [markdown]
 # ## Shares, floors and intervals of a diagnosis
 # The *noise floor* is an estimate of what no model could explain. The *share* of an effect is how much of the removable
-# error (that of the base beyond the floor) it removes on blocks that were not used for fitting; its 95 % interval comes
+# error (that of the base beyond the floor) it removes in cross-validation, on held-out blocks; its 95 % interval comes
 # from resampling those blocks. It can leave 0 ... 100 %, because both ends of the scale are estimates.
 # What *could not have been seen* is computed effect by effect, for the base, the noise and the input of this record: the
 # rms by which an effect must move the output to be seen in about 80 % of such records. It must pass the test and be worth

@@ -308,7 +308,8 @@ class Step:
                 {
                     "effect": c.effect, "where": c.where, "form": str(c.variant), "parameters": c.parameters,
                     "latex": c.latex, "share_of_removable_error": c.share, "interval": list(c.interval),
-                    "p_value": c.p_value, "sentence": c.sentence, "nrmse": c.nrmse, "samples_averaged": c.averaged,
+                    "p_value": c.p_value, "sentence": c.sentence, "samples_averaged": c.averaged,
+                    "nrmse": dict.fromkeys(PARTS) | c.nrmse,
                 }
                 for c in self.candidates
             ],

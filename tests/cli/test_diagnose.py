@@ -116,7 +116,7 @@ def test_names_the_hidden_effect(files, diagnosed):
     assert "Diagnosing ..." in err
     for expected in (
         "named", "Probably missing: dead_zone", "mm rms", "+ dead_zone", "noise floor", "Where it fails",
-        "What could not have been seen", "dead_zone *", "fitted on all samples", "Max(-0.",
+        "What could not have been seen", "dead_zone *", "fit [%], validation", "Max(-0.",
     ):  # fmt: skip
         assert expected in text, text
     for picture in ("p.png", "p_where.png"):
@@ -130,7 +130,7 @@ def test_five_lines_first_and_the_same_data_and_seed_give_the_same_file(files, d
     assert code == 0, err
     lines = text.splitlines()
     assert lines[0] == "Dead zone is probably missing. (named: one explanation fits)"
-    assert "times smaller" in lines[1] and " mm" in lines[1] and "Probably missing: dead_zone" in lines[3]
+    assert "falls from" in lines[1] and " mm" in lines[1] and "Probably missing: dead_zone" in lines[3]
     size = re.search(r"Dead zone: .*r = (0\.[0-9]+) V\.", lines[2])
     assert size and float(size[1]) == pytest.approx(DEAD, rel=0.02)
     assert any(line.startswith("Next: ") for line in lines) and any("narx-sym diagnose" in line for line in lines)

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from narx_sym.fit.alignment import aligned
 
 import narx_sym as ns
 from narx_sym.data.examples import STAGE_UNITS
@@ -15,7 +16,6 @@ from narx_sym.diagnosis.bases import few
 from narx_sym.diagnosis.procedure import Diagnosis
 from narx_sym.diagnosis.steps import NO_FLOOR, Step
 from narx_sym.diagnosis.table.candidates import Pair
-from narx_sym.fit.alignment import aligned
 from narx_sym.report import page, words
 from narx_sym.report.panels import registry, try_it
 from narx_sym.report.panels.ladder import fair
@@ -25,7 +25,7 @@ from narx_sym.report.words import number
 
 # Key of the part: a text that only it tells, and the number of its pictures on the stage's diagnosis.
 CASES = {
-    "verdict": ("times smaller", 1),
+    "verdict": ("falls from", 1),
     "try_it": ("Move a parameter", 0),
     "compare": ("The free run gets the measured input and nothing else", 4),
     "ladder": ("The noise floor is an estimate", 1),
