@@ -47,7 +47,8 @@ volts = plants.filtered_noise(seed=0)
 bench = ns.Record.from_arrays(volts, plants.bouc_wen(volts), Ts=1e-3)
 fitted = ns.NARX.from_terms(terms).fit(bench, constraints=["continuum"])
 pair = ns.evaluate(fitted, bench)
-print(f"theta_4 = {fitted.theta[3]:.3g}, one-step MAPE {pair.one_step_mape:.2g} %, free run {pair.free_run_mape:.2g} %")
+run = ns.mape(bench.y, fitted.simulate(bench.u, bench.y[:2]))  # from the measured start
+print(f"theta_4 = {fitted.theta[3]:.3g}, one-step MAPE {pair.one_step_mape:.2g} %, free run {run:.2g} %")
 
 # %% [markdown]
 # ## The picture, with numbers that attract
@@ -67,5 +68,5 @@ assert sp.simplify(sets.loading - loading) == 0
 assert sp.simplify(sets.unloading - unloading) == 0
 slope = theta[0] + theta[3] * ns.phi2[k - 1] * ns.phi1[k - 1]
 assert sp.simplify(sets.attracting.lhs.args[0] - slope) == 0 and sets.attracting.rhs == 1
-assert fitted.theta[3] > 0 and pair.one_step_mape < 0.1 and pair.free_run_mape > 100
+assert fitted.theta[3] > 0 and pair.one_step_mape < 0.1 and run > 100
 assert model.quasi_static().evaluate(sine).attracting[1:].all()

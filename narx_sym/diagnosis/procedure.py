@@ -37,7 +37,7 @@ from .experiment import Experiment, check_limits
 from .misfit import Misfit, misfit_of
 from .progress import BASE, ROUND, Course, inside
 from .refit import Fitted, Trial
-from .steps import Step, looped, step
+from .steps import PARTS, Step, looped, step
 from .table.candidates import Candidate, Pair
 from .table.hypotheses import family_of, static
 from .table.offsets import without_offsets
@@ -317,7 +317,7 @@ def diagnose(
         one.hear(sensor)
     failed = _misfit(steps[0].base, steps[0].floor)
     faults = sensor_faults(listed, min(s.floor for s in steps), converter)
-    said = [*_noted(listed, table), *speed, *held]
+    said = [*_noted(listed, table), *_loads(steps), *speed, *held]
     seconds = time.perf_counter() - begin
     judged = listed if held or any(a.Ts != b.Ts for a, b in zip(each(records), listed, strict=True)) else []
     return Diagnosis(steps, failed, seconds, seed, faults, said, table.rows, judged, max_effects, same_speed)
@@ -361,7 +361,7 @@ def _searched(
 
 def _baseline(trial: Trial, given: Model, found: Fitted) -> Fitted:
     """Return the better of the given model as it is and the base of the search, by their errors on the records."""
-    pair = [trial.as_given(given), trial.final(found)]
+    pair = [trial.final(found), *([trial.as_given(given)] if given.theta is not None else [])]
     return min(pair, key=lambda one: trial.errors(one)["train"].free_run_rms)
 
 
@@ -406,8 +406,23 @@ def _noted(records: Sequence[Record], table: Table) -> list[str]:
     if table.factor > 1:
         said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
     if table.search.integrating:
-        said.append(f"The axis integrates: free runs are judged in {len(table.search.cut)} pieces, each by itself.")
+        said.append(f"The axis integrates: effects are compared in {len(table.search.cut)} pieces, each by itself.")
     return said
+
+
+def _loads(steps: Sequence[Step]) -> list[str]:
+    """Say that the load of an axis that integrates is estimated on each record, and the error without that."""
+    last = next((s for s in reversed(steps) if s.chosen is not None), steps[0])
+    own = {part: e.own_load_nrmse for part, e in last.errors(last.last).items() if e.own_load_nrmse is not None}
+    if not own:
+        return []
+    shown = ", ".join(
+        f"{few(own[p])} on {where}" for p, where in zip(PARTS, ("the record", "validation data"), strict=True)
+    )
+    return [
+        "The axis integrates: its pole stays at 1, and its unknown constant load counts as a start state of each "
+        f"record. With the load of the model instead the free-run NRMSE is {shown}."
+    ]
 
 
 def _levelled(records: list[Record], first: Step) -> tuple[list[Record], list[str]] | None:

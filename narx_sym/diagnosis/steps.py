@@ -399,8 +399,7 @@ def step(
     if pair:
         made.verdict = "helps_but_incomplete"
         rivals = tuple(ids for ids in (tuple(v.id for v in r.beyond(known)) for r in found[1:]) if ids)
-        held, every = chosen.mean_square(base.split.held), verdict(share, left, 1) != "helps_but_incomplete"
-        made.pair = Pair(tuple(both), chosen, held, share, rivals, every)
+        made.pair = Pair(tuple(both), chosen, share, rivals, verdict(share, left, 1) != "helps_but_incomplete")
     if len(made.confusion_set) > 1 and not pair:
         table.course.say(": looking for an experiment that separates them")
         bare = next((table.own(r).model for r in found if not r.beyond(known) and table.holds(r)), None)

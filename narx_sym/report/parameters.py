@@ -91,7 +91,7 @@ def shape_unit(said: str, added: AddedEffect, units: Units) -> str:
 
 def candidate_parameters(candidate: Candidate, units: Units) -> str:
     """Return the parameters of a candidate with their units."""
-    model, own = candidate.shown.model, candidate.variant.effect
+    model, own = candidate.written, candidate.variant.effect
     added = model.effects[-1]
     shapes = {str(s): shape_unit(own.unit.get(n, ""), added, units) for n, s in added.shape.items()}
     return effect_parameters(model, added, units, shapes)

@@ -19,7 +19,6 @@ import narx_sym as ns
 from narx_sym.diagnosis.procedure import VERDICTS
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.report.comparison import Comparison
-from narx_sym.tasks.finish import finish
 
 FIRST, N = 500, 3000
 HIDDEN = [
@@ -268,7 +267,7 @@ def test_a_pair_is_found_together(pair):
     first = d.steps[0]
     assert set(first.pair.effects) == set(first.added) == {"saturation", "creep"}
     assert d.verdict == "helps_but_incomplete"  # no single effect is enough
-    alone = min(c.nrmse["validation"] for c in first.candidates) * first.base.problem.spread
+    alone = min(c.nrmse["validation"] for c in first.candidates if "validation" in c.nrmse)
     assert first.pair.mean_square < 0.75 * alone**2
     assert np.sqrt(first.chosen.mean_square(first.base.split.held)) < WORST * noise
     assert {e.effect for e in d.model.effects} == {"saturation", "creep"}
@@ -444,8 +443,6 @@ def test_noise_on_an_input_of_two_levels_is_no_saturation():
         d = ns.diagnose(ns.identify(record, base="linear"), record)
         assert d.verdict == "nothing_detectable"
         assert sum("the output does not follow it" in note for note in d.data_notes) == said
-        saved, _ = finish(d, [record])
-        assert saved.nrmse < 1.2 * max(d.ladder[-1][part] for part in ("train", "validation"))
 
 
 @pytest.mark.parametrize("gap", [pytest.param(False, marks=more), pytest.param(True, marks=pytest.mark.long)])
@@ -464,8 +461,7 @@ def test_a_sensor_that_was_moved_is_no_play(gap):
         records = [ns.Record.from_arrays(u, y, t=np.concatenate([t, t + 500.0]))]
     d = ns.diagnose(ns.identify(records, base="linear"), records)
     assert d.verdict == "nothing_detectable" and any("Offsets" in note for note in d.data_notes)
-    saved, _ = finish(d, records)
-    assert saved.nrmse < 1.2 * max(d.ladder[-1][part] for part in ("train", "validation"))
+    assert ns.evaluate(d.model, d.judged).free_run_nrmse == d.ladder[-1]["train"]
 
 
 @pytest.mark.long

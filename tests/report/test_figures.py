@@ -52,12 +52,11 @@ def test_paper_and_page_say_the_same_words(stage_diagnosis):
 
 def test_what_is_held_out_is_shaded_where_time_runs(stage_diagnosis, compared):
     split, t = stage_diagnosis.steps[0].base.split, compared.t
-    for role, mask in (("held-out", split.held[0]), ("sealed", split.test[0])):
-        inside = np.any([(t >= a.low) & (t <= a.high) for a in compared.aside if a.role == role], axis=0)
-        assert np.array_equal(inside, mask) and not inside[split.train[0]].any()
+    inside = np.any([(t >= a.low) & (t <= a.high) for a in compared.aside if a.role == "held-out"], axis=0)
+    assert np.array_equal(inside, split.test[0]) and inside.any() and not inside[split.train[0]].any()
     for panel in (comparison.response(compared, {}, "base"), comparison.errors(compared, {})):
-        assert {"held out", "sealed"} <= keys(panel).keys()
-    assert "held out" not in keys(comparison.loop(compared, {}, "base"))
+        assert "validation" in keys(panel)
+    assert "validation" not in keys(comparison.loop(compared, {}, "base"))
     part = compared.at(slice(0, 100))
     assert all(t[0] <= a.low < a.high <= t[99] for a in part.aside)
 

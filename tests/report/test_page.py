@@ -82,10 +82,10 @@ def test_the_parts_stand_in_order(page, parts):
 
 def test_the_verdict_has_sizes_in_the_users_units(stage_diagnosis, parts):
     d = stage_diagnosis
-    error = d.ladder[0]["validation"] * d.steps[0].base.problem.spread
+    error = d.ladder[0]["validation_rms"]
     assert f"{words.number(error)} mm" in parts["verdict"]
     assert d.verdict.replace("_", " ") in parts["verdict"] and "Next." in parts["verdict"]
-    after = d.ladder[-1]["validation"] * d.steps[0].base.problem.spread
+    after = d.ladder[-1]["validation_rms"]
     assert f"{words.number(after)} mm" in parts["verdict"] and after < 0.3 * error
 
 
@@ -170,7 +170,7 @@ def test_the_numbers_behind_the_pictures(stage_diagnosis, page):
     files = downloads(page)
     rows = list(csv.DictReader(io.StringIO(files["ladder.csv"])))
     assert [row["model"] for row in rows] == [*stage_diagnosis.rungs, "noise floor"]
-    assert float(rows[0]["held out"]) == pytest.approx(stage_diagnosis.ladder[0]["validation"], rel=1e-4)
+    assert float(rows[0]["validation"]) == pytest.approx(stage_diagnosis.ladder[0]["validation"], rel=1e-4)
     time = np.genfromtxt(io.StringIO(files["time.csv"]), delimiter=",", names=True)
     record = stage_diagnosis.steps[0].base.split.records[0]
     assert time["measured"].max() == pytest.approx(record.y.max(), rel=1e-4)
@@ -191,8 +191,9 @@ def test_the_python_of_the_page_runs(stage_diagnosis, page, tmp_path, monkeypatc
             for name in ("model-python", "law-python", "model-latex")}  # fmt: skip
     known = {}
     exec(code["model-python"], known)
-    expected = stage_diagnosis.model.simulate(record.u, y0=record.y[0])
+    expected = ns.free_run(stage_diagnosis.model, record)
     np.testing.assert_allclose(known["simulated"], expected, rtol=1e-9, atol=1e-12)
+    assert f"# {stage_diagnosis.ladder[-1]['train']:.6g}" in code["model-python"]  # the number that the page shows
     known = {"r": 0.5 * record.y}
     exec(code["law-python"], known)
     assert np.isfinite(known["m"]).all() and code["model-latex"] == stage_diagnosis.model.latex()
@@ -347,5 +348,5 @@ def test_a_minus_is_not_between_factors():
     for numbers in (False, True):
         assert "5.72 " not in (shown := model.latex(numbers=numbers)) or r"5.72\,\tanh" in shown, shown
         assert "- 1" not in shown and "-1 " not in shown
-    shown = marked(model, values=True)
-    assert "4.02" in shown and not re.search(r"\d\.\d{4}", shown)  # four digits, also inside a function
+    shown = marked(model.replace(info=replace(model.info, digits=4)), values=True)
+    assert "4.02" in shown and not re.search(r"\d\.\d{4}", shown)  # four digits are enough, also inside a function

@@ -63,8 +63,8 @@ class Candidate:
         at the working rate, over the standard deviation of the output. Where the data may mean this effect, also
         `train` and `validation`: those of `evaluate` on the diagnosed records and on the validation records.
     shown : Fitted
-        The model whose numbers are shown: that at the record's own rate where the data may mean this effect, else that
-        of the table.
+        The model at the record's own rate where the data may mean this effect, else that of the table; before anything
+        that became redundant was deleted.
     averaged : int
         How many samples of the record are one there.
     """
@@ -81,6 +81,7 @@ class Candidate:
     fit: Callable[[], Fitted] | None = field(compare=False)
     final: Fitted | None = None
     trial: Trial | None = None
+    likely: bool = False
 
     @classmethod
     def of(cls, table: Table, row: Row, known: Row, p_value: float, lowest: float, likely: bool) -> Candidate:
@@ -114,9 +115,8 @@ class Candidate:
 
     def judge(self, trial: Trial, likely: bool) -> None:
         """Take the final fit over the whole records; a `likely` one is fitted and judged at once."""
-        self.trial = trial
+        self.trial, self.likely = trial, likely
         if likely:
-            self.shown = self.fitted
             self.nrmse |= {name: e.free_run_nrmse for name, e in trial.errors(self.fitted).items()}
 
     @cached_property
@@ -140,6 +140,16 @@ class Candidate:
         return self.fitted.model
 
     @property
+    def written(self) -> Model:
+        """The model whose numbers are shown, with every symbol of the effect: a whole one has the coefficient 1."""
+        model = self.shown.model
+        if not self.likely:
+            return model
+        whole = dict.fromkeys(model.effects[-1].coefficients.values(), 1.0)
+        values = {**dict.fromkeys(model.symbols, 0.0), **whole, **self.model.values}
+        return model.replace(theta=[float(values[s]) for s in model.symbols])
+
+    @property
     def where(self) -> str:
         """The place where it acts."""
         return self.variant.where
@@ -147,14 +157,13 @@ class Candidate:
     @property
     def parameters(self) -> dict[str, float]:
         """Coefficients c and shape parameters by their short names."""
-        model = self.shown.model
-        values = dict(zip(model.symbols, model.theta, strict=True))
-        return {n: float(values[s]) for n, s in model.effects[-1].symbols.items()}
+        model = self.written
+        return {n: float(model.values[s]) for n, s in model.effects[-1].symbols.items()}
 
     @property
     def latex(self) -> str:
         """LaTeX of the contribution with what it remembers."""
-        model = self.shown.model
+        model = self.written
         added, rights = model.effects[-1], [*(s.right for s in model.states), model.F]
         short = {s: sp.Symbol(n, real=True) for n, s in added.shape.items()}
         shown = [
@@ -175,7 +184,7 @@ class Candidate:
         numbers = ", ".join(f"{n} = {v:.3g}" for n, v in self.parameters.items())
         return (
             f"{self.variant.effect.sentence} Adding {self.variant} with {numbers} removes {100 * self.share:.0f} % of "
-            "the removable error on data that were not used for fitting."
+            "the removable error in cross-validation."
         )
 
 
@@ -189,10 +198,8 @@ class Pair:
         Their ids.
     fitted : Fitted
         The model that has them.
-    mean_square : float
-        Held-out free-run error, as of the ladder [unit of y squared].
     share : float
-        Of the removable error on held-out data.
+        Of the removable error, cross-validated.
     rivals : tuple of tuples of str
         What these data cannot tell from them, cheapest first: pairs, or effects that explain as much alone.
     all : bool
@@ -201,7 +208,6 @@ class Pair:
 
     effects: tuple[str, ...]
     fitted: Fitted
-    mean_square: float
     share: float
     rivals: tuple[tuple[str, ...], ...] = ()
     all: bool = True

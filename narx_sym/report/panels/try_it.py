@@ -73,7 +73,7 @@ def models(diagnosis: Diagnosis) -> list[Tried]:
 def fitted_of(candidate: Any) -> Fitted | None:
     """Return a candidate's model over the record as it is; None where it cannot be fitted there."""
     try:  # a model of averaged samples has another record
-        found: Fitted = candidate.shown if candidate.averaged == 1 else candidate.fitted
+        found: Fitted = candidate.fitted if candidate.likely or candidate.averaged > 1 else candidate.shown
     except FitError:
         return None
     return found
