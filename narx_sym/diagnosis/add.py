@@ -28,6 +28,7 @@ from .table.search import Search
 
 Array = np.ndarray
 HUGE = 1e9  # in the place of what diverges
+BEST = 2  # of the one-step minima, how many are starts
 
 
 def add(model: Model, effect: str | Candidate | Pair, where: str | None = None) -> Addition:
@@ -91,16 +92,47 @@ class Addition:
         best = min(map(search.finish, found), key=lambda row: row.price)
         model, limits = written(best.hypothesis, base.model), best.frame.limits(written(best.hypothesis, base.model))
         theta = np.array(best.frame.theta(best.values, best.hypothesis.core))
-        starts = [theta, one_step_fit(model, split.records, theta, limits)]
-        fits = [whole(settle(model, split, start, limits)) for start in starts]
-        return min(fits, key=lambda made: made.mean_square(split.train))
+        absent, at = (
+            np.concatenate([base.model.theta, np.zeros(len(theta) - len(base.model.theta))]),
+            best.frame.added[-1][1],
+        )
+        shapes = [s for v, s in shortlist(scored, "given").items() if v == best.hypothesis.effects[-1]]
+        begins = [theta]
+        for shape in shapes[0] if shapes else ():
+            absent[at] = shape
+            begins.append(absent.copy())
+        return jointly_fitted(model, split, begins, limits)
 
 
-def one_step_fit(model: Model, records: Sequence[Record], theta: Array, limits: Mapping[Any, Any]) -> Array:
-    """Return the parameters with the least one-step error, under the model's constraints, from given ones.
+def jointly_fitted(model: Model, split: Split, begins: Sequence[Array], limits: Mapping[Any, Any]) -> Fitted:
+    """Fit a model in free run from the first of some parameters, and from the joint one-step minima near all of them.
 
-    What moves the output slowly hardly counts there: a base that was fitted without it is left behind, as a free run
-    does not leave it.
+    What moves the output slowly hardly counts one step ahead: a base that was fitted without it is left behind, as a
+    free run does not leave it. Of these minima the best ones are starts.
+
+    Raises
+    ------
+    FitError
+        Where no start leads to a stable fit.
+    """
+    near = sorted((one_step_fit(model, split.records, begin, limits) for begin in begins), key=lambda found: found[0])
+    fits, problem = [], FitError("No stable fit was found.")
+    for start in [begins[0], *(theta for _, theta in near[:BEST])]:
+        try:
+            fits.append(whole(settle(model, split, start, limits)))
+        except FitError as error:
+            problem = error
+    if not fits:
+        raise problem
+    return min(fits, key=lambda made: made.mean_square(split.train))
+
+
+def one_step_fit(
+    model: Model, records: Sequence[Record], theta: Array, limits: Mapping[Any, Any]
+) -> tuple[float, Array]:
+    """Return the least one-step error (half the sum of squares), and its parameters, near given ones.
+
+    The constraints of the model hold.
 
     Parameters
     ----------
@@ -125,4 +157,4 @@ def one_step_fit(model: Model, records: Sequence[Record], theta: Array, limits: 
     z = np.clip(elimination.Z.T @ (theta - elimination.t0), low, high)
     with np.errstate(all="ignore"):
         found = least_squares_fit(gaps, z, bounds=(low, high), x_scale="jac", max_nfev=STEPS)
-    return np.asarray(elimination.t0 + elimination.Z @ found.x)
+    return float(found.cost), np.asarray(elimination.t0 + elimination.Z @ found.x)
