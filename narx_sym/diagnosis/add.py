@@ -90,17 +90,14 @@ class Addition:
         if not found:
             raise FitError(f"No stable fit with {self.effect} was found, or a refit of the model absorbs it.")
         best = min(map(search.finish, found), key=lambda row: row.price)
-        model, limits = written(best.hypothesis, base.model), best.frame.limits(written(best.hypothesis, base.model))
+        model = written(best.hypothesis, base.model)
+        limits = best.frame.limits(model)
         theta = np.array(best.frame.theta(best.values, best.hypothesis.core))
-        absent, at = (
-            np.concatenate([base.model.theta, np.zeros(len(theta) - len(base.model.theta))]),
-            best.frame.added[-1][1],
-        )
-        shapes = [s for v, s in shortlist(scored, "given").items() if v == best.hypothesis.effects[-1]]
-        begins = [theta]
-        for shape in shapes[0] if shapes else ():
-            absent[at] = shape
+        absent = np.concatenate([base.model.theta, np.zeros(theta.size - len(base.model.theta))])
+        begins, at = [theta], best.frame.added[-1][1]
+        for shape in shortlist(scored, "given").get(best.hypothesis.effects[-1], []):
             begins.append(absent.copy())
+            begins[-1][at] = shape
         return jointly_fitted(model, split, begins, limits)
 
 
