@@ -16,6 +16,7 @@ from typing import Any
 import sympy as sp
 
 from ..symbolic.functions import within
+from ..symbolic.identities import added
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from .shape import DIGITS, FLAT, Piece, Undecided, at_point, breaks_of, keeps_sign, ordered, pieces_of, smooth_part
@@ -204,7 +205,7 @@ class _Chain:
 
     def slack(self, lower: Piece, upper: Piece) -> float:
         """Return by how much the flat pieces between two others may rise, or fall."""
-        return sum(
+        return added(
             (FLAT * p.made_of + DIGITS * self.steepest) * abs(number(p.right - p.left, self.values) or 0.0)
             for p in self.between(lower, upper)
             if p.flat(self.steepest)

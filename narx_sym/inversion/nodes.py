@@ -9,6 +9,7 @@ from typing import Any
 import sympy as sp
 
 from ..symbolic.functions import CLASSES, X, within
+from ..symbolic.identities import added
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import signal
@@ -131,7 +132,7 @@ def _rising(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) ->
     slope = derivative(G, w)
     growth = bounds(slope, w, values)[0]
     sizes = [sorted(e for e in map(abs, part) if math.isfinite(e)) for part in parts_of(slope, w, values)]
-    rounding = FLAT * sum(part[0] for part in sizes) + DIGITS * sum(part[-1] for part in sizes)
+    rounding = FLAT * added(part[0] for part in sizes) + DIGITS * added(part[-1] for part in sizes)
     try:
         jumps = [_jump(G, w, b, values) for b in breaks]
     except Undecided:

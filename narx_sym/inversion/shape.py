@@ -11,6 +11,7 @@ from typing import Any
 import sympy as sp
 
 from ..symbolic.functions import CLASSES, KINKED, X
+from ..symbolic.identities import added
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import samples
 from .solution import ROUNDED, apart, number, size_of
@@ -119,7 +120,7 @@ def at_point(expr: Any, w: Any, point: Any, values: Mapping[Any, Any]) -> Any:
         value = apart(inner.xreplace({w: point}), sp.S.Zero, values)
         if value is None:
             raise Undecided
-        size = sum(size_of(part.xreplace({w: point}), values) for part in sp.Add.make_args(inner))
+        size = added(size_of(part.xreplace({w: point}), values) for part in sp.Add.make_args(inner))
         return row.sides[value > 0].xreplace({X: inner}) if abs(value) > ROUNDED * size else sp.S.Zero
     arguments = [at_point(a, w, point, values) for a in expr.args]
     if row and row.extreme:
@@ -246,7 +247,7 @@ def steepness(G: Any, w: Any, values: Mapping[Any, Any]) -> float | None:
     slope = derivative(G, w)
     low, high = bounds(slope, w, values)
     least = max(low, -high)
-    return least if least > FLAT * sum(min(map(abs, part)) for part in parts_of(slope, w, values)) else None
+    return least if least > FLAT * added(min(map(abs, part)) for part in parts_of(slope, w, values)) else None
 
 
 def parts_of(expr: Any, w: Any, values: Mapping[Any, Any]) -> list[Bounds]:
@@ -281,7 +282,7 @@ def bounds(e: Any, w: Any, values: Mapping[Any, Any]) -> Bounds:
         return _function(e, [bounds(a, w, values) for a in e.args]) if isinstance(e, sp.Function) else WHOLE
     parts = [bounds(a, w, values) for a in e.args] if not isinstance(e, sp.Piecewise) else []
     if e.is_Add:
-        return sum(p[0] for p in parts), sum(p[1] for p in parts)
+        return added(p[0] for p in parts), added(p[1] for p in parts)
     if e.is_Mul:
         return _product(parts)
     if e.is_Pow:

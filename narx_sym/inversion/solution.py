@@ -8,7 +8,7 @@ from typing import Any
 
 import sympy as sp
 
-from ..symbolic.identities import vanishes
+from ..symbolic.identities import added, vanishes
 from ..symbolic.printing import latex_sum, text
 from ..symbolic.sensitivity import derivative
 
@@ -272,7 +272,7 @@ def number(expr: Any, values: Mapping[Any, Any]) -> float | None:
 def size_of(expr: Any, values: Mapping[Any, Any]) -> float:
     """Return the size of the numbers that are added up in an expression; 0 where all of it depends on samples."""
     parts = (number(p, values) for p in sp.Add.make_args(sp.expand(expr)))
-    return sum(abs(p) for p in parts if p is not None)
+    return added(abs(p) for p in parts if p is not None)
 
 
 def apart(one: Any, other: Any, values: Mapping[Any, Any]) -> float | None:

@@ -6,9 +6,10 @@ input rests (sign(0)^2 = 0) and would change Sigma_y.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import operator
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any
 
 import sympy as sp
@@ -136,6 +137,14 @@ def canonical(term: Any) -> Any:
     return result
 
 
+def added(numbers: Iterable[float]) -> float:
+    """Return the sum of numbers, added from left to right as compiled code does.
+
+    The built-in `sum` of floats compensates rounding from Python 3.12 on: what it decides would hang on the version.
+    """
+    return reduce(operator.add, numbers, 0.0)
+
+
 def clearly_not_zero(expr: Any) -> bool:
     """Whether numbers in the place of all symbols leave far more of an expression than rounding could.
 
@@ -146,7 +155,7 @@ def clearly_not_zero(expr: Any) -> bool:
     if not all(v.is_number and v.is_extended_real and v.is_finite for v in values):
         return False  # outside of where it is defined
     numbers = [float(v) for v in values]
-    return abs(sum(numbers)) > CLEAR * sum(map(abs, numbers))
+    return abs(added(numbers)) > CLEAR * added(map(abs, numbers))
 
 
 @lru_cache(maxsize=1024)

@@ -1,6 +1,7 @@
 """Steady state, Sigma_y, the continuum, Property 1, Jury's conditions, quasi-static sets."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -44,6 +45,7 @@ from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
 from narx_sym.models.model import NARX, Model
 from narx_sym.models.rest_map import plays
+from narx_sym.symbolic.identities import added
 from narx_sym.symbolic.recursion import State
 from narx_sym.symbolic.signals import k, phi1, phi2, signal, t, u, y
 
@@ -452,11 +454,16 @@ def test_property_1_says_what_it_counted(terms, theta, said):
     assert verdict.reason == said and verdict.holds == ("2 non" in said)
 
 
+def test_numbers_are_added_from_left_to_right_whatever_python_sums():
+    assert added([0.7, 0.2, 0.1]) == 0.7 + 0.2 + 0.1 != math.fsum([0.7, 0.2, 0.1]) == 1
+    assert added([]) == 0
+
+
 def test_without_a_term_in_the_output_the_continuum_has_no_sets():
     """1 - Sigma_y is a rounding error there: the quotient is no number, not 1e16."""
     theta = [0.7, 0.2, 0.1, 0.8]
     model = NARX.from_terms(["y[k-1]", "y[k-2]", "y[k-3]", "phi1[k-1]"], theta)
-    assert 0 < abs(sum(theta[:3]) - 1) < 1e-15
+    assert 0 < abs(added(theta[:3]) - 1) < 1e-15
     found = model.quasi_static().evaluate(np.sin(np.arange(20) / 3))
     assert np.isnan(found.ytilde).all()
     kept = NARX.from_terms(["y[k-1]", "y[k-2]", "phi1[k-1]"], [0.7, 0.2, 0.8]).quasi_static().evaluate([1.0, 2.0])

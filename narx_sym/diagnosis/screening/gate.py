@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg import lstsq
 from scipy.special import chdtrc, chdtri
 
+from ...symbolic.identities import added
 from .products import TINY, Left, told, whitened
 
 Array = np.ndarray
@@ -92,12 +93,12 @@ def autoregression(noise: Sequence[Array]) -> tuple[Array, float]:
     longest = max(1, min(LONGEST, count // 20, min(n.size for n in noise) // 3))
     forward = [np.asarray(n, dtype=float)[1:] for n in noise]
     backward = [np.asarray(n, dtype=float)[:-1] for n in noise]
-    power = sum(float(n @ n) for n in noise) / count
+    power = added(float(n @ n) for n in noise) / count
     a = np.ones(1)
     best, chosen = np.log(power) if power > 0 else -np.inf, a
     for order in range(1, longest + 1):
-        above = sum(float(f @ b) for f, b in zip(forward, backward, strict=True))
-        below = sum(float(f @ f + b @ b) for f, b in zip(forward, backward, strict=True))
+        above = added(float(f @ b) for f, b in zip(forward, backward, strict=True))
+        below = added(float(f @ f + b @ b) for f, b in zip(forward, backward, strict=True))
         if below <= 0:
             break
         reflection = -2 * above / below

@@ -13,6 +13,7 @@ from ...data.evidence.several import rests
 from ...data.record import Record
 from ...fit.bases.integrating import DRIVEN, drives, poles, slowest
 from ...models.extend import Variant
+from ...symbolic.identities import added
 from .frame import Frame
 from .hypotheses import Core, Hypothesis, filters, slopes
 from .starts.arx import polynomial
@@ -126,7 +127,7 @@ class Row:
         remembered = [j for j, start in enumerate(problem.starts) if start.back is None]
         sizes = [] if core.given else sorted(np.abs(poles(self.a)))[: core.n_y - core.integrating]
         last = [-1 / np.log(p) if p < 1 else np.inf for p in sizes if p]
-        shares = sum(min(1.0, samples / len(s)) for s in self.frame.segments for samples in last)
+        shares = added(min(1.0, samples / len(s)) for s in self.frame.segments for samples in last)
         self.frame.late(core.delay)
         for i in range(len(problem.data) if remembered else 0):
             moved = problem.moved(i, problem.theta(x), x[problem.own(i)])[1][problem.depth - 1 :]

@@ -23,6 +23,7 @@ from ...models.info import Selection
 from ...models.model import Model
 from ...models.rest_map import plays, remembered, rest_map, ubar, ybar
 from ...models.rewrite import without
+from ...symbolic.identities import added
 from ...symbolic.recursion import Recursion, State
 from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import k, signal, u, v, y
@@ -199,12 +200,12 @@ def _fitted(guess: Guess, parts: Sequence[Record], origin: Mapping[Any, float]) 
     a, *rest = model.symbols
     weights, bends, late = rest[:n], rest[n + 1 : n + 1 + knots], rest[n + 1 + knots :]
     limits = {a: (0.0, SLOWEST), **dict.fromkeys(weights, (0.0, np.inf))}
-    limits |= {weights[0]: (NOTHING * sum(guess.theta[1 : n + 1]), np.inf)}  # the law divides by it
+    limits |= {weights[0]: (NOTHING * added(guess.theta[1 : n + 1]), np.inf)}  # the law divides by it
     limits |= dict(zip(late, ((0.0, 1.0), (SLOW, 1 - 1e-6)), strict=False))
     limits |= dict.fromkeys(bends, (-1 / (knots + 1), np.inf))  # so the curve rises everywhere
     found = problem.minimise(problem.start(np.array(guess.theta)), STEPS, 1e-7, limits)
     theta, errors = problem.theta(found.x), dict(zip(model.symbols, problem.errors(found), strict=True))
-    least = NOTHING * sum(theta[1 : n + 1])
+    least = NOTHING * added(theta[1 : n + 1])
     gone = [s for s, value in zip(weights[1:], theta[2 : n + 1], strict=True) if value < least]
     made = model.replace(theta=theta.tolist())
     made = without(made, gone) if len(gone) < n - 1 else made

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from ...symbolic.identities import added
+
 Array = np.ndarray
 SMALLEST, FAR = 1e-12, 1e100  # of a factor, so that its logarithm is finite; beyond which nothing is followed
 FORGOTTEN, LOOKED = 1e-2, 5_000_000  # of a disturbance; how many products at most
@@ -47,7 +49,7 @@ def _tangent(slopes: Array) -> Array:
     """Return the logarithm of the growth of one tangent vector in each sample."""
     d, logs = [1.0] + [0.0] * (len(slopes) - 1), []
     for row in slopes.T.tolist():
-        new = sum(a * x for a, x in zip(row, d, strict=True))
+        new = added(a * x for a, x in zip(row, d, strict=True))
         d = [new, *d[:-1]]
         size = max(max(map(abs, d)), SMALLEST**20)
         logs.append(math.log(size))
@@ -79,7 +81,7 @@ def kept(slopes: Array) -> float:
     """Return what a lasting error of 1 in m has become at the end."""
     d = [1.0] * len(slopes)
     for row in slopes.T.tolist():
-        d = [sum(a * x for a, x in zip(row, d, strict=True)), *d[:-1]]
+        d = [added(a * x for a, x in zip(row, d, strict=True)), *d[:-1]]
         if not abs(d[0]) < FAR:
             break
     return abs(d[0])

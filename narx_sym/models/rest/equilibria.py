@@ -10,7 +10,7 @@ from typing import Any
 import sympy as sp
 
 from ...symbolic import printing
-from ...symbolic.identities import vanishes
+from ...symbolic.identities import added, vanishes
 from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import k
 from ..model import Model
@@ -91,7 +91,7 @@ def unbalanced(model: Model, tolerance: float = ROUNDING) -> dict[Any, Any]:
         parts = [sp.sympify(c).xreplace(model.values) for c in listed]
         total = sp.Add(*parts)
         numbers = all(part.is_number for part in parts)
-        if not (numbers and abs(float(total)) <= tolerance * sum(abs(float(part)) for part in parts)):
+        if not (numbers and abs(float(total)) <= tolerance * added(abs(float(part)) for part in parts)):
             found[function] = total
     return found
 

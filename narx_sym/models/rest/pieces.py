@@ -10,6 +10,7 @@ from typing import Any
 
 import sympy as sp
 
+from ...symbolic.identities import added
 from ...symbolic.signals import rewritten
 
 Vector = tuple[float, ...]
@@ -114,13 +115,13 @@ class Linear:
     @property
     def differences(self) -> Linear | None:
         """The piece in x[k-i] - x[k-i-1], where a constant stays what it is; None where it does not."""
-        if abs(sum(self.slopes) - 1) > 1e-6 * (1 + sum(map(abs, self.slopes))):
+        if abs(added(self.slopes) - 1) > 1e-6 * (1 + added(map(abs, self.slopes))):
             return None
         sides = []
         for gradient, sign in self.sides:
-            level = gradient is not None and abs(sum(gradient)) <= 1e-6 * sum(map(abs, gradient))
+            level = gradient is not None and abs(added(gradient)) <= 1e-6 * added(map(abs, gradient))
             sides.append((_sums(gradient) if gradient is not None and level else None, sign))
-        return Linear(tuple(-sum(self.slopes[i:]) for i in range(1, len(self.slopes))), tuple(sides))
+        return Linear(tuple(-added(self.slopes[i:]) for i in range(1, len(self.slopes))), tuple(sides))
 
 
 def settles(found: Sequence[Linear]) -> bool | None:
@@ -165,7 +166,7 @@ def _one_lag(found: Sequence[Linear]) -> bool | None:
 def _contract(matrices: list[Matrix]) -> bool:
     """Whether every product, continued far enough, is smaller than one in a norm: then all of them vanish."""
     n = len(matrices[0])
-    mean = [[sum(m[i][j] for m in matrices) / len(matrices) for j in range(n)] for i in range(n)]
+    mean = [[added(m[i][j] for m in matrices) / len(matrices) for j in range(n)] for i in range(n)]
     root = _norm_of(mean)
     if root is None:
         return False
@@ -212,11 +213,11 @@ def _grow(found: Sequence[Linear]) -> bool:
 
 
 def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return sum(p * q for p, q in zip(a, b, strict=True))
+    return added(p * q for p, q in zip(a, b, strict=True))
 
 
 def _sums(gradient: Vector) -> Vector:
-    return tuple(sum(gradient[: i + 1]) for i in range(len(gradient) - 1))
+    return tuple(added(gradient[: i + 1]) for i in range(len(gradient) - 1))
 
 
 def _times(a: Matrix, b: Matrix) -> Matrix:
@@ -225,7 +226,7 @@ def _times(a: Matrix, b: Matrix) -> Matrix:
 
 
 def _size(a: Matrix) -> float:
-    return math.sqrt(sum(x * x for row in a for x in row))
+    return math.sqrt(added(x * x for row in a for x in row))
 
 
 def _shift(n: int) -> Matrix:

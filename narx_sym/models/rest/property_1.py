@@ -11,6 +11,7 @@ from typing import Any
 import sympy as sp
 
 from ...errors import ModelError
+from ...symbolic.identities import added
 from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import k, samples
 from ..model import Model
@@ -156,8 +157,8 @@ def _function(expr: Any) -> Callable[[float, float], float]:
 
 def _vanishes(expr: Any, point: float, reach: float) -> bool:
     terms = [_function(term) for term in sp.Add.make_args(sp.expand(expr))]
-    size = sum(abs(term(reach, 0.0)) for term in terms)
-    return abs(sum(term(point, 0.0) for term in terms)) <= NEAR * size
+    size = added(abs(term(reach, 0.0)) for term in terms)
+    return abs(added(term(point, 0.0) for term in terms)) <= NEAR * size
 
 
 def _along(local: Local, every: str, of: Callable[[Linear], Linear | None]) -> Verdict:

@@ -10,6 +10,7 @@ from typing import Any
 import sympy as sp
 
 from ...errors import ModelError
+from ...symbolic.identities import added
 from .pieces import pieces
 
 WIDTH = sp.Rational(1, 10**15)  # of the interval that isolates a root
@@ -100,7 +101,7 @@ def _isolated(polynomial: Any) -> tuple[float, ...]:
 def _touches(polynomial: Any, x: float) -> bool:
     """Whether it is zero there but for rounding of its terms."""
     terms = [float(c) * x**n for (n,), c in polynomial.terms()]
-    return abs(sum(terms)) <= TOUCH * max(map(abs, terms))
+    return abs(added(terms)) <= TOUCH * max(map(abs, terms))
 
 
 def _real_roots(polynomial: Any) -> list[float]:
