@@ -1,5 +1,6 @@
 """What several test modules share."""
 
+import logging
 import os
 import sys
 from dataclasses import replace
@@ -17,6 +18,7 @@ import narx_sym as ns
 from narx_sym.cli import main as cli
 from narx_sym.data.examples import PLAY, STAGE_UNITS, stage
 from narx_sym.diagnosis.experiment.choose import propose
+from narx_sym.files.telling import LOG
 
 # A property holds or fails the same way in every run. HYPOTHESIS_PROFILE=default looks at new examples each time.
 settings.register_profile("same", derandomize=True)
@@ -42,6 +44,31 @@ def _shared(file):
     """Return what the tests of a file share: the stage's diagnosis, a fixture of the file, or nothing."""
     text = (ROOT / file).read_text(encoding="utf-8")
     return "stage" if "(stage_" in text or ", stage_" in text else file if 'scope="module"' in text else ""
+
+
+class Fences(logging.Handler):
+    """Hears what failed behind a fence, where no user is troubled by it."""
+
+    def __init__(self):
+        super().__init__(logging.DEBUG)
+        self.heard = []
+
+    def emit(self, record):
+        self.heard.append(record.getMessage())
+
+
+FENCES = Fences()
+LOG.addHandler(FENCES)
+LOG.setLevel(logging.DEBUG)
+
+
+@pytest.fixture(autouse=True)
+def fences():
+    """Fail a test in which something failed behind a fence, unless it expects that and clears the list."""
+    yield FENCES.heard
+    heard = [*FENCES.heard]
+    FENCES.heard.clear()
+    assert not heard
 
 
 @pytest.fixture

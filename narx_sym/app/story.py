@@ -10,6 +10,7 @@ from typing import Any
 
 from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.steps import Step
+from ..files.telling import fenced
 from ..models.model import Model
 from ..report import words
 from ..report.comparison import Comparison
@@ -94,7 +95,7 @@ class Shown(Revision):
 
 
 def shown(before: Sequence[Revision], made: Revision, units: Mapping[str, str]) -> Shown:
-    """Show the whole way to a revision, and what it still lacks."""
+    """Show the whole way to a revision, and what it still lacks: a picture that fails does not lose the revision."""
     every = [*before, made]
     stories = {WAY: Story.of(every), LAST: Story.of([made]), TAKEN: replace(Story.of(every), final=made.model)}
     live = {key: part.about for key, part in panels().items() if part.live is not None}
@@ -107,8 +108,12 @@ def shown(before: Sequence[Revision], made: Revision, units: Mapping[str, str]) 
     html = {part.key: SCRIPT.sub("", part.html) for part in parts}
     before_it, i = before[-1].base if before else None, stories[WAY].steps[0].base.worst
     candidates = [fitted_of(c) for c in made.found.candidates]
-    html["sight"] = sight_svg(i, Comparison.of(stories[WAY]).worst, before_it, made.base, candidates, units)
+    html["sight"] = page_of_sliders = ""
+    with fenced("The picture that stays in sight"):
+        html["sight"] = sight_svg(i, Comparison.of(stories[WAY]).worst, before_it, made.base, candidates, units)
+    with fenced("The page with the sliders"):
+        page_of_sliders = framed(stories[WAY], units)
     return Shown(
-        **{f.name: getattr(made, f.name) for f in fields(Revision)}, html=html, script=script,
-        live=framed(stories[WAY], units), headline=words.headline(stories[LAST]), fall=words.fall(stories[WAY], units),
+        **{f.name: getattr(made, f.name) for f in fields(Revision)}, html=html, script=script, live=page_of_sliders,
+        headline=words.headline(stories[LAST]), fall=words.fall(stories[WAY], units),
     )  # fmt: skip

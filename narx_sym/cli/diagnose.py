@@ -191,11 +191,27 @@ class Targets:
         data: list[Path],
         settings: dict[str, Any],
     ) -> None:
-        """Write all files, and then print what was found: a closed pipe loses none."""
+        """Write all files, and then print what was found: a closed pipe loses none.
+
+        Results are written first, and printed whatever comes of the pictures and the report.
+        """
         from ..report.words import with_units
 
         found = with_units(found, units)
         self._write_next(found, units)
+        if self.save is not None:
+            from ..files.store import save
+
+            save(found.model, self.save)
+            if len(found.rungs) == 1:
+                note("nothing was added: the model written is the base")
+        try:
+            self._draw(found, units, data, settings)
+        finally:
+            self._print(found, units, _command(found, data, str(settings["base"]), self))
+
+    def _draw(self, found: Diagnosis, units: dict[str, str], data: list[Path], settings: dict[str, Any]) -> None:
+        """Write the pictures and the report."""
         if self.plot is not None and self.where is not None:
             from ..report.plots import plot_diagnosis, where_it_fails
 
@@ -204,16 +220,13 @@ class Targets:
         if self.report is not None:
             with working("Writing the report"):
                 found.report(self.report, units, data, settings)
-        if self.save is not None:
-            from ..files.store import save
 
-            save(found.model, self.save)
-            if len(found.rungs) == 1:
-                note("nothing was added: the model written is the base")
+    def _print(self, found: Diagnosis, units: dict[str, str], command: str) -> None:
+        """Print what was found, and what was written."""
         if self.loud < 0:
             print_headline(found)
             return
-        print_found(found, units, _command(found, data, str(settings["base"]), self))
+        print_found(found, units, command)
         if self.loud > 0:
             print_tables(found, units)
         else:

@@ -14,6 +14,7 @@ import typer
 
 from ..app import command as live
 from ..errors import DataError, NarxError
+from ..files.telling import Stderr
 from . import commission, diagnose, effects, fleet, law, stop
 from .options import (
     Channels,
@@ -262,7 +263,7 @@ def main() -> None:  # the entry point is `__main__.main`, which also catches Ct
             raise
         code, said = _ends(error)
         if said:
-            print(f"narx-sym: {said}", file=sys.stderr)
+            print(f"narx-sym: {said}", file=Stderr())
         if isinstance(error, OSError):
             _close_output()
         sys.exit(code)

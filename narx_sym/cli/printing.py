@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, cast
+
+from ..files.telling import Stderr, fenced
 
 # Heavy modules are imported inside the functions: `narx-sym --help` answers at once.
 if TYPE_CHECKING:
@@ -22,9 +23,10 @@ def console(stderr: bool = False) -> Any:
     """Return a rich console; results go to stdout, progress and notes to stderr."""
     from rich.console import Console
 
-    shown = Console(stderr=stderr, highlight=False, soft_wrap=True)
+    file = cast(IO[str], Stderr()) if stderr else None
+    shown = Console(file=file, highlight=False, soft_wrap=True)
     # In a pipe or a log nothing is cut off.
-    return shown if shown.is_terminal else Console(stderr=stderr, highlight=False, soft_wrap=True, width=140)
+    return shown if shown.is_terminal else Console(file=file, highlight=False, soft_wrap=True, width=140)
 
 
 @contextmanager
@@ -35,14 +37,14 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
         with _bar(shown, what) as tell:
             yield tell
         return
-    print(f"{what} ...", file=sys.stderr, flush=True)
+    print(f"{what} ...", file=Stderr(), flush=True)
     begin = said = time.monotonic()
 
     def progress(now: str) -> None:
         nonlocal said
         if time.monotonic() - said > PACE:
             said = time.monotonic()
-            print(f"{what}, {said - begin:.0f} s: {now} ...", file=sys.stderr, flush=True)
+            print(f"{what}, {said - begin:.0f} s: {now} ...", file=Stderr(), flush=True)
 
     yield progress
 
@@ -60,16 +62,17 @@ def _bar(shown: Any, what: str) -> Iterator[Callable[[str], None]]:
         one = bars.add_task(escape(what), total=None)
 
         def tell(now: str) -> None:
-            fraction = getattr(now, "fraction", None)  # of work whose stages are known
-            total = None if fraction is None else 1.0
-            bars.update(one, description=escape(f"{what}: {now}"), total=total, completed=fraction or 0.0)
+            with fenced("The bar"):
+                fraction = getattr(now, "fraction", None)  # of work whose stages are known
+                total = None if fraction is None else 1.0
+                bars.update(one, description=escape(f"{what}: {now}"), total=total, completed=fraction or 0.0)
 
         yield tell
 
 
 def note(message: str) -> None:
     """Print a note on stderr."""
-    print(f"note: {message}", file=sys.stderr)
+    print(f"note: {message}", file=Stderr())
 
 
 def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:

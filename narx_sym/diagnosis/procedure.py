@@ -262,7 +262,7 @@ def diagnose(
         Records that nothing is fitted to: an effect is only added where the error falls on them too. Without them the
         last part of each record serves: no model is fitted to it, though effects are chosen on the whole record.
     report : callable
-        Told what is going on: a text, which is also a `narx_sym.diagnosis.progress.Told`.
+        Told what goes on, by a text with numbers (`diagnosis.progress.Told`). What it raises ends the diagnosis.
 
     Returns
     -------

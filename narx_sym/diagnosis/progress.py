@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ..files.telling import fenced
+
 BASE, WAYS, ALONE = "fitting the base and its delay", "deriving how each effect would act", "trying each effect alone"
 PAIRS, JUDGE = "trying pairs of effects", "judging what was found"
 ROUND = (WAYS, ALONE, PAIRS, JUDGE)  # the stages of each step of a diagnosis, after the base
@@ -68,19 +70,31 @@ def inside(tell: Callable[[str], Any], before: int = 0, after: int = 0) -> Calla
 
 
 class Course:
-    """Tells one stage after the other: a stage that is not needed is passed over, and none is gone back to."""
+    """Tells one stage after the other: a stage that is not needed is passed over, and none is gone back to.
+
+    Nothing in it can end the work; only what a listener raises itself goes through, as a caller cancels by that.
+    """
 
     def __init__(self, tell: Callable[[str], Any], stages: Sequence[str]):
         self.tell, self.stages = tell, tuple(stages)
-        self.at, self.part, self.found = -1, 0.0, ""
+        self.at, self.what, self.part, self.found = -1, "", 0.0, ""
 
     def reach(self, stage: str) -> None:
-        """Begin the next stage of this name."""
-        self.at, self.part = self.stages.index(stage, self.at + 1), 0.0
+        """Begin the next stage of this name; where none is left, as in a round more than planned, the last goes on."""
+        last = len(self.stages) - 1
+        at = next((i for i in range(self.at + 1, last + 1) if self.stages[i] == stage), last)
+        self.at, self.what, self.part = at, stage, self.part if at == self.at else 0.0
         self.say()
 
-    def say(self, more: str = "", done: int = 0, of: int = 0, turn: int = 0, turns: int = 1) -> None:
-        """Tell how far a stage is: so many of so many, in this turn of so many."""
-        self.part = max(self.part, (turn + done / max(1, of)) / turns)
-        what = f"{self.stages[self.at]}{more}"
-        self.tell(Told(what, self.at + 1, len(self.stages), done, of, self.found, self.part))
+    def say(
+        self, more: str = "", done: int = 0, of: int = 0, turn: int = 0, turns: int = 1,
+        found: Callable[[], str] = lambda: "",
+    ) -> None:  # fmt: skip
+        """Tell how far a stage is: so many of so many, in this turn of so many; what is `found` by now, if anything."""
+        now = None
+        with fenced("Progress"):
+            self.part = max(self.part, min(1.0, (turn + done / max(1, of)) / turns))
+            self.found = found() or self.found
+            now = Told(f"{self.what}{more}", self.at + 1, len(self.stages), done, of, self.found, self.part)
+        if now is not None:
+            self.tell(now)

@@ -5,13 +5,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import IO, Any, cast
 
 from .journal import active, digest
+from .telling import Stderr
 
 
 @cache
@@ -64,7 +64,7 @@ def sweep(
         from rich.console import Console
         from rich.progress import track
 
-        results = track(results, description=what, total=len(todo), console=Console(file=sys.stderr))
+        results = track(results, description=what, total=len(todo), console=Console(file=cast(IO[str], Stderr())))
     for i, result in zip(todo, results, strict=True):
         if journal is not None:
             journal.keep(keys[i], result)

@@ -15,11 +15,14 @@ from urllib.parse import quote
 from ..data.units import said_first
 from ..diagnosis.procedure import Diagnosis
 from ..files.atomic import PathLike, write_text
+from ..files.telling import fenced
 from ..symbolic.mathml import from_latex
 from . import words
 from .comparison import Units
 from .figures import describe, zoomed
-from .panels.registry import Material, panels
+from .panels.registry import Material, Part, panels
+
+NOT_MADE = "<p>This part could not be made: please report it. What was found does not depend on it.</p>"
 
 
 @dataclass(frozen=True)
@@ -82,20 +85,30 @@ def sections(
     material = Material(words.with_units(diagnosis, units), units, files, settings or {}, scripts)
     made = []
     for key, part in panels().items():
-        content = part.tell(material) if keys is None or key in keys else None
-        if content is not None:
-            template = templates().select_template([f"panels/{key}.html", "pictures.html"])
-            panels_ = {
-                p.key: p.draw[0] for p in material.pictures(key) if p.zoomable and scripts and not callable(p.draw)
-            }
-            script, live = zoomed.zoomed(panels_)
-            given = {
-                "pictures": material.pictures(key), "live": live, "script": script,
-                "keys": describe.keys(*panels_.values()),
-                "units": units, "d": material.diagnosis, **content,
-            }  # fmt: skip
-            made.append(Section(key, content.get("title", part.title), template.render(given)))
+        if keys is None or key in keys:
+            section: Section | None = Section(key, part.title, NOT_MADE)  # no other part is lost with one that fails
+            with fenced(f"The part {key} of the report"):
+                section = _section(key, part, material)
+            if section is not None:
+                made.append(section)
     return made
+
+
+def _section(key: str, part: Part, material: Material) -> Section | None:
+    """Return one part as HTML; None where it has nothing to tell."""
+    content = part.tell(material)
+    if content is None:
+        return None
+    template = templates().select_template([f"panels/{key}.html", "pictures.html"])
+    drawn = {
+        p.key: p.draw[0] for p in material.pictures(key) if p.zoomable and material.scripts and not callable(p.draw)
+    }
+    script, live = zoomed.zoomed(drawn)
+    given = {
+        "pictures": material.pictures(key), "live": live, "script": script, "keys": describe.keys(*drawn.values()),
+        "units": material.units, "d": material.diagnosis, **content,
+    }  # fmt: skip
+    return Section(key, content.get("title", part.title), template.render(given))
 
 
 def page(

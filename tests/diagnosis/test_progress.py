@@ -10,6 +10,14 @@ from narx_sym.diagnosis.procedure import diagnose
 from narx_sym.diagnosis.progress import BASE, ROUND, Course, Told, inside
 from narx_sym.models.effects import EFFECTS, Catalogue
 
+MODEL = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "1"])
+FEW = Catalogue({name: EFFECTS[name] for name in ("dead_zone", "cubic_gain", "saturation")})
+
+
+def live_record():
+    u, y = live.hidden(800)
+    return ns.Record.from_arrays(u, y, Ts=live.TS)
+
 
 def test_what_is_told_is_a_text_that_keeps_its_numbers():
     told = Told("trying each effect alone", 3, 6, 12, 40, "backlash removes 82 %", 0.3)
@@ -38,15 +46,57 @@ def test_a_stage_may_be_passed_over_and_a_second_turn_does_not_go_back():
     assert [h.stage for h in heard] == [1, 3, 3, 3, 3] and [h.part for h in heard] == [0, 0, 0.75, 0.75, 0.75]
 
 
+def test_rounds_beyond_the_plan_are_told_as_the_last_stage():
+    """Where a second effect takes the place of the first, a further round runs: how many is not known beforehand."""
+    heard = []
+    course = Course(heard.append, [BASE, *ROUND])
+    for stage in (BASE, *ROUND, *ROUND, "a stage that nobody planned", BASE):
+        course.reach(stage)
+        course.say(done=1, of=2)
+    fractions = [h.fraction for h in heard]
+    assert fractions == sorted(fractions) and fractions[-1] <= 1 and {h.stages for h in heard} == {1 + len(ROUND)}
+    assert heard[-3].what == "a stage that nobody planned" and heard[-3].stage == 1 + len(ROUND)
+    assert [h.stage for h in heard[: 2 * len(ROUND) + 2 : 2]] == list(range(1, 2 + len(ROUND)))
+
+
+def test_what_cannot_be_told_does_not_end_the_work(fences):
+    heard = []
+    course = Course(heard.append, ["a"])
+    course.reach("a")
+    course.say(found=lambda: str(1 / 0))
+    course.say(done=1, of=2, turns=0)
+    assert len(heard) == 1 and len(fences) == 2
+    fences.clear()
+    course.say(found=lambda: "something")
+    course.say()
+    assert [h.found for h in heard] == ["", "something", "something"]
+
+
+class Cancelled(Exception):
+    pass
+
+
+def test_what_a_listener_raises_goes_through():
+    def cancel(now):
+        if now.stage == 2:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        diagnose(MODEL, live_record(), catalogue=FEW, report=cancel)
+
+
+@pytest.mark.parametrize("broken", ["reach", "say"])
+def test_a_diagnosis_says_the_same_whatever_becomes_of_its_progress(broken, monkeypatch):
+    told = diagnose(MODEL, live_record(), catalogue=FEW, max_effects=2)
+    monkeypatch.setattr(Course, broken, lambda *_, **__: None)
+    mute = diagnose(MODEL, live_record(), catalogue=FEW, max_effects=2)
+    assert told.to_dict() | {"seconds": 0} == mute.to_dict() | {"seconds": 0}
+
+
 @pytest.mark.parametrize("rounds", [1, 2])
 def test_a_diagnosis_tells_its_stages_and_what_it_has_found(rounds):
-    u, y = live.hidden(800)
-    model = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "1"])
-    few = Catalogue({name: EFFECTS[name] for name in ("dead_zone", "cubic_gain", "saturation")})
     heard = []
-    found = diagnose(
-        model, ns.Record.from_arrays(u, y, Ts=live.TS), catalogue=few, max_effects=rounds, report=heard.append
-    )
+    found = diagnose(MODEL, live_record(), catalogue=FEW, max_effects=rounds, report=heard.append)
     fractions = [h.fraction for h in heard]
     assert fractions == sorted(fractions) and 0 <= fractions[0] and fractions[-1] <= 1
     assert {h.stages for h in heard} == {1 + len(ROUND) * rounds} and all(h.done <= h.of for h in heard)

@@ -305,3 +305,11 @@ def test_two_effects_that_are_all_need_no_third(every, added, exhausted):
 def test_a_channel_is_called_as_the_user_calls_it():
     assert words.spaced("channel_friction:Oil_temp") == "channel friction:Oil_temp"
     assert words.begun(words.spaced("channel:Oil_temp")) == "Channel:Oil_temp"
+
+
+def test_a_part_that_fails_takes_no_other_with_it(stage_diagnosis, monkeypatch, fences):
+    monkeypatch.setitem(registry._PANELS, "ladder", replace(panels()["ladder"], tell=lambda material: 1 / 0))
+    made = {s.key: s.html for s in page.sections(stage_diagnosis, STAGE_UNITS, scripts=False)}
+    assert "could not be made" in made["ladder"] and CASES["verdict"][0] in made["verdict"]
+    assert fences == ["The part ladder of the report failed; the work goes on"]
+    fences.clear()

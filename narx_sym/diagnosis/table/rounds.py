@@ -18,14 +18,13 @@ from ...fit.identify import OPEN
 from ...models.effects import Catalogue
 from ...models.extend import Variant
 from ...models.model import Model
-from ..bases import joined
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted
 from ..screening.directions import Linearised
 from ..screening.scored import TRIED, Scored, linearised, screen, shortlist
 from .finer import Finer, idle, settled, settles
 from .hypotheses import Core, family_of, ways, written
-from .row import Row, leading
+from .row import Row, leading, so_far
 from .search import Search
 from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, price, removes, rivals, verdict
 
@@ -269,13 +268,7 @@ class Table:
 
     def _tell(self, base: Row, more: str, turn: int, turns: int, done: int, of: int) -> None:
         """Tell how far a round is, and what the best row so far does to the error of the base."""
-        rows = [r for r in self.beside(base) if r.beyond(base) and r.held < base.held]
-        if rows:
-            best = min(rows, key=lambda r: r.price)
-            names = joined(v.id for v in best.beyond(base))
-            verb = "remove" if len(best.beyond(base)) > 1 else "removes"
-            self.course.found = f"{names} {verb} {100 * (1 - best.held / base.held):.0f} % of the squared error"
-        self.course.say(more, done, of, turn, turns)
+        self.course.say(more, done, of, turn, turns, lambda: so_far(self.beside(base), base))
 
     # -- at the record's own rate ------------------------------------------------------------------------------------
 

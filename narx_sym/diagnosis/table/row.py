@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,6 +14,7 @@ from ...data.record import Record
 from ...fit.bases.integrating import DRIVEN, drives, poles, slowest
 from ...models.extend import Variant
 from ...symbolic.identities import added
+from ..bases import joined
 from .frame import Frame
 from .hypotheses import Core, Hypothesis, filters, slopes
 from .starts.arx import polynomial
@@ -258,3 +259,13 @@ class Row:
 def leading(rows: Sequence[Row]) -> float:
     """Return the price of the first of some rows, before it was judged."""
     return rows[0].before_judged
+
+
+def so_far(rows: Iterable[Row], base: Row) -> str:
+    """Return in words what the best of some rows does to the error of a base; "" where none lessens it."""
+    better = [r for r in rows if r.beyond(base) and r.held < base.held]
+    if not better:
+        return ""
+    best = min(better, key=lambda r: r.price)
+    names, verb = joined(v.id for v in best.beyond(base)), "remove" if len(best.beyond(base)) > 1 else "removes"
+    return f"{names} {verb} {100 * (1 - best.held / base.held):.0f} % of the squared error"
