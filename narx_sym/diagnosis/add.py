@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,14 @@ from ..fit.freerun import FreeRun
 from ..fit.identify import prepare
 from ..fit.simulate import Records, arrays, initial_values
 from ..models.effects import EFFECTS, Catalogue
-from ..models.extend import find
+from ..models.extend import Variant, find
 from ..models.model import Model
 from .refit import STEPS, Fitted, Split, Trial, settle, whole
-from .screening.scored import screen, shortlist
+from .screening.scored import Scored, screen, shortlist
 from .table.candidates import Candidate, Pair
 from .table.hypotheses import written
 from .table.search import Search
+from .table.verdict import price
 
 Array = np.ndarray
 HUGE = 1e9  # in the place of what diverges
@@ -79,9 +81,8 @@ class Addition:
         scored = screen(base, [self.channel] if self.channel else [], only, seed)
         search = Search(base.model, split.records, family="given")
         found = []
-        for variant, shapes in shortlist(scored, "given").items():
-            if self.where not in (None, variant.where):
-                continue
+        tried = self._tried(scored)
+        for variant, shapes in tried.items():
             progress(f"fitting {variant}")
             search.limits[variant] = scored.line.ranges(variant)
             bases = search.rows[:1] or search.bases([0])
@@ -89,16 +90,31 @@ class Addition:
             found += search.one_more(bases, looks)[:1] if looks else []
         if not found:
             raise FitError(f"No stable fit with {self.effect} was found, or a refit of the model absorbs it.")
-        best = min(map(search.finish, found), key=lambda row: row.price)
-        model = written(best.hypothesis, base.model)
-        limits = best.frame.limits(model)
-        theta = np.array(best.frame.theta(best.values, best.hypothesis.core))
-        absent = np.concatenate([base.model.theta, np.zeros(theta.size - len(base.model.theta))])
-        begins, at = [theta], best.frame.added[-1][1]
-        for shape in shortlist(scored, "given").get(best.hypothesis.effects[-1], []):
-            begins.append(absent.copy())
-            begins[-1][at] = shape
-        return jointly_fitted(model, split, begins, limits)
+        progress("fitting both together")
+        fits = []
+        for row in map(search.finish, found):
+            model, at = written(row.hypothesis, base.model), row.frame.added[-1][1]
+            theta = np.array(row.frame.theta(row.values, row.hypothesis.core))
+            absent = np.concatenate([base.model.theta, np.zeros(theta.size - len(base.model.theta))])
+            begins = [theta]
+            for shape in tried[row.hypothesis.effects[-1]]:
+                begins.append(absent.copy())
+                begins[-1][at] = shape
+            with suppress(FitError):
+                fits.append(jointly_fitted(model, split, begins, row.frame.limits(model)))
+        if not fits:
+            raise FitError(f"No stable fit with {self.effect} was found.")
+        return min(fits, key=lambda made: price(made.relative(split.train), len(made.model.symbols), 1))
+
+    def _tried(self, scored: Scored) -> dict[Variant, list[tuple[float, ...]]]:
+        """Return the variants that are fitted, with their shapes: every form in a place that is given."""
+        if self.where is None:
+            return shortlist(scored, "given")
+        found: dict[Variant, list[tuple[float, ...]]] = {}
+        for direction in scored.directions:
+            if direction.variant.where == self.where:
+                found.setdefault(direction.variant, []).append(direction.shape)
+        return found
 
 
 def jointly_fitted(model: Model, split: Split, begins: Sequence[Array], limits: Mapping[Any, Any]) -> Fitted:
