@@ -147,8 +147,10 @@ class Trial:
         whole = Split.whole(records)
         if validation:
             return cls(tuple(records), tuple(validation), True, whole)
-        at = [len(s) - int(np.count_nonzero(m)) for s, m in zip(whole.records, Split.of(records).test, strict=True)]
-        last = [s[a:] for s, a in zip(whole.records, at, strict=True)]
+        longest = max(map(len, whole.records))  # a stretch that is much shorter judges nothing
+        tails = [int(np.count_nonzero(m)) * (10 * m.size >= longest) for m in Split.of(records).test]
+        at = [len(s) - n for s, n in zip(whole.records, tails, strict=True)]
+        last = [s[a:] for s, a in zip(whole.records, at, strict=True) if len(s) - a > 1]
         if not any(np.ptp(s.y) for s in last):  # what rests judges nothing
             return cls(tuple(records), tuple(records), False, whole)
         train = tuple(np.arange(len(s)) < a for s, a in zip(whole.records, at, strict=True))
@@ -166,8 +168,8 @@ class Trial:
             return joined(dict.fromkeys(r.name for r in self.validation))
         if not self.tail:
             return "the record itself, whose last part rests"
-        rows = [len(s) - len(v) for s, v in zip(self.split.records, self.validation, strict=True)]
-        return f"the last part of the record (from row {rows[0]})" if len(rows) == 1 else "the last part of each record"
+        (row, *others) = [int(np.count_nonzero(m)) for m in self.split.train]
+        return "the last part of each record" if others else f"the last part of the record (from row {row})"
 
     def errors(self, fitted: Fitted) -> dict[str, Errors]:
         """Return the errors on the diagnosed records (`train`) and on the validation records."""

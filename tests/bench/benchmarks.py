@@ -33,7 +33,6 @@ from narx_sym.diagnosis.procedure import Diagnosis
 from narx_sym.engines.compile import compile
 from narx_sym.errors import Diverged, NarxError
 from narx_sym.fit.simulate import arrays, fitted, initial_values
-from narx_sym.tasks.finish import finish
 
 Array = np.ndarray
 CACHE = Path.home() / ".nonlinear_benchmarks"  # where the loader keeps what it has downloaded
@@ -240,8 +239,7 @@ def rows(loaded: Loaded, scale: float, effects: Sequence[int]) -> Iterator[Row]:
         except NarxError as refused:
             yield Row(f"up to {most}: refused ({refused})", 0, perf_counter() - begin, (float("nan"),) * len(tests))
             continue
-        made, _ = finish(found, records)
-        yield row(f"up to {most}: {verdict(found, made.model)}", made.model, begin)
+        yield row(f"up to {most}: {verdict(found, found.model)}", found.model, begin)
 
 
 def verdict(found: Diagnosis, model: ns.Model) -> str:

@@ -51,7 +51,7 @@ def test_a_slack_may_be_the_memory_of_the_base(one):
     assert any("moves at one speed" in note and "a static base leaves" in note for note in found.data_notes)
     assert "cannot tell" not in found.sentence() and "one signal" in found.sentence()
     assert found.to_dict()["confusion_set"] == found.confusion_set
-    assert found.ladder[1]["validation"] < 0.1 * found.ladder[0]["validation"]  # of the base without memory
+    assert found.ladder[1]["validation"] < 0.2 * found.ladder[0]["validation"]  # of the base without memory
     assert found.experiment.clear and found.experiment.separates[-1] == "base"
     assert f"a linear base, with its memory, leaves {found.steps[0].linear:.3g}" in found.sentence()
     assert found.steps[0].linear < 4 * NOISE

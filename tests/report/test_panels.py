@@ -27,7 +27,7 @@ CASES = {
     "try_it": ("Move a parameter", 0),
     "compare": ("The free run gets the measured input and nothing else", 4),
     "ladder": ("The noise floor is an estimate", 1),
-    "where": ("of the missing input", 11),
+    "where": ("of the missing input", 12),
     "candidates": ("of the removable error", 1),
     "model": ("Parameters before and after", 0),
     "derived": ("The law with numbers", None),  # sets of the base where those of the model are not derived
@@ -201,19 +201,9 @@ def test_repeated_periods_are_no_floor_where_a_model_leaves_less(stage_diagnosis
         assert (step.floor, step.floor_kind) == ((floor, "repeated periods") if kept else (left, "estimate"))
 
 
-def test_a_pair_of_which_neither_helps_by_itself_adds_nothing_and_says_so(stage_diagnosis):
-    first = replace(stage_diagnosis.steps[0], verdict="helps_but_incomplete")
-    pair = Pair(("backlash", "creep"), first.chosen, 0.9)
-    found = replace(stage_diagnosis, steps=[replace(first, pair=pair, chosen=None, candidates=[], experiment=None)])
-    assert words.fall(found, STAGE_UNITS).startswith("Only both help: the error falls from ")
-    assert "add two effects" in words.what_next(found) and len(found.ladder) == 1
-    made = page.sections(found, STAGE_UNITS, scripts=False)
-    assert "Two effects are probably missing: backlash and creep." in "".join(s.html for s in made)
-
-
 def test_a_pair_is_not_what_data_cannot_tell_apart(stage_diagnosis):
     first = stage_diagnosis.steps[0]
-    pair = Pair(tuple(first.confusion_set), first.chosen, 0.25, 0.9)
+    pair = Pair(tuple(first.confusion_set), first.chosen, 0.9)
     both = replace(stage_diagnosis, steps=[replace(first, pair=pair)])
     (made,) = page.sections(both, STAGE_UNITS, scripts=False, keys=["candidates"])
     assert "Together two help most" in made.html and "tell" not in made.html.partition("<article")[0]
@@ -259,7 +249,7 @@ def test_few_digits_need_no_exponent(value, said):
 def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge, advice):
     step = SimpleNamespace(
         verdict="nothing_detectable", confusion_set=[], unexplained=unexplained, base=None, chosen=None,
-        valves=[], trace=trace, follows_nothing=nothing, one_step=False,
+        valves=[], trace=trace, follows_nothing=nothing, one_step=False, refused=None,
     )  # fmt: skip
     step.finding = Step.finding.fget(step)
     found = SimpleNamespace(steps=[step], rungs=["base"], faults=[], one_speed=False, aside=("load",))
@@ -277,7 +267,7 @@ def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge,
     ],
 )
 def test_the_badge_of_a_loop_is_no_surer_than_its_headline(valves, loop, badge):
-    step = SimpleNamespace(verdict="closed_loop", confusion_set=[], valves=valves, loop=loop, pair=None)
+    step = SimpleNamespace(verdict="closed_loop", confusion_set=[], valves=valves, loop=loop, pair=None, refused=None)
     said = words.headline(SimpleNamespace(steps=[step]))
     assert words.BADGES[Step.finding.fget(step)] == badge and badge.split()[0].removesuffix("en") in said.lower()
 
@@ -298,7 +288,7 @@ def test_a_damped_law_starts_from_the_states_that_its_script_has():
     "every, added, exhausted", [(True, ["a", "b"], True), (False, ["a", "b"], False), (True, ["a"], False)]
 )
 def test_two_effects_that_are_all_need_no_third(every, added, exhausted):
-    step = SimpleNamespace(pair=SimpleNamespace(all=every), added=added, chosen=object())
+    step = SimpleNamespace(pair=SimpleNamespace(all=every), added=added, chosen=object(), refused=None)
     assert Diagnosis.exhausted.fget(SimpleNamespace(steps=[step])) == exhausted
 
 
