@@ -30,7 +30,7 @@ PROTOCOL = (
     "free run over the whole record at its own sampling rate, from start states estimated on that record; gaps start "
     "anew; nothing else is fitted to it"
 )
-STEPS, SETTLED = 30, 1e-9
+STEPS, SETTLED, STEP = 30, 1e-9, 1e-4  # of a start, in standard deviations of the output
 FEWEST, MOST, MOVED = 4, 17, 0.01  # digits on paper; share of its error by which a free run may move
 DEPENDENT = 1e-6  # directions that a record does not show stay where they are
 
@@ -85,6 +85,8 @@ def estimated(
 ) -> tuple[Array, float]:
     """Return the start states, and the offset of the sensor, with the least free-run error, by Gauss-Newton.
 
+    Derivatives are differences of a few runs: a linear model is exact with any step, and no model is compiled again.
+
     Parameters
     ----------
     problem : FreeRun
@@ -93,16 +95,31 @@ def estimated(
         Where it begins.
     constant : float
         The offset of the sensor [unit of the output], which moves where `offset` says so.
-    moves : (unknowns,) bool array, optional
+    moves : (unknowns of a segment,) bool array, optional
         Which start states are estimated; all by default.
     """
-    best, kept, step = np.inf, (z, constant), np.zeros(z.size + 1)
-    moves = np.ones(z.size, dtype=bool) if moves is None else moves
+    z = z.copy()
+    for i in range(len(problem.data)):
+        z, constant = _one_start(problem, z, i, constant, moves, offset)
+    return z, constant
+
+
+def _one_start(
+    problem: FreeRun, z: Array, i: int, constant: float, moves: Array | None, offset: bool
+) -> tuple[Array, float]:
+    """Estimate the start states of segment i, and the offset."""
+    own, rows, measured = problem.own(i), problem.rows[i], problem.data[i][problem.name]
+    listed = np.arange(own.start, own.stop)[np.ones(own.stop - own.start, bool) if moves is None else moves]
+    width = STEP * problem.spread
+
+    def gap(at: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return np.asarray((problem.simulate(at, i) - measured)[rows])
+
+    best, kept, step = np.inf, (z, constant), np.zeros(listed.size + 1)
     for _ in range(STEPS):
-        residuals, slopes = problem.run(z)
-        gap = residuals + constant / problem.spread
-        columns = np.column_stack([slopes * moves, np.full(gap.size, offset / problem.spread)])
-        cost = float(gap @ gap) if np.all(np.isfinite(columns)) and np.all(np.isfinite(gap)) else np.inf
+        left = gap(z) + constant
+        cost = float(left @ left) if np.all(np.isfinite(left)) else np.inf
         if not cost < best:  # halve the way back to the best one
             if not np.isfinite(best):
                 break
@@ -110,10 +127,16 @@ def estimated(
         else:
             settled = cost > (1 - SETTLED) * best
             best, kept = cost, (z.copy(), constant)
-            if settled:
+            if settled or not (listed.size or offset):
                 break
-            step = smallest(columns, -gap, DEPENDENT)
-        z, constant = kept[0] + step[:-1], kept[1] + float(step[-1])
+            beside = np.repeat(z[None], listed.size, axis=0)
+            beside[np.arange(listed.size), listed] += width
+            columns = [(gap(at) + constant - left) / width for at in beside] + [np.full(left.size, float(offset))]
+            if not np.all(np.isfinite(columns)):
+                break
+            step = smallest(np.column_stack(columns), -left, DEPENDENT)
+        z, constant = kept[0].copy(), kept[1] + float(step[-1])
+        z[listed] += step[:-1]
     return kept
 
 
@@ -237,16 +260,17 @@ def evaluate(model: Model, records: Records, align: bool = False) -> Errors:
 def digits(model: Model, records: Records) -> int:
     """Return how many significant digits of its parameters a model needs on paper, at least four.
 
-    With them its free run differs from that of the model by at most a hundredth of its error (rms over all records).
+    With them its free run differs from that of the model by at most a hundredth of its error (rms over all records). On
+    paper a load is a constant like others.
     """
-    listed = in_units(segments(records), model.info.units)
-    run = _along(model, listed, free_run)
+    listed, as_printed = in_units(segments(records), model.info.units), partial(free_run, loads=False)
+    run = _along(model, listed, as_printed)
     error = run - np.concatenate([arrays(model, r)[model.output.name] for r in listed])
     if not np.all(np.isfinite(run)):
         return FEWEST
     for count in range(FEWEST, MOST):
         rounded = model.replace(theta=[float(f"{v:.{count}g}") for v in fitted(model)])
-        if np.sum((_along(rounded, listed, free_run) - run) ** 2) <= MOVED**2 * np.sum(error**2):
+        if np.sum((_along(rounded, listed, as_printed) - run) ** 2) <= MOVED**2 * np.sum(error**2):
             return count
     return MOST
 
