@@ -319,12 +319,12 @@ class FreeRun:
                 return runs, moved
             values = {**d, self.name: run}
             moved[depth:, :p] = psi.block(values, depth, n)
-            moved[:depth, p:-1] = np.column_stack([s.shape(depth) for s in self.starts])
+            moved[:depth, p:-1] = np.array([s.shape(depth) for s in self.starts]).reshape(-1, depth).T  # or none
             older = [values[s.base.name][depth - lag(s) : n - lag(s)] for s in read]
             slopes = np.zeros((len(orders), n))
             for column, slope in zip(slopes, steepness(*older, *theta), strict=True):
                 column[depth:] = slope
-            return runs, banded(orders, list(slopes), moved)
+            return runs, banded(orders, list(slopes), moved) if orders else moved
 
         return move
 
