@@ -10,7 +10,7 @@ import re
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from itertools import pairwise
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,13 @@ from ..errors import DataError
 from ..files.atomic import COLUMNS
 from .logs import MATLAB_NUMBERS, load_mat73, load_mdf, load_tdms
 from .tables import LARGEST_FILE, PathLike, Table, readable
+from .units.labels import bare, headed, is_unit
 
 LONGEST_HEADER = 1_000_000  # characters
-FIRST_LINES = 200  # in which numbers must begin, for what stands above the names to be seen
+FIRST_LINES = 200  # in which numbers must begin, for names below other lines to be seen
 EXCEL = re.compile(r'"?sep=."?', re.IGNORECASE)  # its first line, which says the separator
-NUMBER = re.compile(r"[+-]?\d*[.,]?\d+([eE][+-]?\d+)?")
+NUMBER = re.compile(r"[+-]?(\d*[.,]?\d+|\d+[.,])([eE][+-]?\d+)?")
+DATE = re.compile(r"\d{1,4}[-/.:]\d{1,2}[-/.:][-\d/.:TZ+ ]+")
 
 
 def load(path: PathLike, wanted: Collection[str] | None = None) -> Table:
@@ -64,20 +66,31 @@ def _load_text(name: str) -> Table:
     first, top, start = _header(name, raw, notes)
     body = raw[start:]
     del raw  # a record of ten million samples is large
+    above = body.split(b"\n", FIRST_LINES)[:FIRST_LINES]
+    lines = [top, *(line.decode() for line in above)]
+    at, of_units, data = _names(lines)
+    body = body[sum(len(line) + 1 for line in above[: data - 1]) :]
+    top = lines[at]
+    if at:
+        notes.append(f"what stands above the names in line {first + at} is skipped")
     below = re.search(rb"[^\n]+", body)
     sep = _separator([top, below[0].decode()] if below else [top])
     header = _fields(top, sep)
-    if _numbers(header):
+    if all(map(NUMBER.fullmatch, header)):
         raise DataError(
             f"{name}: line {first} has numbers where the column names should be; add a header such as t,u,y"
         )
-    _nothing_above(name, first, top, body)
+    units = dict(zip(header, map(bare, _fields(lines[of_units], sep)), strict=False)) if of_units else {}
+    units = {column: label for column, label in units.items() if column and label}
+    if units:
+        told = ", ".join(headed(column, label) for column, label in units.items())
+        notes.append(f"line {first + of_units} has the units: {told}")
     body = _without_comments(body, sep, len(header), notes)
     ends = np.flatnonzero(np.frombuffer(body, dtype=np.uint8) == ord("\n"))
     edges = np.concatenate(([0], ends + 1))
     full = np.flatnonzero(np.diff(np.append(edges, len(body) + 1)) > 1)  # the lines that are not empty
     decimal = "," if sep != "," and re.search(rb"(?:^|[;\t ])[ \"]*[+-]?\d*,\d", body, re.M) else "."
-    numbers = first + 1 + full
+    numbers = first + data + full
     width = _width(name, body, edges, full, numbers, sep, len(header))
     frame = pd.DataFrame()
     if full.size:
@@ -102,7 +115,7 @@ def _load_text(name: str) -> Table:
         numeric = pd.api.types.is_numeric_dtype(column.dtype)
         columns[h] = column.to_numpy(dtype=None if numeric else object)
     repeated = frozenset(h for h, count in Counter(header).items() if count > 1)
-    return Table(name, {h: columns[h] for h in header}, numbers, first, notes, repeated, decimal)
+    return Table(name, {h: columns[h] for h in header}, numbers, first + at, notes, repeated, decimal, units=units)
 
 
 def _decode(raw: bytes, name: str) -> tuple[bytes, list[str]]:
@@ -160,23 +173,45 @@ def _fields(line: str, sep: str) -> list[str]:
         return line.split(sep)
 
 
-def _numbers(fields: Sequence[str]) -> bool:
-    return all(map(NUMBER.fullmatch, fields))
+def _number(field: str) -> bool:
+    """Whether a field may stand in a line of numbers: a number, a date, or none that is missing."""
+    return field.lower() in ("", "nan", "inf", "-inf") or bool(NUMBER.fullmatch(field) or DATE.fullmatch(field))
 
 
-def _nothing_above(name: str, first: int, top: str, body: bytes) -> None:
-    """Refuse lines above the names: the line above the first numbers has more names than what was taken for these."""
-    lines = [top, *(line.decode() for line in body.split(b"\n", FIRST_LINES)[:FIRST_LINES])]
-    full = [(first + i, line) for i, line in enumerate(lines) if line.strip()]
-    for (number, names), (_, line) in pairwise(full[1:]):
-        sep = _separator([names, line])
-        if len(_fields(line, sep)) > 1 and _numbers(_fields(line, sep)):
-            if sep in names and not _numbers(_fields(names, sep)) and len(_fields(names, sep)) > len(_fields(top, sep)):
-                raise DataError(
-                    f"{name}: the names seem to stand in line {number} ({names[:60]}), below other lines; delete the "
-                    "lines above it, or let each begin with #"
-                )
-            return
+def _names(lines: Sequence[str]) -> tuple[int, int, int]:
+    """Return in which of some lines the names, their units (0: in none) and the first data are.
+
+    Above the first line of numbers, lines of text with as many fields begin with the names; one of the others that
+    mostly names units has the units. What stands above the names is a preamble. Where nothing is found, the first line
+    has the names.
+    """
+    full = [i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in "#%"]
+    for at, i in enumerate(full[1:], 1):
+        sep = _separator([lines[full[at - 1]], lines[i]])
+        row, *above = (_fields(lines[n], sep) for n in (i, *reversed(full[:at])))
+        texts = list(takewhile(lambda one: len(one) == len(above[0]) and _texts(one), above))  # noqa: B023
+        if len(_filled(row)) > 1 and all(map(_number, row)) and texts and len(_filled(texts[-1])) >= len(_filled(row)):
+            names = full[at - len(texts)]
+            units = next((full[at - 1 - n] for n, one in enumerate(texts[:-1]) if _labels(one)), 0)
+            if not names or len(set(_filled(texts[-1]))) == len(_filled(texts[-1])):
+                return names, units, i if units else names + 1
+    return 0, 0, 1
+
+
+def _filled(fields: Sequence[str]) -> list[str]:
+    """Return the fields that are not empty: some files pad all lines with separators."""
+    return [field for field in fields if field]
+
+
+def _texts(fields: Sequence[str]) -> bool:
+    """Whether a line has text, and no number."""
+    return not any(map(_number, _filled(fields) or [""]))
+
+
+def _labels(fields: Sequence[str]) -> bool:
+    """Whether most of the fields that are not empty are units."""
+    said = list(map(bare, _filled(fields)))
+    return 2 * sum(map(is_unit, said)) > len(said)
 
 
 def _without_comments(body: bytes, sep: str, width: int, notes: list[str]) -> bytes:

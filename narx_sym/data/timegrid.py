@@ -15,6 +15,7 @@ Vector = NDArray[np.float64]
 MOST_NOTES = 10
 CLOCK = 1e-3  # by which sampling times may differ: two clocks, or times of few digits; no time constant is so sure
 NEXT = 1e-6  # of a step: so near before a sample it is that one
+FEWEST_BURSTS = 4  # of rows, for a line through them to have an error
 GAP, SHORTEST = 10.0, 10  # a gap is longer than 10 median steps; shorter pieces than 10 samples are useless
 
 
@@ -91,11 +92,16 @@ def regular_time(t: Vector, where: Callable[[int], str] = lambda i: f"sample {i}
     if back.size:
         i = int(back[0]) + 1
         verb = "repeats" if t[i] == t[i - 1] else "decreases"
+        each = float(f"{(t[-1] - t[0]) / (t.size - 1):.3g}")
+        even = f" (--ts {each:g}, where the rows are evenly spaced)" if np.all(dt >= 0) and each else ""
         raise DataError(
             f"{source}{where(i)}: time {verb} ({t[i - 1]:.10g} s, then {t[i]:.10g} s); sort the rows, "
-            "split the file there (--rows), or give --ts to ignore the time column"
+            f"split the file there (--rows), or give --ts to ignore the time column{even}"
         )
     median = float(np.median(dt))
+    bursts = _bursts(t, dt, median)
+    if bursts is not None:
+        return bursts
     pieces, notes = _split_at_gaps(t, dt, median, where, source)
     index = np.concatenate(([0.0], np.cumsum(np.maximum(1.0, np.rint(dt / median)))))
     lost = int(sum(index[p][-1] - index[p][0] + 1 - index[p].size for p in pieces))
@@ -121,6 +127,36 @@ def regular_time(t: Vector, where: Callable[[int], str] = lambda i: f"sample {i}
         f"{jitter:.2g} s); resampled by linear interpolation at Ts = {Ts:.10g} s, and what rests is held"
     )
     return stepped(t, Ts, pieces, [(t[p] - t[p][0]) / Ts for p in pieces], notes, True)
+
+
+def _bursts(t: Vector, dt: Vector, median: float) -> Grid | None:
+    """Return the even grid of rows that were stamped when they were read, many at once, or None.
+
+    Such bursts are shorter than the pauses between them, their stamps follow no clock, and rows and time keep pace: no
+    burst is further from an even spacing than the longest pause.
+    """
+    last = np.append(np.flatnonzero(dt > GAP * median), t.size - 1)  # row of each burst
+    first = np.append(0, last[:-1] + 1)
+    pauses = dt[last[:-1]]
+    if last.size < FEWEST_BURSTS or np.max(t[last] - t[first]) >= pauses.min():
+        return None
+    k = np.arange(t.size, dtype=np.float64)
+    rows = [slice(a, b + 1) for a, b in zip(first, last, strict=True) if b > a]
+    if not rows or _common_step(t, k, rows) is not None:
+        return None
+    (Ts, start), spread = np.polyfit(last, t[last] - t[0], 1, cov=True)
+    late = t[last] - t[0] - start - Ts * last
+    if np.ptp(late) > pauses.max():
+        return None
+    doubt = 2 * float(np.sqrt(spread[0, 0]))
+    trials = (float(f"{Ts:.{d}g}") for d in range(1, 10))
+    Ts = next((step for step in trials if abs(step - Ts) <= doubt), float(Ts))
+    note = (
+        f"the rows come in {last.size} bursts, about {t.size / last.size:.3g} at once every {np.median(pauses):.3g} s, "
+        f"stamped when they were read: taken as evenly spaced at Ts = {Ts:.10g} s, from first to last; where that is "
+        "wrong, give --ts"
+    )
+    return stepped(t, Ts, [slice(0, t.size)], [k], [note], False)
 
 
 def _snap_notes(deviation: float, Ts: float) -> list[str]:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from places import PACKAGE, SHARED, needs_shared
+from places import CASES, PACKAGE, SHARED, needs_cases, needs_shared
 from scipy.io import savemat
 
 from narx_sym.data.record import Record, check_excitation, one_sine, read, read_signal
@@ -197,11 +197,10 @@ def test_latin_1_is_read_and_said(tmp_path):
 def test_chosen_columns_and_channels(tmp_path):
     path = put(tmp_path, GOOD)
     r = read(path, u="p", y="u", channels=["y"])
-    assert r.u.tolist() == [5, 6, 7, 8] and r.y.tolist() == [1, 2, 3.5, 4] and list(r.channels) == ["y"]
+    assert r.u.tolist() == [5, 6, 7, 8] and r.y.tolist() == [1, 2, 3.5, 4] and list(r.channels) == ["channel_y"]
     assert list(read(path, channels="all").channels) == ["p"]
-    assert list(read(path, channels="p, y").channels) == ["p", "y"]
+    assert list(read(path, channels="p, y").channels) == ["p", "channel_y"]
     assert "no column 'q'" in (text := message(read, path, channels=["q"])) and "--channels" in text
-    assert r.signals["y"] is r.y  # the output, not the channel of that name
 
 
 def test_all_channels_leave_text_out_and_say_so(tmp_path):
@@ -477,6 +476,88 @@ def test_gaps_everywhere_are_refused():
     assert "gaps everywhere" in message(regular_time, t)
 
 
+def in_bursts(Ts, poll, seed=0, n=400):
+    """Stamps of rows of every Ts seconds that are read about every poll seconds, many at once."""
+    rng = np.random.default_rng(seed)
+    reads = poll * (np.arange(int(n * Ts / poll) + 3) + rng.uniform(0, 0.1, int(n * Ts / poll) + 3))
+    at = np.searchsorted(reads, Ts * np.arange(n))
+    place = np.arange(n) - np.searchsorted(at, at)
+    return reads[at] + (0.02 * place + rng.uniform(0, 0.005, n)) * Ts
+
+
+@pytest.mark.parametrize(("Ts", "poll"), [(0.008, 0.064), (0.0123, 0.1), (0.001, 0.016), (0.02, 0.25)])
+def test_rows_read_in_bursts_are_even(Ts, poll):
+    x = np.random.default_rng(1).normal(size=400)
+    grid = regular_time(in_bursts(Ts, poll))
+    assert grid.Ts == pytest.approx(Ts, rel=1e-3) and not grid.breaks and "bursts" in grid.notes[0]
+    np.testing.assert_array_equal(grid.apply(x), x)
+
+
+def test_a_clock_that_pauses_and_uneven_parts_are_no_bursts():
+    clock = np.concatenate([0.5 * i + 0.001 * np.arange(12) for i in range(20)])
+    assert len(regular_time(clock).breaks) == 19
+    rng = np.random.default_rng(0)
+    starts, sizes = np.cumsum(rng.uniform(0.5, 20, 20)), rng.integers(11, 200, 20)
+    steps = 0.001 * rng.uniform(0.7, 1.3, (20, 200))
+    parts = np.concatenate([s + np.cumsum(d[:n]) for s, d, n in zip(starts, steps, sizes, strict=True)])
+    assert len(regular_time(parts).breaks) == 19
+
+
+def test_stamps_that_repeat_propose_an_even_step():
+    assert "--ts 0.01," in message(regular_time, np.floor(np.arange(401) / 10) / 10)
+    assert "evenly" not in message(regular_time, np.array([0.0, 1.0, 0.5]))
+
+
+# ---------------------------------------------------------------- names below other lines, and units below names
+
+DATA = "".join(f"{i / 10},{i % 7},{i % 5}\n" for i in range(30))
+
+
+@pytest.mark.parametrize(
+    ("text", "units", "words"),
+    [
+        (
+            "2024-03-05 10:11:12.5\nt, u, y\ns, A, N.mm\n" + DATA,
+            {"u": "A", "y": "N.mm"},
+            ["line 2", "line 3 has the units"],
+        ),
+        ("t,u,y\ns,V,um\n" + DATA, {"u": "V", "y": "um"}, ["t [s], u [V], y [um]"]),
+        ("t;u;y\n[s];[bar];(inc)\n" + DATA.replace(",", ";"), {"u": "bar", "y": "inc"}, ["y [inc]"]),
+        ("t,u,y\ns,%,\n" + DATA, {"u": "%"}, ["u [%]"]),
+        ("# rig 3\nt\tu\ty\n\ns\tV\tmm\n" + DATA.replace(",", "\t"), {"u": "V", "y": "mm"}, ["comments", "line 4 has"]),
+        ("rig,4,,,\nno,1,axis,x,5\n,,,,\nt,u,y,,\n" + DATA.replace("\n", ",,\n"), {}, ["in line 4 is skipped"]),
+        ("Operator: me\n\nt,u,y\n" + DATA, {}, ["in line 3 is skipped"]),
+        ("logger;a;b;c;d\nt;u;y\n" + DATA.replace(",", ";"), {}, ["in line 2 is skipped"]),
+    ],
+)
+def test_preambles_and_lines_of_units(tmp_path, text, units, words):
+    r = read(put(tmp_path, text))
+    assert r.u.tolist() == [i % 7 for i in range(30)] and r.y.tolist() == [i % 5 for i in range(30)] and r.Ts == 0.1
+    assert r.units == units and all(any(w in n for n in r.notes) for w in words), r.notes
+
+
+def test_a_time_in_milliseconds_by_its_line_of_units(tmp_path):
+    rows = "".join(f"{20 * i},{i % 7},{i % 5}\n" for i in range(30))
+    assert read(put(tmp_path, "t,u,y\nms,V,V\n" + rows)).Ts == 0.02
+    r = read(put(tmp_path, "Time[ms],u,y\n" + rows), t="Time[ms]")
+    assert r.Ts == 0.02 and "converted from ms to s" in r.notes[0]
+
+
+def test_a_second_line_of_names_is_no_line_of_units(tmp_path):
+    assert "text in line 2: 'pump'" in message(read, put(tmp_path, "t,u,y\nclock,pump,level\n" + DATA))
+
+
+@needs_cases
+def test_files_that_once_could_not_be_read():
+    r = read(CASES / "bursts.csv", u="pwm", y="position", t="timestamp")
+    assert len(r) == 404 and r.Ts == 0.008 and r.roles == {"target": "setpoint"} and "bursts" in r.notes[0]
+    check_excitation(r)
+    r = read(CASES / "units_row.csv", u="Motor current", y="Output Torque", t="Time")
+    assert r.Ts == 0.5 and r.units == {"u": "A", "y": "N.mm"} and r.u[0] == 2.0075
+    r = read(CASES / "preamble_commas.csv", u="Goal Position", y="Present Position", t="Time[ms]")
+    assert r.Ts == 0.02 and len(r) == 400 and r.u[0] == r.y[0] == 2048
+
+
 # ---------------------------------------------------------------- measured files
 
 
@@ -609,10 +690,13 @@ def test_dates_are_no_seconds():
 
 def test_a_setpoint_that_nobody_reads_is_noted(tmp_path):
     path = tmp_path / "loop.csv"
-    path.write_text("t,u,y,Setpoint [mm]\n" + "".join(f"{k},{k % 3},{k % 5},1\n" for k in range(20)))
-    told = "column 'Setpoint_mm' is not read"
-    assert any(told in note for note in read(path).notes)
+    path.write_text("t,u,y,load,Setpoint [mm]\n" + "".join(f"{k},{k % 3},{k % 5},{k % 7},1\n" for k in range(20)))
+    found = read(path, channels="load")  # who names channels names all of them
+    assert list(found.channels) == ["load"] and "say so: --role Setpoint_mm=setpoint" in found.notes[-1]
     assert not any("is not read" in note for note in read(path, channels="Setpoint_mm").notes)
+    assert read(path).roles == {"Setpoint_mm": "setpoint"}  # one that never moves is one too
+    ignored = read(path, roles={"Setpoint [mm]": "ignore"})
+    assert not ignored.channels and not ignored.notes and ignored.aside == ("load",)
 
 
 def test_a_setpoint_that_moves_is_that_of_the_controller(tmp_path):
@@ -620,7 +704,7 @@ def test_a_setpoint_that_moves_is_that_of_the_controller(tmp_path):
     path.write_text("t,u,y,load,Setpoint [mm]\n" + "".join(f"{k},{k % 3},{k % 5},{k},{k // 5}\n" for k in range(20)))
     found = read(path)
     assert list(found.channels) == ["Setpoint_mm"] and found.units["Setpoint_mm"] == "mm"
-    assert "taken for the setpoint of a controller" in found.notes[0] and "--open-loop" in found.notes[0]
+    assert "taken for the setpoint of a controller" in found.notes[-1] and "--open-loop" in found.notes[-1]
     assert list(read(path, channels="load").channels) == ["load"]  # who names channels names all of them
     path.write_text(path.read_text().replace("19,1,4,19,3", "19,1,4,19,"))
     assert not read(path).channels and "is not read" in read(path).notes[-1]
@@ -680,4 +764,4 @@ def test_signals_that_nobody_asked_for_stand_aside(tmp_path):
     assert read(tmp_path / "log.csv").aside == ("oil_temp_C",)
     assert read(tmp_path / "log.csv")[3:20].aside == ("oil_temp_C",)
     assert read(tmp_path / "log.csv", channels="oil temp [C]").aside == ()
-    assert read(tmp_path / "log.csv", u="index").aside == ("u", "oil_temp_C")
+    assert read(tmp_path / "log.csv", u="index").aside == ("channel_u", "oil_temp_C")

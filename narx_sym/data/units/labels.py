@@ -20,7 +20,7 @@ LONGEST = 40  # characters of a label
 # One name with a whole power of one digit, and products and quotients of such: nothing else is given to pint.
 NAME = r"(?:[^\W\d_²³¹⁰-⁹]+|°[A-Za-z]?)"
 FACTOR = rf"\(*{NAME}(?:(?:\*\*|\^)?-?[1-9]|[²³])?\)*"
-LABEL = re.compile(rf"(?:1 ?/ ?)?{FACTOR}(?:(?: ?[*/·] ?| ){FACTOR})*")
+LABEL = re.compile(rf"(?:1 ?/ ?)?{FACTOR}(?:(?: ?[*/·.] ?| ){FACTOR})*")
 HEADER = re.compile(r"(.*\S)\s*(?:\[([^][]*)\]|\(([^()]*)\))")
 PURE = ("1", "-")  # how files say that a signal has no unit
 
@@ -54,9 +54,19 @@ def _known(label: str) -> Any:
     if len(label) > LONGEST or not LABEL.fullmatch(label) or label.count("(") != label.count(")"):
         return None
     try:
-        return _registry().Unit(re.sub(rf"({NAME})(-?\d)", r"\1**\2", label))
+        return _registry().Unit(re.sub(rf"({NAME})(-?\d)", r"\1**\2", label).replace(".", "*"))
     except Exception:  # pint has many kinds of errors for a name that it does not know
         return None
+
+
+def bare(text: str) -> str:
+    """Return a label without the brackets around it."""
+    return re.sub(r"\[(.*)\]|\((.*)\)", r"\1\2", text.strip()).strip()
+
+
+def is_unit(label: str) -> bool:
+    """Whether a label names a unit that is known."""
+    return label == "%" or _known(label) is not None
 
 
 def powers(label: str) -> dict[str, Fraction]:
