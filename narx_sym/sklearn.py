@@ -14,9 +14,8 @@ from .data.record import Record
 from .engines.numbers import floats
 from .errors import DataError
 from .fit.identify import identify
-from .models.extend import RESERVED
 from .models.model import Model
-from .symbolic.signals import plain_name
+from .symbolic.signals import RESERVED, plain_name
 
 try:
     from sklearn.base import BaseEstimator, RegressorMixin

@@ -16,6 +16,7 @@ from .options import (
     ModelFile,
     Output,
     Rate,
+    Roles,
     Rows,
     Seed,
     Share,
@@ -51,6 +52,7 @@ def commission(
     y: Output = "y",
     t: Time = "t",
     ts: Ts = None,
+    role: Roles = "",
     rows: Rows = None,
     validate: Validate = None,
     missing: Missing = "refuse",
@@ -67,8 +69,8 @@ def commission(
     check_format(plot)
     check_targets([plot, json], model_file, reference, *data, *(validate or []))
     model = load(model_file)
-    measured = records(data, u, y, t, ts, "", rows, missing, units, model)
-    judging = validating(validate, measured, u, y, t, ts, "", missing, units)
+    measured = records(data, u, y, t, ts, "", rows, missing, units, model, roles=role)
+    judging = validating(validate, measured, u, y, t, ts, "", missing, units, role)
     names = said_first(model.info.units, measured[0].units)
     goal, step, _ = read_signal(
         reference, column, t=t, option="--column", prefer="r", unit=names.get("y", ""), offers=()

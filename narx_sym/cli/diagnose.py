@@ -23,6 +23,7 @@ from .options import (
     OpenLoop,
     Output,
     Resume,
+    Roles,
     Rows,
     Seed,
     Time,
@@ -79,6 +80,7 @@ def diagnose(
     t: Time = "t",
     ts: Ts = None,
     channels: Channels = "",
+    role: Roles = "",
     rows: Rows = None,
     missing: Missing = "refuse",
     resume: Resume = None,
@@ -103,8 +105,8 @@ def diagnose(
     catalogue = with_own(effects or [])
     model = _read(file, delay) if file else None
     named = with_columns(channels, model.channels if model else ())
-    measured = records(data, u, y, t, ts, named, rows, missing, units, model)
-    judging = validating(validate, measured, u, y, t, ts, named, missing, units)
+    measured = records(data, u, y, t, ts, named, rows, missing, units, model, roles=role)
+    judging = validating(validate, measured, u, y, t, ts, named, missing, units, role)
     with resuming(resume) if resume else nullcontext() as journal:
         start = _begin(model or base, measured, delay)
         with working("Diagnosing") as progress:
@@ -117,7 +119,7 @@ def diagnose(
     settings = {
         "base": base, "validation": ", ".join(map(str, validate or [])) or "last part",
         "delay": "found" if delay is None else delay, "max_effects": max_effects,
-        "channels": channels or "none", "rows": rows or "all", "open_loop": open_loop,
+        "channels": channels or "none", "role": role or "found", "rows": rows or "all", "open_loop": open_loop,
     }  # fmt: skip
     targets.write(found, measured, found.units, data, settings)
 

@@ -15,6 +15,7 @@ from .options import (
     Missing,
     ModelFile,
     Output,
+    Roles,
     Rows,
     Seed,
     Time,
@@ -44,6 +45,7 @@ def add(
     t: Time = "t",
     ts: Ts = None,
     channels: Channels = "",
+    role: Roles = "",
     rows: Rows = None,
     missing: Missing = "refuse",
     units: Units = "",
@@ -59,7 +61,7 @@ def add(
     model = read_base(model_file)
     addition = Addition(model, effect, where, with_own(effects or []))
     wanted = with_columns(channels, [*model.channels, *([addition.channel] if addition.channel else [])])
-    measured = records(data, u, y, t, ts, wanted, rows, missing, units, model)
+    measured = records(data, u, y, t, ts, wanted, rows, missing, units, model, roles=role)
     with working(f"Adding {effect}") as progress:
         made = task.add(addition, measured, seed, progress)
     save(made.model, out)

@@ -17,6 +17,7 @@ from .options import (
     Missing,
     Output,
     Resume,
+    Roles,
     Seed,
     Time,
     Ts,
@@ -56,6 +57,7 @@ def fleet(
     t: Time = "t",
     ts: Ts = None,
     channels: Channels = "",
+    role: Roles = "",
     missing: Missing = "refuse",
 ) -> None:
     """Diagnose many records in parallel: one page, the worst first, machine by effect, and what grows.
@@ -63,6 +65,7 @@ def fleet(
     What is explained is a share of the output's standard deviation: (error before - error after) / std(y). It is not
     the share of the removable error that `diagnose` tells of one record.
     """
+    from ..data.evidence.roles import roles_of
     from ..files.journal import resuming
     from ..report.fleet import beside, nothing, write_fleet
     from ..tasks.fleet import Settings, entries
@@ -72,8 +75,8 @@ def fleet(
     check_targets([out, *beside(out), resume], *(e.file for e in listed))
     if reports is not None:
         reports.mkdir(parents=True, exist_ok=True)
-    said = tuple(unit_names(units).items())
-    settings = Settings(base, max_effects, ts, channels, missing, seed, budget, reports and reports.resolve(), said)
+    said, roles, folder = tuple(unit_names(units).items()), tuple(roles_of(role).items()), reports and reports.resolve()
+    settings = Settings(base, max_effects, ts, channels, missing, seed, budget, folder, said, roles)
     done: list[int] = []
     with ExitStack() as stack:
         journal = stack.enter_context(resuming(resume)) if resume else None
@@ -83,8 +86,7 @@ def fleet(
         rows = run(listed, settings, None if dask else jobs, done.append)
     if kept:
         note(f"{resume}: {done[0]} of {len(rows)} records were done already")
-    folder = f"{_seen_from(out, reports)}/" if reports is not None else ""
-    written = write_fleet(rows, out, folder)
+    written = write_fleet(rows, out, f"{_seen_from(out, reports)}/" if reports is not None else "")
     shown = [
         [
             r["tag"],

@@ -23,6 +23,7 @@ from .options import (
     Missing,
     ModelFile,
     Output,
+    Roles,
     Rows,
     Time,
     Ts,
@@ -67,6 +68,7 @@ def fit(
     t: Time = "t",
     ts: Ts = None,
     channels: Channels = "",
+    role: Roles = "",
     rows: Rows = None,
     missing: Missing = "refuse",
     units: Units = "",
@@ -82,8 +84,8 @@ def fit(
         raise DataError(f"Unknown base {base!r}: --base is one of {', '.join(BASES)}.")
     if u == y:
         raise DataError(f"Input and output are the same column {u!r}; choose with --input and --output.")
-    measured = records(data, u, y, t, ts, channels, rows, missing, units)
-    judging = validating(validate, measured, u, y, t, ts, channels, missing, units)
+    measured = records(data, u, y, t, ts, channels, rows, missing, units, roles=role)
+    judging = validating(validate, measured, u, y, t, ts, channels, missing, units, role)
     with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
         model = identify(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
@@ -152,6 +154,7 @@ def compare(
     t: Time = "t",
     ts: Ts = None,
     channels: Channels = "",
+    role: Roles = "",
     rows: Rows = None,
     missing: Missing = "refuse",
 ) -> None:
@@ -169,11 +172,11 @@ def compare(
     check_targets([target, where, json], model_file, *data, *(validate or []))
     model = load(model_file)
     named = with_columns(channels, [*filter(None, [reference]), *model.channels])
-    measured = records(data, u, y, t, ts, named, rows, missing, units, model)
+    measured = records(data, u, y, t, ts, named, rows, missing, units, model, roles=role)
     with working("Simulating"):
         found = task.compare(model, measured, align)
         found.errors.extend(
-            task.validated(model, validating(validate, measured, u, y, t, ts, named, missing, units), align)
+            task.validated(model, validating(validate, measured, u, y, t, ts, named, missing, units, role), align)
         )
     names = said_first(model.info.units, measured[0].units)
     for said in found.notes:

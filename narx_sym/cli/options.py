@@ -43,6 +43,14 @@ Units = Annotated[
         "--units", help="Units as V,um,temp=degC: input, output, channels by name (default: those in the file)."
     ),
 ]
+Roles = Annotated[
+    str,
+    typer.Option(
+        "--role",
+        help="What columns are, as command=setpoint,temp=disturbance: setpoint, input, disturbance, derivative-of-y, "
+        "integral-of-y or ignore (default: seen in the numbers, else guessed from the name; it is said).",
+    ),
+]
 MaxEffects = Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")]
 OpenLoop = Annotated[
     bool, typer.Option("--open-loop", help="No controller made the input from the output, whatever it looks like.")
@@ -75,16 +83,26 @@ def records(
     missing: str = "refuse",
     units: str = "",
     model: Model | None = None,
+    roles: str = "",
 ) -> list[Record]:
-    """Read the data files in the units of a model, or of the first; say what was changed and what to know."""
+    """Read the data files in the units of a model, or of the first; say what was changed and what to know.
+
+    What a channel is says the user, else the model, else what is found in the file.
+    """
+    from ..data.evidence.roles import roles_of, with_roles
     from ..data.record import read
     from ..data.units import in_units
+    from ..symbolic.signals import channel_name
     from ..tasks.base import check_pace, what_to_print
 
-    said = unit_names(units)
+    said, own = unit_names(units), roles_of(roles)
     read_in = [
-        read(file, u=u, y=y, t=t, Ts=Ts, rows=rows, channels=channels, missing=missing, units=said) for file in files
+        read(file, u=u, y=y, t=t, Ts=Ts, rows=rows, channels=channels, missing=missing, units=said, roles=own)
+        for file in files
     ]
+    if model:
+        known = {n: role for n, role in model.info.roles.items() if n not in map(channel_name, own)}
+        read_in = [with_roles(r, {n: known[n] for n in r.channels if n in known}) for r in read_in]
     listed = in_units(read_in, model.info.units if model else None)
     for file, record in zip(files, listed, strict=True):
         if model:
@@ -104,14 +122,16 @@ def validating(
     channels: str = "",
     missing: str = "refuse",
     units: str = "",
+    roles: str = "",
 ) -> list[Record]:
     """Read the validation records, in the units of the data; they have the pace of the data."""
     from ..data.timegrid import same_pace
     from ..data.units import in_units
 
-    listed = (
-        in_units(records(files or [], u, y, t, Ts, channels, None, missing, units), measured[0].units) if files else []
-    )
+    if not files:
+        return []
+    read_in = records(files, u, y, t, Ts, channels, None, missing, units, roles=roles)
+    listed = in_units(read_in, measured[0].units)
     for record in listed:
         if not same_pace(record.Ts, measured[0].Ts):
             raise DataError(

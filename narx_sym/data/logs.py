@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DataError
-from ..symbolic.signals import plain_name
+from ..symbolic.signals import channel_name
 from .tables import LARGEST_FILE, Table, readable
 
 EXTRA = 'install it (pip install "narx-sym[logs]") or export the channels as CSV'
@@ -120,7 +120,7 @@ def _table(path: str, found: Sequence[Channel], wanted: Collection[str] | None, 
     """Return the wanted channels, all where nobody says which, on the stamps of the fastest; what was done is noted."""
     times = Counter(c.name for c in found)
     named = [replace(c, name=f"{c.group}/{c.name}") if times[c.name] > 1 else c for c in found]
-    chosen = [c for c in named if wanted is None or c.name in wanted or plain_name(c.name) in wanted]
+    chosen = [c for c in named if wanted is None or c.name in wanted or channel_name(c.name) in wanted]
     if (size := 8 * sum(c.size for c in chosen)) > LARGEST_FILE:
         raise DataError(
             f"{path}: the channels hold {size / 1e9:.3g} GB, at most {LARGEST_FILE / 1e9:g} GB are read; choose fewer"

@@ -13,14 +13,13 @@ import numpy as np
 
 from ..engines.numbers import floats
 from ..errors import DataError
+from .coverage import one_sine
+from .evidence.roles import check_roles, column_roles
 from .readers import load
 from .tables import PathLike, check_size, names_of, wants_all
 from .timegrid import Vector, check_step, regular_time, uniform_time
 from .units import converted, said_first
 
-PURE = 0.99  # of a signal's power at one frequency; measured sines have 0.998 and more, triangles 0.986
-LEAKS = 2  # lines beside it that a Hann window fills
-STEADY = 1.25  # largest ratio between its sizes in the quarters of a record: with more, amplitudes differ
 YEARS = 3e8  # [s], ten years: a record that seems longer has its time in another unit
 
 
@@ -44,6 +43,8 @@ class Record:
         Of u, y and the channels, where they are known.
     aside : tuple of str
         Names of the further columns of its file: signals that nobody asked for.
+    roles : dict of str
+        Of each channel one of `roles.ROLES`: what is not given is seen in numbers, names and units, and noted.
     """
 
     u: Vector
@@ -56,6 +57,7 @@ class Record:
     breaks: tuple[int, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     aside: tuple[str, ...] = ()
+    roles: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         where = f"record '{self.name}': "
@@ -64,13 +66,13 @@ class Record:
         breaks = tuple(int(b) for b in self.breaks)
         if any(b <= a for a, b in pairwise((0, *breaks, arrays["u"].size))):
             raise DataError(f"{where}breaks {breaks} must increase and lie inside 1..N-1")
+        units = {n: label for n, label in self.units.items() if label and n in ("u", "y", *channels)}
+        roles, told = column_roles(self.roles, channels, arrays["u"], arrays["y"], units, breaks)
         values = {
             **arrays,
             "Ts": check_step(self.Ts),
             "channels": channels,
-            "notes": tuple(self.notes),
-            "breaks": breaks,
-            "units": {n: label for n, label in self.units.items() if label and n in ("u", "y", *channels)},
+            **{"notes": (*self.notes, *told), "breaks": breaks, "units": units, "roles": roles},
         }
         for n, v in values.items():
             object.__setattr__(self, n, v)
@@ -85,10 +87,12 @@ class Record:
         channels: Mapping[str, Any] | None = None,
         name: str = "record",
         units: Mapping[str, str] | None = None,
+        roles: Mapping[str, str] | None = None,
     ) -> Record:
         """Record from (N,) or (N, 1) arrays, lists or Series; `Ts` in s overrides the stamps `t` in s.
 
-        `units` such as {"u": "V", "y": "um"} go with the record. DataError says what is wrong with the arrays.
+        `units` such as {"u": "V", "y": "um"}, and `roles` such as {"command": "setpoint"}, go with the record.
+        DataError says what is wrong with the arrays.
         """
         where = f"record '{name}': "
         if not isinstance(channels or {}, Mapping):
@@ -105,7 +109,10 @@ class Record:
         u, y, *rest = (grid.apply(a) for a in signals.values())
         notes = grid.notes if t is None or Ts is None else (f"time stamps not used, Ts = {grid.Ts:.10g} s was given",)
         named = dict(zip(channels or {}, rest, strict=True))
-        return cls(u, y, grid.t, grid.Ts, named, name, notes, grid.breaks, _known_units(units, named, where))
+        return cls(
+            u, y, grid.t, grid.Ts, named, name, notes, grid.breaks, _known(units, ("u", "y", *named), f"{where}units"),
+            roles=_known(roles, named, f"{where}a role"),
+        )  # fmt: skip
 
     @property
     def signals(self) -> dict[str, Vector]:
@@ -206,17 +213,6 @@ class Record:
         return f"Record '{self.name}': N = {len(self)}, Ts = {self.Ts:.6g} s, {span:.6g} s{parts}, {ranges}"
 
 
-def one_sine(x: Vector, Ts: float) -> float:
-    """Return the frequency [Hz] of a signal that is a single sine of steady size over two cycles or more, else 0."""
-    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)))) ** 2
-    top = int(power.argmax())
-    line = power[max(0, top - LEAKS) : top + LEAKS + 1].sum()
-    if top < 2 or line < PURE * power.sum():
-        return 0.0
-    sizes = [part.std() for part in np.array_split(x, min(4, top // 2))]
-    return top / (Ts * len(x)) if max(sizes) <= STEADY * min(sizes) else 0.0
-
-
 def check_excitation(*segments: Record) -> None:
     """Refuse a record whose input or output is constant, or which has one signal: nothing can be identified from it."""
     record = segments[0]
@@ -235,11 +231,11 @@ def check_excitation(*segments: Record) -> None:
         )
 
 
-def _known_units(units: Mapping[str, str] | None, channels: Collection[str], where: str) -> Mapping[str, str]:
-    """Refuse units of what is no signal."""
-    if stray := [n for n in units or {} if n not in ("u", "y", *channels)]:
-        raise DataError(f"{where}units of {stray[0]!r}, which is no signal; give those of u, y and the channels")
-    return units or {}
+def _known(given: Mapping[str, str] | None, names: Collection[str], what: str) -> Mapping[str, str]:
+    """Refuse units or roles of what is none of these names."""
+    if stray := [n for n in given or {} if n not in names]:
+        raise DataError(f"{what} of {stray[0]!r}, which is no signal; there are {', '.join(names) or 'none'}")
+    return given or {}
 
 
 def _vectors(signals: Mapping[str, Any], channels: Mapping[str, Any], where: str) -> dict[str, Vector]:
@@ -288,6 +284,7 @@ def read(
     channels: str | Sequence[str] = (),
     missing: str = "refuse",
     units: Mapping[str, str] | None = None,
+    roles: Mapping[str, str] | None = None,
 ) -> Record:
     """Read one experiment from .csv, .txt, .tsv, .dat, .npz, .mat, .parquet, .mf4, .mdf or .tdms; else DataError.
 
@@ -311,13 +308,16 @@ def read(
         linear interpolation; a longer hole, and one at an end, is left out and splits the record. It is noted.
     units : mapping such as {"u": "V", "y": "um"}
         What the record is in, whatever the file says.
+    roles : mapping such as {"command": "setpoint", "temp": "disturbance", "index": "ignore"}
+        What further columns are (`Record.roles`); those with a role are channels too, but for what is ignored.
     """
     if missing not in ("refuse", "drop"):
         raise DataError(f"missing values are refused or dropped (--missing refuse or drop), not {missing!r}")
-    table = load(path, None if wants_all(channels) else {u, y, *names_of(channels), *([t] if t else [])})
+    said = check_roles(roles or {})
+    table = load(path, None if wants_all(channels) else {u, y, *names_of(channels), *said, *([t] if t else [])})
     cut = table.cut(rows)
     u, y, t = table.named(u), table.named(y), None if t is None else table.named(t)
-    names = table.channels(channels, {u, y, t}, cut)
+    names, given = table.channels(channels, (u, y, t), cut, said)
     asked = {**dict.fromkeys(names.values(), "--channels"), u: "--input", y: "--output"}
     stamps = [t] if Ts is None and t in table.columns else []
     keep = table.complete(list(asked), stamps, cut) if missing == "drop" else None
@@ -332,8 +332,8 @@ def read(
     written = {n: table.unit(column) for n, column in (*names.items(), ("u", u), ("y", y))}
     return Record(
         data[u], data[y], grid.t, grid.Ts, {name: data[n] for name, n in names.items()}, Path(path).stem,
-        (*table.notes, *grid.notes), grid.breaks,
-        said_first(written, _known_units(units, written, f"{table.path}: ")), table.aside({*asked, t}, cut),
+        (*table.notes, *grid.notes), grid.breaks, said_first(written, _known(units, written, f"{table.path}: units")),
+        table.aside({*asked, t, *given}, cut), given,
     )  # fmt: skip
 
 

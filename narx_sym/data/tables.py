@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DataError
-from ..symbolic.signals import plain_name
+from ..symbolic.signals import channel_name, plain_name
+from .evidence.roles import IGNORE, INPUT, SETPOINT, is_setpoint
 from .timegrid import GAP, Grid, Vector, check_step, regular_time, uniform_time
 from .units import converted, in_header
 
@@ -23,7 +24,6 @@ MOST_NAMED = 40  # columns in a message
 LARGEST_FILE = 8_000_000_000  # bytes of all arrays that are read from a file
 LARGEST = 1e100  # in any unit
 ALL = "all"  # instead of names of columns
-SETPOINTS = ("setpoint", "sp", "sv", "r", "ref", "reference")  # names of a channel that is the setpoint of a loop
 
 
 @contextmanager
@@ -92,52 +92,82 @@ class Table:
             )
         return slice(start, stop)
 
-    def channels(self, wanted: str | Sequence[str], used: set[str | None], cut: slice) -> dict[str, str]:
-        """Further columns by the names of their channels: what was asked for, or `plain_name` of the column.
+    def channels(
+        self, wanted: str | Sequence[str], used: tuple[str, str, str | None], cut: slice, said: Mapping[str, str]
+    ) -> tuple[dict[str, str], dict[str, str]]:
+        """Return further columns by the names of their channels, and the roles that are said, by these names too.
 
-        "all", alone or beside names, takes every column that no name has taken; it leaves out text, and says so. Where
-        nothing was asked for, a column that is called a setpoint, and moves, is that of the controller.
+        Taken is what was asked for, or has a role; "all", alone or beside names, takes every column that no name has
+        taken; it leaves out text, and says so. Where nothing was asked for, a column that is called a setpoint is one.
         """
         every, listed = wants_all(wanted), names_of(wanted)
-        plain = {plain_name(n): n for n in self.columns if n}
-        called: dict[str, str] = {}
-        pairs = [(n, n if n in self.columns else plain.get(n, self.named(n))) for n in listed if not every or n != ALL]
-        taken = {used_by for _, used_by in pairs} | used
-        for n in [n for n in self.columns if every and n and n not in taken]:
+        roles = self._roles(said, used)
+        ignored = {n for n, role in roles.items() if role == IGNORE}
+        pairs = [(n, self._meant(n)) for n in listed if not every or n != ALL]
+        taken = {used_by for _, used_by in pairs} | {*used, *ignored}
+        pairs = [(name, n) for name, n in pairs if n not in ignored]
+        pairs += [(asked, n) for asked in said if (n := self._meant(asked)) in roles and n not in taken]
+        for n in [n for n in self.columns if every and n and n not in taken and n not in roles]:
             if self._first_text(self.columns[n][cut]) is not None:
                 self.notes.append(f"column '{n}' holds text and is left out of the channels")
             else:
                 pairs.append((n, n))
-        for name, n in ((plain_name(asked), n) for asked, n in pairs):
+        called: dict[str, str] = {}
+        for name, n in ((channel_name(asked), n) for asked, n in pairs):
             other = called.setdefault(name, n)
             if other != n:
                 raise DataError(
                     f"{self.path}: as channels the columns '{other}' and '{n}' would both be called {name}; "
                     "rename one, or leave it out with --channels"
                 )
-            if name != n and (said := f"column '{n}' is the channel {name}") not in self.notes:
-                self.notes.append(said)
-        left = [n for n in (*self.columns, *self.unread) if n and n not in {*called.values(), *used}]
-        found = [n for n in left if is_setpoint(plain_name(n))]
-        if found and not any(map(is_setpoint, called)):
-            aside = plain_name(found[0])
-            if not listed and len(found) == 1 and self._moves(found[0], cut):
-                called[aside] = found[0]
-                self.notes.append(
-                    f"column '{found[0]}' is taken for the setpoint of a controller that made the input; where none "
-                    "did, tell the diagnosis (--open-loop)"
-                )
+            if name != n and (text := f"column '{n}' is the channel {name}") not in self.notes:
+                self.notes.append(text)
+        left = [n for n in (*self.columns, *self.unread) if n and n not in {*called.values(), *used, *ignored}]
+        found = [n for n in left if is_setpoint(channel_name(n))]
+        if found and SETPOINT not in roles.values() and not any(map(is_setpoint, called)):
+            if not listed and len(found) == 1 and self._whole(found[0], cut):
+                called[channel_name(found[0])] = found[0]
             else:
                 self.notes.append(
-                    f"column '{aside}' is not read; where it is the setpoint of a controller that made the input, name "
-                    f"it: --channels {aside}"
+                    f"column '{found[0]}' is not read; where it is the setpoint of a controller that made the input, "
+                    f"say so: --role {plain_name(found[0])}={SETPOINT}"
                 )
-        return called
+        return called, {
+            **{name: roles[n] for name, n in called.items() if n in roles},
+            **dict.fromkeys(ignored, IGNORE),
+        }
 
-    def _moves(self, column: str, cut: slice) -> bool:
-        """Whether a column was read, holds a number in every row, and not always the same."""
+    def _roles(self, said: Mapping[str, str], used: tuple[str, str, str | None]) -> dict[str, str]:
+        """Return the roles that are said, by column; refuse those of input, output and time, and of no column."""
+        roles = {self._meant(n): role for n, role in said.items()}
+        own = {used[0]: INPUT, used[2]: IGNORE}  # what these columns are anyway
+        for n in [n for n, role in roles.items() if n in used and own.get(n) == role]:
+            del roles[n]
+        for n in roles:
+            if n in used:
+                what = ("input", "output", "time")[used.index(n)]
+                raise DataError(f"{self.path}: column '{n}' is the {what} (--{what}), and has no other role")
+            if n not in self.columns and n not in self.unread:
+                raise self._absent(n, "--role")
+        return roles
+
+    def _meant(self, asked: str) -> str:
+        """Return the column of a channel: of that name, or of which it is the name."""
+        called = {channel_name(n): n for n in self.columns if n}
+        return asked if asked in self.columns else called.get(asked, self.named(asked))
+
+    def _whole(self, column: str, cut: slice) -> bool:
+        """Whether a column was read, and holds a number in every row."""
         values = self._signal(column, cut)
-        return bool(values.size and np.all(np.isfinite(values)) and np.ptp(values) > 0)
+        return bool(values.size and np.all(np.isfinite(values)))
+
+    def _absent(self, name: str, option: str) -> DataError:
+        """Return the error for a column that is not there."""
+        alike = get_close_matches(name, [*self.columns, *self.unread], n=1)
+        meant = f", did you mean '{alike[0]}'?" if alike else ""
+        return DataError(
+            f"{self.path}: no column '{name}'{meant or ';'} there are {self.listing}; choose with {option}"
+        )
 
     def _signal(self, column: str, cut: slice) -> NDArray[np.float64]:
         """Return the numbers of a column, (N,); none where it holds text, or was not read."""
@@ -152,7 +182,7 @@ class Table:
             steps = np.diff(values[np.isfinite(values)])
             if steps.any() and not steps.max() < 2 * steps.min():
                 found.append(n)
-        return tuple(map(plain_name, found))
+        return tuple(map(channel_name, found))
 
     def complete(self, names: Sequence[str], stamps: Sequence[str], cut: slice) -> NDArray[np.bool_]:
         """Rows of `cut` to keep: in which no stamp is empty, NaN or infinite, and no longer run of the named columns.
@@ -188,11 +218,7 @@ class Table:
     def numbers(self, name: str, option: str, cut: slice, keep: NDArray[np.bool_] | None = None) -> Vector:
         """Column `name` within `cut`, and of the rows to `keep`, as a finite (N,) array."""
         if name not in self.columns:
-            alike = get_close_matches(name, [*self.columns, *self.unread], n=1)
-            meant = f", did you mean '{alike[0]}'?" if alike else ""
-            raise DataError(
-                f"{self.path}: no column '{name}'{meant or ';'} there are {self.listing}; choose with {option}"
-            )
+            raise self._absent(name, option)
         if name in self.repeated:
             raise DataError(f"{self.path}: two columns are named '{name}'; rename one, or choose another with {option}")
         raw = self.columns[name][cut]
@@ -297,11 +323,6 @@ def _ending(t: str) -> str:
     """Return the unit that a time column is named after, as t_ms; seconds where it is none."""
     found = re.fullmatch(r".*_(ns|us|µs|ms|min|h)", t)
     return found[1] if found else "s"
-
-
-def is_setpoint(name: str) -> bool:
-    """Whether a channel has the name of a setpoint: "Setpoint [m3/h]" is the channel Setpoint_m3_h."""
-    return name.lower().partition("_")[0] in SETPOINTS
 
 
 def wants_all(wanted: str | Sequence[str]) -> bool:

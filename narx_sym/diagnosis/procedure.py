@@ -14,11 +14,11 @@ from ..data.evidence.feedback import Feedback, closed_loop, setpoint
 from ..data.evidence.levels import at_levels, one_speed, one_way
 from ..data.evidence.noise import repeated, sensor_noise
 from ..data.evidence.rate import left_out
+from ..data.evidence.roles import acting, with_roles
 from ..data.evidence.several import told_once
 from ..data.evidence.stiction import Sticking, span_of, sticking
 from ..data.record import Record
 from ..data.sensor import Fault, quantum, sensor_faults
-from ..data.tables import is_setpoint
 from ..data.units import in_units, said_first
 from ..data.units import listed as each
 from ..errors import FitError, ModelError
@@ -217,7 +217,7 @@ class Diagnosis(DiagnosisDoors):
             rest = [s.to_dict(None) for s in self.steps[1:]]
             first["steps"] = [{n: v for n, v in first.items() if n not in ("schema", "seconds", "seed")}, *rest]
         named = dict.fromkeys(("u", "y", *self.steps[0].base.split.records[0].channels), "")
-        return first | {"units": named | self.units}
+        return first | {"units": named | self.units, "roles": dict(self.steps[0].base.split.records[0].roles)}
 
     def __repr__(self) -> str:
         return f"Diagnosis({self.sentence()})"
@@ -235,6 +235,7 @@ def diagnose(
     delay: int | None = None,
     open_loop: bool = False,
     validation: Records = (),
+    roles: Mapping[str, str] | None = None,
     report: Callable[[str], Any] = lambda what: None,
 ) -> Diagnosis:
     """Compare a model with measurements and name the physical effect that is missing.
@@ -261,6 +262,7 @@ def diagnose(
     validation : Record or list of Record
         Records that nothing is fitted to: an effect is only added where the error falls on them too. Without them the
         last part of each record serves: no model is fitted to it, though effects are chosen on the whole record.
+    roles : mapping such as {"cmd": "setpoint"}, optional; what channels are, whatever the records say (`Record.roles`)
     report : callable
         Told what goes on, by a text with numbers (`diagnosis.progress.Told`). What it raises ends the diagnosis.
 
@@ -277,17 +279,14 @@ def diagnose(
     """
     begin = time.perf_counter()
     _check(model, limits, max_effects, seed=seed, delay=delay)
-    listed = prepare(records, model.info.units)
+    listed = prepare([with_roles(r, roles) for r in each(records)], model.info.units)
     measured = [n for n in listed[0].channels if all(n in r.channels for r in listed)]
-    unknown = [] if channels == "all" else [n for n in channels if n not in measured]
-    if unknown:
-        raise ModelError(
-            f"There is no channel {unknown[0]!r} in every record; there are {', '.join(measured) or 'none'}."
-        )
-    count = sum(len(r) for r in listed)
-    if count < FEWEST:
+    if unknown := [] if channels == "all" else [n for n in channels if n not in measured]:
+        there = ", ".join(measured) or "none"
+        raise ModelError(f"There is no channel {unknown[0]!r} in every record; there are {there}.")
+    if (count := sum(len(r) for r in listed)) < FEWEST:
         raise FitError(f"{count} samples are too few to judge what is missing: at least {FEWEST} are needed.")
-    named = [n for n in (measured if channels == "all" else channels) if not is_setpoint(n)]
+    named = [n for n in (measured if channels == "all" else channels) if all(n in acting(r) for r in listed)]
     start = model.fit(listed) if model.theta is None else model
     listed, held = at_levels(listed, lambda seen: evaluate(start, seen).free_run_nrmse)
     converter = quantum(np.concatenate([r.y for r in listed]))  # as measured: offsets that are taken off hide it

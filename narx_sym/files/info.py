@@ -12,7 +12,7 @@ from ..models.added import AddedEffect
 from ..models.info import Info, Nrmse, Selection
 
 MAX_LISTED = 1000  # entries of a list
-MAX_UNIT = 100  # characters of a unit
+MAX_LABEL = 100  # characters of a unit, or a role
 MAX_EFFECTS = 200
 MAX_DIGITS = 17  # of a float
 EFFECT = {f.name for f in fields(AddedEffect)}
@@ -28,7 +28,7 @@ def info_to_dict(info: Info) -> dict[str, Any]:
         "frequencies": dict(info.frequencies), "steps": dict(info.steps),
         "line": info.line and list(info.line), "band": info.band, "start": info.start and list(info.start),
         "selection": None if chosen == Selection() else asdict(chosen) | {"err": list(chosen.err)},
-        "units": dict(info.units), "digits": info.digits or None,
+        "units": dict(info.units), "roles": dict(info.roles), "digits": info.digits or None,
     }  # fmt: skip
     return {n: v for n, v in found.items() if v is not None and v != {} and v != ""} if info != Info() else {}
 
@@ -88,15 +88,16 @@ def read_info(info: Any) -> Info:
         method=method, converged=converged, samples=samples, nrmse=_nrmse(info.get("nrmse")),
         ranges={n: (float(a), float(b)) for n, (a, b) in ranges.items()}, rates=rates, frequencies=frequencies,
         steps=steps, band=None if band is None else float(band), selection=_selection(info.get("selection")),
-        units=_units(info.get("units", {})), digits=_digits(info.get("digits", 0)),
+        units=_labels(info.get("units", {}), "units"), roles=_labels(info.get("roles", {}), "roles"),
+        digits=_digits(info.get("digits", 0)),
         **{name: (float(pair[0]), float(pair[1])) for name, pair in pairs.items()},
     )  # fmt: skip
 
 
-def _units(given: Any) -> dict[str, str]:
+def _labels(given: Any, name: str) -> dict[str, str]:
     good = isinstance(given, dict) and len(given) <= MAX_LISTED
-    if not good or not all(isinstance(v, str) and 0 < len(v) <= MAX_UNIT and v.isprintable() for v in given.values()):
-        raise ModelError(f"'info.units' must give a printable text of at most {MAX_UNIT} characters for each signal.")
+    if not good or not all(isinstance(v, str) and 0 < len(v) <= MAX_LABEL and v.isprintable() for v in given.values()):
+        raise ModelError(f"'info.{name}' must give a printable text of at most {MAX_LABEL} characters for each signal.")
     return dict(given)
 
 

@@ -13,6 +13,7 @@ from sympy import Eq, S
 
 from ..data.evidence.dead_time import PLAIN, dead_time
 from ..data.evidence.rate import at_one_step
+from ..data.evidence.roles import acting
 from ..data.evidence.several import moving, rests
 from ..data.record import Record, check_excitation
 from ..data.units import in_units
@@ -176,7 +177,7 @@ def _own_channels(base: str, records: list[Record], lags: Mapping[str, Any] | No
     if not isinstance(lags or {}, Mapping):
         raise ModelError('lags must be a mapping of names to the largest lags, such as {"temp": 1}.')
     own = {name: wanted for name, wanted in (lags or {}).items() if name not in ("u", "y", "phi1", "phi2")}
-    left_out = [name for r in records for name in r.channels if name not in own]
+    left_out = [name for r in records for name in acting(r) if name not in own]
     if left_out:
         warnings.warn(
             f"The {base} base uses the input, the output and the channels in `lags` only; the channel {left_out[0]!r} "

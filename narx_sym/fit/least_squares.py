@@ -332,6 +332,7 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> Mo
         start=(float(source[0]), float(output[0])),
         steps={name: _step(pieces) for name, pieces in signals.items()},
         units=said_first(model.info.units, parts[0].units),
+        roles=dict(parts[0].roles),
         **seen(signals, Ts),
     )
     return model.replace(Ts=Ts, info=info)

@@ -12,29 +12,21 @@ import sympy as sp
 from ..errors import ModelError
 from ..symbolic.recursion import State
 from ..symbolic.signals import (
-    INNER_INPUTS,
-    INNER_OUTPUTS,
+    RESERVED,
     acting,
-    breve_phi1,
-    breve_phi2,
+    channel_name,
     differences,
     expand_phi,
     free,
     grip,
     k,
-    m,
     passed,
-    phi1,
-    phi2,
-    plain_name,
-    r,
     renamed,
     rub,
     samples,
     sensed,
     signal,
     t,
-    u,
     v,
     x,
     y,
@@ -46,9 +38,6 @@ from .model import Model
 from .rest.equilibria import continuum_conditions
 
 MANY = 20  # coefficients of one effect
-# Names that no channel and no state of an effect may have.
-SIGNALS = (u, y, t, *INNER_INPUTS, *INNER_OUTPUTS, grip, r, m, phi1, phi2, breve_phi1, breve_phi2)
-RESERVED = {b.name for b in SIGNALS} | {"k", "prediction"}
 
 
 @dataclass(frozen=True)
@@ -391,4 +380,4 @@ def find(effect_id: str, catalogue: Catalogue = EFFECTS) -> tuple[list[Effect], 
         raise ModelError(
             f"Name the channel: {name}:temperature." if needs else f"The effect {name} does not use a channel."
         )
-    return catalogue[name], plain_name(channel) if channel else None
+    return catalogue[name], channel_name(channel) if channel else None

@@ -89,6 +89,7 @@ class Info:
     start : the first recorded input and output
     units : of the signals, by name, where they are known
     digits : significant digits that its printed parameters need; 0 where that is not known
+    roles : of the channels, by name: setpoint, input, disturbance, derivative-of-y, ...
     """
 
     method: str = ""
@@ -105,6 +106,7 @@ class Info:
     start: tuple[float, float] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     digits: int = 0
+    roles: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def of_records(self) -> Info:
@@ -112,6 +114,7 @@ class Info:
         return Info(
             ranges=self.ranges, rates=self.rates, frequencies=self.frequencies, steps=self.steps, line=self.line,
             band=self.band, start=self.start, units=self.units,
+            roles=self.roles,
         )  # fmt: skip
 
 

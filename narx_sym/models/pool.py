@@ -14,9 +14,8 @@ from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.functions import TABLE
 from ..symbolic.identities import canonical, independent
-from ..symbolic.signals import differences, k, signal, u, y
+from ..symbolic.signals import RESERVED, differences, k, signal, u, y
 from . import assumptions
-from .extend import RESERVED
 from .info import whole
 
 MAX_POOL = 20_000

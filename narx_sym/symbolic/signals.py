@@ -49,6 +49,9 @@ rub, grip = signal("rub"), signal("grip")
 INNER_INPUTS, INNER_OUTPUTS = (v, acting, passed), (x, free, sensed)  # what effects make of the input, and the output
 phi1, phi2 = signal("phi1"), signal("phi2")
 breve_phi1, breve_phi2 = signal("breve_phi1"), signal("breve_phi2")
+# Names that no channel and no state of an effect may have.
+SIGNALS = (u, y, t, *INNER_INPUTS, *INNER_OUTPUTS, grip, r, m, phi1, phi2, breve_phi1, breve_phi2)
+RESERVED = {base.name for base in SIGNALS} | {"k", "prediction"}
 
 
 def differences(driver: sp.IndexedBase) -> tuple[sp.IndexedBase, sp.IndexedBase]:
@@ -139,3 +142,9 @@ def plain_name(text: str) -> str:
     """Return a text as a name that may stand in equations: letters, digits and underscores."""
     name = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_")
     return name if name.isidentifier() else f"channel_{name}"
+
+
+def channel_name(text: str) -> str:
+    """Return the name of a column as a channel may have it in equations: `plain_name`, and none that is taken."""
+    name = plain_name(text)
+    return f"channel_{name}" if name in RESERVED or re.fullmatch(r"theta_\d+", name) else name

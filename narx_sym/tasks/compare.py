@@ -17,7 +17,7 @@ from ..errors import DataError, NarxError
 from ..fit.evaluate import PROTOCOL, Errors, evaluate, free_run, started
 from ..fit.simulate import arrays, extrapolates
 from ..models.model import Model
-from ..symbolic.signals import plain_name, u
+from ..symbolic.signals import channel_name, u
 from .result_file import write_plain
 
 OFFSET = 0.5  # share of the mean square that a constant offset must explain to be spoken of
@@ -125,7 +125,7 @@ def tracking(record: Record, reference: str) -> Tracking:
     DataError
         Where there is no such channel, or it is in another unit than the output.
     """
-    name = plain_name(reference)
+    name = channel_name(reference)
     if name not in record.channels:
         listed = ", ".join(record.channels) or "none"
         raise DataError(

@@ -54,6 +54,7 @@ class Settings:
         A folder for one report per record.
     units : pairs of "u" or "y" and a unit
         Of all records, whatever their files say.
+    roles : pairs of a column and its role
     """
 
     base: str = "linear"
@@ -65,6 +66,7 @@ class Settings:
     budget: float = 0.0
     reports: Path | None = None
     units: tuple[tuple[str, str], ...] = ()
+    roles: tuple[tuple[str, str], ...] = ()
 
 
 class BudgetError(NarxError):
@@ -250,7 +252,7 @@ def _read(entry: Entry, settings: Settings) -> Record:
     names = dict(entry.columns)
     return read(
         entry.file, u=names["u"], y=names["y"], t=names["t"], Ts=settings.Ts, channels=settings.channels,
-        missing=settings.missing, units=dict(settings.units),
+        missing=settings.missing, units=dict(settings.units), roles=dict(settings.roles),
     )  # fmt: skip
 
 

@@ -25,8 +25,8 @@ from scipy.linalg import lstsq
 from scipy.signal import lfilter
 
 from ..record import Record
-from ..tables import is_setpoint
 from .noise import usual_size
+from .roles import SETPOINT
 
 Array = np.ndarray
 OWN, TURNS = 12, 8  # lags of each signal; rounds of the robust fit
@@ -78,7 +78,7 @@ class Feedback:
         if self.unseen:
             return (
                 "Whether this record was taken in closed loop cannot be seen, as its setpoint never moves: nothing is "
-                "named. If the controller was in manual, leave the setpoint out (no --channels setpoint)"
+                "named. If the controller was in manual, leave the setpoint out (--role NAME=ignore)"
             )
         if self.given and not self.rests:
             return (
@@ -87,7 +87,7 @@ class Feedback:
                 "alone removes nearly all of the error"
             )
         taken = "taken" if self.given else "probably taken"
-        where = "with a setpoint that moves" if self.rests else "give the setpoint (--channels setpoint)"
+        where = "with a setpoint that moves" if self.rests else "give the setpoint (--role NAME=setpoint)"
         if not self.given:
             where += ". If no controller made the input from the output, say so (--open-loop)"
         return (
@@ -116,12 +116,12 @@ class Feedback:
 
 
 def setpoint(record: Record) -> Array | None:
-    """Return the setpoint where a channel has its name.
+    """Return the setpoint where a channel has that role.
 
     One that is the input or the output itself tells of no loop: the input of a servo as a whole is its setpoint, and in
     manual many controllers let the setpoint follow the output.
     """
-    r = next((x for name, x in record.channels.items() if is_setpoint(name)), None)
+    r = next((x for name, x in record.channels.items() if record.roles[name] == SETPOINT), None)
     return None if r is None or any(_same(r, x) for x in (record.u, record.y)) else r
 
 
