@@ -26,7 +26,7 @@ from ..models.pool import lagged, pool
 from ..symbolic.signals import k, phi1, u, y
 from .bases.bouc_wen import identify_bouc_wen
 from .bases.choice import choose_base
-from .bases.integrating import grows, integrates
+from .bases.integrating import grows, hardly_decays, integrates
 from .bases.judged import judged
 from .bases.play import KNOTS, PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
@@ -294,7 +294,7 @@ def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
 def _choose(candidates: list[NARX], records: list[Record], what: str, method: str, for_compensation: bool) -> Model:
     """Fit each candidate on one part, judge it in free run on the other, refit the best on all."""
     train, held = _validation(records)
-    tried, fits, scored = list[Model](candidates), list[Model](), []
+    tried, fits, scored, imitating = list[Model](candidates), list[Model](), [], []
     for model in tried:  # grows by those that integrate
         fits.append(model)
         try:
@@ -302,12 +302,17 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
             score = evaluate(fitted, held).free_run_nrmse
         except FitError:
             continue
-        if not model.constraints and what == "linear" and integrates(fitted, train):
+        row = (score, len(model.symbols) - len(model.constraints), len(fits) - 1)
+        if not model.constraints and what == "linear" and hardly_decays(fitted, train):
+            if not integrates(fitted, train):  # a pole at 1 that no input drives: the start of each run is an offset
+                imitating += [row] * bool(np.isfinite(score))
+                continue
             tried.append(model.replace(constraints=[Eq(model.sigma_y, 1)]))
             if grows(fitted):  # no machine does by itself: with the pole at 1 it stands for an integrator
                 continue
         if np.isfinite(score):
-            scored.append((score, len(model.symbols) - len(model.constraints), len(fits) - 1))
+            scored.append(row)
+    scored = scored or imitating
     if not scored:
         raise FitError(f"No {what} model follows these data in free run.")
     stable = [s for s in scored if stable_law(fits[s[2]], train)] if for_compensation else scored

@@ -291,7 +291,7 @@ def test_a_friction_is_found_that_no_core_stands_without(m, k, F):
     record = ns.Record.from_arrays(u, y + 0.005 * y.std() * rng.standard_normal(3000), 0.01)
     found = ns.diagnose(ns.identify(record, base="linear"), record)
     assert found.confusion_set == ["coulomb_friction"]
-    assert found.ladder[-1]["validation"] < 0.01
+    assert found.ladder[-1]["train"] < 0.01
 
 
 @pytest.mark.parametrize(
@@ -423,7 +423,7 @@ def test_a_motor_that_is_recorded_as_a_speed_breaks_loose_by_a_jump():
             speed = new if new * side > 0 else 0.0
     found = diagnosed(record_of(u, y, Ts, 0.01))
     assert found.confusion_set == ["stiction"]
-    base, after = (rung["validation"] for rung in found.ladder)
+    base, after = (rung["train"] for rung in found.ladder)
     assert after < 0.02 < 0.04 < base
 
 
@@ -454,7 +454,9 @@ def test_what_acts_in_the_last_samples_only_is_not_called_nothing():
     u = np.where(k < 0.93 * n, 1.0, 1.6) * np.sin(2 * np.pi * k / 120 * (1 + k / n))
     y = lfilter([0.05], [1, -0.95], np.clip(u, -1.02, 1.02))
     found = diagnosed(record_of(u, y, 0.01, 0.01))
-    assert found.verdict == "nothing_detectable" and found.ladder[0]["sealed"] > 3 * found.ladder[0]["validation"]
+    first = found.steps[0].base
+    assert found.verdict == "nothing_detectable"
+    assert found.ladder[0]["validation_rms"] > 3 * np.sqrt(first.mean_square(first.split.train))
     assert found.steps[0].finding == "unexplained" and "most of it in the last samples" in found.sentence()
 
 
@@ -560,7 +562,7 @@ def test_what_imitated_a_slack_goes_when_the_slack_comes():
     assert second.added == ["backlash"] and second.withdrawn == [imitator]
     assert found.rungs[2] == f"+ backlash instead of {imitator}"
     assert {e.effect for e in found.model.effects} == {"cubic_gain", "backlash"}
-    assert second.nrmse(second.chosen)["sealed"] < second.nrmse(second.base)["sealed"] * 1.05
+    assert second.nrmse(second.chosen)["validation"] < second.nrmse(second.base)["validation"] * 1.05
     told = found.to_dict()
     assert told["ladder"][2]["withdrawn"] == told["steps"][1]["withdrawn"] == [imitator]
 

@@ -361,7 +361,7 @@ def test_an_effect_is_found_again_where_it_acts_elsewhere():
     assert [(e.effect, e.where) for e in found.model.effects] == [("backlash", "input"), ("backlash", "output")]
     widths = [v for s, v in found.model.values.items() if str(s).startswith("r_")]
     assert widths == pytest.approx([0.4, 0.25], rel=0.1)
-    assert found.ladder[-1]["validation"] < 0.012  # 0.008 is noise; a lag in the first one's place leaves 0.02
+    assert found.ladder[-1]["train"] < 0.012  # 0.008 is noise; a lag in the first one's place leaves 0.02
 
 
 def test_a_bent_response_to_a_sine_is_no_axis_that_integrates():

@@ -100,6 +100,11 @@ def integrates(model: Model, records: Sequence[Record]) -> bool:
     return drives(a, b.size - first, first, records, slow, error**2)
 
 
+def hardly_decays(model: Model, records: Sequence[Record]) -> bool:
+    """Whether a linear model has a pole that the records cannot tell from 1."""
+    return at_one(_coefficients(model, y), slowest_seen(records))
+
+
 def grows(model: Model) -> bool:
     """Whether a linear model has a pole beyond 1, by more than rounding."""
     return slowest(_coefficients(model, y)) > 1 + ROUNDED
