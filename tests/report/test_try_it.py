@@ -11,6 +11,7 @@ from sampling import more
 
 import narx_sym as ns
 from narx_sym.engines.compile import compile
+from narx_sym.fit.freerun import FreeRun
 from narx_sym.models.effects import Catalogue
 from narx_sym.report.panels import try_it
 
@@ -178,10 +179,9 @@ def test_gaps_channels_and_the_time(browser, gapped):
     for m, one in enumerate(try_it.models(diagnosis)):
         page.check(f'input[name="try-model"][value="{m}"]')
         drag(page, m, [0] * (len(one.fitted.model.symbols) - 1) + [40])
-        now, problem, recursion = state(page), one.fitted.problem, one.fitted.model.recursion
-        theta = problem.start(now["theta"])
-        theta[problem.free :] = one.fitted.unknowns[problem.free :]
-        error = problem.data[1]["y"] - problem.simulate(theta, 1)
+        now, fitted, recursion = state(page), one.fitted, one.fitted.model.recursion
+        problem = FreeRun(fitted.model.replace(theta=now["theta"]), list(fitted.split.records), None)
+        error = problem.data[1]["y"] - problem.simulate(fitted.unknowns[fitted.problem.free :], 1)
         error[: problem.depth] = 0
         assert error.size == 450 and now["rms"] == pytest.approx(rms(error), rel=1e-4)
         read |= {str(b.label) for b in recursion.inputs}
