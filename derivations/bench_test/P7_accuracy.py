@@ -78,7 +78,8 @@ print(ns.latex(fitted["black box"][0]))
 # %%
 straight = ns.NARX.from_terms(["y[k-1]", "y[k-2]"], theta=[2.0, -1.0])
 held = ns.evaluate(straight, validation)
-print(f"2 y[k-1] - y[k-2]: one-step MAPE {held.one_step_mape:.4f} %, free run {held.free_run_mape:.3g} %")
+run = ns.mape(validation.y, straight.simulate(validation.u, validation.y[:2], warn=False))  # from the measured start
+print(f"2 y[k-1] - y[k-2]: one-step MAPE {held.one_step_mape:.4f} %, free run {run:.3g} %")
 
 # %%
 table = Table("free-run MAPE [%]", "paper", "Table 1 values", "seed 0", "ten seeds: min / median / max")
@@ -113,4 +114,4 @@ assert scores["model"][0] < 1.43 and scores["inverse"][0] < 1.08  # the measured
 # The inverse stays above the printed 0.413 in every seed.
 assert np.median(scores["model"]) < 0.8 and np.min(scores["inverse"]) > 0.41
 assert np.median(scores["black box"]) > 2 * max(np.median(scores["model"]), np.median(scores["inverse"]))
-assert held.one_step_mape < 0.01 and held.free_run_mape > 100
+assert held.one_step_mape < 0.01 and run > 100

@@ -194,7 +194,8 @@ print(output)
 # A sign that makes m chatter can be smoothed before or after the fit: [](../examples/B2_smooth_sign.py).
 
 # %%
-polynomial = ns.identify(record, base="narx", for_compensation=True)
+terms = ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi2[k-2]*phi1[k-2]*y[k-1]"]
+polynomial = ns.NARX.from_terms(terms).fit(record, constraints=["continuum"])
 inside = polynomial.compensator().internal  # Jacobian, fixed points, where it attracts
 print("repelling where", ns.latex(inside.region))
 soft = polynomial.compensator().smooth()  # sign(x) -> tanh(x/eps)
