@@ -125,7 +125,7 @@ def tracking(record: Record, reference: str) -> Tracking:
     DataError
         Where there is no such channel, or it is in another unit than the output.
     """
-    name = channel_name(reference)
+    name = reference if reference in record.channels else channel_name(reference)
     if name not in record.channels:
         listed = ", ".join(record.channels) or "none"
         raise DataError(
