@@ -6,6 +6,7 @@ A fit that meets kinks lets a last digit grow until it ends in another minimum.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf
@@ -115,11 +116,28 @@ def banded(lags: Sequence[int], slopes: Sequence[Array], right: Array) -> Array:
     return by_lapack(lags, slopes, right)
 
 
+def filtered(A: Sequence[float] | Array, x: Any) -> Array:
+    """Return y of A(q) y[k] = x[k], A = 1 + A_1 q^-1 + ..., at rest before the first sample: x is (n,) or (n, m)."""
+    x, A = np.asarray(x, dtype=float), np.atleast_1d(A)
+    lags = range(1, A.size)
+    if not lags:
+        return x.copy()
+    slopes = [np.full(len(x), -c) for c in A[1:]]
+    return np.asarray(banded(lags, slopes, x if x.ndim > 1 else x[:, None])).reshape(x.shape)
+
+
+def smoothed(pole: float, x: Any) -> Array:
+    """Return what one lag, y[k] = pole y[k-1] + (1 - pole) x[k], makes of signals that rest at their first sample."""
+    return np.asarray(x[:1] + filtered([1.0, -pole], (1 - pole) * (x - x[:1])))
+
+
 def smallest(columns: Array, target: Array, dependent: float) -> Array:
     """Return the smallest least-squares solution; each column counts in its own size, whatever its unit.
 
-    Singular values below `dependent` times the largest are none.
+    NaN where a number is not finite. Singular values below `dependent` times the largest are none.
     """
+    if not (np.isfinite(columns).all() and np.isfinite(target).all()):
+        return np.full(columns.shape[1], np.nan)
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0] = 1.0
     return np.asarray(np.linalg.lstsq(columns / scale, target, rcond=dependent)[0] / scale)

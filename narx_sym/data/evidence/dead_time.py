@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.signal import correlate, lfilter
 
+from ...engines.algebra import filtered
 from ..record import Record
 
 Array = np.ndarray
@@ -110,7 +110,7 @@ def _candidates(pairs: Pairs, most: int) -> list[int]:
     for u, y in pairs:
         v, w = _prewhitened(u, y)
         size = float(np.linalg.norm(v) * np.linalg.norm(w)) or 1.0
-        rho += correlate(w, v, method="fft")[v.size - 1 : v.size + most] / size * v.size
+        rho += _correlated(w, v, most) / size * v.size
         count += v.size
     strength = np.abs(rho) / np.sqrt(count)
     clear = np.flatnonzero(strength > max(CLEAR, 0.2 * strength.max()))
@@ -134,10 +134,16 @@ def _busiest(u: Array, y: Array, length: int) -> tuple[Array, Array]:
 def _prewhitened(u: Array, y: Array) -> tuple[Array, Array]:
     """Filter both signals by an autoregressive model of the input."""
     lags = min(WHITENING, u.size // 10)
-    r = correlate(u, u, method="fft")[u.size - 1 : u.size + lags]
+    r = _correlated(u, u, lags)
     r[0] *= 1 + 1e-4
     a = np.concatenate([[1.0], -solve_toeplitz(r[:lags], r[1:])]) if r[0] > 0 else np.ones(1)
-    return lfilter(a, 1, u)[lags:], lfilter(a, 1, y)[lags:]
+    return np.convolve(a, u)[lags : u.size], np.convolve(a, y)[lags : y.size]
+
+
+def _correlated(y: Array, u: Array, most: int) -> Array:
+    """Return sum_k y[k + d] u[k] for d = 0 ... most."""
+    n = 2 * u.size
+    return np.fft.irfft(np.fft.rfft(y, n) * np.fft.rfft(u, n).conj(), n)[: most + 1]
 
 
 def output_error(pairs: Pairs, order: tuple[int, int], d: int, most: int, polished: int = 0) -> Look:
@@ -146,7 +152,7 @@ def output_error(pairs: Pairs, order: tuple[int, int], d: int, most: int, polish
     for _ in range(TURNS if a else 1):
         blocks, targets = [], []
         for u, y in pairs:
-            v, w = lfilter([1.0], denominator, u), lfilter([1.0], denominator, y)
+            v, w = filtered(denominator, u), filtered(denominator, y)
             rows = slice(most + b, u.size)
             columns = [-_late(w, i)[rows] for i in range(1, a + 1)] + [_late(v, d + j)[rows] for j in range(b)]
             blocks.append(np.column_stack([*columns, np.ones(u.size - most - b)]))
@@ -175,16 +181,16 @@ def _free_run(pairs: Pairs, denominator: Array, b: int, d: int, most: int) -> tu
     """
     parts, own = [], denominator.size
     for u, y in pairs:
-        v, pulse = lfilter([1.0], denominator, u), np.zeros(u.size)
+        v, pulse = filtered(denominator, u), np.zeros(u.size)
         pulse[0] = 1.0
-        free = lfilter([1.0], denominator, pulse)
+        free = filtered(denominator, pulse)
         X = np.column_stack([_late(v, d + j) for j in range(b)])
         parts.append((X, np.column_stack([np.ones(u.size), *(_late(free, j) for j in range(own - 1))]), y))
     theta, starts = _beside([(X[most:], S[most:], y[most:]) for X, S, y in parts])
     turned, errors = [], []
     for (X, S, y), start in zip(parts, starts, strict=True):
         run = X @ theta + S @ start
-        slope = lfilter([1.0], denominator, run)
+        slope = filtered(denominator, run)
         errors.append((y - run)[most:])
         moved = np.column_stack([X, *(-_late(slope, j) for j in range(1, own))])
         turned.append((moved[most:], S[most:], errors[-1]))

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import lstsq
-from scipy.signal import lfilter
 
+from ...engines.algebra import smoothed
 from ..record import Record
 from .noise import usual_size
 from .roles import SETPOINT
@@ -175,8 +175,8 @@ def led(u: Array, r: Array) -> float:
     """
     columns = [r, np.diff(r, prepend=r[0]), np.ones(r.size)]
     for pole in FILTERS:
-        columns.append(lfilter([1 - pole], [1, -pole], r - r[0]))
-        columns.append(lfilter([1 - pole], [1, -pole], columns[-1]))
+        columns.append(smoothed(pole, r - r[0]))
+        columns.append(smoothed(pole, columns[-1]))
     X = np.column_stack(columns)
     e = u - X @ lstsq(X, u, cond=1e-10)[0]
     moved = [(np.var(a), np.var(b)) for a, b in zip(np.array_split(u, BLOCKS), np.array_split(e, BLOCKS), strict=True)]

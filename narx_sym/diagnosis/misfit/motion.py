@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 Array = np.ndarray
 ROUNDING = 1e-12  # of the largest input: a slope up to here is that of arithmetic
@@ -55,8 +54,8 @@ class Motion:
                 wanted = np.cbrt(1.5 * (noise / max(0.05 * float(np.median(pace)), 1e-300)) ** 2)
                 longest = max(1, min(500, int(np.median(length[swing])) // 4, (u.size - 1) // 2))
                 m = int(np.clip(np.ceil(wanted), 1, longest))
-                smooth = savgol_filter(u, 2 * m + 1, 2) if u.size > 2 else u
-        slope = savgol_filter(u, 2 * m + 1, 2, deriv=1) if u.size > 2 else np.full(u.size, u[1] - u[0])
+                smooth = _parabola(u, m, 0)
+        slope = _parabola(u, m, 1)
         slope = np.where(np.abs(slope) > ROUNDING * np.abs(u).max(), slope, 0.0)  # while the input is held
         least = np.maximum(0.05 * pace, 2 * noise * np.sqrt(3 / (m * (m + 1) * (2 * m + 1))))
         still = _resting(slope, least, 2 * m + 1)
@@ -117,3 +116,20 @@ def _resting(slope: Array, least: Array, window: int) -> Array:
     for a, b in zip(first, last, strict=True):
         out[a:b] = b - a > window and inner[b] - inner[a] >= 0.5 * (b - a)
     return out
+
+
+def _parabola(u: Array, m: int, derivative: int) -> Array:
+    """Return value or slope of parabolas through 2 m + 1 samples each (Savitzky, Golay 1964), (N,).
+
+    Less than `m` samples from an end those of the last parabola; through two samples there is a line.
+    """
+    if u.size < 2 * m + 1:
+        return u if derivative == 0 else np.full(u.size, u[-1] - u[0])
+    at = np.arange(-m, m + 1.0)
+    weights = np.linalg.pinv(np.vander(at, 3, increasing=True))
+    inner = np.convolve(u, weights[derivative][::-1], "valid")
+    ends = []
+    for part, own in ((u[: 2 * m + 1], at[:m]), (u[-2 * m - 1 :], at[m + 1 :])):
+        a, b, c = weights @ part
+        ends.append(a + b * own + c * own**2 if derivative == 0 else b + 2 * c * own)
+    return np.concatenate([ends[0], inner, ends[1]])

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.linalg import eigh, lstsq
-from scipy.signal import lfilter
 
+from ...engines.algebra import smoothed
 from ..refit import Split
 from .directions import Direction, Linearised
 
@@ -48,7 +48,7 @@ def features(line: Linearised, channels: Sequence[str] = ()) -> Array:
 
 def _versions(x: Array) -> list[Array]:
     step = np.diff(x, prepend=x[0])
-    slow = [lfilter([1 - a], [1, -a], x, zi=[a * x[0]])[0] for a in POLES]
+    slow = [smoothed(a, x) for a in POLES]
     return [x, *slow, step, np.sign(step), np.sign(step) * np.abs(x)]
 
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from scipy.signal import find_peaks
 
 from ...engines.algebra import single
 from ...engines.compile import compile
@@ -200,7 +199,7 @@ class Linearised:
         told from what the input causes.
         """
         frequencies, power = self._spectrum
-        at, _ = find_peaks(power, distance=2 * PADDING)
+        at = _peaks_apart(power, 2 * PADDING)
         at = at[(at >= CYCLES * PADDING) & ~self._of_input(at)]
         best = at[np.argsort(-power[at], kind="stable")[:count]]
         return [float(frequencies[i]) for i in best]
@@ -271,3 +270,12 @@ class Linearised:
             only = f"The effect {next(iter(catalogue))} does not apply" if len(catalogue) == 1 else ""
             raise ModelError(f"{only or 'No effect of the catalogue applies'} to this model.")
         return listed, np.concatenate(blocks, axis=1)
+
+
+def _peaks_apart(power: Array, apart: int) -> Array:
+    """Return where maxima are, each the highest within so many bins, in their order."""
+    inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
+    kept = np.zeros(power.size, dtype=bool)
+    for i in inner[np.argsort(-power[inner], kind="stable")]:
+        kept[i] = not kept[max(0, i - apart + 1) : i + apart].any()
+    return np.flatnonzero(kept)

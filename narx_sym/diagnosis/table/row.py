@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import lfilter, lfiltic
 
 from ...data.evidence.several import rests
 from ...data.record import Record
+from ...engines.algebra import filtered
 from ...fit.bases.integrating import DRIVEN, drives, poles, slowest
 from ...models.extend import Variant
 from ...symbolic.identities import added
@@ -112,8 +112,7 @@ class Row:
         measured, seen, denominator = self.frame.measured(), [], polynomial(a)
         for record in measured:
             driven = b.sum() * record.u + constant
-            begin = lfiltic([1.0], denominator, np.full(a.size, driven[0] / denominator.sum()))
-            seen.append(lfilter([1.0], denominator, driven, zi=begin)[0])
+            seen.append(driven[0] / denominator.sum() + filtered(denominator, driven - driven[0]))
         shape = self.values[self.frame.added[-1][1]]
         return any(z.any() for z in self.frame.contributions(measured, shape, seen))
 

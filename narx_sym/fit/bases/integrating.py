@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ...data.evidence.several import rests
 from ...data.record import Record
+from ...engines.algebra import filtered
 from ...models.model import Model
 from ...symbolic.signals import lag, u, y
 from ..evaluate import evaluate
@@ -73,9 +73,9 @@ def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: floa
     inputs, outputs = [], []
     for s in (s for r in records for s in r.segments()):
         k = np.arange(len(s))
-        filtered = lfilter([1.0], np.poly(found[~stay]).real, s.u - s.u.mean())
+        moved = filtered(np.poly(found[~stay]).real, s.u - s.u.mean())
         first = max(found.size, delay + n_u + 1)  # a free run starts from the samples before, whatever they are
-        driven = np.column_stack([np.roll(filtered, delay + i) for i in range(n_u + 2)])[first:]
+        driven = np.column_stack([np.roll(moved, delay + i) for i in range(n_u + 2)])[first:]
         since = [k - k[-1] if abs(p) > 1 else k for p in found]  # of what grows, backwards: it stays finite
         free = [part(p**i) for p, i in zip(found, since, strict=True) for part in (np.real, np.imag)]
         own = np.column_stack([*free, np.ones(len(s))])[first:]

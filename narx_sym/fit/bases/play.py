@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import sympy as sp
 from scipy.optimize import nnls
-from scipy.signal import lfilter
 
 from ...data.record import Record
+from ...engines.algebra import smoothed
 from ...engines.compile import compile
 from ...errors import FitError, ModelError
 from ...models.effects.memory import play
@@ -189,7 +189,7 @@ def _plays_along(parts: Sequence[Record], origin: Mapping[Any, float], radii: Se
 def _lagged(P: Array, a: float, delay: int) -> Array:
     """Return the columns delayed behind a lag, from rest."""
     late = np.vstack([np.repeat(P[:1], delay, axis=0), P[: len(P) - delay]])
-    return np.asarray(lfilter([1 - a], [1, -a], late, axis=0, zi=a * late[:1])[0])
+    return smoothed(a, late)
 
 
 def _fitted(guess: Guess, parts: Sequence[Record], origin: Mapping[Any, float]) -> Model:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ....data.record import Record
-from ....engines.algebra import smallest
+from ....engines.algebra import filtered, smallest
 from ....fit.bases.integrating import poles
 from ..hypotheses import Core
 
@@ -44,13 +43,15 @@ def arx_start(
     for _ in range(turns):
         rows, targets = [], []
         for i, y in enumerate(outputs):
-            f = lfilter([1.0], polynomial(a), [y, *(x[i] for x, _ in driven), np.ones(y.size)])
+            f = filtered(polynomial(a), np.column_stack([y, *(x[i] for x, _ in driven), np.ones(y.size)])).T
             lag = [f[0, first - j : y.size - j] for j in range(1, n + 1)]
             lag += [x[first - j : y.size - j] for x, (_, taps) in zip(f[1:], driven, strict=False) for j in range(taps)]
             used = counts[i][first:] if counts else slice(None)
             rows.append(np.column_stack([*lag, f[-1, first:]])[used])
             targets.append(f[0, first:][used])
         solution = smallest(np.concatenate(rows), np.concatenate(targets), DEPENDENT)
+        if not np.isfinite(solution).all():  # a filtered signal ran away: there is no such start
+            return np.full(found.size + steps, np.nan)
         solution[:n] = _inside(solution[:n])
         if turns == 1:
             found = solution
@@ -61,7 +62,7 @@ def arx_start(
             e, at = solution[-1] * np.ones(y.size) - np.convolve(polynomial(a), y)[: y.size], n
             for x, taps in driven:
                 e, at = e + np.convolve(solution[at : at + taps], x[i])[: y.size], at + taps
-            error += float(np.sum(lfilter([1.0], polynomial(a), e)[core.delay :] ** 2))
+            error += float(np.sum(filtered(polynomial(a), e)[core.delay :] ** 2))
         if error < best or not np.isfinite(best):
             best, found = error, solution.copy()
         if not n:
@@ -115,7 +116,7 @@ def start_beside(
             [*(later(x[i], core.delay + j) for x in driven for j in range(core.n_u)), np.ones(len(record))]
         )
         columns[:, width + i * n : width + (i + 1) * n] = np.eye(len(record), n)
-        rows.append(lfilter([1.0], polynomial(a), columns, axis=0))
+        rows.append(filtered(polynomial(a), columns))
     runs = np.concatenate(rows)
     if not np.isfinite(runs).all():
         return np.full(n + width, np.nan), [np.full(len(r), np.nan) for r in records]

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ....data.record import Record
+from ....engines.algebra import filtered
 from ....fit.bases.integrating import poles
 from ....symbolic.signals import samples
 from ..frame import Frame
@@ -137,6 +137,8 @@ def _along(frame: Frame, x: Array, core: Core) -> list[Array]:
         point[cs] = c
         acting = [replace(r, u=r.u + part @ c) for r, part in zip(records, z, strict=True)]
         return _driven(frame, point, core, acting, guess[: core.n_y])
+    if not np.isfinite(guess).all():
+        return []
     found = [(guess, [part @ guess[m:-1] for part in z])]
     strong = variant.where == "motion" and variant.effect.full and bool(shapes)
     if strong:
@@ -149,7 +151,7 @@ def _along(frame: Frame, x: Array, core: Core) -> list[Array]:
         else:
             point[cs] = np.clip(guess[m:-1], frame.low[cs], frame.high[cs])
         A = polynomial(guess[: core.n_y])
-        alone = [replace(r, y=r.y - lfilter([1.0], A, e)) for r, e in zip(records, added, strict=True)]
+        alone = [replace(r, y=r.y - filtered(A, e)) for r, e in zip(records, added, strict=True)]
         points += _placed(frame, point, core, alone, np.append(guess[:m], guess[-1]))
     return points
 
