@@ -7,6 +7,7 @@ with it, and laws are derived through it. Its derivative is SymPy's own, and con
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import sympy as sp
@@ -103,6 +104,7 @@ def _extreme(name: str, cls: Any, compares: str, definition: Any) -> Elementary:
     )  # fmt: skip
 
 
+@lru_cache(maxsize=1024)
 def within(x: Any, low: Any, high: Any) -> Any:
     """Return x held between two limits."""
     return sp.Max(low, sp.Min(high, x))

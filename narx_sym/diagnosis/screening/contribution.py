@@ -26,8 +26,7 @@ def _reading(form: Form, parameters: tuple[Any, ...]) -> tuple[Recursion, Compil
         *((o[k], e) for o, e in zip(outputs, form.z, strict=True)),
     )
     read = Recursion(updates, parameters)
-    # What has no memory needs no loop.
-    return read, compile(read, "native" if form.states else "numpy"), [o.name for o in outputs]
+    return read, compile(read), [o.name for o in outputs]
 
 
 def contribution(form: Form, values: Mapping[Any, float], seen: Mapping[str, Array]) -> Array:

@@ -144,12 +144,12 @@ class Effect:
 
         Shape parameters are real symbols of their own names unless `values` says otherwise.
         """
-        return _equations(self, Ts, tuple(values.items()))
+        return _equations(self, Ts if "Ts" in self.arguments else None, tuple(values.items()))
 
     def _written(self, Ts: Any, values: dict[str, Any]) -> Form:
         given: dict[str, Any] = {name: signal(name) for name in SEQUENCES}
         # The sampling time enters as a number of few digits: equations stay readable.
-        given["Ts"] = Ts if isinstance(Ts, sp.Basic) else sp.Float(f"{Ts:.9g}")
+        given["Ts"] = Ts if Ts is None or isinstance(Ts, sp.Basic) else sp.Float(f"{Ts:.9g}")
         given |= {p: sp.Symbol(p, positive=True) for p in self.shape} | values
         made = self.function(**{name: given[name] for name in self.arguments})
         if isinstance(made, Form):
