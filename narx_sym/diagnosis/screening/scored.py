@@ -20,8 +20,8 @@ from .directions import Direction, Linearised
 from .products import Left
 
 Array = np.ndarray
-TRIED = 10  # effects that are looked at closer, of all that might be half of a pair, or its other half
-FORMS_TRIED, HALF = 2, 0.5  # forms of each that explain half of its best
+TRIED = 10  # effects that are fitted, of all: by what their directions explain, half as many by likelihood
+FORMS_TRIED, HALF = 2, 0.5  # forms of each beside another effect, that explain half of its best
 
 
 @dataclass
@@ -113,7 +113,8 @@ def shortlist(scored: Scored, family: str) -> dict[Variant, list[tuple[float, ..
         for variant in sorted(best, key=lambda v: -best[v][measure]):
             if best[variant][measure] > 0:
                 by_id.setdefault(variant.id, []).append(variant)
-        for listed in list(by_id.values())[:effects]:
+        names = list(dict.fromkeys(name.partition(":")[0] for name in by_id))[:effects]
+        for listed in (of for name, of in by_id.items() if name.partition(":")[0] in names):
             least = HALF * best[listed[0]][measure]
             picked += [v for v in listed[:forms] if v not in picked and best[v][measure] >= least]
     return {v: sorted(shapes[v], key=lambda s: -shapes[v][s]) for v in picked}

@@ -44,6 +44,10 @@ class Core:
         """Whether its orders are no smaller than those of another."""
         return self.n_y >= other.n_y and self.n_u >= other.n_u
 
+    def next_to(self, other: Core) -> bool:
+        """Whether one order apart at most is another core of the same kind."""
+        return self.given == other.given and abs(self.n_y - other.n_y) + abs(self.n_u - other.n_u) <= 1
+
     @property
     def remembers(self) -> bool:
         """Whether it takes more than the input at one instant."""

@@ -21,7 +21,7 @@ from ...models.model import Model
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted
 from ..screening.directions import Linearised
-from ..screening.scored import TRIED, Scored, linearised, screen, shortlist
+from ..screening.scored import TRIED, Scored, screen, shortlist
 from .finer import Finer, idle, settled, settles
 from .hypotheses import Core, family_of, ways, written
 from .row import Row, leading, so_far
@@ -29,7 +29,8 @@ from .search import Search
 from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, price, removes, rivals, verdict
 
 SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
-PARTNERS, TOGETHER = 2, 5  # of the effects looked at closer, how many may be half of a pair, and are tried with each
+TOGETHER = 6  # effects that are fitted closer, of all that were looked at
+PARTNERS = 2  # of them, how many may be half of a pair
 
 
 class Table:
@@ -153,14 +154,18 @@ class Table:
             at = base if base in bases else next(filter(self.settles, sorted(bases, key=lambda r: r.price)), None)
             if at is None:
                 continue
-            line = linearised(self.fitted(at))
+            scored = self.screened(at)
             taken = {(v.id, v.where) for v in base.hypothesis.effects}  # elsewhere the same effect may act again
             largest = max((r.hypothesis for r in bases), key=lambda h: (h.core.n_y, h.core.n_u))
             listed = ways(written(largest, self.search.given), given, self.channels, self.catalogue)
-            tried = [v for v in listed if (v.id, v.where) not in taken and self._may_show(v)]
+            worth = shortlist(scored, "given" if given else self.search.family)
+            # Where they act, and in which form, a direction does not tell; nor of what has none at this core.
+            ids = {v.id for v in worth} | ({v.id for v in listed} - {d.variant.id for d in scored.directions})
+            new = [v for v in listed if v.id in ids and (v.id, v.where) not in taken and self._may_show(v)]
+            tried = {v: worth.get(v) or scored.line.grid(v) for v in new}
             tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
             starts = self.every_core(bases) + ([] if given or base.ids else self.search.withheld)
-            self._fit(starts, {v: line.grid(v) for v in tried}, line, tell, base.price)
+            self._fit(starts, tried, scored.line, tell, base.price)
 
     def asked(
         self, few: Catalogue, bases: list[Row], best: Row, said: str, worth: float, base: Row, first: Row | None = None
@@ -224,12 +229,12 @@ class Table:
         self, bases: Sequence[Row], shapes: Mapping[Variant, Any], line: Linearised, tell: Callable[[int, int], None],
         worth: float, first: Row | None = None,
     ) -> None:  # fmt: skip
-        """Look at effects beside rows; fit each form in its best place with every core, the best core to the end.
+        """Look at effects beside rows, closer at the best few: each form in its best place, its best core to the end.
 
-        All effects, but beside the `first` one of a pair only a few; judged is what may cost less than `worth`.
+        Judged is what may cost less than `worth`; `first` is the effect that stands, of a pair.
         """
-        search, looks, most = self.search, [], TOGETHER if first is not None else None
-        count = len(shapes) + min(len({v.id for v in shapes}), most or len(shapes))
+        search, looks = self.search, []
+        count = len(shapes) + min(len({v.id for v in shapes}), TOGETHER)
         for done, (variant, points) in enumerate(shapes.items()):
             tell(done, count)
             search.limits[variant] = line.ranges(variant)
@@ -239,7 +244,7 @@ class Table:
         for rows in sorted(filter(None, looks), key=leading):
             added = rows[0].hypothesis.effects[-1]
             places.setdefault(added.id, {}).setdefault(added.effect.form, []).append(rows)
-        chosen = [list(forms.values()) for forms in places.values()][:most]
+        chosen = [list(forms.values()) for forms in places.values()][:TOGETHER]
         kept = [rows for forms in chosen for form in forms for rows in form]
         for rows in looks:
             if rows and rows not in kept:

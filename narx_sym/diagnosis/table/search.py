@@ -25,7 +25,7 @@ from .verdict import price
 
 Array = np.ndarray
 HIGHER = (5, 7, 9, 11)  # orders of further cores, tried in turn
-LOOKS = 4  # shapes from which a fit is begun
+LOOKS = 3  # shapes from which a fit is begun
 SHORT, CLOSER = 3, 16  # steps of a look, and beside every core: after 8 some still fell far, and another was taken
 BRIEF = 1e-3  # relative gain of a step at which a brief fit ends: a hundredth of what a parameter must buy
 FULL = 1.1  # a full effect with the uncertainty of its coefficient
@@ -286,28 +286,60 @@ class Search:
     def look(
         self, bases: Sequence[Row], variant: Variant, shapes: Sequence[Sequence[float]], best: Row | None = None
     ) -> list[Row]:
-        """Fit an effect briefly over a grid of shapes: beside the smallest, the best or a middle, the richest base."""
+        """Fit an effect briefly: the first shape beside the smallest, the best or a middle, and the richest base.
+
+        Others, spread over the list, beside that of the three where the first one was cheapest.
+        """
+        if not shapes:
+            return []
         listed = sorted(bases, key=lambda r: r.parameters)
         few = {id(r): r for r in (listed[0], best or listed[len(listed) // 2], listed[-1])}
-        spread = sorted({round(i * (len(shapes) - 1) / (LOOKS - 1)) for i in range(LOOKS)}) if shapes else []
-        found = [self._beside(base, variant, shapes[i], SHORT) for base in few.values() for i in spread]
-        return self._cheapest(r for r in found if r is not None)
+        looks = [(self._beside(base, variant, shapes[0], SHORT, brief=True), base) for base in few.values()]
+        found = [(row, base) for row, base in looks if row is not None]
+        at = min(found, key=lambda one: one[0].before_judged)[1] if found else listed[-1]
+        spread = {round(i * (len(shapes) - 1) / (LOOKS - 1)) for i in range(1, LOOKS)} - {0}
+        more = [self._beside(at, variant, shapes[i], SHORT, brief=True) for i in sorted(spread)]
+        return self._cheapest([*(row for row, _ in found), *(row for row in more if row is not None)])
 
     def one_more(self, bases: Sequence[Row], looks: Sequence[Row]) -> list[Row]:
-        """Fit an effect beside every base from the best shapes of `look`: the best of each core, cheapest first."""
+        """Fit an effect closer from the best shapes of `look`, then beside neighbouring cores while that is cheaper.
+
+        Returns
+        -------
+        list of Row
+            The best of each core, cheapest first.
+        """
         variant = looks[0].hypothesis.effects[-1]
         shapes = list(dict.fromkeys(r.shape for r in looks))[:2]
-        found = [self._beside(base, variant, shape, CLOSER) for base in bases for shape in shapes]
         by_core: dict[Core, Row] = {}
-        for row in self._cheapest([*(r for r in found if r is not None), *looks]):
-            by_core.setdefault(row.hypothesis.core, row)
-        return list(by_core.values())
+        for row in looks:
+            by_core.setdefault(row.size, row)
+        tried, at = set[Core](), looks[0].size
+        while True:
+            near = [b for b in bases if b.size not in tried and at.next_to(b.size)]
+            if not near:
+                break
+            tried |= {b.size for b in near}
+            found = [self._beside(base, variant, shape, CLOSER) for base in near for shape in shapes]
+            for row in self._cheapest([*(r for r in found if r is not None), *by_core.values()]):
+                if row.size not in by_core or row.before_judged < by_core[row.size].before_judged:
+                    by_core[row.size] = row
+            best = self._cheapest(by_core.values())[0].size
+            if best == at:
+                break
+            at = best
+        return self._cheapest(by_core.values())
 
     def _cheapest(self, rows: Iterable[Row]) -> list[Row]:
         return sorted(rows, key=lambda r: r.before_judged)
 
-    def _beside(self, base: Row, variant: Variant, shape: Sequence[float], steps: int) -> Row | None:
-        """Fit an effect beside what a row has, from one shape; None also where it would be another one there."""
+    def _beside(
+        self, base: Row, variant: Variant, shape: Sequence[float], steps: int, brief: bool = False
+    ) -> Row | None:
+        """Fit an effect beside what a row has, from one shape; None also where it would be another one there.
+
+        A `brief` fit begins where it begins best, another one also where the base stands.
+        """
         core = base.hypothesis.core
         if not core.given and not variant.beside(core.n_y):
             return None
@@ -315,7 +347,7 @@ class Search:
             return None
         hypothesis = replace(base.hypothesis, effects=(*base.hypothesis.effects, variant))
         frame = self.frame(hypothesis.effects, core.given)
-        starts = beginnings(frame, base, shape)
+        starts = beginnings(frame, base, shape)[-1 if brief else 0 :]
         found = [self.fitted(hypothesis, start, steps, gain=BRIEF) for start in starts]
         row = min((r for r in found if r is not None), key=lambda r: r.fitted, default=None)
         if row is not None:
