@@ -13,7 +13,7 @@ from sympy import Eq, S
 
 from ..data.evidence.dead_time import PLAIN, dead_time
 from ..data.evidence.rate import at_one_step
-from ..data.evidence.roles import acting
+from ..data.evidence.roles import INPUT, acting
 from ..data.evidence.several import moving, rests
 from ..data.record import Record, check_excitation
 from ..data.units import in_units
@@ -40,6 +40,7 @@ BASES = ("narx", "linear", "static", "play", "bouc-wen", "auto")
 OPEN = ("linear", "static")  # a diagnosis chooses their orders again
 HELD_OUT = 0.3
 CANCELS, CALM = 5.0, 2.0
+LONGEST = 200  # dead time of a further input that is looked for [samples]
 FEWEST = 20  # samples; below this a structure cannot be told from chance
 
 
@@ -135,7 +136,8 @@ def identify(  # noqa: PLR0913
     check_method(method)
     whole(n_y=n_y, n_u=n_u, degree=degree, delay=delay)
     listed = prepare(records)
-    own = _own_channels(base, listed, lags)
+    inputs = [n for n in listed[0].channels if base == "linear" and all(r.roles.get(n) == INPUT for r in listed)]
+    own = _own_channels(base, listed, lags, inputs)
     origin = operating_point(listed) if point == "auto" else around(point)
     if base not in BASES:
         raise ModelError(f"Unknown base {base!r}; there are {', '.join(BASES)}.")
@@ -166,18 +168,53 @@ def identify(  # noqa: PLR0913
             model = _selected(model, stable_law=stable_law(model, listed))
         return judged(model, listed)
     if base == "linear":
+        if inputs := [name for name in inputs if name not in own]:
+            found = _input_lags(["u", *inputs], listed)
+            own |= {name: found[name] for name in inputs}
+            delays = delays if delay is not None else range(max(0, found["u"][0] - 1), found["u"][0] + 2)
         return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)
     if base in ("play", "bouc-wen"):
         return _remembering(base, listed, origin, delays, {"plays": plays, "knots": knots, "creep": creep}, own)
     return _static(listed, origin, degree, delays[0], own, method, for_compensation)
 
 
-def _own_channels(base: str, records: list[Record], lags: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the lags of the channels that take part; warn about one that does not."""
+def _input_lags(names: Sequence[str], records: list[Record]) -> dict[str, range]:
+    """Return two lags of each of several inputs: from the dead time on with which least is left one step ahead.
+
+    Of one after the other, twice, beside those of the others and two older outputs: of two inputs with a pole each
+    there is one denominator of second order, and numerators of two lags.
+    """
+    parts = [s for r in records for s in r.segments()]
+    most = min(LONGEST, min(map(len, parts)) // 4)
+    found = {names[0]: range(PLAIN)}
+
+    def columns(part: Record, name: str, lags: range) -> list[Array]:
+        x = part.u if name == "u" else part.channels[name]
+        return [np.roll(x, i)[most + 1 :] for i in lags]
+
+    for name in [*names[1:], *names]:
+        others = {n: lags for n, lags in found.items() if n != name}
+        beside = [[c for n, lags in others.items() for c in columns(s, n, lags)] for s in parts]
+        older = [[np.roll(s.y, i)[most + 1 :] for i in range(3)] for s in parts]
+        blocks = [np.column_stack([*a, np.ones(a[0].size), *b]) for a, b in zip(older, beside, strict=True)]
+        fixed, left = np.concatenate(blocks), []
+        for d in range(most):
+            own = np.concatenate([np.column_stack(columns(s, name, range(d, d + 2))) for s in parts])
+            X = np.column_stack([fixed[:, 1:], own])
+            left.append(float(np.sum((fixed[:, 0] - X @ np.linalg.lstsq(X, fixed[:, 0], rcond=None)[0]) ** 2)))
+        first = int(np.argmin(left))
+        found[name] = range(first, first + 2)
+    return found
+
+
+def _own_channels(
+    base: str, records: list[Record], lags: Mapping[str, Any] | None, inputs: Sequence[str]
+) -> dict[str, Any]:
+    """Return the lags of the channels that take part; warn about one that does not, and is no further input."""
     if not isinstance(lags or {}, Mapping):
         raise ModelError('lags must be a mapping of names to the largest lags, such as {"temp": 1}.')
     own = {name: wanted for name, wanted in (lags or {}).items() if name not in ("u", "y", "phi1", "phi2")}
-    left_out = [name for r in records for name in acting(r) if name not in own]
+    left_out = [name for r in records for name in acting(r) if name not in own and name not in inputs]
     if left_out:
         warnings.warn(
             f"The {base} base uses the input, the output and the channels in `lags` only; the channel {left_out[0]!r} "

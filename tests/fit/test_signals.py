@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from sampling import some
 
 import narx_sym as ns
 from narx_sym.errors import ModelError
@@ -88,3 +89,21 @@ def test_the_law_reads_the_other_signal(driven, tmp_path):
         (tmp_path / "law.c").write_text(law.to_c())
         subprocess.run([gcc, tmp_path / "law.c", "-DLAW_SELF_TEST", "-o", tmp_path / "law", "-lm"], check=True)
         subprocess.run([tmp_path / "law"], check=True)
+
+
+@pytest.mark.parametrize("seed", some(range(40), every=10))
+def test_a_second_input_has_its_own_pole_and_dead_time(seed):
+    """Two lags side by side, each with its own dead time: what is left is the noise."""
+    rng = np.random.default_rng(seed)
+    n, poles, dead = 1500, rng.uniform((0.6, 0.85), (0.9, 0.97)), rng.integers((0, 0), (4, 40))
+    levels = rng.uniform(-1, 1, (2, n // 25))
+    signals, out = [np.repeat(x, 25) + 0.3 * rng.standard_normal(n) for x in levels], np.zeros(n)
+    for x, pole, d in zip(signals, poles, dead, strict=True):
+        part = np.zeros(n)
+        for i in range(1 + d, n):
+            part[i] = pole * part[i - 1] + (1 - pole) * x[i - 1 - d]
+        out += part
+    noise = 0.005 * np.std(out)
+    seen = ns.Record.from_arrays(signals[0], out + noise * rng.standard_normal(n), Ts=TS, channels={"u2": signals[1]})
+    assert seen.roles == {"u2": "input"}
+    assert ns.evaluate(ns.identify(seen, base="linear"), seen).free_run_rms < 1.1 * noise

@@ -20,6 +20,7 @@ ACTING = (INPUT, DISTURBANCE)  # what may act on the machine beside its input
 ROLES = (SETPOINT, INPUT, DERIVATIVE, INTEGRAL, DISTURBANCE, IGNORE, *COPIES)
 SETPOINTS = {"setpoint", "sp", "sv", "ref", "reference", "command", "cmd", "target", "demand", "desired", "goal"}
 RATES = {"velocity", "vel", "speed", "rate", "dot", "dy", "dydt"}
+FURTHER = re.compile(r"(u|in|input|mv)_?[2-9]", re.IGNORECASE)
 PART = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 ROUNDING = 1e-9  # of a number, after a few additions
 SINGLE = 1.2e-7  # step of single precision
@@ -68,6 +69,8 @@ def found_role(name: str, x: Array, u: Array, y: Array, units: Mapping[str, str]
                 return role, f"is the {words}, as its numbers show"
     if is_setpoint(name):
         return SETPOINT, "is taken for the setpoint of a controller that made the input, by its name"
+    if FURTHER.fullmatch(name):
+        return INPUT, "is taken for a further input of the machine, by its name"
     rate = not RATES.isdisjoint(map(str.lower, PART.findall(name))) or _rate_unit(units.get(name), units.get("y"))
     if enough and rate and _integrates(x, y):
         return DERIVATIVE, "is taken for the derivative of the output, by its name or unit and its integral"
@@ -158,9 +161,8 @@ def column_roles(
             roles[name], why = found_role(name, x[rows], u[rows], y[rows], units)
             if why:
                 then = "where none did, tell the diagnosis (--open-loop), or" if roles[name] == SETPOINT else "else"
-                told.append(
-                    f"{GUESS.format(name)} {why}, and takes no part; {then} say so: --role {name}={DISTURBANCE}"
-                )
+                part = "a linear base has it, with lags of its own" if roles[name] == INPUT else "takes no part"
+                told.append(f"{GUESS.format(name)} {why}, and {part}; {then} say so: --role {name}={DISTURBANCE}")
     return roles, told
 
 
