@@ -17,6 +17,7 @@ ROUNDING = 16 * 2.2e-16  # of the sizes that are added up: a gap below it is non
 FIRST, WIDER = 1e-3, 3.0  # the cells around the last value, and how much wider each next one is
 PARTS, ROUNDS, MANY = 4, 40, 20_000  # of a cell that is divided, and how often; cells at most
 NARROW = 1e-12  # relative: a cell that is not divided any more
+EVEN = 1e-7  # relative: distances to two roots that differ less are even; where the gap is least is known no better
 TOUCHES = 1e-9  # of a cell: a kink this near to its end lies at the end
 
 
@@ -248,7 +249,7 @@ NAMES = {
 
 
 def nearest(gap: Callable[[Any], Any], last: float, low: float, high: float, size: float, *kinks: float) -> float:
-    """Return the root nearest to the last value, or else where the gap is least.
+    """Return the root nearest to the last value, or else where the gap is least; of two at even distances the higher.
 
     Parameters
     ----------
@@ -277,7 +278,7 @@ def _search(
     """Divide the cells until each is decided; the nearest first."""
     at = (a + b) / 2  # a cell never leaves its side of the kinks
     for _ in range(ROUNDS):
-        reach = math.inf if best is None else abs(best - start)
+        reach = math.inf if best is None else abs(best - start) * (1 + EVEN)
         near = np.maximum(np.maximum(a - start, start - b), 0.0)
         span = gap(Span(at, a, b, np.ones_like(a), np.ones_like(a)))
         lo, hi, dlo, dhi = (
@@ -288,8 +289,12 @@ def _search(
         decided = (dlo > 0) | (dhi < 0) | (b - a <= NARROW * (1e-3 + np.abs(a) + np.abs(b)))
         for i in sorted(np.flatnonzero(alive & decided), key=lambda i: near[i]):
             if near[i] < reach and (x := _in_cell(gap, a[i], b[i], at[i], start, none)) is not None:
-                if abs(x - start) < reach:
-                    best, reach = x, abs(x - start)
+                if (
+                    best is None
+                    or abs(x - start) < abs(best - start) * (1 - EVEN)
+                    or (x > best and abs(x - start) < reach)
+                ):
+                    best, reach = x, abs(x - start) * (1 + EVEN)
         kept = alive & ~decided & (near < reach)
         if not kept.any() or kept.sum() > MANY:
             return best

@@ -16,7 +16,7 @@ from .kinks import solve_kinked
 from .nodes import solve_nodes
 from .plays import solve_plays
 from .shape import places, steepness
-from .solution import Branch, Root, Solution, number, summed
+from .solution import STILL, Branch, Root, Solution, number, summed
 
 FAR, EVERYWHERE = 1e9, 1e300  # where a search for roots ends, and one for a root that is proved to be there
 SEARCHED = (*KINKED, sp.tanh, sp.atan, sp.exp, sp.log, sp.sin, sp.cos)  # functions whose bounds are known
@@ -119,12 +119,11 @@ def _quadratic(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: dic
     if a.has(w) or not G.is_polynomial(w) or number(a, values) == 0:
         return None
     b, gap = derivative(G, w).xreplace({w: sp.S.Zero}), target - G.xreplace({w: sp.S.Zero})
-    size = number(a, values)
-    if size is not None:  # beyond the vertex nothing is reached
-        gap = (sp.Max if size > 0 else sp.Min)(gap, -(b**2) / (4 * a))
-    root = sp.sqrt(sp.Max(0, b**2 + 4 * a * gap))
-    last = made["last"]
-    upper = 2 * a * last + b >= 0  # where the slope is positive: 2 a w + b = root
+    size, last, square = number(a, values), made["last"], b**2 + 4 * a * gap
+    # A double root is known to the root of the rounding only: so near to the vertex no last digit chooses a side.
+    rounding = STILL * (summed(b) ** 2 + 4 * sp.Abs(a) * summed(gap))
+    root = sp.sqrt(sp.Max(0, square))
+    upper = 2 * a * last + b >= -sp.sqrt(rounding)  # where the slope is positive: 2 a w + b = root
     # Two ways to write the same value; each is exact where the other one cancels.
     cases = (
         (upper, b > 0, 2 * gap / (b + root)),
@@ -134,16 +133,21 @@ def _quadratic(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: dic
     )
     decided = {c: sp.true if _holds(c, values) else sp.false for _, c, _ in cases if _holds(c, values) is not None}
     form = made["expr"]
-    listed = [Branch(sp.And(side, decided.get(c, c)), solution, form) for side, c, solution in cases]
+    listed = [
+        Branch(square <= rounding, -b / (2 * a)),  # beyond the vertex nothing is reached
+        *(Branch(sp.And(side, decided.get(c, c)), solution, form) for side, c, solution in cases),
+    ]
     if size is None:  # a coefficient that samples turn: it may be zero, and which targets are reached hangs on its sign
-        away, off = Branch(b**2 + 4 * a * gap < 0, -b / (2 * a)), Branch(sp.And(sp.Eq(a, 0), sp.Eq(b, 0)), last)
-        listed = [away, off, *listed]
+        listed.insert(0, Branch(sp.And(sp.Eq(a, 0), sp.Eq(b, 0)), last))
     branches = tuple(x for x in listed if x.condition != sp.false)
     vertex = G.xreplace({w: -b / (2 * a)})
     reach = (-sp.oo, sp.oo)
     if size is not None:
         reach = (vertex, sp.oo) if size > 0 else (-sp.oo, vertex)
-    note = f"of two roots the one nearest to {text(last)}, which is on its side of the vertex"
+    note = (
+        f"of two roots the one nearest to {text(last)}, which is on its side of the vertex; from the vertex the one "
+        f"where {text(target)} rises with {text(made['unknown'])}"
+    )
     return Solution(how="quadratic", branches=branches, reach=reach, notes=(note,), **made)
 
 

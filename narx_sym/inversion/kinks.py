@@ -20,7 +20,7 @@ from ..symbolic.identities import added
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from .shape import DIGITS, FLAT, Piece, Undecided, at_point, breaks_of, keeps_sign, ordered, pieces_of, smooth_part
-from .solution import ROUNDED, Branch, Solution, apart, number, tidy
+from .solution import ROUNDED, Branch, Solution, apart, number, summed, tidy
 
 # A flat piece reaches one target only: rounding, or this part of what a piece of its width beside it reaches, does not
 # make the unknown jump over it.
@@ -80,9 +80,10 @@ def _upwards(known: Sequence[Piece]) -> float:
 def _joined(chain: _Chain, G: Any, kept: Sequence[Piece], flip: int) -> Solution:
     """Return the solution that a chain of pieces makes, with the direction that they have at rest."""
     w, values = chain.w, chain.values
-    branches, notes, found = chain.solved(kept)
+    branches, notes, level, found = chain.solved(kept)
     reach = [end if at is None else at for at, end in zip(found[::flip], (-sp.oo, sp.oo), strict=True)]
     alone, said = chain.resting(G)
+    ends, flat = chain.flat_ends(kept)
     # A curve may begin flat at a kink: it still rises beyond.
     slopes = [s for p in kept if p.size is None for s in p.slopes(w) if not (s == 0 and p.curve != 0)]
     needs = dict.fromkeys(sp.Gt(flip * s, 0) for s in slopes if not (number(s, values) or 0.0) * flip > 0)
@@ -101,8 +102,8 @@ def _joined(chain: _Chain, G: Any, kept: Sequence[Piece], flip: int) -> Solution
     if any(p.size and p.flat(chain.steepest) and not p.flat(chain.steepest, DIGITS) for p in chain.pieces):
         said.append(f"a slope of less than {FLAT:.0e} of what is added up in it counts as flat")
     return Solution(
-        how="branches", branches=(*alone, *branches), reach=tuple(reach), needs=tuple(needs),
-        notes=tuple(dict.fromkeys([*notes, *said])), **chain.made,
+        how="branches", branches=(*alone, *ends, *branches), reach=tuple(reach), needs=tuple(needs),
+        notes=tuple(dict.fromkeys([*notes, *said])), flat=(*level, *flat), **chain.made,
     )  # fmt: skip
 
 
@@ -137,24 +138,59 @@ class _Chain:
         solution = piece.solve(self.target, self.w, self.flip)
         return Branch(condition, solution, piece.expr.xreplace({self.w: self.made["unknown"]}))
 
-    def solved(self, kept: Sequence[Piece]) -> tuple[list[Branch], list[str], list[Any]]:
-        """Return the branches in order, what is chosen where there is a choice, and what is reached."""
+    def solved(self, kept: Sequence[Piece]) -> tuple[list[Branch], list[str], list[str], list[Any]]:
+        """Return the branches in order, what is chosen where there is a choice, what is flat, and what is reached."""
         branches: list[Branch] = []
         notes: list[str] = []
+        level: list[str] = []
         reach: list[Any] = [None, None]
         if kept[0].left is not None:  # nothing lies below
             reach[0] = self.level(kept[0], kept[0].left)
             branches.append(Branch(self.T < self.edge(kept[0], kept[0].left), kept[0].left))
         for lower, upper in pairwise(kept):
-            more, said = self.joint(lower, upper)
-            branches, notes = [*branches, *more], [*notes, *said]
+            more, said, flat = self.joint(lower, upper)
+            branches, notes, level = [*branches, *more], [*notes, *said], [*level, *flat]
         if kept[-1].right is None:
             branches.append(self.branch(sp.true, kept[-1]))
         else:
             reach[1] = self.level(kept[-1], kept[-1].right)
             top = self.edge(kept[-1], kept[-1].right)
             branches += [self.branch(self.T <= top, kept[-1]), Branch(sp.true, kept[-1].right)]
-        return branches, notes, reach
+        return branches, notes, level, reach
+
+    def flat_ends(self, kept: Sequence[Piece]) -> tuple[list[Branch], tuple[str, ...]]:
+        """Return the branches of flat pieces at the ends of the chain, and which targets they give for many values.
+
+        Such a target, and what lies beyond it, takes the value on the piece that is nearest to the last one.
+        """
+        branches, said = [], []
+        last = self.made["last"]
+        for piece, at, side in ((kept[0], kept[0].left, -1), (kept[-1], kept[-1].right, 1)):
+            flat = self.plateau(piece, at, side)
+            if flat is None:
+                continue
+            level, away = self.level(piece, at), flat.left if side < 0 else flat.right
+            if away is None:
+                nearest = sp.Min(last, at) if side < 0 else sp.Max(last, at)
+                where = f"up to {text(at)}" if side < 0 else f"from {text(at)} on"
+            else:
+                low, high = (away, at) if side < 0 else (at, away)
+                nearest, where = within(last, low, high), f"from {text(low)} to {text(high)}"
+            band = DEAD_BAND * summed(self.target - level)
+            gap = self.T - self.edge(piece, at)
+            branches.append(Branch(gap <= band if side < 0 else gap >= -band, nearest))
+            said.append(self.given(where, level))
+        return branches, tuple(said)
+
+    def plateau(self, piece: Piece, at: Any, side: int) -> Piece | None:
+        """Return the last of the flat pieces that go on outwards from an end of the chain, on its level."""
+        found, places = None, [*self.pieces] if side > 0 else [*self.pieces][::-1]
+        for one in places[places.index(piece) + 1 :] if at is not None else ():
+            near = one.left if side > 0 else one.right
+            if not one.flat(self.steepest) or apart(self.level(one, near), self.level(piece, at), self.values) != 0:
+                break
+            found = one
+        return found
 
     def resting(self, G: Any) -> tuple[list[Branch], list[str]]:
         """Return what holds at the jumps of a sign: it is zero there itself, so that what rests goes on resting.
@@ -179,7 +215,7 @@ class _Chain:
             found.append(Branch(sp.Abs(self.target - here) <= DEAD_BAND * size, at))
         return found, notes
 
-    def joint(self, lower: Piece, upper: Piece) -> tuple[list[Branch], list[str]]:
+    def joint(self, lower: Piece, upper: Piece) -> tuple[list[Branch], list[str], list[str]]:
         """Return the branches up to the second of two neighbours: they meet, or a flat piece or a jump is between."""
         T, last, a, b = self.T, self.made["last"], lower.right, upper.left
         top, bottom = self.edge(lower, a), self.edge(upper, b)
@@ -187,21 +223,26 @@ class _Chain:
         flat = jump is not None and abs(jump) <= self.slack(lower, upper)
         between = a if a == b else within(last, a, b)
         if a == b and flat:
-            return [self.branch(T < top, lower)], []
+            return [self.branch(T < top, lower)], [], []
         if flat:
             band = DEAD_BAND * (b - a) * sp.Abs(upper.rise(self.w))
-            said = f"where it is flat {text(self.made['unknown'])} stays as near as it can to its last value"
-            return [self.branch(T - top < -band, lower), Branch(T - bottom <= band, between)], [said]
+            said = self.given(f"from {text(a)} to {text(b)}", self.level(lower, a))
+            return [self.branch(T - top < -band, lower), Branch(T - bottom <= band, between)], [], [said]
         size = None if jump is None or self.flip not in (1, -1) else self.flip * jump
         nearer, after, notes = sp.true, [], []
         if size is None or size < 0:  # both sides reach some targets
             down, up = (piece.solve(self.target, self.w, self.flip) for piece in (lower, upper))
-            nearer = sp.Or(T < bottom, (down - last) ** 2 <= (up - last) ** 2)
+            # At even distances rounding does not choose: the one below is taken.
+            nearer = sp.Or(T < bottom, (down - last) ** 2 <= (1 + DEAD_BAND) * (up - last) ** 2)
             notes.append(f"two solutions while {text(bottom)} <= {text(T)} <= {text(top)}: the nearer one is taken")
         if size is None or size > 0:  # neither side does
             after.append(Branch(T < bottom, between))
             notes.append(f"no solution while {text(top)} < {text(T)} < {text(bottom)}: it stays at the jump")
-        return [self.branch(sp.And(T <= top, nearer), lower), *after], notes
+        return [self.branch(sp.And(T <= top, nearer), lower), *after], notes, []
+
+    def given(self, where: str, level: Any) -> str:
+        """Say that a flat piece gives one target."""
+        return f"every {text(self.made['unknown'])} {where} gives {text(self.target)} = {text(level)}"
 
     def slack(self, lower: Piece, upper: Piece) -> float:
         """Return by how much the flat pieces between two others may rise, or fall."""

@@ -99,7 +99,7 @@ def solve_nodes(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: di
     above = best("above", end, lambda p, low, high, kept: sp.And(low >= T, p < kept))
     bottom, top = level("bottom", -1, first), level("top", 1, end)
     lower, upper = level("lower", 1, below), level("upper", -1, above)
-    outside = _outside(ends, slopes, (first, end), target, w, values)
+    outside, limited = _outside(ends, slopes, (first, end), target, made["last"], w, values)
     branches = (
         *([resting(**made)] if any(jumps) or flat else []),
         Branch(T < bottom, outside[0]),
@@ -110,21 +110,33 @@ def solve_nodes(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: di
     )
     held = text(made["unknown"])
     notes = [f"no {held} within a jump of the sign: it stays at the jump"] if any(jumps) else []
-    if flat:
-        notes.append(f"where it is flat {held} stays as near as it can to its last value")
-    return Solution(how="nodes", branches=branches, steps=tuple(steps), notes=tuple(notes), **made)
+    if limited:
+        notes.append("an end is flat: nothing is reached beyond its level")
+    several = (f"many {held} may give one {text(target)}, where it is flat",) if flat else ()
+    return Solution(how="nodes", branches=branches, steps=tuple(steps), notes=tuple(notes), flat=several, **made)
 
 
 def _outside(
-    ends: Sequence[Any], slopes: Sequence[Any], kinks: Sequence[Any], target: Any, w: Any, values: Mapping[Any, Any]
-) -> list[Any]:
-    """Return the solutions beyond the outermost kinks; where the end is flat nothing is reached there."""
+    ends: Sequence[Any],
+    slopes: Sequence[Any],
+    kinks: Sequence[Any],
+    target: Any,
+    last: Any,
+    w: Any,
+    values: Mapping[Any, Any],
+) -> tuple[list[Any], bool]:
+    """Return the solutions beyond the outermost kinks, and whether an end is flat: nothing is reached beyond it.
+
+    On a flat end it is the value nearest to the last one.
+    """
     sizes = [number(s, values) or 0.0 for s in slopes]
-    steepest, found = max(map(abs, sizes)), []
-    for end, slope, size, at in zip(ends, slopes, sizes, kinks, strict=True):
+    steepest, found, limited = max(map(abs, sizes)), [], False
+    for end, slope, size, at, inner in zip(ends, slopes, sizes, kinks, (sp.Min, sp.Max), strict=True):
         piece = Piece(end, slope, size, None, None, made_of=size_of(slope, values))
-        found.append(at if piece.flat(steepest) else piece.solve(target, w))
-    return found
+        flat = piece.flat(steepest)
+        found.append(inner(last, at) if flat else piece.solve(target, w))
+        limited |= flat
+    return found, limited
 
 
 def _rising(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) -> tuple[bool, list[float]] | None:

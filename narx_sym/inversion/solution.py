@@ -57,7 +57,8 @@ class Polynomial:
     to be chosen (arXiv 2011.12246, Nonlinear Dynamics 2021; read in its abstract, which does not say how it is chosen).
     Here the root nearest to the value before is taken: the input moves as little as it can, and stays on its side of a
     fold. The roots of a quadratic equation lie even to both sides of its vertex, so that the nearest one is the one on
-    the same side. Where no root is real, w goes where the polynomial is nearest to zero: to the vertex of a quadratic.
+    the same side. Where no root is real, w goes where the polynomial is nearest to zero: to the vertex of a quadratic,
+    from which it leaves to the side where the polynomial rises: both are as near.
 
     Attributes
     ----------
@@ -105,7 +106,9 @@ class Polynomial:
         said = f"of its {self.degree} roots the real one nearest to {text(self.last)}"
         if self.degree % 2:
             return said
-        least = "the vertex" if self.degree == 2 else "where it comes nearest to zero"
+        least = (
+            "the vertex, and from there the one where it rises" if self.degree == 2 else "where it is nearest to zero"
+        )
         return f"{said}; where none is real, {least}"
 
     @property
@@ -137,6 +140,8 @@ class Solution:
     reach : (lowest, highest) target that is reached, -oo and oo where there is no limit
     notes : texts
         What is chosen where there is a choice.
+    flat : texts
+        Which targets every value on a flat piece gives: the one nearest to `last` is taken.
     steep : float, optional
         The slope of `expr` is proved to be at least that, or at most minus that, for every value of the unknown.
     """
@@ -151,6 +156,7 @@ class Solution:
     needs: tuple[Any, ...] = ()
     reach: tuple[Any, Any] = (-sp.oo, sp.oo)
     notes: tuple[str, ...] = ()
+    flat: tuple[str, ...] = ()
     steep: float | None = None
 
     @property
@@ -190,6 +196,11 @@ class Solution:
     @property
     def proved(self) -> bool:
         """Whether there is exactly one solution for every target that `reach` and `needs` allow: by algebra."""
+        return self._alone and not self.flat
+
+    @property
+    def _alone(self) -> bool:
+        """Whether there is exactly one solution for each of those targets that no flat piece gives."""
         return self.steep is not None or (self.how in UNIQUE and not self.notes)
 
     @property
@@ -206,19 +217,21 @@ class Solution:
         elif self.how == "quadratic":
             sure = self.reach != (-sp.oo, sp.oo)
             said = f"two {x} for every {of}" if sure else f"none, one or two {x} for {of}, as its coefficients are then"
-        elif self.proved:
+        elif self._alone:
             where = f" where {' and '.join(map(text, self.needs))}" if self.needs else ""
             said = f"exactly one {x} for every {of}{where} (proved)"
         else:
             said = f"one {x} for every {of} is taken (not proved that it is the only one)"
         low, high = map(text, self.reach)
+        many = f", but {' and '.join(self.flat)}: the {x} nearest to {text(self.last)} is taken" if self.flat else ""
         if self.reach != (-sp.oo, sp.oo):
             ends = f"above {low}" if self.reach[1] == sp.oo else f"below {high}"
             only = (
-                "nothing else is reached" if self.proved or self.how == "quadratic" else "by the pieces that are used"
+                "nothing else is reached" if self._alone or self.how == "quadratic" else "by the pieces that are used"
             )
-            said += f" {ends if sp.oo in map(abs, self.reach) else f'from {low} to {high}'}; {only}"
-        return "; ".join([said, *self.notes])
+            said += f" {ends if sp.oo in map(abs, self.reach) else f'from {low} to {high}'}{many}; {only}"
+            many = ""
+        return "; ".join([f"{said}{many}", *self.notes])
 
 
 def resting(unknown: Any, target: Any, expr: Any, last: Any, beside: Any = sp.S.Zero) -> Branch:

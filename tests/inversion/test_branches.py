@@ -166,7 +166,7 @@ def test_a_curve_that_begins_flat_rises_or_falls_with_its_coefficient(sign, line
 def test_a_full_dead_zone_stays_and_a_full_play_jumps():
     full = dict(NUMBERS) | {c: 1.0}
     zone = solve(CASES["dead zone"], full)
-    assert any("stays as near as it can" in n for n in zone.notes) and "flat" in zone.proof
+    assert not zone.proved and "every m[k] from -width" in zone.proof and "nearest to m[k-1] is taken" in zone.proof
     for last, expected in ((0.1, 0.1), (0.9, 0.3), (-0.9, -0.3)):
         assert value_of(zone, full | {v[k]: 0.0, LAST: last}) == pytest.approx(expected)
         assert value_of(zone, full | {v[k]: 1e-13, LAST: last}) == pytest.approx(expected)  # rounding is no reason
@@ -191,7 +191,9 @@ def test_a_little_more_than_full_jumps_too():
 def test_a_saturation_says_what_it_reaches():
     full = dict(NUMBERS) | {c: 1.0}
     hard = solve(CASES["saturation"], full)
-    assert hard.reach == (-w, w) and "from -width to width; nothing else is reached" in hard.proof
+    assert hard.reach == (-w, w) and "from -width to width, but every m[k] up to -width gives" in hard.proof
+    assert "nothing else is reached" in hard.proof and not hard.proved
+    assert [value_of(hard, full | {v[k]: 0.3, LAST: x}) for x in (0.0, 0.3, 0.7)] == pytest.approx([0.3, 0.3, 0.7])
     assert [value_of(hard, full | {v[k]: x, LAST: 0.0}) for x in (-9, -0.1, 9)] == pytest.approx([-0.3, -0.1, 0.3])
     soft = solve(m[k] + c * (w * sp.tanh(m[k] / w) - m[k]), full)
     assert soft.how == "inverse function" and [float(x) for x in soft.reach] == pytest.approx([-0.3, 0.3])

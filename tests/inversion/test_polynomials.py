@@ -63,7 +63,11 @@ def test_the_nearest_real_root_is_taken_wherever_the_law_goes(degree):
         roots = roots.real[np.abs(roots.imag) < 1e-7]
         if roots.size:
             real += 1
-            assert run[i] == pytest.approx(roots[np.argmin(np.abs(roots - run[i - 1]))], abs=1e-6)
+            away = np.abs(
+                roots - run[i - 1]
+            )  # from a vertex two are as near: the higher one of this curve that opens up
+            nearest = max(roots[away < away.min() + 1e-6])
+            assert run[i] == pytest.approx(nearest, abs=1e-6)
     assert real > 60
 
 

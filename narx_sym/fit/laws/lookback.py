@@ -274,7 +274,8 @@ class Lookback:
             gap = gaps(self.law, stage, columns, self.target, at, points, depth)
             rests = np.abs(gap) <= INEXACT * np.abs(gap[:, OUTSIDE:-OUTSIDE]).max(axis=1, keepdims=True)
             more = [(row, last[row], 0.0) for row in np.flatnonzero((rests & (points == last[:, None])).any(axis=1))]
-            for row, cell in np.argwhere(crossings(gap)):
+            # Along a flat piece rounding has signs of its own.
+            for row, cell in np.argwhere(crossings(gap) & ~(rests[:, 1:] & rests[:, :-1])):
                 low, high = points[row, cell : cell + 2]
                 more.append((row, (low + high) / 2, high - low))
             for row, place, width in more:

@@ -1,0 +1,79 @@
+"""Flat pieces: every input on one gives the same output. The words say so, and the input nearest to the last one is taken.
+
+Random laws with rectifiers, saturations, dead zones and friction that slips follow what their models made.
+"""
+
+import numpy as np
+import pytest
+from sampling import some
+
+import narx_sym as ns
+from narx_sym.engines.compile import compile
+from narx_sym.errors import Diverged, Unreachable
+from narx_sym.fit.laws.driven import driven
+from narx_sym.models.extend import extend, variants
+
+N = 90
+SHAPES = {
+    "rectifier": lambda u, b: [(f"{u}", b), (f"abs({u})", b)],
+    "falling rectifier": lambda u, b: [(f"{u}", b), (f"abs({u})", -b)],
+    "saturation": lambda u, b: [(f"Max(Min({u}, 0.6), -0.4)", b)],
+    "dead zone": lambda u, b: [(f"{u}", b), (f"Max(Min({u}, 0.3), -0.3)", -b)],
+    "one stop": lambda u, b: [(f"Max({u} - 0.2, 0)", b)],
+}
+
+
+def drawn(seed):
+    """Return a model with a flat piece, tau_d from 1 to 4, older inputs and outputs, and perhaps friction that slips."""
+    rng = np.random.default_rng(seed)
+    tau, b = int(rng.integers(1, 5)), float(rng.uniform(0.3, 1.0) * rng.choice([-1, 1]))
+    terms = [("y[k-1]", rng.uniform(0.2, 0.8)), *SHAPES[list(SHAPES)[seed % len(SHAPES)]](f"u[k-{tau}]", b)]
+    terms += [(f"u[k-{tau + 1 + int(rng.integers(3))}]", b * rng.uniform(-0.7, 0.7))] * int(rng.integers(2))
+    model = ns.NARX.from_terms([t for t, _ in terms], [float(c) for _, c in terms], Ts=0.01)
+    if seed % 3 == 0:
+        plain = ns.NARX.from_terms(["y[k-1]", f"u[k-{tau}]"], [0.5, b], Ts=0.01)
+        slips = next(v for v in variants(plain, []) if str(v).startswith("coulomb_friction (elastic, at the output"))
+        model = extend(plain, slips).model
+        numbers = dict(zip(plain.symbols, plain.theta, strict=True))
+        model = model.replace(theta=[numbers.get(s, 0.3) for s in model.symbols])
+    u = 0.9 * np.sin(0.07 * np.arange(N) + rng.uniform(0, 6)) + 0.4 * np.sin(0.3 * np.arange(N))
+    return model, np.where(np.arange(N) < 8, 0.0, u)
+
+
+def attack(seed):
+    model, u = drawn(seed)
+    law = model.compensator()
+    flat = [s for s in law.staged.stages if s.flat]
+    assert flat and not any(s.proved for s in flat) and law.residual() == 0
+    for stage in flat:
+        assert "every" in stage.proof and f"nearest to {ns.symbolic.printing.text(stage.last)}" in stage.proof
+    y = model.simulate(u, 0.0, u0=0.0)
+    runs = [
+        driven(law, compile(law.limited(), engine), y, 0.0, {}, on_divergence="nan")["m"][:N]
+        for engine in ("native", "python")
+    ]
+    if np.abs(runs[0]).max() < 1e6:
+        assert np.abs(runs[0] - runs[1]).max() <= 1e-9 * max(1.0, np.abs(runs[0]).max())
+    try:
+        m = law.run(y, 0.0, share=None)
+    except Unreachable as error:  # the model made it
+        assert str(error).startswith("The law does not reach") and "a flat piece left a choice" in str(error)
+        return
+    except Diverged:
+        return
+    assert np.abs(model.simulate(m, 0.0, u0=0.0) - y)[law.preview :].max() <= 1e-6 * np.ptp(y)
+
+
+@pytest.mark.parametrize("seed", some(range(60), 7))
+def test_every_value_on_a_flat_piece_is_said_to_reach_its_target(seed):
+    attack(seed)
+
+
+@pytest.mark.parametrize("engine", ["native", "python"])
+@pytest.mark.parametrize(("last", "wanted"), [(-0.7, -0.7), (0.0, 0.0), (0.5, 0.0)])
+def test_the_value_nearest_to_the_last_one_is_taken(last, wanted, engine):
+    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "abs(u[k-1])"], [0.5, 0.4, 0.4]).compensator()
+    found = compile(law.recursion, engine)({"r": np.zeros(6)}, law.theta, {"m": last})["m"]
+    assert found[2] == wanted
+    below = compile(law.recursion, engine)({"r": np.r_[0.0, 0.0, np.full(4, -1.0)]}, law.theta, {"m": last})["m"]
+    assert below[2] == wanted  # nothing lower is reached: it stays as near as it can, too
