@@ -37,6 +37,12 @@ def compensate(
     limits: Limits = None,
     rate: Rate = None,
     share: Share = "auto",
+    no_limits: Annotated[
+        bool, typer.Option("--no-limits", help="Export without the known range of the input as its limits.")
+    ] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Also a law that is unstable, or of a model not to be used.")
+    ] = False,
     clip: Annotated[
         bool, typer.Option("--clip", help="Come as near as possible where the reference cannot be reached.")
     ] = False,
@@ -51,8 +57,11 @@ def compensate(
     from ..files.atomic import check_columns, write_bytes, write_text
     from ..files.store import load
     from ..inversion.compensator import allowed
+    from ..symbolic.printing import boxed
 
     allowed(limits, rate)
+    if limits and no_limits:
+        raise DataError("--limits and --no-limits exclude each other.")
     own = [(name, path) for name, path in (("c", c), ("st", st), ("fmu", fmu), ("fmu2", fmu2)) if path]
     sources = [*((target_of(path), path) for path in export or []), *own]
     check_targets([latex, *(path for _, path in sources), out], model_file, reference)
@@ -61,14 +70,15 @@ def compensate(
     model = load(model_file)
     names = said_first(model.info.units, unit_names(units))
     goal = reference and _goal(model, reference, column, names.get("y", ""), Ts=ts, t=t, rows=rows)
-    law = model.compensator()
+    law = model.compensator(force)
     part = None if share == "none" else law.share(share)
     # Not every law has a source: that is known before anything is written.
-    made = [law.export(name, limits=limits, rate=rate, units=names, share=part) for name, _ in sources]
+    held: Any = limits or (None if no_limits else "known")
+    made = [law.export(name, limits=held, rate=rate, units=names, share=part, force=force) for name, _ in sources]
     _tell(law, "auto" if share == "auto" else part, names)
     if latex:
         listed = coefficients_latex(law.coefficients(names, latex=True))
-        shown = [law.latex(numbers=True), *[listed] * bool(listed)]
+        shown = [boxed(law.latex_stability()), law.latex(numbers=True), *[listed] * bool(listed)]
         write_text(latex, "".join(f"\\[\n{one}\n\\]\n" for one in shown))
         console().print(f"LaTeX written to {latex}")
     for (name, path), source in zip(sources, made, strict=True):
@@ -93,6 +103,7 @@ def _tell(law: Compensator, share: Any, known: dict[str, str]) -> None:
     from ..tasks.compensate import ahead, caution
 
     units = {name: known[own] for name, own in (("m", "u"), ("r", "y")) if own in known}
+    console().print(str(law.stability()), markup=False)
     console().print("[bold]Compensation law[/bold] (in your units)")
     for line in law.lines(numbers=True):
         console().print(f"  {line}", markup=False)

@@ -42,7 +42,7 @@ def written(
 ) -> Any:
     """Return a recursion for another place; `to` names a target of `narx_sym.codegen.registry`, see `to_c`.
 
-    `notes` are further sentences for the comment on top.
+    `notes` are further sentences for the comment on top; the first of them stands above the equations.
     """
     one = target(to)
     recursion = _in_single(recursion) if single else recursion
@@ -51,9 +51,10 @@ def written(
     return one.write(
         Request(
             recursion, numbers, name, single, returned, starts,
-            [*_notes(recursion, returned, Ts, units or {}), *notes],
+            [*_notes(recursion, returned, Ts, units or {}), *notes[1:]],
             lambda sampled: _example(recursion, numbers, returned, starts, ranges or {}, single, sampled),
             False, Ts, ranges or {}, rest or {}, units or {}, coefficients,
+            notes[0] if notes else "",
         )
     )  # fmt: skip
 

@@ -124,8 +124,13 @@ def _variables(request: Request, layout: Layout) -> list[Variable]:
         Variable("p", named(label), f"parameter {plain(p)}", float(request.values[p]))
         for p, label in layout.parameters.items()
     ]
-    rested = (b for b in layout.rested if b != t)
+    rested = (b for b in layout.rested if b != t and not _settles(request, b))
     return [*listed, *(signal("r", b, f"{labels[b]}_rest", "value before the start of", False) for b in rested)]
+
+
+def _settles(request: Request, base: Any) -> bool:
+    """Whether a sequence is an input that was at rest, before the start, at what it begins with."""
+    return request.settles and base in request.recursion.inputs
 
 
 def _unit(units: Mapping[str, str], name: str) -> str:
@@ -155,7 +160,10 @@ def _glue(request: Request, layout: Layout, listed: list[Variable]) -> list[str]
     taking, resting, keeping = (iter(order[kind]) for kind in "irp")
     clock = f"time + {-layout.newest[t]} * FMI_TS" if layout.newest.get(t) else "time"  # of the newest sample
     steps = [f"({clock})" if b == t else f"value[{next(taking)}]" for b in layout.recursion.inputs]
-    rests = ["time" if b == t else f"value[{next(resting)}]" for b in layout.rested]
+    begins = dict(zip((b for b in layout.recursion.inputs if b != t), order["i"], strict=True))
+    rests = [
+        "time" if b == t else f"value[{begins[b] if _settles(request, b) else next(resting)}]" for b in layout.rested
+    ]
     filled = [f"past->{label} = ({name}_real)value[{next(keeping)}];" for label in layout.parameters.values()]
     unused = ["(void)value;", "(void)time;"]
     given = f"{name}_state *past, const double value[], double time"
@@ -251,7 +259,9 @@ def _said(request: Request, layout: Layout) -> str:
     output, late = layout.labels[layout.returned], _late(layout)
     takes = ", ".join(layout.when(b) for b in layout.recursion.inputs if b != t) or "nothing"
     ends = f"{output}[k]; to have {output} in time, give the inputs one sample earlier" if late else f"{output}[k+1]"
-    return f"{output} every {request.Ts:.10g} s: the step that begins at sample k takes {takes} and ends with {ends}"
+    heading = f"{layout.heading} " if layout.heading else ""
+    steps = f"the step that begins at sample k takes {takes} and ends with {ends}"
+    return f"{heading}{output} every {request.Ts:.10g} s: {steps}"
 
 
 def _variable(parent: Any, place: int, one: Variable, version: int) -> None:

@@ -41,6 +41,8 @@ class Layout:
     newest : mapping from inputs to numbers
         The lag of the sample of each input that a step takes; a preview is negative.
     coefficients : function from equations to rows (coefficients as a text, their unit)
+    heading : str
+        The first line of the comment.
     """
 
     recursion: Recursion
@@ -51,6 +53,7 @@ class Layout:
     parameters: Mapping[Any, str]
     newest: Mapping[Any, int]
     coefficients: Coefficients
+    heading: str = ""
 
     @classmethod
     def of(cls, request: Request, label: Callable[[str, set[str]], str], taken: Iterable[str]) -> Layout:
@@ -67,7 +70,10 @@ class Layout:
             used.add(names[one])
         parameters = {p: names.pop(p) for p in kept}
         latest = newest(recursion, request.instance)
-        return cls(recursion, values, request.returned, initial, names, parameters, latest, request.coefficients)
+        return cls(
+            recursion, values, request.returned, initial, names, parameters, latest, request.coefficients,
+            harmless(request.heading),
+        )  # fmt: skip
 
     @cached_property
     def plan(self) -> Plan:
@@ -131,7 +137,8 @@ class Layout:
         rows = ((harmless(listed), unit) for listed, unit in self.coefficients(written))
         told = "; ".join(f"{one} (pure)" if unit == "1" else f"{one} in {plain(unit)}" for one, unit in rows)
         units = [f"Units of the coefficients: {told}."] if told else []
-        return [line[4:] for line in (*wrapped(equations), "", *wrapped([*units, *sentences, *renamed]))]
+        first = [*wrapped([self.heading]), ""] if self.heading else []
+        return [line[4:] for line in (*first, *wrapped(equations), "", *wrapped([*units, *sentences, *renamed]))]
 
     def when(self, base: Any) -> str:
         """Return the sample of an input that a step takes, such as `r[k+1]`."""

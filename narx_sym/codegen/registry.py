@@ -48,6 +48,8 @@ class Request:
         The state that a step returns.
     initial : mapping from states to expressions
         What they are at rest, in samples of other sequences and parameters; the rest of the others is an argument.
+    heading : str
+        What the comment on top, or the description, begins with.
     notes : sequence of str
         For the comment on top.
     example : function of whether each step takes every input at time k
@@ -74,6 +76,12 @@ class Request:
     rest: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     coefficients: Coefficients = lambda equations: ()
+    heading: str = ""
+
+    @property
+    def settles(self) -> bool:
+        """Whether inputs were at rest before the start at what they begin with: what is returned starts from them."""
+        return self.returned in self.initial
 
 
 @dataclass(frozen=True)

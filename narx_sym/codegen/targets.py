@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from ..errors import ModelError, NotInvertible
 from ..files.atomic import PathLike, write_bytes
 from ..inversion.compensator import Compensator
 from ..models.model import Model
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import m, y
+from ..symbolic.signals import k, m, r, y
 from .export import transition, written
+
+Limits = Sequence[float] | Literal["known"] | None
+DRAWN = ("js", "casadi")  # what pages draw and programs analyse: no machine runs it
 
 
 def export_model(
@@ -86,39 +89,56 @@ def export_law(
     to: str,
     name: str = "law",
     single: bool = False,
-    limits: Sequence[float] | None = None,
+    limits: Limits = "known",
     rate: float | None = None,
     units: Mapping[str, str] | None = None,
     share: Any = "auto",
+    force: bool = False,
 ) -> Any:
-    """Return the law for another place, within limits where they are given; `to` as in `export_model`.
+    """Return the law for another place; `to` as in `export_model`.
 
-    Where the reference cannot be reached it comes as near as it can, and goes on from what the model beside it gives. A
-    law that rings is damped. Both are so where it runs; `share` is as in `Compensator.run`.
+    By default its input stays within the known range of the model; `limits` are others, None is without any. It starts
+    from the rest of the first reference, where the model knows its records. Where the reference cannot be reached it
+    comes as near as it can, and goes on from what the model beside it gives. A law that rings is damped. Both are so
+    where it runs; `share` is as in `Compensator.run`.
 
     Raises
     ------
+    ModelError
+        For a law that is unstable, unless it is asked for with `force` or only drawn (JavaScript, CasADi).
     NotInvertible
         Where the law has no closed form.
     """
-    recursion, driven = _exported(law, limits, rate, share), "u" if law.model.input == y else law.model.input.name
+    if not force and to not in DRAWN:
+        law.refuse_unstable()
+    driven = "u" if law.model.input == y else law.model.input.name
+    limits = law.model.info.ranges.get(driven) if limits == "known" else limits
+    recursion, rest = _exported(law, limits, rate, share), law.rest_expression(limits)
+    initial = law.starts
+    if rest is not None:
+        begun = {b: e for b, e in ((m, rest), (law.model.output, r[k])) if b in recursion.states}
+        at_rest = {b[k]: e for b, e in begun.items()}
+        initial = {b: e.xreplace(at_rest) for b, e in initial.items()} | begun
 
     def own(of: Mapping[str, Any]) -> dict[str, Any]:
         return {**of, **{a: of[b] for a, b in (("m", driven), ("r", "y")) if b in of}}
 
     labels = {**law.model.info.units, **(units or {})}
     return written(
-        to, recursion, law.model.values, name, single, m, law.starts, own(law.model.usual), law.model.Ts,
-        own(_rest(law.model)), own(labels), partial(law.model.units_told, units=labels), law_notes(law, recursion),
+        to, recursion, law.model.values, name, single, m, initial, own(law.model.usual), law.model.Ts,
+        own(_rest(law.model)), own(labels), partial(law.model.units_told, units=labels),
+        [str(law.stability()), *law_notes(law, recursion, limits)],
     )  # fmt: skip
 
 
-def law_notes(law: Compensator, recursion: Recursion) -> list[str]:
-    """Return what the comment on top says of a law with the model beside it."""
+def law_notes(law: Compensator, recursion: Recursion, limits: Sequence[float] | None = None) -> list[str]:
+    """Return what the comment on top says of limits, and of a law with the model beside it."""
+    held = [f"{m.label} is held from {limits[0]:.6g} to {limits[1]:.6g}."] if limits is not None else []
     if law.model.output not in recursion.states:
-        return []
+        return held
     given = f"{law.model.output.label} is what the model gives of {m.label}"
     return [
+        *held,
         f"Where no input gives the reference, the law comes as near as it can and goes on from there: {given}.",
         *["Of several inputs that are right for a sample it takes one at once; law.run may go back to another."]
         * bool(law.open_stages()),
@@ -129,24 +149,26 @@ def law_to_c(
     law: Compensator,
     name: str = "law",
     single: bool = False,
-    limits: Sequence[float] | None = None,
+    limits: Limits = "known",
     rate: float | None = None,
     share: Any = "auto",
+    force: bool = False,
 ) -> str:
     """Return the law as C99 source; see `export_law` and `narx_sym.codegen.export.to_c`."""
-    return str(export_law(law, "c", name, single, limits, rate, share=share))
+    return str(export_law(law, "c", name, single, limits, rate, share=share, force=force))
 
 
 def law_to_st(
     law: Compensator,
     name: str = "law",
     single: bool = False,
-    limits: Sequence[float] | None = None,
+    limits: Limits = "known",
     rate: float | None = None,
     share: Any = "auto",
+    force: bool = False,
 ) -> str:
     """Return the law as an IEC 61131-3 function block; see `export_law`."""
-    return str(export_law(law, "st", name, single, limits, rate, share=share))
+    return str(export_law(law, "st", name, single, limits, rate, share=share, force=force))
 
 
 def law_to_fmu(
@@ -154,28 +176,30 @@ def law_to_fmu(
     path: PathLike,
     name: str = "law",
     fmi: str = "3.0",
-    limits: Sequence[float] | None = None,
+    limits: Limits = "known",
     rate: float | None = None,
     units: Mapping[str, str] | None = None,
     share: Any = "auto",
+    force: bool = False,
 ) -> None:
     """Write the law as an FMU for co-simulation; see `export_law` and `model_to_fmu`.
 
     A step takes the reference at the end of the preview, such as r[k+1], and ends with m[k], one sample late: to have m
     in time give r one sample earlier. The parameters are those of the model.
     """
-    write_bytes(path, export_law(law, _fmu(fmi), name, limits=limits, rate=rate, units=units, share=share))
+    write_bytes(path, export_law(law, _fmu(fmi), name, limits=limits, rate=rate, units=units, share=share, force=force))
 
 
 def law_to_js(
     law: Compensator,
     name: str = "law",
-    limits: Sequence[float] | None = None,
+    limits: Limits = "known",
     rate: float | None = None,
     share: Any = "auto",
+    force: bool = False,
 ) -> str:
     """Return the law as JavaScript that takes the parameters; see `export_law` and `narx_sym.codegen.export.to_js`."""
-    return str(export_law(law, "js", name, False, limits, rate, share=share))
+    return str(export_law(law, "js", name, False, limits, rate, share=share, force=force))
 
 
 def law_to_casadi(law: Compensator, name: str = "law", share: Any = "auto") -> Any:

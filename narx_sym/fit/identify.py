@@ -164,7 +164,7 @@ def identify(  # noqa: PLR0913
         )  # fmt: skip
         model = _finish(chosen, len(candidates))
         if for_compensation:
-            compensator(model)  # NotInvertible here rather than later
+            compensator(model, force=True)  # NotInvertible here rather than later
             model = _selected(model, stable_law=stable_law(model, listed))
         return judged(model, listed)
     if base == "linear":
@@ -303,7 +303,7 @@ def _selected(model: Model, **said: Any) -> Model:
 def stable_law(model: Model, records: Records) -> bool:
     """Whether the model's compensation law forgets its own errors on the data."""
     try:
-        law = compensator(model)
+        law = compensator(model, force=True)
         return law.staged is None and law_radius(law, records) < 1
     except NotInvertible:
         return False

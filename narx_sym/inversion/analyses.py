@@ -15,7 +15,7 @@ from ..errors import ModelError, NotInvertible
 from ..models import analysis as derive
 from ..models.model import Model
 from ..models.rest_map import plays
-from ..symbolic.printing import latex, shown
+from ..symbolic.printing import boxed, latex, latex_text, shown
 from .compensator import Compensator, compensator
 
 
@@ -137,25 +137,15 @@ def derived(subject: Subject) -> list[Derived]:
 def document(model: Model) -> str:
     """Return a LaTeX document with every derived equation; it compiles with amsmath alone."""
     parts = [("Model", [model.latex(), *([model.latex(numbers=True)] if model.values else [])])]
-    parts += [(one.title, one.latex or [_boxed(one.reason)]) for one in derived(Subject(model))]
+    parts += [(one.title, one.latex or [latex_text(one.reason)]) for one in derived(Subject(model))]
     body = "\n\n".join(
-        rf"\section*{{{heading}}}" + "\n" + "\n".join(f"\\[\n{e}\n\\]" for e in equations)
+        rf"\section*{{{heading}}}" + "\n" + "\n".join(f"\\[\n{boxed(e)}\n\\]" for e in equations)
         for heading, equations in parts
     )
     return (
         "\\documentclass{article}\n\\usepackage{amsmath}\n\\usepackage[margin=2cm]{geometry}\n"
         f"\\begin{{document}}\n{body}\n\\end{{document}}\n"
     )
-
-
-def _boxed(message: str) -> str:
-    return rf"\parbox{{0.9\linewidth}}{{{_escape(message)}}}"
-
-
-def _escape(message: str) -> str:
-    for special in "_^&%#$":
-        message = message.replace(special, "\\" + special if special != "^" else r"\textasciicircum{}")
-    return message
 
 
 # -- the analyses ----------------------------------------------------------------------------------------------
@@ -244,10 +234,12 @@ def assumptions(subject: Subject) -> Finding:
 
 @analysis(90, "Compensation law", "Compensation law")
 def law(subject: Subject) -> Finding:
-    """Derive the law, after the polynomials whose roots it takes where there are any."""
-    lines = [f"{shown(left)} = {shown(right)}" for left, right in subject.law.updates]
+    """Derive the law, after whether it is stable and the polynomials whose roots it takes where there are any."""
+    first = [] if subject.model.theta is None else [str(subject.law.stability())]
+    lines = [*first, *(f"{shown(left)} = {shown(right)}" for left, right in subject.law.updates)]
     lines += [p.sentence for p in subject.law.polynomials]
-    return Finding(lines, [*subject.law.latex_polynomials(), subject.law.latex()])
+    stability = [subject.law.latex_stability()] * bool(first)
+    return Finding(lines, [*stability, *subject.law.latex_polynomials(), subject.law.latex()])
 
 
 @analysis(100, title="Grouping into A(q), B(q) and f")

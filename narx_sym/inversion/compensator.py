@@ -224,6 +224,10 @@ class Compensator(CompensatorDoors):
         numerator, gain = (self.law, sp.S.One) if self.A is None else self._fraction()
         return gain.xreplace(values), [(c.xreplace(values), term) for c, term in self._grouped(numerator)]
 
+    def latex_stability(self) -> str:
+        """LaTeX of the first line: whether the law is stable, and where it is known."""
+        return printing.latex_text(str(self.stability()))
+
     def latex_polynomials(self, numbers: bool = False) -> list[str]:
         """LaTeX of the polynomials whose roots the law takes."""
         return [p.held(self.model.values if numbers else {}).latex() for p in self.polynomials]
@@ -266,7 +270,10 @@ class Compensator(CompensatorDoors):
         return f"$\\displaystyle {self.latex()}$"
 
     def __repr__(self) -> str:
-        return f"Compensator({'; '.join(self._equations(self.model.values))})"
+        return f"Compensator({'; '.join([str(self.stability()).rstrip('.'), *self._equations(self.model.values)])})"
+
+    def __str__(self) -> str:
+        return "\n".join([str(self.stability()), *self.lines(numbers=True)])
 
 
 def ends(limits: Any) -> tuple[float, float] | None:
@@ -293,7 +300,7 @@ def allowed(limits: Sequence[float] | None = None, rate: float | None = None) ->
     return low, high
 
 
-def compensator(model: Model) -> Compensator:
+def compensator(model: Model, force: bool = False) -> Compensator:
     """Derive the compensation law of a model, or of an identified inverse.
 
     Strategy 1 (Eq. Cms:InputCompensation): y becomes r, u becomes m, and m[k - tau_d + 1] is isolated one step ahead;
@@ -302,12 +309,24 @@ def compensator(model: Model) -> Compensator:
 
     Beyond Assumption A1 (nonlinear in the newest input, effects that remember) the law is derived in stages.
 
+    Parameters
+    ----------
+    force : bool
+        Also for a model whose fit said not to use it.
+
     Raises
     ------
+    ModelError
+        For a model whose free run is no better than a constant.
     NotInvertible
         Naming the terms or the effects that violate Assumption A1(i) where there is no law beyond it, or what else is
         missing.
     """
+    if model.info.useless and not force:
+        raise ModelError(
+            "The free run of this model is no better than a constant, so it makes no law: fit another model, or ask "
+            "for the law all the same with force=True (--force)."
+        )
     if model.input == y:
         law = swap(model.right, {u: m, y: r}, {y: model.lead})
         return Compensator(model, law)

@@ -42,6 +42,9 @@ def whole(**given: Any) -> None:
             raise ModelError(f"{name} must be a whole number, not {value!r}.")
 
 
+USELESS = 0.95  # NRMSE of a free run that is no better than a constant
+
+
 @dataclass(frozen=True)
 class Nrmse:
     """One-step and free-run error over the standard deviation of the output; infinite where a run diverges."""
@@ -107,6 +110,11 @@ class Info:
     units: Mapping[str, str] = field(default_factory=dict)
     digits: int = 0
     roles: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def useless(self) -> bool:
+        """Whether the free run is no better than a constant."""
+        return self.nrmse is not None and not self.nrmse.free_run < USELESS
 
     @property
     def of_records(self) -> Info:

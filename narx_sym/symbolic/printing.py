@@ -219,3 +219,18 @@ def text(expr: Any) -> str:
 def shown(expr: Any) -> str:
     r"""Return a text to read: six digits, `y_bar` for `\bar{y}`."""
     return str(_Shown().doprint(expr))
+
+
+BOX = r"\parbox{0.9\linewidth}"  # breaks lines, which \text does not
+
+
+def latex_text(message: str) -> str:
+    """Return LaTeX of a sentence that stands among equations."""
+    for special in "_^&%#$":
+        message = message.replace(special, "\\" + special if special != "^" else r"\textasciicircum{}")
+    return rf"\text{{{message}}}"
+
+
+def boxed(equation: str) -> str:
+    """Return LaTeX of an equation for a document: a sentence there is broken into lines."""
+    return equation.replace(r"\text", BOX, 1) if equation.startswith(r"\text{") else equation

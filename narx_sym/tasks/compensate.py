@@ -41,7 +41,7 @@ class Law:
 
     Attributes
     ----------
-    lines, latex : the law with numbers
+    lines, latex : the law with numbers; the first line says whether it is stable, and where it is known
     symbols : its LaTeX with symbols
     notes : what a user should know before it runs
     sources : mapping from the endings of files (".c") to the law as source, where it has one
@@ -81,6 +81,7 @@ def law_of(
     limits: tuple[float, float] | None = None,
     rate: float | None = None,
     share: Share = "auto",
+    force: bool = False,
     progress: Callable[[str], Any] = lambda what: None,
 ) -> Law:
     """Derive the compensation law of a model, with its source.
@@ -88,16 +89,14 @@ def law_of(
     Parameters
     ----------
     limits, rate, share : of the actuator's input and of its change per sample, for the source; as in `Compensator.run`
+    force : make the law of a model that its fit said not to use, and the source of one that is unstable
     """
     progress(Told("deriving the compensation law", 1, 2))
     try:
-        law = compensator(model)
+        law = compensator(model, force)
     except (NotInvertible, ModelError) as error:
         return Law(why_not=str(error))
-    notes = [ahead(law)]
-    ranges = [f"{name} from {low:.4g} to {high:.4g}" for name, (low, high) in model.info.ranges.items()]
-    if ranges:
-        notes.append(f"It was identified for {' and '.join(ranges)}: beyond that nothing was measured.")
+    first, notes = str(law.stability()), [ahead(law)]
     if law.staged:
         progress(Told("counting the solutions of each stage", 2, 2))
         notes.append(f"Checked: {law.checked}.")
@@ -106,12 +105,12 @@ def law_of(
     if limits and rests:
         ends = (f"{level:.4g} with {held:.4g}" for level, held in zip(rests, limits, strict=True))
         notes.append(f"Held at a limit, the input lets the model rest at {' and at '.join(ends)}.")
-    sources, lacking = _sources(law, limits=limits, rate=rate, share=share)
+    sources, lacking = _sources(law, limits=limits or "known", rate=rate, share=share, force=force)
     return Law(
-        tuple(law.lines(numbers=True)),
+        (first, *law.lines(numbers=True)),
         law.latex(numbers=True),
         law.latex(),
-        (*notes, *lacking),
+        (first, *notes, *lacking),
         sources,
         limits=limits,
         rests=rests,

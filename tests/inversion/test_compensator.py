@@ -272,7 +272,8 @@ def test_a_law_that_cannot_run():
 def test_a_law_prints_its_numbers():
     law = BENCH.published().compensator()
     assert r"\frac{1}{\theta_{2}}" in law.latex() and r"\frac{1}{0.77}" in law.latex(numbers=True)
-    assert repr(law).startswith("Compensator(m[k] = ")
+    assert repr(law).startswith(f"Compensator({str(law.stability()).rstrip('.')}; m[k] = ")
+    assert str(law).splitlines()[0] == str(law.stability())
 
 
 # ---------------------------------------------------------------- limits, starts, what is empty

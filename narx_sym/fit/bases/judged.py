@@ -10,6 +10,7 @@ import numpy as np
 from ...data.evidence.several import moving
 from ...data.record import Record
 from ...errors import Diverged
+from ...models.info import USELESS
 from ...models.model import Model
 from ..evaluate import evaluate
 from ..least_squares import described, free_run_error
@@ -22,7 +23,7 @@ LITTLE = 0.5  # NRMSE of a free run that explains little of the output
 def judged(model: Model, records: Sequence[Record]) -> Model:
     """Warn where a model explains little, where its law is unstable, or where its free run is not bounded."""
     error = free_run_error(model)
-    if error >= 0.95:
+    if model.info.useless:
         warnings.warn(
             f"The free run is no better than a constant (NRMSE {error:.3g}): do not use this model. Another base, "
             "delay or input column may fit; noise on the input of an inverse model has this effect too.",
@@ -30,9 +31,9 @@ def judged(model: Model, records: Sequence[Record]) -> Model:
         )
     elif error >= LITTLE:
         warnings.warn(f"The free run explains little of the output (NRMSE {error:.3g}).", stacklevel=3)
-    several = len(records) > 1 and error < 0.95  # offsets between them may hide it
+    several = len(records) > 1 and not model.info.useless  # offsets between them may hide it
     for record in moving(records, model.output.name) if several else ():
-        if (own := evaluate(model, record).free_run_nrmse) >= 0.95:
+        if (own := evaluate(model, record).free_run_nrmse) >= USELESS:
             said = f"no better than a constant (NRMSE {own:.3g})"
             warnings.warn(f"Along the record {record.name!r} the free run is {said}.", stacklevel=3)
     if model.info.selection.stable_law is False:

@@ -82,8 +82,9 @@ class Damping:
         if self.share == 1:
             return f"{said}. No part of the way that it asks for cures it: limit the input's rate."
         return (
-            f"{said}. So in each sample the input goes {self.share:.3g} of the way that the law asks for: a "
-            f"disturbance is forgotten in {self.damped} samples. (--share none, share=None: the whole way)"
+            f"{said}. So in each sample the input goes {self.share:.3g} of the way that the law asks for: on a "
+            f"slow ramp a disturbance is then forgotten in {self.damped} samples. (--share none, share=None: the whole "
+            "way)"
         )
 
 

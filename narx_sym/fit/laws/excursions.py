@@ -333,6 +333,15 @@ def _excursion(law: Compensator, m: Array, r: Array, m0: float | None = None) ->
         return None
 
 
+def law_radius_at(law: Compensator) -> float | None:
+    """Return the largest internal eigenvalue of a law; None where it depends on where the law is."""
+    try:
+        polynomial = _numbers(law.internal)
+    except ModelError:
+        return None
+    return None if polynomial.free_symbols - {z} else float(radius(law.internal, 0.0, 0.0))
+
+
 def law_radius(law: Compensator, records: Records) -> float:
     """Return the largest internal eigenvalue of a law that 99 % of the measured points stay below.
 

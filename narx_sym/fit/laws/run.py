@@ -14,9 +14,10 @@ from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError, Unreachable
 from ...inversion.compensator import Compensator, allowed, ends
 from ...inversion.kinks import FURTHER, TURNING
+from ...inversion.stages import in_order
 from ...models.model import Model
 from ...symbolic.recursion import Recursion
-from ...symbolic.signals import y
+from ...symbolic.signals import k, m, y
 from ..simulate import fitted, simulate, vector
 from .damping import Share, damping, growth, share_of
 from .driven import driven
@@ -111,7 +112,8 @@ class Following:
         """What is held and missed, in words; empty where nothing is."""
         found = [self.holds] if self.holds else []
         if self.share < 1:
-            found.append(f"damped, the model stays within {self.error:.3g} of the reference")
+            where = f"damped, the model stays within {self.error:.3g} of the reference"
+            found.append(f"{where}. {self.why}" if self.runs_away else where)
         elif self.missed.any():
             found.append(
                 f"the model misses the reference in {self.missed.mean():.1%} of the samples, first at sample "
@@ -204,6 +206,14 @@ def told(
     found = follow(law, target, start, channels, limits, rate, share)
     # A law that runs away misses too: the cause is said first.
     known = law_warnings(law, target, found.m, start, found.share < 1)
+    if found.runs_away and found.share < 1 and limits is None and rate is None:
+        raise Diverged(
+            f"The law runs away although it is damped: a disturbance of its input grows {found.grown:.1g} times, and "
+            f"the model leaves the reference by {found.error:.3g}. Give limits of the input, a slower reference, or "
+            "another share (--share).",
+            int(np.argmax(found.missed)),
+            found.m,
+        )
     if found.unreached.any() and limits is None and rate is None and found.share == 1 and not clip:
         raise _unreachable(law, found, target)
     rings = [damping(law).sentence] if share == "auto" and found.share < 1 else []
@@ -259,6 +269,9 @@ def follow(
     missed, unreached = gap > least, own > least
     off = own > INEXACT * size if free else unreached
     grown = growth(law, target, start, channels or {}, int(np.argmax(off))) if free and off.any() else 0.0
+    if part < 1:  # damped for slow motion: along this reference it may run away all the same
+        made = lambda clipped: in_order(law.beside(lambda a: clipped(m[k - 1] + part * (a - m[k - 1]))), law.symbols)  # noqa: E731
+        grown = growth(law, target, start, channels or {}, n - 1, made)
     grown = max(grown, furthest)
     moved = float(np.abs(reached - target[0])[: max(1, ahead)].max()) if ahead else 0.0
     return Following(

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
+import sympy as sp
 from scipy.optimize import brentq
 
 from ...errors import NarxError
 from ...inversion.compensator import Compensator
 from ...models.model import Model
-from ...symbolic.signals import y
+from ...symbolic.functions import within
+from ...symbolic.signals import k, r, y
 from ..simulate import rest_output, rest_states, simulate
 
 HELD, STAYS = 50, 1e-9  # samples over which an input is held; of the outputs' range: what moves less rests
 RESTS = 1e-3  # of the outputs' range: a start that moves no further is called at rest
+FINEST = 32  # lines that the rest map is made of, at most
 LONGEST = 100_000  # samples in which a model comes to rest, or does not
 
 
@@ -52,6 +57,40 @@ def rest_input(law: Compensator, output: float, limits: Sequence[float] | None =
     seen = model.info.ranges.get(model.input.name)
     near = _inside(_inside(float((output - offset) / slope) if slope else 0.0, seen), limits)
     return near if seen is None or model.channels else _resting(model, output, near, _both(seen, limits))
+
+
+def rest_expression(law: Compensator, limits: Sequence[float] | None = None) -> Any:
+    """Return `rest_input` as an expression in r[k]: straight lines between outputs; None for a model without records.
+
+    The outputs lie in the known range, so close that the middle of two is met to a thousandth of the input's range.
+    """
+    seen = law.model.info.ranges
+    driven, output = ("u", "y") if law.model.input == y else (law.model.input.name, law.model.output.name)
+    if law.model.info.line is None or not {driven, output} <= seen.keys():
+        return None
+    near = RESTS * (seen[driven][1] - seen[driven][0])
+
+    def between(low: tuple[float, float], high: tuple[float, float], parts: int) -> list[tuple[float, float]]:
+        at = (low[0] + high[0]) / 2
+        middle = (at, rest_input(law, at, limits))
+        if parts < 2 or (parts < FINEST and abs(middle[1] - (low[1] + high[1]) / 2) <= near):
+            return [low]
+        return [*between(low, middle, parts // 2), *between(middle, high, parts // 2)]
+
+    first, last = ((at, rest_input(law, at, limits)) for at in seen[output])
+    every = [*between(first, last, FINEST), last]
+    points = [first]
+    for (at, here), (b, end) in pairwise(every[1:]):  # what lies on a line is no kink
+        a, begun = points[-1]
+        if abs(begun + (end - begun) * (at - a) / (b - a) - here) > near / FINEST:
+            points.append((at, here))
+    points.append(last)
+    lines = (
+        (end - start) / (b - a) * (within(r[k], sp.Float(a), sp.Float(b)) - sp.Float(a))
+        for (a, start), (b, end) in pairwise(points)
+        if b > a and abs(end - start) > 0
+    )
+    return sp.Add(sp.Float(first[1]), *lines)
 
 
 def rests_with(model: Model, held: float, output: float, beside: Mapping[str, float] | None = None) -> bool:

@@ -49,7 +49,8 @@ def derived(material: Material) -> dict[str, Any]:
     except (ModelError, NotInvertible):  # the reason stands among the parts
         return {"derived": parts, "law": None}
     shown = {
-        "latex": law.latex(), "numbers": law.latex(numbers=True), "lines": law.lines(numbers=True),
+        "latex": law.latex(), "numbers": law.latex(numbers=True),
+        "lines": [str(law.stability()), *law.lines(numbers=True)],
         "units": by_unit(law.coefficients(material.units, latex=True), f"{{:.{DIGITS}g}}".format),
         "ahead": ahead(law), "checked": law.checked, "caution": caution(law),
     }  # fmt: skip

@@ -193,7 +193,11 @@ def try_it(material: Material) -> dict[str, Any] | None:
     told, law = content(d, listed, material.compared, material.units), law_of(material.subject, listed)
     told["law"] = law and reference(law, listed, material.compared)
     sources = "\n".join(
-        [describe.script(), *(one.source for one in listed), law.to_js("law") if law else "const law = null;"]
+        [
+            describe.script(),
+            *(one.source for one in listed),
+            law.to_js("law", limits=None) if law else "const law = null;",
+        ]
     )
     marks = errors(material.compared, material.units).marks
     legend = {"measured": "measured"} | {mark.role: mark.name for mark in marks}

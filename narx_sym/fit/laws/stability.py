@@ -1,0 +1,120 @@
+"""What is said first of a law: whether it forgets its own errors, and for which signals it was identified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ...engines.compile import compile
+from ...errors import ModelError, NarxError
+from ...inversion.compensator import Compensator
+from ...inversion.stages import in_order
+from ...models.model import Model
+from ...symbolic.signals import k, m, y
+from ..simulate import rest_output, simulate
+from .damping import FREE, KICK, TINY, damping
+from .driven import driven
+from .excursions import DOUBLES, law_radius_at, operating_range
+
+Array = np.ndarray
+TRIAL, PERIODS, INSIDE = 800, 2, 0.9  # samples of a trial, its periods, the part of the known range that it passes
+_known: WeakKeyDictionary[Model, Stability] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Whether a law is stable, and where its model is known.
+
+    Attributes
+    ----------
+    stable : bool or None
+        Whether a disturbance of the input stops growing; None where that is not known.
+    why : str
+        What was looked at.
+    ranges : (name, lowest, highest) of input and output in the records; empty for a model that has seen none
+    """
+
+    stable: bool | None
+    why: str
+    ranges: tuple[tuple[str, float, float], ...] = ()
+
+    def __str__(self) -> str:
+        head = {True: "Stable", False: "UNSTABLE", None: "Stability not known"}[self.stable]
+        known = " and ".join(f"{name} from {low:.4g} to {high:.4g}" for name, low, high in self.ranges)
+        return f"{head}: {self.why}. Known range: {known or 'none, the model was not fitted to records'}."
+
+
+def stability(law: Compensator) -> Stability:
+    """Return what is known of the stability of a law as it runs by default, damped where it rings."""
+    if law.model not in _known:
+        known = law.model.info.ranges.items()
+        ranges = tuple((name, float(low), float(high)) for name, (low, high) in known if name in ("u", "y"))
+        _known[law.model] = Stability(*_judged(law), ranges)
+    return _known[law.model]
+
+
+def refuse_unstable(law: Compensator) -> None:
+    """Raise ModelError for a law that is unstable."""
+    found = stability(law)
+    if found.stable is False:
+        raise ModelError(f"The law is not exported. {found} Export it all the same with force=True (--force).")
+
+
+def _judged(law: Compensator) -> tuple[bool | None, str]:
+    model = law.model
+    if model.theta is None:
+        return None, "the parameters have no values"
+    damped = damping(law)
+    if not law.staged and damped.share == 1:
+        radius = law_radius_at(law)
+        if radius is not None:  # the same wherever the law is
+            return radius <= 1, f"its own dynamics have poles up to {radius:.4g}"
+        passed = operating_range(law)
+        if passed is not None and passed.largest <= 1:
+            return True, f"its own dynamics have poles up to {passed.largest:.4g} over the known range"
+        if passed is not None and min(passed.shares.values()) == 1:
+            return False, f"its own dynamics repel in all of the known range, with poles up to {passed.largest:.4g}"
+    if not {model.input.name, model.output.name} <= model.info.ranges.keys() or model.input == y:
+        return None, "the model knows no range of its signals to try it over"
+    return _tried(law, damped.share)
+
+
+def _tried(law: Compensator, share: float) -> tuple[bool, str]:
+    """Run a law over a slow sine through the known range, and disturb it once."""
+    how = "on a slow sine through the known range" + (f", damped to {share:.3g} of each step," if share < 1 else "")
+    try:
+        late, most = _grown(law, share)
+    except NarxError:
+        return False, f"{how} the law runs away"
+    if not np.isfinite(most):
+        return False, f"{how} the law runs away"
+    if late >= DOUBLES:
+        return False, f"{how} a disturbance of its input goes on growing, to {most:.3g} times its size"
+    return True, f"{how} a disturbance of its input grows to {max(1.0, most):.3g} times its size at most"
+
+
+def _grown(law: Compensator, share: float) -> tuple[float, float]:
+    """Return by how much a disturbance grows from the middle of a trial to its end, and at most."""
+    model, begin = law.model, TRIAL // 4
+    low, high = model.info.ranges[model.input.name]
+    wave = np.sin(2 * np.pi * PERIODS * np.arange(TRIAL) / TRIAL)
+    u = (low + high) / 2 + INSIDE * (high - low) / 2 * wave
+    channels = {name: np.zeros(TRIAL) for name in model.channels}
+    target = simulate(model, u, rest_output(model, u[0]), channels or None, u0=float(u[0]), warn=False)
+    compiled = compile(
+        in_order(law.beside(lambda asked: m[k - 1] + FREE[k] * (asked - m[k - 1]) + KICK[k]), law.symbols)
+    )
+    kick = TINY * (high - low)
+
+    def run(size: float) -> Array:
+        more = {"m_share": np.full(TRIAL, share), "m_kick": size * (np.arange(TRIAL) == begin)}
+        with np.errstate(all="ignore"):
+            found = driven(law, compiled, target, float(u[0]), {**channels, **more}, on_divergence="nan")
+        return found["m"][:TRIAL]
+
+    away = np.abs(run(kick) - run(0.0))[begin:] / kick
+    away = np.nan_to_num(away, nan=np.inf, posinf=np.inf)
+    middle, end = (float(part.max()) for part in np.array_split(away, 3)[1:])
+    return end / max(1.0, middle) if np.isfinite(end) else np.inf, float(away.max())
