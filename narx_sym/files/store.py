@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from sympy import Eq, Indexed, Symbol, expand, true
+from sympy.core.assumptions import _assume_defined as ASSUMED  # positive, real, integer, ...
+from sympy.core.facts import InconsistentAssumptions
 
 from ..errors import ModelError, NarxError
 from ..models.model import NARX, Model
@@ -29,7 +32,7 @@ MAX_TEXT = 60_000  # characters of all equations
 MAX_WRITTEN, MAX_TERMS = 20_000, 20_000  # nodes of the output's equation; terms of its rest map, multiplied out
 FIELDS = {
     "schema", "kind", "terms", "F", "symbols", "theta", "standard_errors", "input", "output", "lead", "operating_point",
-    "Ts", "constraints", "channels", "states", "info", "effects",
+    "Ts", "constraints", "channels", "states", "info", "effects", "assumptions",
 }  # fmt: skip
 STATE_FIELDS = {"state", "update", "initial", "group"}
 # `x`, `v`, `free`, `sensed` and `acting` are names of states: see `narx_sym.symbolic.signals`.
@@ -52,6 +55,7 @@ def to_dict(model: Model) -> dict[str, Any]:
         "operating_point": {b.name: v for b, v in model.operating_point.items()},
         **({"terms": [text(t) for t in model.terms]} if isinstance(model, NARX) else {"F": text(model.F)}),
         "symbols": [str(s) for s in model.symbols],
+        **({"assumptions": assumed} if (assumed := _assumptions(model)) else {}),
         "theta": None if model.theta is None else model.theta.tolist(),
         "standard_errors": None if model.standard_errors is None else [or_none(s) for s in model.standard_errors],
         "constraints": [
@@ -131,7 +135,8 @@ def from_dict(data: Any) -> Model:  # noqa: C901, PLR0912, PLR0915
     _check_names(symbols, "parameter", set())
     kind = data.get("kind")
     terms = texts(data, "terms") if kind == "narx" else []
-    parameters = [f"theta_{i}" for i in range(1, len(terms) + 1)] if kind == "narx" else symbols
+    named = [f"theta_{i}" for i in range(1, len(terms) + 1)] if kind == "narx" else symbols
+    parameters = _parameters(named, data.get("assumptions", {}))
     constraints = texts(data, "constraints")
     length = sum(map(len, (*terms, *constraints, str(data.get("F", "")), *map(str, _listed_states(data)))))
     if length > MAX_TEXT:
@@ -166,17 +171,16 @@ def from_dict(data: Any) -> Model:  # noqa: C901, PLR0912, PLR0915
     elif kind == "equation":
         if not isinstance(data.get("F"), str):
             raise ModelError("'F' must be a text.")
-        expr = parse(data["F"], signals=signals, symbols=symbols)
+        expr = parse(data["F"], signals=signals, symbols=parameters)
         free = expr.free_symbols.union(*(s.right.free_symbols for s in states))
-        names = {s.name: s for s in free if isinstance(s, Symbol) and s.name in symbols and s != k}
-        missing = [n for n in symbols if n not in names]
+        missing = [s.name for s in parameters if s not in free]
         if missing:
             raise ModelError(f"the parameter {missing[0][:40]!r} does not appear in 'F'{' or a state' * bool(states)}.")
-        model = Model(expr, [names[n] for n in symbols], theta, **options)
+        model = Model(expr, parameters, theta, **options)
     else:
         raise ModelError(f"'kind' must be 'narx' or 'equation', not {str(data.get('kind'))[:40]!r}.")
     model = model.replace(
-        constraints=[c if c == "continuum" else _equation(c, [str(s) for s in model.symbols]) for c in constraints],
+        constraints=[c if c == "continuum" else _equation(c, model.symbols) for c in constraints],
         standard_errors=_standard_errors(data.get("standard_errors"), len(model.symbols)),
         info=read_info(data.get("info", {})),
         effects=read_effects(data.get("effects", []), {str(s): s for s in model.symbols}),
@@ -192,6 +196,25 @@ def from_dict(data: Any) -> Model:  # noqa: C901, PLR0912, PLR0915
     _check_size(model)
     _check_constraints(model)
     return model
+
+
+def _assumptions(model: Model) -> dict[str, dict[str, bool]]:
+    """Return what is assumed of each parameter, without those that are real and nothing else."""
+    found = {str(s): {n: v for n, v in s._assumptions_orig.items() if v is not None} for s in model.symbols}
+    return {name: of for name, of in found.items() if of != {"real": True}}
+
+
+def _parameters(names: list[str], assumed: Any) -> list[Symbol]:
+    """Return the parameters with what is assumed of them; real where nothing is said."""
+    if not isinstance(assumed, dict) or not set(assumed) <= set(names):
+        raise ModelError("'assumptions' must be an object that speaks of parameters.")
+    for name, of in assumed.items():
+        if not isinstance(of, dict) or not set(of) <= ASSUMED or not all(isinstance(v, bool) for v in of.values()):
+            raise ModelError(f"'assumptions' of {name[:40]!r} must be true or false, such as {{'positive': true}}.")
+    try:
+        return [Symbol(n, **assumed.get(n, {"real": True})) for n in names]
+    except InconsistentAssumptions:
+        raise ModelError("'assumptions' contradict each other.") from None
 
 
 def _standard_errors(given: Any, count: int) -> list[float] | None:
@@ -238,7 +261,7 @@ def _state_to_dict(state: State) -> dict[str, str]:
     }  # fmt: skip
 
 
-def _states(data: dict[str, Any], channels: list[str], symbols: list[str]) -> tuple[State, ...]:
+def _states(data: dict[str, Any], channels: list[str], symbols: list[Symbol]) -> tuple[State, ...]:
     """Read the states in order; whether each has what it needs is checked by the recursion."""
     listed = _listed_states(data)
     for one in listed:
@@ -251,8 +274,7 @@ def _states(data: dict[str, Any], channels: list[str], symbols: list[str]) -> tu
             raise ModelError(f"the group of a state has more than {MAX_NAME} characters.")
     names = [one["state"] for one in listed]
     if names:
-        _check_names(symbols, "parameter", set())
-        _check_names(names, "state", {*symbols, *channels})
+        _check_names(names, "state", {*map(str, symbols), *channels})
     signals = [*channels, "t", *names]
     return tuple(
         State(
@@ -293,5 +315,5 @@ def _check_states(model: Model) -> None:
         raise ModelError("there is a state 'x', what effects at the output add to, but the output does not contain it.")
 
 
-def _equation(source: str, symbols: list[str]) -> Any:
+def _equation(source: str, symbols: Sequence[Symbol]) -> Any:
     return Eq(parse(source, symbols=symbols), 0, evaluate=False)

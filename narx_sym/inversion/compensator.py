@@ -17,6 +17,7 @@ import sympy as sp
 from ..errors import ModelError, NotInvertible
 from ..models.model import Model
 from ..models.rest_map import newest_input
+from ..models.rewrite import own_names, set_apart
 from ..symbolic import printing
 from ..symbolic.functions import follows, within
 from ..symbolic.identities import vanishes
@@ -29,6 +30,8 @@ from .grouping import offending, polynomials, q, why_not
 from .solution import Branch, Polynomial
 from .stability import InternalDynamics, internal_dynamics
 from .stages import Staged, guarded, in_order, stages_of, wanted
+
+BESIDE = ("wanted", "hint", "share", "kick")  # behind the name of what a law computes: what a run needs beside it
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,8 @@ class Compensator(CompensatorDoors):
         A(q) y[k] = B(q) u[k] + f(...), the grouping of the paper; None for an identified inverse and beyond A1.
     staged : Staged, optional
         Beyond A1: what the law is made of, from the output back to the input.
+    aside : pairs of names
+        Channels and states of the user's model that have a name of the law's own, and their names in `model` and here.
     """
 
     model: Model
@@ -52,6 +57,12 @@ class Compensator(CompensatorDoors):
     B: Any = None
     f: Any = None
     staged: Staged | None = None
+    aside: tuple[tuple[str, str], ...] = ()
+
+    def named(self, channels: Mapping[str, Any] | None) -> dict[str, Any]:
+        """Return channels under the names that they have in the law."""
+        known = dict(self.aside)
+        return {known.get(name, name): value for name, value in (channels or {}).items()}
 
     @property
     def equation(self) -> sp.Eq:
@@ -327,6 +338,20 @@ def compensator(model: Model, force: bool = False) -> Compensator:
             "The free run of this model is no better than a constant, so it makes no law: fit another model, or ask "
             "for the law all the same with force=True (--force)."
         )
+    taken = {r.name, m.name}
+    while True:  # at most twice: what a law computes beside m is called after its stages
+        apart, names = set_apart(model, taken)
+        law = _derived(apart)
+        stages = law.staged.stages if law.staged else ()
+        unknowns = {m.name, *(s.unknown.base.name for s in stages)}
+        made = {f"{name}_{word}" for name in unknowns for word in BESIDE} | {n for s in stages for n, _ in s.steps}
+        if not made.intersection(own_names(apart)):
+            return replace(law, aside=tuple(names.items())) if names else law
+        taken |= made
+
+
+def _derived(model: Model) -> Compensator:
+    """Derive the law of a model whose channels leave the law's names to it."""
     if model.input == y:
         law = swap(model.right, {u: m, y: r}, {y: model.lead})
         return Compensator(model, law)

@@ -10,9 +10,9 @@ from ..models.model import Model
 from ..models.rest_map import effects_of, newest_input, remembered
 from ..symbolic import printing
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import expand_phi, k, lag, samples
+from ..symbolic.signals import Name, expand_phi, k, lag, samples
 
-q = sp.Symbol("q")
+q = Name("q")
 
 
 def _addends(model: Model) -> list[tuple[Any, Any]]:

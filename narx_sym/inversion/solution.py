@@ -9,7 +9,7 @@ from typing import Any
 import sympy as sp
 
 from ..symbolic.identities import added, vanishes
-from ..symbolic.printing import latex_sum, text
+from ..symbolic.printing import InLatex, latex_sum, text
 from ..symbolic.sensitivity import derivative
 
 STILL = sp.Float(1e-13)  # of what is added up: a gap below it is one of rounding
@@ -50,7 +50,7 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Polynomial:
+class Polynomial(InLatex):
     """0 = c_n w^n + ... + c_1 w + c_0 with n of at least 2: its real roots are the w that reach the target.
 
     So a NARX model that is a polynomial in its newest input gives its compensation inputs as roots, among which one has

@@ -16,20 +16,21 @@ from ..errors import ModelError
 from ..models.model import Model
 from ..models.rest.equilibria import SteadyState, characteristic, jury, steady_state, without_integrator, z
 from ..models.rest_map import ubar, ybar
+from ..symbolic import printing
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import k, lag, m, r, samples, shift
+from ..symbolic.signals import Name, k, lag, m, r, samples, shift
 from .doors import InternalDynamicsDoors
 
 if TYPE_CHECKING:
     from .compensator import Compensator
 
-mbar, rbar = (sp.Symbol(n, real=True) for n in (r"\bar{m}", r"\bar{r}"))
+mbar, rbar = (Name(n, real=True) for n in (r"\bar{m}", r"\bar{r}"))
 # The directions of slow motion: of m, and of the reference. 1 rising, -1 falling.
-direction, heading = (sp.Symbol(n, real=True) for n in ("s", "s_r"))
+direction, heading = (Name(n, real=True) for n in ("s", "s_r"))
 
 
 @dataclass(frozen=True)
-class InternalDynamics(InternalDynamicsDoors):
+class InternalDynamics(InternalDynamicsDoors, printing.InLatex):
     """How a law reacts to its own past, around slow motion.
 
     Attributes
@@ -53,6 +54,10 @@ class InternalDynamics(InternalDynamicsDoors):
     integrates: bool
     condition: Any
     turns: dict[Any, Any]
+
+    def latex(self) -> str:
+        """LaTeX of the polynomial whose roots are the eigenvalues, and of where all of them are inside the circle."""
+        return printing.latex([sp.Eq(self.polynomial, 0, evaluate=False), self.condition])
 
     @property
     def numbers(self) -> Any:

@@ -101,10 +101,13 @@ def stages_of(model: Model) -> Staged:
 
 def _equations(model: Model) -> dict[Any, Any]:
     """Return the model's equations with the input called m; terms that their numbers switch off are gone."""
-    found = {}
+    found, off = {}, {s: sp.S.Zero for s, value in model.values.items() if not value}
     for left, right in model.recursion.updates:
-        exact = sp.expand(right.xreplace(model.values)) if model.values else right
-        found[left.base] = swap(right if set(samples(exact)) == set(samples(right)) else exact, {model.input: m})
+        exact = set(samples(sp.expand(right.xreplace(model.values))))
+        # Parameters that are zero switch most of them off: all others stay symbols, which do not round.
+        forms = (right, sp.expand(right.xreplace(off)))
+        same = (e for e in forms if not model.values or set(samples(e)) == exact)
+        found[left.base] = swap(next(same, None) or sp.expand(right.xreplace(model.values)), {model.input: m})
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,6 +22,7 @@ from ..symbolic.signals import (
     samples,
     sensed,
     shift,
+    signal,
     v,
     x,
 )
@@ -63,6 +64,14 @@ class AddedEffect:
         """Return what is left of the effect where only some symbols are left."""
         coefficients, shape = ({n: s for n, s in d.items() if s in symbols} for d in (self.coefficients, self.shape))
         return replace(self, coefficients=coefficients, shape=shape)
+
+    def relabelled(self, names: Mapping[Any, Any]) -> AddedEffect:
+        """Return the effect with other symbols, and another channel, in the place of some."""
+        own = ({n: names.get(s, s) for n, s in d.items()} for d in (self.coefficients, self.shape))
+        coefficients, shape = own
+        kind, colon, channel = self.effect.partition(":")
+        new = getattr(names.get(signal(channel)), "name", channel) if channel else ""
+        return replace(self, effect=f"{kind}{colon}{new}", coefficients=coefficients, shape=shape)
 
 
 def newer(model: Any, before: Any) -> list[AddedEffect]:
@@ -113,6 +122,20 @@ def outside(model: Any, expr: Any) -> Any:
     late = {acting: arrives}
     meant = {s: plain[s.base][s.indices[0] - late.get(s.base, 0)] for s in samples(expr) if s.base in plain}
     return renamed(expr, meant)
+
+
+def arrivals(model: Any, expr: Any, bases: Sequence[Any]) -> set[int]:
+    """Return the lags at which some sequences enter an expression, through states that no effect brought too."""
+    brought = {e.group for e in model.effects}
+    ways = {s.left.base: s.right for s in model.states if not s.group or s.group not in brought}
+
+    def found(expr: Any, passed: tuple[Any, ...]) -> set[int]:
+        plain = outside(model, expr)
+        through = (s for s in samples(plain) if s.base in ways and s.base not in passed)
+        later = ({lag(s) + i for i in found(ways[s.base], (*passed, s.base))} for s in through)
+        return {i for b in bases for i in lags(plain, b)}.union(*later)
+
+    return found(expr, ())
 
 
 def _inner(beside: Any, base: Any, output: Any) -> Any:

@@ -13,7 +13,7 @@ from typing import Any
 import sympy as sp
 
 from ..symbolic.printing import text
-from ..symbolic.signals import differences, expand_phi, held, lags, samples
+from ..symbolic.signals import Name, differences, expand_phi, held, lags, samples
 from ..symbolic.signals import k as _k
 
 
@@ -38,9 +38,9 @@ class Structure:
 
     def rest_value(self, term: Any) -> Any:
         """Return the term at rest: y[k] = ybar, u[k] = ubar for all k."""
-        ybar, ubar = sp.symbols("ybar ubar", real=True)
+        ybar, ubar = (Name(n, real=True) for n in ("ybar", "ubar"))
         rest = {self.output: ybar, self.input: ubar}
-        return held(expand_phi(term), lambda base: rest.get(base, sp.Symbol(base.name, real=True)))
+        return held(expand_phi(term), lambda base: rest.get(base, Name(base.name, real=True)))
 
 
 @dataclass(frozen=True)

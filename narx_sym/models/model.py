@@ -16,7 +16,7 @@ from ..symbolic.grammar import parse
 from ..symbolic.recursion import Recursion, State
 from ..symbolic.signals import differences, expand_phi, free, k, lags, pairs, renamed, samples, signal, t, u, x, y
 from . import assumptions
-from .added import AddedEffect, flat, measured, outside, starts
+from .added import AddedEffect, arrivals, flat, measured, starts
 from .doors import ModelDoors
 from .info import Info, around
 
@@ -24,7 +24,7 @@ EQUATIONS = ("F", "symbols", "output", "input", "operating_point", "lead", "stat
 BESIDE = ("theta", "standard_errors", "Ts", "constraints", "info", "effects")  # what changes no equation
 
 
-class Model(ModelDoors):
+class Model(ModelDoors, printing.InLatex):
     """A difference equation with named parameters, optionally fitted.
 
     Parameters
@@ -274,13 +274,12 @@ class Model(ModelDoors):
     @cached_property
     def n_u(self) -> int:
         """The largest lag of the input (phi1[k-2] and phi2[k-2] count as lag 2)."""
-        core = outside(self, self.core)
-        return max([0, *(i for b in (self.input, *differences(self.input)) for i in lags(core, b))])
+        return max([0, *arrivals(self, self.core, (self.input, *differences(self.input)))])
 
     @cached_property
     def delay(self) -> int:
-        """The pure delay tau_d: the smallest lag of the input."""
-        return min(lags(outside(self, expand_phi(self.core)), self.input), default=0)
+        """The pure delay tau_d: the smallest lag of the input, through states that no effect brought too."""
+        return min(arrivals(self, expand_phi(self.core), (self.input,)), default=0)
 
     @cached_property
     def structure(self) -> assumptions.Structure:
@@ -321,9 +320,6 @@ class Model(ModelDoors):
         equations = [*((s.left, s.right) for s in self.states), (self.output[k], self.F)]
         return [f"{printing.text(left)} = {printing.text(right.xreplace(values))}" for left, right in equations]
 
-    def _repr_latex_(self) -> str:
-        return f"$\\displaystyle {self.latex()}$"
-
     def table(self) -> list[dict[str, Any]]:
         """One row per parameter: symbol, term, value, standard error."""
         term_of = {c: e for _, listed in self.system() for c, e in listed if c in self.symbols}
@@ -339,7 +335,34 @@ class Model(ModelDoors):
         ]
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({'; '.join(self.lines(numbers=True))})"
+        """Return the equations with six digits, and the operating point: a text to read."""
+        system = [*((s.left, s.right) for s in self.states), (self.output[k], self.F)]
+        lines = [f"{printing.shown(left)} = {printing.shown(right.xreplace(self.values))}" for left, right in system]
+        point = ", ".join(f"{b.name} = {printing.shown(sp.Float(v))}" for b, v in self.operating_point.items())
+        return f"{type(self).__name__}({'; '.join(lines)}{'; around ' * bool(point)}{point})"
+
+    def __eq__(self, other: object) -> bool:
+        """Whether two models have the same equations and values, and the same is known of both."""
+        return self is other or (isinstance(other, Model) and _content(self) == _content(other))
+
+    def __hash__(self) -> int:
+        return hash((self.F, self.symbols, self.numbers))
+
+
+def _content(model: Model) -> tuple[Any, ...]:
+    """Return all that a model is, so that equal ones compare equal: constraints as what must vanish, NaN as None."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, float) and value != value:
+            return None
+        if isinstance(value, sp.Eq):
+            return sp.expand(value.lhs - value.rhs)
+        if isinstance(value, Mapping):
+            return {name: plain(one) for name, one in value.items()}
+        return [plain(one) for one in value] if isinstance(value, (list, tuple)) else value
+
+    own = (model.parts(), *(getattr(model, name) for name in (*EQUATIONS, "numbers", *BESIDE[1:])))
+    return type(model), [plain(one) for one in own if one is not sp.true]
 
 
 class NARX(Model):

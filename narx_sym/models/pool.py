@@ -43,7 +43,7 @@ def lagged(lags: Mapping[str, Any], named: Mapping[str, Any] | None = None) -> l
 
 
 @dataclass(frozen=True)
-class Pool:
+class Pool(printing.InLatex):
     """Candidate terms, and what was left out with the reason."""
 
     terms: list[Any]
@@ -57,6 +57,10 @@ class Pool:
 
     def __iter__(self) -> Any:
         return iter(self.terms)
+
+    def latex(self) -> str:
+        """LaTeX of the terms, separated by commas."""
+        return r",\; ".join(map(printing.latex, self.terms))
 
     def __repr__(self) -> str:
         banned = len({v.term for v in self.excluded})

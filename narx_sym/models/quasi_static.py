@@ -10,18 +10,18 @@ import sympy as sp
 
 from ..errors import ModelError
 from ..symbolic import printing
-from ..symbolic.signals import differences, held, lags
+from ..symbolic.signals import Name, differences, held, lags
 from .doors import QuasiStaticDoors
 from .model import Model
 from .rest.equilibria import characteristic, jacobian, jury, solvable, without_integrator
 from .rest_map import Play, closed, folded, plays, rest_of
 
-ytilde = sp.Symbol(r"\tilde{y}", real=True)
-u_, phi1_ = sp.Symbol("u", real=True), sp.Symbol("phi_1", real=True)
+ytilde = Name(r"\tilde{y}", real=True)
+u_, phi1_ = Name("u", real=True), Name("phi_1", real=True)
 
 
 @dataclass(frozen=True)
-class QuasiStatic(QuasiStaticDoors):
+class QuasiStatic(QuasiStaticDoors, printing.InLatex):
     """The sets ytilde(u, phi1) under loading and unloading, and where they attract.
 
     Attributes
@@ -83,7 +83,7 @@ def _static(expr: Any, model: Model, direction: int) -> Any:
 
 def _turned(one: Play) -> Any:
     """Return the symbol of a play at the last turn of the input."""
-    return sp.Symbol(f"{one.base.label}_turn", real=True)
+    return Name(f"{one.base.label}_turn", real=True)
 
 
 def quasi_static(model: Model) -> QuasiStatic:

@@ -11,10 +11,10 @@ import sympy as sp
 from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.recursion import State
-from ..symbolic.signals import differences, held, lag, lags, samples, t, x
+from ..symbolic.signals import Name, differences, held, lag, lags, samples, t, x
 from .model import Model
 
-ybar, ubar = (sp.Symbol(n, real=True) for n in (r"\bar{y}", r"\bar{u}"))
+ybar, ubar = (Name(n, real=True) for n in (r"\bar{y}", r"\bar{u}"))
 
 
 def at_rest(expr: Any, model: Model) -> Any:
@@ -25,7 +25,7 @@ def at_rest(expr: Any, model: Model) -> Any:
 
 def rest_of(base: Any) -> Any:
     """Return the symbol of a sequence at rest."""
-    return sp.Symbol(rf"\bar{{{base.label}}}", real=True)
+    return Name(rf"\bar{{{base.label}}}", real=True)
 
 
 def effects_of(model: Model, expr: Any = None, states: Sequence[State] = ()) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import sympy as sp
@@ -12,7 +14,7 @@ from ..symbolic import printing
 from ..symbolic.grammar import parse
 from ..symbolic.graph import Graph
 from ..symbolic.recursion import State
-from ..symbolic.signals import k, pairs, samples
+from ..symbolic.signals import k, pairs, renamed, samples, signal
 from ..symbolic.smoothing import smoothed, widths
 from .added import outside
 from .extend import written_constraints
@@ -54,9 +56,9 @@ def rewritten(model: Model, name: str, text: str, channels: Iterable[str] = ()) 
             raise ModelError("The last term cannot be taken out.")
         if not name:
             raise ModelError("Write a term, such as u[k-2].")
-        return _constrained(model, _less(model, sp.Symbol(name, real=True)), name)
+        return _constrained(model, _less(model, _symbol(model, name)), name)
     signals = dict.fromkeys([*channels, *model.channels, "t", *(s.left.base.name for s in model.states)])
-    term = parse(text, signals=signals, symbols=map(str, model.symbols))
+    term = parse(text, signals=signals, symbols=model.symbols)
     if printing.text(term) in known.values():
         raise ModelError(f"The term {printing.text(term)} is in the model already.")
     ahead = [s for s in samples(term, model.inner) if (s.indices[0] - k).is_integer and s.indices[0] - k >= 0]
@@ -64,6 +66,11 @@ def rewritten(model: Model, name: str, text: str, channels: Iterable[str] = ()) 
         inner = model.inner.label
         raise ModelError(f"A term may contain past values of {inner} only, such as {inner}[k-1]: not {text.strip()}.")
     return _constrained(model, _more(model, name, term), name)
+
+
+def _symbol(model: Model, name: str) -> Any:
+    """Return the parameter of a name, with what is assumed of it; a new one is real."""
+    return next((s for s in model.symbols if str(s) == name), sp.Symbol(name, real=True))
 
 
 def _less(model: Model, symbol: Any) -> Model:
@@ -76,8 +83,8 @@ def _more(model: Model, name: str, term: Any) -> Model:
     if isinstance(model, NARX):
         terms = [term if str(s) == name else t for s, t in model.parts()]
         return _narx(model, terms if name else [*terms, term])
-    numbers = (i for i in range(1, len(model.symbols) + 2) if sp.Symbol(f"theta_{i}", real=True) not in model.symbols)
-    symbol = sp.Symbol(name or f"theta_{next(numbers)}", real=True)
+    taken = set(map(str, model.symbols))
+    symbol = _symbol(model, name or next(f"theta_{i}" for i in count(1) if f"theta_{i}" not in taken))
     core = sp.Add(*(c * t for c, t in pairs(model.core) if c != symbol), symbol * term)
     states = [State(s.left, core, s.initial, s.group) if s.left.base == model.driven else s for s in model.states]
     symbols = model.symbols if name else (*model.symbols, symbol)
@@ -110,6 +117,52 @@ def _conditions(model: Model) -> list[Any]:
     """Conditions of the continuum on the core, as if no effect had been added."""
     core = outside(model, model.core)
     return continuum_conditions(Model(core, model.symbols, output=model.output, input=model.input))
+
+
+def relabelled(model: Model, names: Mapping[Any, Any]) -> Model:
+    """Return a model in which some sequences and parameters have other names; its input and output keep theirs.
+
+    Parameters
+    ----------
+    names : mapping from channels, states and symbols to others
+    """
+
+    def change(expr: Any) -> Any:
+        moved = {s: names[s.base][s.indices[0]] for s in samples(expr) if s.base in names}
+        return renamed(expr, moved | {s: new for s, new in names.items() if isinstance(s, sp.Symbol)})
+
+    def named(of: Mapping[str, Any]) -> dict[str, Any]:
+        known = {base.name: new.name for base, new in names.items() if not isinstance(base, sp.Symbol)}
+        return {known.get(name, name): value for name, value in of.items()}
+
+    info = replace(
+        model.info, **{n: named(getattr(model.info, n)) for n in ("ranges", "rates", "frequencies", "steps", "units")}
+    )
+    symbols = tuple(names.get(s, s) for s in model.symbols)
+    own = {"terms": [change(t) for t in model.terms]} if isinstance(model, NARX) and symbols == model.symbols else {}
+    return model.replace(
+        **own or {"F": change(model.F), "symbols": symbols}, states=[s.map(change) for s in model.states], info=info,
+        constraints=[c if isinstance(c, str) else change(c) for c in model.constraints],
+        effects=[e.relabelled(names) for e in model.effects], standard_errors=model.standard_errors,
+        theta=model.numbers,
+    )  # fmt: skip
+
+
+def set_apart(model: Model, taken: Collection[str]) -> tuple[Model, dict[str, str]]:
+    """Return a model whose channels and states leave some names to others, and the new names of those that do."""
+    own = own_names(model)
+    used, names = {*own, *taken}, {}
+    for name in [n for n in own if n in taken]:
+        names[name] = f"model_{name}"
+        while names[name] in used:
+            names[name] = f"model_{names[name]}"
+        used.add(names[name])
+    return (relabelled(model, {signal(a): signal(b) for a, b in names.items()}) if names else model), names
+
+
+def own_names(model: Model) -> list[str]:
+    """Return the names of a model's channels and states."""
+    return [*model.channels, *(s.left.base.name for s in model.states)]
 
 
 def smooth(model: Model, eps: Any = None, form: Any = "tanh") -> Any:
@@ -157,7 +210,7 @@ def held(model: Model, known: Mapping[Any, Any]) -> Model:
         c if isinstance(c, str) else sp.Eq(c.lhs.xreplace(known), c.rhs.xreplace(known)) for c in model.constraints
     ]
     values = dict(zip(model.symbols, model.numbers or (), strict=bool(model.numbers)))
-    acting = {*kept, *(s for s, number in known.items() if number != 0)}
+    acting = {*kept, *(s for s, number in known.items() if not sp.sympify(number).is_zero)}
     effects = [e.among(kept) for e in model.effects if not e.coefficients or acting & set(e.coefficients.values())]
     return model.replace(
         F=F, symbols=kept, states=states, constraints=[c for c in constraints if c != sp.true],

@@ -50,7 +50,7 @@ def _parser() -> Any:
     return lark.Lark(GRAMMAR, parser="lalr", propagate_positions=False, maybe_placeholders=True)
 
 
-def parse(text: str, signals: Iterable[str] = (), symbols: Iterable[str] = ()) -> Any:
+def parse(text: str, signals: Iterable[str] = (), symbols: Iterable[Any] = ()) -> Any:
     """Read one expression.
 
     Parameters
@@ -58,8 +58,10 @@ def parse(text: str, signals: Iterable[str] = (), symbols: Iterable[str] = ()) -
     text : str
         Sums, products, quotients and integer powers of samples `x[k-i]`, numbers, parameters and the
         elementary functions of `narx_sym.symbolic.functions`.
-    signals, symbols : names
-        Further sequences (beside y, u, phi1, phi2, breve_phi1, breve_phi2) and parameters that may appear.
+    signals : names
+        Further sequences (beside y, u, phi1, phi2, breve_phi1, breve_phi2) that may appear.
+    symbols : names, or Symbols
+        Parameters that may appear; what is only named is real.
 
     Raises
     ------
@@ -79,7 +81,7 @@ def parse(text: str, signals: Iterable[str] = (), symbols: Iterable[str] = ()) -
     if deepest > MAX_DEPTH or text.count("**") + text.count("-") + text.count("+") > 4000:
         raise ParseError(f"The expression is nested or repeated too deeply (at most {MAX_DEPTH} brackets).")
     known = SIGNALS | {name: signal(name) for name in signals}
-    builder = _Builder(text, known, {name: sp.Symbol(name, real=True) for name in symbols})
+    builder = _Builder(text, known, {str(s): s if isinstance(s, sp.Symbol) else sp.Symbol(s, real=True) for s in symbols})
     try:
         expr = builder.build(_parser().parse(text))
     except lark.exceptions.UnexpectedInput as error:

@@ -11,7 +11,7 @@ from sympy.printing.latex import LatexPrinter
 from sympy.printing.str import StrPrinter
 
 from .functions import arguments_of, row_of
-from .signals import k, lag
+from .signals import Name, k, lag
 
 DIGITS, FULL = 6, 15  # of a printed number; of a float that was not rounded
 
@@ -59,7 +59,7 @@ class _Latex(LatexPrinter):
         return rf"{mantissa} \times 10^{{{exponent}}}" if exponent else mantissa
 
     def _print_Pow(self, expr: Any) -> str:
-        if expr.base == sp.Symbol("q"):  # the shift operator: q^{-1}, not 1/q
+        if expr.base == Name("q"):  # the shift operator: q^{-1}, not 1/q
             return rf"q^{{{self._print(expr.exp)}}}"
         return str(super()._print_Pow(expr))
 
@@ -107,6 +107,13 @@ def latex_law(equations: list[tuple[Any, Any]]) -> str:
     """Return the equations of a law, one below the other, as one `aligned` block."""
     shown = " \\\\\n".join(f"{latex(lhs)} &= {_Law(_LATEX_SETTINGS).doprint(rhs)}" for lhs, rhs in equations)
     return f"\\begin{{aligned}}\n{shown}\n\\end{{aligned}}"
+
+
+class InLatex:
+    """What a notebook shows of anything that has `latex`."""
+
+    def _repr_latex_(self) -> str:
+        return f"$\\displaystyle {self.latex()}$"  # type: ignore[attr-defined]
 
 
 _LATEX_SETTINGS: dict[str, Any] = {"mul_symbol": None, "fold_short_frac": False}

@@ -16,11 +16,12 @@ import sympy as sp
 from ..errors import ModelError
 from .doors import RecursionDoors
 from .graph import Graph
+from .printing import InLatex, latex_law, shown
 from .signals import expand_phi, k, lag, samples
 
 
 @dataclass(frozen=True)
-class State:
+class State(InLatex):
     """One further update equation of a model, evaluated before its output.
 
     Attributes
@@ -43,6 +44,10 @@ class State:
         left, right, initial = (change(sp.sympify(e)) for e in (self.left, self.right, self.initial))
         return State(left, right, initial, self.group)
 
+    def latex(self) -> str:
+        """LaTeX of the update."""
+        return latex_law([(self.left, self.right)])
+
     @property
     def remembers(self) -> bool:
         """Whether the state uses its own past."""
@@ -50,7 +55,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Recursion(RecursionDoors):
+class Recursion(RecursionDoors, InLatex):
     """`x[k] = f(x[k-1], ..., inputs, parameters)`, one equation per state, evaluated in order.
 
     Parameters
@@ -131,6 +136,13 @@ class Recursion(RecursionDoors):
         """What a step is given: each input at time k, or the last sample of its preview."""
         read = {s for _, right in self.updates for s in samples(right)}
         return tuple(base[k - min(0, *(lag(s) for s in read if s.base == base))] for base in self.inputs)
+
+    def latex(self) -> str:
+        """LaTeX of the equations in order."""
+        return latex_law(list(self.updates))
+
+    def __repr__(self) -> str:
+        return f"Recursion({'; '.join(f'{shown(left)} = {shown(right)}' for left, right in self.updates)})"
 
     def subs(self, values: Mapping[Any, Any]) -> Recursion:
         """Put values or expressions in the place of parameters."""

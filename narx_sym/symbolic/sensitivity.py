@@ -138,7 +138,7 @@ def sensitivities(
     groups = [recursion.states[:1]] if initial is True else [tuple(g) for g in initial or ()]
     updates: list[tuple[Any, Any]] = []
     directions: list[dict[Any, Any]] = []
-    tangent = Tangent.of(recursion, chosen)
+    tangent, taken = Tangent.of(recursion, chosen), {b.name for b in (*recursion.states, *recursion.inputs)}
     local = dict(zip(recursion.states, tangent.slopes, strict=True))
     for position, cause in enumerate([*chosen, *groups]):
         forced = {}
@@ -150,9 +150,16 @@ def sensitivities(
             more = {state for state, slopes in local.items() if any(s.base in reached for s, _ in slopes)} - reached
             reached |= more
             grown = bool(more)
-        moved = {state: signal(f"d{state.name}_{position}") for state in recursion.states if state in reached}
+        moved = {s: signal(_free(f"d{s.name}_{position}", taken)) for s in recursion.states if s in reached}
         for state in moved:
             through = (slope * moved[s.base][k - lag(s)] for s, slope in local[state] if s.base in moved)
             updates.append((moved[state][k], sp.Add(forced.get(state, sp.S.Zero), *through)))
         directions.append(moved)
     return recursion.extend(updates), directions
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """Return the name, with as many strokes behind it as leave the names that are taken."""
+    while name in taken:
+        name += "_"
+    return name

@@ -13,11 +13,24 @@ from typing import Any
 
 import sympy as sp
 
-k = sp.Symbol("k", integer=True)
+
+
+class Name(sp.Symbol):
+    """A symbol of the package's own: it equals no symbol of a user, whatever that is called."""
+
+
+k = Name("k", integer=True)
 
 
 class Sequence(sp.IndexedBase):
-    """A sequence whose samples are made once: equal ones are the same object, which SymPy sees at once."""
+    """A sequence whose samples are made once: equal ones are the same object, which SymPy sees at once.
+
+    Its label is no symbol of a user: a parameter called `y` is not the `y` of `y[k]`.
+    """
+
+    def __new__(cls, label: Any) -> Any:
+        """Make the real sequence of a name: without real, sign(x)*x would turn into a Piecewise."""
+        return super().__new__(cls, label if isinstance(label, Name) else Name(label, real=True))
 
     def __getitem__(self, index: Any, **assumptions: Any) -> sp.Indexed:
         return _sample(self, index)
@@ -34,8 +47,7 @@ def _sample(base: Sequence, index: Any) -> sp.Indexed:
 @lru_cache(maxsize=10_000)
 def signal(name: str) -> Sequence:
     """Return the real sequence called `name`; `signal("p")[k]` is its value at time k."""
-    # Without real=True, sign(x)*x would turn into a Piecewise.
-    return Sequence(name, real=True)
+    return Sequence(name)
 
 
 y, u, r, m = (signal(name) for name in "yurm")

@@ -171,14 +171,14 @@ def follow(
     found, said = told(law, r, start, channels, **options)
     for warning in said:
         warnings.warn(warning, stacklevel=2)
-    first = {name: float(values[0]) for name, values in (channels or {}).items()}
+    first = {name: float(values[0]) for name, values in law.named(channels).items()}
     rests = law.model.input == y or rests_with(law.model, start, float(r[0]), first)
     return Followed(found.m, start, found.held, nsavi(found.m, r) if np.ptp(r) > 0 else None, rests)
 
 
 def _alone(law: Compensator, known: Mapping[str, Array]) -> None:
     """Refuse a law that needs more channels than those that are known."""
-    if lacking := [name for name in law.model.channels if name not in known]:
+    if lacking := [name for name in law.model.channels if name not in law.named(known)]:
         raise ModelError(f"The law needs the channel {lacking[0]!r}, which is not given here.")
 
 

@@ -44,10 +44,10 @@ from narx_sym.models.effects import EFFECTS
 from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
 from narx_sym.models.model import NARX, Model
-from narx_sym.models.rest_map import plays
+from narx_sym.models.rest_map import plays, rest_of
 from narx_sym.symbolic.identities import added
 from narx_sym.symbolic.recursion import State
-from narx_sym.symbolic.signals import k, phi1, phi2, signal, t, u, y
+from narx_sym.symbolic.signals import Name, k, phi1, phi2, signal, t, u, y
 
 TABLE_1 = tuple(BENCH.theta)
 
@@ -71,7 +71,7 @@ def test_sigma_y_adds_the_linear_output_terms_only():
 def test_the_rest_map_holds_every_signal_constant():
     model = NARX.from_terms([*BENCH.terms, "u[k-1]", "y[k-2]*u[k-3]", "phi2[k-1]", "p[k-1]"], channels=["p"])
     t = model.symbols
-    pbar = sp.Symbol(r"\bar{p}", real=True)
+    pbar = rest_of(signal("p"))
     assert zero(rest_map(model) - (t[0] * ybar + t[6] * ubar + t[7] * ybar * ubar + t[9] * pbar))
 
 
@@ -555,7 +555,7 @@ def test_branches_of_plays_are_where_a_slow_run_goes(seed):
     z = {one.base: float(v) for one, v in zip(plays(model), _plays_after(model, history), strict=True)}
     for end in (turns[-1] + 1.3, turns[-1] - 1.3):
         slow = np.concatenate([history, np.linspace(turns[-1], end, 400), np.full(60, end)])
-        known = {sp.Symbol(f"{b.label}_turn", real=True): v for b, v in z.items()} | {u_: end}
+        known = {Name(f"{b.label}_turn", real=True): v for b, v in z.items()} | {u_: end}
         branch = sets.loading if end > turns[-1] else sets.unloading
         expected = float(branch.xreplace(model.values).xreplace(known))
         assert model.simulate(slow, 0.0, warn=False)[-1] == pytest.approx(expected, abs=1e-10)

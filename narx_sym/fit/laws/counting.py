@@ -82,7 +82,7 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
     if reference is None:
         wave = np.sin(2 * np.pi * np.arange(TRIAL) / (TRIAL / 2))
         reference = (low + high) / 2 + 0.45 * (high - low) * wave
-        channels = {name: np.zeros(TRIAL) for name in law.model.channels} | dict(channels or {})
+        channels = {name: np.zeros(TRIAL) for name in law.model.channels} | law.named(channels)
     if damping(law).rings:
         return Check((*proofs, "the law rings, so nothing is counted along a run"), not is_open)
     target = vector(reference, "reference", least=2)

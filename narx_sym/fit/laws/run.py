@@ -18,7 +18,7 @@ from ...inversion.stages import in_order
 from ...models.model import Model
 from ...symbolic.recursion import Recursion
 from ...symbolic.signals import k, m, y
-from ..simulate import fitted, simulate, vector
+from ..simulate import fitted, named, simulate, vector
 from .damping import Share, damping, growth, share_of
 from .driven import driven
 from .excursions import law_warnings, run_away
@@ -203,6 +203,7 @@ def told(
     share: Share = "auto",
 ) -> tuple[Following, list[str]]:
     """Run a law from an input before the start, and return what `run_law` warns of; errors as there."""
+    channels = law.named(named(channels))
     found = follow(law, target, start, channels, limits, rate, share)
     # A law that runs away misses too: the cause is said first.
     known = law_warnings(law, target, found.m, start, found.share < 1)
@@ -247,7 +248,7 @@ def follow(
     low, high = allowed(limits, rate)
     if not low <= start <= high:
         raise ModelError(f"The input before the start, m0 = {start:.6g}, is outside of the limits {low:g} to {high:g}.")
-    part = share_of(law, share)
+    part, channels = share_of(law, share), law.named(named(channels))
     # The model runs beside the law, from the first output on: what acts on it then is made up for.
     beside = law.model.input != y or limits is not None or rate is not None
     compiled = compile(law.limited(limits, rate, part) if beside else law.recursion)

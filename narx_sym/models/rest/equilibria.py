@@ -12,16 +12,16 @@ import sympy as sp
 from ...symbolic import printing
 from ...symbolic.identities import added, vanishes
 from ...symbolic.sensitivity import derivative
-from ...symbolic.signals import k
+from ...symbolic.signals import Name, k
 from ..model import Model
 from ..rest_map import at_rest, closed, folded, plays, rest_map, ubar, ybar
 from .roots import resting_points
 
-z = sp.Symbol("z")
+z = Name("z")
 
 
 @dataclass(frozen=True)
-class SteadyState:
+class SteadyState(printing.InLatex):
     """The rest map and what follows from it.
 
     Attributes
