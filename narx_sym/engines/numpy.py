@@ -160,23 +160,16 @@ def banded(lags: Sequence[int], slopes: Sequence[np.ndarray], right: np.ndarray)
 
 
 def _stepwise(plan: Plan) -> Callable[..., int]:
-    states = range(len(plan.updates))
-    keys = [key for key in plan.sample if key[0] not in states or key[1] >= 1]
-    known = {plan.sample[s, 0]: right for s, right in enumerate(plan.updates)}
-    expressions: list[sp.Expr] = []
-    for right in plan.updates:  # a lag-0 use of an earlier state is written out
-        while right.free_symbols & known.keys():
-            right = right.xreplace(known)
-        expressions.append(right)
-    step = _lambdify(plan, expressions, keys)
+    # State by state: earlier ones put into later ones would nest their branches, which SymPy multiplies out.
+    read = [[key for key, symbol in plan.sample.items() if right.has(symbol)] for right in plan.updates]
+    steps = [_lambdify(plan, [right], keys) for right, keys in zip(plan.updates, read, strict=True)]
 
     def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
         with np.errstate(all="ignore"):
             for k in range(start, stop):
-                values = step(*[arrays[s][k - i] for s, i in keys], *theta, float(k))
-                for s in states:
-                    arrays[s][k] = values[s]
-                if not np.all(np.isfinite(values)):
+                for state, step, keys in zip(arrays[: len(steps)], steps, read, strict=True):
+                    (state[k],) = step(*[arrays[s][k - i] for s, i in keys], *theta, float(k))
+                if not all(np.isfinite(state[k]) for state in arrays[: len(steps)]):
                     return k
         return stop
 

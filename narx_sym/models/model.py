@@ -125,6 +125,8 @@ class Model(ModelDoors, printing.InLatex):
             raise ModelError("A parameter value is not a finite number.")
         if Ts is not None and not 0 < Ts < float("inf"):
             raise ModelError(f"The sampling time Ts must be a positive number [s], not {Ts:g}.")
+        if any(c is sp.false for c in constraints):
+            raise ModelError("A constraint is false for every value of the parameters.")
         vars(self).update(
             numbers=None if theta is None else tuple(theta),
             standard_errors=None if standard_errors is None else tuple(standard_errors),

@@ -18,7 +18,7 @@ from narx_sym.engines.plan import Plan
 from narx_sym.errors import Diverged, ModelError
 from narx_sym.models.model import NARX
 from narx_sym.symbolic.recursion import Recursion
-from narx_sym.symbolic.signals import k, phi1, phi2, u, y
+from narx_sym.symbolic.signals import k, phi1, phi2, signal, u, y
 
 # ---------------------------------------------------------------- agreement on random recursions
 
@@ -395,3 +395,16 @@ def test_conditions_on_parameters_and_signals_together():
         for right in (choice, choice + y[k - 1] / 2):
             results = runs(Recursion(((y[k], right),), (a,)), {"u": inputs_of(40)["u"]}, [0.5], {"y": 0.1})
             assert_agree(results)
+
+
+@pytest.mark.parametrize("length", (3, 14))
+def test_branches_that_read_branches_are_not_multiplied_out(length):
+    """Each of a chain of states has cases of the one before it: written into each other they are 3**length cases."""
+    states, updates = [signal(f"s{i}") for i in range(length)], []
+    before = u[k] + y[k - 1] / 4
+    for s in states:
+        case = sp.Piecewise((before - 1, before > s[k - 1] + 1), (s[k - 1], sp.And(before > 0, u[k] > 0)), (before / 2, True))
+        updates.append((s[k], case))
+        before = s[k]
+    recursion = Recursion((*updates, (y[k], sp.Max(before, -1) / 2 + u[k])), ())
+    assert_agree(runs(recursion, {"u": inputs_of(200)["u"]}, (), dict.fromkeys(map(str, recursion.states), 0.1)))

@@ -235,3 +235,17 @@ def test_check_names_each_term_that_breaks_an_assumption():
     assert "n_u = 1 is not larger than tau_d = 1" in str(NARX.from_terms(["y[k-1]", "u[k-1]"]).check()[-1])
     paper = ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi1[k-2]*u[k-2]**2"]
     assert NARX.from_terms(paper).check() == []
+
+
+@pytest.mark.parametrize(
+    "rules, left",
+    (
+        ((), 79),  # of 119 products: 40 are the same as others
+        ((*ASSUMPTION_1, "A1(i)"), 23),
+        ((*ASSUMPTION_1, "A1(i)", "rest", "linear"), 19),
+    ),
+)
+def test_how_many_terms_the_papers_assumptions_leave(rules, left):
+    found = pool(n_y=1, n_u=2, degree=3, rules=rules)
+    banned = {v.term for v in found.excluded}
+    assert len(found) == left and len(found) + len(banned) + len(found.duplicates) == 119

@@ -250,6 +250,27 @@ def test_pictures_from_python(stage_diagnosis):
     assert drawn is not None and "attracting" in drawn.svg
 
 
+def test_a_picture_never_guesses_the_inputs(tmp_path):
+    """The range is that of the fit, else of a record; a model that nobody has used anywhere is not drawn."""
+    from narx_sym.report.plots import plot_reversal_curves, reversal_curves
+
+    n = np.arange(2000)
+    source, slow = 1.8 + 1.8 * np.sin(2 * np.pi * n / 500), ns.NARX.from_terms(["y[k-1]", "phi1[k-1]"], [1.0, 12.0])
+    record = ns.Record.from_arrays(source, slow.simulate(source, -118.0), Ts=0.01)
+    for draw in (slow.plot_quasi_static, lambda: plot_reversal_curves(slow), lambda: reversal_curves(slow)):
+        with pytest.raises(ns.NarxError, match="range of u is not known"):
+            draw()
+    ns.save(slow, tmp_path / "m.json")
+    axes = slow.plot_quasi_static(record=record).axes[0], slow.fit(record).plot_quasi_static().axes[0]
+    for ax in axes:
+        drawn = np.concatenate([line.get_xdata() for line in ax.lines])
+        assert drawn.min() == pytest.approx(0.0, abs=1e-3) and drawn.max() == pytest.approx(3.6, abs=1e-3)
+        loop = next(line for line in ax.lines if line.get_label() == "loop of the model").get_ydata()
+        assert np.allclose([loop.min(), loop.max()], [record.y.min(), record.y.max()], atol=1.0)
+    assert all(0 <= u.min() and u.max() <= 3.6 + 1e-9 for u, _ in reversal_curves(slow, record=record))
+    assert derived.quasi_static(slow, {}) is None and derived.quasi_static(slow, {}, record=record) is not None
+
+
 # ---- hostile names, notebooks -------------------------------------------------------------------------------------
 
 

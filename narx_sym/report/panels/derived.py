@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...data.record import Record
 from ...data.units import by_unit
 from ...errors import ModelError, NarxError, NotInvertible
 from ...inversion.analyses import derived as every
@@ -17,11 +18,11 @@ from ..words import DIGITS
 from .registry import TAKEN, Material, panel
 
 
-def quasi_static(model: Model, units: Units, of: str = "") -> Picture | None:
+def quasi_static(model: Model, units: Units, of: str = "", record: Record | None = None) -> Picture | None:
     """Return the quasi-static sets, None where they are not derived or where the model does not stay finite."""
 
     def draw(ax: Any) -> None:
-        plot_quasi_static(model, ax=ax, units=dict(units))
+        plot_quasi_static(model, ax=ax, units=dict(units), record=record)
 
     try:
         draw(new_axes(figsize=(5.2, 5.0))[1])
@@ -33,10 +34,11 @@ def quasi_static(model: Model, units: Units, of: str = "") -> Picture | None:
 
 def pictures(material: Material) -> list[Picture]:
     """Return the sets of the model, of the base where those of the model are not derived; none where neither is."""
-    model, base = material.diagnosis.model, material.diagnosis.steps[0].base.model
-    sets = quasi_static(model, material.units)
+    step, model = material.diagnosis.steps[0], material.diagnosis.model
+    base, record = step.base.model, step.base.split.records[0]
+    sets = quasi_static(model, material.units, record=record)
     if sets is None and any(samples(base.F, b) for b in differences(base.input)):
-        sets = quasi_static(base, material.units, " of the base")
+        sets = quasi_static(base, material.units, " of the base", record)
     return [] if sets is None else [sets]
 
 

@@ -15,6 +15,7 @@ from ...models.model import Model
 from ...tasks.commission import Commissioning
 from ..figures.describe import SEVERAL, TIME, Area, Line, Panel, traces
 from ..figures.still import draw, new_axes, split
+from .sets import input_range
 
 
 def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[str, str] | None = None) -> Any:
@@ -46,16 +47,18 @@ def plot_comparison(model: Model, record: Record, axes: Any = None, units: dict[
     return draw(axes[2], traces(u, driver, y, told))
 
 
-def reversal_curves(model: Model, count: int = 8, leg: int = 400) -> list[tuple[Any, Any]]:
-    """Return first-order reversal curves of a model over the input's range it was fitted on, slowly swept.
+def reversal_curves(
+    model: Model, count: int = 8, leg: int = 400, record: Record | None = None
+) -> list[tuple[Any, Any]]:
+    """Return first-order reversal curves of a model over the input's range it was fitted on, else that of a record.
 
-    From the top the input falls to each of `count` levels and rises again: each curve is that rise.
+    Slowly swept, from the top the input falls to each of `count` levels and rises again: each curve is that rise.
 
     Returns
     -------
     list of (u, y), (leg,) arrays [units of u and y], from the highest level to the lowest
     """
-    low, high = model.info.ranges.get(model.input.name, (-1.0, 1.0))
+    low, high = input_range(model, record)
     levels = [high - (high - low) * i / count for i in range(1, count + 1)]
     path = [np.linspace(low, high, leg)]
     for level in levels:
@@ -84,7 +87,7 @@ def plot_reversal_curves(
     if record is not None:
         rising = np.where(np.diff(record.u, prepend=record.u[0]) >= 0, record.y, np.nan)
         marks.append(Line(record.u, rising, "measured, rising", "recorded"))
-    for source, run in reversal_curves(model, count):
+    for source, run in reversal_curves(model, count, record=record):
         marks += [Line(source, run, "model, after each turn", "after"), Line(source[:1], run[:1], role="start")]
     return draw(ax, Panel(headed("u", units.get("u")), headed("y", units.get("y")), marks))
 

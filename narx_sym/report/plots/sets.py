@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from ...data.record import Record
 from ...data.units import said_first
 from ...engines.columns import evaluate_quasi_static
-from ...fit.simulate import simulate
+from ...errors import NarxError
+from ...fit.simulate import arrays, simulate
 from ...models.model import Model
 from ..figures.still import BLACK, BLUE, PINK, RED, label, new_axes
 
@@ -20,25 +22,37 @@ def plot_quasi_static(
     ax: Any = None,
     units: dict[str, str] | None = None,
     window: float | None = None,
+    record: Record | None = None,
 ) -> Any:
     """Draw the attracting and repelling quasi-static sets with the model's loop and its orientation.
 
     Parameters
     ----------
     u : (N,) array, optional
-        One loading-unloading cycle; a sine over the identified range by default (1000 samples).
+        One loading-unloading cycle; a sine over the identified range by default, or over that of `record` (1000
+        samples).
     y0 : number, optional
-        Where the first of three cycles starts; the last one is drawn.
+        Where the first of three cycles starts; the last one is drawn. By default where the record is at that input.
     window : float, optional
         The vertical range shown, in ranges of the loop. The sets run to infinity where dF/dy crosses 1; by
         default three quarters of the points of each set that matters are inside.
+    record : Record, optional
+        Where the model is used, if it was not fitted.
+
+    Raises
+    ------
+    NarxError
+        Where nobody says over which inputs, and for what is not derived.
     """
     units = said_first(model.info.units, units)
     source, output = model.input.name, model.output.name
     if u is None:
-        low, high = model.info.ranges.get(source, (-1.0, 1.0))
+        low, high = input_range(model, record)
         u = (low + high) / 2 + (high - low) / 2 * np.sin(2 * np.pi * np.arange(1000) / 1000)
     u = np.asarray(u, dtype=float)
+    if y0 is None and record is not None and model.info.line is None:
+        measured = arrays(model, record)
+        y0 = measured[output][np.argmin(np.abs(measured[source] - u[0]))]
     if ax is None:
         _, ax = new_axes(figsize=(6.5, 5.8))
     # The cycle is closed, so that its first sample has a difference too.
@@ -72,6 +86,24 @@ def plot_quasi_static(
     below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13), "ncols": 2}
     ax.legend(handles=drawn, fontsize=9, frameon=False, **below)
     return ax.figure
+
+
+def input_range(model: Model, record: Record | None = None) -> tuple[float, float]:
+    """Return the lowest and the highest input on the records that a model was fitted on, else on a record.
+
+    Raises
+    ------
+    NarxError
+        Where there is neither.
+    """
+    name = model.input.name
+    if record is not None and name not in model.info.ranges:
+        measured = arrays(model, record)[name]
+        return float(measured.min()), float(measured.max())
+    if name not in model.info.ranges:
+        raise NarxError(f"The range of {name} is not known: the model was not fitted on a record. Give {name}, or record.")
+    low, high = model.info.ranges[name]
+    return low, high
 
 
 def _half_window(sets: Any, distance: np.ndarray, loop: float, window: float | None) -> float:
