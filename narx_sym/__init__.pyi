@@ -41,6 +41,8 @@ from .report import plots as plots
 from .symbolic import signals as signals
 from .symbolic.printing import latex as latex
 from .symbolic.printing import text as text
+from .symbolic.sensitivity import derivative as derivative
+from .symbolic.sensitivity import sensitivities as sensitivities
 from .symbolic.signals import k as k
 from .symbolic.signals import m as m
 from .symbolic.signals import phi1 as phi1

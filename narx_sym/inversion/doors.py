@@ -13,6 +13,7 @@ class CompensatorDoors:
     to_fmu = door("codegen.targets", "law_to_fmu")
     to_js = door("codegen.targets", "law_to_js")
     to_casadi = door("codegen.targets", "law_to_casadi")
+    lambdify = door("engines.lambdify", "lambdify")
     run = door("fit.laws.run", "run_law")
     exported = door("fit.laws.run", "exported")
     follow = door("fit.laws.run", "follow")

@@ -12,6 +12,8 @@ class ModelDoors:
     smooth = door("models.rewrite", "smooth")
     check = door("models.analysis", "check")
     save = door("files.store", "save")
+    sensitivities = door("symbolic.sensitivity", "sensitivities")
+    lambdify = door("engines.lambdify", "lambdify")
     compensator = door("inversion.compensator", "compensator")
     coefficient_units = door("data.units.derived", "coefficient_units")
     units_told = door("data.units.derived", "units_told")

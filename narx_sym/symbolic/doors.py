@@ -7,3 +7,5 @@ class RecursionDoors:
     """Each line is one function of the room that does it; it takes the recursion first."""
 
     compile = door("engines.compile", "compile")
+    sensitivities = door("symbolic.sensitivity", "sensitivities")
+    lambdify = door("engines.lambdify", "lambdify")

@@ -14,24 +14,48 @@ from typing import Any
 import sympy as sp
 
 from .recursion import Recursion
-from .signals import k, lag, renamed, rewritten, samples, signal
+from .signals import breve_phi1, k, lag, phi1, renamed, rewritten, samples, signal, u, y
+
+DRIVEN = {u: phi1, y: breve_phi1}  # the first difference of a sequence, where it has a name
 
 
-@lru_cache(maxsize=20_000)
 def derivative(expr: Any, variable: Any) -> Any:
-    """Differentiate with the kinks of sign, abs, Max and Min taken as they are away from them.
+    """Differentiate by a sample or a parameter, with the kinks of sign, abs, Max and Min as they are away from them.
+
+    phi1[k-i] moves with u[k-i] and against u[k-i-1], phi2 with neither; the breve pair does with y. (`sympy.diff` does
+    not see u in phi1, and makes a DiracDelta of a sign.) An Indexed stands for a sample, which its lag tells from others.
 
     Where two arguments of Max or Min are equal, it moves with one of them, as a play does whose input rests. Sums go
     term by term, each once: models share their terms, and SymPy takes longer over the whole.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> from narx_sym import k, phi1, phi2, u, y
+    >>> ns.derivative(3 * phi2[k - 1] * phi1[k - 1] * y[k - 1], u[k - 2])
+    -3*phi2[k - 1]*y[k - 1]
     """
+    expr = sp.sympify(expr)
+    inner = DRIVEN.get(getattr(variable, "base", None))
+    if inner is not None:
+        i = variable.indices[0]
+        now, before = (derivative(expr, inner[j]) for j in (i, i + 1))
+        if now != 0 or before != 0:
+            return _direct(expr, variable) + now - before
+    return _direct(expr, variable)
+
+
+@lru_cache(maxsize=20_000)
+def _direct(expr: Any, variable: Any) -> Any:
+    """Differentiate where phi1 and phi2 are samples of their own."""
     if not expr.has(variable):
         return sp.S.Zero
     if expr.is_Add:
-        return sp.Add(*(derivative(term, variable) for term in expr.args))
+        return sp.Add(*(_direct(term, variable) for term in expr.args))
     if expr.is_Mul:
         moving = [factor for factor in expr.args if factor.has(variable)]
         if len(moving) == 1:
-            return sp.Mul(derivative(moving[0], variable), *(f for f in expr.args if f is not moving[0]))
+            return sp.Mul(_direct(moving[0], variable), *(f for f in expr.args if f is not moving[0]))
     plain, names = _plain(expr)
     in_pairs, extremes = _in_pairs(plain)
     result = sp.diff(in_pairs, _stand_in(variable) if isinstance(variable, sp.Indexed) else variable)
@@ -114,7 +138,7 @@ class Tangent:
 
 
 def sensitivities(
-    recursion: Recursion,
+    recursion: Any,
     parameters: Sequence[Any] | None = None,
     initial: bool | Sequence[Sequence[Any]] = False,
 ) -> tuple[Recursion, list[dict[Any, Any]]]:
@@ -122,6 +146,7 @@ def sensitivities(
 
     Parameters
     ----------
+    recursion : Recursion, or what has one, such as a model
     parameters : sequence of Symbol, optional
         With respect to which; all of the recursion's by default.
     initial : groups of states, or True for the first state alone
@@ -133,7 +158,16 @@ def sensitivities(
     extended : Recursion
     directions : list of dict from a state of the recursion to the sequence of its derivative, one per direction
         States that a direction does not move are left out.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.5, 2.0])
+    >>> extended, (by_first, by_second) = model.sensitivities()
+    >>> dict(extended.updates)[by_second[ns.y][ns.k]]
+    theta_1*dy_1[k - 1] + u[k - 1]
     """
+    recursion = getattr(recursion, "recursion", recursion)
     chosen: list[Any] = list(recursion.parameters if parameters is None else parameters)
     groups = [recursion.states[:1]] if initial is True else [tuple(g) for g in initial or ()]
     updates: list[tuple[Any, Any]] = []
