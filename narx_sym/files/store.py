@@ -279,7 +279,7 @@ def _states(data: dict[str, Any], channels: list[str], symbols: list[Symbol]) ->
     return tuple(
         State(
             signal(one["state"])[k], parse(one["update"], signals=signals, symbols=symbols),
-            parse(one["initial"], signals=[*channels, "t"]), one.get("group", ""),
+            parse(one["initial"], signals=[*channels, "t"], symbols=symbols), one.get("group", ""),
         )
         for one in listed
     )  # fmt: skip

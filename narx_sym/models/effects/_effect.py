@@ -12,6 +12,7 @@ from typing import Any
 import sympy as sp
 
 from ...errors import ModelError
+from ...symbolic.door import door
 from ...symbolic.functions import within
 from ...symbolic.printing import text
 from ...symbolic.recursion import State
@@ -182,6 +183,8 @@ class Effect:
 
     def __repr__(self) -> str:
         return f"Effect({self.id}{', ' + self.form if self.form else ''})"
+
+    __rshift__ = door("models.compose", "series")
 
     def __hash__(self) -> int:
         return hash((self.id, self.form))
