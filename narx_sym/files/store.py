@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sympy import Eq, Indexed, Symbol, expand, true
-from sympy.core.assumptions import _assume_defined as ASSUMED  # positive, real, integer, ...
+from sympy.core.assumptions import _assume_defined as assumed_of
 from sympy.core.facts import InconsistentAssumptions
 
 from ..errors import ModelError, NarxError
@@ -209,7 +209,7 @@ def _parameters(names: list[str], assumed: Any) -> list[Symbol]:
     if not isinstance(assumed, dict) or not set(assumed) <= set(names):
         raise ModelError("'assumptions' must be an object that speaks of parameters.")
     for name, of in assumed.items():
-        if not isinstance(of, dict) or not set(of) <= ASSUMED or not all(isinstance(v, bool) for v in of.values()):
+        if not isinstance(of, dict) or not set(of) <= assumed_of or not all(isinstance(v, bool) for v in of.values()):
             raise ModelError(f"'assumptions' of {name[:40]!r} must be true or false, such as {{'positive': true}}.")
     try:
         return [Symbol(n, **assumed.get(n, {"real": True})) for n in names]

@@ -181,7 +181,7 @@ class Solution:
         while limits := [f for f in gap.atoms(sp.Max, sp.Min) if f.has(self.target)]:
             reached = {f: next(e for e in f.args if e.has(self.target)) for f in limits}
             gap = gap.xreplace(reached)  # the discriminant where there is a solution
-        return sp.S.Zero if vanishes(gap) or _rounded(gap) else gap
+        return sp.S.Zero if _rounded(gap) or vanishes(gap) else gap  # algebra may take minutes
 
     @property
     def polynomial(self) -> Polynomial | None:

@@ -35,10 +35,15 @@ from .effects import Effect
 from .extend import written_constraints
 from .info import Info
 from .model import Model
+from .rest_map import INTEGRATES
 from .rewrite import own_names, relabelled
 
-PLACES = {*INNER_INPUTS, *INNER_OUTPUTS, rub, grip}  # where effects act in a model: in another one they are plain states
-CONTINUES = 1e-9  # of 1: a slope at rest as near to 1 is that of an integrator
+PLACES = {
+    *INNER_INPUTS,
+    *INNER_OUTPUTS,
+    rub,
+    grip,
+}  # where effects act in a model: in another one they are plain states
 
 
 def series(first: Any, second: Any) -> Model:
@@ -52,7 +57,7 @@ def series(first: Any, second: Any) -> Model:
     Returns
     -------
     Model
-        Its input is that of the first, its output that of the second. What stands between them is a state, which starts
+        Its input is that of the first, its output that of the second. What stands between is a state, which starts
         where the first rests; where that may rest anywhere, on the line through the data that it was fitted on, or at 0.
         Parameters that have one name get two; the same channel stays one. Without values where one of them has none.
 
@@ -95,14 +100,27 @@ def parallel(first: Any, second: Any) -> Model:
     """
     a, b = _pair(first, second)
     if a.input != b.input:
-        raise ModelError(f"Side by side both models are driven by one input, not by {a.input.label} and {b.input.label}.")
-    taken = {*own_names(a), *own_names(b)}
-    beside, inner = signal(_fresh("y_1", taken)), signal(_fresh("y_2", taken))
+        raise ModelError(
+            f"Side by side both models are driven by one input, not by {a.input.label} and {b.input.label}."
+        )
+    beside = signal(_fresh("y_1", {*own_names(a), *own_names(b)}))
     own = _Part.of(a, a.input, beside, {beside: _output_at_rest(a)})
-    other = _Part.of(b, b.input, inner, {inner: y[k] - own.rest})
-    states = [*own.states, State(beside[k], own.right, own.rest), *other.states]
-    states.append(State(inner[k], other.right, y[k] - own.rest))
-    return _whole(a, b, beside[k] + inner[k], states, Info(ranges=_only(a.info.ranges, "u"), units=a.info.units))
+    other = _Part.of(b, b.input, y, {})
+
+    def alone(expr: Any, at: Any) -> Any:
+        """Take off what the first one adds to the output."""
+        return renamed(expr, {s: s - at(s) for s in samples(expr, y)})
+
+    def past(s: Any) -> Any:
+        return beside[s.indices[0]]
+
+    states = [*own.states, State(beside[k], own.right, own.rest)]
+    states += [
+        State(s.left, alone(s.right, past), alone(s.initial, lambda y_: shift(own.rest, -lag(y_))), s.group)
+        for s in other.states
+    ]
+    info = Info(ranges=_only(a.info.ranges, "y"), units=a.info.units)
+    return _whole(a, b, beside[k] + alone(other.right, past), states, info)
 
 
 def feedback(forward: Any, back: Any) -> Model:
@@ -113,28 +131,33 @@ def feedback(forward: Any, back: Any) -> Model:
     ModelError
         As for `series`, and where the output would act on itself at once.
     """
-    a, b = _pair(forward, back)
+    a, b = _pair(forward, back, main=0)
     taken = {*own_names(a), *own_names(b)}
     error, returned = signal(_fresh("e", taken)), signal(_fresh("y_1", taken))
-    late = 0 if _delay(b) else 1  # a loop that closes at once in `back` is computed one sample later
-    if late and not _delay(a):
-        raise ModelError("The output would act on itself at once: one of both models must delay by a sample.")
     rest = _output_at_rest(b)
     held = rest.xreplace({s: y[s.indices[0]] for s in samples(rest, b.input)})
     other = _Part.of(b, y, returned, {returned: held})
     own = _Part.of(a, error, y, {error: a.input[k] - held})
+    way = [
+        *other.states,
+        State(returned[k], other.right, held),
+        State(error[k], a.input[k] - returned[k], a.input[k] - held),
+    ]
+    late = {s.left.base for s in way} if any(not lag(s) for one in way for s in samples(one.right, y)) else set()
+    for state in own.states if late else ():
+        if any(s.base in late and not lag(s) for s in samples(state.right)):
+            late.add(state.left.base)
+    if any(s.base in late and not lag(s) for s in samples(own.right)):
+        raise ModelError("The output would act on itself at once: one of both models must delay by a sample.")
 
-    def earlier(expr: Any) -> Any:
-        inner = {returned, *(s.left.base for s in other.states)}
-        return renamed(shift(expr, -late), {s: s.base[s.indices[0] + late] for s in samples(shift(expr, -late)) if s.base in inner})
+    def computed(expr: Any, of: Any) -> Any:
+        """Read what the output reaches at once as it is computed: one sample later than it is."""
+        expr = shift(expr, -1) if of in late else expr
+        return renamed(expr, {s: s.base[s.indices[0] + 1] for s in samples(expr) if s.base in late})
 
-    def later(expr: Any) -> Any:
-        return renamed(expr, {s: error[s.indices[0] + late] for s in samples(expr, error)})
-
-    states = [State(s.left, earlier(s.right), s.initial, s.group) for s in other.states]
-    states += [State(returned[k], earlier(other.right), held), State(error[k], a.input[k - late] - returned[k], a.input[k] - held)]
-    states += [State(s.left, later(s.right), s.initial, s.group) for s in own.states]
-    return _whole(a, b, later(own.right), states, Info(ranges=_only(a.info.ranges, "y"), units=a.info.units))
+    states = [State(s.left, computed(s.right, s.left.base), s.initial, s.group) for s in (*way, *own.states)]
+    info = Info(ranges=_only(a.info.ranges, "u"), units=a.info.units)
+    return _whole(a, b, computed(own.right, y), states, info)
 
 
 @dataclass(frozen=True)
@@ -165,8 +188,11 @@ class _Part:
         return cls(states, right, rest.get(target, y[k]))
 
 
-def _pair(*given: Any) -> list[Model]:
-    """Return models with names of their own: what is not a channel of both has another name in the second."""
+def _pair(*given: Any, main: int = 1) -> list[Model]:
+    """Return models with names of their own: what is not a channel of both has another name in the second.
+
+    The core of the `main` one computes the output of the whole: its output places stay what they are.
+    """
     a, b = (_block(one) if isinstance(one, Effect) else one for one in given)
     for one in (a, b):
         if not isinstance(one, Model) or one.output != y:
@@ -174,14 +200,13 @@ def _pair(*given: Any) -> list[Model]:
     if a.Ts and b.Ts and a.Ts != b.Ts:
         raise ModelError(f"The models have two sampling times, {a.Ts:g} s and {b.Ts:g} s.")
     taken = {u.name, y.name, *a.channels, *b.channels}
-    made = []
+    made: list[Model] = []
     symbols: set[str] = set()
-    for one in (a, b):
+    for place, one in enumerate((a, b)):
         names: dict[Any, Any] = {}
         for state in one.states:
             base = state.left.base
-            # The output places of the second one stay what they are: its core computes the output of the whole.
-            special = base in PLACES and not (one is b and base in INNER_OUTPUTS)
+            special = base in PLACES and not (place == main and base in INNER_OUTPUTS)
             new = _fresh(f"{base.name}_1" if special else base.name, taken)
             taken.add(new)
             names[base] = signal(new)
@@ -223,12 +248,9 @@ def _block(effect: Effect) -> Model:
         return renamed(expr, {s: u[s.indices[0]] for s in samples(expr, signal("x"))})
 
     F = u[k] + sp.Add(*(c * driven(z) for c, z in zip(cs, form.z, strict=True)))
-    return Model(F, [*cs, *(s for p, s in shape.items() if p not in steps)], states=[s.map(driven) for s in form.states])
-
-
-def _delay(model: Model) -> int:
-    """Return after how many samples the input reaches the output, through whatever an effect has brought too."""
-    return model.recursion.graph.delays(model.input).get(model.output) or 0
+    return Model(
+        F, [*cs, *(s for p, s in shape.items() if p not in steps)], states=[s.map(driven) for s in form.states]
+    )
 
 
 def _output_at_rest(model: Model) -> Any:
@@ -245,7 +267,7 @@ def _output_at_rest(model: Model) -> Any:
     line = model.info.line or (0.0, 0.0)
     value = slope.xreplace(model.values)
     # Where nothing is known of the parameters they could not be put in before a run.
-    if model.values and value.is_number and abs(float(value)) > CONTINUES and not vanishes(slope):
+    if model.values and value.is_number and abs(float(value)) > INTEGRATES and not vanishes(slope):
         return held.xreplace({at: sp.S.Zero}) / slope
     return line[0] + line[1] * model.input[k] if model.info.line else sp.S.Zero
 

@@ -11,9 +11,11 @@ import sympy as sp
 from ..errors import ModelError
 from ..symbolic import printing
 from ..symbolic.recursion import State
-from ..symbolic.signals import Name, differences, held, lag, lags, samples, t, x
+from ..symbolic.sensitivity import derivative
+from ..symbolic.signals import INNER_OUTPUTS, Name, differences, expand_phi, held, lag, lags, samples, t, x
 from .model import Model
 
+INTEGRATES = 1e-9  # of 1: a slope at rest as near to 1 is that of an integrator
 ybar, ubar = (Name(n, real=True) for n in (r"\bar{y}", r"\bar{u}"))
 
 
@@ -76,12 +78,40 @@ def plays(model: Model) -> list[Play]:
     return found
 
 
-def remembered(model: Model, but: Sequence[Play] = ()) -> str:
+def settled(model: Model) -> dict[Any, Any]:
+    """Return where states that no effect brought settle under a constant input and output, by their symbols at rest.
+
+    Each is solved for where it stands linearly and alone decides; a state that may rest anywhere is not among them.
+    """
+    groups = {e.group for e in model.effects if e.group}
+    found: dict[Any, Any] = {}
+    for state in model.hidden:
+        if state.left.base in INNER_OUTPUTS or state.group in groups:
+            continue
+        own = rest_of(state.left.base)
+        gap = (own - at_rest(model.in_user_units(expand_phi(state.right)), model)).xreplace(found)
+        slope = sp.expand(derivative(gap, own))
+        value = slope.xreplace(model.values)
+        if slope.free_symbols - set(model.symbols) or (value.is_number and abs(float(value)) <= INTEGRATES):
+            continue
+        known = {own: -gap.xreplace({own: sp.S.Zero}) / slope}
+        found = {s: e.xreplace(known) for s, e in found.items()} | known
+    return found
+
+
+def resting_states(model: Model) -> list[Any]:
+    """Return the sequences of `settled`."""
+    known = settled(model)
+    return [s.left for s in model.hidden if rest_of(s.left.base) in known]
+
+
+def remembered(model: Model, but: Sequence[Any] = ()) -> str:
     """Say what keeps a model from being one equation in y and u, `but` some plays; an empty text where it is one."""
-    hidden = {s.left.base for s in model.hidden} - {one.base for one in but}
+    known = {one.base for one in but}
+    hidden = {s.left.base for s in model.hidden} - known
     if not hidden:
         return ""
-    read = hidden | model.recursion.graph.reached(*hidden)
+    read = (hidden | model.recursion.graph.reached(*hidden)) - known
     held = [s for s in model.recurrent if s.left.base in read]
     if held:
         shown = ", ".join(printing.text(s.left) for s in held)
@@ -89,7 +119,7 @@ def remembered(model: Model, but: Sequence[Play] = ()) -> str:
     return f"{effects_of(model, model.beside, model.hidden)} acts on the inner output x[k], which is not measured"
 
 
-def closed(model: Model, what: str, timeless: bool = True, but: Sequence[Play] = ()) -> None:
+def closed(model: Model, what: str, timeless: bool = True, but: Sequence[Any] = ()) -> None:
     """Refuse what is not derived for models that remember more than some plays, or that change with time.
 
     Raises
@@ -141,8 +171,8 @@ def rest_map(model: Model) -> Any:
     ModelError
         For a model that remembers more than its outputs, inputs and plays of them, or changes with time.
     """
-    closed(model, "The steady state is", but=plays(model))
-    return at_rest(model.right, model)
+    closed(model, "The steady state is", but=[*plays(model), *resting_states(model)])
+    return at_rest(model.right, model).xreplace(settled(model))
 
 
 def sigma_y(model: Model) -> Any:

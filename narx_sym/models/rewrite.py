@@ -135,11 +135,13 @@ def relabelled(model: Model, names: Mapping[Any, Any]) -> Model:
         known = {base.name: new.name for base, new in names.items() if not isinstance(base, sp.Symbol)}
         return {known.get(name, name): value for name, value in of.items()}
 
-    info = replace(
-        model.info, **{n: named(getattr(model.info, n)) for n in ("ranges", "rates", "frequencies", "steps", "units")}
-    )
+    known: dict[str, Any] = {
+        n: named(getattr(model.info, n)) for n in ("ranges", "rates", "frequencies", "steps", "units")
+    }
+    info = replace(model.info, **known)
     symbols = tuple(names.get(s, s) for s in model.symbols)
-    own = {"terms": [change(t) for t in model.terms]} if isinstance(model, NARX) and symbols == model.symbols else {}
+    linear = isinstance(model, NARX) and symbols == model.symbols
+    own: dict[str, Any] = {"terms": [change(t) for t in model.terms]} if linear else {}
     return model.replace(
         **own or {"F": change(model.F), "symbols": symbols}, states=[s.map(change) for s in model.states], info=info,
         constraints=[c if isinstance(c, str) else change(c) for c in model.constraints],

@@ -81,7 +81,9 @@ def parse(text: str, signals: Iterable[str] = (), symbols: Iterable[Any] = ()) -
     if deepest > MAX_DEPTH or text.count("**") + text.count("-") + text.count("+") > 4000:
         raise ParseError(f"The expression is nested or repeated too deeply (at most {MAX_DEPTH} brackets).")
     known = SIGNALS | {name: signal(name) for name in signals}
-    builder = _Builder(text, known, {str(s): s if isinstance(s, sp.Symbol) else sp.Symbol(s, real=True) for s in symbols})
+    builder = _Builder(
+        text, known, {str(s): s if isinstance(s, sp.Symbol) else sp.Symbol(s, real=True) for s in symbols}
+    )
     try:
         expr = builder.build(_parser().parse(text))
     except lark.exceptions.UnexpectedInput as error:

@@ -23,7 +23,7 @@ def derivative(expr: Any, variable: Any) -> Any:
     """Differentiate by a sample or a parameter, with the kinks of sign, abs, Max and Min as they are away from them.
 
     phi1[k-i] moves with u[k-i] and against u[k-i-1], phi2 with neither; the breve pair does with y. (`sympy.diff` does
-    not see u in phi1, and makes a DiracDelta of a sign.) An Indexed stands for a sample, which its lag tells from others.
+    not see u in phi1, and makes a DiracDelta of a sign.)
 
     Where two arguments of Max or Min are equal, it moves with one of them, as a play does whose input rests. Sums go
     term by term, each once: models share their terms, and SymPy takes longer over the whole.
@@ -36,7 +36,7 @@ def derivative(expr: Any, variable: Any) -> Any:
     -3*phi2[k - 1]*y[k - 1]
     """
     expr = sp.sympify(expr)
-    inner = DRIVEN.get(getattr(variable, "base", None))
+    inner = DRIVEN.get(variable.base) if isinstance(variable, sp.Indexed) else None
     if inner is not None:
         i = variable.indices[0]
         now, before = (derivative(expr, inner[j]) for j in (i, i + 1))

@@ -14,7 +14,6 @@ from typing import Any
 import sympy as sp
 
 
-
 class Name(sp.Symbol):
     """A symbol of the package's own: it equals no symbol of a user, whatever that is called."""
 

@@ -403,7 +403,9 @@ def test_branches_that_read_branches_are_not_multiplied_out(length):
     states, updates = [signal(f"s{i}") for i in range(length)], []
     before = u[k] + y[k - 1] / 4
     for s in states:
-        case = sp.Piecewise((before - 1, before > s[k - 1] + 1), (s[k - 1], sp.And(before > 0, u[k] > 0)), (before / 2, True))
+        case = sp.Piecewise(
+            (before - 1, before > s[k - 1] + 1), (s[k - 1], sp.And(before > 0, u[k] > 0)), (before / 2, True)
+        )
         updates.append((s[k], case))
         before = s[k]
     recursion = Recursion((*updates, (y[k], sp.Max(before, -1) / 2 + u[k])), ())

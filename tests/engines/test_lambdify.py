@@ -46,7 +46,9 @@ def agrees(thing, runs, engine):
         found = np.atleast_2d(function(*given))
     for name, values in zip(function.returns, found, strict=True):
         expected = runs[name.partition("[")[0]]
-        assert np.allclose(values, expected[depth : len(expected) - depth], rtol=0, atol=1e-12 * (1 + np.abs(expected).max()))
+        assert np.allclose(
+            values, expected[depth : len(expected) - depth], rtol=0, atol=1e-12 * (1 + np.abs(expected).max())
+        )
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -56,7 +58,10 @@ def test_a_step_is_what_a_run_does(variant, engine):
     n = np.arange(60)
     given = {"u": 0.3 + np.sin(0.37 * n) + 0.1 * np.sin(1.9 * n), "t": n * 0.01}
     start = dict.fromkeys(map(str, model.recursion.states), 0.2)
-    runs = {**given, **model.recursion.compile()({b.name: given[b.name] for b in model.recursion.inputs}, model.theta, start)}
+    runs = {
+        **given,
+        **model.recursion.compile()({b.name: given[b.name] for b in model.recursion.inputs}, model.theta, start),
+    }
     agrees(model, runs, engine)
 
 
@@ -82,7 +87,11 @@ def test_parameters_and_the_time_index_may_be_arguments(engine):
     with pytest.raises(ns.ModelError, match="4 arguments"):
         step(1.0)
     free = ns.NARX(BASE.terms).lambdify(engine)
-    assert free.arguments[-3:] == BASE.lambdify(engine, parameters=True).arguments[-3:] == ("theta_1", "theta_2", "theta_3")
+    assert (
+        free.arguments[-3:]
+        == BASE.lambdify(engine, parameters=True).arguments[-3:]
+        == ("theta_1", "theta_2", "theta_3")
+    )
 
 
 @pytest.mark.parametrize("engine", ENGINES[:3])

@@ -85,7 +85,9 @@ def test_a_state_may_have_any_name(name):
     runs = []
     for called in ("plain", name):
         w, (a, b) = signal(called), sp.symbols("theta_1 theta_2", real=True)
-        model = ns.Model(a * y[k - 1] + b * u[k - 1] + w[k], (a, b), [0.5, 0.8], states=[State(w[k], u[k - 1] ** 2 / 9)])
+        model = ns.Model(
+            a * y[k - 1] + b * u[k - 1] + w[k], (a, b), [0.5, 0.8], states=[State(w[k], u[k - 1] ** 2 / 9)]
+        )
         wave = model.simulate(INPUT, 0.0)
         law = model.compensator()
         assert law.residual() == 0

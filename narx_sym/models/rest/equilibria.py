@@ -14,7 +14,7 @@ from ...symbolic.identities import added, vanishes
 from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import Name, k
 from ..model import Model
-from ..rest_map import at_rest, closed, folded, plays, rest_map, ubar, ybar
+from ..rest_map import at_rest, closed, folded, plays, rest_map, resting_states, settled, ubar, ybar
 from .roots import resting_points
 
 z = Name("z")
@@ -59,10 +59,11 @@ def balances(model: Model) -> dict[Any, list[Any]]:
     ModelError
         For a model that remembers more than its outputs, inputs and plays of them, or changes with time.
     """
-    closed(model, "The steady state is", but=plays(model))
+    closed(model, "The steady state is", but=[*plays(model), *resting_states(model)])
+    known = settled(model)
     groups: dict[Any, list[Any]] = {ybar: [sp.S.NegativeOne]}
     for term in sp.Add.make_args(model.right):
-        for part in sp.Add.make_args(sp.expand(at_rest(term, model))):
+        for part in sp.Add.make_args(sp.expand(at_rest(term, model).xreplace(known))):
             held = {s for s in part.free_symbols if s not in model.symbols}
             coefficient, function = part.as_independent(*held, as_Add=False) if held else (part, sp.S.One)
             groups.setdefault(function, []).append(coefficient)

@@ -101,7 +101,9 @@ def input_range(model: Model, record: Record | None = None) -> tuple[float, floa
         measured = arrays(model, record)[name]
         return float(measured.min()), float(measured.max())
     if name not in model.info.ranges:
-        raise NarxError(f"The range of {name} is not known: the model was not fitted on a record. Give {name}, or record.")
+        raise NarxError(
+            f"The range of {name} is not known: the model was not fitted on a record. Give {name}, or record."
+        )
     low, high = model.info.ranges[name]
     return low, high
 
