@@ -58,7 +58,7 @@ def series(first: Any, second: Any) -> Model:
     -------
     Model
         Its input is that of the first, its output that of the second. What stands between is a state, which starts
-        where the first rests; where that may rest anywhere, on the line through the data that it was fitted on, or at 0.
+        where the first rests; where that may rest anywhere, on the line through its data, or at 0.
         Parameters that have one name get two; the same channel stays one. Without values where one of them has none.
 
     Raises

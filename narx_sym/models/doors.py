@@ -38,6 +38,12 @@ class ModelDoors:
     _repr_html_ = door("report.notebook.shown", "model_html")
 
 
+class EffectDoors:
+    """Each line is one function of the room that does it; it takes the effect first."""
+
+    __rshift__ = door("models.compose", "series")
+
+
 class QuasiStaticDoors:
     """Each line is one function of the room that does it; it takes the quasi-static sets first."""
 

@@ -140,10 +140,11 @@ def relabelled(model: Model, names: Mapping[Any, Any]) -> Model:
     }
     info = replace(model.info, **known)
     symbols = tuple(names.get(s, s) for s in model.symbols)
-    linear = isinstance(model, NARX) and symbols == model.symbols
-    own: dict[str, Any] = {"terms": [change(t) for t in model.terms]} if linear else {}
+    own: dict[str, Any] = {"F": change(model.F), "symbols": symbols}
+    if isinstance(model, NARX) and symbols == model.symbols:
+        own = {"terms": [change(t) for t in model.terms]}
     return model.replace(
-        **own or {"F": change(model.F), "symbols": symbols}, states=[s.map(change) for s in model.states], info=info,
+        **own, states=[s.map(change) for s in model.states], info=info,
         constraints=[c if isinstance(c, str) else change(c) for c in model.constraints],
         effects=[e.relabelled(names) for e in model.effects], standard_errors=model.standard_errors,
         theta=model.numbers,

@@ -12,11 +12,11 @@ from typing import Any
 import sympy as sp
 
 from ...errors import ModelError
-from ...symbolic.door import door
 from ...symbolic.functions import within
 from ...symbolic.printing import text
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
+from ..doors import EffectDoors
 
 # Where an effect may act, in words: from the input to what is measured.
 PLACES = {
@@ -69,7 +69,7 @@ class Form:
 
 
 @dataclass(frozen=True)
-class Effect:
+class Effect(EffectDoors):
     """A physical effect that a model may lack.
 
     Attributes
@@ -183,8 +183,6 @@ class Effect:
 
     def __repr__(self) -> str:
         return f"Effect({self.id}{', ' + self.form if self.form else ''})"
-
-    __rshift__ = door("models.compose", "series")
 
     def __hash__(self) -> int:
         return hash((self.id, self.form))
