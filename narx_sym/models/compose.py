@@ -258,12 +258,12 @@ def _output_at_rest(model: Model) -> Any:
 
     Where it may rest anywhere, or has no closed form, on the line through the data that it was fitted on, else at 0.
     """
-    at, expr = sp.Dummy("rest", real=True), model.in_user_units(expand_phi(model.F))
-    expr += model.operating_point.get(model.output, 0)
+    at, inner = sp.Dummy("rest", real=True), model.inner
+    expr = dict(model.recursion.updates)[inner[k]] - inner[k]  # where effects add to the output, what the core computes
     while read := [s for s in samples(expr) if s.base in model.starts]:
         expr = expr.xreplace({s: shift(model.starts[s.base], -lag(s)) for s in read})
     held = renamed(expr, {s: at if s.base == model.output else s.base[k] for s in samples(expr)})
-    slope = sp.expand(1 - derivative(held, at))
+    slope = sp.expand(-derivative(held, at))
     line = model.info.line or (0.0, 0.0)
     value = slope.xreplace(model.values)
     # Where nothing is known of the parameters they could not be put in before a run.

@@ -89,7 +89,10 @@ def settled(model: Model) -> dict[Any, Any]:
         if state.left.base in INNER_OUTPUTS or state.group in groups:
             continue
         own = rest_of(state.left.base)
-        gap = (own - at_rest(model.in_user_units(expand_phi(state.right)), model)).xreplace(found)
+        right = model.in_user_units(expand_phi(state.right))
+        if samples(right, t):
+            continue
+        gap = (own - at_rest(right, model)).xreplace(found)
         slope = sp.expand(derivative(gap, own))
         value = slope.xreplace(model.values)
         if slope.free_symbols - set(model.symbols) or (value.is_number and abs(float(value)) <= INTEGRATES):
