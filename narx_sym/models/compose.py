@@ -36,14 +36,10 @@ from .extend import written_constraints
 from .info import Info
 from .model import Model
 from .rest_map import INTEGRATES
-from .rewrite import own_names, relabelled
+from .rewrite import called, own_names, relabelled
 
-PLACES = {
-    *INNER_INPUTS,
-    *INNER_OUTPUTS,
-    rub,
-    grip,
-}  # where effects act in a model: in another one they are plain states
+# Where effects act in a model: in another one they are plain states.
+PLACES = {*INNER_INPUTS, *INNER_OUTPUTS, rub, grip}
 
 
 def series(first: Any, second: Any) -> Model:
@@ -77,10 +73,11 @@ def series(first: Any, second: Any) -> Model:
     >>> whole.delay, whole.simulate([0.0, 1.0, 1.0, 1.0], 0.0).tolist()
     (1, [0.0, 0.0, 1.5, 2.25])
     """
-    a, b = _pair(first, second)
+    one, two = _pair(first, second)
+    a, b = one.model, two.model
     between = signal(_fresh("y_1", {*own_names(a), *own_names(b)}))
-    own = _Part.of(a, a.input, between, {between: _output_at_rest(a)})
-    other = _Part.of(b, between, y, {between: own.rest})
+    own = _Part.of(one, a.input, between, {between: one.rest})
+    other = _Part.of(two, between, y, {between: own.rest})
     states = [*own.states, State(between[k], own.right, own.rest), *other.states]
     return _whole(a, b, other.right, states, _joined(a.info, b.info))
 
@@ -98,14 +95,15 @@ def parallel(first: Any, second: Any) -> Model:
     ModelError
         As for `series`, and for two different inputs.
     """
-    a, b = _pair(first, second)
+    one, two = _pair(first, second)
+    a, b = one.model, two.model
     if a.input != b.input:
         raise ModelError(
             f"Side by side both models are driven by one input, not by {a.input.label} and {b.input.label}."
         )
     beside = signal(_fresh("y_1", {*own_names(a), *own_names(b)}))
-    own = _Part.of(a, a.input, beside, {beside: _output_at_rest(a)})
-    other = _Part.of(b, b.input, y, {})
+    own = _Part.of(one, a.input, beside, {beside: one.rest})
+    other = _Part.of(two, b.input, y, {})
 
     def alone(expr: Any, at: Any) -> Any:
         """Take off what the first one adds to the output."""
@@ -131,19 +129,19 @@ def feedback(forward: Any, back: Any) -> Model:
     ModelError
         As for `series`, and where the output would act on itself at once.
     """
-    a, b = _pair(forward, back, main=0)
+    one, two = _pair(forward, back, main=0)
+    a, b = one.model, two.model
     taken = {*own_names(a), *own_names(b)}
     error, returned = signal(_fresh("e", taken)), signal(_fresh("y_1", taken))
-    rest = _output_at_rest(b)
-    held = rest.xreplace({s: y[s.indices[0]] for s in samples(rest, b.input)})
-    other = _Part.of(b, y, returned, {returned: held})
-    own = _Part.of(a, error, y, {error: a.input[k] - held})
+    held = called(two.rest, {b.input: y})
+    other = _Part.of(two, y, returned, {returned: held})
+    own = _Part.of(one, error, y, {error: a.input[k] - held})
     way = [
         *other.states,
         State(returned[k], other.right, held),
         State(error[k], a.input[k] - returned[k], a.input[k] - held),
     ]
-    late = {s.left.base for s in way} if any(not lag(s) for one in way for s in samples(one.right, y)) else set()
+    late = {s.left.base for s in way} if any(not lag(s) for state in way for s in samples(state.right, y)) else set()
     for state in own.states if late else ():
         if any(s.base in late and not lag(s) for s in samples(state.right)):
             late.add(state.left.base)
@@ -161,6 +159,15 @@ def feedback(forward: Any, back: Any) -> Model:
 
 
 @dataclass(frozen=True)
+class _Named:
+    """A model with names of its own, what its states start from, and where its output rests, in the user's units."""
+
+    model: Model
+    starts: dict[Any, Any]
+    rest: Any
+
+
+@dataclass(frozen=True)
 class _Part:
     """The equations of a model between two sequences, in the user's units."""
 
@@ -169,26 +176,24 @@ class _Part:
     rest: Any
 
     @classmethod
-    def of(cls, model: Model, source: Any, target: Any, rest: dict[Any, Any]) -> _Part:
+    def of(cls, one: _Named, source: Any, target: Any, rest: dict[Any, Any]) -> _Part:
         """Take a model whose input and output are called otherwise; `rest` says what they are before the start."""
+        model = one.model
         names = {model.input: source, model.output: target}
 
-        def called(expr: Any) -> Any:
-            return renamed(expr, {s: names[s.base][s.indices[0]] for s in samples(expr) if s.base in names})
-
         def meant(expr: Any) -> Any:
-            return called(model.in_user_units(expr if source == model.input else expand_phi(expr)))
+            return called(model.in_user_units(expr if source == model.input else expand_phi(expr)), names)
 
         def begun(expr: Any) -> Any:
-            known = called(expr)
+            known = called(expr, names)
             return known.xreplace({s: shift(rest[s.base], -lag(s)) for s in samples(known) if s.base in rest})
 
-        states = [State(s.left, meant(s.right), begun(model.starts[s.left.base]), s.group) for s in model.states]
+        states = [State(s.left, meant(s.right), begun(one.starts[s.left.base]), s.group) for s in model.states]
         right = meant(model.F) + model.operating_point.get(model.output, 0)
         return cls(states, right, rest.get(target, y[k]))
 
 
-def _pair(*given: Any, main: int = 1) -> list[Model]:
+def _pair(*given: Any, main: int = 1) -> list[_Named]:
     """Return models with names of their own: what is not a channel of both has another name in the second.
 
     The core of the `main` one computes the output of the whole: its output places stay what they are.
@@ -200,7 +205,7 @@ def _pair(*given: Any, main: int = 1) -> list[Model]:
     if a.Ts and b.Ts and a.Ts != b.Ts:
         raise ModelError(f"The models have two sampling times, {a.Ts:g} s and {b.Ts:g} s.")
     taken = {u.name, y.name, *a.channels, *b.channels}
-    made: list[Model] = []
+    made: list[_Named] = []
     symbols: set[str] = set()
     for place, one in enumerate((a, b)):
         names: dict[Any, Any] = {}
@@ -215,7 +220,12 @@ def _pair(*given: Any, main: int = 1) -> list[Model]:
             symbols.add(new)
             names[symbol] = symbol if new == symbol.name else sp.Symbol(new, **symbol._assumptions_orig)
         changed = {old: new for old, new in names.items() if old != new}
-        made.append(_regrouped(relabelled(one, changed) if changed else one, {s.group for m in made for s in m.states}))
+        model = _regrouped(
+            relabelled(one, changed) if changed else one, {s.group for m in made for s in m.model.states}
+        )
+        # Where effects act is known by names: what follows from these is derived before others stand in their place.
+        starts = {names.get(base, base): called(e, changed) for base, e in one.starts.items()}
+        made.append(_Named(model, starts, called(_output_at_rest(one), changed)))
     return made
 
 

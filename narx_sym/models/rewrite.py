@@ -119,6 +119,12 @@ def _conditions(model: Model) -> list[Any]:
     return continuum_conditions(Model(core, model.symbols, output=model.output, input=model.input))
 
 
+def called(expr: Any, names: Mapping[Any, Any]) -> Any:
+    """Put other sequences and symbols for some in an expression."""
+    moved = {s: names[s.base][s.indices[0]] for s in samples(expr) if s.base in names}
+    return renamed(expr, moved | {s: new for s, new in names.items() if isinstance(s, sp.Symbol)})
+
+
 def relabelled(model: Model, names: Mapping[Any, Any]) -> Model:
     """Return a model in which some sequences and parameters have other names; its input and output keep theirs.
 
@@ -128,8 +134,7 @@ def relabelled(model: Model, names: Mapping[Any, Any]) -> Model:
     """
 
     def change(expr: Any) -> Any:
-        moved = {s: names[s.base][s.indices[0]] for s in samples(expr) if s.base in names}
-        return renamed(expr, moved | {s: new for s, new in names.items() if isinstance(s, sp.Symbol)})
+        return called(expr, names)
 
     def named(of: Mapping[str, Any]) -> dict[str, Any]:
         known = {base.name: new.name for base, new in names.items() if not isinstance(base, sp.Symbol)}

@@ -87,7 +87,9 @@ def test_a_whole_is_what_its_parts_do_in_turn(seed, tmp_path):
     channels = {"w": np.cos(0.05 * N)} if "w" in whole.channels else {}
     u0 = float(source[0])
     held = {name: np.full(4000, c[0]) for name, c in channels.items()}
-    y0 = float(whole.simulate(np.full(4000, u0), 0.0, held, warn=False)[-1])  # at rest: no start contradicts another
+    y0 = float(
+        whole.simulate(np.full(4000, u0), 0.0, held, u0=u0, warn=False)[-1]
+    )  # at rest: no start contradicts another
     expected = hand(kind, a, b, whole, source, channels, u0, y0)
     found = whole.simulate(source, y0, channels, u0=u0, warn=False)
     assert np.abs(found - expected).max() <= 1e-12 * (1 + np.abs(expected).max())
