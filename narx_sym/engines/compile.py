@@ -62,7 +62,7 @@ class Layout:
         """Read the layout off a plan: names once, SymPy's printer would take longer than a short run."""
         made = plan.recursion
         states, inputs = (tuple(base.name for base in bases) for bases in (made.states, made.inputs))
-        remembered = tuple(sorted({s for s, i in plan.sample if i >= 1}))
+        remembered = tuple(sorted({s for s, i in plan.sample if i >= 1 and s < len(states)}))
         return cls(states, inputs, remembered, len(made.parameters), made.depth, made.lead)
 
 

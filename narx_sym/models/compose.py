@@ -29,6 +29,7 @@ from ..symbolic.signals import (
     shift,
     signal,
     u,
+    x,
     y,
 )
 from .effects import Effect
@@ -113,10 +114,9 @@ def parallel(first: Any, second: Any) -> Model:
         return beside[s.indices[0]]
 
     states = [*own.states, State(beside[k], own.right, own.rest)]
-    states += [
-        State(s.left, alone(s.right, past), alone(s.initial, lambda y_: shift(own.rest, -lag(y_))), s.group)
-        for s in other.states
-    ]
+    for s in other.states:
+        begin = s.initial if samples(s.right, x) else alone(s.initial, lambda y_: shift(own.rest, -lag(y_)))
+        states.append(State(s.left, alone(s.right, past), begin, s.group))
     info = Info(ranges=_only(a.info.ranges, "y"), units=a.info.units)
     return _whole(a, b, beside[k] + alone(other.right, past), states, info)
 
@@ -188,7 +188,14 @@ class _Part:
             known = called(expr, names)
             return known.xreplace({s: shift(rest[s.base], -lag(s)) for s in samples(known) if s.base in rest})
 
-        states = [State(s.left, meant(s.right), begun(one.starts[s.left.base]), s.group) for s in model.states]
+        def initial(state: State) -> Any:
+            if not samples(state.right, x):
+                return begun(one.starts[state.left.base])
+            point = model.operating_point.get(model.output, 0)  # of what x drives, y means x, which has no such point
+            own = model.in_user_units(state.initial)
+            return begun(own.xreplace({s: s + point for s in samples(own, model.output)}))
+
+        states = [State(s.left, meant(s.right), initial(s), s.group) for s in model.states]
         right = meant(model.F) + model.operating_point.get(model.output, 0)
         return cls(states, right, rest.get(target, y[k]))
 

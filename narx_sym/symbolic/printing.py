@@ -187,6 +187,14 @@ class _Text(StrPrinter):
         own = _rounded(expr)
         return repr(float(f"{float(expr):.{own}g}") if own else float(expr))
 
+    def _print_Mul(self, expr: Any) -> str:
+        number, rest = expr.as_coeff_Mul()
+        below = any(f.is_Pow and f.base.is_Add and f.exp.is_negative for f in sp.Mul.make_args(rest))
+        if below and number.is_Rational and number.q != 1:  # SymPy multiplies 2*(1 - a) out where it is read
+            shown = str(self._print(rest))
+            return f"{number}{shown.removeprefix('1')}" if shown.startswith("1/") else f"{number}*{shown}"
+        return str(super()._print_Mul(expr))
+
     def _print_Exp1(self, expr: Any) -> str:  # the grammar has no name for it
         return repr(float(expr))
 
