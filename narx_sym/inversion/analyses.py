@@ -21,10 +21,11 @@ from .compensator import Compensator, compensator
 
 @dataclass(frozen=True)
 class Finding:
-    """What an analysis found: lines of plain text, and equations in LaTeX; either may be missing."""
+    """What an analysis found: lines of plain text, equations in LaTeX, a sentence before them; each may be missing."""
 
     lines: list[str] = field(default_factory=list)
     equations: list[str] = field(default_factory=list)
+    first: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,7 @@ SAID = {r"\text{True}": r"\text{attracting everywhere}", r"\text{False}": r"\tex
 
 @dataclass(frozen=True)
 class Derived:
-    """One thing that is derived from a model: LaTeX of its equations, or the reason why there are none."""
+    """One thing that is derived from a model: LaTeX of its equations, and what stands before or instead of them."""
 
     title: str
     latex: list[str] = field(default_factory=list)
@@ -128,7 +129,8 @@ def derived(subject: Subject) -> list[Derived]:
         if one.title:
             found = _tried(one, subject)
             if not isinstance(found, str):
-                listed += [Derived(one.title, [SAID.get(e, e) for e in found.equations])] if found.equations else []
+                shown = [SAID.get(e, e) for e in found.equations]
+                listed += [Derived(one.title, shown, found.first)] if shown else []
             elif found not in [other.reason for other in listed]:
                 listed.append(Derived(one.title, reason=found))
     return listed
@@ -137,7 +139,8 @@ def derived(subject: Subject) -> list[Derived]:
 def document(model: Model) -> str:
     """Return a LaTeX document with every derived equation; it compiles with amsmath alone."""
     parts = [("Model", [model.latex(), *([model.latex(numbers=True)] if model.values else [])])]
-    parts += [(one.title, one.latex or [latex_text(one.reason)]) for one in derived(Subject(model))]
+    for one in derived(Subject(model)):
+        parts.append((one.title, [*([latex_text(one.reason)] if one.reason else []), *one.latex]))
     body = "\n\n".join(
         rf"\section*{{{heading}}}" + "\n" + "\n".join(f"\\[\n{boxed(e)}\n\\]" for e in equations)
         for heading, equations in parts
@@ -235,11 +238,10 @@ def assumptions(subject: Subject) -> Finding:
 @analysis(90, "Compensation law", "Compensation law")
 def law(subject: Subject) -> Finding:
     """Derive the law, after whether it is stable and the polynomials whose roots it takes where there are any."""
-    first = [] if subject.model.theta is None else [str(subject.law.stability())]
-    lines = [*first, *(f"{shown(left)} = {shown(right)}" for left, right in subject.law.updates)]
+    first = "" if subject.model.theta is None else str(subject.law.stability())
+    lines = [*filter(None, [first]), *(f"{shown(left)} = {shown(right)}" for left, right in subject.law.updates)]
     lines += [p.sentence for p in subject.law.polynomials]
-    stability = [subject.law.latex_stability()] * bool(first)
-    return Finding(lines, [*stability, *subject.law.latex_polynomials(), subject.law.latex()])
+    return Finding(lines, [*subject.law.latex_polynomials(), subject.law.latex()], first)
 
 
 @analysis(100, title="Grouping into A(q), B(q) and f")

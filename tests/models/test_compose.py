@@ -8,8 +8,8 @@ import sympy as sp
 from sampling import more
 
 import narx_sym as ns
-from narx_sym.fit.simulate import rest_states
 from narx_sym.errors import ModelError, NarxError
+from narx_sym.fit.simulate import rest_states
 from narx_sym.models import compose
 from narx_sym.models.analysis import rest_map, steady_state, ubar, ybar
 from narx_sym.models.extend import extend, find, variants

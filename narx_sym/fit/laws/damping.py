@@ -189,7 +189,8 @@ class _Trial:
         kick, base = SMALL * self.step, self._run(share, 0.0)
         away = np.abs(base - self.ramp)[self.at - self.depth - 1 : self.at]
         if not (away < STEPS * self.step).all():  # rounding alone has grown beyond the ramp
-            grown = (base - self.ramp) / kick
+            with np.errstate(over="ignore"):
+                grown = (base - self.ramp) / kick
             return grown[np.flatnonzero(grown)[0] :]
         return ((self._run(share, kick) - base) / kick)[self.at : self.at + LASTS]
 
