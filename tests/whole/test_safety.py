@@ -72,7 +72,7 @@ def test_the_term_that_is_inverted_is_never_left_out():
             model = ns.identify(ns.Record.from_arrays(u, y, Ts=0.01), for_compensation=True)
         except (FitError, NotInvertible):
             return
-    assert model.compensator().residual() == 0
+    assert model.compensator(force=True).residual() == 0
 
 
 def test_a_useless_fit_is_said():
