@@ -168,7 +168,7 @@ BAD_STATES = {
     "unknown name": ("unknown", {"states": [PLAY | {"update": "r*u[k] + q"}]}),
     "unknown sequence": ("unknown", {"states": [PLAY | {"update": "r*u[k] + q[k-1]"}]}),
     "attack": ("Cannot read|unknown", {"states": [PLAY | {"update": "__import__('os').system('true')"}]}),
-    "symbol in the initial value": ("unknown name", {"states": [PLAY | {"initial": "r"}]}),
+    "unknown name in the initial value": ("unknown name", {"states": [PLAY | {"initial": "q"}]}),
     "state in the initial value": ("unknown sequence", {"states": [PLAY | {"initial": "p[k]"}]}),
     "phi in the initial value": ("measured signals", {"states": [PLAY | {"initial": "phi1[k]"}]}),
     "future initial value": ("measured signals", {"states": [PLAY | {"initial": "u[k+1]"}]}),
@@ -189,6 +189,15 @@ def test_bad_states_are_refused(name, tmp_path):
     (tmp_path / "m.json").write_text(json.dumps(GOOD | changed))
     with pytest.raises(ModelError, match=rf"m\.json: .*({said})"):
         ns.load(tmp_path / "m.json")
+
+
+def test_an_initial_value_may_be_a_parameter(tmp_path):
+    found = []
+    for begin in ("r", "0.1", "u[k]"):
+        (tmp_path / "m.json").write_text(json.dumps(GOOD | {"states": [PLAY | {"initial": begin}]}))
+        model = saved_and_loaded(ns.load(tmp_path / "m.json"), tmp_path)
+        found.append(model.simulate([0.0, 0.05, 0.0], 0.0).tolist())
+    assert found[0] == found[1] != found[2]
 
 
 def test_the_base_of_these_is_good(tmp_path):
