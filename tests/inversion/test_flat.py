@@ -69,6 +69,22 @@ def test_every_value_on_a_flat_piece_is_said_to_reach_its_target(seed):
     attack(seed)
 
 
+def test_an_own_output_that_a_choice_has_lost_is_not_called_out_of_reach():
+    """What an older input adds depends on which of the inputs on the flat piece was taken."""
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "abs(u[k-1])", "u[k-3]"], [0.6, 0.4, 0.4, 0.2], Ts=0.01)
+    n = np.arange(120)
+    y = model.simulate(np.where(n < 8, 0.0, 0.9 * np.sin(0.07 * n) + 0.4 * np.sin(0.3 * n)), 0.0, u0=0.0)
+    law = model.compensator()
+    (stage,) = law.staged.stages
+    assert "but every m[k] up to 0 gives" in stage.proof and stage.proof in law.checked and not stage.proved
+    with pytest.raises(Unreachable, match="Before that a flat piece left a choice: other inputs give the same there"):
+        law.run(y, 0.0)
+    found = law.follow(y, 0.0)
+    first = int(np.argmax(found.missed))
+    made = model.simulate(found.m, 0.0, u0=0.0)
+    assert np.abs(made - y)[:first].max() <= 1e-9 * np.ptp(y) < np.abs(made - y)[first]
+
+
 @pytest.mark.parametrize("engine", ["native", "python"])
 @pytest.mark.parametrize(("last", "wanted"), [(-0.7, -0.7), (0.0, 0.0), (0.5, 0.0)])
 def test_the_value_nearest_to_the_last_one_is_taken(last, wanted, engine):

@@ -93,3 +93,22 @@ def test_a_state_may_have_any_name(name):
         assert law.residual() == 0
         runs.append([wave, law.run(wave, 0.0, clip=True)])
     assert all(np.array_equal(one, other) for one, other in zip(*runs, strict=True))
+
+
+@pytest.mark.parametrize("bent", (False, True))
+def test_what_is_said_of_a_fitted_law_names_no_other_signal(bent):
+    """Whether it is stable and where it is known depend on no name; sources speak of a name of the channel's own."""
+    terms = ["y[k-1]", "u[k-1]", "{}[k-1]", *(["u[k-1]**2"] if bent else [])]
+    said = []
+    for name in ("plain", "r", "m", "theta_1", "m_share", "m_kick"):
+        model = ns.NARX.from_terms(
+            [t.format(name) for t in terms], [0.6, 0.5, 0.3, 0.05][: len(terms)], channels=[name]
+        )
+        wave = model.simulate(INPUT, 0.0, {name: BESIDE})
+        fitted = model.fit(ns.Record.from_arrays(INPUT, wave, 0.01, channels={name: BESIDE}))
+        law = fitted.replace(theta=model.theta).compensator()
+        said.append(str(law.stability()))
+        assert "u from -" in said[-1] and law.stability().stable is True
+        (own,) = law.named({name: BESIDE})
+        assert own not in ("r", "m", "m_share", "m_kick") and own in law.to_c() and own in law.to_st()
+    assert len(set(said)) == 1
