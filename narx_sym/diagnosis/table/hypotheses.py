@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -44,9 +44,11 @@ class Core:
         """Whether its orders are no smaller than those of another."""
         return self.n_y >= other.n_y and self.n_u >= other.n_u
 
-    def next_to(self, other: Core) -> bool:
-        """Whether one order apart at most is another core of the same kind."""
-        return self.given == other.given and abs(self.n_y - other.n_y) + abs(self.n_u - other.n_u) <= 1
+    def next_to(self, other: Core, among: Iterable[Core]) -> bool:
+        """Whether one holds the other, and no third one lies between them."""
+        small, large = (self, other) if other.holds(self) else (other, self)
+        between = (c for c in among if c not in (small, large) and large.holds(c) and c.holds(small))
+        return large.holds(small) and self.given == other.given and not any(between)
 
     @property
     def remembers(self) -> bool:

@@ -302,7 +302,9 @@ class Search:
         return self._cheapest([*(row for row, _ in found), *(row for row in more if row is not None)])
 
     def one_more(self, bases: Sequence[Row], looks: Sequence[Row]) -> list[Row]:
-        """Fit an effect closer from the best shapes of `look`, then beside neighbouring cores while that is cheaper.
+        """Fit an effect closer from the best shapes of `look`, where it looked and beside the cores next to the best.
+
+        On to those next to a new best one, while that is cheaper.
 
         Returns
         -------
@@ -314,12 +316,14 @@ class Search:
         by_core: dict[Core, Row] = {}
         for row in looks:
             by_core.setdefault(row.size, row)
-        tried, at = set[Core](), looks[0].size
+        sizes, tried = {b.size for b in bases}, set[Core]()
+        at, asked = looks[0].size, {r.size for r in looks}
         while True:
-            near = [b for b in bases if b.size not in tried and at.next_to(b.size)]
+            asked |= {at, *(s for s in sizes if at.next_to(s, sizes))}
+            near = [b for b in bases if b.size in asked - tried]
             if not near:
                 break
-            tried |= {b.size for b in near}
+            tried |= asked
             found = [self._beside(base, variant, shape, CLOSER) for base in near for shape in shapes]
             for row in self._cheapest([*(r for r in found if r is not None), *by_core.values()]):
                 if row.size not in by_core or row.before_judged < by_core[row.size].before_judged:
@@ -361,8 +365,8 @@ class Search:
 
     def next_to(self, size: Core) -> list[Core]:
         """Return the open cores that hold one of this size, and no other that does."""
-        larger = [c for c in self.cores([0]) if not (c.given or size.given or c == size) and c.holds(size)]
-        return [c for c in larger if not any(c.holds(other) for other in larger if other != c)]
+        cores = self.cores([0])
+        return [c for c in cores if c != size and c.holds(size) and size.next_to(c, cores)]
 
     def near(self, row: Row, sizes: Iterable[Core], forms: Iterable[tuple[int, Effect]]) -> list[Row]:
         """Fit larger cores, and what effects of a row are at their limits, from where it stands: what is cheaper.
