@@ -178,6 +178,7 @@ def print_headline(found: Diagnosis) -> None:
 
 def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
     """Print candidates, errors, where the base fails, and what could not have been seen."""
+    from ..diagnosis.bases import percent_of
     from ..report.parameters import candidate_parameters
     from ..report.words import PARTS, removed
 
@@ -185,7 +186,7 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
     rows = [
         [
             f"{row['effect']}{' ' + MARK if row['in_confusion_set'] else ''}", row["where"],
-            *removed(row), row["before"],
+            "" if one.probability is None else percent_of(one.probability), *removed(row), row["before"],
             row["nrmse"], candidate_parameters(one, units),
         ]
         for one, row in zip(found.candidates, found.table(), strict=True)
@@ -194,7 +195,16 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
         meant = "both together are missing" if step.pair else "these data cannot tell apart"
         table(
             f"Candidates (share of the removable error, with its 95 % interval; {MARK} {meant})",
-            ["effect", "where", "share", "interval", "cross-validated NRMSE before", "after", "parameters"],
+            [
+                "effect",
+                "where",
+                "probability",
+                "share",
+                "interval",
+                "cross-validated NRMSE before",
+                "after",
+                "parameters",
+            ],
             rows,
         )
     floor = found.floor / step.base.problem.spread

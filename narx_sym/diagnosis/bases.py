@@ -19,3 +19,9 @@ def joined(names: Iterable[str]) -> str:
     """Return names as one text: a, b and c."""
     listed = list(names)
     return " and ".join([", ".join(listed[:-1]), listed[-1]] if len(listed) > 1 else listed)
+
+
+def percent_of(probability: float) -> str:
+    """Return a probability in percent; never all or nothing."""
+    most = 1 - probability < 0.005
+    return "more than 99 %" if most else "less than 1 %" if probability < 0.01 else f"{100 * probability:.0f} %"

@@ -191,7 +191,8 @@ class Diagnosis(DiagnosisDoors):
         return [
             {
                 "effect": c.effect, "where": c.where, "share": c.share, "low": c.interval[0], "high": c.interval[1],
-                "before": c.nrmse["base_cross_validated"], "nrmse": c.nrmse["cross_validated"], "p_value": c.p_value,
+                "probability": c.probability, "before": c.nrmse["base_cross_validated"],
+                "nrmse": c.nrmse["cross_validated"], "p_value": c.p_value,
                 "in_confusion_set": c.effect in self.confusion_set,
                 "parameters": ", ".join(f"{n} = {v:.4g}" for n, v in c.parameters.items()),
             }

@@ -15,7 +15,7 @@ from ..fit.evaluate import Errors
 from ..models.added import newer
 from ..models.model import NARX, Model
 from ..symbolic import printing
-from .bases import BASE, few, joined
+from .bases import BASE, few, joined, percent_of
 from .experiment import Experiment, propose, wider_file
 from .progress import JUDGE, WAYS
 from .refit import NO_TRIAL, Fitted, Trial, prune
@@ -270,7 +270,8 @@ class Step:
                 text = f"Perhaps missing: {names}; at one speed it and a base's memory are one signal. {sizes}. "
             text += f"Adding {best.effect} removes {share}."
             return f"{text} {self.experiment.sentence}" if self.experiment else text
-        return f"Probably missing: {best.effect}. {what}. {sizes}. Adding it removes {share}."
+        sure = "" if best.probability is None else f" ({percent_of(best.probability)})"
+        return f"Probably missing: {best.effect}{sure}. {what}. {sizes}. Adding it removes {share}."
 
     def refusal(self, units: Mapping[str, str]) -> str:
         """Say why what was found is not added: its error on the record and on validation data, before and after."""
@@ -308,7 +309,8 @@ class Step:
                 {
                     "effect": c.effect, "where": c.where, "form": str(c.variant), "parameters": c.parameters,
                     "latex": c.latex, "share_of_removable_error": c.share, "interval": list(c.interval),
-                    "p_value": c.p_value, "sentence": c.sentence, "samples_averaged": c.averaged,
+                    "p_value": c.p_value, "probability": c.probability,
+                    "sentence": c.sentence, "samples_averaged": c.averaged,
                     "nrmse": dict.fromkeys(PARTS) | c.nrmse,
                 }
                 for c in self.candidates

@@ -121,6 +121,7 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
         "floor": floor2**0.5, "estimated_floor": step.floor, "before": before2**0.5,
         "after": float(np.sqrt((step.chosen or step.base).mean_square(held))),
         "last": float(np.sqrt(last.mean_square(held))),
+        "prices": [[list(r.ids), r.price, int(r.blocks.size)] for r in cheapest(found.hypotheses)[:SHOWN] if r.blocks.size],
         "repeated": ns.evaluate(found.model, record).free_run_nrmse == found.ladder[-1]["train"],
         "refused": step.refused is not None,
         "seconds": [round(s, 3) for s in seconds],
@@ -369,7 +370,9 @@ def figures(rows: Sequence[Row]) -> Table:
             false = [any(name not in truth(r) for _, _, names in r["steps"] for name in names) for r in good]
             table.share(group, "something else added", false)
             table.number(group, "error after adding / true floor (median)", [r["last"] / r["floor"] for r in good])
-        table.share(group, "the number shown is that of evaluate, to the digit", [r["repeated"] for r in own])
+        table.share(
+            group, "the number shown is that of evaluate, to the digit", [r.get("repeated", False) for r in own]
+        )
         table.share(group, "not added: validation data did not confirm it", [r["refused"] for r in own])
         table.seconds(group, own)
     return table

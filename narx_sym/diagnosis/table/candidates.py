@@ -24,7 +24,7 @@ from .finer import idle
 from .hypotheses import filters
 from .row import Row
 from .starts.restart import faster
-from .verdict import ALIKE, LEFT, PER_EFFECT, alike, cheapest, explained, removes, verdict, winner
+from .verdict import ALIKE, LEFT, PER_EFFECT, alike, cheapest, explained, probabilities, removes, verdict, winner
 
 if TYPE_CHECKING:
     from .rounds import Table
@@ -58,6 +58,9 @@ class Candidate:
         95 % interval of the share, by bootstrap over the blocks.
     p_value : float
         Corrected for everything that was tried.
+    probability : float
+        That this effect, of those of the catalogue and nothing, is what the base lacks: see `verdict.probabilities`.
+        None beside two effects that only together explain the error.
     nrmse : dict
         `cross_validated` and `base_cross_validated`: free-run errors of the effect and of the base on held-out blocks
         at the working rate, over the standard deviation of the output. Where the data may mean this effect, also
@@ -79,6 +82,7 @@ class Candidate:
     shown: Fitted
     averaged: int
     fit: Callable[[], Fitted] | None = field(compare=False)
+    probability: float | None = None
     final: Fitted | None = None
     trial: Trial | None = None
     likely: bool = False
@@ -343,6 +347,7 @@ def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], low
     own = {v.id for v in both} if len(both) > 1 else set()  # of a pair its own effects come first
     listed.sort(key=lambda r: (r is not best and new_effect(r, known) not in own, new_effect(r, known) not in members))
     scored = table.screened(known)
+    probable = {} if len(both) > 1 else probabilities(table.beside(known), known)
     made: list[Candidate] = []
     for row in listed:
         variant = row.beyond(known)[0]
@@ -355,4 +360,5 @@ def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], low
         tests = [i for i, d in enumerate(scored.directions) if d.variant.id == variant.id]
         p = min((scored.scores.corrected(i) for i in tests), default=1.0)
         made.append(Candidate.of(table, row, known, p, lowest, likely))
+        made[-1].probability = probable.get(tuple(sorted(row.ids)))
     return made

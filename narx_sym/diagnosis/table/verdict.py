@@ -23,6 +23,7 @@ HELPS = 0.3  # share of the removable error: what removes less, or a base's stru
 LEFT = 0.1  # of the winner's error follows from the signals, and rms beside what it removes: more, and it is not all
 LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
 ROUNDING = 1e-9  # of the output's standard deviation: an error up to here is that of arithmetic
+TEMPERATURE = 1.0  # of probabilities: half of a battery chose it, the other half judged it (derivations/results)
 VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library", "closed_loop")
 
 
@@ -137,6 +138,18 @@ def alike(rows: Sequence[E], best: E, coarse: float = ALIKE) -> list[E]:
             none = max(scatter, min(ALIKE, max(coarse, 2 * scatter)))
             found += [row] if min(gap.mean(), row.price - best.price) <= none else []
     return found
+
+
+def probabilities(rows: Sequence[E], base: E) -> dict[tuple[str, ...], float]:
+    """Return how probable each set of effects is, of the base and of those with one effect more, base included.
+
+    A price is a log loss per block: ln P(h | data) = -(blocks / 2) price(h) / TEMPERATURE + constant, with one
+    temperature for all (Guo et al. 2017). What is at its limit another hypothesis adds nothing to that.
+    """
+    listed = [r for r in cheapest(rows) if r.count <= base.count + 1 and np.isfinite(r.price)]
+    depth = np.array([-len(r.blocks) / 2 * r.price / TEMPERATURE for r in listed])
+    weights = np.exp(depth - depth.max(initial=-np.inf))
+    return {tuple(sorted(r.ids)): float(w / weights.sum()) for r, w in zip(listed, weights, strict=True)}
 
 
 def explained(removed: Any, base: E, lowest: float) -> Any:

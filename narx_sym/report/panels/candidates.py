@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...diagnosis.bases import percent_of
 from ...diagnosis.bases import words as words_of
 from ...diagnosis.procedure import Diagnosis
 from ...models.extend import Variant
@@ -37,6 +38,7 @@ def candidates(material: Material) -> dict[str, Any]:
         row
         | {
             "removed": words.removed(row),
+            "probable": "" if c.probability is None else percent_of(c.probability),
             "latex": c.latex.split(r",\quad "),
             "sentence": c.variant.effect.sentence,
             "form": _form(c.variant),
