@@ -18,6 +18,7 @@ from .options import (
     EffectFiles,
     Input,
     Limits,
+    Machine,
     MaxEffects,
     Missing,
     OpenLoop,
@@ -81,6 +82,7 @@ def diagnose(
     ts: Ts = None,
     channels: Channels = "",
     role: Roles = "",
+    machine: Machine = "",
     rows: Rows = None,
     missing: Missing = "refuse",
     resume: Resume = None,
@@ -93,10 +95,12 @@ def diagnose(
     The same data and seed give the same JSON; only its last field, `seconds`, differs.
     """
     from ..diagnosis.experiment import check_limits
+    from ..diagnosis.machine import check_machine
     from ..diagnosis.procedure import diagnose as run
     from ..files.journal import resuming
 
     check_limits(limits)
+    check_machine(machine)
     typed = again(context, RESULTS)
     targets = Targets(json_file, save, plot, experiment, report, -1 if quiet else int(verbose), typed)
     file = Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
@@ -112,14 +116,15 @@ def diagnose(
         with working("Diagnosing") as progress:
             found = run(
                 start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
-                open_loop=open_loop, validation=judging, report=progress,
+                open_loop=open_loop, validation=judging, machine=machine, report=progress,
             )  # fmt: skip
     say_resumed(journal, resume)
     _say_done(found, measured)
     settings = {
         "base": base, "validation": ", ".join(map(str, validate or [])) or "last part",
         "delay": "found" if delay is None else delay, "max_effects": max_effects,
-        "channels": channels or "none", "role": role or "found", "rows": rows or "all", "open_loop": open_loop,
+        "channels": channels or "none", "role": role or "found", "machine": found.machine.name or "not known",
+        "rows": rows or "all", "open_loop": open_loop,
     }  # fmt: skip
     targets.write(found, measured, found.units, data, settings)
 

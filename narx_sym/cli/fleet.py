@@ -13,6 +13,7 @@ from ..errors import DataError
 from .options import (
     Channels,
     Input,
+    Machine,
     MaxEffects,
     Missing,
     Output,
@@ -58,6 +59,7 @@ def fleet(
     ts: Ts = None,
     channels: Channels = "",
     role: Roles = "",
+    machine: Machine = "",
     missing: Missing = "refuse",
 ) -> None:
     """Diagnose many records in parallel: one page, the worst first, machine by effect, and what grows.
@@ -76,7 +78,7 @@ def fleet(
     if reports is not None:
         reports.mkdir(parents=True, exist_ok=True)
     said, roles, folder = tuple(unit_names(units).items()), tuple(roles_of(role).items()), reports and reports.resolve()
-    settings = Settings(base, max_effects, ts, channels, missing, seed, budget, folder, said, roles)
+    settings = Settings(base, max_effects, ts, channels, missing, seed, budget, folder, said, roles, machine)
     done: list[int] = []
     with ExitStack() as stack:
         journal = stack.enter_context(resuming(resume)) if resume else None

@@ -51,6 +51,14 @@ Roles = Annotated[
         "integral-of-y or ignore (default: seen in the numbers, else guessed from the name; it is said).",
     ),
 ]
+Machine = Annotated[
+    str,
+    typer.Option(
+        "--machine",
+        help="What was measured: thermal, tank, drive, motion-force, smart-material, soft, propeller, valve, "
+        "structure, circuit, battery, process or pendulum; none: not known (default: as units tell; it is said).",
+    ),
+]
 MaxEffects = Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")]
 OpenLoop = Annotated[
     bool, typer.Option("--open-loop", help="No controller made the input from the output, whatever it looks like.")

@@ -26,7 +26,7 @@ from ..files.parallel import one_blas_thread
 from ..fit.evaluate import PROTOCOL, evaluate
 from ..fit.identify import prepare
 from ..fit.simulate import Records, segments
-from ..models.effects import EFFECTS, Catalogue
+from ..models.effects import EFFECTS, MACHINES, Catalogue
 from ..models.extend import find
 from ..models.info import whole
 from ..models.model import Model
@@ -34,6 +34,7 @@ from .bases import BASE as MEMORY
 from .bases import few, joined
 from .doors import DiagnosisDoors
 from .experiment import Experiment, check_limits
+from .machine import Machine, check_machine, machine_of
 from .misfit import Misfit, misfit_of
 from .progress import BASE, ROUND, Course, inside
 from .refit import Fitted, Trial
@@ -72,6 +73,8 @@ class Diagnosis(DiagnosisDoors):
     hypotheses: list[Row] = field(default_factory=list)  # the table, at the working rate
     judged: list[Record] = field(default_factory=list)  # the records where something was taken off, or resampled
     max_effects: int = 1
+    machine: Machine = field(default_factory=Machine)  # what kind of machine was measured
+    excluded: tuple[str, ...] = ()  # effects that were not considered, as it would take another machine
     one_speed: bool = False  # whether the input moves at one speed, where the memory of a linear base hides effects
 
     @property
@@ -217,6 +220,11 @@ class Diagnosis(DiagnosisDoors):
         if max(self.max_effects, len(self.steps)) > 1:
             rest = [s.to_dict(None) for s in self.steps[1:]]
             first["steps"] = [{n: v for n, v in first.items() if n not in ("schema", "seconds", "seed")}, *rest]
+        about = self.machine.name and {
+            "name": self.machine.name, "guessed": self.machine.guessed, "excluded": list(self.excluded),
+        }  # fmt: skip
+        reasons = {name: f"impossible for {MACHINES[self.machine.name]}" for name in self.excluded}
+        first |= {"machine": about or None, "excluded": reasons}
         named = dict.fromkeys(("u", "y", *self.steps[0].base.split.records[0].channels), "")
         return first | {"units": named | self.units, "roles": dict(self.steps[0].base.split.records[0].roles)}
 
@@ -237,6 +245,7 @@ def diagnose(
     open_loop: bool = False,
     validation: Records = (),
     roles: Mapping[str, str] | None = None,
+    machine: str = "",
     report: Callable[[str], Any] = lambda what: None,
 ) -> Diagnosis:
     """Compare a model with measurements and name the physical effect that is missing.
@@ -264,6 +273,9 @@ def diagnose(
         Records that nothing is fitted to: an effect is only added where the error falls on them too. Without them the
         last part of each record serves: no model is fitted to it, though effects are chosen on the whole record.
     roles : mapping such as {"cmd": "setpoint"}, optional; what channels are, whatever the records say (`Record.roles`)
+    machine : one of `effects.MACHINES`, optional
+        What was measured: effects that are impossible there are not considered, and the words are those of its field.
+        By default what the model says (`Info.machine`), else what the units tell; "none" where it is not known.
     report : callable
         Told what goes on, by a text with numbers (`diagnosis.progress.Told`). What it raises ends the diagnosis.
 
@@ -276,10 +288,10 @@ def diagnose(
     FitError
         Where the base cannot follow the data at all, and for fewer than 100 samples.
     ModelError
-        For what is no model, limits that are none, an unknown channel, and `max_effects` below 1.
+        For what is no model, limits that are none, an unknown channel or machine, and `max_effects` below 1.
     """
     begin = time.perf_counter()
-    _check(model, limits, max_effects, seed=seed, delay=delay)
+    _check(model, limits, max_effects, machine, seed=seed, delay=delay)
     listed = prepare([with_roles(r, roles) for r in each(records)], model.info.units)
     measured = [n for n in listed[0].channels if all(n in r.channels for r in listed)]
     if unknown := [] if channels == "all" else [n for n in channels if n not in measured]:
@@ -289,6 +301,8 @@ def diagnose(
         raise FitError(f"{count} samples are too few to judge what is missing: at least {FEWEST} are needed.")
     named = [n for n in (measured if channels == "all" else channels) if all(n in acting(r) for r in listed)]
     start = model.fit(listed) if model.theta is None else model
+    kind_of = machine_of(machine or model.info.machine, listed[0].units)
+    catalogue = catalogue.of(kind_of.name)
     listed, held = at_levels(listed, lambda seen: evaluate(start, seen).free_run_nrmse)
     converter = quantum(np.concatenate([r.y for r in listed]))  # as measured: offsets that are taken off hide it
 
@@ -317,10 +331,16 @@ def diagnose(
         one.hear(sensor)
     failed = _misfit(steps[0].base, steps[0].floor)
     faults = sensor_faults(listed, min(s.floor for s in steps), converter)
-    said = [*_noted(listed, table), *_loads(steps), *speed, *held]
+    of_machine = kind_of.notes(catalogue, listed[0].units)
+    said = [*_noted(listed, table), *of_machine, *_loads(steps), *speed, *held]
+    if machine:
+        _remember(steps, machine)
     seconds = time.perf_counter() - begin
     judged = listed if held or any(a.Ts != b.Ts for a, b in zip(each(records), listed, strict=True)) else []
-    return Diagnosis(steps, failed, seconds, seed, faults, said, table.rows, judged, max_effects, same_speed)
+    return Diagnosis(
+        steps, failed, seconds, seed, faults, said, table.rows, judged, max_effects, kind_of, catalogue.excluded,
+        same_speed,
+    )  # fmt: skip
 
 
 @dataclass
@@ -425,6 +445,12 @@ def _loads(steps: Sequence[Step]) -> list[str]:
     ]
 
 
+def _remember(steps: Sequence[Step], machine: str) -> None:
+    """Put what the user said of the machine into the models that a diagnosis shows, and so into their files."""
+    for fitted in (f for one in steps for f in (one.base, one.chosen) if f is not None):
+        fitted.model = fitted.model.replace(info=replace(fitted.model.info, machine=machine))
+
+
 def _levelled(records: list[Record], first: Step) -> tuple[list[Record], list[str]] | None:
     """Return records without the offsets between them, where these explain more than what would be named."""
     if first.pair is not None:
@@ -449,7 +475,7 @@ def _misfit(fitted: Fitted, floor: float | None) -> Misfit:
     return misfit_of(fitted.model, fitted.split.records[i], fitted.errors[i], floor)
 
 
-def _check(model: Any, limits: Any, max_effects: Any, **numbers: Any) -> None:
+def _check(model: Any, limits: Any, max_effects: Any, machine: str, **numbers: Any) -> None:
     """Refuse what a diagnosis cannot begin with."""
     if not isinstance(model, Model):
         raise ModelError(f"Give a model (ns.identify, ns.load), then its records, not {type(model).__name__}.")
@@ -457,3 +483,4 @@ def _check(model: Any, limits: Any, max_effects: Any, **numbers: Any) -> None:
     if max_effects < 1:
         raise ModelError("max_effects must be at least 1.")
     check_limits(limits)
+    check_machine(machine)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -67,6 +67,10 @@ class Step:
         what the catalogue does not know: the one effect, or the two, that cost least.
     nearest_share : float
         How much of the squared error the first of them removes, in held-out blocks.
+    meanings : dict of str
+        What effects are called in the machine that was measured, by id, where that is another name.
+    same : dict of lists of str
+        By a member of the confusion set: further ids that mean the same there.
     sensor : float
         Standard deviation of the sensor's noise [unit of y]; 0 where it is not known. What is above it is not noise.
     """
@@ -92,6 +96,8 @@ class Step:
     one_step: bool = False  # is all that the input does: nothing is named from it
     trial: Trial = NO_TRIAL  # what its models are fitted to in the end, and judged on; see `finish`
     refused: Fitted | None = None  # what was found, but does not lessen the error on the record and on validation data
+    meanings: Mapping[str, str] = field(default_factory=dict)
+    same: dict[str, list[str]] = field(default_factory=dict)
     linear: float = 0.0  # rms that a linear base leaves by itself, where one speed cannot tell [unit of y]
 
     def hear(self, sensor: float) -> None:
@@ -168,6 +174,21 @@ class Step:
         self.nearest_share = 1 - less[0].held / known.held if less else 0.0
         return self
 
+    def told(self, *names: str) -> list[str]:
+        """Return effects as people call them in the machine: its words, where it has some, with the ids beside them."""
+        found: dict[str, list[str]] = {}
+        for name in names:
+            found.setdefault(meaning(name, self.meanings), []).append(name)
+        return [words if ids == [words] else f"{words} ({joined(ids)})" for words, ids in found.items()]
+
+    @property
+    def synonyms(self) -> str:
+        """Say which ids mean the same as members of the confusion set, in the machine that was measured."""
+        said = [
+            f"{joined(ids)} {'are' if ids[1:] else 'is'} the same thing as {n} here" for n, ids in self.same.items()
+        ]
+        return "".join(f" {text}." for text in said)
+
     @property
     def unseen(self) -> list[tuple[str, float]]:
         """Effects not found, that no refit absorbs, with the rms that would show, below that of y; smallest first."""
@@ -190,7 +211,7 @@ class Step:
         if not self.nearest or self.verdict != "nothing_detectable":
             return ""
         much = "of which no effect explains enough" if self.unexplained else "too little in these data"
-        nearest = " or ".join(self.nearest)
+        nearest = " or ".join(self.told(*self.nearest))
         return f"Something is left (p = {self.p_value:.2g}), {much} to be named: {nearest} would come nearest."
 
     @property
@@ -244,34 +265,41 @@ class Step:
             return f"{self.refusal(units)} {sizes}."
         if self.verdict == "outside_library":
             removes = f"comes nearest, and removes {100 * self.nearest_share:.0f} % of the squared error"
-            near = f" Of what it knows, {self.nearest[0]} {removes}: too little to be named." if self.nearest else ""
+            near = (
+                f" Of what it knows, {self.told(self.nearest[0])[0]} {removes}: too little to be named."
+                if self.nearest
+                else ""
+            )
             look = "Look at where the model fails, and at the equivalent missing input."
             return f"Something is missing that the catalogue does not know. {sizes}.{near} {look}"
         if self.pair is not None:
+            effects = self.told(*self.pair.effects)
+            missing = f"{self.pair.counted} are probably missing" if len(effects) > 1 else "Probably missing"
             return (
-                f"{self.pair.counted} are probably missing: {joined(self.pair.effects)}. {sizes}. Together they "
+                f"{missing}: {joined(effects)}. {sizes}. Together they "
                 f"remove {100 * self.pair.share:.0f} % of the removable error in cross-validation"
                 f"{'' if self.pair.all else ', but not all that is missing'}.{_instead(self.pair)}"
             )
         best = self.candidates[0]
         share = f"{100 * best.share:.0f} % of the removable error in cross-validation"
-        what = f"{best.variant.effect.sentence.rstrip('.')} ({best.effect})"
-        others = ", ".join(e for e in self.confusion_set if e not in (best.effect, BASE))
+        what, name = f"{best.described.rstrip('.')} ({best.effect})", self.told(best.effect)[0]
+        others = ", ".join(self.told(*(e for e in self.confusion_set if e not in (best.effect, BASE))))
         if self.verdict == "helps_but_incomplete":
-            text = f"{what} explains {share}, but not all that is missing. {sizes}."
+            text = f"{what} explains {share}, but not all that is missing. {sizes}.{self.synonyms}"
             text += f" As well it could be {others}." if others else ""
             return f"{text} {self.experiment.sentence}" if self.experiment else text
         if self.verdict == "confused":
             text = "One of these is probably missing, and these data cannot tell which: "
-            text += f"{best.effect}, {others}. {sizes}. "
+            text += f"{name}, {others}. {sizes}. "
             if BASE in self.confusion_set:
-                names = f"{best.effect} or {others}" if others else best.effect
+                names = f"{name} or {others}" if others else name
                 sizes += f"; a linear base, with its memory, leaves {few(self.linear)}{unit}" if self.linear else ""
                 text = f"Perhaps missing: {names}; at one speed it and a base's memory are one signal. {sizes}. "
-            text += f"Adding {best.effect} removes {share}."
+            text += f"Adding {best.effect} removes {share}.{self.synonyms}"
             return f"{text} {self.experiment.sentence}" if self.experiment else text
         sure = "" if best.probability is None else f" ({percent_of(best.probability)})"
-        return f"Probably missing: {best.effect}{sure}. {what}. {sizes}. Adding it removes {share}."
+        what = f"{name}{sure}" if best.meaning else f"{name}{sure}. {what}"
+        return f"Probably missing: {what}. {sizes}. Adding it removes {share}.{self.synonyms}"
 
     def refusal(self, units: Mapping[str, str]) -> str:
         """Say why what was found is not added: its error on the record and on validation data, before and after."""
@@ -295,7 +323,7 @@ class Step:
         return {
             "verdict": self.verdict, "finding": self.finding, "sentence": self.sentence({}),
             "refused": self.refusal({}),
-            "confusion_set": self.confusion_set,
+            "confusion_set": self.confusion_set, "same_thing": self.same,
             "nearest": self.nearest, "nearest_share": self.nearest_share,
             "p_value": self.p_value,
             "base": {
@@ -309,7 +337,7 @@ class Step:
                 {
                     "effect": c.effect, "where": c.where, "form": str(c.variant), "parameters": c.parameters,
                     "latex": c.latex, "share_of_removable_error": c.share, "interval": list(c.interval),
-                    "p_value": c.p_value, "probability": c.probability,
+                    "p_value": c.p_value, "probability": c.probability, "called": c.meaning,
                     "sentence": c.sentence, "samples_averaged": c.averaged,
                     "nrmse": dict.fromkeys(PARTS) | c.nrmse,
                 }
@@ -343,6 +371,22 @@ def _instead(pair: Pair) -> str:
     return f" As well it could be {', or '.join(listed)}{more}{every}." if listed else ""
 
 
+def meaning(name: str, meanings: Mapping[str, str]) -> str:
+    """Return what an effect is called, by the meanings of ids; a channel is no part of them."""
+    return meanings.get(name.partition(":")[0], name)
+
+
+def as_one(names: Iterable[str], meanings: Mapping[str, str]) -> tuple[list[str], dict[str, list[str]]]:
+    """Return the first effect of each meaning, and by it those that mean the same."""
+    first: dict[str, str] = {}
+    same: dict[str, list[str]] = {}
+    for name in names:
+        head = first.setdefault(meaning(name, meanings), name)
+        if head != name:
+            same.setdefault(head, []).append(name)
+    return list(first.values()), same
+
+
 def looped(base: Fitted, loop: Feedback, valves: Sequence[Sticking] = ()) -> Step:
     """Return what is said where the input answers the output."""
     error = float(np.sqrt(base.mean_square(base.split.held)))
@@ -372,7 +416,7 @@ def step(
     made = Step(
         base, "", [], [], float(np.sqrt(floor * (1 if repeats else 1 - scored.structure))),
         REPEATED if repeats else ESTIMATE, scored.scores.p_value, {} if table.one_step else detectable(scored),
-        absorbed(scored), loop=loop, one_step=table.one_step,
+        absorbed(scored), loop=loop, one_step=table.one_step, meanings=table.catalogue.meanings,
     )  # fmt: skip
     at, best, gone = instead(table, best, known)
     if best is None or (made.p_value > gate.LEVEL and best.held >= (1 - LARGE) * known.held):
@@ -387,8 +431,12 @@ def step(
     lowest = best.held * (1 - left)
     share = removes(best, known, left)
     made.candidates = candidates_of(table, known, best, found, lowest)
+    for c in made.candidates:
+        words = meaning(c.effect, made.meanings)
+        c.meaning = "" if words == c.effect else words
     shown = {c.effect for c in made.candidates} | {BASE}  # a rival that cannot be held is none
-    names = dict.fromkeys(name for name in (new_effect(r, known) for r in found) if name in shown)
+    distinct = (name for name in dict.fromkeys(new_effect(r, known) for r in found) if name in shown)
+    names, same = as_one(distinct, made.meanings)
     made.verdict = verdict(share, left, len(names))
     chosen = table.own(best)
     if not repeats:
@@ -397,10 +445,12 @@ def step(
         return made.near(known, best), known
     both = [v.id for v in best.beyond(known)]
     pair = len(both) > 1
-    made.confusion_set = both if pair else list(names)
+    made.confusion_set, made.same = (both, {}) if pair else (names, same)
     if pair:
         made.verdict = "helps_but_incomplete"
         rivals = tuple(ids for ids in (tuple(v.id for v in r.beyond(known)) for r in found[1:]) if ids)
+        own = {meaning(name, made.meanings) for name in both}
+        rivals = tuple(ids for ids in rivals if {meaning(name, made.meanings) for name in ids} != own)
         made.pair = Pair(tuple(both), chosen, share, rivals, verdict(share, left, 1) != "helps_but_incomplete")
     if len(made.confusion_set) > 1 and not pair:
         table.course.say(": looking for an experiment that separates them")

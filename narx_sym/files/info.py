@@ -9,6 +9,7 @@ from typing import Any
 
 from ..errors import ModelError
 from ..models.added import AddedEffect
+from ..models.effects import MACHINES
 from ..models.info import Info, Nrmse, Selection
 
 MAX_LISTED = 1000  # entries of a list
@@ -29,6 +30,7 @@ def info_to_dict(info: Info) -> dict[str, Any]:
         "line": info.line and list(info.line), "band": info.band, "start": info.start and list(info.start),
         "selection": None if chosen == Selection() else asdict(chosen) | {"err": list(chosen.err)},
         "units": dict(info.units), "roles": dict(info.roles), "digits": info.digits or None,
+        "machine": info.machine,
     }  # fmt: skip
     return {n: v for n, v in found.items() if v is not None and v != {} and v != ""} if info != Info() else {}
 
@@ -89,7 +91,7 @@ def read_info(info: Any) -> Info:
         ranges={n: (float(a), float(b)) for n, (a, b) in ranges.items()}, rates=rates, frequencies=frequencies,
         steps=steps, band=None if band is None else float(band), selection=_selection(info.get("selection")),
         units=_labels(info.get("units", {}), "units"), roles=_labels(info.get("roles", {}), "roles"),
-        digits=_digits(info.get("digits", 0)),
+        digits=_digits(info.get("digits", 0)), machine=_machine(info.get("machine", "")),
         **{name: (float(pair[0]), float(pair[1])) for name, pair in pairs.items()},
     )  # fmt: skip
 
@@ -99,6 +101,12 @@ def _labels(given: Any, name: str) -> dict[str, str]:
     if not good or not all(isinstance(v, str) and 0 < len(v) <= MAX_LABEL and v.isprintable() for v in given.values()):
         raise ModelError(f"'info.{name}' must give a printable text of at most {MAX_LABEL} characters for each signal.")
     return dict(given)
+
+
+def _machine(given: Any) -> str:
+    if given not in ("", "none", *MACHINES):
+        raise ModelError(f"'info.machine' must be one of {', '.join(MACHINES)}, or none.")
+    return str(given)
 
 
 def _digits(given: Any) -> int:

@@ -93,6 +93,7 @@ class Info:
     units : of the signals, by name, where they are known
     digits : significant digits that its printed parameters need; 0 where that is not known
     roles : of the channels, by name: setpoint, input, disturbance, derivative-of-y, ...
+    machine : what was measured, one of `effects.MACHINES`, or "none", where the user said so
     """
 
     method: str = ""
@@ -110,6 +111,7 @@ class Info:
     units: Mapping[str, str] = field(default_factory=dict)
     digits: int = 0
     roles: Mapping[str, str] = field(default_factory=dict)
+    machine: str = ""
 
     @property
     def useless(self) -> bool:
@@ -122,7 +124,7 @@ class Info:
         return Info(
             ranges=self.ranges, rates=self.rates, frequencies=self.frequencies, steps=self.steps, line=self.line,
             band=self.band, start=self.start, units=self.units,
-            roles=self.roles,
+            roles=self.roles, machine=self.machine,
         )  # fmt: skip
 
 

@@ -118,7 +118,7 @@ def _with_units(e: Experiment, units: Units) -> Experiment:
 def headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
     """Say in a few words what was found."""
     first = diagnosis.steps[0]
-    names = [spaced(e) for e in first.confusion_set]
+    names = list(map(spaced, first.told(*first.confusion_set)))
     if first.verdict == "nothing_detectable":
         if first.follows_nothing:
             return "The base does not follow the output: what is missing cannot be told from it."
@@ -149,9 +149,10 @@ def headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
     if first.pair is not None:
         others = ", or others that explain as much" if first.pair.rivals else ""
         rest = "" if first.pair.all else "; they are not all"
-        return f"{first.pair.counted} are probably missing: {joined(map(spaced, first.pair.effects))}{others}{rest}."
+        missing = f"{first.pair.counted} are probably missing" if len(names) > 1 else "Probably missing"
+        return f"{missing}: {joined(names)}{others}{rest}."
     if first.verdict == "helps_but_incomplete":
-        listed = [n for n in names if n != BASE] or [spaced(first.candidates[0].effect)]
+        listed = [n for n in names if n != BASE] or [spaced(first.told(first.candidates[0].effect)[0])]
         return begun(f"{' or '.join(listed)} helps, but something else is missing too.")
     if BASE in names:
         found = f"{' or '.join(n for n in names if n != BASE)} may be missing: one speed cannot tell."

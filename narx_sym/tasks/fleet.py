@@ -17,6 +17,7 @@ from typing import Any
 
 from ..data.evidence.stiction import worst_valve
 from ..data.record import Record, read
+from ..diagnosis.machine import check_machine
 from ..diagnosis.procedure import Diagnosis, diagnose
 from ..errors import DataError, NarxError
 from ..files.journal import Passing
@@ -55,6 +56,7 @@ class Settings:
     units : pairs of "u" or "y" and a unit
         Of all records, whatever their files say.
     roles : pairs of a column and its role
+    machine : what all records are of, "" where their units tell
     """
 
     base: str = "linear"
@@ -67,6 +69,7 @@ class Settings:
     reports: Path | None = None
     units: tuple[tuple[str, str], ...] = ()
     roles: tuple[tuple[str, str], ...] = ()
+    machine: str = ""
 
 
 class BudgetError(NarxError):
@@ -198,6 +201,7 @@ def fleet(
         Told how many records were done already.
     """
     check_kind(settings.base)
+    check_machine(settings.machine)
 
     def holds(row: Row) -> bool:
         """Whether the report of a row that was kept is still there."""
@@ -231,7 +235,7 @@ def look(entry: Entry, settings: Settings) -> Row:
         base = identify_base(settings.base, [record])
         found = diagnose(
             base, record, max_effects=settings.max_effects, seed=settings.seed, report=watch,
-            validation=[_read(one, settings) for one in entry.validation],
+            validation=[_read(one, settings) for one in entry.validation], machine=settings.machine,
         )  # fmt: skip
         row |= _told(found) | {"unit": record.units.get("y", "")}
         if settings.reports is not None:

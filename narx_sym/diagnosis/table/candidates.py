@@ -86,6 +86,7 @@ class Candidate:
     final: Fitted | None = None
     trial: Trial | None = None
     likely: bool = False
+    meaning: str = ""  # what it is called in the machine that was measured
 
     @classmethod
     def of(cls, table: Table, row: Row, known: Row, p_value: float, lowest: float, likely: bool) -> Candidate:
@@ -183,11 +184,16 @@ class Candidate:
         return r",\quad ".join(lines)
 
     @property
+    def described(self) -> str:
+        """What it is, in a sentence: in the words of the machine, where it has some."""
+        return f"{self.meaning[0].upper()}{self.meaning[1:]}." if self.meaning else self.variant.effect.sentence
+
+    @property
     def sentence(self) -> str:
         """What it is, and what adding it does, in plain words."""
         numbers = ", ".join(f"{n} = {v:.3g}" for n, v in self.parameters.items())
         return (
-            f"{self.variant.effect.sentence} Adding {self.variant} with {numbers} removes {100 * self.share:.0f} % of "
+            f"{self.described} Adding {self.variant} with {numbers} removes {100 * self.share:.0f} % of "
             "the removable error in cross-validation."
         )
 

@@ -4,7 +4,7 @@
 """
 
 from . import between, disturbance, dynamics, friction, memory, sensor, static
-from ._effect import EFFECTS, PLACES, Catalogue, Effect, Form, Scan, clip, effect, step
+from ._effect import EFFECTS, MACHINES, PLACES, Catalogue, Effect, Form, Scan, clip, effect, step
 from ._text import load_effects, text_effect
 
 # No directions of the free run: they need a look at the samples themselves. There is no detector for them yet.
@@ -13,6 +13,7 @@ DETECTED = ("sensor_saturation", "quantisation")
 __all__ = [
     "DETECTED",
     "EFFECTS",
+    "MACHINES",
     "PLACES",
     "Catalogue",
     "Effect",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -22,6 +22,13 @@ from ..doors import EffectDoors
 PLACES = {
     "input": "at the input", "force": "beside the input", "inside": "inside", "motion": "on the motion",
     "friction": "in the friction", "output": "at the output", "sensor": "at the sensor",
+}  # fmt: skip
+# Kinds of machine, in words: an effect says in which it is impossible, and what it is called there.
+MACHINES = {
+    "thermal": "a thermal machine", "tank": "a tank", "drive": "a drive",
+    "motion-force": "a part that is moved and gives a force", "smart-material": "a smart material",
+    "soft": "a soft actuator", "propeller": "a propeller", "valve": "a process valve", "structure": "a structure",
+    "circuit": "a circuit", "battery": "a battery", "process": "a flow process", "pendulum": "a pendulum",
 }  # fmt: skip
 SEQUENCES = ("x", "u", "y", "t", "channel")  # names of arguments that are sequences; all others are shape parameters
 
@@ -106,6 +113,10 @@ class Effect(EffectDoors):
         Whether it is met at rest, as the end of a way is: what only a changing input reaches is a friction.
     series : (degree, id), or nothing
         Where it takes away it is the Taylor polynomial of another effect: it turns back, as that one does not.
+    never, only : of `MACHINES`
+        Where it is impossible, as it would take another machine; and, if given, the only ones where it is tried.
+    means : mapping from `MACHINES` to words
+        What it is called there; what has the same name is the same thing there.
     """
 
     id: str
@@ -129,6 +140,9 @@ class Effect(EffectDoors):
     closer: bool = False
     at_rest: bool = False
     series: tuple[int, str] | tuple[()] = ()
+    never: tuple[str, ...] = ()
+    only: tuple[str, ...] = ()
+    means: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -203,7 +217,16 @@ def _of_catalogue(name: str, form: str) -> Effect:
 
 
 class Catalogue(dict[str, list[Effect]]):
-    """Effects by id; iterating over `all()` gives every form."""
+    """Effects by id; iterating over `all()` gives every form.
+
+    Attributes
+    ----------
+    machine : the kind of machine that it is for, one of `MACHINES`, or ""
+    excluded : ids of effects that are impossible there
+    """
+
+    machine: str = ""
+    excluded: tuple[str, ...] = ()
 
     def all(self) -> list[Effect]:
         """Return every form of every effect."""
@@ -235,6 +258,23 @@ class Catalogue(dict[str, list[Effect]]):
             raise ModelError(f"Unknown effect {unknown[0]!r}; there are {', '.join(sorted(self))}.")
         return Catalogue({name: list(forms) for name, forms in self.items() if name not in ids})
 
+    def of(self, machine: str) -> Catalogue:
+        """Return what may be met in a kind of machine; "" is one that is not known."""
+
+        def there(one: Effect) -> bool:
+            return machine not in one.never and (not one.only or machine in one.only)
+
+        found = Catalogue({name: kept for name, forms in self.items() if (kept := list(filter(there, forms)))})
+        found.machine = machine
+        found.excluded = tuple(n for n in self if n not in found and any(machine in f.never for f in self[n]))
+        return found
+
+    @property
+    def meanings(self) -> dict[str, str]:
+        """What effects are called in the machine, by id, where that is another name."""
+        forms = ((name, one.means) for name, forms in self.items() for one in forms)
+        return {name: means[self.machine] for name, means in forms if self.machine in means}
+
 
 EFFECTS = Catalogue()
 
@@ -261,6 +301,9 @@ def effect(  # noqa: PLR0913
     closer: bool = False,
     at_rest: bool = False,
     series: tuple[int, str] | tuple[()] = (),
+    never: str | None = None,
+    only: str = "",
+    means: dict[str, str] | None = None,
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Turn a function into an effect and put it into the catalogue.
@@ -278,6 +321,9 @@ def effect(  # noqa: PLR0913
     closer : whether it is asked only where the other forms of the effect leave something
     at_rest : whether it is met at rest
     series : of what effect it is the Taylor polynomial where it takes away: (degree, id)
+    never : names of machines where it is impossible, as in "thermal tank"; by default those of its first form
+    only : names of the only machines where it is tried
+    means : what it is called in some machines, as in {"tank": "overflow"}; by default as its first form
     register : bool
         False keeps it out of the catalogue.
 
@@ -299,11 +345,17 @@ def effect(  # noqa: PLR0913
         if unknown:
             raise ModelError(f"Effect {name}: a place is one of {', '.join(PLACES)}, not {unknown.pop()!r}.")
         plain = " ".join((function.__doc__ or "").split())
+        first = next((f for f in EFFECTS.get(name, ()) if f.form != form), None)
         one = Effect(
             name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
             full, (function.__module__ or "").rpartition(".")[2], limit, standing, least, lagged,
             turning, weights, closer, at_rest, series,
+            tuple(never.split()) if never is not None else first.never if first else (), tuple(only.split()),
+            means if means is not None else first.means if first else {},
         )  # fmt: skip
+        stray = {*one.never, *one.only, *one.means} - set(MACHINES)
+        if stray:
+            raise ModelError(f"Effect {name}: a machine is one of {', '.join(MACHINES)}, not {stray.pop()!r}.")
         wrong = [p for p in one.shape if COEFFICIENT.fullmatch(p)]
         if wrong:
             raise ModelError(

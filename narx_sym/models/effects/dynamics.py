@@ -20,7 +20,13 @@ def lag_of(x: Any, w: Any, tau: Any, Ts: Any) -> State:
     return State(w[k], a * w[k - 1] + (1 - a) * x[k], x[k])
 
 
-@effect("inside", driver="y", scan={"n": Scan("steps", (0, 1, 2))}, source="Ljung 1999")
+@effect(
+    "inside",
+    driver="y",
+    scan={"n": Scan("steps", (0, 1, 2))},
+    source="Ljung 1999",
+    means={"thermal": "one more thermal mass"},
+)
 def inertia(x: Any, n: Any) -> Any:
     """A mass or a further time constant: the output overshoots or lags more than the model."""
     return x[k - n]
@@ -32,7 +38,15 @@ def input_delay(x: Any, d: Any) -> Any:
     return x[k - d] - x[k]
 
 
-@effect("input", scan={"tau": TIME}, unit={"tau": "s"}, sign=1, full=True, source="Ljung 1999")
+@effect(
+    "input",
+    scan={"tau": TIME},
+    unit={"tau": "s"},
+    sign=1,
+    full=True,
+    source="Ljung 1999",
+    means={"thermal": "one more thermal mass", "battery": "RC pair"},
+)
 def rate_dependence(x: Any, tau: Any, Ts: Any) -> Form:
     """A lag before the actuator (amplifier, eddy currents): fast inputs arrive late and small."""
     w = signal("w")
@@ -44,6 +58,7 @@ def limit_of_speed(speeds: tuple[str, ...], form: str = "") -> Any:
     return effect(
         "input", scan=dict.fromkeys(speeds, REACHED), unit=dict.fromkeys(speeds, "unit of the driver per sample"),
         sign=1, full=True, id="rate_limit", form=form, source="Gelb & Vander Velde 1968 (velocity-limited servo)",
+        never="motion-force structure",
     )  # fmt: skip
 
 
@@ -65,7 +80,12 @@ def two_rate_limits(x: Any, r: Any, e: Any) -> Form:
     return no_faster(x, e, r)
 
 
-@effect({"motion": "y"}, source="Beater 2007 (a pneumatic drive fills and empties at different speeds)")
+@effect(
+    {"motion": "y"},
+    source="Beater 2007 (a pneumatic drive fills and empties at different speeds)",
+    never="structure",
+    means={"thermal": "heating and cooling at different speeds"},
+)
 def uneven_speed(x: Any) -> Any:
     """Another speed up than down: it opens faster than it closes, or the other way round."""
     return sp.Min(x[k], 0)
@@ -78,6 +98,7 @@ def uneven_speed(x: Any) -> Any:
     sign=1,
     full=True,
     source="Kuhnen 2005 (creep operators)",
+    means={"battery": "RC pair"},
 )
 def creep(x: Any, tau: Any, Ts: Any) -> Form:
     """Creep: after a step the output goes on moving slowly."""

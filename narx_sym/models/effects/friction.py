@@ -20,9 +20,18 @@ DRIVEN = {"inside": "y", "force": "y", "output": "u"}  # also at the mass that i
 OF_A_SPEED = "of a speed"
 LEVEL = Scan("speed", (0.2, 0.6, 1.5))
 SLOW = Scan("amplitude", (0.01, 0.03, 0.1), beyond=1.0)  # well below the speed: tanh reaches its plateau
+NOTHING_RUBS = "thermal tank circuit battery process"
 
 
-@effect(MOVING, source="Coulomb 1785")
+@effect(
+    MOVING,
+    source="Coulomb 1785",
+    never=NOTHING_RUBS,
+    means={
+        "drive": "friction", "motion-force": "friction", "pendulum": "friction", "valve": "stiction",
+        "propeller": "threshold", "smart-material": "hysteresis", "soft": "hysteresis", "structure": "hysteresis",
+    },
+)  # fmt: skip
 def coulomb_friction(x: Any) -> Any:
     """Dry friction: a constant force against the motion, whatever the speed."""
     return sp.sign(step(x))
@@ -208,6 +217,8 @@ def held(d: Any, before: Any, r: Any, e: Any) -> tuple[Any, State]:
     unit={"r": "unit of the driver per sample", "e": "unit of the driver per sample"},
     source="Stribeck 1902; implicit Euler step (Moreau 1988)",
     limit=("e", 0.0, "coulomb_friction"),
+    never="thermal smart-material circuit battery process",
+    means={"drive": "friction", "pendulum": "friction", "valve": "stiction", "soft": "hysteresis"},
 )
 def stiction(x: Any, y: Any, r: Any, e: Any) -> Form:
     """Friction that holds: to break loose takes more than to go on, so that it moves by sticking and slipping."""
@@ -244,6 +255,7 @@ def stiction_of_speed(x: Any, y: Any, r: Any, e: Any) -> Form:
     form="of a valve",
     source="Choudhury, Thornhill & Shah 2005; He et al. 2007",
     limit=("e", 0.0, "backlash"),
+    never="thermal smart-material circuit battery",  # of a flow process the valve may stick
 )
 def valve_stiction(x: Any, r: Any, e: Any) -> Form:
     """Friction that holds: to break loose takes more than to go on, so that it moves by sticking and slipping."""
@@ -252,7 +264,12 @@ def valve_stiction(x: Any, r: Any, e: Any) -> Form:
     return Form((p[k] - x[k],), (holds, State(p[k], p[k - 1] + left, x[k])))
 
 
-@effect({"inside": "y"}, source="Coulomb 1785: friction is proportional to the load")
+@effect(
+    {"inside": "y"},
+    source="Coulomb 1785: friction is proportional to the load",
+    never=NOTHING_RUBS,
+    means={"drive": "friction"},
+)
 def channel_friction(channel: Any, x: Any) -> list[Any]:
     """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
     return _loaded(channel, sp.sign(step(x)))
@@ -347,13 +364,20 @@ def _held_by(channel: Any, d: Any, r: Any, q: Any) -> Form:
     unit={"s": "unit of the driver per sample"},
     source="Stribeck 1902, Tustin 1947",
     limit=("s", inf, "coulomb_friction"),
+    never=f"{NOTHING_RUBS} smart-material",
+    means={"drive": "friction", "pendulum": "friction"},
 )
 def stribeck_friction(x: Any, s: Any) -> Any:
     """Stiction: friction that is largest at rest and falls as the motion gets faster."""
     return sp.exp(-((step(x) / s) ** 2)) * sp.sign(step(x))
 
 
-@effect(DRIVEN, source="Rayleigh 1876")
+@effect(
+    DRIVEN,
+    source="Rayleigh 1876",
+    never=f"{NOTHING_RUBS} smart-material soft",
+    means={"propeller": "drag"},
+)
 def quadratic_drag(x: Any) -> Any:
     """Drag that grows with the square of the speed, as in a fluid."""
     return step(x) * sp.Abs(step(x))

@@ -29,6 +29,8 @@ def play(x: Any, p: Any, r: Any) -> State:
     unit={"r": "unit of the driver"},
     source="Brokate & Sprekels 1996",
     turning=True,
+    never="thermal propeller battery",
+    means={"drive": "gear play", "valve": "play or a loop", "smart-material": "hysteresis", "soft": "hysteresis"},
 )
 def backlash(x: Any, r: Any) -> Form:
     """Play of half-width r: after a reversal nothing moves until the slack is taken up."""
@@ -62,7 +64,12 @@ def bouc_wen(form: str, ratio: Scan, n: int, source: str, closer: bool = False) 
         form=form,
         turning=True,
         closer=closer,
-    )
+        never="propeller",
+        means={
+            "motion-force": "friction", "valve": "play or a loop", "smart-material": "hysteresis",
+            "soft": "hysteresis", "structure": "hysteresis",
+        },
+    )  # fmt: skip
     def hysteresis(x: Any, b: Any, g: Any) -> Form:
         """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
         h = signal("h")

@@ -15,7 +15,10 @@ EDGE = Scan("amplitude", (0.3, 0.5, 0.7, 0.85, 1.0), beyond=1.2)
 
 
 # A half of it shows one direction only, which is a limit at zero; less shows both, with different gains.
-@effect({"sensor": "y"}, sign=1, full=True, least=0.75, centred=True, source="Ljung 1999")
+@effect(
+    {"sensor": "y"}, sign=1, full=True, least=0.75, centred=True, source="Ljung 1999",
+    never="thermal tank motion-force soft valve structure process",
+)  # fmt: skip
 def absolute_sensor(x: Any) -> Any:
     """The sensor loses the sign: it shows the size of what it measures."""
     return sp.Abs(x[k]) - x[k]
@@ -26,6 +29,7 @@ def limited(form: str, limits: tuple[str, ...] = ("r",)) -> Any:
     return effect(
         {"sensor": "y"}, scan=dict.fromkeys(limits, EDGE), unit=dict.fromkeys(limits, "unit of the driver"), sign=1,
         full=True, id="output_limit", form=form, source="Tao & Kokotovic 1996", at_rest=True,
+        means={"circuit": "clipping"},
         sentence="What is shown ends at a limit: that of the sensor, or where a contact is lost.",
     )  # fmt: skip
 

@@ -11,11 +11,25 @@ from ...symbolic.signals import k
 from ._effect import AMPLITUDE, Scan, clip, effect
 
 LIMIT = {"r": "unit of the driver"}
+LOSSES = {  # what a force or a flow that is bent over the output is, where the output is no deflection
+    "thermal": "losses that grow faster than linearly", "tank": "outflow that is not in proportion to the level",
+    "propeller": "drag", "process": "a rate that is not in proportion to the state",
+}  # fmt: skip
+CURVED_POWER = "heating that is not in proportion to the input"
 ENDS = Scan("amplitude", (0.15, 0.3, 0.5, 0.7, 0.9))
 REACHED = Scan("amplitude", (0.15, 0.3, 0.5, 0.7, 0.9), beyond=1.1)  # a stop beyond what was reached is not seen
 
 
-@effect("input", scan={"r": AMPLITUDE}, sign=1, full=True, unit=LIMIT, source="Tao & Kokotovic 1996", centred=True)
+@effect(
+    "input",
+    scan={"r": AMPLITUDE},
+    sign=1,
+    full=True,
+    unit=LIMIT,
+    source="Tao & Kokotovic 1996",
+    centred=True,
+    means={"tank": "pump threshold", "propeller": "threshold"},
+)
 def dead_zone(x: Any, r: Any) -> Any:
     """Dead zone: small inputs do nothing."""
     return -clip(x[k], r)
@@ -47,6 +61,7 @@ def two_slopes(x: Any, r: Any, g: Any) -> Any:
     source="Tao & Kokotovic 1996",
     form="soft",
     centred=True,
+    means={"smart-material": "saturation", "circuit": "clipping", "valve": "end of the stroke"},
 )
 def saturation(x: Any, r: Any) -> Any:
     """Saturation: large inputs do less and less."""
@@ -91,25 +106,31 @@ def asymmetric_gain(x: Any) -> Any:
     return sp.Abs(x[k])
 
 
-@effect("input", source="Billings 2013")
+@effect("input", source="Billings 2013", means={"thermal": CURVED_POWER})
 def quadratic_gain(x: Any) -> Any:
     """A gain that grows or falls with the input: the static curve is bent to one side."""
     return x[k] ** 2
 
 
-@effect("input", source="Billings 2013", series=(3, "saturation"), centred=True)
+@effect(
+    "input",
+    source="Billings 2013",
+    series=(3, "saturation"),
+    centred=True,
+    means={"thermal": CURVED_POWER, "smart-material": "saturation", "circuit": "clipping"},
+)
 def cubic_gain(x: Any) -> Any:
     """A gain that depends on the size of the input, alike in both directions."""
     return x[k] ** 3
 
 
-@effect(("inside", "force"), driver="y", source="Duffing 1918")
+@effect(("inside", "force"), driver="y", source="Duffing 1918", means=LOSSES)
 def hardening_spring(x: Any) -> Any:
     """A spring that stiffens (or softens) with the deflection, alike in both directions."""
     return x[k] ** 3
 
 
-@effect("inside", driver="y", source="Nayfeh & Mook 1979")
+@effect("inside", driver="y", source="Nayfeh & Mook 1979", means=LOSSES)
 def quadratic_spring(x: Any) -> Any:
     """A spring that is stiffer in one direction than in the other."""
     return x[k] ** 2
@@ -123,7 +144,8 @@ def stop(form: str, limits: tuple[str, ...] = ("r",), **given: Any) -> Any:
     )
     return effect(
         given.pop("places", {"inside": "y"}), scan=scan, sign=1, unit=unit, id="end_stop", form=form,
-        sentence=sentence, source="Shaw & Holmes 1983", at_rest=True, **given,
+        sentence=sentence, source="Shaw & Holmes 1983", at_rest=True,
+        never="smart-material propeller battery", means={"tank": "overflow", "valve": "end of the stroke"}, **given,
     )  # fmt: skip
 
 
@@ -171,6 +193,8 @@ def rigid_stops(x: Any, y: Any, r: Any, e: Any) -> Any:
     sign=1,
     unit={"a": "unit of the driver"},
     source="Torricelli 1643; laminar below a hundredth of a",
+    never="thermal drive motion-force smart-material soft propeller structure circuit battery pendulum",
+    means=LOSSES,
 )
 def sqrt_outflow(x: Any, a: Any) -> Any:
     """An outflow with the square root of the level, as from a tank: the lower the level, the slower it falls."""

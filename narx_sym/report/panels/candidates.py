@@ -40,7 +40,7 @@ def candidates(material: Material) -> dict[str, Any]:
             "removed": words.removed(row),
             "probable": "" if c.probability is None else percent_of(c.probability),
             "latex": c.latex.split(r",\quad "),
-            "sentence": c.variant.effect.sentence,
+            "sentence": c.described,
             "form": _form(c.variant),
             "parameters": parameters.candidate_parameters(c, units),
         }
