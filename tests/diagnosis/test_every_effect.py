@@ -55,6 +55,9 @@ def changed(u, name):
         "channel_friction": lambda: moved(
             lambda y, v, i: y + soft(0.8 * v + 0.02 * (u[i - 1] - y), 0.002 * (1.0 + load()[i]))
         ),
+        "gravity": lambda: moved(lambda y, v, i: y + 0.1 * (u[i - 1] / 3 - np.sin(y))),
+        "orifice": lambda: moved(lambda y, v, i: y + 0.1 * np.sign(u[i - 1] - y) * abs(u[i - 1] - y) ** 0.5),
+        "charge_curve": lambda: lagged(u) + 0.2 * (q := np.cumsum(u) * 0.01) + 0.05 * q**2 - 0.02 * q**3,
         "absolute_sensor": lambda: np.abs(lagged(u)),
         "output_limit": lambda: np.minimum(lagged(u), 0.7),
         "offset": lambda: lagged(u) + 0.2,

@@ -82,6 +82,7 @@ EFFECTS = {
     ("coulomb_friction", "force", "y", "smooth"): (-0.2, 0.2),
     ("hardening_spring", "force", "y", ""): (-0.1, 0.1),
     ("quadratic_spring", "inside", "y", ""): (-0.02, 0.02),
+    ("gravity", "inside", "y", ""): (-0.05, 0.05),
     ("end_stop", "inside", "y", "upper"): (0.0, 0.3),
     ("sqrt_outflow", "inside", "y", ""): (-0.05, 0.05),
     ("channel_friction:temp", "inside", "y", ""): (-0.02, 0.02),
@@ -96,7 +97,7 @@ EFFECTS = {
     ("absolute_sensor", "sensor", "y", ""): (0.01, 0.05),
 }
 DISTURBED = ("offset", "periodic_disturbance")  # from the first sample on: no run of these starts at rest
-ALONE = ("bilinear_gain",)  # tested alone below
+ALONE = ("bilinear_gain", "orifice", "charge_curve")  # tested alone below
 SHAPES = {"tau": 0.05, "b": 0.7, "g": 0.9, "d": 1.1, "f": 3.0}
 
 
@@ -179,6 +180,18 @@ def test_a_gain_that_depends_on_the_position(c):
     model = extend(base, found).model.replace(theta=[*base.theta, c])
     law = model.compensator()
     assert law.residual() == 0 and law.closed_form
+    assert followed(model, law, reference(model)) < 1e-9
+
+
+@pytest.mark.parametrize(("name", "c"), [("orifice", 0.1), ("charge_curve", 0.2)])
+def test_what_bends_the_newest_input_of_a_base(name, c):
+    """The law finds the root that is nearest to its last input."""
+    base = BASES["first order"]
+    (found,) = (o for o in variants(base) if o.id == name and o.lag == base.delay)
+    added = extend(base, found)
+    model = added.model.replace(theta=[*base.theta, *[c] * len(added.coefficients), *[0.25] * len(added.shape)])
+    law = model.compensator()
+    assert law.residual() == 0 and not law.closed_form
     assert followed(model, law, reference(model)) < 1e-9
 
 

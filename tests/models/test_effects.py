@@ -22,7 +22,7 @@ IDS = (
     "hysteresis", "backlash", "coulomb_friction", "stribeck_friction", "quadratic_drag", "inertia", "dead_zone",
     "saturation", "asymmetric_gain", "quadratic_gain", "cubic_gain", "input_delay", "rate_dependence",
     "rate_limit", "uneven_speed", "hardening_spring", "quadratic_spring", "bilinear_gain", "creep", "offset", "drift", "periodic_disturbance",
-    "channel", "channel_gain", "ageing", "absolute_sensor", "output_limit", "stiction", "end_stop",
+    "gravity", "orifice", "charge_curve", "channel", "channel_gain", "ageing", "absolute_sensor", "output_limit", "stiction", "end_stop",
     "sqrt_outflow", "channel_friction", "sensor_saturation", "quantisation",
 )  # fmt: skip
 ALL = EFFECTS.all()

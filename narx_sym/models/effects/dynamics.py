@@ -45,7 +45,7 @@ def input_delay(x: Any, d: Any) -> Any:
     sign=1,
     full=True,
     source="Ljung 1999",
-    means={"thermal": "one more thermal mass", "battery": "RC pair"},
+    means={"thermal": "one more thermal mass", "battery": "an RC pair"},
 )
 def rate_dependence(x: Any, tau: Any, Ts: Any) -> Form:
     """A lag before the actuator (amplifier, eddy currents): fast inputs arrive late and small."""
@@ -84,7 +84,7 @@ def two_rate_limits(x: Any, r: Any, e: Any) -> Form:
     {"motion": "y"},
     source="Beater 2007 (a pneumatic drive fills and empties at different speeds)",
     never="structure",
-    means={"thermal": "heating and cooling at different speeds"},
+    means={"thermal": "a difference in speed between heating and cooling"},
 )
 def uneven_speed(x: Any) -> Any:
     """Another speed up than down: it opens faster than it closes, or the other way round."""
@@ -98,10 +98,22 @@ def uneven_speed(x: Any) -> Any:
     sign=1,
     full=True,
     source="Kuhnen 2005 (creep operators)",
-    means={"battery": "RC pair"},
+    means={"battery": "an RC pair"},
 )
 def creep(x: Any, tau: Any, Ts: Any) -> Form:
     """Creep: after a step the output goes on moving slowly."""
     ws = [signal(f"w{i}") for i in (1, 2, 3)]
     states = tuple(lag_of(x, w, tau * 3**i, Ts) for i, w in enumerate(ws))
     return Form((sum(w[k] for w in ws) / 3,), states)
+
+
+@effect(
+    {"output": "u"},
+    source="Plett 2004 (open-circuit voltage over the charge)",
+    only="battery",
+    means={"battery": "a bent open-circuit voltage"},
+)
+def charge_curve(x: Any, Ts: Any) -> Form:
+    """A voltage that is bent over the charge: the open-circuit voltage over the integral of the current."""
+    q = signal("q")
+    return Form((q[k], q[k] ** 2, q[k] ** 3), (State(q[k], q[k - 1] + Ts * x[k], 0),))

@@ -29,7 +29,7 @@ NOTHING_RUBS = "thermal tank circuit battery process"
     never=NOTHING_RUBS,
     means={
         "drive": "friction", "motion-force": "friction", "pendulum": "friction", "valve": "stiction",
-        "propeller": "threshold", "smart-material": "hysteresis", "soft": "hysteresis", "structure": "hysteresis",
+        "propeller": "a threshold", "smart-material": "hysteresis", "soft": "hysteresis", "structure": "hysteresis",
     },
 )  # fmt: skip
 def coulomb_friction(x: Any) -> Any:

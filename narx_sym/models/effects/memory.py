@@ -30,7 +30,7 @@ def play(x: Any, p: Any, r: Any) -> State:
     source="Brokate & Sprekels 1996",
     turning=True,
     never="thermal propeller battery",
-    means={"drive": "gear play", "valve": "play or a loop", "smart-material": "hysteresis", "soft": "hysteresis"},
+    means={"drive": "gear play", "valve": "play", "smart-material": "hysteresis", "soft": "hysteresis"},
 )
 def backlash(x: Any, r: Any) -> Form:
     """Play of half-width r: after a reversal nothing moves until the slack is taken up."""
@@ -66,7 +66,7 @@ def bouc_wen(form: str, ratio: Scan, n: int, source: str, closer: bool = False) 
         closer=closer,
         never="propeller",
         means={
-            "motion-force": "friction", "valve": "play or a loop", "smart-material": "hysteresis",
+            "motion-force": "friction", "valve": "play", "smart-material": "hysteresis",
             "soft": "hysteresis", "structure": "hysteresis",
         },
     )  # fmt: skip

@@ -12,7 +12,7 @@ from ._effect import AMPLITUDE, Scan, clip, effect
 
 LIMIT = {"r": "unit of the driver"}
 LOSSES = {  # what a force or a flow that is bent over the output is, where the output is no deflection
-    "thermal": "losses that grow faster than linearly", "tank": "outflow that is not in proportion to the level",
+    "thermal": "a loss that grows faster than linearly", "tank": "an outflow that is not in proportion to the level",
     "propeller": "drag", "process": "a rate that is not in proportion to the state",
 }  # fmt: skip
 CURVED_POWER = "heating that is not in proportion to the input"
@@ -28,7 +28,7 @@ REACHED = Scan("amplitude", (0.15, 0.3, 0.5, 0.7, 0.9), beyond=1.1)  # a stop be
     unit=LIMIT,
     source="Tao & Kokotovic 1996",
     centred=True,
-    means={"tank": "pump threshold", "propeller": "threshold"},
+    means={"tank": "a pump threshold", "propeller": "a threshold"},
 )
 def dead_zone(x: Any, r: Any) -> Any:
     """Dead zone: small inputs do nothing."""
@@ -61,7 +61,7 @@ def two_slopes(x: Any, r: Any, g: Any) -> Any:
     source="Tao & Kokotovic 1996",
     form="soft",
     centred=True,
-    means={"smart-material": "saturation", "circuit": "clipping", "valve": "end of the stroke"},
+    means={"smart-material": "saturation", "circuit": "clipping", "valve": "an end of the stroke"},
 )
 def saturation(x: Any, r: Any) -> Any:
     """Saturation: large inputs do less and less."""
@@ -124,7 +124,7 @@ def cubic_gain(x: Any) -> Any:
     return x[k] ** 3
 
 
-@effect(("inside", "force"), driver="y", source="Duffing 1918", means=LOSSES)
+@effect(("inside", "force"), driver="y", source="Duffing 1918", means=LOSSES | {"pendulum": "gravity"})
 def hardening_spring(x: Any) -> Any:
     """A spring that stiffens (or softens) with the deflection, alike in both directions."""
     return x[k] ** 3
@@ -145,7 +145,7 @@ def stop(form: str, limits: tuple[str, ...] = ("r",), **given: Any) -> Any:
     return effect(
         given.pop("places", {"inside": "y"}), scan=scan, sign=1, unit=unit, id="end_stop", form=form,
         sentence=sentence, source="Shaw & Holmes 1983", at_rest=True,
-        never="smart-material propeller battery", means={"tank": "overflow", "valve": "end of the stroke"}, **given,
+        never="smart-material propeller battery", means={"tank": "overflow", "valve": "an end of the stroke"}, **given,
     )  # fmt: skip
 
 
@@ -206,3 +206,36 @@ def sqrt_outflow(x: Any, a: Any) -> Any:
 def bilinear_gain(u: Any, y: Any) -> Any:
     """A gain that depends on the present output."""
     return u[k] * y[k - 1]
+
+
+@effect("inside", driver="y", source="Huygens 1673 (the angle in rad)", centred=True, only="pendulum")
+def gravity(x: Any) -> Any:
+    """Gravity of a pendulum: the torque goes with the sine of the angle."""
+    return sp.sin(x[k])
+
+
+@effect(
+    "inside",
+    driver="y",
+    source="Huygens 1673 (the angle in degrees)",
+    centred=True,
+    only="pendulum",
+    id="gravity",
+    form="in degrees",
+)
+def gravity_in_degrees(x: Any) -> Any:
+    """Gravity of a pendulum: the torque goes with the sine of the angle."""
+    return sp.sin(sp.pi / 180 * x[k])
+
+
+@effect(
+    {"inside": "uy"},
+    scan={"r": Scan("amplitude", (0.02, 0.1, 0.4))},
+    unit={"r": "unit of u"},
+    source="Torricelli 1643; laminar below r (Ellman & Piche 1999)",
+    only="tank valve process",
+)
+def orifice(u: Any, y: Any, r: Any) -> Any:
+    """A flow with the square root of a pressure difference, that of input and output, as through an orifice."""
+    p = u[k] - y[k - 1]
+    return p / sp.sqrt(sp.Abs(p) + r)
