@@ -44,6 +44,9 @@ shape = dict(zip(map(str, better.symbols), better.theta, strict=True))["s_soft_s
 print(f"s = {shape:.3f} V, simulated with 3 V")
 
 # %% [markdown]
+# `@effect(..., never="thermal tank")` says where it is impossible, `only="pendulum"` where alone it is tried, and
+# `means={"thermal": "a loss"}` what it is called there; `narx_sym.effects.MACHINES` has the names.
+#
 # ## The same as text
 # A file holds effects without any code, for `--effects mine.toml`. It is read by a grammar, never evaluated.
 

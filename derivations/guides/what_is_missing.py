@@ -21,6 +21,14 @@
 # narx-sym add model.json backlash stage.csv --out model2.json
 # narx-sym effects
 # ```
+#
+# ## What you know of the machine
+# `--machine` (`machine=`) says what was measured: thermal, tank, drive, motion-force (what is moved and gives a force),
+# smart-material, soft, propeller, valve, structure, circuit, battery, process or pendulum. Effects that are impossible
+# there are not considered, and listed; what is one thing there is one name (in a heater a quadratic and a hardening
+# spring both are "a loss that grows faster than linearly"); and a few effects are tried only there, such as gravity of
+# a pendulum. Units tell it where only one kind of machine has them, as W -> degC; that is printed, and `--machine none`
+# switches it off. `--role command=setpoint,speed=derivative-of-y` (`roles=` of `ns.read`) says what further columns are.
 
 # %%
 import tempfile
