@@ -118,7 +118,6 @@ def _with_units(e: Experiment, units: Units) -> Experiment:
 def headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
     """Say in a few words what was found."""
     first = diagnosis.steps[0]
-    names = list(map(spaced, first.told(*first.confusion_set)))
     if first.verdict == "nothing_detectable":
         if first.follows_nothing:
             return "The base does not follow the output: what is missing cannot be told from it."
@@ -149,8 +148,10 @@ def headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
     if first.pair is not None:
         others = ", or others that explain as much" if first.pair.rivals else ""
         rest = "" if first.pair.all else "; they are not all"
+        names = list(map(spaced, first.told(*first.pair.effects)))
         missing = f"{first.pair.counted} are probably missing" if len(names) > 1 else "Probably missing"
         return f"{missing}: {joined(names)}{others}{rest}."
+    names = list(map(spaced, first.told(*first.confusion_set)))
     if first.verdict == "helps_but_incomplete":
         listed = [n for n in names if n != BASE] or [spaced(first.told(first.candidates[0].effect)[0])]
         return begun(f"{' or '.join(listed)} helps, but something else is missing too.")
