@@ -15,6 +15,7 @@ from ..fit.evaluate import Errors
 from ..models.added import newer
 from ..models.model import NARX, Model
 from ..symbolic import printing
+from ..symbolic.identities import added as total
 from .bases import BASE, few, joined, percent_of
 from .experiment import Experiment, propose, wider_file
 from .progress import JUDGE, WAYS
@@ -297,7 +298,9 @@ class Step:
                 text = f"Perhaps missing: {names}; at one speed it and a base's memory are one signal. {sizes}. "
             text += f"Adding {best.effect} removes {share}.{self.synonyms}"
             return f"{text} {self.experiment.sentence}" if self.experiment else text
-        sure = "" if best.probability is None else f" ({percent_of(best.probability)})"
+        alike = self.same.get(best.effect, [])
+        likely = [c.probability for c in self.candidates if c is best or c.effect in alike]
+        sure = "" if best.probability is None else f" ({percent_of(total(p or 0.0 for p in likely))})"
         what = f"{name}{sure}" if best.meaning else f"{name}{sure}. {what}"
         return f"Probably missing: {what}. {sizes}. Adding it removes {share}.{self.synonyms}"
 

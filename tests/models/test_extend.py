@@ -380,7 +380,11 @@ def test_raw_means_measured_from_zero():
 
 def test_unknown_effects_are_refused():
     assert find("backlash") == (EFFECTS["backlash"], None) and find("channel:load")[1] == "load"
-    for wrong, said in (("levitation", "Unknown effect"), ("channel", "Name the channel"), ("drift:temp", "does not use")):
+    for wrong, said in (
+        ("levitation", "Unknown effect"),
+        ("channel", "Name the channel"),
+        ("drift:temp", "does not use"),
+    ):
         with pytest.raises(ModelError, match=said):
             find(wrong)
 
