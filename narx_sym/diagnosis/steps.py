@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -99,6 +100,7 @@ class Step:
     refused: Fitted | None = None  # what was found, but does not lessen the error on the record and on validation data
     meanings: Mapping[str, str] = field(default_factory=dict)
     same: dict[str, list[str]] = field(default_factory=dict)
+    others: Callable[[], Iterable[Candidate]] = tuple  # in place of the first candidate, where its error rises
     linear: float = 0.0  # rms that a linear base leaves by itself, where one speed cannot tell [unit of y]
 
     def hear(self, sensor: float) -> None:
@@ -127,7 +129,12 @@ class Step:
         for c in self.candidates:
             c.judge(trial, c.effect in self.confusion_set)
         if self.chosen is not None and not self.falls(self.chosen):
-            self.refused, self.chosen, self.verdict = self.chosen, None, "helps_but_incomplete"
+            other = next((c for c in self.others() if self.falls(c.fitted)), None)
+            if other is not None:  # the same effect with another core, or in another form
+                self.candidates[0], self.chosen = other, other.fitted
+            else:
+                self.refused, self.chosen, self.verdict = self.chosen, None, "helps_but_incomplete"
+        self.others = tuple
 
     def falls(self, fitted: Fitted) -> bool:
         """Whether a model leaves less than the base on the diagnosed records, and no more on the validation records."""
@@ -459,9 +466,20 @@ def step(
         table.course.say(": looking for an experiment that separates them")
         bare = next((table.own(r).model for r in found if not r.beyond(known) and table.holds(r)), None)
         made.decide(bare, table.seed, limits)
+    made.others = partial(_others, table, best, known, made.candidates[0].p_value, lowest, made)
     table.course.say(": deleting what became redundant")
     made.chosen = prune(chosen, base)
     return made, best
+
+
+def _others(table: Table, best: Row, known: Row, p_value: float, lowest: float, made: Step) -> Iterator[Candidate]:
+    """Give the effect of a winner with other cores, and in other forms, the cheapest first."""
+    rows = sorted((r for r in table.beside(known) if r.ids == best.ids and r is not best), key=lambda r: r.price)
+    for row in filter(table.holds, (r for r in rows[:RIVALS] if len(r.beyond(known)) == 1 and np.isfinite(r.price))):
+        one = Candidate.of(table, row, known, p_value, lowest, likely=True)
+        one.probability, one.meaning = made.candidates[0].probability, made.candidates[0].meaning
+        one.judge(made.trial, likely=True)
+        yield one
 
 
 def _unnamed(made: Step, table: Table, known: Row) -> Step:

@@ -133,7 +133,7 @@ def test_it_is_named_in_words_of_its_field(found):
 
     assert found.verdict == "named" and found.best.effect in ("quadratic_spring", "hardening_spring")
     words = f"a loss that grows faster than linearly ({found.best.effect})"
-    assert f"Probably missing: {words}." in found.sentence() and "spring that" not in found.sentence()
+    assert f"Probably missing: {words} (more than 99 %)." in found.sentence() and "spring that" not in found.sentence()
     assert headline(found) == f"{words[0].upper()}{words[1:].replace('_', ' ')} is probably missing."
     (first, *_) = found.to_dict()["candidates"]
     assert first["effect"] == found.best.effect and first["sentence"].startswith(

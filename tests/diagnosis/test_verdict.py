@@ -13,11 +13,13 @@ from narx_sym.diagnosis.table.verdict import (
     PER_EFFECT,
     PER_PARAMETER,
     ROUNDING,
+    TEMPERATURE,
     VERDICTS,
     alike,
     cheapest,
     nothing_named,
     price,
+    probabilities,
     verdict,
     winner,
 )
@@ -181,3 +183,12 @@ def test_what_leaves_a_tenth_of_the_rms_is_not_all():
     assert verdict(0.97, 0.4, 1) == "helps_but_incomplete"
     assert verdict(0.97, 0.05, 1) == "named"
     assert verdict(0.995, 0.4, 1) == "named"  # all but a tenth of its rms, on a record with little noise
+
+
+def test_prices_give_probabilities():
+    """Two that cost the same share one half each; a price that is lower by d is exp(6 d) times as probable, of 12 blocks."""
+    a, b, dear, pair = Entry(("a",), 0.1), Entry(("b",), 0.1), Entry(("c",), 0.1 * np.e), Entry(("a", "b"), 1e-3)
+    found = probabilities([BASE, a, b, dear, pair, Entry(("a",), 0.3)], BASE)
+    assert sum(found.values()) == pytest.approx(1) and ("a", "b") not in found
+    assert found["a",] == found["b",] == pytest.approx(np.exp(6 / TEMPERATURE) * found["c",])
+    assert 0 < found[()] < found["c",]
