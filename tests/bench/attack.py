@@ -92,7 +92,7 @@ def _as_before(e: Effect) -> Effect:
 KEPT = ns.effects.Catalogue(
     {
         name: [_as_before(e) for e in forms if (e.id, e.form) not in LATER]
-        for name, forms in ns.EFFECTS.without("rate_limit", "uneven_speed").items()
+        for name, forms in ns.EFFECTS.of("").without("rate_limit", "uneven_speed").items()
     }
 )
 

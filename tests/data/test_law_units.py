@@ -25,7 +25,7 @@ UNITS = {"u": "V", "y": "um", "temp": "degC"}
 LINEAR = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=0.01)
 known = functools.partial(ns.Model.replace, info=ns.models.info.Info(units={"u": "V", "y": "um"}))
 CHANNELS = ["temp"]
-ALL = [v for v in variants(LINEAR, CHANNELS)]
+ALL = [v for v in variants(LINEAR, CHANNELS) if v.id != "gravity"]  # the sine is of an angle in a unit of its own
 
 
 def found(law, **options):

@@ -160,9 +160,12 @@ class Table:
             listed = ways(written(largest, self.search.given), given, self.channels, self.catalogue)
             worth = shortlist(scored, "given" if given else self.search.family)
             # Where they act, and in which form, a direction does not tell; nor of what has none at this core.
-            ids = {v.id for v in worth} | ({v.id for v in listed} - {d.variant.id for d in scored.directions})
+            ids = dict.fromkeys(v.id for v in worth)
+            seen = {d.variant.id for d in scored.directions}
+            ids |= dict.fromkeys(v.id for v in listed if v.id not in seen)
             new = [v for v in listed if v.id in ids and (v.id, v.where) not in taken and self._may_show(v)]
-            tried = {v: worth.get(v) or scored.line.grid(v) for v in new}
+            first = {name: i for i, name in enumerate(ids)}  # what explains most
+            tried = {v: worth.get(v) or scored.line.grid(v) for v in sorted(new, key=lambda v: first[v.id])}
             tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
             starts = self.every_core(bases) + ([] if given or base.ids else self.search.withheld)
             self._fit(starts, tried, scored.line, tell, base.price)
@@ -234,7 +237,7 @@ class Table:
         Judged is what may cost less than `worth`; `first` is the effect that stands, of a pair.
         """
         search, looks = self.search, []
-        count = len(shapes) + min(len({v.id for v in shapes}), TOGETHER)
+        count = len(shapes) + TOGETHER
         for done, (variant, points) in enumerate(shapes.items()):
             tell(done, count)
             search.limits[variant] = line.ranges(variant)
@@ -244,13 +247,15 @@ class Table:
         for rows in sorted(filter(None, looks), key=leading):
             added = rows[0].hypothesis.effects[-1]
             places.setdefault(added.id, {}).setdefault(added.effect.form, []).append(rows)
-        chosen = [list(forms.values()) for forms in places.values()][:TOGETHER]
+        # A brief look may have been too brief for what the directions promise most of.
+        promised = [name for name in dict.fromkeys(v.id for v in shapes) if name in places][: TOGETHER // 2]
+        chosen = [list(places[name].values()) for name in dict.fromkeys([*list(places)[:TOGETHER], *promised])]
         kept = [rows for forms in chosen for form in forms for rows in form]
         for rows in looks:
             if rows and rows not in kept:
                 search.forget(rows[0].hypothesis)
-        for done, forms in enumerate(chosen, count - len(chosen)):
-            tell(done, count)
+        for done, forms in enumerate(chosen, len(shapes)):
+            tell(min(done, count), count)
             closer = sorted((self._placed(bases, form) for form in forms), key=leading)
             for rows in closer:
                 self._cores[rows[0].hypothesis.effects, rows[0].hypothesis.core.given] = rows
