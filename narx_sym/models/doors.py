@@ -29,6 +29,7 @@ class ModelDoors:
     fit = door("fit.least_squares", "fit")
     simulate = door("fit.simulate", "simulate")
     predict = door("fit.simulate", "predict")
+    continuous = door("fit.continuous", "continuous")
     to_control = door("fit.interop", "to_control")
     to_sysidentpy = door("fit.interop", "to_sysidentpy")
     rest_state = door("fit.interop", "model_rest_state")

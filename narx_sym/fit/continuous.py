@@ -1,0 +1,218 @@
+"""`model.continuous()`: the differential equation of a fitted model, with intervals where records are given."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from scipy.linalg import LinAlgError, qr, solve_triangular
+
+from ..data.units import coefficient_units, in_units, said_first
+from ..errors import FitError, ModelError
+from ..models.continuous_time import (
+    Continuous,
+    Linear,
+    Row,
+    Transfer,
+    Unit,
+    equation_of,
+    linear_part,
+    linear_rows,
+    quantity,
+    transfer,
+    with_errors,
+)
+from ..models.model import Model
+from ..models.physical import effect_rows
+from .constraints import constraint_equations
+from .evaluate import estimated
+from .freerun import FreeRun
+from .simulate import Records, segments
+
+Array = np.ndarray
+SCALE = re.compile(r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>\S.*?)\s*")
+
+
+def continuous(
+    model: Model,
+    scale: Mapping[str, Any] | str | None = None,
+    records: Records | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Continuous:
+    r"""Derive the differential equation behind a fitted model, with its quantities in physical units.
+
+    Of a driven mass m x'' + d x' + k x + effects = g (u + u_0); else time constants, gain, natural frequencies.
+    The poles are exact for an input that is held between samples: the logarithm of the recursion's poles. What is not
+    exact is named in `notes`. Forces have the unit of the input, or that of `scale`.
+
+    Parameters
+    ----------
+    scale : mapping such as {"u": (35.15, "N/V")} or a text "35.15 N/V", optional
+        The force [N] per unit of the input [V].
+    records : Record or list of Record, optional
+        What the model was fitted on: 95 % intervals by the delta method, from the covariance of its free-run errors
+        under white noise. Coloured errors make true intervals wider.
+    units : mapping such as {"u": "V", "y": "m"}, optional
+        By default those of the model's records.
+
+    Returns
+    -------
+    Continuous : with `equation`, `quantities`, `text`, `latex()`, `to_dict()`
+
+    Raises
+    ------
+    ModelError
+        Where there is no such equation (a pole that is not positive and does not fade, a core with states of its own),
+        for a model without values or sampling time, and for a scale that cannot be read.
+
+    Notes
+    -----
+    Source: Franklin, Powell & Workman, Digital Control of Dynamic Systems, 1998.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> lag = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2], Ts=0.1)
+    >>> lag.continuous().text
+    'gain 2.00 unit of y/unit of u; time constant 0.949 s'
+    """
+    labels = said_first(model.info.units, units)
+    names = {n: labels.get(n) or f"unit of {n}" for n in ("u", "y")}
+    factor, force = _scale(scale, labels.get("u", ""))
+    names["u"] = names["u"] if labels.get("u") or not scale else _per(scale)
+    names["force"] = force or names["u"]
+    linear = linear_part(model)
+    way = transfer(linear, model.values)
+    direction = 1 if linear.number(linear.B, model.values) > 0 else -1
+    own, term, notes = effect_rows(model, linear, direction, coefficient_units(model, labels))
+    plain = linear_rows(linear, way, direction, model.values)
+    rows = [*own, *_directions(plain, own), *_offset(model, linear)]
+    approximate = [way.reason] if way.reason else []
+    if not linear.linear:
+        approximate.append("the core is not linear: this is its tangent at the operating point")
+    made = [quantity(row, linear, model, names, factor) for row in rows]
+    early = linear.number(way.delay, model.values) < 0
+    if early:
+        approximate.append("the input acts earlier than one that is held can: no dead time, but its hold is another")
+    found = Continuous(
+        equation_of(linear, way, rows, term, scale is not None), tuple(made), way.exact and linear.linear,
+        tuple(dict.fromkeys([*(f"approximation: {reason}" for reason in approximate), *notes])),
+        {p: complex(v) for p, v in linear.poles.items()}, frozenset(r.symbol for r in rows if r.main),
+    )  # fmt: skip
+    return found if records is None else with_errors(found, linear, model, covariance(model, records))
+
+
+def _directions(plain: list[Row], own: list[Row]) -> list[Row]:
+    """Tell viscous friction in both directions, and its mean, where an effect makes them differ."""
+    more = next((r for r in own if r.symbol == "d_f"), None)
+    at = next((i for i, r in enumerate(plain) if r.symbol == "d"), None)
+    if more is None or at is None:
+        return plain
+    rising = plain[at]
+    mean = Row("mean viscous friction", "d_m", rising.expression + more.expression / 2, rising.unit)
+    named = Row("viscous friction while the output rises", "d", rising.expression, rising.unit)
+    return [*plain[:at], mean, named, *plain[at + 1 :]]
+
+
+def _offset(model: Model, linear: Linear) -> list[Row]:
+    """Return the constant beside the input, in its unit: with it the signals are measured from zero."""
+    y0, u0 = (sp.Float(model.operating_point.get(base, 0.0)) for base in (model.output, model.input))
+    stiff = 0 if linear.integrators else y0 / linear.gain
+    total = linear.constant / linear.B - u0 + stiff
+    return [Row("offset of the input", "u_0", total, Unit(input=1), main=False)] if total != 0 else []
+
+
+# -- scale -----------------------------------------------------------------------------------------------------
+
+
+def _given(scale: Mapping[str, Any] | str) -> tuple[float, str]:
+    """Return the number and the unit of a scale of the input."""
+    one: Any = scale
+    if isinstance(scale, Mapping):
+        if set(scale) != {"u"}:
+            raise ModelError(f'A scale is that of the input: {{"u": (35.15, "N/V")}}, not of {", ".join(map(str, scale))}.')
+        one = scale["u"]
+    if isinstance(one, str):
+        text = one.strip().removeprefix("u=")
+        match = SCALE.fullmatch(text)
+        one = (match["number"], match["unit"]) if match else None
+    try:
+        number, unit = one
+        value, label = float(number), str(unit).strip()
+    except (TypeError, ValueError):
+        raise ModelError(f'The scale {scale!r} cannot be read: give a number and a unit, such as "35.15 N/V".') from None
+    if not (np.isfinite(value) and value > 0) or not all(label.rpartition("/")[::2]):
+        raise ModelError(f'The scale {scale!r} must be a positive number of force per input, such as "35.15 N/V".')
+    return value, label
+
+
+def _per(scale: Mapping[str, Any] | str) -> str:
+    return _given(scale)[1].rpartition("/")[2].strip()
+
+
+def _scale(scale: Mapping[str, Any] | str | None, known: str) -> tuple[float, str]:
+    """Return the force per unit of the input, and its unit; (1, "") without a scale.
+
+    Raises
+    ------
+    ModelError
+        Where it cannot be read, or is per another unit than that of the input.
+    """
+    if scale is None:
+        return 1.0, ""
+    value, label = _given(scale)
+    force, _, per = label.rpartition("/")
+    if known and per.strip() != known:
+        raise ModelError(f"The scale is per {per.strip()}, but the input is in {known}: give it per {known}.")
+    return value, force.strip().removeprefix("(").removesuffix(")")
+
+
+# -- covariance ------------------------------------------------------------------------------------------------
+
+
+def covariance(model: Model, records: Records) -> Array:
+    """Return the covariance of a model's parameters under white noise of its free run on records, (n_theta, n_theta).
+
+    The unknowns of its fit are asked for together: the free parameters, the start states of each contiguous record, and
+    its load where the model integrates. NaN where the records do not fix the parameters.
+
+    Raises
+    ------
+    ModelError, DataError
+        For records that the model cannot run along.
+    FitError
+        For too few samples.
+    """
+    listed = segments(in_units(segments(records), model.info.units))
+    begins = FreeRun(model, listed, None, loads=True)
+    problem = FreeRun(model, listed, constraint_equations(model, None), loads=True)
+    z = problem.start(model.theta)
+    z[problem.free :] = estimated(begins, begins.start(model.theta))[0]
+    residuals, slopes = problem.run(z)
+    n = len(model.symbols)
+    if not (np.all(np.isfinite(residuals)) and np.all(np.isfinite(slopes))):
+        raise FitError("The free run diverges on these records: there is no covariance of its parameters.")
+    moves = np.any(slopes != 0, axis=0) | (np.arange(z.size) < problem.free)
+    size = np.where(moves, np.linalg.norm(slopes, axis=0), 1.0)
+    if not np.all(size[moves] > 0):
+        return np.full((n, n), np.nan)
+    R = qr(slopes[:, moves] / size[moves], mode="r")[0][: int(moves.sum())]
+    try:
+        inverse = solve_triangular(R, np.eye(R.shape[0])) / size[moves][:, None]
+    except (LinAlgError, ValueError):
+        return np.full((n, n), np.nan)
+    variance = float(residuals @ residuals) / max(1, residuals.size - z.size)
+    to_theta = np.zeros((n, z.size))
+    to_theta[:, : problem.free] = problem.elimination.Z
+    if problem.load is not None:  # the model's own is the mean of those of its records
+        lengths = np.array([d[problem.name].size for d in problem.data], dtype=float)
+        for i, length in enumerate(lengths):
+            to_theta[problem.load, problem.own(i).stop - 1] = length / lengths.sum()
+    half = to_theta[:, moves] @ inverse
+    return np.asarray(variance * half @ half.T)
+
+
+__all__ = ["Continuous", "Transfer", "continuous", "covariance"]
