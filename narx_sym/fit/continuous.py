@@ -16,7 +16,6 @@ from ..models.continuous_time import (
     Continuous,
     Linear,
     Row,
-    Transfer,
     Unit,
     equation_of,
     linear_part,
@@ -33,6 +32,8 @@ from .freerun import FreeRun
 from .simulate import Records, segments
 
 Array = np.ndarray
+JUMPS = (sp.sign, sp.Heaviside)  # what has no derivative where it matters
+ROUNDS = 2  # of differences, each over the standard errors of the last
 SCALE = re.compile(r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>\S.*?)\s*")
 
 
@@ -86,7 +87,7 @@ def continuous(
     names["force"] = force or names["u"]
     linear = linear_part(model)
     way = transfer(linear, model.values)
-    direction = 1 if linear.number(linear.B, model.values) > 0 else -1
+    direction = 1 if linear.real(linear.B, model.values) > 0 else -1
     own, term, notes = effect_rows(model, linear, direction, coefficient_units(model, labels))
     plain = linear_rows(linear, way, direction, model.values)
     rows = [*own, *_directions(plain, own), *_offset(model, linear)]
@@ -94,7 +95,7 @@ def continuous(
     if not linear.linear:
         approximate.append("the core is not linear: this is its tangent at the operating point")
     made = [quantity(row, linear, model, names, factor) for row in rows]
-    early = linear.number(way.delay, model.values) < 0
+    early = linear.real(way.delay, model.values) < 0
     if early:
         approximate.append("the input acts earlier than one that is held can: no dead time, but its hold is another")
     found = Continuous(
@@ -133,7 +134,9 @@ def _given(scale: Mapping[str, Any] | str) -> tuple[float, str]:
     one: Any = scale
     if isinstance(scale, Mapping):
         if set(scale) != {"u"}:
-            raise ModelError(f'A scale is that of the input: {{"u": (35.15, "N/V")}}, not of {", ".join(map(str, scale))}.')
+            raise ModelError(
+                f'A scale is that of the input: {{"u": (35.15, "N/V")}}, not of {", ".join(map(str, scale))}.'
+            )
         one = scale["u"]
     if isinstance(one, str):
         text = one.strip().removeprefix("u=")
@@ -143,7 +146,9 @@ def _given(scale: Mapping[str, Any] | str) -> tuple[float, str]:
         number, unit = one
         value, label = float(number), str(unit).strip()
     except (TypeError, ValueError):
-        raise ModelError(f'The scale {scale!r} cannot be read: give a number and a unit, such as "35.15 N/V".') from None
+        raise ModelError(
+            f'The scale {scale!r} cannot be read: give a number and a unit, such as "35.15 N/V".'
+        ) from None
     if not (np.isfinite(value) and value > 0) or not all(label.rpartition("/")[::2]):
         raise ModelError(f'The scale {scale!r} must be a positive number of force per input, such as "35.15 N/V".')
     return value, label
@@ -191,28 +196,55 @@ def covariance(model: Model, records: Records) -> Array:
     problem = FreeRun(model, listed, constraint_equations(model, None), loads=True)
     z = problem.start(model.theta)
     z[problem.free :] = estimated(begins, begins.start(model.theta))[0]
-    residuals, slopes = problem.run(z)
+    residuals, slopes = (array.copy() for array in problem.run(z))
     n = len(model.symbols)
     if not (np.all(np.isfinite(residuals)) and np.all(np.isfinite(slopes))):
         raise FitError("The free run diverges on these records: there is no covariance of its parameters.")
-    moves = np.any(slopes != 0, axis=0) | (np.arange(z.size) < problem.free)
-    size = np.where(moves, np.linalg.norm(slopes, axis=0), 1.0)
-    if not np.all(size[moves] > 0):
+    noise = float(np.sqrt(residuals @ residuals / max(1, residuals.size - z.size)))
+    moves, inverse = _inverse(slopes, problem.free)
+    if inverse is not None and any(right.has(*JUMPS) for _, right in model.recursion.updates):
+        for _ in range(ROUNDS):
+            width = noise * np.linalg.norm(inverse, axis=1)
+            slopes[:, moves] = _differences(problem, z, np.flatnonzero(moves), width)
+            if not np.all(np.isfinite(slopes)):
+                return np.full((n, n), np.nan)
+            moves, inverse = _inverse(slopes, problem.free)
+            if inverse is None:
+                break
+    if inverse is None:
         return np.full((n, n), np.nan)
-    R = qr(slopes[:, moves] / size[moves], mode="r")[0][: int(moves.sum())]
-    try:
-        inverse = solve_triangular(R, np.eye(R.shape[0])) / size[moves][:, None]
-    except (LinAlgError, ValueError):
-        return np.full((n, n), np.nan)
-    variance = float(residuals @ residuals) / max(1, residuals.size - z.size)
     to_theta = np.zeros((n, z.size))
     to_theta[:, : problem.free] = problem.elimination.Z
     if problem.load is not None:  # the model's own is the mean of those of its records
         lengths = np.array([d[problem.name].size for d in problem.data], dtype=float)
         for i, length in enumerate(lengths):
             to_theta[problem.load, problem.own(i).stop - 1] = length / lengths.sum()
-    half = to_theta[:, moves] @ inverse
-    return np.asarray(variance * half @ half.T)
+    half = noise * to_theta[:, moves] @ inverse
+    return np.asarray(half @ half.T)
 
 
-__all__ = ["Continuous", "Transfer", "continuous", "covariance"]
+def _inverse(slopes: Array, free: int) -> tuple[Array, Array | None]:
+    """Return which unknowns move the run or are free, and R^-1 of their derivatives; None where it does not exist."""
+    moves = np.any(slopes != 0, axis=0) | (np.arange(slopes.shape[1]) < free)
+    size = np.linalg.norm(slopes[:, moves], axis=0)
+    if not np.all(size > 0):
+        return moves, None
+    R = qr(slopes[:, moves] / size, mode="r")[0][: size.size]
+    try:
+        inverse = solve_triangular(R, np.eye(size.size)) / size[:, None]
+    except (LinAlgError, ValueError):
+        return moves, None
+    return moves, inverse if np.all(np.isfinite(inverse)) else None
+
+
+def _differences(problem: FreeRun, z: Array, listed: Array, width: Array) -> Array:
+    """Return derivatives of the run as differences over a standard error to either side, (rows, unknowns).
+
+    A reversal moves with the parameters; the derivative of a sign, zero wherever it exists, does not know that.
+    """
+    found = np.empty((problem.edges[-1], listed.size))
+    for column, (at, by) in enumerate(zip(listed, width, strict=True)):
+        step = np.zeros(z.size)
+        step[at] = by
+        found[:, column] = (problem.run(z + step)[0].copy() - problem.run(z - step)[0]) / (2 * by)
+    return found

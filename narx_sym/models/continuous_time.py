@@ -212,12 +212,16 @@ class Linear:
 
     @property
     def gain(self) -> Any:
-        """y over u in steady state, with integrators the derivative of y over u."""
+        """Y over u in steady state, with integrators the derivative of y over u."""
         return self.B / sp.Mul(*(1 - p for p in self.poles)) / self.Ts**self.integrators
 
     def number(self, expr: Any, values: Mapping[Any, Any]) -> Any:
-        """Return an expression at the values of the parameters and poles; complex pairs leave no imaginary part."""
+        """Return an expression at the values of the parameters and poles."""
         return sp.N(sp.sympify(expr).subs({**values, **self.poles}), PRECISION)
+
+    def real(self, expr: Any, values: Mapping[Any, Any]) -> float:
+        """Return an expression at the values of the parameters and poles as a float; pairs leave no imaginary part."""
+        return float(sp.re(self.number(expr, values)))
 
     def derivatives(self, expr: Any, symbols: Sequence[Any], values: Mapping[Any, Any]) -> list[float]:
         """Return the derivatives by the parameters, through the poles too (the delta method's)."""
@@ -270,7 +274,9 @@ def linear_part(model: Model) -> Linear:
     if not isfinite(total) or total == 0:
         raise ModelError("There is no linear part: a steady input does not act on the output at the operating point.")
     linear = not any(samples(c) for c in tangent.values())
-    poles, integrators = _poles([sp.sympify(a.get(i, 0)).xreplace(model.values) for i in range(1, max(a, default=0) + 1)])
+    poles, integrators = _poles(
+        [sp.sympify(a.get(i, 0)).xreplace(model.values) for i in range(1, max(a, default=0) + 1)]
+    )
     named = {sp.Symbol(f"p_{i}"): p for i, p in enumerate(poles, 1)}
     delayed = tuple(s for s, p in named.items() if sp.im(p) == 0 and p <= 0)
     for s in delayed:
@@ -348,7 +354,7 @@ def transfer(linear: Linear, values: Mapping[Any, Any]) -> Transfer:
         return Transfer((first - 1) * Ts, lead, n <= 2, "" if n <= 2 else "the numerator's own dynamics are left out")
     if n == 1 and first >= 1 and span == 2 and linear.lasting:  # a dead time between two samples
         (p,), share = linear.lasting, linear.b[first] / linear.B
-        if 0 < linear.number(share, values) < 1:
+        if 0 < linear.real(share, values) < 1:
             return Transfer((first - sp.log(1 - share * (1 - p)) / sp.log(p)) * Ts, None, True)
     said = "the input acts at once, as a held input cannot" if first == 0 else _several(span)
     return Transfer((mean - _held_lag(linear, simple)) * Ts, None, False, said)
@@ -418,15 +424,22 @@ def linear_rows(linear: Linear, way: Transfer, direction: int, values: Mapping[A
     rows.append(Row(kind, "K", linear.gain, unit, main=not told))
     rows += _modes(linear, told)
     if way.lead is not None:
-        rows.append(Row("lead of the input", "T_z", way.lead, second, main=abs(linear.number(way.lead, values)) > linear.Ts))
-    if abs(linear.number(way.delay, values)) > 0:
+        rows.append(
+            Row(
+                "lead of the input", "T_z", way.lead, second, main=abs(linear.real(way.lead, values)) > float(linear.Ts)
+            )
+        )
+    if linear.real(way.delay, values) > 0:
         rows.append(Row("dead time", "T_d", way.delay, second))
     return rows
 
 
 def _modes(linear: Linear, told: bool) -> list[Row]:
     """Return time constants, natural frequencies and damping ratios, the slowest first."""
-    rows, real, pairs, s = [], [], [], linear.s
+    rows: list[Row] = []
+    real: list[Any] = []
+    pairs: list[list[Any]] = []
+    s = linear.s
     for p in linear.lasting:
         if sp.im(linear.poles[p]) == 0:
             real.append(p)
@@ -539,7 +552,9 @@ def _latex_value(one: Quantity) -> str:
     unit = one.unit.replace("²", "^2").replace("³", "^3").replace("%", r"\%")
     margin = rf" \pm {short(NORMAL * one.error)}" if one.error > 0 else ""
     value = latex(sp.Float(one.value))
-    return (rf"({value}{margin})" if margin else value) + (rf"\ \text{{{unit}}}" if "^" not in unit else rf"\ \mathrm{{{unit.replace(' ', '~')}}}") * bool(unit)
+    return (rf"({value}{margin})" if margin else value) + (
+        rf"\ \text{{{unit}}}" if "^" not in unit else rf"\ \mathrm{{{unit.replace(' ', '~')}}}"
+    ) * bool(unit)
 
 
 def quantity(row: Row, linear: Linear, model: Model, labels: Mapping[str, str], factor: float) -> Quantity:
@@ -551,11 +566,12 @@ def quantity(row: Row, linear: Linear, model: Model, labels: Mapping[str, str], 
     factor : float
         Force per unit of the input.
     """
-    value = float(sp.re(linear.number(row.expression, model.values)))
+    value = linear.real(row.expression, model.values)
     power = factor**row.unit.force
     pure_force = row.unit.force == 1 and not (row.unit.y or row.unit.s) and labels["force"] != labels["u"]
+    expression = sp.sympify(row.expression) * (sp.Float(power) if power != 1 else 1)
     return Quantity(
-        row.name, sp.Symbol(row.symbol), sp.sympify(row.expression) * (sp.Float(power) if power != 1 else 1), power * value,
+        row.name, sp.Symbol(row.symbol), expression, power * value,
         unit=row.unit.text(labels), in_input=value if pure_force else None, input_unit=labels["u"] * pure_force,
         effect=row.effect,
     )  # fmt: skip
@@ -571,7 +587,12 @@ def with_errors(found: Continuous, linear: Linear, model: Model, covariance: Any
     n, made = len(model.symbols), []
     for one in found.quantities:
         slopes = linear.derivatives(one.expression, model.symbols, model.values)
-        terms = (slopes[i] * slopes[j] * float(covariance[i][j]) for i in range(n) for j in range(n) if slopes[i] and slopes[j])
+        terms = (
+            slopes[i] * slopes[j] * float(covariance[i][j])
+            for i in range(n)
+            for j in range(n)
+            if slopes[i] and slopes[j]
+        )
         variance = sum(terms)
         made.append(replace(one, error=variance**0.5 if variance >= 0 else float("nan")))
     return replace(found, quantities=tuple(made))

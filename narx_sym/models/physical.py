@@ -144,21 +144,26 @@ def _side(subject: Subject) -> Any:
 
 @rule("coulomb_friction")
 def coulomb(subject: Subject) -> Found | None:
-    """Friction of constant size: a force, or at the output of a machine that measures a force, a part of it."""
+    """Tell friction of constant size: a force, or a part of an output that is a force."""
     added, symbol = subject.added, sp.Symbol("F_C" + subject.number)
+    told: tuple[str, ...] = ("c",)
     if added.where == "output" and added.driver == "u":
         return Found([subject.row("Coulomb friction", "F_C", subject.c, Unit(y=1))])
     if added.where == "motion":
         size, told = subject.force(subject.c * subject.shape("r")), ("c", "r")
     elif added.where in MOVING:
-        size, told = -subject.force(subject.c), ("c",)
+        size = -subject.force(subject.c)
     else:
         return None
     rows = [subject.row("Coulomb friction", "F_C", size, Unit(1))]
     if "s" in added.shape and added.form.startswith("smooth"):
         unit = Unit(y=1) if subject.of_speed else Unit(y=1, s=-1)
-        rows.append(subject.row("speed at which friction is reached", "v_C", subject.shape("s") / subject.Ts, unit, False))
-        return Found(rows, symbol * sp.tanh((Y if subject.of_speed else SPEED) / sp.Symbol("v_C" + subject.number)), ("c", "s"))
+        rows.append(
+            subject.row("speed at which friction is reached", "v_C", subject.shape("s") / subject.Ts, unit, False)
+        )
+        return Found(
+            rows, symbol * sp.tanh((Y if subject.of_speed else SPEED) / sp.Symbol("v_C" + subject.number)), ("c", "s")
+        )
     if "r" in added.shape and "Dahl" in added.form:
         unit = Unit(y=1, s=1) if subject.of_speed else Unit(y=1)
         rows.append(subject.row("way over which friction turns round", "x_C", subject.shape("r"), unit, False))
@@ -168,7 +173,7 @@ def coulomb(subject: Subject) -> Found | None:
 
 @rule("stiction")
 def stiction(subject: Subject) -> Found | None:
-    """Friction that holds: on the move, and to break loose."""
+    """Tell friction that holds: on the move, and to break loose."""
     if subject.added.where != "motion":
         return None
     moving, more = (subject.force(subject.c * subject.shape(n)) for n in ("r", "e"))
@@ -179,7 +184,7 @@ def stiction(subject: Subject) -> Found | None:
 
 @rule("stribeck_friction")
 def stribeck(subject: Subject) -> Found | None:
-    """Friction at rest beyond that of motion, and the speed at which it is gone."""
+    """Tell friction at rest beyond that of motion, and the speed at which it is gone."""
     if subject.added.where not in MOVING:
         return None
     size, slow = sp.Symbol("F_S" + subject.number), sp.Symbol("v_S" + subject.number)
@@ -190,7 +195,7 @@ def stribeck(subject: Subject) -> Found | None:
 
 @rule("channel_friction")
 def loaded(subject: Subject) -> Found | None:
-    """Friction that grows with a channel: its part without it, and its slope."""
+    """Tell friction that grows with a channel: its part without it, and its slope."""
     added = subject.added
     if added.where not in MOVING:
         return None
@@ -207,17 +212,17 @@ def loaded(subject: Subject) -> Found | None:
 
 @rule("quadratic_drag")
 def drag(subject: Subject) -> Found | None:
-    """Drag with the square of the speed."""
+    """Tell drag with the square of the speed."""
     if subject.added.where not in MOVING:
         return None
     unit, way = (Unit(1, -2), Y) if subject.of_speed else (Unit(1, -2, 2), SPEED)
-    size = -subject.force(subject.c) / subject.Ts**2
+    size = -subject.force(subject.c) * subject.Ts**2
     return Found([subject.row("quadratic drag", "D", size, unit)], sp.Symbol("D" + subject.number) * way * sp.Abs(way))
 
 
 @rule("uneven_speed")
 def uneven(subject: Subject) -> Found | None:
-    """Another viscous friction down than up: a step s < 0 becomes (1 + c) s."""
+    """Tell how much larger viscous friction is down than up: a step s < 0 becomes (1 + c) s."""
     more = -subject.c / (1 + subject.c) * subject.linear.Ts / (subject.direction * subject.linear.B)
     name = "further viscous friction while the output falls"
     symbol = sp.Symbol("d_f" + subject.number)
@@ -226,13 +231,13 @@ def uneven(subject: Subject) -> Found | None:
 
 @rule("hardening_spring")
 def cubic(subject: Subject) -> Found:
-    """A spring force with the cube of the deflection."""
+    """Tell a spring force with the cube of the deflection."""
     return _spring(subject, 3, "cubic stiffness", "k_3")
 
 
 @rule("quadratic_spring")
 def square(subject: Subject) -> Found:
-    """A spring force with the square of the deflection."""
+    """Tell a spring force with the square of the deflection."""
     return _spring(subject, 2, "quadratic stiffness", "k_2")
 
 
@@ -245,15 +250,17 @@ def _spring(subject: Subject, power: int, name: str, symbol: str) -> Found:
 
 @rule("offset")
 def offset(subject: Subject) -> Found:
-    """A constant load, or a constant of the sensor."""
+    """Tell a constant load, or a constant of the sensor."""
     if subject.added.where == "inside":
-        return Found([subject.row("constant load", "F_0", -subject.force(subject.c), Unit(1))], sp.Symbol("F_0" + subject.number))
+        return Found(
+            [subject.row("constant load", "F_0", -subject.force(subject.c), Unit(1))], sp.Symbol("F_0" + subject.number)
+        )
     return Found([subject.row("offset of the output", "y_c", subject.c, Unit(y=1))])
 
 
 @rule("end_stop")
 def stops(subject: Subject) -> Found | None:
-    """Where the stops are, and how stiff."""
+    """Tell where the stops are, and how stiff."""
     added, rigid, zero = subject.added, "rigid" in subject.added.form, _around(subject.model, "y")
     ends = {"upper": ("r",), "lower": ("e",)}
     rows = []
@@ -268,8 +275,8 @@ def stops(subject: Subject) -> Found | None:
     else:
         rows.append(subject.row("half-width of the gap between the end stops", "y_s", subject.shape("r"), Unit(y=1)))
     if rigid:
-        return Found(rows, told=("c", "r", "e"))
-    stiff = subject.direction * subject.force(subject.c) * subject.direction
+        return Found([*rows, *_share(subject)], told=("c", "r", "e"))
+    stiff = subject.force(subject.c)
     return Found([*rows, subject.row("stiffness of the end stop", "k_s", stiff, Unit(1, -1))], told=("c", "r"))
 
 
@@ -292,7 +299,7 @@ def _share(subject: Subject) -> list[Row]:
 
 @rule("backlash")
 def backlash(subject: Subject) -> Found | None:
-    """Half the width of the play."""
+    """Tell half the width of the play."""
     if subject.added.where not in ("input", "output", "inside"):
         return None
     rows = [_width(subject, "half-width of the play", "r_b")]
@@ -303,7 +310,7 @@ def backlash(subject: Subject) -> Found | None:
 
 @rule("saturation")
 def saturation(subject: Subject) -> Found:
-    """Where the input is limited."""
+    """Tell where the input is limited."""
     zero = 0.0 if _raw(subject) else _around(subject.model, "u")
     if "e" not in subject.added.shape:
         rows = [_width(subject, "limit of the saturation", "u_s")]
@@ -317,7 +324,7 @@ def saturation(subject: Subject) -> Found:
 
 @rule("dead_zone")
 def dead_zone(subject: Subject) -> Found:
-    """Half the width of the dead zone."""
+    """Tell half the width of the dead zone."""
     zero = 0.0 if _raw(subject) else _around(subject.model, "u")
     said = f" around u = {zero:.6g}" if zero else ""
     rows = [_width(subject, "half-width of the dead zone", "u_d"), *_share(subject)]
@@ -326,7 +333,7 @@ def dead_zone(subject: Subject) -> Found:
 
 @rule("creep")
 def creep(subject: Subject) -> Found:
-    """Its three time constants are tau, 3 tau and 9 tau."""
+    """Tell its time constants tau, 3 tau and 9 tau, and its share."""
     rows = [subject.row("shortest time constant of creep", "tau_c", subject.shape("tau"), Unit(s=1))]
     rows.append(subject.row("share of creep", "c_c", subject.c, Unit()))
     return Found(rows, told=("c", "tau"), note="creep has three time constants, tau_c, 3 tau_c and 9 tau_c")
@@ -334,14 +341,14 @@ def creep(subject: Subject) -> Found:
 
 @rule("rate_dependence")
 def actuator_lag(subject: Subject) -> Found:
-    """A lag before the actuator."""
+    """Tell a lag before the actuator."""
     rows = [subject.row("time constant of the actuator", "tau_a", subject.shape("tau"), Unit(s=1))]
     return Found([*rows, *_share(subject)], told=("c", "tau"), note=_before(subject, "lag"))
 
 
 @rule("input_delay")
 def later(subject: Subject) -> Found:
-    """A further dead time."""
+    """Tell a further dead time."""
     samples_ = sp.Integer(subject.added.fixed["d"])
     rows = [subject.row("further dead time", "T_a", samples_ * subject.linear.Ts, Unit(s=1)), *_share(subject)]
     return Found(rows, told=("c", "d"), note=_before(subject, "dead time"))
@@ -349,7 +356,7 @@ def later(subject: Subject) -> Found:
 
 @rule("rate_limit")
 def rate_limit(subject: Subject) -> Found:
-    """Limits of the actuator's speed."""
+    """Tell limits of the actuator's speed."""
     names = {"r": "limit of speed upwards", "e": "limit of speed downwards"}
     own = names if "e" in subject.added.shape else {"r": "limit of speed"}
     rows = [
@@ -396,7 +403,9 @@ def _raw(subject: Subject) -> bool:
 # -- all of them -----------------------------------------------------------------------------------------------
 
 
-def effect_rows(model: Model, linear: Linear, direction: int, units: Mapping[str, str]) -> tuple[list[Row], Any, list[str]]:
+def effect_rows(
+    model: Model, linear: Linear, direction: int, units: Mapping[str, str]
+) -> tuple[list[Row], Any, list[str]]:
     """Return the quantities of all effects, what they put into the equation, and what is to be said beside.
 
     Parameters
@@ -411,7 +420,9 @@ def effect_rows(model: Model, linear: Linear, direction: int, units: Mapping[str
         subject = Subject(added, _form(added), model, linear, direction, str(seen[kind]) if seen[kind] > 1 else "")
         found = RULES[kind](subject) if kind in RULES and not _incomplete(subject) else None
         if found is None:
-            found = Found([], told=(), note=f"{kind.replace('_', ' ')} has no physical form here: its own parameters are told")
+            found = Found(
+                [], told=(), note=f"{kind.replace('_', ' ')} has no physical form here: its own parameters are told"
+            )
         taken = {row.symbol for row in rows}
         if any(row.symbol in taken for row in found.rows):  # another effect has this name
             end = f"_{len(rows)}"
@@ -448,5 +459,7 @@ def _others(subject: Subject, told: tuple[str, ...], units: Mapping[str, str]) -
     for name, symbol in added.coefficients.items():
         if name not in told:
             unit = units.get(str(symbol), "")
-            rows.append(subject.row(f"{name} of the {of}", str(symbol), symbol, Unit(said="" if unit == "1" else unit), False))
+            rows.append(
+                subject.row(f"{name} of the {of}", str(symbol), symbol, Unit(said="" if unit == "1" else unit), False)
+            )
     return rows + [subject.generic(n) for n in (*added.shape, *added.fixed) if n not in told]
