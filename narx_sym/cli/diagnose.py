@@ -26,6 +26,7 @@ from .options import (
     Resume,
     Roles,
     Rows,
+    Scale,
     Seed,
     Time,
     Ts,
@@ -76,6 +77,7 @@ def diagnose(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print one line.")] = False,
     effects: EffectFiles = None,
     units: Units = "",
+    scale: Scale = None,
     u: Input = "u",
     y: Output = "y",
     t: Time = "t",
@@ -98,11 +100,13 @@ def diagnose(
     from ..diagnosis.machine import check_machine
     from ..diagnosis.procedure import diagnose as run
     from ..files.journal import resuming
+    from ..fit.continuous import check_scale
 
     check_limits(limits)
+    check_scale(scale)
     check_machine(machine)
     typed = again(context, RESULTS)
-    targets = Targets(json_file, save, plot, experiment, report, -1 if quiet else int(verbose), typed)
+    targets = Targets(json_file, save, plot, experiment, report, -1 if quiet else int(verbose), typed, scale)
     file = Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
     check_targets([*targets.paths, resume], *data, *(validate or []), *(effects or []), file)
     check_format(plot)
@@ -171,6 +175,7 @@ class Targets:
     report: Path | None
     loud: int = 0  # -1: one line; 1: tables too
     typed: Mapping[str, list[str]] = field(default_factory=dict)
+    scale: str | None = None
 
     @property
     def where(self) -> Path | None:
@@ -203,9 +208,12 @@ class Targets:
         Results are written first, and printed whatever comes of the pictures and the report.
         """
         from ..report.words import with_units
+        from ..tasks.physical import physical
 
         found = with_units(found, units)
-        self._write_next(found, units)
+        wanted = self.loud >= 0 or self.json_file is not None
+        quantities = physical(found, units, self.scale) if wanted else ""
+        self._write_next(found, units, quantities)
         if self.save is not None:
             from ..files.store import save
 
@@ -215,7 +223,7 @@ class Targets:
         try:
             self._draw(found, units, data, settings)
         finally:
-            self._print(found, units, _command(found, data, str(settings["base"]), self))
+            self._print(found, units, _command(found, data, str(settings["base"]), self), quantities)
 
     def _draw(self, found: Diagnosis, units: dict[str, str], data: list[Path], settings: dict[str, Any]) -> None:
         """Write the pictures and the report."""
@@ -228,12 +236,12 @@ class Targets:
             with working("Writing the report"):
                 found.report(self.report, units, data, settings)
 
-    def _print(self, found: Diagnosis, units: dict[str, str], command: str) -> None:
+    def _print(self, found: Diagnosis, units: dict[str, str], command: str, quantities: Any) -> None:
         """Print what was found, and what was written."""
         if self.loud < 0:
             print_headline(found)
             return
-        print_found(found, units, command)
+        print_found(found, units, command, quantities)
         if self.loud > 0:
             print_tables(found, units)
         else:
@@ -252,7 +260,7 @@ class Targets:
             if path is not None:
                 console().print(f"{what} {path}")
 
-    def _write_next(self, found: Diagnosis, units: dict[str, str]) -> None:
+    def _write_next(self, found: Diagnosis, units: dict[str, str], quantities: Any) -> None:
         """Write the input of the next experiment, and everything as JSON."""
         from ..tasks.result_file import write_json
 
@@ -264,7 +272,7 @@ class Targets:
                 written = path.name if beside else str(path)
             step.experiment = replace(step.experiment, units=units, file=written or "")
         if self.json_file is not None:
-            write_json(found, self.json_file, written)
+            write_json(found, self.json_file, written, quantities)
 
 
 def _command(found: Diagnosis, data: list[Path], base: str, targets: Targets) -> str:

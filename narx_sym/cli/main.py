@@ -25,6 +25,7 @@ from .options import (
     Output,
     Roles,
     Rows,
+    Scale,
     Time,
     Ts,
     Units,
@@ -104,15 +105,42 @@ def derive(
     model_file: ModelFile,
     latex: Annotated[Path | None, typer.Option("--latex", help="Write a LaTeX document.")] = None,
     plot: Annotated[Path | None, typer.Option("--plot", help="Draw the quasi-static sets.")] = None,
+    continuous: Annotated[
+        bool, typer.Option("--continuous", help="Derive the differential equation, in physical units, instead.")
+    ] = False,
+    scale: Scale = None,
+    data: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--data", help="With --continuous: a record that it was fitted to, for intervals. May be repeated."
+        ),
+    ] = None,
+    json: Annotated[Path | None, typer.Option("--json", help="With --continuous: write the quantities.")] = None,
+    u: Input = "u",
+    y: Output = "y",
+    t: Time = "t",
+    ts: Ts = None,
+    rows: Rows = None,
     units: Units = "",
 ) -> None:
-    """Derive Sigma_y, the equilibria, the quasi-static sets, where they attract, and check the assumptions."""
+    """Derive Sigma_y, the equilibria, the quasi-static sets, where they attract, and check the assumptions.
+
+    With --continuous: the differential equation, with mass, friction, time constants and dead time in physical units.
+    """
     from ..files.atomic import write_text
     from ..files.store import load
     from ..inversion.analyses import document, summary
 
-    check_targets([latex, plot], model_file)
+    check_targets([latex, plot, json], model_file, *(data or []))
+    if not continuous and (scale or data or json):
+        raise DataError("--scale, --data and --json belong to derive --continuous.")
     model = load(model_file)
+    if continuous:
+        if plot:
+            raise DataError("--plot draws quasi-static sets: leave out --continuous.")
+        listed = records(data, u, y, t, ts, ",".join(model.channels), rows, units=units, model=model) if data else None
+        _differential(model, model.continuous(scale, listed, unit_names(units)), latex, json)
+        return
     for heading, lines in summary(model):
         console().print(f"[bold]{heading}[/bold]")
         for line in lines:
@@ -130,6 +158,27 @@ def derive(
         else:
             save_figure(figure, plot)
             console().print(f"Picture written to {plot}")
+
+
+def _differential(model: Any, found: Any, latex: Path | None, json: Path | None) -> None:
+    """Print and write a differential equation in physical units."""
+    from ..files.atomic import write_text
+    from ..symbolic.printing import document_of, shown
+    from ..tasks.result_file import write_plain
+
+    console().print("[bold]Differential equation[/bold]")
+    console().print(f"  {shown(found.equation.lhs)} = {shown(found.equation.rhs)}", markup=False)
+    console().print("[bold]In physical units[/bold]")
+    for symbol, line in found.rows:
+        console().print(f"  {symbol}: {line}", markup=False)
+    for said in found.notes:
+        note(said)
+    if latex:
+        write_text(latex, document_of([("Model", [model.latex()]), ("Differential equation", [found.latex()])]))
+        console().print(f"LaTeX written to {latex}")
+    if json:
+        write_plain(found.to_dict(), json)
+        console().print(f"JSON written to {json}")
 
 
 @app.command()

@@ -43,6 +43,10 @@ Units = Annotated[
         "--units", help="Units as V,um,temp=degC: input, output, channels by name (default: those in the file)."
     ),
 ]
+Scale = Annotated[
+    str | None,
+    typer.Option("--scale", help="Force per unit of the input, as u=35.15N/V: forces are told in that unit."),
+]
 Roles = Annotated[
     str,
     typer.Option(

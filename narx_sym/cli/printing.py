@@ -151,15 +151,21 @@ def _percent(share: float) -> str:
 # -- a diagnosis -----------------------------------------------------------------------------------------------
 
 
-def print_found(found: Diagnosis, units: dict[str, str], command: str) -> None:
-    """Print in a few lines what was found, how far the error falls, why, and what to do next."""
+def print_found(found: Diagnosis, units: dict[str, str], command: str, quantities: Any = None) -> None:
+    """Print in a few lines what was found, how far the error falls, why, and what to do next.
+
+    Parameters
+    ----------
+    quantities : what `tasks.physical` returned, where it is known
+    """
     from ..models.info import acts
     from ..report.parameters import added_sizes
     from ..report.words import fall, what_next
 
     print_headline(found)
     acting = "" if found.steps[0].follows_nothing else acts(found.model.delay, found.model.Ts)
-    lines = [fall(found, units), *added_sizes(found, units), found.sentence(units), acting]
+    told = f"In physical units: {quantities.text}." if getattr(quantities, "text", "") else ""
+    lines = [fall(found, units), *added_sizes(found, units), told, found.sentence(units), acting]
     lines += [f"Step {i}: {later.sentence(units)}" for i, later in enumerate(found.steps[1:], 2)]
     lines += [f"Next: {what_next(found)}", command and f"  {command}"]
     for line in filter(None, lines):

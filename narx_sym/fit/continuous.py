@@ -34,6 +34,7 @@ from .simulate import Records, segments
 Array = np.ndarray
 JUMPS = (sp.sign, sp.Heaviside)  # what has no derivative where it matters
 ROUNDS = 2  # of differences, each over the standard errors of the last
+FEW = 60  # unknowns: of more, each of which asks for two runs, the derivatives as they are
 SCALE = re.compile(r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>\S.*?)\s*")
 
 
@@ -89,6 +90,8 @@ def continuous(
     way = transfer(linear, model.values)
     direction = 1 if linear.real(linear.B, model.values) > 0 else -1
     own, term, notes = effect_rows(model, linear, direction, coefficient_units(model, labels))
+    if model.channels:
+        notes.append(f"beside the input act {', '.join(model.channels)}")
     plain = linear_rows(linear, way, direction, model.values)
     rows = [*own, *_directions(plain, own), *_offset(model, linear)]
     approximate = [way.reason] if way.reason else []
@@ -154,6 +157,11 @@ def _given(scale: Mapping[str, Any] | str) -> tuple[float, str]:
     return value, label
 
 
+def check_scale(scale: Mapping[str, Any] | str | None, known: str = "") -> None:
+    """Refuse a scale that cannot be read, or is per another unit than a known one, before any work is done."""
+    _scale(scale, known)
+
+
 def _per(scale: Mapping[str, Any] | str) -> str:
     return _given(scale)[1].rpartition("/")[2].strip()
 
@@ -196,21 +204,18 @@ def covariance(model: Model, records: Records) -> Array:
     problem = FreeRun(model, listed, constraint_equations(model, None), loads=True)
     z = problem.start(model.theta)
     z[problem.free :] = estimated(begins, begins.start(model.theta))[0]
-    residuals, slopes = (array.copy() for array in problem.run(z))
     n = len(model.symbols)
-    if not (np.all(np.isfinite(residuals)) and np.all(np.isfinite(slopes))):
+    square = np.array(problem._triangle(z))  # its products are those of the derivatives and the residuals
+    if not np.all(np.isfinite(square)):
         raise FitError("The free run diverges on these records: there is no covariance of its parameters.")
-    noise = float(np.sqrt(residuals @ residuals / max(1, residuals.size - z.size)))
-    moves, inverse = _inverse(slopes, problem.free)
-    if inverse is not None and any(right.has(*JUMPS) for _, right in model.recursion.updates):
-        for _ in range(ROUNDS):
+    noise = float(np.linalg.norm(square[:, -1])) / np.sqrt(max(1, problem.edges[-1] - z.size))
+    moves, inverse = _inverse(square[:, :-1], problem.free)
+    jumps = any(right.has(*JUMPS) for _, right in model.recursion.updates)
+    for _ in range(ROUNDS if jumps and z.size <= FEW else 0):
+        if inverse is not None:
             width = noise * np.linalg.norm(inverse, axis=1)
-            slopes[:, moves] = _differences(problem, z, np.flatnonzero(moves), width)
-            if not np.all(np.isfinite(slopes)):
-                return np.full((n, n), np.nan)
-            moves, inverse = _inverse(slopes, problem.free)
-            if inverse is None:
-                break
+            slopes = _differences(problem, z, np.flatnonzero(moves), width)
+            moves, inverse = _inverse(slopes, problem.free) if np.all(np.isfinite(slopes)) else (moves, None)
     if inverse is None:
         return np.full((n, n), np.nan)
     to_theta = np.zeros((n, z.size))
@@ -242,9 +247,9 @@ def _differences(problem: FreeRun, z: Array, listed: Array, width: Array) -> Arr
 
     A reversal moves with the parameters; the derivative of a sign, zero wherever it exists, does not know that.
     """
-    found = np.empty((problem.edges[-1], listed.size))
-    for column, (at, by) in enumerate(zip(listed, width, strict=True)):
+    found = np.zeros((problem.edges[-1], z.size))
+    for at, by in zip(listed, width, strict=True):
         step = np.zeros(z.size)
         step[at] = by
-        found[:, column] = (problem.run(z + step)[0].copy() - problem.run(z - step)[0]) / (2 * by)
+        found[:, at] = (problem.run(z + step)[0].copy() - problem.run(z - step)[0]) / (2 * by)
     return found

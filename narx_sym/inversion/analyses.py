@@ -15,7 +15,7 @@ from ..errors import ModelError, NotInvertible
 from ..models import analysis as derive
 from ..models.model import Model
 from ..models.rest_map import plays
-from ..symbolic.printing import boxed, latex, latex_text, shown
+from ..symbolic.printing import document_of, latex, latex_text, shown
 from .compensator import Compensator, compensator
 
 
@@ -141,14 +141,7 @@ def document(model: Model) -> str:
     parts = [("Model", [model.latex(), *([model.latex(numbers=True)] if model.values else [])])]
     for one in derived(Subject(model)):
         parts.append((one.title, [*([latex_text(one.reason)] if one.reason else []), *one.latex]))
-    body = "\n\n".join(
-        rf"\section*{{{heading}}}" + "\n" + "\n".join(f"\\[\n{boxed(e)}\n\\]" for e in equations)
-        for heading, equations in parts
-    )
-    return (
-        "\\documentclass{article}\n\\usepackage{amsmath}\n\\usepackage[margin=2cm]{geometry}\n"
-        f"\\begin{{document}}\n{body}\n\\end{{document}}\n"
-    )
+    return document_of(parts)
 
 
 # -- the analyses ----------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from math import isfinite
 from typing import Any
 
 import sympy as sp
+from mpmath.libmp.libhyper import NoConvergence
 
 from ..errors import ModelError
 from ..symbolic.printing import InLatex, latex
@@ -135,7 +136,7 @@ class Quantity:
             said += f" ({short(self.in_input)} {self.input_unit})"
         if self.error > 0:
             low, high = (short(factor * v, digits) for v in (self.low, self.high))
-            said += f", 95 % {low} ... {high}"
+            said += f", 95 % {low} ... {high}" if low != high else ""
         return said
 
     def to_dict(self) -> dict[str, Any]:
@@ -304,7 +305,10 @@ def _poles(a: Sequence[Any]) -> tuple[list[Any], int]:
     if len(coefficients) == 1:
         return [], ones
     z = sp.Dummy("z")
-    found = sp.Poly(coefficients, z).nroots(n=PRECISION, maxsteps=500)
+    try:
+        found = sp.Poly(coefficients, z).nroots(n=PRECISION, maxsteps=500)
+    except NoConvergence:
+        raise ModelError("The poles of the model cannot be told apart: fit fewer lags of the output.") from None
     return sorted(found, key=lambda p: (float(abs(sp.log(p))) if p != 0 else float("inf"), -float(sp.im(p)))), ones
 
 
@@ -526,9 +530,9 @@ class Continuous(InLatex):
         return "; ".join(q.text for q in sorted(told, key=lambda q: not q.effect))
 
     @property
-    def lines(self) -> list[str]:
-        """Every quantity on a line of its own, and the notes."""
-        return [*(q.text for q in self.quantities), *self.notes]
+    def rows(self) -> list[tuple[str, str]]:
+        """The symbol of every quantity in the equation, and its text."""
+        return [(str(q.symbol), q.text) for q in self.quantities]
 
     def latex(self) -> str:
         """LaTeX of the equation and of the values below it."""
@@ -549,12 +553,17 @@ class Continuous(InLatex):
 
 
 def _latex_value(one: Quantity) -> str:
-    unit = one.unit.replace("²", "^2").replace("³", "^3").replace("%", r"\%")
-    margin = rf" \pm {short(NORMAL * one.error)}" if one.error > 0 else ""
-    value = latex(sp.Float(one.value))
-    return (rf"({value}{margin})" if margin else value) + (
-        rf"\ \text{{{unit}}}" if "^" not in unit else rf"\ \mathrm{{{unit.replace(' ', '~')}}}"
-    ) * bool(unit)
+    digits = _digits(one.value, one.error)
+    value = _latex_number(one.value, digits)
+    shown = rf"{value} \pm {_latex_number(NORMAL * one.error, 2)}" if one.error > 0 else value
+    raised = {"²": "^2", "³": "^3", "⁴": "^4", "%": r"\%", " ": r"\,", "·": r"\,", "_": r"\_"}
+    unit = "".join(raised.get(c, c) for c in one.unit)
+    return (f"({shown})" if one.error > 0 and unit else shown) + (rf"\,\mathrm{{{unit}}}" if unit else "")
+
+
+def _latex_number(value: float, digits: int) -> str:
+    mantissa, _, exponent = short(value, digits).partition("e")
+    return rf"{mantissa} \times 10^{{{int(exponent)}}}" if exponent else mantissa
 
 
 def quantity(row: Row, linear: Linear, model: Model, labels: Mapping[str, str], factor: float) -> Quantity:

@@ -249,3 +249,15 @@ def latex_text(message: str) -> str:
 def boxed(equation: str) -> str:
     """Return LaTeX of an equation for a document: a sentence there is broken into lines."""
     return equation.replace(r"\text", BOX, 1) if equation.startswith(r"\text{") else equation
+
+
+def document_of(parts: list[tuple[str, list[str]]]) -> str:
+    """Return a LaTeX document with equations under headings; it compiles with amsmath alone."""
+    body = "\n\n".join(
+        rf"\section*{{{heading}}}" + "\n" + "\n".join(f"\\[\n{boxed(e)}\n\\]" for e in equations)
+        for heading, equations in parts
+    )
+    return (
+        "\\documentclass{article}\n\\usepackage{amsmath}\n\\usepackage[margin=2cm]{geometry}\n"
+        f"\\begin{{document}}\n{body}\n\\end{{document}}\n"
+    )

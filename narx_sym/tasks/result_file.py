@@ -9,11 +9,21 @@ from typing import Any
 
 from ..diagnosis.procedure import Diagnosis
 from ..files.atomic import write_text
+from ..models.continuous_time import Continuous
+from .physical import physical, plain_rows
 
 
-def write_json(found: Diagnosis, path: Path, experiment: str | None) -> None:
-    """Write a diagnosis in the published schema: sorted keys, no NaN, `seconds` last."""
-    plain = finite(found.to_dict(experiment))
+def write_json(
+    found: Diagnosis, path: Path, experiment: str | None, quantities: Continuous | str | None = None
+) -> None:
+    """Write a diagnosis in the published schema: sorted keys, no NaN, `seconds` last.
+
+    Parameters
+    ----------
+    quantities : what `physical` returned, where it is known already
+    """
+    quantities = physical(found, found.units) if quantities is None else quantities
+    plain = finite(found.to_dict(experiment) | {"physical": plain_rows(quantities)})
     seconds = plain.pop("seconds")
     text = json.dumps(plain, indent=1, sort_keys=True, allow_nan=False)
     write_text(path, f'{text[:-2]},\n "seconds": {json.dumps(seconds)}\n}}\n')
