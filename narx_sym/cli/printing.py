@@ -165,7 +165,7 @@ def print_found(found: Diagnosis, units: dict[str, str], command: str, quantitie
     print_headline(found)
     acting = "" if found.steps[0].follows_nothing else acts(found.model.delay, found.model.Ts)
     told = f"In physical units: {quantities.text}." if getattr(quantities, "text", "") else ""
-    lines = [fall(found, units), *added_sizes(found, units), told, found.sentence(units), acting]
+    lines = [fall(found, units), *added_sizes(found, units), found.sentence(units), f"{told} {acting}".strip()]
     lines += [f"Step {i}: {later.sentence(units)}" for i, later in enumerate(found.steps[1:], 2)]
     lines += [f"Next: {what_next(found)}", command and f"  {command}"]
     for line in filter(None, lines):

@@ -288,7 +288,7 @@ def linear_part(model: Model) -> Linear:
                 "rate."
             )
     constant = held(core, lambda _: sp.S.Zero)
-    return Linear(a, b, constant, named, integrators, delayed, linear, sp.Float(model.Ts, PRECISION))
+    return Linear(a, b, constant, named, integrators, delayed, linear, sp.Float(model.Ts))
 
 
 def _poles(a: Sequence[Any]) -> tuple[list[Any], int]:

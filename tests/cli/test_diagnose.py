@@ -133,6 +133,8 @@ def test_five_lines_first_and_the_same_data_and_seed_give_the_same_file(files, d
     assert "falls from" in lines[1] and " mm" in lines[1] and "Probably missing: dead_zone" in lines[3]
     size = re.search(r"Dead zone: .*r = (0\.[0-9]+) V\.", lines[2])
     assert size and float(size[1]) == pytest.approx(DEAD, rel=0.02)
+    (told,) = (line for line in lines if line.startswith("In physical units: half-width of the dead zone 0."))
+    assert " V, 95 % 0." in told and "gain 0." in told and "time constant" in told
     assert any(line.startswith("Next: ") for line in lines) and any("narx-sym diagnose" in line for line in lines)
     assert "Candidates (" not in text and len(lines) <= 9
     first, second = ((files / name).read_text().splitlines() for name in ("d.json", "again.json"))
@@ -203,6 +205,8 @@ def test_json_has_the_published_form(files, diagnosed):
     assert data["smallest_detectable"]["backlash"] > 0
     assert data["units"] == {"u": "V", "y": "mm"}
     assert all({"panel", "share"} <= set(row) and row["share"] <= 1 for row in data["where_it_fails"])
+    (width,) = (row for row in data["physical"] if row["name"] == "half-width of the dead zone")
+    assert width["low"] < DEAD < width["high"] and (width["unit"], width["effect"]) == ("V", "dead_zone")
     # Sorted, and what differs from run to run comes last.
     assert list(data)[:-1] == sorted(set(data) - {"seconds"}) and list(data)[-1] == "seconds"
 

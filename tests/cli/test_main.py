@@ -56,6 +56,48 @@ def test_derive_writes_latex_and_picture(run, bench, tmp_path):
     assert (tmp_path / "q.png").stat().st_size > 10_000
 
 
+def test_derive_gives_a_differential_equation_in_newtons(run, tmp_path):
+    axis, n, Ts = (
+        ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-2]", "1"], theta=[1.9, -0.9, 0.01, 0.002], Ts=0.01),
+        600,
+        0.01,
+    )
+    u = np.repeat(np.random.default_rng(0).uniform(-1, 1, n // 20), 20)
+    y = axis.simulate(u, y0=0.0) + 1e-3 * np.random.default_rng(1).standard_normal(n)
+    np.savetxt(
+        tmp_path / "d.csv",
+        np.column_stack([np.arange(n) * Ts, u, y]),
+        delimiter=",",
+        header="t,u [V],y [m]",
+        comments="",
+    )
+    ns.save(axis, tmp_path / "m.json")
+    asked = ["derive", tmp_path / "m.json", "--continuous", "--units", "V,m"]
+    code, text, err = run(
+        *asked,
+        "--scale",
+        "u=20N/V",
+        "--data",
+        tmp_path / "d.csv",
+        "--json",
+        tmp_path / "c.json",
+        "--latex",
+        tmp_path / "c.tex",
+    )
+    assert code == 0, err
+    assert "g*(" in text and "  m: mass 0.1" in text and " kg, 95 % " in text and "dead time 10.0 ms" in text
+    rows = {row["name"]: row for row in json.loads((tmp_path / "c.json").read_text())["quantities"]}
+    assert rows["viscous friction"]["low"] < 20 * 0.1 < rows["viscous friction"]["high"]
+    assert rows["offset of the input"]["value"] == pytest.approx(0.2)
+    assert r"\frac{d^{2}}{d t^{2}}" in (tmp_path / "c.tex").read_text()
+    code, text, err = run(*asked)
+    assert code == 0 and "mass 0.0094" in text and "V s²/m" in text and "95 %" not in text
+    code, _, err = run("derive", tmp_path / "m.json", "--scale", "20N/V")
+    assert code == 2 and "belong to derive --continuous" in err
+    code, _, err = run(*asked, "--scale", "20")
+    assert code == 2 and "scale" in err and "Traceback" not in err
+
+
 def test_compensate_tracks_and_compare_reads_the_log(run, bench, tmp_path):
     code, text, err = run(
         "compensate", bench / "model.json", "--latex", tmp_path / "law.tex",

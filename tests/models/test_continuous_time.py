@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import sympy as sp
+from places import SHARED, needs_shared
 from scipy.linalg import expm
 
 import narx_sym as ns
@@ -99,18 +100,23 @@ def delayed(rng: np.random.Generator) -> tuple[ns.NARX, ns.Record, dict[str, flo
     return model, record, found | {"dead time": steps_late * Ts}
 
 
+def rubbing_axis(Ts: float, more: list[str], values: list[float]) -> ns.Model:
+    """An axis that integrates, with smooth friction: its pole, half of B(1), further coefficients, c and s."""
+    base = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]", *more], Ts=Ts)
+    a1, a2, *_ = base.symbols
+    (form,) = [f for f in find("coulomb_friction")[0] if f.form == "smooth"]
+    wide = extend(base.replace(constraints=[sp.Eq(a1 + a2, 1)]), Variant(form, "inside", "y")).model
+    pole, half, *others = values
+    return wide.replace(theta=[1 + pole, -pole, half, half, *others], Ts=Ts)
+
+
 def friction(rng: np.random.Generator) -> tuple[ns.Model, ns.Record, dict[str, float]]:
     m, d, F, Ts = rng.uniform(0.5, 2), rng.uniform(2, 6), rng.uniform(0.1, 0.3), 0.0025
     u, slow = 1.5 * steps(rng, 4000, 80), 0.2 / d
     record = recorded(u, rubbing(m, d, F, slow, u, Ts), Ts, rng, 0.05)
-    base = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], Ts=Ts)
-    a1, a2, *_ = base.symbols
-    base = base.replace(constraints=[sp.Eq(a1 + a2, 1)])
-    (form,) = [f for f in find("coulomb_friction")[0] if f.form == "smooth"]
-    wide = extend(base, Variant(form, "inside", "y")).model
     p = 1 - d / m * Ts
     B = (1 - p) * Ts / d
-    begin = wide.replace(theta=[1 + p, -p, B / 2, B / 2, -F * B, slow * Ts], Ts=Ts)
+    begin = rubbing_axis(Ts, [], [p, B / 2, -F * B, slow * Ts])
     true = {"mass": m, "viscous friction": d, "Coulomb friction": F, "speed at which friction is reached": slow}
     return begin.fit(record, method="free_run"), record, true
 
@@ -144,6 +150,21 @@ def test_intervals_hold_the_truth() -> None:
     assert max(off) < 5
 
 
+@pytest.mark.more
+@needs_shared
+def test_a_measured_axis_has_the_mass_of_its_data_sheet() -> None:
+    """EMPS (Janot, Gautier & Brunot 2019): 95.1 kg, 203.5 N s/m, 20.4 N, with 35.15 N/V."""
+    record = ns.read(SHARED / "emps" / "train.csv")
+    model = rubbing_axis(record.Ts, ["1"], [1 - 2.1e-3, 1.8e-7, 3e-8, -2e-7, 2e-6]).fit(
+        record, method="free_run", max_steps=150
+    )
+    found = model.continuous(scale="35.15 N/V", records=record, units={"u": "V", "y": "m"})
+    assert found["mass"].value == pytest.approx(95.1, rel=0.03) and found["mass"].unit == "kg"
+    assert found["viscous friction"].value == pytest.approx(203.5, rel=0.1)
+    assert found["Coulomb friction"].value == pytest.approx(20.4, rel=0.08)
+    assert found["offset of the input"].value * 35.15 == pytest.approx(3.2, rel=0.1)
+
+
 # -- exact, without noise --------------------------------------------------------------------------------------
 
 
@@ -168,10 +189,7 @@ def test_the_time_constant_is_a_logarithm() -> None:
     model = ns.NARX.from_terms(["y[k-1]", "u[k-3]"], theta=[0.9, 0.2], Ts=0.1)
     found = model.continuous(units={"u": "W", "y": "K"})
     p = sp.Symbol("p_1")
-    assert (
-        sp.simplify(found["time constant"].expression.subs(sp.Float(0.1, 30), sp.Rational(1, 10)) + 0.1 / sp.log(p))
-        == 0
-    )
+    assert sp.simplify(found["time constant"].expression.subs(sp.Float(0.1), sp.Rational(1, 10)) + 0.1 / sp.log(p)) == 0
     assert found["gain"].value == pytest.approx(2.0) and found["gain"].unit == "K/W"
     assert found["dead time"].value == pytest.approx(0.2) and found["dead time"].error != found["dead time"].error
     assert found.exact and found.to_dict()["quantities"][0]["low"] is None
