@@ -155,9 +155,10 @@ def test_intervals_hold_the_truth() -> None:
 def test_a_measured_axis_has_the_mass_of_its_data_sheet() -> None:
     """EMPS (Janot, Gautier & Brunot 2019): 95.1 kg, 203.5 N s/m, 20.4 N, with 35.15 N/V."""
     record = ns.read(SHARED / "emps" / "train.csv")
-    model = rubbing_axis(record.Ts, ["1"], [1 - 2.1e-3, 1.8e-7, 3e-8, -2e-7, 2e-6]).fit(
-        record, method="free_run", max_steps=150
-    )
+    begin = rubbing_axis(record.Ts, ["1"], [1 - 2.1e-3, 1.8e-7, 3e-8, -2e-7, 2e-6])
+    b1, b2, slow = (begin.symbols[i] for i in (2, 3, -1))  # no lead, and friction that is reached at 2 mm/s
+    begin = begin.replace(constraints=[*begin.constraints, sp.Eq(b1, b2), sp.Eq(slow, 2e-6)], theta=begin.theta)
+    model = begin.fit(record, method="free_run", max_steps=150)
     found = model.continuous(scale="35.15 N/V", records=record, units={"u": "V", "y": "m"})
     assert found["mass"].value == pytest.approx(95.1, rel=0.03) and found["mass"].unit == "kg"
     assert found["viscous friction"].value == pytest.approx(203.5, rel=0.1)
