@@ -28,6 +28,7 @@ from .simulate import Records, arrays, initial_values, segments
 Array = np.ndarray
 MANY = 16  # more parameters than this: one banded solve instead of one compiled equation each
 SPREAD, TRIED = 0.3, 64
+SECANTS = (3.0, 1.0, 0.3, 0.1)  # how many times its error a secant moves the free run to either side, in turn
 HUGE, LARGEST = 1e12, 1e100  # derivatives times parameters, in standard deviations of the output; in any unit
 
 
@@ -356,15 +357,56 @@ class FreeRun:
                 raise FitError("The derivatives of the free run diverge: the model is unstable there.")
             return moved
 
+        def found(begin: Array, errors: Any, steps: Any) -> Any:
+            return least_squares(
+                errors, np.clip(begin, *bounds), jac=steps, bounds=bounds, x_scale="jac", method="trf",
+                max_nfev=max_steps, xtol=tolerance, ftol=tolerance, gtol=tolerance,
+            )  # fmt: skip
+
         try:
             with np.errstate(all="ignore"), one_blas_thread():
-                return least_squares(
-                    lambda z: self._triangle(z)[:, -1], np.clip(start, *bounds), jac=slopes,
-                    bounds=bounds, x_scale="jac", method="trf", max_nfev=max_steps, xtol=tolerance, ftol=tolerance,
-                    gtol=tolerance,
-                )  # fmt: skip
+                best = found(start, lambda z: self._triangle(z)[:, -1], slopes)
+                for reach in SECANTS if self.jumps else ():  # from what is far off to what is near, as a graduated fit
+                    best = found(best.x, self.errors_of, lambda z, reach=reach: self.secants(z, reach, *bounds))
+                return best
         except LinAlgError:
             raise FitError("The derivatives of the free run cannot be decomposed: it is hardly stable.") from None
+
+    @cached_property
+    def jumps(self) -> bool:
+        """Whether the next value jumps where an earlier one crosses a threshold: at a sign, or a step, of what is run.
+
+        When that happens moves with the parameters too, and no derivative along the run tells it.
+        """
+        recursion = self.model.recursion
+        steps = (a for _, right in recursion.updates for a in right.atoms(sp.sign, sp.Heaviside))
+        return any(s.base in recursion.states for a in steps for s in a.atoms(sp.Indexed))
+
+    def secants(self, z: Array, reach: float, low: Array, high: Array) -> Array:
+        """Return central differences of the residuals, (rows, unknowns).
+
+        Each moves the free run by `reach` times its error to either side, as far as the derivatives tell, within
+        bounds. Where it diverges there, the derivative stays.
+        """
+        residuals, moved = self.run(z)
+        steps = reach * np.linalg.norm(residuals) / np.linalg.norm(moved, axis=0)
+        found = moved.copy()
+        for j in np.flatnonzero(np.isfinite(steps)):
+            ends = np.clip(z[j] + np.array([-steps[j], steps[j]]), low[j], high[j])
+            every = range(len(self.data)) if j < self.free else [(j - self.free) // self.own_unknowns]
+            for i in every:
+                before, after = (self._misses(np.where(np.arange(z.size) == j, end, z), i) for end in ends)
+                secant = (after - before) / np.ptp(ends)
+                if np.all(np.isfinite(secant)):
+                    found[self.edges[i] : self.edges[i + 1], j] = secant
+        return found
+
+    def errors_of(self, z: Array) -> Array:
+        """Return the residuals alone, (rows,), in standard deviations of the output."""
+        return np.concatenate([self._misses(z, i) for i in range(len(self.data))])
+
+    def _misses(self, z: Array, i: int) -> Array:
+        return np.asarray((self.simulate(z, i) - self.data[i][self.name])[self.rows[i]] / self.spread)
 
     def _triangle(self, z: Array) -> Array:
         """Return a square matrix with the products of the derivatives and the residuals [J r]."""

@@ -21,6 +21,7 @@ from narx_sym.fit.evaluate import evaluate, free_run
 from narx_sym.fit.least_squares import Elimination, factor, fit, one_step
 from narx_sym.fit.simulate import predict, simulate
 from narx_sym.models.analysis import continuum
+from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
 from narx_sym.models.model import NARX, Model
 from narx_sym.symbolic.recursion import Recursion
@@ -594,3 +595,29 @@ def test_derivatives_that_cannot_be_decomposed_are_no_fit(monkeypatch):
     with pytest.raises(FitError, match="decomposed"):
         fit(model, record, method="free_run")
     assert fit(model, record).theta == pytest.approx([0.8, 0.2])
+
+
+def test_a_friction_that_reverses_is_fitted_beyond_its_derivatives():
+    """When a sign turns moves with the parameters, which no derivative tells: secants of the free run do."""
+    ends = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        t = np.arange(1000) * 0.01
+        u = 2 * np.sin(np.pi * t) + np.sin(2 * np.pi * rng.uniform(0.1, 2) * t) + 0.3 * rng.standard_normal(t.size)
+        base = NARX.from_terms(["y[k-1]", "u[k-1]"], [0.9, 0.1], Ts=0.01)
+        variant = next(v for v in variants(base, []) if v.id == "coulomb_friction" and v.where == "inside")
+        truth = extend(base, variant).model.replace(theta=[0.9, 0.1, -0.03])
+        clean = truth.simulate(u, np.zeros(2), warn=False)
+        noise = 0.01 * clean.std()
+        record = Record.from_arrays(u, clean + noise * rng.standard_normal(t.size), 0.01)
+        start = truth.replace(theta=[0.9, 0.105, -0.018])
+        for jumps in (False, True):
+            problem = freerun.FreeRun(start, record, [])
+            assert problem.jumps
+            problem.jumps = jumps
+            found = problem.minimise(problem.start(np.array(start.theta)), 60, 1e-7)
+            ends.append(np.sqrt(2 * found.cost / t.size) * problem.spread / noise)
+    by_derivatives, by_secants = np.array(ends).reshape(-1, 2).T
+    assert np.all(by_secants < 1.05 * np.maximum(1.0, by_derivatives))
+    assert np.mean(by_secants > 1.05) <= np.mean(by_derivatives > 1.05) / 2
+    assert np.mean(by_derivatives > 1.05) >= 0.25  # else this test says nothing
