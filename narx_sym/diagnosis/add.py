@@ -21,16 +21,15 @@ from ..fit.simulate import Records, arrays, initial_values
 from ..models.effects import EFFECTS, Catalogue
 from ..models.extend import Variant, find
 from ..models.model import Model
-from .refit import STEPS, Fitted, Split, Trial, settle, whole
+from .refit import Fitted, Split, Trial, settle, whole
 from .screening.scored import Scored, screen, shortlist
+from .settings import BEST, HUGE, STEPS
 from .table.candidates import Candidate, Pair
 from .table.hypotheses import written
 from .table.search import Search
 from .table.verdict import price
 
 Array = np.ndarray
-HUGE = 1e9  # in the place of what diverges
-BEST = 2  # of the one-step minima, how many are starts
 
 
 def add(model: Model, effect: str | Candidate | Pair, where: str | None = None) -> Addition:

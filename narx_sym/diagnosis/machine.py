@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from ..data.units import converted
 from ..errors import ModelError
 from ..models.effects import MACHINES, Catalogue
+from .settings import SMALL
 
 NONE = "none"  # switches the guess off
 # Units of u and y that only one kind of machine has. A volt may be any sensor's, and a percentage or a 4-20 mA loop any
@@ -23,7 +24,6 @@ TELLING = (
     (("A/m",), ("T",), "smart-material"),
     (("V/m",), ("C/m^2",), "smart-material"),
 )
-SMALL = {"um": 1.1}  # a stage that is told in mm need be no piezo: at most so many of this unit
 
 
 @dataclass(frozen=True)

@@ -38,16 +38,16 @@ from .machine import Machine, check_machine, machine_of
 from .misfit import Misfit, misfit_of
 from .progress import BASE, ROUND, Course, inside
 from .refit import Fitted, Trial
+from .settings import ALIKE, FEWEST
 from .steps import PARTS, Step, looped, step
 from .table.candidates import Candidate, Pair
 from .table.hypotheses import family_of, static
 from .table.offsets import without_offsets
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import ALIKE, VERDICTS, price
+from .table.verdict import VERDICTS, price
 
 __all__ = ["VERDICTS", "Diagnosis", "Step", "diagnose"]
-FEWEST = 100  # samples: with less the noise cannot be told from an effect
 NO_TURN = {"static", "sensor", "disturbance", "dynamics"}  # families of effects that do not show where the input turns
 UNNAMED = ("nothing_detectable", "outside_library")
 ONE_SPEED = (

@@ -24,12 +24,9 @@ from ..models.added import newer
 from ..models.model import Model
 from ..models.rewrite import held, without
 from .bases import joined
+from .settings import BLOCKS, FINAL, FOLDS, REFUSALS, RETURNED, SEALED, SLACK, STEPS, TOLERANCE
 
 Array = np.ndarray
-BLOCKS, SEALED, EVERY = 24, 3, 4
-STEPS, FINAL, TOLERANCE = 40, 200, 1e-7  # of the last fit more: a kink is passed slowly
-SLACK, RETURNED = 1.01, 0.001
-REFUSALS = 4  # after so many terms that must stay, no others are tried
 
 
 @dataclass(frozen=True)
@@ -48,9 +45,9 @@ class Split:
     def of(cls, records: Any) -> Split:
         """Split records."""
         parts = segments(records)
-        blocks = [np.arange(len(part)) * BLOCKS // len(part) for part in parts]
-        sealed = tuple(block >= BLOCKS - SEALED for block in blocks)
-        held = tuple(~s & (block % EVERY == EVERY // 2) for s, block in zip(sealed, blocks, strict=True))
+        blocks = [np.arange(len(part)) * 2 * BLOCKS // len(part) for part in parts]
+        sealed = tuple(block >= 2 * BLOCKS - SEALED for block in blocks)
+        held = tuple(~s & (block % FOLDS == FOLDS // 2) for s, block in zip(sealed, blocks, strict=True))
         return cls(tuple(parts), tuple(~(s | h) for s, h in zip(sealed, held, strict=True)), held, sealed)
 
     @cached_property

@@ -24,8 +24,8 @@ from .refit import NO_TRIAL, Fitted, Trial, prune
 from .screening import gate
 from .screening.promise import detectable
 from .screening.scored import absorbed
+from .settings import ALIKE, HELPS, LARGE, LEFT, RIVALS, ROUNDING, SAME
 from .table.candidates import (
-    RIVALS,
     Candidate,
     Pair,
     candidates_of,
@@ -40,7 +40,7 @@ from .table.candidates import (
 from .table.exchange import exchanged, instead
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import ALIKE, HELPS, LARGE, LEFT, ROUNDING, SAME, alike, nothing_named, removes, verdict
+from .table.verdict import alike, nothing_named, removes, verdict
 
 PARTS = ("train", "validation")  # the diagnosed records, and those that no model is fitted to
 ONE_STEP = "All that the input does is one step, and every output is what some linear machine answers to it."

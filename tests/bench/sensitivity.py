@@ -3,7 +3,7 @@
     python tests/bench/sensitivity.py [--only emps,tanks] [--search] [--markdown FILE]
 
 The verdict is a function of the table of hypotheses: the table is filled once per record, and read again with each
-constant of `diagnosis/table/verdict.py` halved and doubled. With `--search` it is filled again for each of the constants
+constant of `diagnosis/settings.py` halved and doubled. With `--search` it is filled again for each of the constants
 that decide what is tried. A name is right where the source of the record says so.
 """
 
@@ -27,12 +27,12 @@ import narx_sym as ns
 from narx_sym.diagnosis.steps import new_effect, won
 from narx_sym.diagnosis.table import verdict
 
-CHANGED = ("PER_PARAMETER", "PER_EFFECT", "MOST", "ALIKE")  # those that the names depend on
+CHANGED = ("PER_PARAMETER", "PER_EFFECT", "ENOUGH", "ALIKE")  # those that the names depend on
 SEARCHED = (
-    ("diagnosis.table.verdict", "HELPS"), ("diagnosis.table.verdict", "LEFT"),
-    ("diagnosis.table.verdict", "LARGE"), ("fit.bases.integrating", "DRIVEN"),
-    ("diagnosis.screening.scored", "TRIED"), ("diagnosis.table.rounds", "PARTNERS"),
-    ("diagnosis.table.rounds", "TOGETHER"), ("diagnosis.screening.gate", "LEVEL"),
+    ("diagnosis.settings", "HELPS"), ("diagnosis.settings", "LEFT"),
+    ("diagnosis.settings", "LARGE"), ("fit.bases.integrating", "DRIVEN"),
+    ("diagnosis.settings", "TRIED"), ("diagnosis.settings", "PARTNERS"),
+    ("diagnosis.settings", "TOGETHER"), ("diagnosis.settings", "LEVEL"),
 )  # fmt: skip
 FRICTION = {"coulomb_friction", "stribeck_friction", "stiction"}
 RECORDS: dict[str, tuple[str, slice, set[str]]] = {
@@ -88,12 +88,12 @@ def publish(lines: list[str], path: Path | None) -> None:
 
 
 def changes() -> Iterator[tuple[str, float]]:
-    """Yield each constant with each value; MOST is a share: what it leaves is halved and doubled."""
+    """Yield each constant with each value; ENOUGH is a share: what it leaves is halved and doubled."""
     yield "as it is", 0.0
     for name in CHANGED:
         value = getattr(verdict, name)
         for factor in (0.5, 2.0):
-            yield name, 1 - (1 - value) * factor if name == "MOST" else value * factor
+            yield name, 1 - (1 - value) * factor if name == "ENOUGH" else value * factor
 
 
 @contextmanager

@@ -159,3 +159,26 @@ def test_circles_of_type_checkers_only_shrink() -> None:
 def test_the_search_for_circles_finds_them() -> None:
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == {("a", "b", "c")}
     assert len(arrows(types=False)["cli.main"]) > 5
+
+
+def test_every_number_that_a_diagnosis_decides_by_stands_in_one_file():
+    """No module of the diagnosis but its settings has a numeric constant, and each of those is said what it is."""
+    folder = PACKAGE / "diagnosis"
+
+    def numbers(path: Path) -> list[int]:
+        """Lines of constants made of numbers alone; what holds samples, x[k - 1], is an equation."""
+        found = []
+        for node in tree_of(path).body:
+            if isinstance(node, ast.Assign | ast.AnnAssign) and node.value:
+                parts = list(ast.walk(node.value))
+                kinds = {type(c.value) for c in parts if isinstance(c, ast.Constant)}
+                if kinds and kinds <= {int, float} and not any(isinstance(x, ast.Subscript) for x in parts):
+                    found.append(node.lineno)
+        return found
+
+    settings = folder / "settings.py"
+    others = {place(p): numbers(p) for p in folder.rglob("*.py") if p != settings}
+    assert {p: lines for p, lines in others.items() if lines} == {}
+    lines, listed = settings.read_text(encoding="utf-8").splitlines(), numbers(settings)
+    assert len(listed) > 30
+    assert [n for n in listed if "  # " not in lines[n - 1]] == []

@@ -23,15 +23,11 @@ from ...fit.freerun import FreeRun
 from ...fit.simulate import Records, fitted, segments, simulate
 from ...models.model import Model
 from ...symbolic.signals import u as input_sequence
-from .proposal import CLEARLY, Experiment, threshold
-from .signals import SHORTEST, Limits, family
+from ..settings import AT_ONCE, CLEARLY, FAR, SETTLE, SHORTEST, SMALLER, TINY
+from .proposal import Experiment, threshold
+from .signals import Limits, family
 
 Array = np.ndarray
-SETTLE = 500  # samples of rest before a proposed signal starts
-ROUNDING = 1e-6  # a slope that differs from the others by a smaller share is one of them
-TOGETHER = 4  # signals per free run: equations are derived once for all of them, but slopes take memory
-SMALLER = (0.5, 0.25)  # of the range: tried where no input over all of it decides
-FAR = 1.0  # a simulated output this many ranges outside the measured one is not believed
 
 
 def propose(
@@ -248,7 +244,7 @@ def _distances(models: Mapping[str, Model], left: Callable[[Model, str], list[fl
 
 def _on_each(model: Model, records: Sequence[Record]) -> list[float]:
     """Return what a refit leaves on each of some proposed signals; their slopes are large: a few at a time."""
-    blocks = (list(records[i : i + TOGETHER]) for i in range(0, len(records), TOGETHER))
+    blocks = (list(records[i : i + AT_ONCE]) for i in range(0, len(records), AT_ONCE))
     return [_left(p, i, i + 1) for p in (_run(model, block) for block in blocks) for i in range(len(p.data))]
 
 
@@ -276,7 +272,7 @@ def _left(problem: FreeRun, first: int, last: int) -> float:
         return float("nan")
     size = np.linalg.norm(slopes, axis=0)
     Q, R, _ = qr(slopes[:, size > 0] / size[size > 0], mode="economic", pivoting=True)
-    Q = Q[:, np.abs(np.diag(R)) > ROUNDING]
+    Q = Q[:, np.abs(np.diag(R)) > TINY]
     left = residual - Q @ (Q.T @ residual)
     left = left - Q @ (Q.T @ left)  # what rounding left of the first projection
     return float(np.sqrt(np.mean(left**2)) * problem.spread)

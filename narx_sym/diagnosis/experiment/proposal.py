@@ -10,11 +10,10 @@ import numpy as np
 
 from ...files.atomic import PathLike, write_csv
 from ..bases import few, words
+from ..settings import CLEARLY, VISIBLE
 
 Array = np.ndarray
 FILE = "next.csv"
-CLEARLY = 1.2  # a separation below this many times the present one is no clear gain
-VISIBLE = 3.0  # standard errors of the noise, over all samples of the signal
 
 
 @dataclass(frozen=True, eq=False)

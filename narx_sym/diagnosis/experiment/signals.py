@@ -15,13 +15,12 @@ from ...engines.compile import compile
 from ...symbolic.functions import follows
 from ...symbolic.recursion import Recursion
 from ...symbolic.signals import k, m, r
+from ..settings import SHORTEST, SMALLEST
 from .proposal import with_unit
 
 Array = np.ndarray
-SHORTEST = 12  # samples per period
 RATE = sp.Symbol("rate", positive=True)
 LIMITER = Recursion(((m[k], follows(r[k], m[k - 1], RATE)),), (RATE,))
-SMALLEST = 0.1  # share of half the range; a signal that the rate limit makes smaller is left out
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..settings import CELLS
 from .panel import Panel
 
 Array = np.ndarray
-CELLS = 12  # of a panel
 
 
 def edges_of(x: Array, most: int, even: bool = False) -> Array | None:

@@ -8,11 +8,10 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from ...data.metrics import correlation_length
+from ..settings import LEAST, WIDE
 from .panel import Panel
 
 Array = np.ndarray
-LEAST = 10  # samples in a cell, and three correlation lengths
-WIDE = 2  # a spectral line of the Hann window reaches this many bins to each side
 
 
 def filled_panels(empty: list[Panel], r: Array, Ts: float) -> list[Panel]:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..settings import ROUNDING
+
 Array = np.ndarray
-ROUNDING = 1e-12  # of the largest input: a slope up to here is that of arithmetic
 
 
 @dataclass(frozen=True, eq=False)

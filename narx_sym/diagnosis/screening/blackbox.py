@@ -12,17 +12,10 @@ from scipy.linalg import eigh, lstsq
 
 from ...engines.algebra import smoothed
 from ..refit import Split
+from ..settings import BLOCKS, BUMPS, DEPENDENT, FEATURES, FEW, FOLDS, PENALTIES, POLES, ROWS, SOME
 from .directions import Direction, Linearised
 
 Array = np.ndarray
-FEATURES, SOME = 60, 0.4  # random cosines, and the share of the signals that each looks at
-BUMPS = 0.7  # wave numbers of the cosines, over the standard deviations of the signals
-POLES = (0.8, 0.97)  # of slow versions of the signals
-FOLDS, PIECES = 4, 24
-PENALTIES = np.logspace(-6, 1, 15)
-FEW = 6  # columns of a sparse solution
-TINY = 1e-5
-MOST = 8000  # rows that are used
 
 
 def features(line: Linearised, channels: Sequence[str] = ()) -> Array:
@@ -64,7 +57,7 @@ def predictable(
     X = np.column_stack([*keep, features(line, channels), line.tone()])
     e, depth = line.residual, line.problem.depth
     train, held = (np.flatnonzero(np.concatenate([m[depth:] for m in masks])) for masks in (split.train, split.held))
-    train, held = (rows[:: max(1, rows.size // MOST)] for rows in (train, held))
+    train, held = (rows[:: max(1, rows.size // ROWS)] for rows in (train, held))
     if not e[held].any():
         return 0.0  # nothing is left that could follow from anything
     own = line.own[train]
@@ -72,12 +65,12 @@ def predictable(
     fitted = [np.column_stack([e[rows], X[rows]]) - line.own[rows] @ solution for rows in (train, held)]
     (e_t, X_t), (e_h, X_h) = ((f[:, 0], f[:, 1:]) for f in fitted)
     with np.errstate(over="ignore"):  # what is as large as that is not used
-        size = np.sqrt(np.mean(X_t**2, axis=0))
-        used = size > TINY * np.sqrt(np.mean(X[train] ** 2, axis=0))  # what the model's own directions leave of it
+        power = np.mean(X_t**2, axis=0)  # what the model's own directions leave of it
+        size, used = np.sqrt(power), power > DEPENDENT * np.mean(X[train] ** 2, axis=0)
     if not used.any():
         return 0.0  # the model's own directions leave nothing to judge by
     X_t, X_h = X_t[:, used] / size[used], X_h[:, used] / size[used]
-    fold = np.arange(train.size) * PIECES // train.size % FOLDS
+    fold = np.arange(train.size) * (2 * BLOCKS) // train.size % FOLDS
     best = 0.0
     for solve in (_ridge, _sparse):  # many small contributions, or few large ones
         missed = 0.0

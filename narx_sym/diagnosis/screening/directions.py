@@ -25,13 +25,11 @@ from ...models.extend import Variant, equations, extend, origin, variants
 from ...symbolic.recursion import Recursion
 from ...symbolic.sensitivity import sensitivities
 from ...symbolic.signals import k, samples, sensed
+from ..settings import BELOW, CYCLES, LINE, PADDING
 from .contribution import contribution
 
 Array = np.ndarray
 PUSH = "injected sequence"  # no column may be called so: a name of two words is no symbol of a model
-CYCLES = 8  # of a periodic disturbance at least: fewer are a wander
-BELOW = 4.0  # how far a shape parameter may leave its grid downwards
-PADDING, LINE = 4, 6.0  # zero padding of spectra; a line is this many times (and the log of their number) above noise
 
 
 @effect({"input": "channel", "force": "channel", "inside": "channel"}, id="injection", register=False)

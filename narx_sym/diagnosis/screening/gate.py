@@ -17,13 +17,10 @@ from scipy.linalg import lstsq
 from scipy.special import chdtrc, chdtri
 
 from ...symbolic.identities import added
-from .products import TINY, Left, told, whitened
+from ..settings import CLEAR, COLUMNS, DRAWS, LEVEL, LONGEST, OFFERED, POWER, TINY
+from .products import Left, told, whitened
 
 Array = np.ndarray
-DRAWS, LEVEL, POWER = 999, 0.05, 0.8416  # the last: standard normal quantile of 80 %
-LONGEST = 120  # lags of the noise model at most
-TRIALS = 6
-MOST, CLEAR = 12, 18.0  # columns that the noise is freed of at most, and the gain (in variances) of each at least
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,7 @@ def explain(left: Left, first: Sequence[int]) -> list[int]:
         if left.columns[column, column] > TINY * left.energy[column]:
             left = left.without(column)
     picked: list[int] = []
-    for _ in range(MOST):
+    for _ in range(COLUMNS):
         gain = left.gains
         best = int(np.argmax(gain))
         noise = (left.power - gain[best]) / max(1, left.count - left.rank - 1)
@@ -154,7 +151,7 @@ def _dominant(
 
     An autoregressive model takes a strong drift for noise, and then nothing is left to be seen.
     """
-    order = np.argsort(-plain.gains, kind="stable")[:TRIALS]
+    order = np.argsort(-plain.gains, kind="stable")[:OFFERED]
     trials = [first, *([*first, int(j)] for j in order if j not in first)]
     found = []
     for trial in trials:

@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import lapack, qr, solve_triangular, toeplitz
 
+from ..settings import BLOCK, CHUNK, TINY
+
 Array = np.ndarray
-TINY = 1e-7  # share of a column's energy below which nothing but rounding is left
-BLOCK, CHUNK = 64, 2048  # rows that are filtered by one product, and that are held filtered at a time
 
 
 def orthonormal(columns: Array) -> Array:

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import pinv
 
-from ..table.frame import BLOCKS, FOLDS
-from ..table.verdict import ALIKE, price
-from .gate import POWER
+from ..settings import ALIKE, BLOCKS, FOLDS, POWER, TURNS
+from ..table.verdict import price
 from .products import bases, orthonormal, told
 from .scored import Scored
 
 Array = np.ndarray
-TURNS = 4  # of the size and of what it leaves in doubt
 
 
 def detectable(scored: Scored) -> dict[str, float]:

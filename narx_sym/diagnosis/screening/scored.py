@@ -14,14 +14,13 @@ from ...fit.freerun import FreeRun
 from ...models.effects import Catalogue
 from ...models.extend import Variant
 from ..refit import Fitted
+from ..settings import FORMS_TRIED, HALF, TRIED
 from . import gate
 from .blackbox import predictable
 from .directions import Direction, Linearised
 from .products import Left
 
 Array = np.ndarray
-TRIED = 10  # effects that are fitted, of all: by what their directions explain, half as many by likelihood
-FORMS_TRIED, HALF = 2, 0.5  # forms of each beside another effect, that explain half of its best
 
 
 @dataclass

@@ -20,11 +20,12 @@ from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import passed
 from ..bases import BASE, joined
 from ..refit import Fitted, Trial
+from ..settings import ALIKE, DRAWS, LEFT, PER_EFFECT, TOGETHER
 from .finer import idle
 from .hypotheses import filters
 from .row import Row
 from .starts.restart import faster
-from .verdict import ALIKE, LEFT, PER_EFFECT, alike, cheapest, explained, probabilities, removes, verdict, winner
+from .verdict import alike, cheapest, explained, probabilities, removes, verdict, winner
 
 if TYPE_CHECKING:
     from .rounds import Table
@@ -35,9 +36,6 @@ TARGETS = {
     "inside": r"\Delta F", "motion": r"y_{k} - \mathrm{free}_{k}", "output": "y_{k} - x_{k}",
     "sensor": r"y_{k} - \mathrm{sensed}_{k}",
 }  # fmt: skip
-DRAWS = 200  # of the blocks, for an interval
-SHOWN = 6  # candidates at most, and the confusion set
-RIVALS = 3  # that are named, of a pair and of what comes nearest, and that are tried in place of an earlier effect
 
 
 @dataclass(repr=False)
@@ -357,7 +355,7 @@ def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], low
     made: list[Candidate] = []
     for row in listed:
         variant = row.beyond(known)[0]
-        if len(made) == max(SHOWN, len(members)):
+        if len(made) == max(TOGETHER, len(members)):
             break
         likely = variant.id in members
         worth = row.held < known.held or (likely and np.isfinite(row.held))

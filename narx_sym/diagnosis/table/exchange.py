@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .candidates import RIVALS
+from ..settings import ALIKE, LEFT, PER_EFFECT, RIVALS
 from .hypotheses import Hypothesis
 from .row import Row
-from .verdict import ALIKE, LEFT, PER_EFFECT, alike, cheapest
+from .verdict import alike, cheapest
 
 if TYPE_CHECKING:
     from .rounds import Table

@@ -15,11 +15,11 @@ from ...errors import FitError
 from ...models.extend import Variant
 from ...models.model import Model
 from ..refit import Fitted, Split, settle
+from ..settings import ALIKE, CLOSER, STEPS
 from .hypotheses import Hypothesis, written
 from .row import Row
-from .search import CLOSER, Search
+from .search import Search
 from .starts.arx import resampled, zeroed
-from .verdict import ALIKE
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Finer:
                 x[new[0]] = row.values[old[0]] * (inside if variant.where in ("inside", "motion") else 1.0)
                 x[new[1]] = self._shape(row, variant, old[1])
             starts.append(x)
-        return fine.fitted(Hypothesis(core, finer), min(starts, key=lambda z: frame.error(z, core)), 40)
+        return fine.fitted(Hypothesis(core, finer), min(starts, key=lambda z: frame.error(z, core)), STEPS)
 
     def _rebuilt(self, fine: Search, row: Row, delay: int) -> Row | None:
         """Fit the core from the data, then one effect after the other from its shape in the table."""

@@ -25,15 +25,12 @@ from ...models.extend import Variant, equations
 from ...models.model import Model
 from ...symbolic.signals import INNER_OUTPUTS
 from ..screening.contribution import contribution
+from ..settings import BLOCKS, DEPENDENT, FOLDS, GAIN, SLACK, TRIALS, UNSEEN
 from .hypotheses import Core, around, extended, linear
 from .span import Span
 from .starts.arx import later, start_beside
 
 Array = np.ndarray
-BLOCKS, FOLDS = 12, 4
-UNSEEN = 0.03  # share of a derivative on the rows that count
-TRIALS, RIDGE, GAIN = 5, 1e-12, 1e-5  # of a step of Levenberg and Marquardt
-CLOSE = 1.01, 1e-10  # how far a mean square may grow by rounding: by a factor, and in variances of y
 
 
 def parts(length: int, count: int) -> list[slice]:
@@ -262,7 +259,7 @@ class Frame:
     def near(self, x: Array, core: Core) -> Array:
         """Return x in single precision, where its free run is as good: no fit starts from what BLAS leaves open."""
         rough = self.free(core).rounded(x)
-        return rough if self.error(rough, core) < CLOSE[0] * self.error(x, core) + CLOSE[1] else x
+        return rough if self.error(rough, core) < SLACK * self.error(x, core) + DEPENDENT else x
 
     def error(self, x: Array, core: Core) -> float:
         """Return the mean square of the free run's errors, infinite where it diverges."""
@@ -301,7 +298,7 @@ class Frame:
                 for c in self._stopped(x, span.T, g):
                     H[c], H[:, c], g[c] = 0.0, 0.0, 0.0
                 for _ in range(TRIALS):
-                    added = damping + RIDGE
+                    added = damping + DEPENDENT
                     w = step(H, g, added)
                     if w is None:
                         damping *= 8

@@ -12,10 +12,10 @@ from ...data.evidence.several import rests
 from ...data.record import Record
 from ...errors import FitError
 from ..refit import Fitted, Split, settle
+from ..settings import TURNS
 from .verdict import price
 
 Array = np.ndarray
-TURNS = 3  # the base and the offsets improve each other
 
 
 def offsets_of(base: Fitted) -> tuple[Array, Fitted] | None:

@@ -21,16 +21,13 @@ from ...models.model import Model
 from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted
 from ..screening.directions import Linearised
-from ..screening.scored import TRIED, Scored, screen, shortlist
+from ..screening.scored import Scored, screen, shortlist
+from ..settings import ALIKE, CLOSER, LEFT, PARTNERS, PER_EFFECT, ROUNDING, STEPS, TOGETHER, TRIED
 from .finer import Finer, idle, settled, settles
 from .hypotheses import Core, family_of, ways, written
 from .row import Row, leading, so_far
 from .search import Search
-from .verdict import ALIKE, LEFT, PER_EFFECT, ROUNDING, cheapest, distinct, price, removes, rivals, verdict
-
-SMALLER = 1  # further cores of the best form of an effect that are fitted to the end
-TOGETHER = 6  # effects that are fitted closer, of all that were looked at
-PARTNERS = 2  # of them, how many may be half of a pair
+from .verdict import cheapest, distinct, price, removes, rivals, verdict
 
 
 class Table:
@@ -260,8 +257,8 @@ class Table:
             for rows in closer:
                 self._cores[rows[0].hypothesis.effects, rows[0].hypothesis.core.given] = rows
                 search.finish(rows[0], worth=worth)
-            for row in closer[0][1 : 1 + SMALLER]:
-                search.finish(row, 15, worth)
+            for row in closer[0][1:2]:
+                search.finish(row, CLOSER, worth)
             search.rest()
         tell(count, count)
 
@@ -270,7 +267,7 @@ class Table:
         closer = [self.search.one_more(bases, looks) for looks in places]
         if len(closer) > 1:
             for rows in closer:
-                rows[0] = self.search.fitted(rows[0].hypothesis, rows[0].values, 40) or rows[0]
+                rows[0] = self.search.fitted(rows[0].hypothesis, rows[0].values, STEPS) or rows[0]
             closer.sort(key=leading)
         for rows in closer[1:]:
             self.search.forget(rows[0].hypothesis)
@@ -361,7 +358,7 @@ class Table:
                 self._tried[effects].add(core)
                 x, n = alone[0].values.copy(), alone[0].frame.n_core
                 x[:n] = row.values[:n]
-                found.append(self.search.fitted(replace(alone[0].hypothesis, core=core), x, 40))
+                found.append(self.search.fitted(replace(alone[0].hypothesis, core=core), x, STEPS))
         self.rows.extend(r.judged() for r in found if r is not None)
         return any(r is not None for r in found)
 

@@ -15,13 +15,13 @@ from ...fit.bases.integrating import DRIVEN, drives, poles, slowest
 from ...models.extend import Variant
 from ...symbolic.identities import added
 from ..bases import joined
+from ..settings import FORGOTTEN, OF_FEW
 from .frame import Frame
 from .hypotheses import Core, Hypothesis, filters, slopes
 from .starts.arx import polynomial
-from .verdict import OF_FEW, price
+from .verdict import price
 
 Array = np.ndarray
-FORGOTTEN = float(np.exp(-1))  # of what a start does: below it is forgotten, and in one sample by a pole of less
 
 
 @dataclass(eq=False)

@@ -16,19 +16,15 @@ from ...fit.identify import FEWEST
 from ...models.effects import Effect
 from ...models.extend import Variant, rubs
 from ...models.model import Model
-from .frame import BLOCKS, GAIN, Frame, parts
+from ..settings import BLOCKS, BRIEF, CLOSER, FORGOTTEN, FULL, GAIN, HIGHER, LOOK, LOOKS, NEAR, STEPS
+from .frame import Frame, parts
 from .hypotheses import Core, Hypothesis, family_of, ladder, written
-from .row import FORGOTTEN, Row
+from .row import Row
 from .starts.arx import arx_start
 from .starts.restart import beginnings, slower, whole
 from .verdict import price
 
 Array = np.ndarray
-HIGHER = (5, 7, 9, 11)  # orders of further cores, tried in turn
-LOOKS = 3  # shapes from which a fit is begun
-SHORT, CLOSER = 3, 16  # steps of a look, and beside every core: after 8 some still fell far, and another was taken
-BRIEF = 1e-3  # relative gain of a step at which a brief fit ends: a hundredth of what a parameter must buy
-FULL = 1.1  # a full effect with the uncertainty of its coefficient
 
 
 class Search:
@@ -210,10 +206,10 @@ class Search:
         best: dict[Core, Row] = {}
         for core in cores:
             frame = self.frame((), core.given)
-            row = self.fitted(Hypothesis(core), frame.near(self._start(core, frame), core), 15, any_pole)
+            row = self.fitted(Hypothesis(core), frame.near(self._start(core, frame), core), CLOSER, any_pole)
             if row is not None and (row.size not in best or row.fitted < 0.999 * best[row.size].fitted):
                 best[row.size] = row
-        return [self.fitted(r.hypothesis, r.values, 40, any_pole) or r for r in best.values()]
+        return [self.fitted(r.hypothesis, r.values, STEPS, any_pole) or r for r in best.values()]
 
     def _start(self, core: Core, frame: Frame) -> Array:
         """Return the point from which a core is fitted, (unknowns,)."""
@@ -294,11 +290,11 @@ class Search:
             return []
         listed = sorted(bases, key=lambda r: r.parameters)
         few = {id(r): r for r in (listed[0], best or listed[len(listed) // 2], listed[-1])}
-        looks = [(self._beside(base, variant, shapes[0], SHORT, brief=True), base) for base in few.values()]
+        looks = [(self._beside(base, variant, shapes[0], LOOK, brief=True), base) for base in few.values()]
         found = [(row, base) for row, base in looks if row is not None]
         at = min(found, key=lambda one: one[0].before_judged)[1] if found else listed[-1]
         spread = {round(i * (len(shapes) - 1) / (LOOKS - 1)) for i in range(1, LOOKS)} - {0}
-        more = [self._beside(at, variant, shapes[i], SHORT, brief=True) for i in sorted(spread)]
+        more = [self._beside(at, variant, shapes[i], LOOK, brief=True) for i in sorted(spread)]
         return self._cheapest([*(row for row, _ in found), *(row for row in more if row is not None)])
 
     def one_more(self, bases: Sequence[Row], looks: Sequence[Row]) -> list[Row]:
@@ -360,7 +356,7 @@ class Search:
 
     def added(self, row: Row, variant: Variant, like: Row, worth: float = np.inf) -> Row | None:
         """Fit an effect beside what a row has, from the shape that it has last in another row, to the end."""
-        made = self._beside(row, variant, like.values[like.frame.added[-1][1]].tolist(), 8)
+        made = self._beside(row, variant, like.values[like.frame.added[-1][1]].tolist(), NEAR)
         return made and self.finish(made, worth=worth)
 
     def next_to(self, size: Core) -> list[Core]:
@@ -390,7 +386,7 @@ class Search:
         core, found = row.hypothesis.core, []
         for less in range(core.delay + 1 if self.tunes and size.n_y > core.n_y and not core.integrating else 1):
             other = replace(row.hypothesis, core=replace(size, delay=core.delay - less))
-            found.append(self.fitted(other, slower(row, less / (1 + less)), 8, gain=BRIEF))
+            found.append(self.fitted(other, slower(row, less / (1 + less)), NEAR, gain=BRIEF))
         return min((r for r in found if r is not None), key=lambda r: r.fitted, default=None)
 
     def at_limit(self, row: Row, effect: Effect, i: int = -1) -> Row | None:
@@ -406,15 +402,15 @@ class Search:
         for was, now, had, has in zip(row.frame.added, frame.added, row.hypothesis.effects, effects, strict=True):
             shape = dict(zip(had.shape, row.values[was[1]], strict=True))
             x[now[0]], x[now[1]] = row.values[was[0]], [shape[p] for p in has.shape]
-        return self.fitted(hypothesis, x, 8, gain=BRIEF)
+        return self.fitted(hypothesis, x, NEAR, gain=BRIEF)
 
-    def tuned(self, row: Row, steps: int = 40) -> Row:
+    def tuned(self, row: Row, steps: int = STEPS) -> Row:
         """Move the delay of a row while that helps."""
         while self.tunes and not row.hypothesis.core.given:
             core, before = row.hypothesis.core, row
             for delay in {max(0, core.delay - 1), core.delay + 1} - {core.delay}:
                 other = replace(row.hypothesis, core=replace(core, delay=delay))
-                made = self.fitted(other, row.values, 8)
+                made = self.fitted(other, row.values, NEAR)
                 if made is not None and made.falls(row, 0.98):
                     row = self.fitted(other, made.values, steps) or made
                     break
@@ -422,7 +418,7 @@ class Search:
                 break
         return row
 
-    def finish(self, row: Row, steps: int = 40, worth: float = np.inf) -> Row:
+    def finish(self, row: Row, steps: int = STEPS, worth: float = np.inf) -> Row:
         """Fit a row to the end, with its delay tuned, and put it into the table.
 
         It is judged where it may cost less than `worth`: at its minimum no error on held-out blocks is below that where

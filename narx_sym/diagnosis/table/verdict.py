@@ -11,19 +11,8 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from ...fit.bases.choice import PRICE
+from ..settings import ALIKE, ENOUGH, HELPS, LEFT, PER_EFFECT, PER_PARAMETER, ROUNDING, SAME, TEMPERATURE
 
-PER_PARAMETER = PRICE  # that of bases; half and twice of it name the same real machines (tests/bench/sensitivity.py)
-PER_EFFECT = 0.27  # of 25 that a linear base may lack one is picked: ln 25 / 12 blocks (extended BIC, Chen & Chen 2008)
-OF_FEW = float(np.log(2) / np.log(25))  # of that, where of two that only filter one is picked beside another effect
-MOST = 0.9  # fewer effects win if they remove this share of the rms error that more of them remove
-ALIKE = 0.1  # difference of log errors, or of prices, that counts as none, whatever its standard error: 5 % rms
-SAME = 0.01  # difference of the log errors of one free run under two names: half a percent rms
-HELPS = 0.3  # share of the removable error: what removes less, or a base's structure below it, explains nothing
-LEFT = 0.1  # of the winner's error follows from the signals, and rms beside what it removes: more, and it is not all
-LARGE = 0.25  # share of the held-out error: what removes more is no accident of the noise
-ROUNDING = 1e-9  # of the output's standard deviation: an error up to here is that of arithmetic
-TEMPERATURE = 1.0  # of probabilities: half of a battery chose it, the other half judged it (derivations/results)
 VERDICTS = ("nothing_detectable", "named", "confused", "helps_but_incomplete", "outside_library", "closed_loop")
 
 
@@ -105,7 +94,7 @@ def winner(rows: Sequence[E], base: E) -> E | None:
     room = listed[0].parameters if len(listed[0].ids) > len(base.ids) else np.inf
     for count in sorted({r.count for r in listed if r.count < listed[0].count}):
         fewer = next((r for r in listed if r.count == count and r.charged < listed[0].charged), None)
-        if fewer is not None and fewer.parameters < room and rms[id(base)] - rms[id(fewer)] >= MOST * most:
+        if fewer is not None and fewer.parameters < room and rms[id(base)] - rms[id(fewer)] >= ENOUGH * most:
             return fewer
     return listed[0]
 

@@ -9,13 +9,11 @@ import numpy as np
 from ....data.record import Record
 from ....engines.algebra import filtered, smallest
 from ....fit.bases.integrating import poles
+from ...settings import DEPENDENT, EDGE, MOVES, TURNS
 from ..hypotheses import Core
 
 Array = np.ndarray
-DEPENDENT = 1e-10  # a smaller singular value is rounding
-TURNS = 4  # of least squares and filters; fewer where good poles are given
 Driven = tuple[Sequence[Array], int]  # an input, (N,) per record, and how many b it has
-EDGE, INSIDE = 0.9995, 0.999  # poles from the first on are reflected, to the second times their inverse
 
 
 def arx_start(
@@ -74,7 +72,7 @@ def _inside(a: Array) -> Array:
     """Return coefficients of older outputs with the poles on and outside the unit circle reflected."""
     if not a.size or (size := np.abs(at := poles(a))).max() < EDGE:
         return a
-    return -np.real(np.poly(np.where(size >= EDGE, at / size**2 * INSIDE, at)))[1:]
+    return -np.real(np.poly(np.where(size >= EDGE, at / size**2 * MOVES, at)))[1:]
 
 
 def resampled(a: Array, factor: int) -> Array:

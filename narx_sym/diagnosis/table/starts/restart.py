@@ -12,16 +12,14 @@ from ....data.record import Record
 from ....engines.algebra import filtered
 from ....fit.bases.integrating import poles
 from ....symbolic.signals import samples
+from ...settings import HALF, MOVES, PER_PARAMETER, TURNS
 from ..frame import Frame
 from ..hypotheses import Core
 from ..row import Row
-from ..verdict import PER_PARAMETER
-from .arx import TURNS, arx_start, gains, nearest_product, polynomial, start_beside
+from .arx import arx_start, gains, nearest_product, polynomial, start_beside
 
 Array = np.ndarray
 MACHINE = ("force", "inside", "motion")  # where an effect acts on what moves
-HALF = 0.5  # of a full effect, where its fit starts: there its shape matters, and it may grow or vanish
-MOVES = 0.999  # of its force, from which on a friction slips
 
 
 def beginnings(frame: Frame, base: Row, shape: Sequence[float]) -> list[Array]:
