@@ -35,6 +35,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -46,6 +47,7 @@ import truths
 
 import narx_sym as ns
 from narx_sym.diagnosis.progress import BASE, ROUND, Course
+from narx_sym.diagnosis.settings import TEMPERATURE
 from narx_sym.diagnosis.steps import Step
 from narx_sym.diagnosis.table.rounds import Table as Hypotheses
 from narx_sym.diagnosis.table.verdict import cheapest
@@ -376,6 +378,52 @@ def figures(rows: Sequence[Row]) -> Table:
         table.share(group, "not added: validation data did not confirm it", [r["refused"] for r in own])
         table.seconds(group, own)
     return table
+
+
+def believed(row: Row, temperature: float) -> list[tuple[float, bool]]:
+    """Return the probability of each explanation by one effect or none, and whether it is right, the likeliest first."""
+    listed = [(names, price, blocks) for names, price, blocks in row.get("prices", []) if len(names) < 2]
+    depth = np.array([-blocks / 2 * price / temperature for _, price, blocks in listed])
+    weights = np.exp(depth - depth.max(initial=-np.inf))
+    rights = [not names if row["task"] == "null" else set(names) <= truth(row) and bool(names) for names, *_ in listed]
+    return sorted(zip((weights / weights.sum()).tolist(), rights, strict=True), reverse=True)
+
+
+def reliability(rows: Sequence[Row]) -> str:
+    """Return how often what is said with some probability is right (DeGroot & Fienberg 1983), as Markdown.
+
+    Below it, the temperature that would suit half of the seeds best, and what it does on the other half.
+    """
+    judged = [r for r in rows if r["task"] == "null" or (r["task"] in ("in", "off") and r["visible"])]
+    judged = [r for r in judged if believed(r, TEMPERATURE)]
+    if not judged:
+        return ""
+    lines = ["| said | cases | said on average | right |", "|---|---|---|---|"]
+    first = [believed(r, TEMPERATURE)[0] for r in judged]
+    error = 0.0
+    for low, high in pairwise((0.0, 0.5, 0.7, 0.9, 0.99, 1.0)):
+        inside = [(p, ok) for p, ok in first if low < p <= high]
+        if inside:
+            said, hits = np.mean(inside, axis=0)
+            error += len(inside) / len(first) * abs(said - hits)
+            lines.append(f"| {low:g} ... {high:g} | {len(inside)} | {said:.2f} | {hits:.2f} |")
+    lines.append(
+        f"\nExpected calibration error {error:.3f}; more than 0.8 and wrong: {sum(p > 0.8 and not ok for p, ok in first)}."
+    )
+
+    def surprise(half: Sequence[Row], temperature: float) -> float:
+        kept = (sum(p for p, ok in believed(r, temperature) if ok) for r in half)
+        return float(np.mean([-np.log(max(p, 1e-6)) for p in kept]))
+
+    for kept in (0, 1):
+        halves = [[r for r in judged if r["spec"]["seed"] % 2 == side] for side in (kept, 1 - kept)]
+        if all(halves):
+            best = min(np.geomspace(0.25, 4, 33), key=lambda t: surprise(halves[0], t))
+            there, here = surprise(halves[1], best), surprise(halves[1], TEMPERATURE)
+            lines.append(
+                f"Temperature {best:.2f} suits {'even' if kept == 0 else 'odd'} seeds; log loss on the others {there:.3f} ({here:.3f} at {TEMPERATURE:g})."
+            )
+    return "\n".join(lines) + "\n"
 
 
 def right(row: Row) -> bool:
