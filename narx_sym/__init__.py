@@ -19,6 +19,6 @@ The rooms, each of which imports only rooms that stand before it:
 
 import lazy_loader
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

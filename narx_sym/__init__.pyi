@@ -8,7 +8,9 @@ from .data.metrics import mape as mape
 from .data.metrics import nsavi as nsavi
 from .data.record import Record as Record
 from .data.record import read as read
+from .diagnosis.procedure import Diagnosis as Diagnosis
 from .diagnosis.procedure import diagnose as diagnose
+from .diagnosis.table.candidates import Candidate as Candidate
 from .errors import DataError as DataError
 from .errors import Diverged as Diverged
 from .errors import FitError as FitError
@@ -21,6 +23,7 @@ from .files.journal import resuming as resuming
 from .files.store import load as load
 from .files.store import save as save
 from .fit.bases.select import select as select
+from .fit.evaluate import Errors as Errors
 from .fit.evaluate import evaluate as evaluate
 from .fit.evaluate import free_run as free_run
 from .fit.identify import identify as identify

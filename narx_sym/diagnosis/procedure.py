@@ -112,7 +112,13 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def best(self) -> Candidate | Pair:
-        """What explains the error best: one effect, or two that only together do."""
+        """What explains the error best: one effect, or two that only together do.
+
+        Raises
+        ------
+        ModelError
+            Where there is no candidate: see the verdict.
+        """
         if not self.candidates:
             raise ModelError(f"There is no candidate: the verdict is {self.verdict}.")
         return self.steps[0].pair or self.candidates[0]

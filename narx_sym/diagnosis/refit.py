@@ -206,7 +206,7 @@ class Trial:
         return self.as_given(made, ended, limits)
 
 
-NO_TRIAL = Trial((), (), False, Split((), (), (), ()))
+NO_TRIAL: Trial = Trial((), (), False, Split((), (), (), ()))
 
 
 def settle(

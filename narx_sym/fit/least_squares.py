@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -29,7 +29,7 @@ Array = np.ndarray
 BLOCK = 2048
 # Of the smallest scaled diagonal of R: above, nothing is gained; below, its square drowns in rounding.
 CORRECTED = (1e-7, 1e-2)
-Records = Record | Sequence[Record]
+Records: TypeAlias = Record | Sequence[Record]
 NOISE, MOVING, ROUNDS, SETTLED = "xi", 2, 100, 1e-7  # of extended least squares
 
 

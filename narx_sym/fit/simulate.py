@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import expand_phi, k, lag, samples, t, x, y
 
 Array = np.ndarray
-Records = Record | Sequence[Record]
+Records: TypeAlias = Record | Sequence[Record]
 
 
 # -- data of a model -------------------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ ROUNDED = 1e-12  # of the sum of the coefficients of older outputs: nearer to 1 
 FADES = 0.5  # a negative pole up to here is gone within a few samples, and stands as a delay
 APART = 3.0  # times faster than the mass: what lags more is a part of its own
 PRECISION = 30  # digits of poles: near 1 their logarithm loses many
-TIME = sp.Symbol("t", real=True)
+TIME: sp.Symbol = sp.Symbol("t", real=True)
 
 
 @dataclass(frozen=True)

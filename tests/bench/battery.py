@@ -482,7 +482,7 @@ def main() -> None:
         parser.error("no case of these groups has these kinds and seeds")
     warnings.simplefilter("ignore")  # of joblib, when it restarts a worker that has grown
     rows = run_all(wanted, options.out, options.baselines, options.jobs)
-    table = figures(rows).text()
+    table = figures(rows).text() + "\n" + reliability(rows)
     if options.markdown:
         options.markdown.write_text(table)
     print(table)

@@ -3,6 +3,10 @@
 import inspect
 import pydoc
 
+import jedi
+import pytest
+import stubs
+
 import narx_sym as ns
 from narx_sym.fit.simulate import simulate
 from narx_sym.models.analysis import sigma_y
@@ -31,3 +35,29 @@ def test_the_help_of_a_class_lists_what_lives_in_later_rooms() -> None:
     text = pydoc.plain(pydoc.render_doc(ns.Model))
     for name in vars(ModelDoors):
         assert name.startswith("_") or any(f"  {name}{end}" in text for end in ("(", " = ", "\n")), name
+
+
+@pytest.mark.parametrize("file", stubs.DOORS, ids=lambda f: f.parent.name)
+def test_the_stubs_are_those_of_the_doors(file):
+    assert file.with_suffix(".pyi").read_text(encoding="utf-8") == stubs.stub(file), "run: python tests/stubs.py"
+
+
+@pytest.mark.parametrize(
+    ("typed", "name", "shown"),
+    [
+        ("model.", "fit", "constraints"),
+        ("model.fit(record).", "simulate", "y0"),
+        ("law.", "run", "reference"),
+        ("model.add('creep').fit(record).", "compensator", "force"),
+        ("found.", "report", "path"),
+        ("found.best.", "latex", ""),
+    ],
+)
+def test_an_editor_completes_what_stands_behind_a_door(typed, name, shown):
+    code = "\n".join([
+        "import narx_sym as ns", "record = ns.read('a.csv')", "model = ns.identify(record)", "law = model.compensator()",
+        "found = ns.diagnose(model, record)", typed,
+    ])  # fmt: skip
+    offered = {c.name: c for c in jedi.Script(code).complete()}
+    assert name in offered
+    assert not shown or shown in offered[name].get_signatures()[0].to_string()

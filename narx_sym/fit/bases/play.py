@@ -32,7 +32,8 @@ from ..least_squares import describe
 from ..simulate import segments
 
 Array = np.ndarray
-PLAYS, KNOTS = 10, 4
+PLAYS: int = 10
+KNOTS: int = 4
 LAGS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
 SAME = 1.02  # a delay explains as much as another one
 LEAST, SLOWEST = 0.01, 0.999  # poles

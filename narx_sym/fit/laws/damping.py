@@ -88,8 +88,8 @@ class Damping:
         )
 
 
-def share_of(law: Compensator, share: Share = "auto") -> float:
-    """Return the share of a law: the given one, that of `damping` for "auto", 1 for None."""
+def share_of(law: Compensator, share: Share | str = "auto") -> float:
+    """Return the share of a law: the given one, a number or its text, that of `damping` for "auto", 1 for None."""
     if share is None:
         return 1.0
     if share == "auto":

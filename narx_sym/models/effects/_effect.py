@@ -30,7 +30,13 @@ MACHINES = {
     "soft": "a soft actuator", "propeller": "a propeller", "valve": "a process valve", "structure": "a structure",
     "circuit": "a circuit", "battery": "a battery", "process": "a flow process", "pendulum": "a pendulum",
 }  # fmt: skip
-SEQUENCES = ("x", "u", "y", "t", "channel")  # names of arguments that are sequences; all others are shape parameters
+SEQUENCES: tuple[str, ...] = (
+    "x",
+    "u",
+    "y",
+    "t",
+    "channel",
+)  # names of arguments that are sequences; all others are shape parameters
 
 COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
 
@@ -55,14 +61,14 @@ class Scan:
     per_channel: bool = False
 
 
-AMPLITUDE = Scan("amplitude", (0.03, 0.08, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9))
-CURVATURE = Scan("amplitude", (0.3, 1.0, 2.5, 6.0, 15.0), power=-1)
+AMPLITUDE: Scan = Scan("amplitude", (0.03, 0.08, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9))
+CURVATURE: Scan = Scan("amplitude", (0.3, 1.0, 2.5, 6.0, 15.0), power=-1)
 SPEED = Scan("speed", (0.1, 0.5, 1.5))
 SLOW_SPEED = Scan("speed", (0.05, 0.15, 0.4), beyond=1.0)  # well below the speed: tanh reaches its plateau
-TIME = Scan("time", (0.0, 0.15, 0.3, 0.45), beyond=1.0)  # slower lags are creep
-GAIN = Scan("gain", (0.7, 1.0, 1.3, 1.6, 2.0, 3.0))
+TIME: Scan = Scan("time", (0.0, 0.15, 0.3, 0.45), beyond=1.0)  # slower lags are creep
+GAIN: Scan = Scan("gain", (0.7, 1.0, 1.3, 1.6, 2.0, 3.0))
 PEAKS = Scan("peaks", (0, 1, 2))
-RATIO = Scan("ratio", (1.0, -1.0))
+RATIO: Scan = Scan("ratio", (1.0, -1.0))
 STEPS = Scan("steps", (1, 2, 3, 5, 8))
 SCANS = {s.of: s for s in (AMPLITUDE, SPEED, TIME, GAIN, PEAKS, STEPS)}  # the usual ones
 
@@ -276,7 +282,7 @@ class Catalogue(dict[str, list[Effect]]):
         return {name: means[self.machine] for name, means in forms if self.machine in means}
 
 
-EFFECTS = Catalogue()
+EFFECTS: Catalogue = Catalogue()
 
 
 def effect(  # noqa: PLR0913

@@ -16,7 +16,9 @@ from ..picture import Picture
 
 Made = TypeVar("Made")
 # Which model a part is about, where a user adds one effect after the other.
-LAST, WAY, TAKEN = "what the last model still lacks", "from the base to the last model", "the model to take away"
+LAST: str = "what the last model still lacks"
+WAY: str = "from the base to the last model"
+TAKEN: str = "the model to take away"
 
 
 @dataclass(frozen=True, eq=False)
