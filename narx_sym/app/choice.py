@@ -45,6 +45,7 @@ class Choice:
     channels: list[str] = field(default_factory=list)
     rows: str = ""
     missing: str = "refuse"
+    machine: str = ""  # a key of `MACHINES`, "none", or "" where the units tell
     units: dict[str, str] = field(default_factory=lambda: {"u": "", "y": ""})
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 from ..data.record import Record
 from ..diagnosis.progress import Told, inside
@@ -18,27 +19,24 @@ from .story import Shown, shown
 Units = Mapping[str, str]
 
 
-def diagnosed(
-    base: str | Model, records: Sequence[Record], units: Units, progress: Progress, validation: Sequence[Record] = ()
-) -> Shown:
-    """Identify a base, unless it is a model already, and diagnose it."""
-    return _drawn((), partial(begin, base, records, validation=validation), units, progress)
+def diagnosed(base: str | Model, records: Sequence[Record], units: Units, progress: Progress, **known: Any) -> Shown:
+    """Identify a base, unless it is a model already, and diagnose it; `known` is what else `diagnose` is told."""
+    return _drawn((), partial(begin, base, records, **known), units, progress)
 
 
 def added(
-    effect: str, before: Sequence[Revision], records: Sequence[Record], units: Units, progress: Progress,
-    validation: Sequence[Record] = (),
-) -> Shown:  # fmt: skip
+    effect: str, before: Sequence[Revision], records: Sequence[Record], units: Units, progress: Progress, **known: Any
+) -> Shown:
     """Add an effect to the last of the revisions before."""
-    return _drawn(before, partial(with_effect, before[-1], effect, records, validation=validation), units, progress)
+    return _drawn(before, partial(with_effect, before[-1], effect, records, **known), units, progress)
 
 
 def edited(
     model: Model, name: str, what: str, before: Sequence[Revision], records: Sequence[Record], units: Units,
-    progress: Progress, validation: Sequence[Record] = (),
+    progress: Progress, **known: Any,
 ) -> Shown:  # fmt: skip
     """Fit a model whose term with the parameter `name` is new."""
-    return _drawn(before, partial(with_term, model, name, what, records, validation=validation), units, progress)
+    return _drawn(before, partial(with_term, model, name, what, records, **known), units, progress)
 
 
 def derived(model: Model, limits: tuple[float, float] | None, rate: float | None, progress: Progress) -> Law:

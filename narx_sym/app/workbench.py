@@ -240,7 +240,7 @@ class Workbench(Compensation):
             if isinstance(base, Model):
                 suits(said, base, record)
             name = self.base_name
-            work = partial(diagnosed, validation=self._judging())
+            work = partial(diagnosed, validation=self._judging(), machine=self.choice.machine)
             self._begin(lambda made: self._put([made], base, name), work, base, (record,), record.units)
 
     def add(self, effect: str) -> None:
@@ -269,7 +269,8 @@ class Workbench(Compensation):
         record, of = self._measured, self.history.states[self.history.at]
         self._begin(
             lambda made: self._put([*before, made], of.base, of.base_name),
-            partial(work, validation=self._judging()), *what, bare, (record,), record.units,
+            partial(work, validation=self._judging(), machine=self.choice.machine),
+            *what, bare, (record,), record.units,
         )  # fmt: skip
 
     def _judging(self) -> list[Record]:

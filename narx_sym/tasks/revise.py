@@ -53,21 +53,17 @@ class Revision:
         return self.found.steps[0].figures(self.base)
 
 
-def begin(
-    base: str | Model, records: Sequence[Record], progress: Progress, validation: Sequence[Record] = ()
-) -> Revision:
-    """Identify a base, unless it is a model already, and diagnose it."""
+def begin(base: str | Model, records: Sequence[Record], progress: Progress, **known: Any) -> Revision:
+    """Identify a base, unless it is a model already, and diagnose it; `known` is what else `diagnose` is told."""
     if isinstance(base, Model):
         progress(Told("taking the model from its file", 1, STAGES))
         check_pace(base, records[0].Ts, "The data have")
-        return revised("model file", base, records, progress, validation=validation)
+        return revised("model file", base, records, progress, **known)
     progress(Told(f"identifying a {base} base from {sum(map(len, records))} samples", 1, STAGES))
-    return revised(f"{base} base", identify_base(base, records), records, progress, validation=validation)
+    return revised(f"{base} base", identify_base(base, records), records, progress, **known)
 
 
-def with_effect(
-    before: Revision, effect: str, records: Sequence[Record], progress: Progress, validation: Sequence[Record] = ()
-) -> Revision:
+def with_effect(before: Revision, effect: str, records: Sequence[Record], progress: Progress, **known: Any) -> Revision:
     """Add an effect: a candidate of the diagnosis as it was fitted there, or any other of the catalogue."""
     step = before.found.steps[0]
     candidate = next((c for c in step.candidates if c.effect == effect), None)
@@ -79,13 +75,12 @@ def with_effect(
         model = step.chosen.model
     else:
         model = prune(candidate.fitted, before.base).model
-    return revised(f"+ {effect}", model, records, progress, effect, validation)
+    return revised(f"+ {effect}", model, records, progress, effect, **known)
 
 
 def with_term(
-    model: Model, name: str, what: str, records: Sequence[Record], progress: Progress,
-    validation: Sequence[Record] = (),
-) -> Revision:  # fmt: skip
+    model: Model, name: str, what: str, records: Sequence[Record], progress: Progress, **known: Any
+) -> Revision:
     """Fit a model whose term with the parameter `name` is new; `what` says so in words."""
     starts = [model.theta]
     if model.theta is not None and name:  # the old value may be a bad one for the new term
@@ -93,10 +88,10 @@ def with_term(
     progress(Told("taking the new term", 1, STAGES))
     for start in starts[:-1]:
         try:
-            return revised(what, model.replace(theta=start), records, progress, validation=validation)
+            return revised(what, model.replace(theta=start), records, progress, **known)
         except FitError:
             continue
-    return revised(what, model.replace(theta=starts[-1]), records, progress, validation=validation)
+    return revised(what, model.replace(theta=starts[-1]), records, progress, **known)
 
 
 def revised(
@@ -105,9 +100,9 @@ def revised(
     records: Sequence[Record],
     progress: Progress,
     effect: str = "",
-    validation: Sequence[Record] = (),
+    **known: Any,
 ) -> Revision:
     """Diagnose a model."""
-    found = diagnose(model, list(records), validation=list(validation), report=inside(progress, before=1))
+    found = diagnose(model, list(records), report=inside(progress, before=1), **known)
     base = found.steps[0].base
     return Revision(name, found, base.model, effect)

@@ -254,7 +254,7 @@ def test_the_whole_way(page, data, tmp_path):
     rows = page.get_by_label("Rows A:B, counted from 0")
     rows.fill("0:1500")
     rows.press("Tab")
-    page.get_by_text("Other columns or rows are other data").wait_for()
+    page.get_by_text("Other data or another machine").wait_for()
     page.wait_for_timeout(500)  # it fades in
     assert serious(page) == []
     page.get_by_role("button", name="Keep them").click()

@@ -119,6 +119,19 @@ def test_an_upload_is_read_at_once_where_its_columns_are_clear(bench, data):
     assert (bench.choice.t, bench.choice.u, bench.choice.y) == ("t", "u", "y") and "<svg" in bench.preview
 
 
+def test_the_kind_of_machine_is_told_to_the_diagnosis(bench, data):
+    u, y = data
+    bench.upload("heater.csv", live.csv(u=u, y=y))
+    bench.upload_model("base.json", live.linear_model(u, y))
+    bench.choose(machine="thermal")
+    bench.diagnose()
+    bench.wait()
+    assert not bench.error, bench.error
+    found = bench.current.found
+    assert found.machine.name == "thermal" and "coulomb_friction" in found.excluded
+    assert "coulomb_friction" not in {c.effect for c in found.candidates}
+
+
 def test_names_of_files_are_shown_and_never_followed(bench, data, tmp_path):
     u, y = data
     for name in ("../../../tmp/evil.csv", "/etc/passwd.csv", "..\\..\\evil.csv", "a\0b\n.csv", "x" * 300 + ".csv"):

@@ -8,7 +8,9 @@ from typing import Any
 
 from nicegui import ElementFilter, run, ui
 
+from ...diagnosis.machine import NONE
 from ...diagnosis.progress import Told
+from ...models.effects import MACHINES
 from ...report.figures.describe import stylesheet
 from ...report.page import style
 from ...report.words import spaced
@@ -25,6 +27,7 @@ BASES = {
     "static": "Static: a polynomial of the input",
     "narx": "NARX: the paper's hysteresis terms",
 }
+KINDS = {"": "what the units tell", **MACHINES, NONE: "not known: every effect is considered"}
 
 
 class Page:
@@ -204,6 +207,7 @@ class Page:
                         "Ts": self.typed("Sampling time [s]", choice.Ts),
                         "rows": self.typed("Rows A:B, counted from 0", choice.rows),
                         "missing": self.select("Missing values", MISSING, choice.missing),
+                        "machine": self.select("Kind of machine", KINDS, choice.machine),
                         "channels": self.select("Further channels", names, list(choice.channels), multiple=True),
                         **{
                             f"unit {n}": self.typed(title, choice.units[n], "maxlength=12 stack-label")
@@ -256,7 +260,7 @@ class Page:
         """Ask whether the diagnosis may go."""
         count = len(self.bench.history.states)
         with ui.dialog().props('persistent transition-duration=0 aria-label="Change the data?"') as asked, ui.card():
-            said(f"Other columns or rows are other data: the diagnosis and its history ({count}) go.")
+            said(f"Other data or another machine: the diagnosis and its history ({count}) go.")
             with ui.element("div").classes("undo"):
                 ui.button("Keep them", on_click=lambda: asked.submit(False)).props("no-caps outline autofocus")
                 ui.button("Change the data", on_click=lambda: asked.submit(True)).props("no-caps outline")

@@ -30,13 +30,8 @@ MACHINES = {
     "soft": "a soft actuator", "propeller": "a propeller", "valve": "a process valve", "structure": "a structure",
     "circuit": "a circuit", "battery": "a battery", "process": "a flow process", "pendulum": "a pendulum",
 }  # fmt: skip
-SEQUENCES: tuple[str, ...] = (
-    "x",
-    "u",
-    "y",
-    "t",
-    "channel",
-)  # names of arguments that are sequences; all others are shape parameters
+# Names of arguments that are sequences; all others are shape parameters.
+SEQUENCES: tuple[str, ...] = ("x", "u", "y", "t", "channel")
 
 COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
 
