@@ -349,8 +349,13 @@ def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachab
     if flat := any(s.flat for s in law.open_stages()):
         why += "Before that a flat piece left a choice: other inputs give the same there, and lead elsewhere. "
     known = "; ".join(dict.fromkeys(s.proof for s in stages if s.reach != (-sp.oo, sp.oo) or s.needs or s.notes))
-    sure = not flat and all(
-        (s.closed_form or s.steep is not None) and not s.needs and not {FURTHER, TURNING} & {*s.notes} for s in stages
+    sure = (
+        not flat
+        and not found.runs_away
+        and all(
+            (s.closed_form or s.steep is not None) and not s.needs and not {FURTHER, TURNING} & {*s.notes}
+            for s in stages
+        )
     )
     said = "The reference cannot be reached" if sure else "The law does not reach the reference"
     return Unreachable(
