@@ -502,7 +502,7 @@ def law_worth(model: Model) -> int:
 def _others(
     table: Table, best: Row, known: Row, p_value: float, lowest: float, made: Step, alike: bool
 ) -> Iterator[Candidate]:
-    """Give the effect of a winner with other cores, and in other forms, the cheapest first: those that explain alike."""
+    """Give the effect of a winner with other cores and in other forms, the cheapest first; or what explains alike."""
     most = alike_up_to(best.held, known.held) if alike else np.inf
     rows = [r for r in table.beside(known) if r.ids == best.ids and r is not best and r.held <= most]
     rows.sort(key=lambda r: r.price)
