@@ -176,7 +176,7 @@ def test_what_a_law_has_run_away_from_is_not_called_out_of_reach():
     slow = next(v for v in listed if "averaged velocity" in str(v) and "n = 4" in str(v))
     run = Run(with_effect(model, slow, np.random.default_rng(1)), np.random.default_rng(1))
     assert run.law.check().proved and follow(run).runs_away
-    with pytest.raises(Unreachable, match="^The law does not reach the reference"):
+    with pytest.raises(Unreachable, match=r"^The law does not reach the reference"):
         run.law.run(run.y, run.u0, share=None)
 
 

@@ -13,6 +13,7 @@ import sympy as sp
 from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError, Unreachable
 from ...inversion.compensator import Compensator, allowed, ends
+from ...inversion.halving import halved
 from ...inversion.kinks import FURTHER, TURNING
 from ...inversion.stages import in_order
 from ...models.model import Model
@@ -185,11 +186,17 @@ def exported(
 ) -> Recursion:
     """Return what a machine computes from sample to sample; arguments as for `run_law`.
 
-    It is the law alone where that reaches every reference; else the model is beside it.
+    It is the law alone where that reaches every reference; else the model is beside it. A root that is proved to be
+    alone is found in a fixed number of steps, with the present values of the parameters in the place of their symbols.
+
+    Raises
+    ------
+    NotInvertible
+        Where a root finder is needed, and it is not proved that there is one root.
     """
     part = share_of(law, share)
     alone = limits is None and rate is None and part == 1 and law.staged is None
-    return law.recursion if alone else law.limited(limits, rate, part)
+    return law.recursion if alone else halved(law, law.limited(limits, rate, part))
 
 
 def told(
