@@ -92,7 +92,8 @@ figure
 # %% [markdown]
 # ## Higher degrees
 # Of degree 3 and more the polynomial is derived in the same way. Its nearest root is found by a root finder that loses
-# none (bounds over intervals), in Python only: such a law is not exported to C or Structured Text.
+# none (bounds over intervals), in Python only: such a law is not exported to C or Structured Text, unless the slope is proved
+# never to be zero. Then the root is alone, and sources halve the stretch in which it lies a fixed number of times.
 
 # %%
 cubic = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**3", "u[k-2]*u[k-1]**2"], [0.9, 0.4, 0.3, -0.1]).compensator()

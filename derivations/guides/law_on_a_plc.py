@@ -50,8 +50,9 @@ print(f"closed form: {law.closed_form}; looks {law.preview} samples ahead; check
 
 # %% [markdown]
 # Kinks (dead zone, play, saturation, Bouc-Wen) are solved branch by branch, quadratics and tanh in closed form, the rest
-# by a root finder: `closed_form` is False then and there is no exported source. Where a full play or dead zone leaves a
-# choice the input stays as near as it can to its last value.
+# by a root finder: `closed_form` is False then, and there is an exported source only where one root is proved, which it
+# finds in a fixed number of steps. Where a full play or dead zone leaves a choice the input stays as near as it can to its
+# last value.
 #
 # ## Limits of the machine
 # `limits` is the actuator's range, `rate` its largest change per sample. A reference that cannot be reached is an error

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
 
-from ..errors import ModelError, NotInvertible
+from ..errors import ModelError
 from ..files.atomic import PathLike, write_bytes
 from ..inversion.compensator import Compensator
 from ..models.model import Model
@@ -107,13 +107,13 @@ def export_law(
     ModelError
         For a law that is unstable, unless it is asked for with `force` or only drawn (JavaScript, CasADi).
     NotInvertible
-        Where the law has no closed form.
+        Where the law has no closed form, and it is not proved that there is one root.
     """
     if not force and to not in DRAWN:
         law.refuse_unstable()
     driven = "u" if law.model.input == y else law.model.input.name
     limits = law.model.info.ranges.get(driven) if limits == "known" else limits
-    recursion, rest = _exported(law, limits, rate, share), law.rest_expression(limits)
+    recursion, rest = law.exported(limits, rate, share), law.rest_expression(limits)
     initial = law.starts
     if rest is not None:
         begun = {b: e for b, e in ((m, rest), (law.model.output, r[k])) if b in recursion.states}
@@ -208,7 +208,7 @@ def law_to_casadi(law: Compensator, name: str = "law", share: Any = "auto") -> A
     state : `law.exported().past`, such as m[k-1], r[k]; `rest_state` gives its values at rest
     inputs : `law.exported().given`, the reference at the end of the preview, such as r[k+1]; output is m[k]
     """
-    return transition(_exported(law, share=share), law.model.values, name, m)
+    return transition(law.exported(share=share), law.model.values, name, m)
 
 
 def _fmu(fmi: str) -> str:
@@ -231,12 +231,3 @@ def _rest(model: Model) -> dict[str, float]:
         offset, slope = model.info.line
         found[model.output.name] = offset + slope * found.get(model.input.name, 0.0)
     return found
-
-
-def _exported(
-    law: Compensator, limits: Sequence[float] | None = None, rate: float | None = None, share: Any = "auto"
-) -> Recursion:
-    if not law.closed_form:
-        why = next(s.proof for s in law.staged.stages if not s.closed_form) if law.staged else ""
-        raise NotInvertible(f"This law cannot be exported: {why}.")
-    return law.exported(limits, rate, share)

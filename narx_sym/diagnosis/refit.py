@@ -257,11 +257,18 @@ def _minimum(problem: FreeRun, begin: Array, steps: int, limits: Mapping[Any, An
     return found.x, problem.errors(found), bool(found.status > 0)
 
 
+def alike_up_to(now: float, before: float) -> float:
+    """Return up to which error a model explains as much: 1 % more, or 0.1 % of what was removed comes back.
+
+    Mean squares, of the model and of that without the effects.
+    """
+    return max(SLACK * now, now + RETURNED * max(0.0, before - now))
+
+
 def prune(fitted: Fitted, before: Fitted) -> Fitted:
     """Let effects be whole, and delete backwards the terms that they made redundant, the least certain first.
 
-    A term goes while the free-run error grows by less than 1 %, or less than 0.1 % of what the effect removed comes
-    back, on the training and on the held-out samples.
+    A term goes while the free-run error on the training and on the held-out samples stays alike; see `alike_up_to`.
 
     Parameters
     ----------
@@ -270,8 +277,7 @@ def prune(fitted: Fitted, before: Fitted) -> Fitted:
     masks = (fitted.split.train, fitted.split.held)
     limits = []
     for mask in masks:
-        now = fitted.mean_square(mask)
-        limits.append(max(SLACK * now, now + RETURNED * max(0.0, before.mean_square(mask) - now)))
+        limits.append(alike_up_to(fitted.mean_square(mask), before.mean_square(mask)))
     fitted = whole(fitted)
     keep = {str(s) for e in newer(fitted.model, before.model) for s in e.symbols.values()}
     refused = set(keep)

@@ -12,7 +12,10 @@ import numpy as np
 from ..data.evidence.feedback import Feedback
 from ..data.evidence.noise import unexplained
 from ..data.evidence.stiction import Sticking
+from ..errors import NarxError
 from ..fit.evaluate import Errors
+from ..fit.laws.stability import stability
+from ..inversion.compensator import compensator
 from ..models.added import newer
 from ..models.model import NARX, Model
 from ..symbolic import printing
@@ -20,7 +23,7 @@ from ..symbolic.identities import added as total
 from .bases import BASE, few, joined, percent_of
 from .experiment import Experiment, propose, wider_file
 from .progress import JUDGE, WAYS
-from .refit import NO_TRIAL, Fitted, Trial, prune
+from .refit import NO_TRIAL, Fitted, Trial, alike_up_to, prune
 from .screening import gate
 from .screening.promise import detectable
 from .screening.scored import absorbed
@@ -42,6 +45,7 @@ from .table.rounds import Table
 from .table.row import Row
 from .table.verdict import alike, nothing_named, removes, verdict
 
+BEST_LAW = 2  # see `law_worth`
 PARTS = ("train", "validation")  # the diagnosed records, and those that no model is fitted to
 ONE_STEP = "All that the input does is one step, and every output is what some linear machine answers to it."
 REPEATED, ESTIMATE, NO_FLOOR = "repeated periods", "estimate", "not estimated"  # kinds of floors: sure, not, in loops
@@ -100,7 +104,7 @@ class Step:
     refused: Fitted | None = None  # what was found, but does not lessen the error on the record and on validation data
     meanings: Mapping[str, str] = field(default_factory=dict)
     same: dict[str, list[str]] = field(default_factory=dict)
-    others: Callable[[], Iterable[Candidate]] = tuple  # in place of the first candidate, where its error rises
+    others: Callable[[bool], Iterable[Candidate]] = lambda alike: ()  # in place of the first candidate
     linear: float = 0.0  # rms that a linear base leaves by itself, where one speed cannot tell [unit of y]
 
     def hear(self, sensor: float) -> None:
@@ -129,12 +133,18 @@ class Step:
         for c in self.candidates:
             c.judge(trial, c.effect in self.confusion_set)
         if self.chosen is not None and not self.falls(self.chosen):
-            other = next((c for c in self.others() if self.falls(c.fitted)), None)
-            if other is not None:  # the same effect with another core, or in another form
-                self.candidates[0], self.chosen = other, other.fitted
-            else:
+            self.replace(next((c for c in self.others(False) if self.falls(c.fitted)), None))
+            if not self.falls(self.chosen):
                 self.refused, self.chosen, self.verdict = self.chosen, None, "helps_but_incomplete"
-        self.others = tuple
+        elif self.chosen is not None and self.pair is None and (now := law_worth(self.chosen.model)) < BEST_LAW:
+            better = (c for c in self.others(True) if law_worth(c.fitted.model) > now)
+            self.replace(next((c for c in better if self.stands_for(self.chosen, c.fitted)), None))
+        self.others = lambda alike: ()
+
+    def replace(self, other: Candidate | None) -> None:
+        """Take the same effect with another core, or in another form, where there is one."""
+        if other is not None:
+            self.candidates[0], self.chosen = other, other.fitted
 
     def falls(self, fitted: Fitted) -> bool:
         """Whether a model leaves less than the base on the diagnosed records, and no more on the validation records."""
@@ -143,6 +153,14 @@ class Step:
         return (
             after["train"].free_run_rms < before["train"].free_run_rms
             and after["validation"].free_run_rms < np.exp(rise / 2) * before["validation"].free_run_rms
+        )
+
+    def stands_for(self, one: Fitted, other: Fitted) -> bool:
+        """Whether another model explains as much."""
+        before, now, after = (self.trial.errors(f) for f in (self.base, one, other))
+        return all(
+            after[part].free_run_rms ** 2 <= alike_up_to(now[part].free_run_rms ** 2, before[part].free_run_rms ** 2)
+            for part in PARTS
         )
 
     def decide(self, base: Model | None, seed: int, limits: tuple[float, float] | None) -> None:
@@ -472,11 +490,25 @@ def step(
     return made, best
 
 
-def _others(table: Table, best: Row, known: Row, p_value: float, lowest: float, made: Step) -> Iterator[Candidate]:
-    """Give the effect of a winner with other cores, and in other forms, the cheapest first."""
-    rows = sorted((r for r in table.beside(known) if r.ids == best.ids and r is not best), key=lambda r: r.price)
+def law_worth(model: Model) -> int:
+    """Return what the law of a model is worth: 0 none or an unstable one, 1 a stable one, 2 with one solution."""
+    try:
+        law = compensator(model, force=True)
+        return 0 if stability(law).stable is False else 1 + int(law.check().good)
+    except NarxError:
+        return 0
+
+
+def _others(
+    table: Table, best: Row, known: Row, p_value: float, lowest: float, made: Step, alike: bool
+) -> Iterator[Candidate]:
+    """Give the effect of a winner with other cores and in other forms, the cheapest first; or what explains alike."""
+    most = alike_up_to(best.held, known.held) if alike else np.inf
+    rows = [r for r in table.beside(known) if r.ids == best.ids and r is not best and r.held <= most]
+    rows.sort(key=lambda r: r.price)
     for row in filter(table.holds, (r for r in rows[:RIVALS] if len(r.beyond(known)) == 1 and np.isfinite(r.price))):
         one = Candidate.of(table, row, known, p_value, lowest, likely=True)
+        one.final = made.trial.final(prune(one.shown, made.base))
         one.probability, one.meaning = made.candidates[0].probability, made.candidates[0].meaning
         one.judge(made.trial, likely=True)
         yield one

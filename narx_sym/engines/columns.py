@@ -16,6 +16,7 @@ from .numbers import floats
 from .numpy import lambdify
 
 Array = np.ndarray
+ROUNDED = 1e-9  # of a root: an imaginary part that is rounding
 
 
 class Columns:
@@ -93,11 +94,12 @@ class StaticSets:
     Attributes
     ----------
     u, phi1 : (N,) arrays
-    ytilde : (N,) array
+    ytilde : (N,) array, or (N, n) of up to n solutions
         The solution of the branch that each sample is on; NaN where the input rests, and where Sigma_y = 1 leaves none
-        [unit of the output].
-    loading, attracting : (N,) bool arrays
-    spectral_radius : (N,) array
+        [unit of the output]. Of several the real ones, rising, and NaN behind them.
+    loading : (N,) bool array
+    attracting : bool array like `ytilde`
+    spectral_radius : array like `ytilde`
         The largest |eigenvalue| of dF/dy; below 1 the set attracts.
     """
 
@@ -110,28 +112,52 @@ class StaticSets:
         solution, slopes = [], []
         with np.errstate(all="ignore"):
             for expression, derivatives in branches:
-                if isinstance(expression, sp.FiniteSet):
-                    raise ModelError("The quasi-static equation has several solutions; evaluate them one by one.")
                 taken = _at_turn(quasi_static, u, expression is quasi_static.loading)
-                numeric = [sp.sympify(e).xreplace(model.values | taken) for e in (expression, *derivatives)]
-                if _vanishing(expression, model):  # 1 - Sigma_y = 0: every output, or none, is a solution
-                    numeric[0] = sp.nan
-                foreign = {s for e in numeric for s in e.free_symbols} - {u_, phi1_, ytilde}
-                if foreign:
-                    raise ModelError(f"The sets depend on further signals ({', '.join(map(str, foreign))}).")
-                values_at = lambdify([numeric[0]], [u_, phi1_])(u, phi1)[0]
-                solution.append(np.broadcast_to(np.asarray(values_at, dtype=float), u.shape))
-                found = lambdify(numeric[1:], [u_, phi1_, ytilde])(u, phi1, solution[-1]) if derivatives else []
-                slopes.append([np.broadcast_to(np.asarray(f, dtype=float), u.shape) for f in found])
-            self.ytilde = np.where(moving, np.where(self.loading, *solution), np.nan)
-            chosen = [np.where(self.loading, a, b) for a, b in zip(*slopes, strict=True)]
-        self.spectral_radius = _spectral_radius(chosen, u.size)
-        self.attracting = moving & (self.spectral_radius < 1)
+                points = np.sort(_solutions(expression, model, model.values | taken, u, phi1), axis=1)
+                numeric = [_known(e, model.values | taken) for e in derivatives]
+                at = (u[:, None], phi1[:, None], points)
+                found = lambdify(numeric, [u_, phi1_, ytilde])(*at) if derivatives else []
+                solution.append(points)
+                slopes.append([np.broadcast_to(np.asarray(f, dtype=float), points.shape) for f in found])
+            chosen = [np.where(self.loading[:, None], a, b) for a, b in zip(*slopes, strict=True)]
+            points = np.where(moving[:, None], np.where(self.loading[:, None], *solution), np.nan)
+        radius = _spectral_radius([c.ravel() for c in chosen], points.size).reshape(points.shape)
+        several = points.shape[1] > 1
+        self.ytilde, self.spectral_radius = (points, radius) if several else (points[:, 0], radius[:, 0])
+        self.moving = moving[:, None] if several else moving
+        self.attracting = self.moving & (self.spectral_radius < 1)
 
     @property
     def repelling(self) -> Array:
-        """(N,) bool array."""
-        return (self.phi1 != 0) & ~self.attracting
+        """Bool array like `ytilde`."""
+        return self.moving & ~self.attracting
+
+
+def _known(expression: Any, values: Mapping[Any, Any]) -> Any:
+    """Put in values; refuse what depends on more than the input."""
+    numeric = sp.sympify(expression).xreplace(values)
+    if foreign := numeric.free_symbols - {u_, phi1_, ytilde}:
+        raise ModelError(f"The sets depend on further signals ({', '.join(map(str, foreign))}).")
+    return numeric
+
+
+def _solutions(expression: Any, model: Any, values: Mapping[Any, Any], u: Array, phi1: Array) -> Array:
+    """Return the solutions of a branch, (N, n); NaN where they are not real."""
+    if isinstance(expression, sp.ConditionSet):
+        polynomial = sp.Poly(_known(expression.condition.lhs, values), expression.sym)
+        found = lambdify(polynomial.all_coeffs(), [u_, phi1_])(u, phi1)
+        rows = np.column_stack([np.broadcast_to(np.asarray(c, dtype=float), u.shape) for c in found])
+        points = np.full((u.size, polynomial.degree()), np.nan)
+        for point, row in zip(points, rows, strict=True):
+            roots = np.roots(row)
+            real = roots.real[np.abs(roots.imag) <= ROUNDED * np.abs(roots)]
+            point[: real.size] = real
+        return points
+    # 1 - Sigma_y = 0: every output, or none, is a solution
+    listed = expression.args if isinstance(expression, sp.FiniteSet) else (expression,)
+    numeric = [sp.nan if _vanishing(e, model) else _known(e, values) for e in listed]
+    found = lambdify(numeric, [u_, phi1_])(u, phi1)
+    return np.column_stack([np.broadcast_to(np.asarray(f, dtype=float), u.shape) for f in found])
 
 
 def _at_turn(quasi_static: Any, u: Array, loading: bool) -> dict[Any, Any]:

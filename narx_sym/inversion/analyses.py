@@ -16,6 +16,7 @@ from ..models import analysis as derive
 from ..models.model import Model
 from ..models.rest_map import plays
 from ..symbolic.printing import document_of, latex, latex_text, shown
+from ..symbolic.signals import definitions
 from .compensator import Compensator, compensator
 
 
@@ -138,7 +139,8 @@ def derived(subject: Subject) -> list[Derived]:
 
 def document(model: Model) -> str:
     """Return a LaTeX document with every derived equation; it compiles with amsmath alone."""
-    parts = [("Model", [model.latex(), *([model.latex(numbers=True)] if model.values else [])])]
+    named = [latex(sp.Eq(*pair, evaluate=False)) for pair in definitions(model.right)]
+    parts = [("Model", [model.latex(), *named, *([model.latex(numbers=True)] if model.values else [])])]
     for one in derived(Subject(model)):
         parts.append((one.title, [*([latex_text(one.reason)] if one.reason else []), *one.latex]))
     return document_of(parts)
@@ -155,7 +157,8 @@ def equation(subject: Subject) -> Finding:
     units = model.coefficient_units() if model.info.units else {}
     said = [f" {unit}" if (unit := units.get(str(s), "1")) != "1" else "" for s in model.symbols]
     listed = zip(model.symbols, numbers, said, strict=False)
-    return Finding([*model.lines(), *(f"{s} = {v:.6g}{unit}".rstrip() for s, v, unit in listed)])
+    named = [f"{shown(left)} = {shown(right)}" for left, right in definitions(model.right)]
+    return Finding([*model.lines(), *named, *(f"{s} = {v:.6g}{unit}".rstrip() for s, v, unit in listed)])
 
 
 @analysis(20, "In your units")

@@ -97,7 +97,10 @@ class InternalDynamics(InternalDynamicsDoors, printing.InLatex):
         found, names = steady_state(own), {ybar: mbar, ubar: rbar}
         listed = found.equilibria
         points = [p.xreplace(names) for p in listed] if isinstance(listed, list) else listed
-        return SteadyState(found.equation.xreplace(names), [c.xreplace(names) for c in found.conditions], points)
+        if isinstance(listed, sp.Set):  # its unknown is bound
+            points = listed.func(mbar, listed.condition.xreplace(names), listed.base_set)
+        conditions = [c.xreplace(names) for c in found.conditions]
+        return SteadyState(found.equation.xreplace(names), conditions, points, excess=found.excess)
 
 
 def internal_dynamics(law: Compensator) -> InternalDynamics:

@@ -13,7 +13,7 @@ from ..symbolic import printing
 from ..symbolic.signals import Name, differences, held, lags
 from .doors import QuasiStaticDoors
 from .model import Model
-from .rest.equilibria import characteristic, jacobian, jury, solvable, without_integrator
+from .rest.equilibria import characteristic, constrained, jacobian, jury, solvable, without_integrator
 from .rest_map import Play, closed, folded, plays, rest_of
 
 ytilde = Name(r"\tilde{y}", real=True)
@@ -27,10 +27,13 @@ class QuasiStatic(QuasiStaticDoors, printing.InLatex):
     Attributes
     ----------
     loading, unloading : expressions in u and phi_1, in the user's units
+        Of several solutions a finite set, and where no formula of real numbers tells them the set of all real ones.
     jacobian : expression dF/dy[k-1], or a list of them for n_y > 1
     attracting : relational, or `And` of the Jury conditions for n_y > 1
     turns : mapping from symbols to (low, high), expressions in u
         Where the model has plays: the value of each at the last turn of the input, and between which it then was.
+
+    What the constraints of the model say of its parameters is put in: of a Sigma_y = 1 model 1 - Sigma_y is gone.
     """
 
     model: Model
@@ -58,12 +61,22 @@ class QuasiStatic(QuasiStaticDoors, printing.InLatex):
 
     def latex(self) -> str:
         """LaTeX of the two cases and of the attracting condition."""
+        loading, unloading = (_shown(branch) for branch in (self.loading, self.unloading))
+        sign = r"\in" if isinstance(self.loading, sp.Set) else "="
         cases = (
-            rf"\tilde{{{self.model.output.label}}} = \begin{{cases}} "
-            rf"{printing.latex(self.loading)}, & \phi_{{2}} = 1 \\[6pt] "
-            rf"{printing.latex(self.unloading)}, & \phi_{{2}} = -1 \end{{cases}}"
+            loading
+            if loading == unloading
+            else rf"\begin{{cases}} {loading}, & \phi_{{2}} = 1 \\[6pt] {unloading}, & \phi_{{2}} = -1 \end{{cases}}"
         )
+        cases = rf"\tilde{{{self.model.output.label}}} {sign} {cases}"
         return cases + r" \\ " + printing.latex(self.attracting)
+
+
+def _shown(branch: Any) -> str:
+    """Return LaTeX of a branch; of a set without formulas the equation that tells it."""
+    if isinstance(branch, sp.ConditionSet):
+        return rf"\left\{{{printing.latex(branch.sym)} \mid {printing.latex(branch.condition)}\right\}}"
+    return printing.latex(branch)
 
 
 def _static(expr: Any, model: Model, direction: int) -> Any:
@@ -103,21 +116,13 @@ def quasi_static(model: Model) -> QuasiStatic:
     closed(model, "The quasi-static solution is", but=found)
     F = model.in_user_units(folded(model))
     _no_lost_differences(model, F)
-    branches = []
     offset = model.operating_point.get(model.output, 0)
-    for direction in (1, -1):
-        excess = _static(F, model, direction) + offset - ytilde
-        slope = sp.diff(excess, ytilde)
-        if slope != 0 and not slope.has(ytilde):
-            rest = excess.xreplace({ytilde: sp.S.Zero})
-            # Sums of plays in a curve stay as they are: multiplied out they fill a page.
-            branches.append(rest / -slope if turns else sp.expand(rest) / sp.expand(-slope))
-            continue
-        solutions = sp.solve(excess, ytilde) if solvable(excess, ytilde) else []
-        if not solutions:
-            raise ModelError("The quasi-static equation has no closed-form solution for this model.")
-        branches.append(solutions[0] if len(solutions) == 1 else sp.FiniteSet(*solutions))
-    slopes = jacobian(model)
+    balances = [_static(F, model, direction) + offset - ytilde for direction in (1, -1)]
+    known = constrained(model)
+    if not all(sp.expand(e.xreplace(known)).has(ytilde) for e in balances):
+        known = {}  # there is no such output: the general one says by which denominator
+    branches = [_solved(e.xreplace(known), bool(turns)) for e in balances]
+    slopes = [slope.xreplace(known) for slope in jacobian(model)]
     if not slopes:
         return QuasiStatic(model, branches[0], branches[1], sp.S.Zero, sp.true, turns)
     # The second lines of the paper's conditions divide by theta_4 phi_2 and hold only where that is positive: |.| < 1.
@@ -125,6 +130,23 @@ def quasi_static(model: Model) -> QuasiStatic:
     attracting = sp.And(*conditions, evaluate=False) if len(conditions) > 1 else conditions[0]
     only = slopes[0] if len(slopes) == 1 else slopes
     return QuasiStatic(model, branches[0], branches[1], only, attracting, turns)
+
+
+def _solved(excess: Any, whole: bool) -> Any:
+    """Solve for ytilde; a `whole` excess stays as it is: sums of plays in a curve, multiplied out, fill a page.
+
+    Formulas for roots of higher degree hold complex numbers where the roots are real: these are told by the equation.
+    """
+    slope = sp.diff(excess, ytilde)
+    if slope != 0 and not slope.has(ytilde):
+        rest = excess.xreplace({ytilde: sp.S.Zero})
+        return rest / -slope if whole else sp.factor_terms(sp.expand(rest)) / sp.factor_terms(sp.expand(-slope))
+    if not solvable(excess, ytilde):
+        raise ModelError("The quasi-static equation has no closed-form solution for this model.")
+    if sp.degree(excess, ytilde) > 2:
+        return sp.ConditionSet(ytilde, sp.Eq(excess, 0, evaluate=False), sp.S.Reals)
+    solutions = sp.solve(excess, ytilde)
+    return solutions[0] if len(solutions) == 1 else sp.FiniteSet(*solutions)
 
 
 def _no_lost_differences(model: Model, F: Any) -> None:

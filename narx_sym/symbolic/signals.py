@@ -143,6 +143,12 @@ def expand_phi(expr: Any, driver: sp.IndexedBase = u, breve_driver: sp.IndexedBa
     return expr.xreplace(written) if written else expr
 
 
+def definitions(expr: Any) -> list[tuple[Any, Any]]:
+    """Return (left, right) of what phi1, phi2 and the breve pair are at time k, of those in an expression."""
+    used = {s.base for s in samples(expr)}
+    return [(b[k], expand_phi(b[k])) for b in (phi1, phi2, breve_phi1, breve_phi2) if b in used]
+
+
 def swap(expr: Any, bases: dict[sp.IndexedBase, sp.IndexedBase], shifts: dict[Any, int] | None = None) -> Any:
     """Rename sequences, each with its own shift in time: {u: m}, {y: 1} turns `u[k-1]` into `m[k]`."""
     shifts = shifts or {}

@@ -1,25 +1,29 @@
 """Independent attack on what laws and proofs say, with fresh seeds on demand.
 
-    python tests/bench/attack.py [--models 500] [--seed 0] [--jobs 2]
+    python tests/bench/attack.py [--models 500] [--seed 0] [--jobs 2] [--effects 2] [--late 0] [--names]
 
-Random models with one or two effects of the catalogue, in every place, are driven by a random input that also rests;
+Random models with up to `--effects` effects of the catalogue, in every place, with up to `--late` samples of dead time
+more, and with `--names` a channel that is called as the package itself calls something, are driven by a random input that also rests;
 the law must then make the model's own output from the same state, and its C and its Structured Text (where gcc and
 blark are at hand) must give the same input, within limits that never act. Where it misses, every input is tried: "lost"
 means that some input would have given the wanted output, "dead end" that an earlier choice between two inputs, both
 right, left none; "by other choices" that it follows once such a choice is made otherwise. "Runs away, as it says" means
 that the law says that it is unstable there, "last digits decide" that it follows, but that what differs between
 languages are last digits that grow, or turn a sign, or that the last digits of the reference move the input as far. A
-proof ("exactly one") is refuted where a search over inputs finds none or two. Nothing is tuned.
+proof ("exactly one") is refuted where a search over inputs finds none or two, "cannot be reached" where the model has made
+that output itself. Nothing is tuned.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import warnings
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +32,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import narx_sym as ns
-from narx_sym.errors import Diverged, NarxError, NotInvertible
+from narx_sym.errors import Diverged, NarxError, NotInvertible, Unreachable
+from narx_sym.fit.laws.crossings import around, gaps
 from narx_sym.fit.laws.damping import growth
 from narx_sym.fit.laws.run import RUNS_AWAY
 from narx_sym.models.effects import Effect
@@ -42,10 +47,23 @@ SAME = 1e-9  # of the largest input: by how much languages may differ
 GOOD = 1e-9  # of the largest output
 SHAPES = {"tau": 0.05, "b": 0.7, "g": 0.9, "d": 1.1, "f": 3.0, "s": 0.1}
 CHANNEL = "temp"
+NAMES = (
+    CHANNEL,
+    "r",
+    "theta_1",
+    "y_wanted",
+    "m_hint",
+    "z",
+    "c",
+    "int",
+    "end",
+    "dy_0",
+)  # m and those of effects are refused
+CLEAR = 1e-10  # of the largest gap of a stage: what is smaller has no sign
 
 
-def bases() -> dict[str, ns.NARX]:
-    """Models without effects."""
+def bases(late: int = 0) -> dict[str, ns.NARX]:
+    """Models without effects, whose input comes some samples later."""
     made = {
         "static": (["u[k]"], [1.5], {u: 0.4, y: 2.0}),
         "first order": (["y[k-1]", "u[k-1]"], [0.6, 0.4], {}),
@@ -57,7 +75,14 @@ def bases() -> dict[str, ns.NARX]:
         ),
         "delayed continuum": (["y[k-1]", "phi1[k-3]", "phi2[k-3]*phi1[k-4]*y[k-1]"], [1.0, 0.7, 0.1], {}),
     }  # fmt: skip
-    return {n: ns.NARX.from_terms(terms, theta, operating_point=at, Ts=TS) for n, (terms, theta, at) in made.items()}
+
+    def later(term: str) -> str:
+        return re.sub(r"(u|phi\d)\[k(-\d+)?\]", lambda f: f"{f[1]}[k-{late - int(f[2] or 0)}]", term) if late else term
+
+    return {
+        n: ns.NARX.from_terms([*map(later, terms)], theta, operating_point=at, Ts=TS)
+        for n, (terms, theta, at) in made.items()
+    }
 
 
 def with_effect(base: ns.Model, variant: Variant, rng: np.random.Generator) -> ns.Model:
@@ -97,12 +122,19 @@ KEPT = ns.effects.Catalogue(
 )
 
 
-def drawn(rng: np.random.Generator, effects: int, catalogue: ns.effects.Catalogue = ns.EFFECTS) -> tuple[str, ns.Model]:
+def drawn(
+    rng: np.random.Generator,
+    effects: int,
+    catalogue: ns.effects.Catalogue = ns.EFFECTS,
+    late: int = 0,
+    channel: str = CHANNEL,
+) -> tuple[str, ns.Model]:
     """Return a random model with some effects, and its name."""
     name = str(rng.choice(list(bases())))
-    model: ns.Model = bases()[name]
+    model: ns.Model = bases(late)[name]
+    name += f", {late} later" if late else ""
     for _ in range(effects):
-        listed = list(variants(model, [CHANNEL], catalogue))
+        listed = list(variants(model, [channel], catalogue))
         # Every effect alike, however many ways it has.
         wanted = rng.choice(sorted({(v.id, v.where, v.effect.form) for v in listed}))
         fitting = [v for v in listed if (v.id, v.where, v.effect.form) == tuple(wanted)]
@@ -129,15 +161,15 @@ def moved(rng: np.random.Generator, n: int = N) -> Array:
 class Run:
     """A model, an input and its own output, at rest before the start; in the law's time."""
 
-    def __init__(self, model: ns.Model, rng: np.random.Generator):
+    def __init__(self, model: ns.Model, rng: np.random.Generator, channel: str = CHANNEL):
         self.model, self.law = model, model.compensator()
         u0, y0 = (model.operating_point.get(b, 0.0) for b in (u, y))
         ahead = self.law.preview
         self.u = np.concatenate([np.full(ahead, u0), u0 + moved(rng)])
         self.channels: dict[str, Array] = {}
         wave = np.sin(np.maximum(np.arange(self.u.size) - 8.0 - ahead, 0.0) / 25)
-        if CHANNEL in model.channels:
-            self.channels[CHANNEL] = wave
+        if channel in model.channels:
+            self.channels[channel] = wave
         if "t" in map(str, (b.label for b in model.recursion.inputs)):
             self.channels["t"] = TS * np.maximum(np.arange(self.u.size) - ahead, 0)
         self.u0, self.y0, self.ahead, self.held = u0, y0, ahead, 0
@@ -194,14 +226,46 @@ class Run:
         return self.law.follow(self.y, self.u0, self.channels, share=None)
 
 
-def outcome(seed: int) -> tuple[str, str, int]:
+def false_word(run: Run, found: Any) -> str:
+    """Return what a law says of itself that its run refutes; empty where nothing is."""
+    law, n = run.law, run.y.size - run.ahead
+    if law.residual() != 0:
+        return "a residual"
+    if found.runs_away and law.stability().stable:
+        return "called stable"
+    if found.unreached.any():
+        try:
+            law.run(run.y, run.u0, run.channels, share=None)
+        except Unreachable as error:
+            if str(error).startswith("The reference cannot be reached"):
+                return "called out of reach"
+        except NarxError:
+            pass
+    at = np.unique(np.linspace(2, n - 1, 40).astype(int))
+    at = at[~found.unreached[at + run.ahead]]
+    for stage in law.staged.stages if law.staged else ():
+        if not stage.proved or stage.needs:
+            continue
+        reached = found.values[stage.unknown.base.name][:n]
+        gap = gaps(law, stage, found.values, run.y, at, around(reached, 2.0)[None, :])
+        for row in gap:
+            signs = np.sign(row[np.abs(row) > CLEAR * np.abs(row).max()])
+            if np.count_nonzero(signs[1:] != signs[:-1]) > 1:
+                return f"two {stage.unknown} where one is proved"
+    return ""
+
+
+def outcome(seed: int, effects: int = 2, late: int = 0, names: bool = False) -> tuple[str, str, int]:
     """Run one random model: what became of it, its name, and the samples that its law misses."""
-    rng = np.random.default_rng(seed)
+    rng, name = np.random.default_rng(seed), "no model"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            name, model = drawn(rng, 1 + seed % 2)
-            run = Run(model, rng)
+            channel = str(rng.choice(NAMES)) if names else CHANNEL
+            name, model = drawn(
+                rng, 1 + seed % effects, late=int(rng.integers(late + 1)) if late else 0, channel=channel
+            )
+            run = Run(model, rng, channel)
         except NotInvertible:
             return "no law", name, 0
         except NarxError as error:
@@ -214,6 +278,8 @@ def outcome(seed: int) -> tuple[str, str, int]:
             return "refused: it runs away" if "runs away" in str(error) else "diverges", name, N
         except NarxError:
             return "refused", name, N
+        if word := false_word(run, found):
+            return f"FALSE WORD: {word}", name, int(found.missed.sum())
         try:
             missed = np.abs(run.output(found.m) - run.y) > run.size
         except NarxError:
@@ -259,11 +325,15 @@ def main() -> int:
     parser.add_argument("--models", type=int, default=500)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--effects", type=int, default=2, help="at most")
+    parser.add_argument("--late", type=int, default=0, help="samples of dead time more, at most")
+    parser.add_argument("--names", action="store_true", help="channels called as the package calls something")
     options = parser.parse_args()
     seeds = range(options.seed, options.seed + options.models)
     tally: Counter[str] = Counter()
     pool = ProcessPoolExecutor(options.jobs) if options.jobs > 1 else None
-    for seed, (what, name, missed) in zip(seeds, (pool.map if pool else map)(outcome, seeds), strict=True):
+    attacked = partial(outcome, effects=options.effects, late=options.late, names=options.names)
+    for seed, (what, name, missed) in zip(seeds, (pool.map if pool else map)(attacked, seeds), strict=True):
         tally[what] += 1
         if what not in ("follows", "no law", "unstable"):
             print(f"{what:10} {missed:4} seed {seed}: {name}", flush=True)

@@ -1,4 +1,4 @@
-"""The law of an attacked model in C and in Structured Text, beside Python."""
+"""The law of an attacked model in C, in Structured Text, and in plain Python, beside the machine code."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from iec import Block
 from test_c import arguments, stepped
 from test_st import scanned
 
+from narx_sym.engines.compile import compile
+from narx_sym.fit.laws.driven import driven
 from narx_sym.fit.simulate import rest_states
 
 WIDE = (-1e9, 1e9)  # limits that never act
@@ -37,21 +39,23 @@ class Given(Subject):
 
 
 def gaps(run: Any) -> dict[str, float]:
-    """Return how far C and Structured Text are from Python by language, in sizes of the input.
+    """Return how far other languages are from the machine code, in sizes of the input.
 
     Raises
     ------
     NotInvertible
         Where the law has no closed form.
     """
-    law, first = run.law, {name: float(c[0]) for name, c in run.channels.items()}
-    rest = rest_states(run.model, run.u0, run.y0, first) | {"m": run.u0, "r": run.y0, "y": run.y0, **first}
+    law, first = run.law, {name: float(c[0]) for name, c in run.law.named(run.channels).items()}
+    rest = rest_states(law.model, run.u0, run.y0, first) | {"m": run.u0, "r": run.y0, "y": run.y0, **first}
     options = {"limits": WIDE, "share": None}
     source = law.to_c(**options)
-    given = Given(law.limited(WIDE), run.model.values, law, rest, initial={"r": run.y, **run.channels})
+    given = Given(law.limited(WIDE), run.model.values, law, rest, initial={"r": run.y, **law.named(run.channels)})
     n = run.y.size - run.ahead
     expected = law.follow(run.y, run.u0, run.channels, **options).m[:n]
-    found, size = {}, max(1.0, float(np.abs(expected).max()))
+    size = max(1.0, float(np.abs(expected).max()))
+    plain = compile(law.limited(WIDE), "python")
+    found = {"Python": driven(law, plain, run.y, run.u0, law.named(run.channels), on_divergence="nan")["m"][:n]}
     if shutil.which("gcc"):
         steps = {name: x[:n] for name, x in given.steps(n).items()}
         with tempfile.TemporaryDirectory() as folder:

@@ -127,7 +127,7 @@ def test_compensate_exports_the_law(run, bench, tmp_path):
 
 
 def test_a_law_without_source_is_refused_before_anything_is_written(run, tmp_path):
-    ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**3"], [0.5, 1.0, 0.2], Ts=0.01).save(tmp_path / "cubic.json")
+    ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**3"], [0.5, 1.0, -0.2], Ts=0.01).save(tmp_path / "cubic.json")
     (tmp_path / "ref.csv").write_text("t,r\n0,0\n0.01,0.1\n0.02,0.2\n")
     code, _, err = run(
         "compensate", tmp_path / "cubic.json", "--latex", tmp_path / "law.tex", "--c", tmp_path / "law.c",

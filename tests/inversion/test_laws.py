@@ -446,7 +446,7 @@ def test_every_engine_runs_a_law(name, limits, tmp_path):
 
 
 def test_a_law_without_closed_form_says_so():
-    model = with_effect(BASES["first order"], ("cubic_gain", "input", "u", ""), 0.2)
+    model = with_effect(BASES["first order"], ("cubic_gain", "input", "u", ""), -0.2)
     law = model.compensator()
     assert not law.closed_form and compile(law.recursion).engine == "python"
     with pytest.raises(NotInvertible, match=r"cannot be exported: m\[k\] has no closed form"):

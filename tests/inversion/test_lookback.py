@@ -169,6 +169,17 @@ def test_a_law_that_runs_away_says_so():
         run.law.run(run.y, run.u0, run.channels, share=None)
 
 
+def test_what_a_law_has_run_away_from_is_not_called_out_of_reach():
+    """The model has made that output: what cannot be reached is what the law's own errors leave."""
+    model = bases()["first order"]
+    listed = [v for v in variants(model, []) if (v.id, v.where, v.lag) == ("coulomb_friction", "output", 0)]
+    slow = next(v for v in listed if "averaged velocity" in str(v) and "n = 4" in str(v))
+    run = Run(with_effect(model, slow, np.random.default_rng(1)), np.random.default_rng(1))
+    assert run.law.check().proved and follow(run).runs_away
+    with pytest.raises(Unreachable, match=r"^The law does not reach the reference"):
+        run.law.run(run.y, run.u0, share=None)
+
+
 def test_a_law_that_forgets_does_not_run_away():
     """Seen from what it misses: the same reference, which it reaches in part."""
     model = bases()["first order"]

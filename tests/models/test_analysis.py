@@ -44,6 +44,7 @@ from narx_sym.models.effects import EFFECTS
 from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
 from narx_sym.models.model import NARX, Model
+from narx_sym.models.rest.equilibria import constrained
 from narx_sym.models.rest_map import plays, rest_of
 from narx_sym.symbolic.identities import added
 from narx_sym.symbolic.recursion import State
@@ -322,8 +323,52 @@ def test_sets_without_closed_form_or_with_several_solutions():
     squared = NARX.from_terms(["y[k-1]**2", "u[k-1]"], (0.2, 1)).quasi_static()
     assert isinstance(squared.loading, sp.FiniteSet)
     assert all(zero((squared.model.F - y[k - 1]).xreplace({y[k - 1]: s, u[k - 1]: u_})) for s in squared.loading)
-    with pytest.raises(ModelError, match="several solutions"):
-        squared.evaluate([0.1, 0.2])
+
+
+@pytest.mark.parametrize(
+    "theta", ((0.0, 0.2, 0.0), (1.5, 0.0, -0.5), (0.5, 0.0, -0.5), (0.7, 0.5, -0.2), (0.3, 0, 0, 0.2))
+)
+def test_several_sets_are_the_real_ones(theta):
+    """Also where formulas of real roots need complex numbers: they solve the equation, and none is lost."""
+    terms = [f"y[k-1]**{i}" for i, c in enumerate(theta, 1) if c]
+    model = NARX.from_terms([*terms, "u[k-1]"], [*(c for c in theta if c), 0.3])
+    sets, source = model.quasi_static(), 8 * np.sin(np.arange(1, 60) * 0.37)
+    assert not sets.loading.has(sp.I) and "cases" not in sets.latex()  # both branches are one
+    found, seen = sets.evaluate(source), set()
+    assert found.ytilde.shape == found.attracting.shape == (59, len(theta) if any(theta[2:]) else 2)
+    for i in range(1, 59):
+        exact = [sp.Rational(str(c)) for c in (*reversed(theta), 0.0)]
+        polynomial = sp.Poly(exact, ytilde) + sp.Rational("0.3") * sp.Rational(float(source[i])) - ytilde
+        expected = [float(x) for x in sp.Poly(polynomial, ytilde).real_roots()]
+        points = found.ytilde[i][np.isfinite(found.ytilde[i])]
+        np.testing.assert_allclose(points, expected, rtol=1e-7)
+        slopes = sum(n * c * points ** (n - 1) for n, c in enumerate(theta, 1))
+        np.testing.assert_array_equal(found.attracting[i, : points.size], np.abs(slopes) < 1)
+        seen.add(points.size)
+    assert len(seen) > 1 or theta == (
+        0.5,
+        0.0,
+        -0.5,
+    )  # as the input moves, some come and go; not of one that only falls
+
+
+def test_what_constraints_say_is_put_in():
+    """1 - Sigma_y is gone from the sets of a Sigma_y = 1 model, and with it the speed of the input; numbers stay."""
+    for terms, constraint in (
+        (BENCH.terms, "continuum"),
+        (["y[k-1]", "y[k-2]", "phi1[k-1]", "phi1[k-1]*y[k-1]"], "continuum"),
+        (["y[k-1]", "y[k-2]", "phi1[k-1]", "phi1[k-1]*y[k-1]"], sp.Eq(sp.Symbol("theta_1", real=True), 1)),
+    ):
+        free = NARX.from_terms(terms)
+        model = free.replace(constraints=(constraint,))
+        sets, plain = model.quasi_static(), free.quasi_static()
+        fixed = constrained(model)
+        assert fixed and not (sets.loading.free_symbols | sets.attracting.free_symbols) & fixed.keys()
+        for one, other in ((sets.loading, plain.loading), (sets.unloading, plain.unloading)):
+            assert zero(one - other.xreplace(fixed))
+    assert not NARX.from_terms(BENCH.terms).replace(constraints=("continuum",)).quasi_static().loading.has(phi1_)
+    drifting = NARX.from_terms(["y[k-1]", "phi1[k-1]"]).replace(constraints=("continuum",))
+    assert drifting.quasi_static().loading.has(drifting.symbols[0])  # with it there is none: the general one stays
 
 
 def test_second_order_sets_carry_the_jury_conditions():

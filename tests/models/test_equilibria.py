@@ -5,6 +5,7 @@ import pytest
 import sympy as sp
 
 from narx_sym import NARX
+from narx_sym.errors import ModelError
 from narx_sym.models.analysis import continuum, property_1, steady_state, ubar, ybar
 from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
@@ -29,14 +30,20 @@ def test_all_real_roots_are_equilibria():
         assert np.allclose(np.array(found, dtype=float), real, rtol=1e-6), (theta, found, real)
 
 
-def test_real_roots_at_an_input():
-    """With an input the equilibria are formulas, each an equilibrium where it is real."""
-    found = steady_state(NARX.from_terms(["y[k-1]", "y[k-1]**3", "u[k-1]"], [1.2, -0.1, 0.05])).equilibria
+@pytest.mark.parametrize("theta", ((1.2, 0.0, -0.1), (1.2, -0.3), (0.9, 0.0, 0.2, 0.1)))
+def test_real_roots_at_an_input(theta):
+    """With an input equilibria are formulas, or what the equation tells: no complex number stands for a real one."""
+    terms = [f"y[k-1]**{i}" for i, c in enumerate(theta, 1) if c]
+    found = steady_state(NARX.from_terms([*terms, "u[k-1]"], [*(c for c in theta if c), 0.05]))
+    assert "I" not in str(found.equilibria)
     for level in (-3.0, 0.3, 1.0, 2.0):
-        at = [complex(sp.N(e.subs(ubar, level))) for e in found]
-        roots = np.roots([-0.1, 0.0, 0.2, 0.05 * level])
+        roots = np.roots([*reversed(theta[1:]), theta[0] - 1.0, 0.05 * level])
         real = np.sort(roots[np.abs(roots.imag) < 1e-9].real)
-        assert np.allclose(sorted(e.real for e in at if abs(e.imag) < 1e-9), real)
+        np.testing.assert_allclose(found.at(level), real, rtol=1e-9)
+    with pytest.raises(ModelError, match="Every output"):
+        steady_state(NARX.from_terms(["y[k-1]", "phi1[k-1]"], [1.0, 0.5])).at(1.0)
+    with pytest.raises(ModelError, match="depend on"):
+        steady_state(NARX.from_terms(["y[k-1]", "u[k-1]"])).at(1.0)
 
 
 @pytest.mark.parametrize("size", (1e-12, 1e-9, 1.0, 1e9))

@@ -13,6 +13,7 @@ import sympy as sp
 from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError, Unreachable
 from ...inversion.compensator import Compensator, allowed, ends
+from ...inversion.halving import halved
 from ...inversion.kinks import FURTHER, TURNING
 from ...inversion.stages import in_order
 from ...models.model import Model
@@ -185,11 +186,17 @@ def exported(
 ) -> Recursion:
     """Return what a machine computes from sample to sample; arguments as for `run_law`.
 
-    It is the law alone where that reaches every reference; else the model is beside it.
+    It is the law alone where that reaches every reference; else the model is beside it. A root that is proved to be
+    alone is found in a fixed number of steps, with the present values of the parameters in the place of their symbols.
+
+    Raises
+    ------
+    NotInvertible
+        Where a root finder is needed, and it is not proved that there is one root.
     """
     part = share_of(law, share)
     alone = limits is None and rate is None and part == 1 and law.staged is None
-    return law.recursion if alone else law.limited(limits, rate, part)
+    return law.recursion if alone else halved(law, law.limited(limits, rate, part))
 
 
 def told(
@@ -349,8 +356,13 @@ def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachab
     if flat := any(s.flat for s in law.open_stages()):
         why += "Before that a flat piece left a choice: other inputs give the same there, and lead elsewhere. "
     known = "; ".join(dict.fromkeys(s.proof for s in stages if s.reach != (-sp.oo, sp.oo) or s.needs or s.notes))
-    sure = not flat and all(
-        (s.closed_form or s.steep is not None) and not s.needs and not {FURTHER, TURNING} & {*s.notes} for s in stages
+    sure = (
+        not flat
+        and not found.runs_away
+        and all(
+            (s.closed_form or s.steep is not None) and not s.needs and not {FURTHER, TURNING} & {*s.notes}
+            for s in stages
+        )
     )
     said = "The reference cannot be reached" if sure else "The law does not reach the reference"
     return Unreachable(

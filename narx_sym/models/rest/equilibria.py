@@ -8,7 +8,9 @@ from functools import lru_cache
 from typing import Any
 
 import sympy as sp
+from sympy.solvers.solveset import NonlinearError
 
+from ...errors import ModelError
 from ...symbolic import printing
 from ...symbolic.identities import added, vanishes
 from ...symbolic.sensitivity import derivative
@@ -31,8 +33,9 @@ class SteadyState(printing.InLatex):
         Sufficient for a continuum: every ybar is an equilibrium for every constant input (Lemma 1; the paper asks for
         Sigma_y = 1, which is enough only where no input or constant term remains at rest). Necessary too where the
         functions of what is held are independent, as products of powers are; Max(0, y) and |y| are not.
-    equilibria : "continuum", or a list of expressions in ubar; None where there is no closed form
-        Numbers where they do not depend on ubar. An expression is an equilibrium at those inputs where it is real.
+    equilibria : "continuum", a list of expressions in ubar, or the set of all real solutions of an equation
+        Numbers where they do not depend on ubar. An expression is an equilibrium at those inputs where it is real. Of a
+        cubic or a quartic in ybar the set; `at` gives its members. None where there is no closed form.
     held : list of (low, symbol, high)
         Where the model has plays: from where to where each of them may rest. They make a continuum by themselves.
     """
@@ -41,6 +44,23 @@ class SteadyState(printing.InLatex):
     conditions: list[Any]
     equilibria: Any
     held: Sequence[tuple[Any, Any, Any]] = ()
+    excess: Any = sp.S.Zero  # G(ybar, ubar) - ybar with values
+
+    def at(self, value: float) -> tuple[float, ...]:
+        """Return the equilibria under one constant input, rising.
+
+        Parameters
+        ----------
+        value : of the input, in the model's own units, as ubar in `equation`
+
+        Raises
+        ------
+        ModelError
+            For a continuum, and for a model without values.
+        """
+        if self.equilibria == "continuum":
+            raise ModelError("Every output is an equilibrium, or any in a range: there is a continuum.")
+        return resting_points(self.excess.xreplace({ubar: sp.Float(value)}), ybar).points
 
     def latex(self) -> str:
         """LaTeX of the equation, the continuum conditions, and where plays may rest."""
@@ -82,6 +102,22 @@ def continuum_conditions(model: Model) -> list[Any]:
     return conditions
 
 
+def constrained(model: Model) -> dict[Any, Any]:
+    """Return parameters that the constraints of a model fix, as expressions in the others.
+
+    Empty where the constraints contradict each other, or are not linear.
+    """
+    listed: list[Any] = []
+    for one in model.constraints:
+        listed += continuum_conditions(model) if isinstance(one, str) else [sp.sympify(one)]
+    try:
+        found = sp.linsolve([e for e in listed if e != sp.true], *model.symbols) if listed else sp.S.EmptySet
+    except (NonlinearError, ValueError):
+        return {}
+    solutions = next(iter(found), ())
+    return {s: e for s, e in zip(model.symbols, solutions, strict=False) if s != e}
+
+
 ROUNDING = 1e-9  # relative to what is added up: a sum as small as that is zero
 
 
@@ -120,11 +156,12 @@ def steady_state(model: Model) -> SteadyState:
         bounds = [(p, *p.between(ubar)) for p in found]
         return SteadyState(equation, [], "continuum", [(low, p.rest, high) for p, low, high in bounds])
     excess = resting(model)
-    return SteadyState(equation, continuum_conditions(model), "continuum" if excess == 0 else _equilibria(excess))
+    equilibria = "continuum" if excess == 0 else _equilibria(excess)
+    return SteadyState(equation, continuum_conditions(model), equilibria, excess=excess)
 
 
 def _equilibria(excess: Any) -> Any:
-    """Solve for ybar: by numbers where there is nothing else, by a formula, or not at all (None)."""
+    """Solve for ybar: by numbers where there is nothing else, by a formula, as a set, or not at all (None)."""
     if not excess.has(ybar):
         return []  # it never vanishes, or at some inputs only
     if excess.free_symbols == {ybar}:
@@ -132,6 +169,8 @@ def _equilibria(excess: Any) -> Any:
         return [sp.Float(x) for x in found.points] if found.complete else None
     if not solvable(excess, ybar):
         return None
+    if sp.degree(excess, ybar) > 2:  # formulas for real roots would hold complex numbers
+        return sp.ConditionSet(ybar, sp.Eq(excess, 0, evaluate=False), sp.S.Reals)
     # Not as a real unknown: SymPy would leave out real roots that it writes with complex numbers.
     unknown = sp.Dummy()
     return [root for root in sp.solve(excess.xreplace({ybar: unknown}), unknown) if root.is_real is not False]

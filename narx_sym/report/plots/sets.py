@@ -69,13 +69,15 @@ def plot_quasi_static(
         for mask, style, kind, fill in (
             (sets.attracting, "-", "attracting", colour), (sets.repelling, "-.", "repelling", "white"),
         ):  # fmt: skip
-            shown = np.where(branch & mask & (distance <= half), sets.ytilde, np.nan)
+            here = branch if mask.ndim == 1 else branch[:, None]
+            shown = np.where(here & mask & (distance <= half), sets.ytilde, np.nan)
             if np.isfinite(shown).any():  # in the order of time: nothing joins separate pieces
                 symbol = rf"$\tilde{{{output}}}_\mathrm{{{name}}}^\mathrm{{{kind[0]}}}$"
-                drawn += ax.plot(
+                lines = ax.plot(
                     u, shown, color=colour, ls=style, lw=1.6, marker=marker, markevery=0.12, ms=6, mfc=fill,
                     label=f"{symbol} {word}, {kind}",
                 )  # fmt: skip
+                drawn.append(lines[0])
     closed = [np.append(x, x[0]) for x in (u, loop)]
     own = ax.plot(*closed, color=BLACK, ls=":", lw=1.8, label="loop of the model")[0]
     drawn.insert(sum(h.get_marker() == ">" for h in drawn), own)  # a legend column for each branch
