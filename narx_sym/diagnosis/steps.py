@@ -45,7 +45,6 @@ from .table.rounds import Table
 from .table.row import Row
 from .table.verdict import alike, nothing_named, removes, verdict
 
-BEST_LAW = 2  # see `law_worth`
 PARTS = ("train", "validation")  # the diagnosed records, and those that no model is fitted to
 ONE_STEP = "All that the input does is one step, and every output is what some linear machine answers to it."
 REPEATED, ESTIMATE, NO_FLOOR = "repeated periods", "estimate", "not estimated"  # kinds of floors: sure, not, in loops
@@ -136,7 +135,7 @@ class Step:
             self.replace(next((c for c in self.others(False) if self.falls(c.fitted)), None))
             if not self.falls(self.chosen):
                 self.refused, self.chosen, self.verdict = self.chosen, None, "helps_but_incomplete"
-        elif self.chosen is not None and self.pair is None and (now := law_worth(self.chosen.model)) < BEST_LAW:
+        elif self.chosen is not None and self.pair is None and (now := law_worth(self.chosen.model)) < 2:
             better = (c for c in self.others(True) if law_worth(c.fitted.model) > now)
             self.replace(next((c for c in better if self.stands_for(self.chosen, c.fitted)), None))
         self.others = lambda alike: ()
