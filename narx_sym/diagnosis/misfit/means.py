@@ -12,6 +12,7 @@ from .panel import Panel
 
 Array = np.ndarray
 LEAST = 10  # samples in a cell, and three correlation lengths
+TOLD = 0.02  # share of a panel that is taken off before a line is looked for
 WIDE = 2  # a spectral line of the Hann window reaches this many bins to each side
 
 
@@ -20,10 +21,10 @@ def filled_panels(empty: list[Panel], r: Array, Ts: float) -> list[Panel]:
     filled = sorted((_fill(p, r) for p in empty), key=lambda p: 0.001 * p.mean.size - p.share)
     rest = r - r.mean()
     for panel in filled:
-        if panel.share > 0.02:
+        if panel.share > TOLD:
             means = _fill(panel, rest).mean
             rest = rest - np.append(np.nan_to_num(means), 0.0)[panel.cell]
-    line = _spectrum(rest, float(np.var(r)), Ts)
+    line = spectrum(rest, float(np.var(r)), Ts)
     return sorted([*filled, *line], key=lambda p: 0.001 * (3 if p.name == "spectrum" else p.mean.size) - p.share)
 
 
@@ -50,7 +51,7 @@ def _fill(panel: Panel, r: Array) -> Panel:
     return replace(panel, mean=means, error=np.sqrt(variance), share=float(np.clip(share, 0.0, 1.0)))
 
 
-def _spectrum(rest: Array, variance: float, Ts: float) -> list[Panel]:
+def spectrum(rest: Array, variance: float, Ts: float) -> list[Panel]:
     """Panel of the spectrum (Welch 1967); none for a short record. `rest` is what the other panels leave."""
     if rest.size < 128:
         return []
