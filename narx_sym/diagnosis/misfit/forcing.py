@@ -18,22 +18,25 @@ class Forcing:
     """The forcing along a free run, smoothed as much as `log_lam` says.
 
     The free-run error obeys e[k] = sum_i a_i[k] e[k-i] + w[k]. Its noise-free part x minimises
-    |e - x|^2 + lam |L x|^2, where L x is the forcing w (Tikhonov); the first n_y rows of L are those of the identity.
+    |e - x|^2 + lam |L x|^2, where L x is the forcing w (Tikhonov). The first n_y rows of L are those of the identity, or
+    nothing where the start states were estimated: then a start is no forcing.
 
     Parameters
     ----------
     e : (N,) array [unit of y]
     a : (N, n_y) array
         a_i[k] = dF/dy[k-i].
+    started : bool
+        Whether the start states were estimated.
     """
 
     ENDS = (-4.0, 10.0)  # of log10(lam)
 
-    def __init__(self, e: Array, a: Array):
+    def __init__(self, e: Array, a: Array, started: bool = False):
         self.e, self.bare = e, a.shape[1] == 0
         # Row i: what w[k] takes from x[k-i].
         self.rows = np.vstack([np.ones(e.size), -a.T])
-        self.rows[1:, : a.shape[1]] = 0
+        self.rows[1 - started :, : a.shape[1]] = 0
         self.gram = _gram(self.rows)
         self.signs = np.random.default_rng(0).choice([-1.0, 1.0], e.size)
         self.log_lam = self.ENDS[0]

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
 
 from ...data.evidence.rate import means
 from ...data.record import Record
@@ -28,7 +27,9 @@ from .slopes import slopes_along
 Array = np.ndarray
 CYCLE = 10  # samples of the working rate in the shortest cycle that is kept, which holds 99.9 % of the output's power
 SHIFTS = 99  # of what a view leaves, against its variable: what chance makes of the means
-SURE = 0.95  # probability that chance stays inside all bands of a portrait
+BAND = 4.0  # standard deviations of chance, to either side: one cell of 16 000 leaves it, or one portrait of a hundred
+LEAST = 0.05  # share below which a view shows nothing
+ALIKE = 0.9  # of the largest share: views that explain as much are told apart by how simple they are
 TWICE = 2  # times what a variable explains alone, two must explain together
 
 
@@ -46,7 +47,7 @@ class Portrait:
     bandwidth : float [Hz]
         Where the smoother passes half of an error.
     views : list of Panel
-        The variable that explains most first; `error` is the standard deviation that chance gives the mean.
+        The variable that explains most first; `error` is half the width of the band of chance in each cell.
     values : mapping from the name of a view to its variable, (M,) array
     laws : mapping from what was added to (M,) arrays [`unit_of`]
         What each model adds to the base, through the same smoother.
@@ -65,19 +66,10 @@ class Portrait:
         """The view that explains most."""
         return self.views[0]
 
-    @property
-    def times(self) -> float:
-        """How many standard deviations of chance a band is wide, to either side: all cells of all views stay inside."""
-        return float(norm.isf((1 - SURE) / 2 / sum(p.mean.size for p in self.views)))
-
-    def band(self, panel: Panel) -> Array:
-        """Return the half width of the band of chance in each cell, (cells,) [`unit_of`]."""
-        return self.times * panel.error
-
     def seen(self, panel: Panel | None = None) -> bool:
-        """Whether some mean of a view, or of any, leaves the band of chance."""
+        """Whether a view, or any, explains more than 5 %, and some mean leaves its band of chance."""
         views = self.views if panel is None else [panel]
-        return any(bool(np.any(np.abs(p.mean) > self.band(p))) for p in views)
+        return any(p.share > LEAST and bool(np.any(np.abs(p.mean) > p.error)) for p in views)
 
     def of(self, name: str) -> Panel:
         """Return the law of a model in the best view: the means of what it adds."""
@@ -95,7 +87,7 @@ class Portrait:
             "bandwidth_Hz": _short(self.bandwidth), "seen": self.seen(best),
             "share": {p.name: round(p.share, 6) for p in self.views},
             "low": _listed(best.low), "high": _listed(best.high), "mean": _listed(best.mean),
-            "band": _listed(self.band(best)),
+            "band": _listed(best.error),
             "laws": {n: {"mean": _listed(self.of(n).mean), "left": round(self.left(n).share, 6)} for n in self.laws},
         }  # fmt: skip
 
@@ -130,14 +122,16 @@ def portrait_of(
     slow = resampled(a, 1 / factor) if factor > 1 and a.size else a
     gain = float(b.sum()) * _steps(a, slow, factor)
     e, u, y, t = (means(x, factor) for x in (error, record.u, record.y, record.t))
-    forcing = Forcing(e, np.tile(slow, (e.size, 1)))
+    forcing = Forcing(e, np.tile(slow, (e.size, 1)), started=True)
     forcing.choose(least=forcing.reaching(1 / CYCLE))
     unit, scale = ("u", 1 / gain) if gain and np.isfinite(gain) else ("y", 1.0)
-    w, Ts = scale * forcing.of(e), factor * record.Ts
-    lag = round(model.delay / factor)
+    Ts, lag = factor * record.Ts, round(model.delay / factor)
     late = np.concatenate([np.full(lag, u[0]), u[: u.size - lag]])
-    channels = {n: means(x, factor) for n, x in record.channels.items()}
-    views, values = _views(late, None if forcing.bare else y - e + forcing.smooth(e), t, channels, Ts)
+    inner = slice(a.size, None)  # before, a start takes what is forced
+    channels = {n: means(x, factor)[inner] for n, x in record.channels.items()}
+    level = None if forcing.bare else (y - e + forcing.smooth(e))[inner]
+    views, values = _views(late[inner], level, t[inner], channels, Ts)
+    w, t = scale * forcing.of(e)[inner], t[inner]
     w = w - w.mean()
     found = ranked([filled(p, w) for p in views])
     rest = w
@@ -146,7 +140,7 @@ def portrait_of(
     for line in spectrum(rest, float(np.var(w)), Ts):
         if line.share > 0 and (hum := _folded(line, rest, t)) is not None:
             found, values["period"] = ranked([*found, hum]), hum.centres[hum.cell]
-    laws = {name: scale * forcing.of(e - means(left, factor)) for name, left in (after or {}).items()}
+    laws = {name: scale * forcing.of(e - means(left, factor))[inner] for name, left in (after or {}).items()}
     return Portrait(t, w, unit, forcing.bandwidth / Ts, found, values, laws)
 
 
@@ -196,10 +190,16 @@ def _views(u: Array, y: Array | None, t: Array, channels: Mapping[str, Array], T
 
 
 def ranked(views: list[Panel]) -> list[Panel]:
-    """Return views, that which explains most first; two variables only where one alone explains less than half."""
+    """Return views, that which explains most first: of those that explain as much, one variable, and one that acts.
+
+    Two variables stand there only where one alone explains less than half.
+    """
     alone = {p.name: p.share for p in views}
-    single = [p for p in views if "|" not in p.name or p.share > TWICE * alone.get("u", 0.0)]
-    return sorted(single, key=lambda p: -p.share)
+    found = [p for p in views if "|" not in p.name or p.share > TWICE * alone.get("u", 0.0)]
+    found.sort(key=lambda p: -p.share)
+    alike = [p for p in found if p.share >= ALIKE * found[0].share]
+    first = min(alike, key=lambda p: ("|" in p.name, "time" in p.name))
+    return [first, *(p for p in found if p is not first)]
 
 
 def filled(panel: Panel, w: Array, share: float | None = None) -> Panel:
@@ -211,11 +211,14 @@ def filled(panel: Panel, w: Array, share: float | None = None) -> Panel:
     mean, inside = _means(panel, w), panel.cell >= 0
     apart = np.where(inside, w - mean[panel.cell], 0.0)
     shifts = np.linspace(0, w.size, SHIFTS + 1, endpoint=False).astype(int)[1:]
-    chance = np.array([_means(panel, np.roll(apart, s)) for s in shifts]).std(axis=0)
+    moved = np.array([_means(panel, np.roll(apart, s)) for s in shifts])
+    chance = moved.std(axis=0)
     energy = float(w @ w)
     if share is None:
         share = float(np.nansum(panel.count * (mean**2 - chance**2))) / energy if energy else 0.0
-    return replace(panel, mean=mean, error=chance, share=float(np.clip(share, 0, 1)))
+    return replace(
+        panel, mean=mean, error=np.maximum(BAND * chance, np.abs(moved).max(axis=0)), share=float(np.clip(share, 0, 1))
+    )
 
 
 def _means(panel: Panel, w: Array) -> Array:
