@@ -54,9 +54,9 @@ class Forcing:
         x = self.smooth(e)
         return np.asarray(sum(_late(row, x, i) for i, row in enumerate(self.rows)))
 
-    def choose(self, floor: float | None = None, least: float = ENDS[0]) -> None:
-        """Choose how much is smoothed; see `missing_input`. At least so much, where it follows from the error."""
-        ends = max(least, self.ENDS[0]), self.ENDS[1]
+    def choose(self, floor: float | None = None) -> None:
+        """Choose how much is smoothed; see `missing_input`."""
+        ends = self.ENDS
         if self.bare or not self.e.any():
             return
         if floor is None:
@@ -81,22 +81,12 @@ class Forcing:
         return float(np.log(np.mean((self.e - x[:, 0]) ** 2)) - 2 * np.log(free))
 
     def reaching(self, frequency: float) -> float:
-        """Return log10(lam) at which half of an error of a frequency [cycles per sample] passes; -inf where all does.
+        """Return log10(lam) at which half of an error of a frequency [cycles per sample] passes.
 
         The slopes are those of the last sample.
         """
-        size = abs(self._denominator(np.array([frequency]))[0])
-        return -np.inf if self.bare else float(-2 * np.log10(size))
-
-    @property
-    def bandwidth(self) -> float:
-        """The lowest frequency of which no more than half passes [cycles per sample]; half where all passes."""
-        f = np.linspace(0, 0.5, 2001)[1:]
-        small = 10**self.log_lam * np.abs(self._denominator(f)) ** 2 >= 1
-        return float(f[np.argmax(small)]) if small.any() and not self.bare else 0.5
-
-    def _denominator(self, f: Array) -> Array:
-        return np.asarray(np.exp(-2j * np.pi * np.outer(f, np.arange(len(self.rows)))) @ self.rows[:, -1])
+        turns = np.exp(-2j * np.pi * frequency * np.arange(len(self.rows)))
+        return float(-2 * np.log10(np.abs(turns @ self.rows[:, -1])))
 
 
 def missing_input(residual: Any, slopes: Any, floor: float | None = None) -> Array:

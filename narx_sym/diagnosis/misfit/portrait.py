@@ -76,8 +76,8 @@ class Portrait:
         return replace(self.view, mean=_means(self.view, self.laws[name] - self.laws[name].mean()))
 
     def left(self, name: str) -> Panel:
-        """Return the best view after a model was added: what its law leaves of the missing input."""
-        return filled(self.view, self.missing - self.laws[name])
+        """Return the best view after a model was added; its share is that of the missing input before."""
+        return filled(self.view, self.missing - self.laws[name], of=self.missing)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the best view, the share of each, and the means of the laws as plain data."""
@@ -122,26 +122,33 @@ def portrait_of(
     slow = resampled(a, 1 / factor) if factor > 1 and a.size else a
     gain = float(b.sum()) * _steps(a, slow, factor)
     e, u, y, t = (means(x, factor) for x in (error, record.u, record.y, record.t))
-    forcing = Forcing(e, np.tile(slow, (e.size, 1)), started=True)
-    forcing.choose(least=forcing.reaching(1 / CYCLE))
+    own = np.append(1.0, -slow)
+    # The forcing is smoothed, not made small: its second difference is what costs.
+    bent = -np.convolve(own, [1.0, -2.0, 1.0])[1:]
+    smoother = Forcing(e, np.tile(bent, (e.size, 1)), started=True)
+    smoother.log_lam = smoother.reaching(1 / CYCLE)
+    inner = slice(bent.size, None)  # before, a start takes what is forced
+
+    def forcing(error: Array) -> Array:
+        return np.asarray(scale * np.convolve(own, smoother.smooth(error))[: e.size][inner])
+
     unit, scale = ("u", 1 / gain) if gain and np.isfinite(gain) else ("y", 1.0)
     Ts, lag = factor * record.Ts, round(model.delay / factor)
     late = np.concatenate([np.full(lag, u[0]), u[: u.size - lag]])
-    inner = slice(a.size, None)  # before, a start takes what is forced
     channels = {n: means(x, factor)[inner] for n, x in record.channels.items()}
-    level = None if forcing.bare else (y - e + forcing.smooth(e))[inner]
+    level = (y - e + smoother.smooth(e))[inner] if a.size else None
     views, values = _views(late[inner], level, t[inner], channels, Ts)
-    w, t = scale * forcing.of(e)[inner], t[inner]
+    w, t = forcing(e), t[inner]
     w = w - w.mean()
     found = ranked([filled(p, w) for p in views])
     rest = w
     for panel in found:
         rest = rest - np.append(np.nan_to_num(_means(panel, rest)), 0.0)[panel.cell] if panel.share > TOLD else rest
     for line in spectrum(rest, float(np.var(w)), Ts):
-        if line.share > 0 and (hum := _folded(line, rest, t)) is not None:
+        if line.share > 0 and (hum := _folded(line, rest, w, t)) is not None:
             found, values["period"] = ranked([*found, hum]), hum.centres[hum.cell]
-    laws = {name: scale * forcing.of(e - means(left, factor))[inner] for name, left in (after or {}).items()}
-    return Portrait(t, w, unit, forcing.bandwidth / Ts, found, values, laws)
+    laws = {name: forcing(e - means(left, factor)) for name, left in (after or {}).items()}
+    return Portrait(t, w, unit, 1 / (CYCLE * Ts), found, values, laws)
 
 
 def _steps(a: Array, slow: Array, factor: int) -> float:
@@ -153,14 +160,14 @@ def _steps(a: Array, slow: Array, factor: int) -> float:
     return float(factor * (late @ slow) / (late @ a)) if a.size else 1.0
 
 
-def _folded(line: Panel, rest: Array, t: Array) -> Panel | None:
+def _folded(line: Panel, rest: Array, of: Array, t: Array) -> Panel | None:
     """Return what the others leave, over the period of its strongest line."""
     low, high = line.low[line.line], line.high[line.line]
     tried = np.linspace(2 * low - high, 2 * high - low, 6 * int(np.ceil((high - low) * np.ptp(t))) + 1)
     f = tried[np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(tried, t)) @ rest))]
     phase = np.mod(t - t[0], 1 / f)
     made = along("period", f"time within the period of {f:.4g} Hz", "s", phase)
-    return made and filled(made, rest, line.share)
+    return made and filled(made, rest, of)
 
 
 def _views(u: Array, y: Array | None, t: Array, channels: Mapping[str, Array], Ts: float) -> tuple[list[Panel], Any]:
@@ -202,7 +209,7 @@ def ranked(views: list[Panel]) -> list[Panel]:
     return [first, *(p for p in found if p is not first)]
 
 
-def filled(panel: Panel, w: Array, share: float | None = None) -> Panel:
+def filled(panel: Panel, w: Array, of: Array | None = None) -> Panel:
     """Fill a view: means, what chance makes of them, and the share of the variance beyond chance.
 
     Chance is what the view leaves, shifted in time as a circle against the variable: it keeps its own colour.
@@ -213,9 +220,8 @@ def filled(panel: Panel, w: Array, share: float | None = None) -> Panel:
     shifts = np.linspace(0, w.size, SHIFTS + 1, endpoint=False).astype(int)[1:]
     moved = np.array([_means(panel, np.roll(apart, s)) for s in shifts])
     chance = moved.std(axis=0)
-    energy = float(w @ w)
-    if share is None:
-        share = float(np.nansum(panel.count * (mean**2 - chance**2))) / energy if energy else 0.0
+    energy = float(np.sum((w if of is None else of - of.mean()) ** 2))
+    share = float(np.nansum(panel.count * (mean**2 - chance**2))) / energy if energy else 0.0
     return replace(
         panel, mean=mean, error=np.maximum(BAND * chance, np.abs(moved).max(axis=0)), share=float(np.clip(share, 0, 1))
     )

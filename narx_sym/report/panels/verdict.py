@@ -8,6 +8,7 @@ from ...data.evidence.stiction import worst_valve
 from ...errors import ModelError, NotInvertible
 from ...fit.bases.integrating import integrates
 from ...models.added import newer
+from ...models.continuous_time import Continuous
 from ...tasks.compensate import caution
 from ...tasks.physical import physical
 from .. import words
@@ -77,11 +78,18 @@ def verdict(material: Material) -> dict[str, Any]:
     known = physical(d, {name: unit for name, unit in units.items() if unit})
     return {
         "badge": words.BADGES[d.steps[0].finding], "fall": words.fall(d, units), "bars": bars(d, units),
-        "physical": "" if isinstance(known, str) else known.text, "added": added(d, units), "lamp": lamp(material),
+        "physical": told(known, True), "linear": told(known, False), "added": added(d, units), "lamp": lamp(material),
         "next": words.what_next(d), "notes": [*(f.sentence for f in d.faults), *d.data_notes],
         "why": words.without_ids(d.sentence(units)),
         "steps": [words.without_ids(s.sentence(units)) for s in d.steps[1:]],
     }  # fmt: skip
+
+
+def told(known: Continuous | str, effects: bool) -> str:
+    """Return the quantities of the effects, or of the linear part, in physical units; "" where there are none."""
+    if isinstance(known, str):
+        return ""
+    return "; ".join(q.text for q in known.quantities if str(q.symbol) in known.main and bool(q.effect) == effects)
 
 
 def lamp(material: Material) -> tuple[str, str]:
