@@ -30,17 +30,17 @@ from narx_sym.fit.evaluate import free_run
 
 TURNED = {"distance_since_reversal:u", "distance_since_reversal:y", "u|u"}
 SPEED = {"velocity", "rate"}
-INPUT = "dead_zone saturation asymmetric_gain quadratic_gain cubic_gain atan_saturation soft_dead_zone exponential_gain"
-TRUE = {  # by the kind of `truths.py`
-    **dict.fromkeys("backlash hysteresis elastic_backlash maxwell_slip jiles_atherton".split(), TURNED),
-    **dict.fromkeys("coulomb_friction stribeck_friction lugre_friction tanh_friction".split(), {"velocity"}),
-    **dict.fromkeys("hardening_spring quadratic_spring sinh_spring".split(), {"y"}),
-    **dict.fromkeys(INPUT.split(), {"u"}), "quadratic_drag": {"velocity"}, "bilinear_gain": {"u|y", "u", "y"},
-    **dict.fromkeys(["drift", "sqrt_drift"], {"time"}), **dict.fromkeys(["ageing", "warming_gain"], {"u|time"}),
-    **dict.fromkeys(["periodic_disturbance", "two_harmonics"], {"period"}), "saturating_load": {"channel:load"},
-    "channel:temperature": {"channel:temperature"}, "channel_gain:temperature": {"u|channel:temperature"},
-    **dict.fromkeys(["creep", "log_creep"], {"past of u"}),  # no view has it
-}  # fmt: skip
+ALIKE: list[tuple[str, set[str]]] = [  # kinds of `truths.py`, and the variables that are right
+    ("backlash hysteresis elastic_backlash maxwell_slip jiles_atherton", TURNED),
+    ("coulomb_friction stribeck_friction lugre_friction tanh_friction quadratic_drag", {"velocity"}),
+    ("hardening_spring quadratic_spring sinh_spring", {"y"}), ("bilinear_gain", {"u|y", "u", "y"}),
+    ("dead_zone saturation asymmetric_gain quadratic_gain cubic_gain", {"u"}),
+    ("atan_saturation soft_dead_zone exponential_gain", {"u"}), ("drift sqrt_drift", {"time"}),
+    ("ageing warming_gain", {"u|time"}), ("periodic_disturbance two_harmonics", {"period"}),
+    ("saturating_load", {"channel:load"}), ("channel:temperature", {"channel:temperature"}),
+    ("channel_gain:temperature", {"u|channel:temperature"}), ("creep log_creep", {"past of u"}),  # no view has it
+]  # fmt: skip
+TRUE = {kind: right for kinds, right in ALIKE for kind in kinds.split()}
 MEASURED = {
     "emps/train.csv": {"velocity"}, "boucwen/train_multisine.csv": TURNED | SPEED | {"y"},
     "cascaded_tanks/train.csv": {"y"}, "friction_damper_brfd/d1_0.5Hz_35lb.csv": TURNED | {"rate"},

@@ -129,7 +129,7 @@ def test_five_lines_first_and_the_same_data_and_seed_give_the_same_file(files, d
     code, text, err = run(*arguments, "--json", files / "again.json")
     assert code == 0, err
     lines = text.splitlines()
-    assert lines[0] == "Dead zone is probably missing. (named: one explanation fits)"
+    assert lines[0] == "Dead zone is probably missing. (one explanation fits)"
     assert "falls from" in lines[1] and " mm" in lines[1] and "Probably missing: dead_zone" in lines[3]
     size = re.search(r"Dead zone: .*r = (0\.[0-9]+) V\.", lines[2])
     assert size and float(size[1]) == pytest.approx(DEAD, rel=0.02)

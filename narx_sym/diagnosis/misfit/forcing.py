@@ -18,8 +18,8 @@ class Forcing:
     """The forcing along a free run, smoothed as much as `log_lam` says.
 
     The free-run error obeys e[k] = sum_i a_i[k] e[k-i] + w[k]. Its noise-free part x minimises
-    |e - x|^2 + lam |L x|^2, where L x is the forcing w (Tikhonov). The first n_y rows of L are those of the identity, or
-    nothing where the start states were estimated: then a start is no forcing.
+    |e - x|^2 + lam |L x|^2, where L x is the forcing w (Tikhonov). The first n_y rows of L are those of the identity,
+    or nothing where the start states were estimated: then a start is no forcing.
 
     Parameters
     ----------

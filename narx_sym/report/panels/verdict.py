@@ -57,8 +57,8 @@ def pictures(material: Material) -> list[Picture]:
     valves = material.diagnosis.steps[0].valves
     if not valves:
         base = material.diagnosis.steps[0].base
-        over_time = base.model.recursion.depth > 0 and integrates(base.model, base.split.records)
-        drawn = [run(material.compared, material.units, over_time)]
+        axis = base.model.recursion.depth > 0 and integrates(base.model, base.split.records)
+        drawn = [run(material.compared, material.units, axis)]
         return [*drawn, portrait(material.diagnosis, material.units)] if material.diagnosis.portrait.seen() else drawn
     valve = worst_valve(valves)
     record, said = valve.record, f"{valve.sentence}."
