@@ -38,7 +38,7 @@ def test_it_is_the_missing_input_in_its_unit_and_sign(model, factor):
     "missing, first",
     [
         (lambda u, t: 0.3 * u**2, "u"), (lambda u, t: 0.02 * t, "time"), (lambda u, t: 0.02 * (t - 30) * u, "u|time"),
-        (lambda u, t: 0.4 * (v := np.gradient(lfilter([0.08], [1, -1.6, 0.68], u)) / 0.05) * np.abs(v), "velocity"),
+        (lambda u, t: 0.05 * (v := np.gradient(lfilter([0.08], [1, -1.6, 0.68], u)) / 0.05) * np.abs(v), "velocity"),
         (lambda u, t: 0.3 * np.sin(2 * np.pi * 3.3 * t), "period"),
     ],
     ids=["curve", "drift", "ageing", "speed", "hum"],

@@ -1,8 +1,8 @@
 """The portrait of what is missing: the equivalent missing input against the variable that explains most of it.
 
 It is computed from the data and the base alone, at the working rate of the diagnosis: there friction is a step at zero
-velocity, slack and hysteresis a loop, the root of a level a root. What each model adds goes through the same smoother, so
-the picture of the base less that of a law is the picture of what the law leaves.
+velocity, slack and hysteresis a loop, the root of a level a root. What each model adds is smoothed alike, so the
+picture of the base less that of a law is the picture of what the law leaves.
 """
 
 from __future__ import annotations
