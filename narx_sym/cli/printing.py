@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 PACE = 2.0  # seconds between lines of progress where there is no terminal
 FEW = 3  # effects shown from either end of the sizes that would have been seen
 MARK = "*"
+WIDEST = 10_000  # columns of no terminal: what a table needs so that no word is cut
 
 
 def console(stderr: bool = False) -> Any:
@@ -24,8 +25,8 @@ def console(stderr: bool = False) -> Any:
     from rich.console import Console
 
     file = cast(IO[str], Stderr()) if stderr else None
-    shown = Console(file=file, highlight=False, soft_wrap=True)
-    # In a pipe or a log nothing is cut off.
+    shown = Console(file=file, highlight=False)
+    # In a terminal lines end between words; in a pipe or a log nothing is cut off.
     return shown if shown.is_terminal else Console(file=file, highlight=False, soft_wrap=True, width=140)
 
 
@@ -76,16 +77,24 @@ def note(message: str) -> None:
 
 
 def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:
-    """Print a table on stdout."""
+    """Print a table on stdout; one line for each row where the terminal would cut numbers or words."""
+    from rich.console import Console
     from rich.markup import escape  # "y[k-1]" is not a style
     from rich.table import Table
 
     shown = Table(title=title, title_justify="left")
     for i, name in enumerate(columns):
         shown.add_column(name, justify="left" if i == 0 else "right")
-    for row in rows:
-        shown.add_row(*(f"{v:.4g}" if isinstance(v, float) else escape(str(v)) for v in row))
-    console().print(shown)
+    said = [[f"{v:.4g}" if isinstance(v, float) else escape(str(v)) for v in row] for row in rows]
+    for row in said:
+        shown.add_row(*row)
+    out = console()
+    if Console(width=WIDEST).measure(shown).minimum <= out.width:
+        out.print(shown)
+        return
+    out.print(f"[italic]{escape(title)}[/italic]")
+    for first, *rest in said:
+        out.print(f"  {first}: " + "; ".join(f"{escape(n)} {v}" for n, v in zip(columns[1:], rest, strict=True) if v))
 
 
 def print_model(model: Model) -> None:
@@ -133,8 +142,10 @@ def _print_point(model: Model) -> None:
 
 def print_fails(misfit: Any, units: dict[str, str], most: int = 5) -> None:
     """Print where a model fails: the panels that explain most of its error, each with its worst region."""
+    from ..diagnosis.bases import words
+
     rows = [
-        [row["panel"], f"{100 * row['share']:.0f} %", _percent(row["share_missing"]), row["worst"]]
+        [words(row["panel"]), f"{100 * row['share']:.0f} %", _percent(row["share_missing"]), row["worst"]]
         for row in misfit.table(units)[:most]
     ]
     table(
@@ -160,38 +171,43 @@ def print_found(found: Diagnosis, units: dict[str, str], command: str, quantitie
     """
     from ..models.info import acts
     from ..report.parameters import added_sizes
-    from ..report.words import fall, what_next
+    from ..report.words import fall, what_next, without_ids
 
     print_headline(found)
     acting = "" if found.steps[0].follows_nothing else acts(found.model.delay, found.model.Ts)
     told = f"In physical units: {quantities.text}." if getattr(quantities, "text", "") else ""
-    lines = [fall(found, units), *added_sizes(found, units), found.sentence(units), f"{told} {acting}".strip()]
-    lines += [f"Step {i}: {later.sentence(units)}" for i, later in enumerate(found.steps[1:], 2)]
+    lines = [
+        fall(found, units),
+        *added_sizes(found, units),
+        without_ids(found.sentence(units)),
+        f"{told} {acting}".strip(),
+    ]
+    lines += [f"Step {i}: {without_ids(later.sentence(units))}" for i, later in enumerate(found.steps[1:], 2)]
     lines += [f"Next: {what_next(found)}", command and f"  {command}"]
     for line in filter(None, lines):
-        console().print(line, markup=False)
+        console().print(line, markup=False, soft_wrap=line.startswith("  ") or None)  # a command is copied whole
 
 
 def print_headline(found: Diagnosis) -> None:
-    """Print one line: what was found, and its verdict."""
+    """Print one line: what was found, and how sure it is."""
     from rich.markup import escape
 
     from ..report.words import BADGES, headline
 
-    told = f"({found.verdict}: {BADGES[found.steps[0].finding]})"
-    console().print(f"[bold]{escape(headline(found))}[/bold] {escape(told)}")
+    told = BADGES[found.steps[0].finding]
+    console().print(f"[bold]{escape(headline(found))}[/bold] ({escape(told)})")
 
 
 def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
     """Print candidates, errors, where the base fails, and what could not have been seen."""
     from ..diagnosis.bases import percent_of
     from ..report.parameters import candidate_parameters
-    from ..report.words import PARTS, removed
+    from ..report.words import PARTS, removed, spaced
 
     step = found.steps[0]
     rows = [
         [
-            f"{row['effect']}{' ' + MARK if row['in_confusion_set'] else ''}", row["where"],
+            f"{spaced(row['effect'])}{' ' + MARK if row['in_confusion_set'] else ''}", row["where"],
             "" if one.probability is None else percent_of(one.probability), *removed(row), row["before"],
             row["nrmse"], candidate_parameters(one, units),
         ]
@@ -215,7 +231,7 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
         )
     floor = found.floor / step.base.problem.spread
     ladder = [
-        [name, *(f(r[part]) for part in PARTS for f in (lambda e: e, lambda e: 100 * (1 - e)))]
+        [spaced(name), *(f(r[part]) for part in PARTS for f in (lambda e: e, lambda e: 100 * (1 - e)))]
         for name, r in zip(found.rungs, found.ladder, strict=True)
     ]
     ladder.append([f"noise floor ({step.floor_kind})", floor, "", "", ""])

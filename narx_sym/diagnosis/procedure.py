@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from ..data.evidence.feedback import Feedback, closed_loop, setpoint
 from ..data.evidence.levels import at_levels, one_speed, one_way
 from ..data.evidence.noise import repeated, sensor_noise
-from ..data.evidence.rate import left_out
+from ..data.evidence.rate import left_out, working
 from ..data.evidence.roles import acting, with_roles
 from ..data.evidence.several import told_once
 from ..data.evidence.stiction import Sticking, span_of, sticking
@@ -31,11 +31,11 @@ from ..models.extend import find
 from ..models.info import whole
 from ..models.model import Model
 from .bases import BASE as MEMORY
-from .bases import few, joined
+from .bases import few, joined, words
 from .doors import DiagnosisDoors
 from .experiment import Experiment, check_limits
 from .machine import Machine, check_machine, machine_of
-from .misfit import Misfit, misfit_of
+from .misfit import Misfit, Portrait, misfit_of, portrait_of
 from .progress import BASE, ROUND, Course, inside
 from .refit import Fitted, Trial
 from .settings import ALIKE, FEWEST
@@ -143,6 +143,21 @@ class Diagnosis(DiagnosisDoors):
         """Rms of the noise: the lowest that any step tells [unit of y]."""
         return min(s.floor for s in self.steps)
 
+    @cached_property
+    def portrait(self) -> Portrait:
+        """What the base lacks, against the variable that explains most of it, with the law of each step.
+
+        It is of the segment with the most of the squared error, at the working rate.
+        """
+        base = self.steps[0].base
+        after, known = {}, list[str]()
+        for one in self.steps:
+            if one.chosen is not None:
+                known = [n for n in known if n not in one.withdrawn] + one.added
+                after[joined(map(words, known))] = one.chosen.errors[base.worst]
+        factor = working(self.steps[0].trial.records)[1]
+        return portrait_of(base.model, base.split.records[base.worst], base.errors[base.worst], factor, after)
+
     @property
     def ladder(self) -> list[dict[str, Any]]:
         """The errors after each addition, those of `evaluate`: on the records (`train`) and on validation data.
@@ -218,6 +233,7 @@ class Diagnosis(DiagnosisDoors):
             {"panel": row["panel"], "share": round(float(row["share"]), 6), "worst": row["worst"]}
             for row in self.misfit.table()
         ]
+        first["portrait"] = self.portrait.to_dict()
         first |= {"schema": 1, "seed": self.seed, "seconds": round(self.seconds, 3), "ladder": self.ladder}
         first |= {"errors": self.errors, "validation_data": self.validation}
         first["sensor"] = [{"effect": f.effect, "size": f.size, "share": f.share} for f in self.faults]

@@ -76,6 +76,12 @@ DEPENDENT, TINY = 1e-10, 1e-7  # a smaller singular value, and a smaller share o
 
 # ---- the picture of the misfit --------------------------------------------------------------------------------------
 CELLS, LEAST = 12, 10  # of a panel; samples in each, and three correlation lengths
+TOLD = 0.02  # share of a panel that is taken off before a line is looked for
+CYCLE = 10  # samples of the working rate in the shortest cycle that is kept, which holds 99.9 % of the output's power
+SHIFTS = 99  # of what a view leaves, against its variable: what chance makes of the means
+BAND = 4.0  # standard deviations of chance, to either side: one cell of 16 000 leaves it, or one portrait of a hundred
+FAINT = 0.05  # share below which a view shows nothing
+TWICE = 2  # times what a variable explains alone, two must explain together
 WIDE = 2  # a spectral line of the Hann window reaches this many bins to each side
 
 # ---- the next experiment ---------------------------------------------------------------------------------------------

@@ -118,6 +118,13 @@ class Comparison:
         return slice(max(0, centre - half), min(n, centre + half))
 
     @cached_property
+    def periods(self) -> slice:
+        """Two and a half periods of the output about the worst one."""
+        half = (self.worst.stop - self.worst.start) // 2
+        first = max(0, min(self.worst.start - 3 * half // 2, self.y.size - 5 * half))
+        return slice(first, first + 5 * half)
+
+    @cached_property
     def span(self) -> tuple[float, float]:
         """The range of all outputs, so that before and after have the same axes [unit of y]."""
         return span(self.y, *self.runs.values())
@@ -149,14 +156,14 @@ def errors(c: Comparison, units: Units) -> Panel:
     return traces(TIME, c.t, y, told, *c.aside, *c.band, height=0.8)
 
 
-def worst(c: Comparison, units: Units) -> tuple[Panel, Panel]:
-    """Describe where the error is largest: measured and simulated, before and after; below what is left of each."""
-    part = c.at(c.worst)
-    aside = [a for a in part.aside if a not in part.whole]  # what is everywhere marks nothing
+def stretch(c: Comparison, units: Units, over_time: bool) -> Panel:
+    """Describe some periods where the error is largest, measured, before and after: as a loop, or over time."""
+    part = c.at(c.periods)
     said = {n: "simulated" if len(c.runs) == 1 else "before" if n == "base" else "after" for n in c.runs}
-    runs, left = ({said[n]: (c.role(n), x) for n, x in of.items()} for of in (part.runs, part.errors))
-    above = traces(TIME, part.t, _said("y", units), {"measured": ("measured", part.y), **runs}, *aside)
-    return above, traces(TIME, part.t, headed("error", units.get("y")), left, *aside, *c.band, height=0.67)
+    runs = {"measured": ("measured", part.y)} | {said[n]: (c.role(n), x) for n, x in part.runs.items()}
+    if over_time:
+        return traces(TIME, part.t, _said("y", units), runs, *(a for a in part.aside if a not in part.whole))
+    return traces(_said("u", units), part.u, _said("y", units), runs)
 
 
 def region(c: Comparison, inside: Array, units: Units) -> Panel:

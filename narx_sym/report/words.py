@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.coverage import one_sine
 from ..data.evidence.stiction import worst_valve
 from ..diagnosis.bases import BASE, joined
 from ..diagnosis.experiment import Experiment
@@ -94,7 +95,8 @@ def percent(share: float) -> str:
 
 def removed(row: Mapping[str, Any]) -> tuple[str, str]:
     """Return the share of the removable error that a candidate removes, and its 95 % interval."""
-    return f"{100 * row['share']:.0f} %", f"{100 * row['low']:.0f} to {100 * row['high']:.0f} %"
+    low, high = (100 * min(max(row[end], 0.0), 1.0) for end in ("low", "high"))  # a share is no more than all
+    return f"{100 * row['share']:.0f} %", f"{low:.0f} to {high:.0f} %"
 
 
 # -- the verdict -----------------------------------------------------------------------------------------------
@@ -115,8 +117,15 @@ def _with_units(e: Experiment, units: Units) -> Experiment:
     return replace(e, name=name, units=dict(units))
 
 
-def headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
-    """Say in a few words what was found."""
+def headline(diagnosis: Diagnosis) -> str:
+    """Say in a few words what was found, and where one sine is all that it was told from."""
+    first, said = diagnosis.steps[0], _headline(diagnosis)
+    named = first.finding in ("named", "two_effects", "helps_but_incomplete")
+    sine = named and all(one_sine(r.u, r.Ts) for r in first.base.split.records)
+    return f"{said.removesuffix('.')} (one sine cannot tell for sure)." if sine else said
+
+
+def _headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
     first = diagnosis.steps[0]
     if first.verdict == "nothing_detectable":
         if first.follows_nothing:
@@ -224,18 +233,6 @@ def _next(diagnosis: Diagnosis) -> str:  # noqa: PLR0911
 
 def _added(diagnosis: Diagnosis) -> str:
     return joined(spaced(rung.removeprefix("+ ")) for rung in diagnosis.rungs[1:])
-
-
-def sizes(diagnosis: Diagnosis, units: Units) -> list[tuple[str, str, str, float]]:
-    """Return the figures that matter: what, in the unit of y, and twice over the output's standard deviation."""
-    unit, rungs = units.get("y") or "(unit of y)", diagnosis.ladder
-    spread = diagnosis.steps[0].base.problem.spread
-    names = ["Error of the base", *([f"Error with {_added(diagnosis)}"] if rungs[1:] else [])]
-    found = [
-        (name, r["validation_rms"], r["validation"]) for name, r in zip(names, (rungs[0], rungs[-1]), strict=False)
-    ]
-    found += [(what, size * spread, size) for what, size in floor(diagnosis).items()]
-    return [(what, f"{number(rms)} {unit}", percent(size), size) for what, rms, size in found]
 
 
 def floor(diagnosis: Diagnosis) -> dict[str, float]:

@@ -129,8 +129,8 @@ def test_five_lines_first_and_the_same_data_and_seed_give_the_same_file(files, d
     code, text, err = run(*arguments, "--json", files / "again.json")
     assert code == 0, err
     lines = text.splitlines()
-    assert lines[0] == "Dead zone is probably missing. (named: one explanation fits)"
-    assert "falls from" in lines[1] and " mm" in lines[1] and "Probably missing: dead_zone" in lines[3]
+    assert lines[0] == "Dead zone is probably missing. (one explanation fits)"
+    assert "falls from" in lines[1] and " mm" in lines[1] and "Probably missing: dead zone" in lines[3]
     size = re.search(r"Dead zone: .*r = (0\.[0-9]+) V\.", lines[2])
     assert size and float(size[1]) == pytest.approx(DEAD, rel=0.02)
     (told,) = (line for line in lines if line.startswith("In physical units: half-width of the dead zone 0."))
@@ -228,13 +228,13 @@ def test_saved_model_is_read_and_fits(files, diagnosed, run):
     assert code == 0, err
     # With its effect nothing is missing any more, on the same data.
     code, text, err = run("diagnose", files / "dead.csv", "--base", files / "m.json", "--quiet")
-    assert code == 0 and "(nothing_detectable: " in text and len(text.splitlines()) == 1, (text, err)
+    assert code == 0 and "(nothing found)" in text and len(text.splitlines()) == 1, (text, err)
 
 
 def test_nothing_hidden_nothing_found(files, run, tmp_path):
     code, text, err = run("diagnose", files / "null.csv", "--json", tmp_path / "n.json", "--save", tmp_path / "m.json")
     assert code == 0, err
-    assert "(nothing_detectable: " in text.splitlines()[0] and "nothing was added" in err
+    assert "(nothing found)" in text.splitlines()[0] and "nothing was added" in err
     data = json.loads((tmp_path / "n.json").read_text())
     assert data["candidates"] == [] and data["confusion_set"] == [] and data["smallest_detectable"]
     assert "steps" not in data and ns.load(tmp_path / "m.json").info.nrmse.free_run < 0.02

@@ -46,7 +46,8 @@ def test_paper_and_page_say_the_same_words(stage_diagnosis):
         assert said == list(keys(panel))
         made, elements = zoomed({"one": panel})
         assert list(elements) == ["one"]
-        for word in (panel.x, panel.y, *(mark.name for mark in panel.marks if isinstance(mark, Line))):
+        lines = [mark for mark in panel.marks if isinstance(mark, Line)]
+        for word in (panel.x, panel.y, *(mark.name for mark in lines if mark.x is lines[0].x)):  # read at one x
             assert json.dumps(word)[1:-1] in made
 
 

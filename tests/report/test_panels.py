@@ -23,7 +23,7 @@ from narx_sym.report.words import number
 
 # Key of the part: a text that only it tells, and the number of its pictures on the stage's diagnosis.
 CASES = {
-    "verdict": ("falls from", 1),
+    "verdict": ("falls from", 2),
     "try_it": ("Move a parameter", 0),
     "compare": ("The free run gets the measured input and nothing else", 4),
     "ladder": ("The noise floor is an estimate", 1),

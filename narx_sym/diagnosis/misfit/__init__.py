@@ -8,5 +8,6 @@ from .find import Misfit, misfit_of, where_it_fails
 from .forcing import missing_input
 from .motion import reversals
 from .panel import Panel
+from .portrait import Portrait, portrait_of
 
-__all__ = ["Misfit", "Panel", "misfit_of", "missing_input", "reversals", "where_it_fails"]
+__all__ = ["Misfit", "Panel", "Portrait", "misfit_of", "missing_input", "portrait_of", "reversals", "where_it_fails"]

@@ -55,6 +55,16 @@ def since(name: str, label: str, kind: str, x: Array, sign: Array) -> Panel | No
     return empty(name, label, kind, low, np.concatenate([-edges[-2::-1], edges[1:]]), both)
 
 
+def beside(name: str, label: str, x: Array, other: Array, classes: int) -> Panel | None:
+    """Panel along the input, with cells of its own for classes of another variable; lines that fan out, or a loop."""
+    edges, sides = edges_of(x, CELLS), edges_of(other.astype(float), classes)
+    if edges is None or sides is None:
+        return None
+    cells, own = edges.size - 1, place(other.astype(float), sides)
+    low, high = np.tile(edges[:-1], sides.size - 1), np.tile(edges[1:], sides.size - 1)
+    return empty(f"u|{name}", label, "u", low, high, np.where(own < 0, -1, place(x, edges) + cells * own))
+
+
 def grid(amplitude: Array, frequency: Array) -> Panel | None:
     """Panel of joint cells of amplitude and frequency."""
     known = np.isfinite(amplitude)

@@ -7,18 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from ...data.record import Record
-from ...engines.columns import Columns
 from ...errors import DataError
 from ...fit.simulate import vector
 from ...models.model import Model
-from ...symbolic.sensitivity import derivative
-from ...symbolic.signals import expand_phi, k, samples
 from .forcing import missing_input
 from .means import filled_panels
 from .panel import Panel
+from .slopes import slopes_along
 from .variables import empty_panels
 
 Array = np.ndarray
@@ -121,17 +118,7 @@ def misfit_of(model: Model, record: Record, error: Array, floor: float | None) -
     floor : float, optional
         rms of the noise [unit of y].
     """
-    known = dict(zip(model.symbols, map(float, model.theta), strict=True))
     simulated = record.y - error
-    seen = {"u": record.u, "y": simulated, "x": simulated, "v": record.u, "t": record.t, **record.channels}
-    slopes = np.zeros((len(record), model.n_y))
-    for j in range(model.n_y):
-        slope = sp.sympify(derivative(model.core, model.inner[k - j - 1]).xreplace(known))
-        if not slope.atoms(sp.Indexed):
-            slopes[:, j] = float(slope)
-            continue
-        columns = Columns([model.in_user_units(expand_phi(slope))])
-        if all(s.base.name in seen for s in samples(columns.terms[0])):
-            slopes[columns.depth :, j] = columns(seen)[:, 0]
+    slopes = slopes_along(model, record, simulated)[0]
     missing = missing_input(error, slopes, floor)
     return where_it_fails(record.u, record.y, simulated, record.Ts, record.channels, missing, floor, float(record.t[0]))

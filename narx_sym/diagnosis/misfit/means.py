@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from ...data.metrics import correlation_length
-from ..settings import LEAST, WIDE
+from ..settings import LEAST, TOLD, WIDE
 from .panel import Panel
 
 Array = np.ndarray
@@ -19,10 +19,10 @@ def filled_panels(empty: list[Panel], r: Array, Ts: float) -> list[Panel]:
     filled = sorted((_fill(p, r) for p in empty), key=lambda p: 0.001 * p.mean.size - p.share)
     rest = r - r.mean()
     for panel in filled:
-        if panel.share > 0.02:
+        if panel.share > TOLD:
             means = _fill(panel, rest).mean
             rest = rest - np.append(np.nan_to_num(means), 0.0)[panel.cell]
-    line = _spectrum(rest, float(np.var(r)), Ts)
+    line = spectrum(rest, float(np.var(r)), Ts)
     return sorted([*filled, *line], key=lambda p: 0.001 * (3 if p.name == "spectrum" else p.mean.size) - p.share)
 
 
@@ -49,7 +49,7 @@ def _fill(panel: Panel, r: Array) -> Panel:
     return replace(panel, mean=means, error=np.sqrt(variance), share=float(np.clip(share, 0.0, 1.0)))
 
 
-def _spectrum(rest: Array, variance: float, Ts: float) -> list[Panel]:
+def spectrum(rest: Array, variance: float, Ts: float) -> list[Panel]:
     """Panel of the spectrum (Welch 1967); none for a short record. `rest` is what the other panels leave."""
     if rest.size < 128:
         return []

@@ -104,6 +104,6 @@ def _span(low: float, high: float, unit: str, form: str = "[{}, {}]") -> str:
 
 
 def _unit(kind: str, units: Mapping[str, str]) -> str:
-    if kind == "u/s":
-        return f"{units['u']}/s" if units.get("u") else ""
+    if kind in ("u/s", "y/s"):
+        return f"{units[kind[0]]}/s" if units.get(kind[0]) else ""
     return kind if kind in ("s", "Hz") else units.get(kind, "")

@@ -47,7 +47,8 @@ LOOKS = {
     "before": Look("orange", 1.4, _DASHED), "after": Look("blue"), "candidate": Look("pink", 2.0, _MIXED),
     "input": Look("blue"), "estimate": Look("orange", 1.6, _DASHED), "limit": Look("red", 1.0, _DOTTED),
     "setpoint": Look("red", 1.0, _DOTTED), "zero": Look("black", 0.6), "region": Look("red", 0.0, dot=5.0),
-    "start": Look("black", 0.0, dot=4.0), "floor": Look("yellow", 0.0, alpha=0.45),
+    "start": Look("black", 0.0, dot=4.0), "sample": Look("grey", 0.0, dot=2.0), "mean": Look("black", 0.0, dot=7.0),
+    "floor": Look("yellow", 0.0, alpha=0.45),
     "range": Look("sky", 0.0, alpha=0.35), "held-out": Look("grey", 0.0, alpha=0.24),
 } | dict(zip(SEVERAL, (
     Look("blue"), Look("orange", 1.4, _DASHED), Look("green", 1.4, _MIXED), Look("pink", 1.6, _DOTTED),

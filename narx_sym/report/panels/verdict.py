@@ -5,11 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ...data.evidence.stiction import worst_valve
+from ...errors import ModelError, NotInvertible
+from ...fit.bases.integrating import integrates
 from ...models.added import newer
+from ...models.continuous_time import Continuous
+from ...tasks.compensate import caution
+from ...tasks.physical import physical
 from .. import words
-from ..comparison import Comparison, Units, worst
+from ..comparison import Comparison, Units, stretch
 from ..parameters import effect_parameters, shape_units
 from ..picture import Picture
+from ..plots.portrait import portrait_panels
 from ..plots.valve import loop_panels
 from .registry import Material, panel
 
@@ -17,25 +23,43 @@ if TYPE_CHECKING:
     from ...diagnosis.procedure import Diagnosis
 
 
-SIZE = (5.2, 4.1)  # [inch] of the picture beside the verdict
+SIZE, NARROW = (5.2, 4.2), (4.2, 4.2)  # [inch] of the pictures beside the verdict
+NO_LAW = "No compensation law follows from this model."
+GOOD, BAD = "The law is stable over the range of the data.", "Take care with the law: "
 
 
-def picture(c: Comparison, units: Units) -> Picture:
-    """Return where the error of the base is largest, zoomed, before and after."""
-    part = c.at(c.worst)
+def run(c: Comparison, units: Units, over_time: bool) -> Picture:
+    """Return some periods of the record where the error is largest, measured, before and after."""
+    part = c.at(c.periods)
     times = f"{words.number(part.t[0])} to {words.number(part.t[-1])} s"
     rms = {name: float((e**2).mean() ** 0.5) for name, e in part.errors.items()}
     falls = ", then ".join(f"{words.number(e)} {units.get('y', '')}".rstrip() for e in rms.values())
     alt = f"Measured and simulated output from {times}, where the error is largest: rms error {falls}."
     where = "".join(f" ({a.name})" for a in part.whole)
-    return Picture("worst", f"Where the error is largest{where}", alt, worst(c, units), part.columns, SIZE)
+    title = f"{'Output' if over_time else 'Loop'}, {times}{where}"
+    return Picture("stretch", title, alt, [stretch(c, units, over_time)], part.columns, NARROW)
+
+
+def portrait(d: Diagnosis, units: Units) -> Picture:
+    """Return what is missing against what explains it, and below it what is left once the law was added."""
+    found, name = d.portrait, d.portrait.view.label
+    alt = f"Missing input against {name}, which explains {words.percent(found.view.share)} of it"
+    alt += "".join(f"; with {n} {words.percent(found.left(n).share)} of what is left" for n in list(found.laws)[-1:])
+    title = f"Portrait of what is missing: {name} explains {words.percent(found.view.share)}, up to "
+    title += f"{words.number(found.bandwidth, 2)} Hz. Shaded: what chance makes of the means."
+    columns = {"from": found.view.low, "to": found.view.high, "mean": found.view.mean, "band": found.view.error}
+    columns |= {f"law of {n}": found.of(n).mean for n in found.laws}
+    return Picture("portrait", title, f"{alt}.", portrait_panels(found, units), columns, SIZE)
 
 
 def pictures(material: Material) -> list[Picture]:
     """Return what was found as a picture: the valve, where the record is of one, else where the error is largest."""
     valves = material.diagnosis.steps[0].valves
     if not valves:
-        return [picture(material.compared, material.units)]
+        base = material.diagnosis.steps[0].base
+        axis = base.model.recursion.depth > 0 and integrates(base.model, base.split.records)
+        drawn = [run(material.compared, material.units, axis)]
+        return [*drawn, portrait(material.diagnosis, material.units)] if material.diagnosis.portrait.seen() else drawn
     valve = worst_valve(valves)
     record, said = valve.record, f"{valve.sentence}."
     columns = {"t": record.t, "OP": record.u, "PV": record.y}
@@ -51,24 +75,49 @@ def pictures(material: Material) -> list[Picture]:
 def verdict(material: Material) -> dict[str, Any]:
     """Tell the verdict."""
     d, units = material.diagnosis, material.units
-    rows = [] if d.verdict == "nothing_detectable" else d.misfit.table(units)
-    rows = [r for r in rows if r["share"] > 0.05]
-    named = {p.name: p.label for p in d.misfit.panels}
+    known = physical(d, {name: unit for name, unit in units.items() if unit})
     return {
         "badge": words.BADGES[d.steps[0].finding], "fall": words.fall(d, units), "bars": bars(d, units),
-        "added": added(d, units),
-        "sentence": words.without_ids(d.sentence(units)), "next": words.what_next(d), "notes": d.data_notes,
-        "worst": {**rows[0], "label": named[rows[0]["panel"]]} if rows else None,
+        "physical": told(known, True), "linear": told(known, False), "added": added(d, units), "lamp": lamp(material),
+        "next": words.what_next(d), "notes": [*(f.sentence for f in d.faults), *d.data_notes],
+        "why": words.without_ids(d.sentence(units)),
         "steps": [words.without_ids(s.sentence(units)) for s in d.steps[1:]],
     }  # fmt: skip
 
 
-def bars(d: Diagnosis, units: Units) -> list[tuple[Any, ...]]:
-    """Return the errors that matter: class, what, size, share, and the length as a percentage of the longest."""
-    rows = words.sizes(d, units)
-    classes = [*["b0", "b1"][: len(d.ladder)], "bfloor"]
-    longest = max(size for *_, size in rows)
-    return [(css, *said, 100 * size / longest) for css, (*said, size) in zip(classes, rows, strict=False)]
+def told(known: Continuous | str, effects: bool) -> str:
+    """Return the quantities of the effects, or of the linear part, in physical units; "" where there are none."""
+    if isinstance(known, str):
+        return ""
+    return "; ".join(q.text for q in known.quantities if str(q.symbol) in known.main and bool(q.effect) == effects)
+
+
+def lamp(material: Material) -> tuple[str, str]:
+    """Return the colour of the law of the model to take away, and what it says of stability and range."""
+    try:
+        said = caution(material.subject.law)
+    except (ModelError, NotInvertible):
+        return "none", NO_LAW
+    return ("warn", BAD + said) if said else ("good", GOOD)
+
+
+def bars(d: Diagnosis, units: Units) -> list[dict[str, Any]]:
+    """Return the errors on the record and on validation data of the base and of each step, and the noise floor.
+
+    Each is a size, a share of the output's standard deviation, and a length as a percentage of the longest.
+    """
+    unit, spread = units.get("y") or "(unit of y)", d.steps[0].base.problem.spread
+    rows = [
+        (name, css, [(part, rung[f"{key}_rms"], rung[key]) for key, part in words.PARTS.items()])
+        for (name, rung, css) in zip(d.rungs, d.ladder, ["before", *["after"] * len(d.ladder)], strict=False)
+    ]
+    rows += [(name.lower(), "floor", [("", size * spread, size)]) for name, size in words.floor(d).items()]
+    longest = max(size for *_, parts in rows for *_, size in parts)
+    return [
+        {"name": name, "css": css,
+         "parts": [(p, f"{words.number(rms)} {unit}", words.percent(s), 100 * s / longest) for p, rms, s in parts]}
+        for name, css, parts in rows
+    ]  # fmt: skip
 
 
 def added(d: Diagnosis, units: Units) -> list[str]:

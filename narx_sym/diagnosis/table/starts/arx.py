@@ -75,7 +75,7 @@ def _inside(a: Array) -> Array:
     return -np.real(np.poly(np.where(size >= EDGE, at / size**2 * MOVES, at)))[1:]
 
 
-def resampled(a: Array, factor: int) -> Array:
+def resampled(a: Array, factor: float) -> Array:
     """Return the coefficients of older outputs whose poles decay as much in `factor` samples as those of a in one."""
     at = poles(a)
     angles = np.where(np.isreal(at), 0.0, np.angle(at))  # nothing in between swings as a negative pole does

@@ -1,0 +1,61 @@
+"""The portrait of what is missing: the missing input against what explains it, and what the law leaves of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...data.units import headed
+from ...diagnosis.misfit import Panel as View
+from ...diagnosis.misfit import Portrait
+from ..figures.describe import TIME, Area, Line, Panel
+
+Array = np.ndarray
+Units = Mapping[str, str]
+SHOWN = 99.0  # per cent of the samples that the axis covers at least: a start transient would flatten the rest
+
+
+def portrait_panels(portrait: Portrait, units: Units) -> tuple[Panel, ...]:
+    """Describe the portrait before, with the law of the last model over it, and below it what that law leaves.
+
+    Parameters
+    ----------
+    units : mapping such as {"u": "V", "y": "um"}
+    """
+    view, law = portrait.view, list(portrait.laws)[-1:]
+    x = _places(portrait)
+    rows = [("", portrait.missing, view), *((n, portrait.missing - portrait.laws[n], portrait.left(n)) for n in law)]
+    high = max([float(np.percentile(np.abs(w - w.mean()), SHOWN)) for _, w, _ in rows])
+    high = 1.05 * max(high, float(np.nanmax(np.abs(view.mean))))
+    kind = "input" if portrait.unit_of == "u" else "forcing"
+    name = TIME if view.name == "time" else headed(view.label, view.unit(units))
+    found = []
+    for after, w, seen in rows:
+        marks: list[Line | Area] = [_band(seen), Area(0, 0, role="zero"), Line(x, w - w.mean(), "samples", "sample")]
+        marks += [Line(*_joined(seen, seen.mean), "mean", "mean")]
+        marks += [] if after else [Line(*_joined(view, portrait.of(n).mean), f"law of {n}", "after") for n in law]
+        said = headed(f"{kind} still missing" if after else f"missing {kind}", units.get(portrait.unit_of))
+        found.append(Panel(name, said, marks, y_range=(-high, high)))
+    return tuple(found)
+
+
+def _places(portrait: Portrait) -> Array:
+    """Return where the samples stand along the axis of the best view: way since a turn is negative while it falls."""
+    view, x = portrait.view, portrait.values[portrait.view.name]
+    turned = np.where(view.cell >= 0, np.sign(view.centres)[view.cell], np.nan)
+    return x * turned if view.name.startswith("distance") else x
+
+
+def _joined(view: View, heights: Array) -> tuple[Array, Array]:
+    """Return the means as points, with a gap where another class of the view begins."""
+    x = np.where(np.diff(view.low, prepend=-np.inf) < 0, np.nan, view.centres)
+    breaks = np.flatnonzero(np.isnan(x))
+    return np.insert(view.centres, breaks, np.nan), np.insert(heights, breaks, np.nan)
+
+
+def _band(view: View) -> Line:
+    """Return the band of chance as one area, that of the widest class."""
+    order = np.argsort(view.centres, kind="stable")
+    x, half = view.centres[order], np.nan_to_num(view.error[order])
+    return Line(np.concatenate([x, x[::-1]]), np.concatenate([half, -half[::-1]]), "chance", "range")
