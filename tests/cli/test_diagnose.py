@@ -115,8 +115,8 @@ def test_names_the_hidden_effect(files, diagnosed):
     text, err = diagnosed
     assert "Diagnosing ..." in err
     for expected in (
-        "named", "Probably missing: dead_zone", "mm rms", "+ dead_zone", "noise floor", "Where it fails",
-        "What could not have been seen", "dead_zone *", "fit [%], validation", "Max(-0.",
+        "one explanation fits", "Probably missing: dead zone", "mm rms", "+ dead zone", "noise floor", "Where it fails",
+        "What could not have been seen", "dead zone *", "fit [%], validation", "Max(-0.",
     ):  # fmt: skip
         assert expected in text, text
     for picture in ("p.png", "p_where.png"):
