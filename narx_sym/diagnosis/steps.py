@@ -14,7 +14,7 @@ from ..data.evidence.noise import unexplained
 from ..data.evidence.stiction import Sticking
 from ..errors import NarxError
 from ..fit.evaluate import Errors
-from ..fit.laws.stability import stability
+from ..fit.laws.stability import stability, strays
 from ..inversion.compensator import compensator
 from ..models.added import newer
 from ..models.model import NARX, Model
@@ -135,9 +135,8 @@ class Step:
             self.replace(next((c for c in self.others(False) if self.falls(c.fitted)), None))
             if not self.falls(self.chosen):
                 self.refused, self.chosen, self.verdict = self.chosen, None, "helps_but_incomplete"
-        elif self.chosen is not None and self.pair is None and (now := law_worth(self.chosen.model)) < 2:
-            better = (c for c in self.others(True) if law_worth(c.fitted.model) > now)
-            self.replace(next((c for c in better if self.stands_for(self.chosen, c.fitted)), None))
+        elif self.chosen is not None and self.pair is None:
+            self.replace(self.better_law(self.chosen))
         self.others = lambda alike: ()
 
     def replace(self, other: Candidate | None) -> None:
@@ -153,6 +152,14 @@ class Step:
             after["train"].free_run_rms < before["train"].free_run_rms
             and after["validation"].free_run_rms < np.exp(rise / 2) * before["validation"].free_run_rms
         )
+
+    def better_law(self, chosen: Fitted) -> Candidate | None:
+        """Return what explains as much with the best law, where that of a chosen model is not as good."""
+        worth, best, others = law_worth(chosen.model), None, iter(self.others(True))
+        while worth < 2 and (one := next(others, None)) is not None:
+            if (other := law_worth(one.fitted.model)) > worth and self.stands_for(chosen, one.fitted):
+                worth, best = other, one
+        return best
 
     def stands_for(self, one: Fitted, other: Fitted) -> bool:
         """Whether another model explains as much."""
@@ -490,10 +497,10 @@ def step(
 
 
 def law_worth(model: Model) -> int:
-    """Return what the law of a model is worth: 0 none or an unstable one, 1 a stable one, 2 with one solution."""
+    """Return what the law of a model is worth: 0 none or an unstable one, 1 one that strays, 2 one that does not."""
     try:
         law = compensator(model, force=True)
-        return 0 if stability(law).stable is False else 1 + int(law.check().good)
+        return 0 if stability(law).stable is False else 2 - int(strays(law))
     except NarxError:
         return 0
 

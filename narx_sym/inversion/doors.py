@@ -23,6 +23,7 @@ class CompensatorDoors:
     start = door("fit.laws.start", "law_start")
     rest_input = door("fit.laws.start", "rest_input")
     damping = door("fit.laws.damping", "damping")
+    disturbance = door("fit.laws.damping", "disturbance")
     stability = door("fit.laws.stability", "stability")
     refuse_unstable = door("fit.laws.stability", "refuse_unstable")
     rest_expression = door("fit.laws.start", "rest_expression")

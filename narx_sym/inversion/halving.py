@@ -47,7 +47,7 @@ def halved(law: Compensator, recursion: Recursion) -> Recursion:
             updates += steps
             right = right.xreplace({root: found})
         updates.append((left, right))
-    return Recursion(tuple(updates), ()) if rooted else recursion
+    return Recursion(tuple(updates), recursion.parameters) if rooted else recursion  # starts may need them
 
 
 def _steps(root: Root, stage: Solution, taken: Sequence[str]) -> tuple[list[tuple[Any, Any]], Any]:

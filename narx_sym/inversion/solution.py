@@ -196,10 +196,10 @@ class Solution:
     @property
     def proved(self) -> bool:
         """Whether there is exactly one solution for every target that `reach` and `needs` allow: by algebra."""
-        return self._alone and not self.flat
+        return self.alone and not self.flat
 
     @property
-    def _alone(self) -> bool:
+    def alone(self) -> bool:
         """Whether there is exactly one solution for each of those targets that no flat piece gives."""
         return self.steep is not None or (self.how in UNIQUE and not self.notes)
 
@@ -217,7 +217,7 @@ class Solution:
         elif self.how == "quadratic":
             sure = self.reach != (-sp.oo, sp.oo)
             said = f"two {x} for every {of}" if sure else f"none, one or two {x} for {of}, as its coefficients are then"
-        elif self._alone:
+        elif self.alone:
             where = f" where {' and '.join(map(text, self.needs))}" if self.needs else ""
             said = f"exactly one {x} for every {of}{where} (proved)"
         else:
@@ -226,9 +226,7 @@ class Solution:
         many = f", but {' and '.join(self.flat)}: the {x} nearest to {text(self.last)} is taken" if self.flat else ""
         if self.reach != (-sp.oo, sp.oo):
             ends = f"above {low}" if self.reach[1] == sp.oo else f"below {high}"
-            only = (
-                "nothing else is reached" if self._alone or self.how == "quadratic" else "by the pieces that are used"
-            )
+            only = "nothing else is reached" if self.alone or self.how == "quadratic" else "by the pieces that are used"
             said += f" {ends if sp.oo in map(abs, self.reach) else f'from {low} to {high}'}{many}; {only}"
             many = ""
         return "; ".join([f"{said}{many}", *self.notes])

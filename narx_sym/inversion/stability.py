@@ -112,7 +112,10 @@ def internal_dynamics(law: Compensator) -> InternalDynamics:
         For a law with branches or further states.
     """
     if law.staged:
-        raise ModelError("The internal dynamics are not derived for a law with branches or further states.")
+        raise ModelError(
+            "The internal dynamics are not derived for a law with branches or further states; "
+            "law.disturbance(reference) has what becomes of a disturbance along a run."
+        )
     return InternalDynamics(law, *_derived(law.law))
 
 

@@ -2,10 +2,14 @@
 
 import numpy as np
 import pytest
+import sympy as sp
 from test_beyond_reach import REFERENCE, TS, in_c, in_casadi, in_javascript, in_st
+from test_c import arguments, needs_gcc, stepped
 
 import narx_sym as ns
 from narx_sym.engines.compile import compile
+from narx_sym.symbolic.recursion import State
+from narx_sym.symbolic.signals import k, signal, u, y
 
 MODELS = {
     "soft": ns.NARX.from_terms(["y[k-1]", "u[k-1]", "tanh(u[k-1])"], [0.5, 0.5, 0.4], Ts=TS),
@@ -41,5 +45,21 @@ def test_names_of_the_user_stay_apart():
     column = {"r": REFERENCE, **beside}
     given = {b: np.concatenate([np.full(exported.depth, c[0]), c, np.full(5, c[-1])]) for b, c in column.items()}
     start = {**law.start(REFERENCE[0], 0.1), "y": REFERENCE[0], "m": 0.1}
-    found = compile(exported, "native")(given, (), {n: v for n, v in start.items() if n in map(str, exported.states)})
+    found = compile(exported, "native")(
+        given, law.theta, {n: v for n, v in start.items() if n in map(str, exported.states)}
+    )
     assert np.abs(found["m"][exported.depth :][: expected.size] - expected).max() < 1e-9
+
+
+@needs_gcc
+def test_a_state_may_start_from_a_parameter(tmp_path):
+    w, (a, b, c) = signal("w"), sp.symbols("a b c", real=True)
+    state = State(w[k], w[k - 1] / 2 + u[k - 1] / 9, initial=c * u[k])
+    own = a * y[k - 1] + b * u[k - 1] + b * sp.tanh(u[k - 1]) + w[k]
+    law = ns.Model(own, (a, b, c), [0.5, 0.5, 2 / 9], states=[state], Ts=TS).compensator()
+    assert not law.closed_form and law.to_c() and law.to_st()
+    source = law.to_c(limits=None)
+    rest = {"m": 0.1, "y": 0.2}
+    found = stepped(tmp_path, source, "law", {"r": REFERENCE[1:]}, [rest[n] for n in arguments(source, "law_init")])
+    expected = law.follow(REFERENCE, 0.1, share=None).m
+    assert np.abs(found - expected[:-1]).max() < 1e-9

@@ -5,9 +5,12 @@ import pytest
 
 import narx_sym as ns
 from narx_sym.errors import Diverged, ModelError
+from narx_sym.fit.laws.stability import strays
 from narx_sym.models.extend import extend, variants
+from narx_sym.models.info import Info
 
 TS = 0.01
+KNOWN = Info(ranges={"u": (-2.0, 2.0), "y": (-4.0, 4.0)})
 RNG = np.random.default_rng(0)
 INPUT = 1.8 + 1.5 * np.sin(0.02 * np.arange(1500)) + 0.3 * np.sin(0.13 * np.arange(1500))
 
@@ -72,3 +75,29 @@ def test_a_model_that_is_no_better_than_a_constant_makes_no_law():
     with pytest.raises(ModelError, match="no better than a constant"):
         fitted.compensator()
     assert fitted.compensator(force=True).law is not None and model.compensator().law is not None
+
+
+@pytest.mark.parametrize("c", (-0.7, -0.5, -0.3, 0.5, 0.8))
+def test_a_law_that_leaves_the_only_input_is_unstable(c):
+    """What the output gets at once is less than what comes a sample later: rounding grows until it is the input itself.
+
+    Where it then stays bounded a disturbance grows no more: one input alone makes the output, and the law takes others.
+    """
+    core = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.3], Ts=TS, info=KNOWN)
+    at_once = "hysteresis (Bouc-Wen, at the output, driven by u)"
+    added = extend(core, next(v for v in variants(core, []) if str(v) == at_once))
+    numbers = dict(zip([*added.coefficients, *added.shape], (c, 0.2, 0.9), strict=True))
+    law = added.model.replace(theta=[*core.theta, *numbers.values()], info=KNOWN).compensator()
+    assert all(stage.proved for stage in law.staged.stages) and law.damping().share == 1
+    assert law.stability().stable is (abs(0.3 - 0.8 * c) < abs(c)) and (law.stability().apart < 1e-9) is (c > 0)
+
+
+@pytest.mark.parametrize("name", ("dead_zone", "saturation", "backlash"))
+def test_of_a_flat_piece_every_input_is_alike(name):
+    """A whole effect at the input: the law takes other inputs there than what made the output, and does not stray."""
+    core = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.6, 0.5], Ts=TS, info=KNOWN)
+    variant = next(v for v in variants(core, []) if v.id == name and v.where == "input" and v.effect.form != "soft")
+    added = extend(core, variant)
+    theta = [*core.theta, *(1.0 for _ in added.coefficients), *(0.5 for _ in added.shape)]
+    law = added.model.replace(theta=theta, info=KNOWN).compensator()
+    assert law.stability().apart > 0.01 and law.stability().stable is True and not strays(law)

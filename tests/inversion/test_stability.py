@@ -302,3 +302,18 @@ def test_the_picture(tmp_path):
     figure.savefig(tmp_path / "law.png")
     with pytest.raises(NarxError, match="range of m"):
         plots.plot_internal(law)
+
+
+def test_a_disturbance_along_a_run_is_what_the_poles_say():
+    """0.8 from sample to sample, once the output that was moved too is made up for; with branches it is the same there."""
+    plain = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, -0.8])
+    bent = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "abs(u[k-1])", "u[k-2]"], [0.5, 1.5, -0.5, -0.8])
+    target = 5 + np.sin(np.arange(40) / 6)
+    for law in (plain.compensator(), bent.compensator()):
+        found = law.disturbance(target, 12.5, at=3)
+        assert np.allclose(found, [1.0, *(0.3 * 0.8 ** np.arange(36))], rtol=0, atol=1e-5)
+    law = bent.compensator()
+    with pytest.raises(ns.ModelError, match=r"law\.disturbance"):
+        _ = law.internal
+    with pytest.raises(ns.ModelError, match="one of 40 samples"):
+        law.disturbance(target, 12.5, at=40)

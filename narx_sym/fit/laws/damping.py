@@ -25,7 +25,7 @@ from ...inversion.stages import in_order
 from ...models.model import Model
 from ...symbolic.recursion import Recursion
 from ...symbolic.signals import k, m, signal, y
-from ..simulate import rest_output, simulate
+from ..simulate import fitted, named, rest_output, simulate, vector
 from .driven import driven
 from .excursions import DOUBLES
 
@@ -136,6 +136,51 @@ def growth(
     Parameters as for `narx_sym.fit.laws.driven.driven`; `at` is the sample, and `made` the law with the model beside
     it, as a function of what becomes of the wanted input.
     """
+    places = sorted({at * part // PLACES for part in range(PLACES)})
+    return max(float(one.max(initial=0.0)) for one in _grown(law, target, start, channels, at, places, made))
+
+
+def disturbance(
+    law: Compensator, reference: Any, m0: Any = None, channels: Mapping[str, Any] | None = None, at: int = 0
+) -> Array:
+    """Return what a small disturbance of the input becomes along a run of a law, of any kind, as it is without damping.
+
+    The law's own dynamics where there is no polynomial for them: of laws with branches and states. The law goes on from
+    the model's output, as it does on a machine.
+
+    Parameters
+    ----------
+    reference : (N,) array [unit of y]
+    m0 : number, optional
+        The input before the start [unit of u]; by default as for `Compensator.run`.
+    channels : mapping of names to (N,) arrays
+    at : the sample that is disturbed
+
+    Returns
+    -------
+    (N - at,) array
+        Its size from there on, as a multiple of what it was; infinite where it is beyond all numbers.
+
+    Raises
+    ------
+    ModelError
+        For a law without values, an identified inverse, and a sample outside of the reference.
+    """
+    target = vector(reference, "reference", least=2)
+    fitted(law.model)
+    if law.model.input == y or not 0 <= at < target.size:
+        raise ModelError(
+            f"A disturbance is one of a law that is derived from a model, at one of {target.size} samples."
+        )
+    start = law.rest_input(float(target[0]), None) if m0 is None else float(m0)
+    return _grown(law, target, start, law.named(named(channels)), target.size - 1, [at])[0]
+
+
+def _grown(
+    law: Compensator, target: Array, start: float, channels: Mapping[str, Any], at: int, places: list[int],
+    made: Callable[[Any], Recursion] | None = None,
+) -> list[Array]:  # fmt: skip
+    """Return what a disturbance at each of some samples becomes until `at`, in multiples of it; see `growth`."""
     own = made or (lambda clipped: in_order(law.beside(clipped), law.symbols))
     compiled = compile(own(lambda asked: asked + KICK[k]))
     stop = at + 1 + compiled.recursion.lead
@@ -148,9 +193,8 @@ def growth(
 
     base = run(np.zeros(target.size))
     kick = TINY * max(float(np.ptp(np.nan_to_num(base[: max(at, 1)]))), abs(start), TINY)
-    places = sorted({at * part // PLACES for part in range(PLACES)})
-    grown = [np.abs(run(kick * (np.arange(target.size) == one)) - base)[one:] / kick for one in places]
-    return max(float(np.nan_to_num(g, nan=np.inf, posinf=np.inf).max(initial=0.0)) for g in grown)
+    grown = (np.abs(run(kick * (np.arange(target.size) == one)) - base)[one:] / kick for one in places)
+    return [np.nan_to_num(g, nan=np.inf, posinf=np.inf) for g in grown]
 
 
 class _Trial:

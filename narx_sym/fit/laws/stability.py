@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -20,6 +21,7 @@ from .excursions import DOUBLES, law_radius_at, operating_range
 
 Array = np.ndarray
 TRIAL, PERIODS, INSIDE = 800, 2, 0.9  # samples of a trial, its periods, the part of the known range that it passes
+OTHER = 1e-3  # of the input's range: what is as far away is another input
 _known: WeakKeyDictionary[Model, Stability] = WeakKeyDictionary()
 
 
@@ -34,11 +36,15 @@ class Stability:
     why : str
         What was looked at.
     ranges : (name, lowest, highest) of input and output in the records; empty for a model that has seen none
+    apart : float
+        How far the input of a trial is from that which made its output, in ranges of the input; 0 where none was run,
+        and of a damped law: it is late.
     """
 
     stable: bool | None
     why: str
     ranges: tuple[tuple[str, float, float], ...] = ()
+    apart: float = 0.0
 
     def __str__(self) -> str:
         head = {True: "Stable", False: "UNSTABLE", None: "Stability not known"}[self.stable]
@@ -51,8 +57,18 @@ def stability(law: Compensator) -> Stability:
     if law.model not in _known:
         known = law.model.info.ranges.items()
         ranges = tuple((name, float(low), float(high)) for name, (low, high) in known if name in ("u", "y"))
-        _known[law.model] = Stability(*_judged(law), ranges)
+        stable, why, *apart = _judged(law)
+        _known[law.model] = Stability(stable, why, ranges, *apart)
     return _known[law.model]
+
+
+def strays(law: Compensator) -> bool:
+    """Whether on a slow sine through the known range a law takes other inputs than that which made the output.
+
+    There are several then that stand apart, which algebra does not exclude: the model cannot tell them from each other,
+    the machine can. On a flat piece all are alike.
+    """
+    return stability(law).apart > OTHER and not all(stage.alone for stage in (law.staged.stages if law.staged else ()))
 
 
 def refuse_unstable(law: Compensator) -> None:
@@ -62,7 +78,7 @@ def refuse_unstable(law: Compensator) -> None:
         raise ModelError(f"The law is not exported. {found} Export it all the same with force=True (--force).")
 
 
-def _judged(law: Compensator) -> tuple[bool | None, str]:
+def _judged(law: Compensator) -> tuple[bool | None, str] | tuple[bool, str, float]:
     model = law.model
     if model.theta is None:
         return None, "the parameters have no values"
@@ -81,22 +97,37 @@ def _judged(law: Compensator) -> tuple[bool | None, str]:
     return _tried(law, damped.share)
 
 
-def _tried(law: Compensator, share: float) -> tuple[bool, str]:
+def _tried(law: Compensator, share: float) -> tuple[bool, str, float]:
     """Run a law over a slow sine through the known range, and disturb it once."""
     how = "on a slow sine through the known range" + (f", damped to {share:.3g} of each step," if share < 1 else "")
     try:
-        late, most = _grown(law, share)
+        late, most, apart = _grown(law, share)
     except NarxError:
-        return False, f"{how} the law runs away"
+        return False, f"{how} the law runs away", np.inf
     if not np.isfinite(most):
-        return False, f"{how} the law runs away"
+        return False, f"{how} the law runs away", np.inf
     if late >= DOUBLES:
-        return False, f"{how} a disturbance of its input goes on growing, to {most:.3g} times its size"
-    return True, f"{how} a disturbance of its input grows to {max(1.0, most):.3g} times its size at most"
+        return False, f"{how} a disturbance of its input goes on growing, to {most:.3g} times its size", apart
+    if apart > OTHER and law.staged and all(stage.proved for stage in law.staged.stages):
+        return False, f"{how} its input leaves the only one that makes the output, by {apart:.3g} of its range", apart
+    said = f"{how} a disturbance of its input grows to {max(1.0, most):.3g} times its size at most"
+    return True, said, apart
 
 
-def _grown(law: Compensator, share: float) -> tuple[float, float]:
-    """Return by how much a disturbance grows from the middle of a trial to its end, and at most."""
+def _grown(law: Compensator, share: float) -> tuple[float, float, float]:
+    """Return by how much a disturbance grows from the middle of a trial to its end, and at most; and `apart`."""
+    u, run = _trial(law, share)
+    plain, size = run(0.0), float(np.ptp(u))
+    away = np.abs(run(TINY * size) - plain)[TRIAL // 4 :] / (TINY * size)
+    away = np.nan_to_num(away, nan=np.inf, posinf=np.inf)
+    middle, end = (float(part.max()) for part in np.array_split(away, 3)[1:])
+    seen = TRIAL - law.preview  # later the reference is held
+    apart = float(np.abs(plain - u)[:seen].max()) / size if share == 1 else 0.0
+    return end / max(1.0, middle) if np.isfinite(end) else np.inf, float(away.max()), apart
+
+
+def _trial(law: Compensator, share: float) -> tuple[Array, Callable[[float], Array]]:
+    """Return a slow sine, and as a function of the size of a disturbance what the law makes of the model's answer."""
     model, begin = law.model, TRIAL // 4
     low, high = model.info.ranges[model.input.name]
     wave = np.sin(2 * np.pi * PERIODS * np.arange(TRIAL) / TRIAL)
@@ -106,7 +137,6 @@ def _grown(law: Compensator, share: float) -> tuple[float, float]:
     compiled = compile(
         in_order(law.beside(lambda asked: m[k - 1] + FREE[k] * (asked - m[k - 1]) + KICK[k]), law.symbols)
     )
-    kick = TINY * (high - low)
 
     def run(size: float) -> Array:
         more = {"m_share": np.full(TRIAL, share), "m_kick": size * (np.arange(TRIAL) == begin)}
@@ -114,7 +144,4 @@ def _grown(law: Compensator, share: float) -> tuple[float, float]:
             found = driven(law, compiled, target, float(u[0]), {**channels, **more}, on_divergence="nan")
         return found["m"][:TRIAL]
 
-    away = np.abs(run(kick) - run(0.0))[begin:] / kick
-    away = np.nan_to_num(away, nan=np.inf, posinf=np.inf)
-    middle, end = (float(part.max()) for part in np.array_split(away, 3)[1:])
-    return end / max(1.0, middle) if np.isfinite(end) else np.inf, float(away.max())
+    return u, run

@@ -1,0 +1,51 @@
+"""Of forms that explain alike the one with the better law is added."""
+
+import numpy as np
+import pytest
+
+import narx_sym as ns
+from narx_sym import plants
+from narx_sym.diagnosis.steps import Step, law_worth
+
+TS = 1e-3
+KERNEL = ["y[k-1]", "phi1[k-1]", "phi2[k-1]*phi2[k-2]*phi1[k-2]"]  # it extrapolates the input by a sample
+IMITATES = [
+    *KERNEL, "phi2[k-1]*phi1[k-1]*y[k-1]", "phi1[k-1]*u[k-1]**2", "phi1[k-1]*u[k-2]**2", "phi2[k-1]*phi1[k-2]*u[k-1]",
+    "phi1[k-2]*u[k-1]*y[k-1]", "phi1[k-2]*u[k-2]*y[k-1]",
+]  # fmt: skip
+
+
+def measured(seed, n=10_000):
+    volts = plants.filtered_noise(N=n, Ts=TS, seed=seed)
+    return ns.Record.from_arrays(volts, plants.bouc_wen(volts, TS), Ts=TS)
+
+
+def test_what_a_law_is_worth():
+    record = measured(0, 2000)
+    for terms, theta, worth in (
+        (["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, 0.5], 2),
+        (["y[k-1]", "u[k-1]", "u[k-2]"], [0.5, 1.0, -2.0], 0),  # unstable
+        (KERNEL, [1.0, 3.2, -1.6], 1),  # two inputs for one output
+        (["y[k-1]"], [0.5], 0),  # none
+    ):
+        known = ns.NARX.from_terms(["y[k-1]", "u[k-1]"]).fit(record).info
+        assert law_worth(ns.NARX.from_terms(terms, theta, info=known)) == worth
+
+
+@pytest.mark.parametrize("seed", (3, 4))
+def test_the_form_that_is_added_has_a_law_that_tracks(seed, monkeypatch):
+    """An actuator with hysteresis, from a base that imitates a part of it: what explains alike may have no good law."""
+    record, taken, replace = measured(seed), [], Step.replace
+    base = ns.NARX.from_terms(IMITATES).fit(record, ["continuum"], method="free_run")
+    only = ns.effects.Catalogue({"hysteresis": ns.EFFECTS["hysteresis"]})
+
+    def seen(step, other):
+        taken.append(step.chosen.model)
+        replace(step, other)
+
+    monkeypatch.setattr(Step, "replace", seen)
+    found = ns.diagnose(base, record, catalogue=only)
+    sine = 40 * np.sin(2 * np.pi * TS * np.arange(2000))
+    assert found.candidates[0].model is found.model and law_worth(found.model) == 2
+    assert ns.mape(sine, plants.bouc_wen(found.model.compensator().run(sine, 0.0), TS)) < 0.03
+    assert law_worth(taken[0]) < 2 and repr(taken[0]) != repr(found.model)  # what would have been added
