@@ -9,7 +9,7 @@ from typing import Any
 from docutils import nodes
 from latex2mathml.converter import convert
 
-sys.path.insert(0, str(Path(__file__).parent))  # cells.py
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent / "figures")]  # cells.py, gallery.py
 
 project = "narx_sym"
 author = copyright = "The narx_sym authors"
@@ -66,5 +66,8 @@ html_math_renderer = "mathml"
 
 def setup(app: Any) -> None:
     """Connect what is above."""
+    import gallery
+
+    app.connect("builder-inited", gallery.write)
     app.connect("autodoc-process-docstring", plain)
     app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))

@@ -10,6 +10,7 @@ from narx_sym.engines.lambdify import lambdify as _engines_lambdify_lambdify
 from narx_sym.fit.interop import law_rest_state as _fit_interop_law_rest_state
 from narx_sym.fit.laws.counting import check as _fit_laws_counting_check
 from narx_sym.fit.laws.damping import damping as _fit_laws_damping_damping
+from narx_sym.fit.laws.damping import disturbance as _fit_laws_damping_disturbance
 from narx_sym.fit.laws.damping import share_of as _fit_laws_damping_share_of
 from narx_sym.fit.laws.excursions import excursion as _fit_laws_excursions_excursion
 from narx_sym.fit.laws.excursions import radius as _fit_laws_excursions_radius
@@ -44,6 +45,7 @@ class CompensatorDoors:
     start = _fit_laws_start_law_start
     rest_input = _fit_laws_start_rest_input
     damping = _fit_laws_damping_damping
+    disturbance = _fit_laws_damping_disturbance
     stability = _fit_laws_stability_stability
     refuse_unstable = _fit_laws_stability_refuse_unstable
     rest_expression = _fit_laws_start_rest_expression
