@@ -103,7 +103,7 @@ class Step:
     refused: Fitted | None = None  # what was found, but does not lessen the error on the record and on validation data
     meanings: Mapping[str, str] = field(default_factory=dict)
     same: dict[str, list[str]] = field(default_factory=dict)
-    others: Callable[[bool], Iterable[Candidate]] = lambda alike: ()  # in place of the first candidate
+    others: Callable[[bool], Iterable[Candidate]] | None = None  # in place of the first candidate, until it is judged
     linear: float = 0.0  # rms that a linear base leaves by itself, where one speed cannot tell [unit of y]
 
     def hear(self, sensor: float) -> None:
@@ -132,12 +132,12 @@ class Step:
         for c in self.candidates:
             c.judge(trial, c.effect in self.confusion_set)
         if self.chosen is not None and not self.falls(self.chosen):
-            self.replace(next((c for c in self.others(False) if self.falls(c.fitted)), None))
+            self.replace(next((c for c in self._others(False) if self.falls(c.fitted)), None))
             if not self.falls(self.chosen):
                 self.refused, self.chosen, self.verdict = self.chosen, None, "helps_but_incomplete"
         elif self.chosen is not None and self.pair is None:
             self.replace(self.better_law(self.chosen))
-        self.others = lambda alike: ()
+        self.others = None
 
     def replace(self, other: Candidate | None) -> None:
         """Take the same effect with another core, or in another form, where there is one."""
@@ -153,9 +153,13 @@ class Step:
             and after["validation"].free_run_rms < np.exp(rise / 2) * before["validation"].free_run_rms
         )
 
+    def _others(self, alike: bool) -> Iterator[Candidate]:
+        """Give what may stand in place of the first candidate: all, or what explains alike."""
+        return iter(self.others(alike) if self.others is not None else ())
+
     def better_law(self, chosen: Fitted) -> Candidate | None:
         """Return what explains as much with the best law, where that of a chosen model is not as good."""
-        worth, best, others = law_worth(chosen.model), None, iter(self.others(True))
+        worth, best, others = law_worth(chosen.model), None, self._others(True)
         while worth < 2 and (one := next(others, None)) is not None:
             if (other := law_worth(one.fitted.model)) > worth and self.stands_for(chosen, one.fitted):
                 worth, best = other, one

@@ -1,5 +1,7 @@
 """Of forms that explain alike the one with the better law is added."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -49,3 +51,4 @@ def test_the_form_that_is_added_has_a_law_that_tracks(seed, monkeypatch):
     assert found.candidates[0].model is found.model and law_worth(found.model) == 2
     assert ns.mape(sine, plants.bouc_wen(found.model.compensator().run(sine, 0.0), TS)) < 0.03
     assert law_worth(taken[0]) < 2 and repr(taken[0]) != repr(found.model)  # what would have been added
+    assert repr(pickle.loads(pickle.dumps(found.steps[0])).last.model) == repr(found.model)  # as a fleet does

@@ -108,6 +108,8 @@ def _tried(law: Compensator, share: float) -> tuple[bool, str, float]:
         return False, f"{how} the law runs away", np.inf
     if late >= DOUBLES:
         return False, f"{how} a disturbance of its input goes on growing, to {most:.3g} times its size", apart
+    if most * TINY >= 1:  # larger than the range: it grows no more where it is as large as it can get
+        return False, f"{how} a disturbance of its input grows to {most:.3g} times its size", apart
     if apart > OTHER and law.staged and all(stage.proved for stage in law.staged.stages):
         return False, f"{how} its input leaves the only one that makes the output, by {apart:.3g} of its range", apart
     said = f"{how} a disturbance of its input grows to {max(1.0, most):.3g} times its size at most"
