@@ -56,12 +56,12 @@ REFUSALS = 4  # after so many terms that must stay, no others are tried
 SLACK, RETURNED = 1.01, 0.001  # growth of the error, or share of what the effect removed, for which a term goes
 
 # ---- fits ----------------------------------------------------------------------------------------------------------
-LOOK, NEAR, CLOSER = 3, 8, 16  # steps of a look at a hypothesis, and of closer ones
+LOOK, NEAR, FIRST, CLOSER = 3, 8, 15, 16  # steps of a look at a hypothesis, near another, of a core alone, and closer
 STEPS: int = 40  # of a fit to the end
 FINAL = 200  # of the last fit: a kink is passed slowly
 BRIEF, TOLERANCE = 1e-3, 1e-7  # relative gain of a step at which a brief fit ends, and the last one
 GAIN: float = 1e-5  # and a usual one
-TRIALS = 5  # dampings of a step of Levenberg and Marquardt
+TRIALS, RIDGE = 5, 1e-12  # dampings of a step of Levenberg and Marquardt, and the least of them
 TURNS = 4  # of what is improved in turn: least squares and filters, base and offsets, size and doubt
 UNSEEN = 0.03  # share of a derivative on the rows that count
 FULL = 1.1  # a full effect with the uncertainty of its coefficient

@@ -25,7 +25,7 @@ from ...models.extend import Variant, equations
 from ...models.model import Model
 from ...symbolic.signals import INNER_OUTPUTS
 from ..screening.contribution import contribution
-from ..settings import BLOCKS, DEPENDENT, FOLDS, GAIN, SLACK, TRIALS, UNSEEN
+from ..settings import BLOCKS, DEPENDENT, FOLDS, GAIN, RIDGE, SLACK, TRIALS, UNSEEN
 from .hypotheses import Core, around, extended, linear
 from .span import Span
 from .starts.arx import later, start_beside
@@ -298,7 +298,7 @@ class Frame:
                 for c in self._stopped(x, span.T, g):
                     H[c], H[:, c], g[c] = 0.0, 0.0, 0.0
                 for _ in range(TRIALS):
-                    added = damping + DEPENDENT
+                    added = damping + RIDGE
                     w = step(H, g, added)
                     if w is None:
                         damping *= 8

@@ -22,7 +22,7 @@ from ..progress import ALONE, BASE, PAIRS, Course
 from ..refit import Fitted
 from ..screening.directions import Linearised
 from ..screening.scored import Scored, screen, shortlist
-from ..settings import ALIKE, CLOSER, LEFT, PARTNERS, PER_EFFECT, ROUNDING, STEPS, TOGETHER, TRIED
+from ..settings import ALIKE, FIRST, LEFT, PARTNERS, PER_EFFECT, ROUNDING, STEPS, TOGETHER, TRIED
 from .finer import Finer, idle, settled, settles
 from .hypotheses import Core, family_of, ways, written
 from .row import Row, leading, so_far
@@ -258,7 +258,7 @@ class Table:
                 self._cores[rows[0].hypothesis.effects, rows[0].hypothesis.core.given] = rows
                 search.finish(rows[0], worth=worth)
             for row in closer[0][1:2]:
-                search.finish(row, CLOSER, worth)
+                search.finish(row, FIRST, worth)
             search.rest()
         tell(count, count)
 

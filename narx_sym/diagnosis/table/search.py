@@ -16,7 +16,7 @@ from ...fit.identify import FEWEST
 from ...models.effects import Effect
 from ...models.extend import Variant, rubs
 from ...models.model import Model
-from ..settings import BLOCKS, BRIEF, CLOSER, FORGOTTEN, FULL, GAIN, HIGHER, LOOK, LOOKS, NEAR, STEPS
+from ..settings import BLOCKS, BRIEF, CLOSER, FIRST, FORGOTTEN, FULL, GAIN, HIGHER, LOOK, LOOKS, NEAR, STEPS
 from .frame import Frame, parts
 from .hypotheses import Core, Hypothesis, family_of, ladder, written
 from .row import Row
@@ -206,7 +206,7 @@ class Search:
         best: dict[Core, Row] = {}
         for core in cores:
             frame = self.frame((), core.given)
-            row = self.fitted(Hypothesis(core), frame.near(self._start(core, frame), core), CLOSER, any_pole)
+            row = self.fitted(Hypothesis(core), frame.near(self._start(core, frame), core), FIRST, any_pole)
             if row is not None and (row.size not in best or row.fitted < 0.999 * best[row.size].fitted):
                 best[row.size] = row
         return [self.fitted(r.hypothesis, r.values, STEPS, any_pole) or r for r in best.values()]
