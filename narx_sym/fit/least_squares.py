@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -23,13 +23,12 @@ from ..symbolic.signals import k, signal
 from .constraints import Elimination, constraint_equations
 from .evaluate import digits, evaluate
 from .freerun import free_run_fit
-from .simulate import arrays, centre, predict, segments, shifted
+from .simulate import Records, arrays, centre, predict, segments, shifted
 
 Array = np.ndarray
 BLOCK = 2048
 # Of the smallest scaled diagonal of R: above, nothing is gained; below, its square drowns in rounding.
 CORRECTED = (1e-7, 1e-2)
-Records: TypeAlias = Record | Sequence[Record]
 NOISE, MOVING, ROUNDS, SETTLED = "xi", 2, 100, 1e-7  # of extended least squares
 
 

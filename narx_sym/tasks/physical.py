@@ -38,12 +38,11 @@ def physical(
             raise ModelError("The core of the model is not linear: `derive --continuous` gives its tangent.")
     except NarxError as error:
         return str(error)
-    plain = continuous(model, scale, units=units)
     parts = [r[: int(np.count_nonzero(m))] for r, m in zip(split.records, split.train, strict=True)]
     try:
         return continuous(model, scale, [p for p in parts if len(p)], units)
     except NarxError:  # the values are known, their intervals are not
-        return plain
+        return continuous(model, scale, units=units)
 
 
 def plain_rows(found: Continuous | str) -> list[dict[str, Any]]:

@@ -50,7 +50,7 @@ from narx_sym.diagnosis.progress import BASE, ROUND, Course
 from narx_sym.diagnosis.settings import TEMPERATURE
 from narx_sym.diagnosis.steps import Step
 from narx_sym.diagnosis.table.rounds import Table as Hypotheses
-from narx_sym.diagnosis.table.verdict import cheapest
+from narx_sym.diagnosis.table.verdict import cheapest, weighed
 from narx_sym.errors import FitError
 from narx_sym.models.effects import EFFECTS, Catalogue
 
@@ -383,10 +383,9 @@ def figures(rows: Sequence[Row]) -> Table:
 def believed(row: Row, temperature: float) -> list[tuple[float, bool]]:
     """Return the probability of each explanation by one effect or none, and whether it is right, the likeliest first."""
     listed = [(names, price, blocks) for names, price, blocks in row.get("prices", []) if len(names) < 2]
-    depth = np.array([-blocks / 2 * price / temperature for _, price, blocks in listed])
-    weights = np.exp(depth - depth.max(initial=-np.inf))
+    found = weighed([price for _, price, _ in listed], [blocks for *_, blocks in listed], temperature)
     rights = [not names if row["task"] == "null" else set(names) <= truth(row) and bool(names) for names, *_ in listed]
-    return sorted(zip((weights / weights.sum()).tolist(), rights, strict=True), reverse=True)
+    return sorted(zip(found.tolist(), rights, strict=True), reverse=True)
 
 
 def reliability(rows: Sequence[Row]) -> str:

@@ -20,17 +20,28 @@ def filled_panels(empty: list[Panel], r: Array, Ts: float) -> list[Panel]:
     rest = r - r.mean()
     for panel in filled:
         if panel.share > TOLD:
-            means = _fill(panel, rest).mean
-            rest = rest - np.append(np.nan_to_num(means), 0.0)[panel.cell]
+            rest = taken_off(panel, _fill(panel, rest).mean, rest)
     line = spectrum(rest, float(np.var(r)), Ts)
     return sorted([*filled, *line], key=lambda p: 0.001 * (3 if p.name == "spectrum" else p.mean.size) - p.share)
+
+
+def cell_means(panel: Panel, r: Array) -> Array:
+    """Return the mean of a residual, (N,), in each cell; NaN where a cell is empty."""
+    inside, count = panel.cell >= 0, panel.count
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.bincount(panel.cell[inside], r[inside], count.size) / np.where(count, count, np.nan))
+
+
+def taken_off(panel: Panel, means: Array, r: Array) -> Array:
+    """Return a residual, (N,), less the means of the cells that are known."""
+    return np.asarray(r - np.append(np.nan_to_num(means), 0.0)[panel.cell])
 
 
 def _fill(panel: Panel, r: Array) -> Panel:
     """Mean residual of each cell, its standard error, and the share that all means explain."""
     cell, count = panel.cell, panel.count
     inside = cell >= 0
-    means = np.bincount(cell[inside], r[inside], count.size) / np.maximum(count, 1)
+    means = cell_means(panel, r)
     apart = np.where(inside, r - means[cell], 0.0)
     length = correlation_length(apart)
     enough = count >= max(LEAST, 3 * length)

@@ -20,7 +20,7 @@ from ..settings import BAND, CYCLE, ENOUGH, FAINT, SHIFTS, TOLD, TWICE
 from ..table.starts.arx import resampled
 from .cells import along, beside, since
 from .forcing import Forcing
-from .means import spectrum
+from .means import cell_means, spectrum, taken_off
 from .motion import Motion
 from .panel import Panel
 from .slopes import slopes_along
@@ -68,7 +68,7 @@ class Portrait:
 
     def of(self, name: str) -> Panel:
         """Return the law of a model in the best view: the means of what it adds."""
-        return replace(self.view, mean=_means(self.view, self.laws[name] - self.laws[name].mean()))
+        return replace(self.view, mean=cell_means(self.view, self.laws[name] - self.laws[name].mean()))
 
     def left(self, name: str) -> Panel:
         """Return the best view after a model was added; its share is that of the missing input before."""
@@ -138,7 +138,7 @@ def portrait_of(
     found = ranked([filled(p, w) for p in views])
     rest = w
     for panel in found:
-        rest = rest - np.append(np.nan_to_num(_means(panel, rest)), 0.0)[panel.cell] if panel.share > TOLD else rest
+        rest = taken_off(panel, cell_means(panel, rest), rest) if panel.share > TOLD else rest
     for line in spectrum(rest, float(np.var(w)), Ts):
         if line.share > 0 and (hum := _folded(line, rest, w, t)) is not None:
             found, values["period"] = ranked([*found, hum]), hum.centres[hum.cell]
@@ -210,19 +210,13 @@ def filled(panel: Panel, w: Array, of: Array | None = None) -> Panel:
     Chance is what the view leaves, shifted in time as a circle against the variable: it keeps its own colour.
     """
     w = w - w.mean()
-    mean, inside = _means(panel, w), panel.cell >= 0
+    mean, inside = cell_means(panel, w), panel.cell >= 0
     apart = np.where(inside, w - mean[panel.cell], 0.0)
     shifts = np.linspace(0, w.size, SHIFTS + 1, endpoint=False).astype(int)[1:]
-    moved = np.array([_means(panel, np.roll(apart, s)) for s in shifts])
+    moved = np.array([cell_means(panel, np.roll(apart, s)) for s in shifts])
     chance = moved.std(axis=0)
     energy = float(np.sum((w if of is None else of - of.mean()) ** 2))
     share = float(np.nansum(panel.count * (mean**2 - chance**2))) / energy if energy else 0.0
     return replace(
         panel, mean=mean, error=np.maximum(BAND * chance, np.abs(moved).max(axis=0)), share=float(np.clip(share, 0, 1))
     )
-
-
-def _means(panel: Panel, w: Array) -> Array:
-    inside, count = panel.cell >= 0, panel.count
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.bincount(panel.cell[inside], w[inside], count.size) / np.where(count, count, np.nan))

@@ -1,7 +1,6 @@
 """The verdict: a pure function of the table of hypotheses, the gate, and what the best of them leaves.
 
-The constants of the procedure stand here. Errors are mean squares; a price is their logarithm plus what a hypothesis
-costs.
+Errors are mean squares; a price is their logarithm plus what a hypothesis costs.
 """
 
 from __future__ import annotations
@@ -136,9 +135,15 @@ def probabilities(rows: Sequence[E], base: E) -> dict[tuple[str, ...], float]:
     temperature for all (Guo et al. 2017). What is at its limit another hypothesis adds nothing to that.
     """
     listed = [r for r in cheapest(rows) if r.count <= base.count + 1 and np.isfinite(r.price)]
-    depth = np.array([-len(r.blocks) / 2 * r.price / TEMPERATURE for r in listed])
+    found = weighed([r.price for r in listed], [len(r.blocks) for r in listed])
+    return {tuple(sorted(r.ids)): float(p) for r, p in zip(listed, found, strict=True)}
+
+
+def weighed(prices: Sequence[float], blocks: Sequence[int], temperature: float = TEMPERATURE) -> Any:
+    """Return the probabilities of hypotheses with some prices, each judged on so many blocks: an array."""
+    depth = -np.array(blocks) / 2 * np.array(prices) / temperature
     weights = np.exp(depth - depth.max(initial=-np.inf))
-    return {tuple(sorted(r.ids)): float(w / weights.sum()) for r, w in zip(listed, weights, strict=True)}
+    return weights / weights.sum()
 
 
 def explained(removed: Any, base: E, lowest: float) -> Any:

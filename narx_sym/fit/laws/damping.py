@@ -18,7 +18,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ...engines.compile import compile
+from ...engines.compile import Compiled, compile
 from ...errors import ModelError, NarxError
 from ...inversion.compensator import Compensator
 from ...inversion.stages import in_order
@@ -197,6 +197,23 @@ def _grown(
     return [np.nan_to_num(g, nan=np.inf, posinf=np.inf) for g in grown]
 
 
+def nudged(law: Compensator) -> Compiled:
+    """Return a law beside its model that goes a share of each step, and whose input may be disturbed."""
+    beside = law.beside(lambda asked: m[k - 1] + FREE[k] * (asked - m[k - 1]) + KICK[k])
+    return compile(in_order(beside, law.symbols))
+
+
+def run_nudged(
+    law: Compensator, compiled: Compiled, target: Array, start: float, channels: Mapping[str, Any], share: float,
+    kick: float, at: int,
+) -> Array:  # fmt: skip
+    """Return the input that `nudged` makes along a reference, (N,), with a disturbance at one sample; NaN beyond."""
+    n = target.size
+    more = {"m_share": np.full(n, share), "m_kick": kick * (np.arange(n) == at)}
+    with np.errstate(all="ignore"):
+        return np.asarray(driven(law, compiled, target, start, {**channels, **more}, on_divergence="nan")["m"][:n])
+
+
 class _Trial:
     """A slow ramp through the recorded inputs, what the model makes of it, and the law that makes the same."""
 
@@ -210,8 +227,7 @@ class _Trial:
         self.ramp = (low + high) / 2 + self.step * (np.maximum(np.arange(n) - begin, 0) - n / 2)
         self.channels: dict[str, Any] = {name: np.zeros(n) for name in model.channels}
         self.target = self._simulated(self.ramp, self._rest())
-        beside = law.beside(lambda asked: m[k - 1] + FREE[k] * (asked - m[k - 1]) + KICK[k])
-        self.compiled = compile(in_order(beside, law.symbols))
+        self.compiled = nudged(law)
         self.depth = self.compiled.recursion.depth
 
     def _rest(self) -> float:
@@ -239,13 +255,7 @@ class _Trial:
         return ((self._run(share, kick) - base) / kick)[self.at : self.at + LASTS]
 
     def _run(self, share: float, kick: float) -> Array:
-        n = self.ramp.size
-        more = {"m_share": np.full(n, share), "m_kick": kick * (np.arange(n) == self.at)}
-        with np.errstate(all="ignore"):
-            found = driven(
-                self.law, self.compiled, self.target, self.ramp[0], {**self.channels, **more}, on_divergence="nan"
-            )
-        return found["m"][:n]
+        return run_nudged(self.law, self.compiled, self.target, self.ramp[0], self.channels, share, kick, self.at)
 
 
 def _ring(d: Array, depth: int) -> float:

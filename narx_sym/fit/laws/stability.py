@@ -8,15 +8,12 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ...engines.compile import compile
 from ...errors import ModelError, NarxError
 from ...inversion.compensator import Compensator
-from ...inversion.stages import in_order
 from ...models.model import Model
-from ...symbolic.signals import k, m, y
+from ...symbolic.signals import y
 from ..simulate import rest_output, simulate
-from .damping import FREE, KICK, TINY, damping
-from .driven import driven
+from .damping import TINY, damping, nudged, run_nudged
 from .excursions import DOUBLES, law_radius_at, operating_range
 
 Array = np.ndarray
@@ -130,20 +127,11 @@ def _grown(law: Compensator, share: float) -> tuple[float, float, float]:
 
 def _trial(law: Compensator, share: float) -> tuple[Array, Callable[[float], Array]]:
     """Return a slow sine, and as a function of the size of a disturbance what the law makes of the model's answer."""
-    model, begin = law.model, TRIAL // 4
+    model = law.model
     low, high = model.info.ranges[model.input.name]
     wave = np.sin(2 * np.pi * PERIODS * np.arange(TRIAL) / TRIAL)
     u = (low + high) / 2 + INSIDE * (high - low) / 2 * wave
     channels = {name: np.zeros(TRIAL) for name in model.channels}
     target = simulate(model, u, rest_output(model, u[0]), channels or None, u0=float(u[0]), warn=False)
-    compiled = compile(
-        in_order(law.beside(lambda asked: m[k - 1] + FREE[k] * (asked - m[k - 1]) + KICK[k]), law.symbols)
-    )
-
-    def run(size: float) -> Array:
-        more = {"m_share": np.full(TRIAL, share), "m_kick": size * (np.arange(TRIAL) == begin)}
-        with np.errstate(all="ignore"):
-            found = driven(law, compiled, target, float(u[0]), {**channels, **more}, on_divergence="nan")
-        return found["m"][:TRIAL]
-
-    return u, run
+    compiled = nudged(law)
+    return u, lambda size: run_nudged(law, compiled, target, float(u[0]), channels, share, size, TRIAL // 4)
