@@ -34,8 +34,8 @@ class Stability:
         What was looked at.
     ranges : (name, lowest, highest) of input and output in the records; empty for a model that has seen none
     apart : float
-        How far the input of a trial is from that which made its output, in ranges of the input; 0 where none was run,
-        and of a damped law: it is late.
+        How far the input of a trial is from that which made its output, in ranges of the input: of the law as it is,
+        without damping, which is late. 0 where none was run.
     """
 
     stable: bool | None
@@ -107,7 +107,7 @@ def _tried(law: Compensator, share: float) -> tuple[bool, str, float]:
         return False, f"{how} a disturbance of its input goes on growing, to {most:.3g} times its size", apart
     if most * TINY >= 1:  # larger than the range: it grows no more where it is as large as it can get
         return False, f"{how} a disturbance of its input grows to {most:.3g} times its size", apart
-    if apart > OTHER and law.staged and all(stage.proved for stage in law.staged.stages):
+    if share == 1 and apart > OTHER and law.staged and all(stage.proved for stage in law.staged.stages):
         return False, f"{how} its input leaves the only one that makes the output, by {apart:.3g} of its range", apart
     said = f"{how} a disturbance of its input grows to {max(1.0, most):.3g} times its size at most"
     return True, said, apart
@@ -115,18 +115,19 @@ def _tried(law: Compensator, share: float) -> tuple[bool, str, float]:
 
 def _grown(law: Compensator, share: float) -> tuple[float, float, float]:
     """Return by how much a disturbance grows from the middle of a trial to its end, and at most; and `apart`."""
-    u, run = _trial(law, share)
-    plain, size = run(0.0), float(np.ptp(u))
-    away = np.abs(run(TINY * size) - plain)[TRIAL // 4 :] / (TINY * size)
+    u, run = _trial(law)
+    plain, size = run(share, 0.0), float(np.ptp(u))
+    away = np.abs(run(share, TINY * size) - plain)[TRIAL // 4 :] / (TINY * size)
     away = np.nan_to_num(away, nan=np.inf, posinf=np.inf)
     middle, end = (float(part.max()) for part in np.array_split(away, 3)[1:])
     seen = TRIAL - law.preview  # later the reference is held
-    apart = float(np.abs(plain - u)[:seen].max()) / size if share == 1 else 0.0
+    gap = np.abs((plain if share == 1 else run(1.0, 0.0)) - u)[:seen]
+    apart = float(np.nan_to_num(gap, nan=np.inf, posinf=np.inf).max()) / size
     return end / max(1.0, middle) if np.isfinite(end) else np.inf, float(away.max()), apart
 
 
-def _trial(law: Compensator, share: float) -> tuple[Array, Callable[[float], Array]]:
-    """Return a slow sine, and as a function of the size of a disturbance what the law makes of the model's answer."""
+def _trial(law: Compensator) -> tuple[Array, Callable[[float, float], Array]]:
+    """Return a slow sine, and what the law makes of the model's answer, by its share and the size of a disturbance."""
     model = law.model
     low, high = model.info.ranges[model.input.name]
     wave = np.sin(2 * np.pi * PERIODS * np.arange(TRIAL) / TRIAL)
@@ -134,4 +135,4 @@ def _trial(law: Compensator, share: float) -> tuple[Array, Callable[[float], Arr
     channels = {name: np.zeros(TRIAL) for name in model.channels}
     target = simulate(model, u, rest_output(model, u[0]), channels or None, u0=float(u[0]), warn=False)
     compiled = nudged(law)
-    return u, lambda size: run_nudged(law, compiled, target, float(u[0]), channels, share, size, TRIAL // 4)
+    return u, lambda share, size: run_nudged(law, compiled, target, float(u[0]), channels, share, size, TRIAL // 4)
