@@ -53,7 +53,10 @@ def test_the_stubs_are_those_of_the_doors(file):
         ("found.best.", "latex", ""),
     ],
 )
-def test_an_editor_completes_what_stands_behind_a_door(typed, name, shown):
+def test_an_editor_completes_what_stands_behind_a_door(typed, name, shown, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        jedi.settings, "cache_directory", str(tmp_path)
+    )  # workers would read each other's half-written files
     code = "\n".join([
         "import narx_sym as ns", "record = ns.read('a.csv')", "model = ns.identify(record)", "law = model.compensator()",
         "found = ns.diagnose(model, record)", typed,
