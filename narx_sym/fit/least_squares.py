@@ -249,7 +249,7 @@ def fit(
     records = in_units(segments(records), model.info.units)
     if method == "auto":
         better = _better_fit(model, records, constraints, max_steps, starts, seed)
-        return unfinished(better) if warn else better
+        return unfinished(described(better, records)) if warn else better
     check_excitation(*records)
     equations = constraint_equations(model, constraints)
     converged = True
@@ -296,7 +296,7 @@ def _better_fit(
     """Fit one step ahead and in free run, and return the better free run; a failed free-run fit counts for nothing."""
     if not isinstance(model, NARX):
         return fit(model, records, constraints, "free_run", max_steps, starts, seed, warn=False)
-    one = fit(model, records, constraints)
+    one = fit(model, records, constraints, warn=False)
     try:
         free = fit(one, records, constraints, "free_run", max_steps, starts, seed, warn=False)
     except FitError:

@@ -106,8 +106,9 @@ def _extreme(name: str, cls: Any, compares: str, definition: Any) -> Elementary:
 
 @lru_cache(maxsize=1024)
 def within(x: Any, low: Any, high: Any) -> Any:
-    """Return x held between two limits."""
-    return sp.Max(low, sp.Min(high, x))
+    """Return x held between two limits; of what is no number SymPy need not ask which of them is the larger."""
+    undecided = bool(sp.sympify(x).free_symbols)
+    return sp.Max(low, sp.Min(high, x, evaluate=not undecided), evaluate=not undecided)
 
 
 def _continued(last: int) -> Any:

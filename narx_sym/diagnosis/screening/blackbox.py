@@ -83,11 +83,12 @@ def predictable(
 
 
 def _ridge(X: Array, e: Array) -> Array:
-    """Return the ridge solutions for all penalties, (columns, penalties)."""
-    values, vectors = eigh(X.T @ X, driver="evd")
-    return np.asarray(
-        vectors @ ((vectors.T @ (X.T @ e))[:, None] / (np.maximum(values, 0.0)[:, None] + PENALTIES * values[-1]))
-    )
+    """Return the ridge solutions for all penalties, (columns, penalties); of few rows in the space of the rows."""
+    few = len(X) < X.shape[1]
+    values, vectors = eigh(X @ X.T if few else X.T @ X, driver="evd")
+    seen = vectors.T @ (e if few else X.T @ e)
+    found = vectors @ (seen[:, None] / (np.maximum(values, 0.0)[:, None] + PENALTIES * values[-1]))
+    return np.asarray(X.T @ found if few else found)
 
 
 def _sparse(X: Array, e: Array) -> Array:
