@@ -43,7 +43,6 @@ from scipy.linalg.blas import dsyrk
 from narx_sym import NARX, Model, Record, plants, pool
 from narx_sym.engines.columns import Columns
 from narx_sym.engines.compile import compile
-from narx_sym.fit import ensemble
 from narx_sym.fit.bases.select import err_path, path_of
 from narx_sym.fit.least_squares import factor
 from narx_sym.symbolic.sensitivity import sensitivities
@@ -556,32 +555,7 @@ def _gram_picks(rows: Array, count: int) -> list[int]:
     return order
 
 
-# -- 5. ensembles ----------------------------------------------------------------------------------------------
-
-
-def ensembles(report: Report, quick: bool) -> None:
-    sets, record, model = 256, measured(), direct()
-    thetas = THETA * (1 + 1e-3 * np.random.default_rng(2).standard_normal((sets, 6)))
-    thetas[:, 0] = 1.0
-    c = c_run(np.ascontiguousarray(record.u))
-    runs = {"ours": lambda: ensemble.costs(model, thetas, record)} | ({"c": c} if c else {})
-    found = interleaved(5 if quick else 15, **runs)
-    if c is None:
-        report.add(
-            "256 models x 50 000 steps, costs", shown(np.median(found["ours"]) / N / sets * 1e9, "ns/model-step")
-        )
-        return
-    report.compare(
-        "256 models x 50 000 steps, costs", found["ours"], found["c"], "gcc -O3, one model", "ns/model-step",
-        1e9 / N / sets, 1e9 / N, most=1.5 / 4.5,
-    )  # fmt: skip
-    one = compile(model.recursion)({"u": record.u}, thetas[7], {"y": record.y[:3]})["y"]
-    exact = np.mean((one[3:] - record.y[3:]) ** 2)
-    gap = abs(ensemble.costs(model, thetas, record)[7] / exact - 1)
-    report.notes.append(f"Ensemble: cost of one model against its own simulation, relative difference {gap:.1e}.")
-
-
-# -- 6. memory -------------------------------------------------------------------------------------------------
+# -- 5. memory -------------------------------------------------------------------------------------------------
 
 
 def peak() -> float:
@@ -634,7 +608,7 @@ def memory(report: Report, quick: bool) -> None:
         report.notes.append(f"{what[0].upper()}{what[1:]}: {found['seconds']:.2f} s.")
 
 
-# -- 7. denormals ----------------------------------------------------------------------------------------------
+# -- 6. denormals ----------------------------------------------------------------------------------------------
 
 
 def denormals(report: Report, quick: bool) -> None:
@@ -659,21 +633,6 @@ def denormals(report: Report, quick: bool) -> None:
         report.compare(
             f"decay to zero, {text}", found["zero"], found["constant"], "constant input", "ns/step", 1e9 / n, most=1.5
         )
-    thetas = np.tile([0.9, 0.1], (64, 1))
-    records = [Record(s, np.r_[1.0, np.zeros(n - 1)], TS * np.arange(n), TS) for s in (zero, constant)]
-    found = interleaved(
-        3 if quick else 9,
-        **{name: (lambda r=r: ensemble.costs(first, thetas, r)) for name, r in zip("zc", records, strict=True)},
-    )
-    report.compare(
-        "decay to zero, ensemble of 64",
-        found["z"],
-        found["c"],
-        "constant input",
-        "ns/model-step",
-        1e9 / n / 64,
-        most=1.5,
-    )
     theta = np.array([0.9, 0.1])
     runs = {name: c_run(s, theta, 1.0, "decay") for name, s in (("z", zero), ("c", constant))}
     if runs["z"]:
@@ -684,7 +643,7 @@ def denormals(report: Report, quick: bool) -> None:
         )
 
 
-# -- 8. growth -------------------------------------------------------------------------------------------------
+# -- 7. growth -------------------------------------------------------------------------------------------------
 
 
 def slope(x: Sequence[float], t: Sequence[float]) -> float:
@@ -733,7 +692,7 @@ def _picture(curves: dict[str, Any], path: str) -> None:
     figure.savefig(path, dpi=150)
 
 
-# -- 9. start-up -----------------------------------------------------------------------------------------------
+# -- 8. start-up -----------------------------------------------------------------------------------------------
 
 
 def start_up(report: Report, quick: bool) -> None:
@@ -770,7 +729,7 @@ def start_up(report: Report, quick: bool) -> None:
 # -- command ---------------------------------------------------------------------------------------------------
 
 PARTS: dict[str, Callable[..., None]] = {
-    "free-run": free_run, "build": build, "gradient": gradient, "selection": selection, "ensembles": ensembles,
+    "free-run": free_run, "build": build, "gradient": gradient, "selection": selection,
     "memory": memory, "denormals": denormals, "growth": growth, "start-up": start_up,
 }  # fmt: skip
 CHILDREN: dict[str, Callable[[argparse.Namespace], Any]] = {
