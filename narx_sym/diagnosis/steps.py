@@ -494,7 +494,7 @@ def step(
         table.course.say(": looking for an experiment that separates them")
         bare = next((table.own(r).model for r in found if not r.beyond(known) and table.holds(r)), None)
         made.decide(bare, table.seed, limits)
-    made.others = partial(_others, table, best, known, made.candidates[0].p_value, lowest, made)
+    made.others = partial(_others, table, best, base, known, made.candidates[0].p_value, lowest, made)
     table.course.say(": deleting what became redundant")
     made.chosen = prune(chosen, base)
     return made, best
@@ -510,15 +510,18 @@ def law_worth(model: Model) -> int:
 
 
 def _others(
-    table: Table, best: Row, known: Row, p_value: float, lowest: float, made: Step, alike: bool
+    table: Table, best: Row, base: Fitted, known: Row, p_value: float, lowest: float, made: Step, alike: bool
 ) -> Iterator[Candidate]:
-    """Give the effect of a winner with other cores and in other forms, the cheapest first; or what explains alike."""
+    """Give the effect of a winner with other cores and in other forms, the cheapest first; or what explains alike.
+
+    `base` is that of the table, on the pieces that its rows are fitted on; what is shown of it is not.
+    """
     most = alike_up_to(best.held, known.held) if alike else np.inf
     rows = [r for r in table.beside(known) if r.ids == best.ids and r is not best and r.held <= most]
     rows.sort(key=lambda r: r.price)
     for row in filter(table.holds, (r for r in rows[:RIVALS] if len(r.beyond(known)) == 1 and np.isfinite(r.price))):
         one = Candidate.of(table, row, known, p_value, lowest, likely=True)
-        one.final = made.trial.final(prune(one.shown, made.base))
+        one.final = made.trial.final(prune(one.shown, base))
         one.probability, one.meaning = made.candidates[0].probability, made.candidates[0].meaning
         one.judge(made.trial, likely=True)
         yield one

@@ -52,3 +52,20 @@ def test_the_form_that_is_added_has_a_law_that_tracks(seed, monkeypatch):
     assert ns.mape(sine, plants.bouc_wen(found.model.compensator().run(sine, 0.0), TS)) < 0.03
     assert law_worth(taken[0]) < 2 and repr(taken[0]) != repr(found.model)  # what would have been added
     assert repr(pickle.loads(pickle.dumps(found.steps[0])).last.model) == repr(found.model)  # as a fleet does
+
+
+def test_an_axis_that_integrates_offers_its_other_forms(monkeypatch):
+    """The table fits it in pieces, what is shown in one run: each is judged on the samples that it was fitted on."""
+    rng, Ts, n = np.random.default_rng(1), 0.01, 1500
+    u, y, speed = np.repeat(rng.uniform(-1, 1, n // 30), 30), np.zeros(n), 0.0
+    for i in range(1, n):
+        free = speed + Ts * 5 * (u[i - 1] - speed)
+        speed = np.sign(free) * max(abs(free) - Ts * 5 * 0.15, 0.0)
+        y[i] = y[i - 1] + Ts * speed
+    record = ns.Record.from_arrays(u, y + 5e-4 * y.std() * rng.standard_normal(n), Ts)
+    asked = []
+    monkeypatch.setattr(Step, "falls", lambda step, fitted: asked.append(repr(fitted.model)))
+    only = ns.effects.Catalogue({"coulomb_friction": ns.EFFECTS["coulomb_friction"]})
+    found = ns.diagnose(ns.identify(record, base="linear"), record, catalogue=only)
+    assert found.steps[0].refused is not None and not found.model.effects
+    assert len(set(asked)) > 1
