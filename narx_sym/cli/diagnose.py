@@ -128,7 +128,7 @@ def diagnose(
         "base": base, "validation": ", ".join(map(str, validate or [])) or "last part",
         "delay": "found" if delay is None else delay, "max_effects": max_effects,
         "channels": channels or "none", "role": role or "found", "machine": found.machine.name or "not known",
-        "rows": rows or "all", "open_loop": open_loop,
+        "rows": rows or "all", "open_loop": open_loop, **({"scale": scale} if scale else {}),
     }  # fmt: skip
     targets.write(found, measured, found.units, data, settings)
 

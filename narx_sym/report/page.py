@@ -142,7 +142,7 @@ def write_report(
     path : str or Path
     units : mapping such as {"u": "V", "y": "um"}
     files : paths of the data, for their hashes
-    settings : mapping of what else was chosen, for the record
+    settings : mapping of what else was chosen, for the record; a "scale" is that of `Model.continuous`
     """
     write_text(path, page(diagnosis, units, files, settings))
 

@@ -22,8 +22,8 @@ from narx_sym.models.info import Info
 from narx_sym.report import comparison as traces
 from narx_sym.report import page as report
 from narx_sym.report import parameters, words
-from narx_sym.report.panels import derived
-from narx_sym.report.panels.registry import panels
+from narx_sym.report.panels import derived, verdict
+from narx_sym.report.panels.registry import Material, panels
 from narx_sym.report.picture import POINTS
 from narx_sym.report.plots import thin
 from narx_sym.symbolic.mathml import from_latex, marked, mathml
@@ -372,3 +372,11 @@ def test_a_minus_is_not_between_factors():
         assert "- 1" not in shown and "-1 " not in shown
     shown = marked(model.replace(info=replace(model.info, digits=4)), values=True)
     assert "4.02" in shown and not re.search(r"\d\.\d{4}", shown)  # four digits are enough, also inside a function
+
+
+def test_the_scale_that_was_given_is_that_of_the_page(stage_diagnosis, monkeypatch):
+    asked = []
+    monkeypatch.setattr(verdict, "physical", lambda *given: asked.append(given[2]) or "")
+    for chosen in ({}, {"scale": "u=3N/V"}):
+        verdict.verdict(Material(stage_diagnosis, STAGE_UNITS, [], chosen))
+    assert asked == [None, "u=3N/V"]

@@ -75,7 +75,7 @@ def pictures(material: Material) -> list[Picture]:
 def verdict(material: Material) -> dict[str, Any]:
     """Tell the verdict."""
     d, units = material.diagnosis, material.units
-    known = physical(d, {name: unit for name, unit in units.items() if unit})
+    known = physical(d, {name: unit for name, unit in units.items() if unit}, material.settings.get("scale"))
     return {
         "badge": words.BADGES[d.steps[0].finding], "fall": words.fall(d, units), "bars": bars(d, units),
         "physical": told(known, True), "linear": told(known, False), "added": added(d, units), "lamp": lamp(material),
