@@ -76,7 +76,10 @@ class Addition:
 
     def _search(self, split: Split, seed: int, progress: Callable[[str], Any]) -> Fitted:
         only = Catalogue({self.forms[0].id: self.forms})
-        base = settle(self.model, split)
+        try:
+            base = settle(self.model, split)
+        except FitError as error:
+            raise FitError(f"Without {self.effect} the model has no stable fit here: choose another base. {error}") from None
         scored = screen(base, [self.channel] if self.channel else [], only, seed)
         search = Search(base.model, split.records, family="given")
         found = []
