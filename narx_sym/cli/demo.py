@@ -11,6 +11,7 @@ from ..data import plants
 from ..data.examples import ACTUATOR_UNITS, PLAY, STAGE_UNITS, actuator, stage
 from ..data.metrics import mape, nsavi
 from ..data.record import Record
+from ..diagnosis.bases import words
 from ..diagnosis.procedure import diagnose
 from ..engines.compile import compile
 from ..files.atomic import write_csv, write_text
@@ -152,7 +153,7 @@ def find_missing(out: Path) -> None:
         print_equations(model)
         added = model.effects[-1]
         sizes = effect_parameters(model, added, STAGE_UNITS, shape_units(found, STAGE_UNITS, model))
-        say(f"  found: {added.effect} with {sizes}; simulated: backlash with r = {PLAY:g} rad", markup=False)
+        say(f"  found: {words(added.effect)}, {sizes}; simulated: a play of half-width {PLAY:g} rad", markup=False)
     save(model, out / "model_with_effect.json")
     before, after = (evaluate(m, record).free_run_nrmse for m in (base, model))
     say(f"  free-run NRMSE: {before:.3g} before, {after:.3g} after", markup=False)
@@ -169,5 +170,5 @@ def find_missing(out: Path) -> None:
     repaired = stage(0.0)
     with working("Identifying and diagnosing it"):
         healthy = diagnose(identify(repaired, base="linear"), repaired)
-    say(f"  {healthy.verdict}: {healthy.sentence(STAGE_UNITS)}", markup=False)
+    say(f"  {healthy.sentence(STAGE_UNITS)}", markup=False)
     say(f"  The same on your own data: narx-sym diagnose {out / 'stage.csv'} --units rad,mm", markup=False)

@@ -178,7 +178,7 @@ def print_found(found: Diagnosis, units: dict[str, str], command: str, quantitie
     told = f"In physical units: {quantities.text}." if getattr(quantities, "text", "") else ""
     lines = [
         fall(found, units),
-        *added_sizes(found, units),
+        *([] if told else added_sizes(found, units)),
         without_ids(found.sentence(units)),
         f"{told} {acting}".strip(),
     ]
@@ -245,11 +245,15 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
 
 def print_detectable(step: Any, units: dict[str, str]) -> None:
     """Print which effects these data would have shown, and which a refit hides."""
+    from ..diagnosis.bases import words
+
     sizes = step.unseen
     shown = sizes if len(sizes) <= 2 * FEW else [*sizes[:FEW], ("...", None), *sizes[-FEW:]]
     spread, unit = step.base.problem.spread, f" [{units['y']}]" if units.get("y") else ""
     rows = [
-        [n, "", "" if v is None else "> 100 %"] if v is None or v >= spread else [n, v, f"{100 * v / spread:.2g} %"]
+        [words(n), "", "" if v is None else "> 100 %"]
+        if v is None or v >= spread
+        else [words(n), v, f"{100 * v / spread:.2g} %"]
         for n, v in shown
     ]
     if rows:
@@ -259,4 +263,4 @@ def print_detectable(step: Any, units: dict[str, str]) -> None:
             rows,
         )
     if step.absorbed:
-        console().print(f"A refit of the base absorbs: {', '.join(step.absorbed)}.", markup=False)
+        console().print(f"A refit of the base absorbs: {', '.join(map(words, step.absorbed))}.", markup=False)

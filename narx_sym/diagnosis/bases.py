@@ -11,8 +11,9 @@ def few(value: float, digits: int = 3) -> str:
 
 
 def words(name: str) -> str:
-    """Return the name of an effect, a run or a panel as words."""
-    return "the base" if name == BASE else name.replace("_", " ")
+    """Return the name of an effect, a run or a panel as words; a channel is called as the user calls it."""
+    effect, colon, channel = name.partition(":")
+    return "the base" if name == BASE else effect.replace("_", " ") + colon + channel
 
 
 def joined(names: Iterable[str]) -> str:

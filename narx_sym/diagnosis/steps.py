@@ -20,7 +20,7 @@ from ..models.added import newer
 from ..models.model import NARX, Model
 from ..symbolic import printing
 from ..symbolic.identities import added as total
-from .bases import BASE, few, joined, percent_of
+from .bases import BASE, few, joined, percent_of, words
 from .experiment import Experiment, propose, wider_file
 from .progress import JUDGE, WAYS
 from .refit import NO_TRIAL, Fitted, Trial, alike_up_to, prune
@@ -280,7 +280,7 @@ class Step:
                 return f"The base does not follow the output: what is missing cannot be told from it. {sizes}."
             if self.one_step:
                 return f"{ONE_STEP} {sizes}."
-            shown = ", ".join(f"{name} above {few(size, 2)}{unit}" for name, size in self.unseen[:3])
+            shown = ", ".join(f"{words(name)} above {few(size, 2)}{unit}" for name, size in self.unseen[:3])
             would = f"; these data would probably have shown {shown} rms" if shown else ""
             if self.unexplained:
                 sizes += f"; the sensor's noise, if white, is about {few(self.sensor)}{unit}, {self.unexplained}"

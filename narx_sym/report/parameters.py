@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,10 @@ import numpy as np
 from ..data.units import coefficient_units
 from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.table.candidates import Candidate
+from ..errors import NarxError
+from ..fit.continuous import continuous
 from ..models.added import AddedEffect, newer, outside
+from ..models.continuous_time import short
 from ..models.model import Model
 from ..symbolic.signals import expand_phi
 from .words import Row, Units, begun, number, spaced
@@ -89,12 +93,12 @@ def shape_unit(said: str, added: AddedEffect, units: Units) -> str:
     return "" if said == "1" else said.replace(" / ", "/")
 
 
-def candidate_parameters(candidate: Candidate, units: Units) -> str:
-    """Return the parameters of a candidate with their units."""
+def candidate_parameters(candidate: Candidate, units: Units, letters: bool = False) -> str:
+    """Return what a candidate is in physical units; or the parameters by the `letters` of its equation."""
     model, own = candidate.written, candidate.variant.effect
     added = model.effects[-1]
     shapes = {str(s): shape_unit(own.unit.get(n, ""), added, units) for n, s in added.shape.items()}
-    return effect_parameters(model, added, units, shapes)
+    return (by_letters if letters else effect_parameters)(model, added, units, shapes)
 
 
 def added_sizes(diagnosis: Diagnosis, units: Units) -> list[str]:
@@ -108,7 +112,17 @@ def added_sizes(diagnosis: Diagnosis, units: Units) -> list[str]:
 
 
 def effect_parameters(model: Model, effect: AddedEffect, units: Units, shapes: Mapping[str, str]) -> str:
-    """Return the parameters of an effect of a model with their units, as far as these follow."""
+    """Return what matters of an effect of a model in physical units; where nothing does, its parameters by letters."""
+    with suppress(NarxError):
+        known = continuous(model, units={name: unit for name, unit in units.items() if unit})
+        own = [q for q in known.quantities if q.effect == effect.effect and str(q.symbol) in known.main]
+        if own:
+            return ", ".join(f"{q.name} {short(q.value)} {q.unit}".rstrip() for q in own)
+    return by_letters(model, effect, units, shapes)
+
+
+def by_letters(model: Model, effect: AddedEffect, units: Units, shapes: Mapping[str, str]) -> str:
+    """Return the parameters of an effect of a model by their letters, with their units as far as these follow."""
     known = {n: "" if unit == "1" else unit for n, unit in coefficient_units(model, units, shapes).items()}
     return ", ".join(
         f"{n} = {number(float(model.values[s]), 4)} {known.get(str(s), '')}".rstrip() for n, s in effect.symbols.items()

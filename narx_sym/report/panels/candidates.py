@@ -42,7 +42,7 @@ def candidates(material: Material) -> dict[str, Any]:
             "latex": c.latex.split(r",\quad "),
             "sentence": c.described,
             "form": _form(c.variant),
-            "parameters": parameters.candidate_parameters(c, units),
+            "parameters": parameters.candidate_parameters(c, units, letters=True),
         }
         for row, c in zip(d.table(), d.candidates, strict=True)
     ]
