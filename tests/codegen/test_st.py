@@ -33,7 +33,7 @@ def scanned(block, subject, n=N):
 
 
 @needs_blark
-@pytest.mark.parametrize("name", some(SUBJECTS, 8))
+@pytest.mark.parametrize("name", some(SUBJECTS, 14))
 def test_the_interpreted_text_agrees_with_python(name):
     subject = SUBJECTS[name]
     expected = subject.expected(N)

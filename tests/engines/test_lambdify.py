@@ -65,7 +65,7 @@ def test_a_step_is_what_a_run_does(variant, engine):
     agrees(model, runs, engine)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", some(ENGINES))
 def test_a_step_of_a_law_is_what_the_law_does(engine):
     terms = ["y[k-1]", "u[k-1]", "u[k-3]", "u[k-1]**2", "u[k-1]**3"]
     models = [BASE, ns.NARX.from_terms(terms[:4], [0.6, 0.5, 0.1, 0.3])]
