@@ -2,6 +2,7 @@
 
 import logging
 import os
+import re
 import sys
 from dataclasses import replace
 from functools import cache
@@ -11,8 +12,10 @@ from hypothesis import settings
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # the cores are taken: threads of linear algebra would wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # every process that a test starts would compile the package again
 
 from places import ROOT
+from sampling import only
 
 import narx_sym as ns
 from narx_sym.cli import main as cli
@@ -23,7 +26,7 @@ from narx_sym.files.telling import LOG
 # A property holds or fails the same way in every run. HYPOTHESIS_PROFILE=default looks at new examples each time.
 settings.register_profile("same", derandomize=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
-STAGE_EFFECTS = ("backlash", "hysteresis", "dead_zone", "coulomb_friction", "creep", "inertia", "drift")
+STAGE_EFFECTS = ("backlash", "hysteresis", "dead_zone", "creep", "drift")
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -95,9 +98,8 @@ def stage_diagnosis():
     It is told as if the data could not decide between its first two candidates: then the report has all its parts.
     """
     record = stage(PLAY)
-    catalogue = ns.effects.Catalogue({name: ns.EFFECTS[name] for name in STAGE_EFFECTS})
     base = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "y[k-3]", "u[k-2]", "u[k-3]", "u[k-4]", "1"])
-    found = ns.diagnose(base.fit(record, method="free_run"), record, catalogue=catalogue)
+    found = ns.diagnose(base.fit(record, method="free_run"), record, catalogue=only(*STAGE_EFFECTS))
     assert found.confusion_set == ["backlash"]
     two = {c.effect: c.model for c in found.candidates[:2]}
     experiment = propose(two, record, found.floor)
@@ -111,3 +113,10 @@ def stage_report(stage_diagnosis, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     stage_diagnosis.report(path, STAGE_UNITS)
     return path
+
+
+@pytest.fixture(scope="session")
+def stage_parts(stage_report):
+    """Return the parts of the demo's report by their keys, each from its title on."""
+    page = stage_report.read_text(encoding="utf-8")
+    return dict(re.findall(r'<section id="(\w+)" .*?(<h[12].*?)</section>', page, re.DOTALL))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import narx_sym as ns
+from narx_sym.app import workbench
 from narx_sym.app.choice import Said, points_of
 from narx_sym.app.workbench import Workbench
 from narx_sym.tasks.reference import MOST, MOST_POINTS
@@ -22,8 +23,9 @@ LEFT, RIGHT, TOP, BOTTOM = 58, 8, 8, 36  # of the picture's axes [px]
 
 
 @pytest.fixture
-def bench():
+def bench(monkeypatch):
     """A workbench with data and a model, of which nothing but that it is there is needed here."""
+    monkeypatch.setattr(workbench, "signals_svg", lambda *what: "")
     made = Workbench()
     u, y = live.hidden(N=300)
     made.upload("stage.csv", live.csv(u=u, y=y))
@@ -289,8 +291,3 @@ def test_what_the_laws_limits_hold_is_marked_and_a_drawing_is_found_again(page):
     assert page.get_by_role("radio", name="Drawn").is_checked()
     assert text(page) == drawn and page.locator(".ran").inner_text() == said
     assert page.get_by_role("slider").count() == len(points_of(drawn))
-
-
-def test_the_script_is_this_servers_own(server):
-    status, script = server.ask(path="/drawn.js")
-    assert status == 200 and "class Picture" in script and "class Drawing" in script and "://" not in script

@@ -105,11 +105,14 @@ def test_ctrl_c_ends_it_with_a_message_and_leaves_nothing(tmp_path, data, signal
     assert [p.name for p in tmp_path.iterdir()] == ["own.csv"]
 
 
-def test_a_port_that_is_taken_is_one_message(server):
-    code = "import sys; from narx_sym.cli.main import main; sys.argv[0] = 'narx-sym'; main()"
-    arguments = [sys.executable, "-c", code, "app", "--no-browser", "--port", str(server.port)]
-    made = subprocess.run(arguments, capture_output=True, text=True)
-    assert made.returncode == 2 and "--port" in made.stderr and "Traceback" not in made.stderr
+def test_a_port_that_is_taken_is_one_message(server, run):
+    code, _, err = run("app", "--no-browser", "--port", server.port)
+    assert code == 2 and "--port" in err and "Traceback" not in err
+
+
+def test_the_script_of_drawing_is_this_servers_own(server):
+    status, script = server.ask(path="/drawn.js")
+    assert status == 200 and "class Picture" in script and "class Drawing" in script and "://" not in script
 
 
 # -- the browser ---------------------------------------------------------------------------------------------------

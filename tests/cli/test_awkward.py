@@ -6,10 +6,12 @@ import zipfile
 
 import numpy as np
 import pytest
+from sampling import only, some
 from scipy.io import savemat
 
 import narx_sym as ns
 from narx_sym.errors import DataError
+from narx_sym.tasks.base import what_to_print
 
 N = 400
 T = np.arange(N) * 0.01
@@ -75,13 +77,11 @@ GAPS = np.concatenate([100 * i + 0.01 * np.arange(20) for i in range(20)])
 # case: (file name, content, words of the one message on stderr), exit code 2
 REFUSED = {
     "NaN": ("a.csv", csv(y=put(Y, [50], "nan")), ["'y' has 1 missing or infinite", "line 52", "--missing drop"]),
-    "infinite": ("a.csv", csv(u=put(U, [7], "-inf")), ["'u' has 1 missing or infinite", "line 9"]),
     "N/A": ("a.csv", csv(y=put(Y, [50], "N/A")), ["'y' has 1 missing"]),
     "too many digits": ("a.csv", csv(u=put(U, [5], "1" * 400)), ["'u' has 1 missing or infinite"]),
     "all NaN": ("a.csv", csv(y=["nan"] * N), ["'y' has 400 missing"]),
     "NaN in .npz": ("a.npz", npz(t=T, u=U, y=np.where(T == 0, np.nan, Y)), ["'y' has 1 missing", "row 0"]),
     "text column": ("a.csv", csv(u=["on"] * N), ["'u' has text in line 2: 'on'"]),
-    "one word": ("a.csv", csv(u=put(U, [9], "oops")), ["'u' has text in line 11: 'oops'"]),
     "hexadecimal": ("a.csv", csv(u=["0x10"] * N), ["text in line 2: '0x10'"]),
     "dates": ("a.csv", csv(t=[f"01.01.2020 00:00:{x:06.3f}" for x in T]), ["'t' holds text", "--ts SECONDS"]),
     "a second row of names": ("a.csv", csv(head="t,u,y\nclock,pump,level"), ["'u' has text in line 2: 'pump'", "--rows"]),
@@ -91,34 +91,26 @@ REFUSED = {
     "one signal": ("a.csv", csv(y=U), ["output and input are the same signal", "--output"]),
     "ten samples": ("a.csv", csv(T[:10], U[:10], Y[:10]), ["10 samples are too few", "20 are needed"]),
     "one sample": ("a.csv", csv(T[:1], U[:1], Y[:1]), ["1 data row(s) left of 1"]),
-    "header only": ("a.csv", "t,u,y\n", ["no data rows"]),
     "empty": ("a.csv", "", ["the file is empty"]),
-    "blank lines": ("a.csv", "\n \n\t\n", ["the file is empty"]),
     "only comments": ("a.csv", "# a\n# b\n", ["the file is empty"]),
     "no header": ("a.csv", csv(head="0,0,0"), ["line 1 has numbers where the column names should be"]),
     "binary": ("a.csv", NOISE, ["binary data"]),
     "binary without zeros": ("a.csv", HIGH, ["binary data"]),
     "zero bytes": ("a.csv", b"t,u,y\n0,1,2\n\0\n", ["binary data"]),
     "wrong names": ("a.csv", csv(head="time,in,out"), ["no column 'u'", "time, in, out (line 1)", "--input"]),
-    "two columns of one name": ("a.csv", csv(head="t,u,u,y", extra=Y), ["two columns are named 'u'"]),
     "two time columns": ("a.csv", csv(head="t,t,u,y", extra=Y), ["two columns are named 't'"]),
     "huge header": ("a.csv", csv(head="t,u,y" + "x" * 3_000_000), ["line 1 has more than 1000000 characters"]),
     "20 000 columns": ("a.csv", ",".join(f"c{i}" for i in range(20_000)) + "\n" + 2 * (",".join("1" * 20_000) + "\n"),
                        ["no column 'u'", "and 19960 more"]),
-    "open quote": ("a.csv", csv(u=put(U, [3], '"1')), ["check the quotes"]),
     "unsorted": ("a.csv", csv(T[P], U[P], Y[P]), ["'t', line 3: time decreases", "sort the rows", "--ts"]),
     "repeated stamp": ("a.csv", csv(np.where(T == T[9], T[8], T)), ["'t', line 11: time repeats (0.08 s, then 0.08 s)"]),
     "coarse stamps": ("a.csv", csv(np.floor(T * 10) / 10), ["time repeats", "--ts"]),
     "gaps everywhere": ("a.csv", csv(np.arange(N) // 3 * 1000 + np.arange(N) % 3), ["gaps everywhere"]),
     "near the largest number": ("a.csv", csv(y=Y * 1e300), ["'y' has values of the size", "another unit"]),
     "near the smallest number": ("a.csv", csv(y=Y * 1e-200), ["'y' has values of the size", "another unit"]),
-    "kind of file": ("a.xlsx", b"PK", ["unknown kind of file '.xlsx'"]),
     "truncated .npz": ("a.npz", npz(t=T, u=U, y=Y)[:5000], ["cannot be read as .npz"]),
-    ".npy named .npz": ("a.npz", b"\x93NUMPY\x01\x00", ["cannot be read as .npz"]),
-    "objects in .npz": ("a.npz", npz(t=T, u=U, y=np.array([{}] * N, dtype=object)), ["cannot be read as .npz", "Object arrays"]),
     "complex .npz": ("a.npz", npz(t=T, u=U, y=Y + 1j), ["no column 'y'", "left out: y (400,)"]),
     "two outputs in .npz": ("a.npz", npz(t=T, u=U, y=np.c_[Y, Y]), ["no column 'y'", "left out: y (400, 2)"]),
-    "unequal .npz": ("a.npz", npz(t=T, u=U[:-3], y=Y), ["u has 397 samples but y has 400"]),
     ".npz that promises too much": ("a.npz", archive((10**13,)), ["cannot be read as .npz"]),
     "truncated .mat": ("a.mat", mat(t=T, u=U, y=Y)[:5000], ["cannot be read as .mat"]),
     "cell in .mat": ("a.mat", mat(t=T, u=U, y=np.array([1, "a"], dtype=object)), ["no column 'y'", "left out: y (1, 2)"]),
@@ -193,48 +185,52 @@ def test_refused(case, run, tmp_path):
     assert len(said[0]) < 1500 and sorted(p.name for p in tmp_path.iterdir()) == [name]
 
 
-@pytest.fixture(scope="module")
-def plain_error():
-    record = ns.Record.from_arrays(U, Y, Ts=0.01)
-    return ns.evaluate(ns.identify(record, base="linear", n_y=1, n_u=1, delay=0), record).free_run_nrmse
+def read(path, options):
+    """Read a file as the command does with these options."""
+    return ns.read(
+        path, t=options[1] if "--time" in options else "t", Ts=0.01 if "--ts" in options else None,
+        missing="drop" if "drop" in options else "refuse", channels="all" if "all" in options else (),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("case", SAID)
-def test_said(case, run, tmp_path, plain_error):
+def test_said(case, tmp_path):
     name, content, options, words = SAID[case]
+    record = read(write(tmp_path, name, content), options)
+    said = what_to_print([record])
+    for word in words:
+        assert any(word in n for n in said), (word, said)
+    if not words:  # what is said to be unchanged is
+        assert not said
+        for found, given in ((record.u, U), (record.y, Y)):
+            assert np.allclose(found / np.std(found), given / np.std(given), atol=0.01)
+
+
+@pytest.mark.parametrize("case", some(SAID, 6))
+def test_the_command_says_what_reading_does(case, run, tmp_path):
+    name, content, options, _ = SAID[case]
     path, out = write(tmp_path, name, content), tmp_path / "m.json"
     code, text, err = run("fit", path, "--out", out, "--base", "linear", "--n-y", 1, "--n-u", 1, "--delay", 0, *options)
     assert code == 0 and out.exists() and "nan" not in text.replace(path.stem, "").lower(), err
-    notes = [line for line in err.splitlines() if line.startswith("note:")]
-    for word in words:
-        assert any(word in n for n in notes), (word, notes)
-    record = ns.read(
-        path, t=options[1] if "--time" in options else "t", Ts=0.01 if "--ts" in options else None, missing="drop" if "drop" in options else "refuse",
-        channels="all" if "all" in options else (),
-    )  # fmt: skip
-    changes = [n for n in notes if "takes only two" not in n and "cut off" not in n and "seems to last" not in n]
-    assert [n.split(": ", 2)[2] if n.count(": ") > 1 else n for n in changes] == [
-        f"{path.name}: {n}".split(": ", 1)[1] for n in record.notes
-    ]
-    if not words:
-        assert not notes
-        error = ns.evaluate(ns.load(out), record).free_run_nrmse
-        assert error == pytest.approx(plain_error, rel=0.05), "what is said to be unchanged gives another model"
+    notes = [line.removeprefix("note: ") for line in err.splitlines() if line.startswith("note:")]
+    assert notes == what_to_print([read(path, options)])
 
 
 def test_several_records_of_different_length(run, tmp_path):
     for name, rows in (("a.csv", slice(0, 150)), ("b.csv", slice(150, 400)), ("c.csv", slice(0, 30))):
         (tmp_path / name).write_text(csv(T[rows], U[rows], Y[rows]))
     code, text, err = run(
-        "fit", *(tmp_path / f"{n}.csv" for n in "abc"), "--out", tmp_path / "m.json", "--base", "linear"
-    )
+        "fit", *(tmp_path / f"{n}.csv" for n in "abc"), "--out", tmp_path / "m.json", "--base", "linear", "--n-y", 1,
+        "--n-u", 1, "--delay", 0,
+    )  # fmt: skip
     assert code == 0 and "from 430 samples" in err and all(f" {n} " in text for n in "abc")
     (tmp_path / "d.csv").write_text(csv(2 * T))
     code, _, err = run("fit", tmp_path / "a.csv", tmp_path / "d.csv", "--out", tmp_path / "n.json")
     assert code == 2 and "different sampling times (a: 0.01 s, d: 0.02 s)" in err
 
 
-def test_the_notes_are_in_the_diagnosis(run, tmp_path):
+def test_the_notes_are_in_the_diagnosis(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("narx_sym.cli.diagnose.with_own", lambda files: only("drift"))
     path, found = write(tmp_path, "a.csv", csv(moved(T, 200, 5), np.sign(U), y=answer(np.sign(U)))), tmp_path / "d.json"
     code, _, err = run("diagnose", path, "--json", found, "--rows", "100:")
     assert code == 0, err
@@ -244,9 +240,7 @@ def test_the_notes_are_in_the_diagnosis(run, tmp_path):
 
 
 @pytest.mark.parametrize("command", ("compare", "diagnose", "add", "simulate", "compensate"))
-@pytest.mark.parametrize(
-    "case", ("NaN", "empty", "binary", "wrong names", "unsorted", "near the largest number", "truncated .npz")
-)
+@pytest.mark.parametrize("case", ("NaN", "wrong names"))
 def test_the_other_commands_refuse_too(command, case, run, tmp_path):
     name, content, words = REFUSED[case]
     path, model, out = write(tmp_path, name, content), tmp_path / "m.json", tmp_path / "out"
@@ -257,7 +251,7 @@ def test_the_other_commands_refuse_too(command, case, run, tmp_path):
         "compensate": ("compensate", model, "--reference", path, "--column", "y", "--out", out),
     }  # fmt: skip
     code, _, err = run(*given[command])
-    if command == "simulate" and case in ("NaN", "near the largest number"):  # only y is bad; it is not read
+    if command == "simulate" and case == "NaN":  # only y is bad; it is not read
         assert code == 0
         return
     assert code == 2 and err.count("narx-sym: ") == 1 and "Traceback" not in err and "internal" not in err

@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +15,11 @@ from sampling import more
 
 import narx_sym as ns
 from narx_sym.cli import main as cli
+from narx_sym.cli.options import with_own
+from narx_sym.report.panels import registry
 
 N, TS, DEAD, NOISE = 1500, 0.01, 0.6, 0.01
+SEARCHED = ("dead_zone", "backlash", "saturation", "creep", "drift")
 STEP_KEYS = {
     "verdict", "confusion_set", "base", "candidates", "smallest_detectable", "where_it_fails", "experiment",
 }  # fmt: skip
@@ -56,6 +60,15 @@ def write(path, **columns):
     )
 
 
+@pytest.fixture(scope="module", autouse=True)
+def searched():
+    """Search few effects: here words, options and files are looked at."""
+    with pytest.MonkeyPatch.context() as patch:
+        others = [name for name in ns.EFFECTS if name not in SEARCHED]
+        patch.setattr("narx_sym.cli.diagnose.with_own", lambda files: with_own(files).without(*others))
+        yield
+
+
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     """A record with a hidden dead zone, one where nothing is hidden, a linear model, and an effect as text."""
@@ -76,22 +89,19 @@ def files(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def diagnosed(files):
-    """The record with the dead zone, diagnosed once: what was printed, and the files."""
-    import contextlib
-    import io
-
+    """The record with the dead zone, diagnosed once: what was printed, and the files; of the report two parts."""
     out, err = io.StringIO(), io.StringIO()
     arguments = [
         "diagnose", "dead.csv", "--base", "linear.json", "--json", "d.json", "--save", "m.json", "--plot", "p.png",
         "--units", "V,mm", "--report", "r.html", "--verbose",
     ]  # fmt: skip
     arguments = [str(files / a) if "." in a else a for a in arguments]
-    old, sys.argv = sys.argv, ["narx-sym", *arguments]
-    try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as stop:
+    parts = {name: registry.panels()[name] for name in ("verdict", "provenance")}
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(sys, "argv", ["narx-sym", *arguments])
+        patch.setattr(registry, "_PANELS", parts)
+        with pytest.raises(SystemExit) as stop:
             cli.main()
-    finally:
-        sys.argv = old
     assert not stop.value.code, err.getvalue()
     return out.getvalue(), err.getvalue()
 
@@ -232,7 +242,8 @@ def test_saved_model_is_read_and_fits(files, diagnosed, run):
 
 
 def test_nothing_hidden_nothing_found(files, run, tmp_path):
-    code, text, err = run("diagnose", files / "null.csv", "--json", tmp_path / "n.json", "--save", tmp_path / "m.json")
+    written = ["--json", tmp_path / "n.json", "--save", tmp_path / "m.json"]
+    code, text, err = run("diagnose", files / "null.csv", "--rows", "0:700", *written)
     assert code == 0, err
     assert "(nothing found)" in text.splitlines()[0] and "nothing was added" in err
     data = json.loads((tmp_path / "n.json").read_text())
@@ -243,15 +254,12 @@ def test_nothing_hidden_nothing_found(files, run, tmp_path):
 def test_add(files, run, tmp_path):
     out = tmp_path / "added.json"
     arguments = ["add", files / "linear.json", "dead_zone", files / "dead.csv", "--out", out]
-    code, text, err = run(*arguments, "--where", "input")
+    code, text, err = run(*arguments, "--where", "input", "--rows", "0:700")
     assert code == 0, err
     assert "before, fitted to these data" in text and "with dead_zone" in text and "v[k] = u[k]" in text
     model = ns.load(out)
     assert model.values and ns.evaluate(model, ns.read(files / "dead.csv")).free_run_nrmse < 0.02
-    for wrong, expected in {
-        ("--where", "output"): "does not act at 'output'",
-        ("--rows", "0:10"): "too few",
-    }.items():
+    for wrong, expected in {("--where", "output"): "does not act at 'output'", ("--rows", "0:10"): "too few"}.items():
         code, _, err = run(*arguments, *wrong)
         assert one_message(code, err) and expected in err, err
     code, _, err = run("add", files / "linear.json", "magic", files / "dead.csv", "--out", out)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from exported import of, valued
 from iec import Block
-from sampling import some
+from sampling import matrix, some
 from test_c import arguments, stepped
 
 import narx_sym as ns
@@ -73,8 +73,12 @@ def in_an_fmu(law, taken, folder):
     return found
 
 
-@pytest.mark.parametrize("language", (in_c, in_st, in_casadi, in_javascript, in_an_fmu))
-@pytest.mark.parametrize("name", some(MODELS))
+LANGUAGES = (in_c, in_st, in_casadi, in_javascript, in_an_fmu)
+QUICK = {(in_c, "bent"), (in_st, "kink"), (in_javascript, "vertex"), (in_an_fmu, "late")}
+QUICK |= {(in_casadi, name) for name in MODELS}
+
+
+@pytest.mark.parametrize("language, name", matrix(QUICK, LANGUAGES, MODELS))
 @pytest.mark.filterwarnings("ignore:the model misses:UserWarning")
 def test_it_goes_on_from_where_the_machine_is(name, language, tmp_path):
     law = MODELS[name].compensator()
@@ -86,7 +90,7 @@ def test_it_goes_on_from_where_the_machine_is(name, language, tmp_path):
     assert np.array_equal(run.m, law.run(REFERENCE, 0.1, clip=True))
 
 
-@pytest.mark.parametrize("language", (in_c, in_st, in_casadi, in_javascript))
+@pytest.mark.parametrize("language", some([in_casadi, in_c, in_st, in_javascript]))
 def test_a_gain_that_turns_is_followed(language, tmp_path):
     """Where the output is above 1 the gain is negative: the sides of the kink follow each other the other way round."""
     regressors = ["y[k-1]", "u[k-1]", "u[k-1]*y[k-1]", "abs(u[k-1])"]

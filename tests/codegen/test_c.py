@@ -74,7 +74,7 @@ def resting(subject, source, name):
 
 @needs_gcc
 @pytest.mark.parametrize("single", (False, True))
-@pytest.mark.parametrize("name", some(SUBJECTS))
+@pytest.mark.parametrize("name", some(SUBJECTS, 8))
 def test_compiles_cleanly_and_passes_its_own_test(name, single, tmp_path):
     source = SUBJECTS[name].c("x1", single=single)
     told = subprocess.run([built(tmp_path, source, "-DX1_SELF_TEST")], capture_output=True, text=True)
@@ -82,7 +82,7 @@ def test_compiles_cleanly_and_passes_its_own_test(name, single, tmp_path):
 
 
 @needs_gcc
-@pytest.mark.parametrize("name", some([n for n in SUBJECTS if n != "awkward"], every=2))
+@pytest.mark.parametrize("name", some([n for n in SUBJECTS if n != "awkward"], every=4))
 def test_agrees_with_python_on_50_000_samples(name, tmp_path):
     subject = SUBJECTS[name]
     source = subject.c("x1")
@@ -93,7 +93,7 @@ def test_agrees_with_python_on_50_000_samples(name, tmp_path):
 
 
 @needs_gcc
-@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck))
 @given(recursions())
 def test_random_recursions_agree(tmp_path, made):
     recursion, n, _ = made
@@ -135,9 +135,8 @@ def test_awkward_names_agree_too(tmp_path):
     assert not (tmp_path / "pwned").exists()
 
 
-@pytest.mark.parametrize("name", AWKWARD)
-def test_nothing_of_a_name_reaches_the_code(name):
-    source = ns.Model(y[k - 1] / 2 + signal(name)[k - 1] + u[k], (), []).to_c("x1")
+def test_nothing_of_a_name_reaches_the_code():
+    source = ns.Model(y[k - 1] / 2 + sum(signal(name)[k - 1] for name in AWKWARD) + u[k], (), []).to_c("x1")
     assert source.count("/*") == source.count("*/") == 1 and "??" not in source and "\\\n" not in source
     assert source.isascii() and "system" not in re.sub(r"x_system\w*", "", code(source))
     names = set(re.findall(r"[A-Za-z_]\w*", code(source).split("#ifdef")[0]))
@@ -157,7 +156,7 @@ def test_only_the_libraries_that_are_used():
     plain = ns.NARX.from_terms(["y[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]"], [0.8, 0.5]).to_c()
     assert "#include" not in plain.split("#ifdef")[0] and "-lm" not in plain
     assert "#include <math.h>" in ns.NARX.from_terms(["tanh(u[k-1])"], [0.8]).to_c()
-    every = "".join(code(subject.c("x1")) for subject in SUBJECTS.values())
+    every = "".join(code(subject.c("x1")) for subject in [*SUBJECTS.values()][::4])
     assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|goto|static (?!const|x1_real x1_))", every)
 
 

@@ -48,7 +48,7 @@ def by_the_engine(recursion, waves, theta, start):
 
 
 @needs_javascript
-@pytest.mark.parametrize("name", some(SUBJECTS))
+@pytest.mark.parametrize("name", some(SUBJECTS, 8))
 def test_it_agrees_with_the_engine_for_parameters_of_the_call(name):
     subject = SUBJECTS[name]
     recursion = subject.recursion
@@ -65,7 +65,7 @@ def test_it_agrees_with_the_engine_for_parameters_of_the_call(name):
         assert found["parameters"] == [str(s) for s in recursion.parameters]
 
 
-QUICK = dict.fromkeys(("hysteresis", "quadratic_drag", "stiction"), ()) | dict.fromkeys(("backlash", "dead_zone"), more)
+QUICK = {"quadratic_drag": ()} | dict.fromkeys(("backlash", "dead_zone", "hysteresis", "stiction"), more)
 
 
 @needs_javascript
@@ -168,9 +168,8 @@ def test_nothing_of_a_name_reaches_the_code(name):
     bare = re.sub(r'"(\\.|[^"\\])*"', '""', code)
     assert text.isascii() and comment.count("/*") == 1 and not re.search(r"/\*|\*/|//|`|'", bare)
     assert not re.search(r"</script|<!--|\beval\b\s*\(|new Function", text, re.I)
-    assert "alert" not in re.sub(r"script_script_alert_1_script\w*", "", bare) and "pwned" not in bare.replace(
-        "_pwned", ""
-    )
+    assert "alert" not in re.sub(r"script_script_alert_1_script\w*", "", bare)
+    assert "pwned" not in bare.replace("_pwned", "")
 
 
 @pytest.mark.parametrize("name", ("law", "branches", "effects"))

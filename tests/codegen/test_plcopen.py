@@ -19,7 +19,7 @@ from xsdata.formats.dataclass.parsers.config import ParserConfig  # noqa: E402
 
 SECTIONS = {"input_vars": "VAR_INPUT", "output_vars": "VAR_OUTPUT", "local_vars": "VAR", "temp_vars": "VAR_TEMP"}
 ELEMENTARY = {"lreal": "LREAL", "real": "REAL", "bool_value": "BOOL", "dint": "DINT", "udint": "UDINT"}
-QUICK = ("law", "clock")
+QUICK = ("clock",)
 REST = [pytest.param(n, marks=pytest.mark.long) for n in SUBJECTS if n not in (*QUICK, "awkward", "functions")]
 
 
@@ -110,7 +110,7 @@ def test_a_wrong_block_fails_its_own_test(wrong):
     assert program.values["FINISHED"] and not program.values["PASSED"] and program.values["WRONG"] > 0
 
 
-@pytest.mark.parametrize("name", ("law", "effects", "long delay"))
+@pytest.mark.parametrize("name", ("effects",))
 def test_the_block_is_that_of_structured_text(name):
     subject = SUBJECTS[name]
     for single in (False, True):
@@ -136,11 +136,10 @@ def test_the_parser_refuses_what_is_not_of_the_standard():
 
 def test_names_of_the_block_and_bytes():
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=0.01)
-    for name in ("LAW", "sample"):
-        program = program_of(model.export("plcopen", name))
-        for _ in range(60):
-            program.scan()
-        assert program.values[next(n for n in program.values if n.startswith("PASSED"))] is True
+    program = program_of(model.export("plcopen", "sample"))
+    for _ in range(60):
+        program.scan()
+    assert program.values[next(n for n in program.values if n.startswith("PASSED"))] is True
     assert model.export("plcopen") == model.export("plcopen") and "Sampling time: 0.01 s" in model.export("plcopen")
 
 

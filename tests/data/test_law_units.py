@@ -164,7 +164,7 @@ def runs(which):
     return got[0] * factor("V"), got[1]
 
 
-@pytest.mark.parametrize("which", some(range(len(ALL)), every=4), ids=lambda i: f"{ALL[i].id}-{i}")
+@pytest.mark.parametrize("which", some(range(len(ALL)), every=20), ids=lambda i: f"{ALL[i].id}-{i}")
 def test_a_law_in_other_units_asks_for_the_same_input(which):
     """Not by the algebra of units: the law runs with every number converted, on a converted reference."""
     made = runs(which)
@@ -236,9 +236,8 @@ def test_a_number_with_two_units_is_told_with_its_equation():
 
 @pytest.mark.parametrize("label", ("V", "um", "m3/h", "degC", "%", "inc", "N/(m s)", "1", "V²"))
 def test_powers_of_names_give_the_unit_back(label):
-    assert product(powers(label)) == unit(label) and shown(product(powers(label)), [label]) == shown(
-        unit(label), [label]
-    )
+    assert product(powers(label)) == unit(label)
+    assert shown(product(powers(label)), [label]) == shown(unit(label), [label])
 
 
 # -- where it is told --------------------------------------------------------------------------------------------------

@@ -75,12 +75,7 @@ def test_from_arrays_finds_Ts_from_stamps():
         ([1], [1], {"Ts": 1}, "at least 2"),
         ([1], [1], {"t": [1]}, "at least 2"),
         ([], [], {"Ts": 1}, "at least 2"),
-        (
-            [1, np.nan, np.nan],
-            [1, 2, 3],
-            {"Ts": 1},
-            "u has 2 missing or infinite value(s), the first at index 1",
-        ),
+        ([1, np.nan, np.nan], [1, 2, 3], {"Ts": 1}, "u has 2 missing or infinite value(s), the first at index 1"),
         ([1, 2], [1, np.inf], {"Ts": 1}, "y has 1 missing"),
         (np.eye(3), [1, 2, 3], {"Ts": 1}, "shape (3, 3)"),
         (["a", "b"], [1, 2], {"Ts": 1}, "u is not an array of real numbers"),

@@ -10,7 +10,7 @@ import zipfile
 import numpy as np
 import pytest
 import sympy as sp
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from places import ROOT
 from test_logs import mdf, tdms
@@ -113,6 +113,7 @@ def test_degrees_have_an_offset():
     assert converted(20.0, "degC", "K") == pytest.approx(293.15)
 
 
+@settings(max_examples=40, deadline=None)
 @given(st.text(min_size=1, max_size=60))
 @example("A1")
 def test_any_label_is_a_unit_and_is_printed_as_it_is_written(label):

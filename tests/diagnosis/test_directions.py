@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from sampling import only
 
 import narx_sym as ns
 from narx_sym.diagnosis.refit import Split, prune, settle
 from narx_sym.diagnosis.screening.directions import CYCLES, Linearised
 from narx_sym.diagnosis.screening.scored import linearised
 from narx_sym.fit.freerun import FreeRun
-from narx_sym.models.effects import EFFECTS, Catalogue
+from narx_sym.models.effects import EFFECTS
 from narx_sym.models.extend import Variant, extend
 
 N, Ts = 800, 0.01
@@ -35,7 +36,7 @@ def test_a_core_that_lost_its_input_is_not_moved_from_there(rubbing):
     base, fitted = rubbing
     smaller = prune(fitted, base)
     assert len(smaller.model.symbols) == 2  # the constant and the friction
-    few = Catalogue({n: EFFECTS[n] for n in ("drift", "quadratic_gain")})
+    few = only("drift", "quadratic_gain")
     directions, matrix = line_of(smaller).directions([], few)
     assert {d.variant.id for d in directions} == {"drift"} and matrix.shape[1] == 3  # a line; a line and its bend
 
@@ -69,8 +70,8 @@ def disturbed(frequency, n=4000, bent=0.0, turns=1.0):
         ns.NARX.from_terms(["u[k]", "1"], Ts=Ts).fit(ns.Record.from_arrays(u, y, Ts)),
         Split.of([ns.Record.from_arrays(u, y, Ts)]),
     )
-    only = Catalogue({n: EFFECTS[n] for n in ("periodic_disturbance", "drift")})
-    directions, _ = line_of(fitted).directions([], only)
+    few = only("periodic_disturbance", "drift")
+    directions, _ = line_of(fitted).directions([], few)
     return [d.shape[0] for d in directions if d.variant.id == "periodic_disturbance"]
 
 

@@ -132,9 +132,8 @@ def test_an_effect_between_two_filters_is_found_there():
     model = base.add("end_stop").fit(record)
     assert model.effects[0].form == "of a first lag, upper"
     _, _, r, tau = model.theta
-    assert (
-        model.effects[0].coefficients == {} and r == pytest.approx(0.6, rel=0.05) and tau == pytest.approx(0.2, rel=0.1)
-    )
+    assert model.effects[0].coefficients == {} and r == pytest.approx(0.6, rel=0.05)
+    assert tau == pytest.approx(0.2, rel=0.1)
 
 
 @pytest.mark.long

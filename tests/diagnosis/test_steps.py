@@ -1,12 +1,11 @@
 """What steps show: one of them nothing but a linear machine, several sizes a dead zone, and creep behind a core's lags."""
 
 import numpy as np
-from sampling import more
+from sampling import more, only
 from scipy.signal import lfilter
 
 import narx_sym as ns
 from narx_sym.data.evidence.levels import one_step
-from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.report.words import headline, what_next
 
 
@@ -27,7 +26,8 @@ def test_of_one_step_nothing_is_named():
     assert not one_step([ns.Record.from_arrays(noise, record.y, Ts=0.01)])
     last = ns.Record.from_arrays(np.append(record.u, 0.0), np.append(record.y, record.y[-1]), Ts=0.01)
     assert one_step([last])  # the record ends before the second one has an answer
-    found = ns.diagnose(ns.identify(record, base="linear"), record)
+    base = ns.identify(record, base="linear", n_y=2, n_u=1, delay=1)
+    found = ns.diagnose(base, record, catalogue=only("rate_limit", "backlash", "saturation", "drift"))
     assert found.verdict == "nothing_detectable" and not found.steps[0].smallest_detectable
     assert found.steps[0].finding == "one_step" and "All that the input does is one step" in found.sentence()
     assert headline(found) == "From one step of the input no effect can be named."
@@ -48,7 +48,7 @@ def test_a_record_at_rest_tells_of_a_dead_zone():
         y = lfilter([0, 0.1], [1, -0.9], u - np.clip(u, -0.6, 0.6))
         noise = 0.002 * rng.standard_normal(u.size) * (abs(level) > 0.6)
         records.append(ns.Record.from_arrays(u, y + noise, Ts=0.01, name=f"{level}"))
-    few = Catalogue({name: EFFECTS[name] for name in ("dead_zone", "saturation", "backlash")})
+    few = only("dead_zone", "saturation", "backlash")
     found = ns.diagnose(ns.identify(records, base="linear"), records, catalogue=few)
     assert found.candidates[0].effect == "dead_zone"
     assert abs(found.candidates[0].parameters["r"] - 0.6) < 0.02

@@ -23,7 +23,7 @@ from narx_sym.symbolic.signals import k, phi1, phi2, signal, u, y
 # ---------------------------------------------------------------- agreement on random recursions
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
 @given(recursions())
 def test_engines_agree_on_random_recursions(made):
     recursion, n, seed = made
@@ -191,14 +191,7 @@ def test_a_condition_may_be_shared_by_several_branches():
     )
     inputs = inputs_of(60)
     inputs["v"][::3] = 0.5
-    results = runs(
-        Recursion(
-            ((y[k], right), (X[k], sp.Piecewise((1, up), (0, True)))),
-        ),
-        inputs,
-        (),
-        {"y": 0.3},
-    )
+    results = runs(Recursion(((y[k], right), (X[k], sp.Piecewise((1, up), (0, True))))), inputs, (), {"y": 0.3})
     assert_agree(results)
     taken = [
         x > 0 and (past < x or v == 0.5)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from iec import Block
+from sampling import some
 
 from narx_sym.codegen.export import to_c, to_st
 from narx_sym.engines.columns import Columns
@@ -182,7 +183,7 @@ def test_c_that_is_compiled(tmp_path):
         subprocess.run(one, cwd=tmp_path, check=True, capture_output=True)
 
 
-@ROWS
+@pytest.mark.parametrize("row", some(TABLE), ids=lambda row: row.name)
 def test_structured_text_that_is_interpreted(row):
     pytest.importorskip("blark")
     block, inputs = Block(to_st(Recursion(((y[k], node(row)),)), {}, "x1")), given(row)

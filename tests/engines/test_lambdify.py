@@ -52,7 +52,7 @@ def agrees(thing, runs, engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("variant", some([None, *(v for v in variants(BASE) if v.driver != "t")], 12), ids=str)
+@pytest.mark.parametrize("variant", some([None, *(v for v in variants(BASE) if v.driver != "t")], 24), ids=str)
 def test_a_step_is_what_a_run_does(variant, engine):
     model = BASE if variant is None else valued(variant)
     n = np.arange(60)
@@ -65,12 +65,13 @@ def test_a_step_is_what_a_run_does(variant, engine):
     agrees(model, runs, engine)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", some(ENGINES))
 def test_a_step_of_a_law_is_what_the_law_does(engine):
     terms = ["y[k-1]", "u[k-1]", "u[k-3]", "u[k-1]**2", "u[k-1]**3"]
     models = [BASE, ns.NARX.from_terms(terms[:4], [0.6, 0.5, 0.1, 0.3])]
     # Many cases in each of many states: written into each other they took NumPy longer than a minute.
-    models += [valued(next(v for v in variants(BASE) if str(v).startswith("stiction (on the motion")))]
+    if engine == "numpy":
+        models += [valued(next(v for v in variants(BASE) if str(v).startswith("stiction (on the motion")))]
     if engine != "casadi":  # which has no root finder
         models.append(ns.NARX.from_terms([*terms[:3], terms[4]], [0.6, 0.5, 0.1, 0.3]))
     for law in (m.compensator() for m in models):

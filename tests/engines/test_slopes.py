@@ -27,13 +27,13 @@ def both(recursion, parameters, groups, output):
     return lanes, Extended(recursion, parameters, groups, output)
 
 
-@pytest.mark.parametrize("variant", some(CASES), ids=str)
+@pytest.mark.parametrize("variant", some(CASES, 6), ids=str)
 def test_lanes_equal_the_extended_recursion(variant):
     model = extend(BASE, variant).model
     they_agree(model, np.concatenate([BASE.theta, RNG.uniform(0.01, 0.05, len(model.symbols) - 5)]))
 
 
-@pytest.mark.parametrize("variant", some(CASES), ids=str)
+@pytest.mark.parametrize("variant", some(CASES, 6), ids=str)
 def test_they_are_those_of_finite_differences_where_the_input_rests(variant):
     """A play whose input rests stands where both arguments of its Max are equal."""
     model = extend(BASE, variant).model

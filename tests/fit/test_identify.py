@@ -32,7 +32,7 @@ def axis(u, pole=1.0):
 
 
 def test_an_axis_that_integrates_has_a_pole_at_one():
-    model = ns.identify(ns.Record.from_arrays(force(0), axis(force(0)), Ts=TS), base="linear")
+    model = ns.identify(ns.Record.from_arrays(force(0), axis(force(0)), Ts=TS), base="linear", n_u=1, delay=1)
     assert model.constraints == (sp.Eq(model.sigma_y, 1),)
     assert model.sigma_y.xreplace(model.values) == pytest.approx(1, abs=1e-12)
     other = ns.Record.from_arrays(force(1), axis(force(1)), Ts=TS)
@@ -40,7 +40,9 @@ def test_an_axis_that_integrates_has_a_pole_at_one():
 
 
 def test_a_slow_lag_keeps_its_pole():
-    model = ns.identify(ns.Record.from_arrays(force(0), axis(force(0), pole=0.99), Ts=TS), base="linear")
+    model = ns.identify(
+        ns.Record.from_arrays(force(0), axis(force(0), pole=0.99), Ts=TS), base="linear", n_u=1, delay=1
+    )
     assert not model.constraints
     coefficients = [model.values.get(c, 0) for c, term in model.parts() if term.has(ns.y)]
     assert np.abs(np.roots([1, *(-float(c) for c in coefficients)])).max() == pytest.approx(0.99, abs=0.003)
@@ -62,7 +64,7 @@ def test_one_step_is_enough():
     y = lfilter([0.1], [1, -0.9], u) + 0.003 * rng.standard_normal(2000)
     y[1000:] = 1.0
     for first, last in ((0, 2000), (0, 940), (700, 2000)):
-        made = ns.identify(ns.Record.from_arrays(u[first:last], y[first:last], 0.01), base="linear")
+        made = ns.identify(ns.Record.from_arrays(u[first:last], y[first:last], 0.01), base="linear", n_u=1, delay=0)
         assert ns.evaluate(made, ns.Record.from_arrays(u[800:1000], y[800:1000], 0.01)).free_run_nrmse < 0.1
 
 
@@ -71,13 +73,13 @@ def test_a_sensor_that_drifts_does_not_integrate():
     for k, x in enumerate(force(0)[:-1], 1):
         y[k] = 0.9 * y[k - 1] + 0.1 * x
     record = ns.Record.from_arrays(force(0), y + 3 * np.arange(N) / N, Ts=TS)
-    assert not ns.identify(record, base="linear").constraints
+    assert not ns.identify(record, base="linear", n_u=1, delay=1).constraints
 
 
 def test_two_clocks_are_one_sampling_time():
     u = force(0)
     records = [ns.Record.from_arrays(u, axis(u), Ts=Ts, name=str(Ts)) for Ts in (TS, TS * 1.00002)]
-    assert ns.identify(records, base="linear").Ts == TS
+    assert ns.identify(records, base="linear", n_y=2, n_u=1, delay=1).Ts == TS
     slower = ns.Record.from_arrays(u, axis(u), Ts=TS * 2, name="slow")
     with pytest.raises(ns.DataError, match=r"different sampling times \(0.01: 0.01 s, slow: 0.02 s\)"):
         ns.identify([records[0], slower], base="linear")
@@ -102,7 +104,7 @@ def test_a_record_at_rest_is_one_among_others():
     u = force(0)
     moved = ns.Record.from_arrays(u, axis(u), Ts=TS, name="moved")
     held = ns.Record.from_arrays(0.1 * u, np.zeros(u.size), Ts=TS, name="held")
-    alone, both = (ns.identify(r, base="linear") for r in ([moved], [moved, held]))
+    alone, both = (ns.identify(r, base="linear", n_y=2, n_u=1, delay=1) for r in ([moved], [moved, held]))
     assert both.info.nrmse.free_run >= alone.info.nrmse.free_run
     with pytest.raises(ns.DataError, match=r"'held': the output is constant"):
         ns.identify([held, held], base="linear")

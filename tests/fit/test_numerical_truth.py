@@ -8,6 +8,7 @@ import sympy as sp
 from drawn import assert_agree, inputs_of, recursions, runs
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from sampling import more
 from truth import NAMES, complex_step, digits, exact_constrained, exact_least_squares, smooth_models, strd
 
 from narx_sym.data.record import Record
@@ -163,6 +164,7 @@ def test_engines_agree_on_many_small_recursions(made):
 # ---------------------------------------------------------------- standard errors
 
 
+@more
 def test_intervals_of_a_free_run_fit_cover_the_truth():
     terms, truth = ["y[k-1]", "u[k-1]"], np.array([0.8, 0.5])
     random = np.random.default_rng(11)

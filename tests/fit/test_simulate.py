@@ -33,9 +33,8 @@ def test_the_errors_are_of_all_samples_whether_a_gap_lies_between_or_not():
     record = Record(w, noisy, np.arange(400) * 0.1, 0.1, breaks=(200,))
     run, found = free_run(model, record), ns.evaluate(model, record)
     assert found.free_run_nrmse == np.sqrt(np.mean((noisy - run) ** 2)) / np.std(noisy)
-    assert found.free_run_mape == ns.mape(noisy, run) and found.one_step_nrmse == ns.metrics.nrmse(
-        noisy, predict(model, record)
-    )
+    assert found.free_run_mape == ns.mape(noisy, run)
+    assert found.one_step_nrmse == ns.metrics.nrmse(noisy, predict(model, record))
     assert f"NRMSE {found.free_run_nrmse:.3g}" in model.plot_comparison(record).axes[0].get_title(loc="left")
     parts = record.segments()
     assert ns.evaluate(model, parts) == found

@@ -52,14 +52,14 @@ def wave(n=400, seed=0):
 
 
 def linear(**options):
-    return NARXRegressor(**{"base": "linear", "method": "one_step"} | options)
+    return NARXRegressor(**{"base": "linear", "method": "one_step", "delay": 1} | options)
 
 
 def test_it_is_identify():
     u = wave()
     y = machine(u)
     made = linear(Ts=0.5).fit(u, y)
-    own = ns.identify(ns.Record.from_arrays(u, y, Ts=0.5), base="linear", method="one_step")
+    own = ns.identify(ns.Record.from_arrays(u, y, Ts=0.5), base="linear", method="one_step", delay=1)
     assert made.model_.lines(numbers=True) == own.lines(numbers=True) and made.model_.Ts == 0.5
     assert made.n_features_in_ == 1
     assert np.array_equal(made.predict(u), own.simulate(u))
@@ -82,7 +82,7 @@ def test_records_stand_apart():
     u, y = np.concatenate(waves), np.concatenate(outputs)
     made = linear().fit(u, y, groups=groups)
     records = [ns.Record.from_arrays(a, b, Ts=1.0) for a, b in zip(waves, outputs, strict=True)]
-    own = ns.identify(records, base="linear", method="one_step")
+    own = ns.identify(records, base="linear", method="one_step", delay=1)
     assert made.model_.lines(numbers=True) == own.lines(numbers=True)
     assert np.array_equal(made.predict(u, groups), np.concatenate([made.predict(a) for a in waves]))
     assert made.score(u, y, groups=groups) > 0.999
@@ -121,7 +121,12 @@ def test_columns_whose_names_mean_something_else_are_refused(columns, said):
     u = wave()
     with pytest.raises(DataError, match=said):
         linear().fit(pd.DataFrame(dict(zip(columns, (u, wave(seed=1)), strict=True))), machine(u))
-    assert linear().fit(pd.DataFrame({"r": u}), machine(u)).n_features_in_ == 1
+
+
+def test_the_first_column_may_have_any_name():
+    import pandas as pd
+
+    assert linear().fit(pd.DataFrame({"r": wave()}), machine(wave())).n_features_in_ == 1
 
 
 def test_splitters_searches_and_metadata_take_it():

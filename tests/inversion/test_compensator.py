@@ -6,7 +6,7 @@ import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from paper import BENCH
-from sampling import more
+from sampling import more, some
 
 from narx_sym.engines.compile import compile
 from narx_sym.errors import Diverged, ModelError, NotInvertible, Unreachable
@@ -46,7 +46,7 @@ def delayed(d):
 DELAYED = (0.9, -0.2, 0.5, 0.8, 0.05, -0.03, 0.1, 0.2, 0.05)
 
 
-@pytest.mark.parametrize("delay", (0, 1, 2, 3))
+@pytest.mark.parametrize("delay", some([2, 0, 1, 3], 2))
 def test_a_law_for_each_delay(delay):
     model = NARX.from_terms(delayed(delay), DELAYED)
     law = model.compensator()
@@ -98,17 +98,17 @@ def test_random_invertible_models_round_trip(delay, gain, linear, chosen, weight
     assert sp.expand(followed.xreplace({m[k]: law.law}) - r[k + delay]) == 0
 
 
-def test_a_law_in_the_users_units():
+@pytest.mark.parametrize("terms, theta", [(BENCH.terms, BENCH.theta), pytest.param(delayed(2), DELAYED, marks=more)])
+def test_a_law_in_the_users_units(terms, theta):
     y0, u0 = -96.0, 1.8
-    for terms, theta in ((BENCH.terms, BENCH.theta), (delayed(2), DELAYED)):
-        plain, moved = NARX.from_terms(terms, theta), NARX.from_terms(terms, theta, operating_point={y: y0, u: u0})
-        target = reference()
-        np.testing.assert_allclose(
-            moved.compensator().run(target + y0, 0.3 + u0), plain.compensator().run(target, 0.3) + u0, atol=1e-9
-        )
-        assert follow(moved, target + y0, 0.3 + u0).max() < 1e-9
-        rounded = sp.nsimplify(moved.compensator().residual(), rational=True)
-        assert sp.expand(rounded.subs(dict(zip(moved.symbols, (2, 3, 5, 7, 11, 13, 17, 19, 23), strict=False)))) == 0
+    plain, moved = NARX.from_terms(terms, theta), NARX.from_terms(terms, theta, operating_point={y: y0, u: u0})
+    target = reference()
+    np.testing.assert_allclose(
+        moved.compensator().run(target + y0, 0.3 + u0), plain.compensator().run(target, 0.3) + u0, atol=1e-9
+    )
+    assert follow(moved, target + y0, 0.3 + u0).max() < 1e-9
+    rounded = sp.nsimplify(moved.compensator().residual(), rational=True)
+    assert sp.expand(rounded.subs(dict(zip(moved.symbols, (2, 3, 5, 7, 11, 13, 17, 19, 23), strict=False)))) == 0
 
 
 def test_further_parameters_and_models_that_are_not_linear_in_them():

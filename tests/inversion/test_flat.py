@@ -64,7 +64,7 @@ def attack(seed):
     assert np.abs(model.simulate(m, 0.0, u0=0.0) - y)[law.preview :].max() <= 1e-6 * np.ptp(y)
 
 
-@pytest.mark.parametrize("seed", some(range(60), 7))
+@pytest.mark.parametrize("seed", some(range(60), 30))
 def test_every_value_on_a_flat_piece_is_said_to_reach_its_target(seed):
     attack(seed)
 

@@ -183,7 +183,7 @@ def test_a_gain_that_depends_on_the_position(c):
     assert followed(model, law, reference(model)) < 1e-9
 
 
-@pytest.mark.parametrize(("name", "c"), [("orifice", 0.1), ("charge_curve", 0.2)])
+@pytest.mark.parametrize(("name", "c"), [("orifice", 0.1), pytest.param("charge_curve", 0.2, marks=more)])
 def test_what_bends_the_newest_input_of_a_base(name, c):
     """The law finds the root that is nearest to its last input."""
     base = BASES["first order"]
@@ -197,7 +197,7 @@ def test_what_bends_the_newest_input_of_a_base(name, c):
 
 @pytest.mark.parametrize("name", ("first order", pytest.param("continuum", marks=pytest.mark.long)))
 @pytest.mark.parametrize(
-    "effect", some(sorted(EFFECTS), every=2), ids=lambda e: "-".join(filter(None, e)).replace(" ", "_")
+    "effect", some(sorted(EFFECTS), every=6), ids=lambda e: "-".join(filter(None, e)).replace(" ", "_")
 )
 def test_every_effect_has_a_law(effect, name):
     name = "second order" if effect[1] == "force" else name  # without zeros a force is an effect inside
@@ -235,7 +235,7 @@ def test_three_effects_at_once():
 @pytest.mark.parametrize(
     "effect", (("dead_zone", "input", "u", ""), ("backlash", "input", "u", ""), ("backlash", "output", "y", ""))
 )
-@pytest.mark.parametrize("size", (0.999, 1.0, 1.04))
+@pytest.mark.parametrize("size", some([1.0, 0.999, 1.04]))
 def test_full_effects_are_jumped_over(effect, size):
     model = with_effect(BASES["first order"], effect, size)
     law = model.compensator()
@@ -278,10 +278,8 @@ def test_the_law_of_the_physical_model():
         assert sp.simplify(branch.solution - m[k - 1] - rise / (a + b * s * memory + c * sp.Abs(memory))) == 0
     assert isinstance(law.law, sp.Piecewise) and law.recursion.updates == ((m[k], law.law),)
     written = law.latex()
-    assert (
-        r"m_{k} &= \begin{cases} m_{k-1} + \frac{r_{k} - r_{k-1}}{" in written
-        and r"\text{if }r_{k} < r_{k-1}" in written
-    )
+    assert r"m_{k} &= \begin{cases} m_{k-1} + \frac{r_{k} - r_{k-1}}{" in written
+    assert r"\text{if }r_{k} < r_{k-1}" in written
     target = 40 * np.sin(np.arange(2000) / 160)
     assert np.abs(model.simulate(law.run(target, 0.0), 0.0, u0=0.0) - target).max() < 1e-9
     assert "exactly one m[k] for every r[k] where" in law.checked
@@ -327,7 +325,7 @@ def saturated(size=1.0, form="hard"):
     return with_effect(BASES["static"], ("saturation", "input", "u", form), size)
 
 
-@pytest.mark.parametrize("form, share", (("hard", 1.0), ("soft", 1.0), ("hard", 1.03)))
+@pytest.mark.parametrize("form, share", (("hard", 1.0), ("soft", 1.0), pytest.param("hard", 1.03, marks=more)))
 def test_a_reference_out_of_reach_is_an_error_unless_clipped(form, share):
     model = saturated(share, form)
     law = model.compensator()
@@ -421,7 +419,8 @@ LIMITS = {"limits": (-2, 2), "rate": 0.3}
 @pytest.mark.parametrize(
     "name, limits",
     [
-        *((name, {}) for name in EXPORTED),
+        *((name, {}) for name in ("backlash", "delayed")),
+        *(pytest.param(name, {}, marks=more) for name in EXPORTED if name not in ("backlash", "delayed")),
         pytest.param("physical", LIMITS, marks=more),
         ("delayed", LIMITS),
         pytest.param("backlash", LIMITS, marks=pytest.mark.long),
@@ -503,9 +502,9 @@ def crept(volts):
     return out + 0.1 * np.mean([lfilter([1 - s], [1, -s], out) for s in shares], axis=0)
 
 
-@pytest.mark.parametrize("plant, effect", ((distorted, "dead_zone"), (crept, "creep")))
+@pytest.mark.parametrize("plant, effect", [(distorted, "dead_zone"), pytest.param(crept, "creep", marks=more)])
 def test_a_completed_model_has_a_better_law(plant, effect):
-    noise = ns.plants.filtered_noise(N=20_000, seed=1)
+    noise = ns.plants.filtered_noise(N=3000, seed=1)
     record = ns.Record.from_arrays(noise, plant(noise), Ts=1e-3)
     incomplete = bouc_wen((0.7, 0.008, 0.008, 1.6)).fit(record, method="free_run")
     complete = incomplete.add(effect).fit(record)

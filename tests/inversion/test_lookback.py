@@ -47,11 +47,7 @@ def follow(run, **options):
 
 
 # A drag that turns back, a loop that two inputs follow, a friction that two inputs overcome.
-SEEDS = (
-    7212,
-    pytest.param(7552, marks=pytest.mark.long),
-    pytest.param(7100, marks=pytest.mark.long),
-)
+SEEDS = (7212, pytest.param(7552, marks=pytest.mark.long), pytest.param(7100, marks=pytest.mark.long))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -116,7 +112,9 @@ def test_a_jump_of_a_model_that_remembers_nothing():
     assert np.abs(driven[within]).max() < 1e-9 and np.array_equal(law.follow(WAVE, 0.0).missed[1:], within[1:])
 
 
-@pytest.mark.parametrize("terms, theta", ((["u[k]", "u[k]**3"], []), (["u[k]", "u[k]**3", "y[k-1]"], [0.3])))
+@pytest.mark.parametrize(
+    "terms, theta", ((["u[k]", "u[k]**3"], []), pytest.param(["u[k]", "u[k]**3", "y[k-1]"], [0.3], marks=more))
+)
 def test_a_root_far_outside_what_was_identified_is_none(terms, theta):
     """A cubic term that is next to nothing has its own roots."""
     model = ns.NARX.from_terms(terms, [1.5, -1.5e-5, *theta])
@@ -208,7 +206,7 @@ def test_a_square_is_solved_at_its_vertex():
         assert float(found.value.xreplace({r[k]: sp.Float(target), m[k - 1]: sp.Float(0.3)})) == pytest.approx(wanted)
 
 
-@pytest.mark.parametrize("seed", (7, 9))
+@pytest.mark.parametrize("seed", (7, pytest.param(9, marks=more)))
 def test_a_sensor_that_folds_leaves_a_choice(seed):
     """Only the output reads the sensor, but the input that its side asks for has a future."""
     base = bases()["delayed continuum"]

@@ -53,10 +53,7 @@ SLOW = [n for n in COMBINED if "Stribeck" in n]
 
 @pytest.mark.parametrize(
     "name",
-    [
-        *some([n for n in COMBINED if n not in SLOW], every=2),
-        *(pytest.param(n, marks=pytest.mark.long) for n in SLOW),
-    ],
+    [*some([n for n in COMBINED if n not in SLOW], every=4), *(pytest.param(n, marks=pytest.mark.long) for n in SLOW)],
 )
 def test_a_law_makes_its_models_own_output(name):
     """The jumps of a sign, and pairs of roots, are found whatever stands beside them."""

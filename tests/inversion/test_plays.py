@@ -68,9 +68,8 @@ def test_the_weights_and_radii_of_the_printed_law_are_those_of_the_recursion():
     numbers = [w.xreplace(dict(zip(p, (1.0, 0.5, 0.25), strict=True))) for w in weights]
     assert np.cumsum(numbers).astype(float) == pytest.approx(1 / slopes)
     law = model.compensator()
-    assert law.updates[-1][0] is not None and all(
-        sp.simplify(law.law.coeff(s) - w) == 0 for s, w in _used(law, weights)
-    )
+    assert law.updates[-1][0] is not None
+    assert all(sp.simplify(law.law.coeff(s) - w) == 0 for s, w in _used(law, weights))
 
 
 def _used(law, weights):

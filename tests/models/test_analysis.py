@@ -9,7 +9,7 @@ import sympy as sp
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from paper import BENCH
-from sampling import more
+from sampling import more, some
 
 from narx_sym.data.record import Record
 from narx_sym.engines.columns import evaluate_quasi_static
@@ -187,7 +187,7 @@ def holds(conditions):
 
 @example([0.5], True)
 @example([2.0, 0.5], False)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(-1.6, 1.6), min_size=1, max_size=5), st.booleans())
 def test_jury_agrees_with_the_roots(numbers, as_roots):
     """Polynomials by their coefficients, or by real roots and conjugate pairs."""
@@ -326,7 +326,7 @@ def test_sets_without_closed_form_or_with_several_solutions():
 
 
 @pytest.mark.parametrize(
-    "theta", ((0.0, 0.2, 0.0), (1.5, 0.0, -0.5), (0.5, 0.0, -0.5), (0.7, 0.5, -0.2), (0.3, 0, 0, 0.2))
+    "theta", some([(0.0, 0.2, 0.0), (1.5, 0.0, -0.5), (0.5, 0.0, -0.5), (0.7, 0.5, -0.2), (0.3, 0, 0, 0.2)], 2)
 )
 def test_several_sets_are_the_real_ones(theta):
     """Also where formulas of real roots need complex numbers: they solve the equation, and none is lost."""
@@ -659,12 +659,12 @@ def test_an_added_backlash_is_a_play():
 def test_a_double_root_is_judged_the_same_whatever_rounding_says():
     """Its eigenvalue is 1: the linearisation says nothing."""
     rng = np.random.default_rng(0)
-    for a, at in zip(rng.uniform(0.05, 1.5, 40), rng.uniform(-2, 2, 40), strict=True):
+    for a, at in zip(rng.uniform(0.05, 1.5, 12), rng.uniform(-2, 2, 12), strict=True):
         model = NARX.from_terms(["y[k-1]", "y[k-1]**2", "1"], [1 + 2 * a * at, -a, -a * at**2])
         verdict = property_1(model)
         assert verdict.equilibria == [pytest.approx(at, abs=1e-5)] and verdict.diverging is None
         assert verdict.holds is False  # two are needed
-    for first in rng.uniform(-1.5, 1.9, 20):  # of a continuum, the other eigenvalue is first - 1
+    for first in rng.uniform(-1.5, 1.9, 8):  # of a continuum, the other eigenvalue is first - 1
         model = NARX.from_terms(["y[k-1]", "y[k-2]", "phi1[k-1]"], [first, 1 - first, 0.3])
         assert property_1(model).diverging == (abs(first - 1) >= 1)
     assert property_1(NARX.from_terms(["y[k-1]", "y[k-2]", "phi1[k-1]"], [2.0, -1.0, 0.3])).diverging is None

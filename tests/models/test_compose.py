@@ -72,7 +72,7 @@ def hand(kind, a, b, whole, source, channels, u0, y0):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("seed", [*range(30), *(pytest.param(i, marks=more) for i in range(30, 500))])
+@pytest.mark.parametrize("seed", [*range(6), *(pytest.param(i, marks=more) for i in range(6, 500))])
 def test_a_whole_is_what_its_parts_do_in_turn(seed, tmp_path):
     rng = np.random.default_rng(seed)
     kind = ("series", "parallel", "feedback")[seed % 3]

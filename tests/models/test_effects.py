@@ -60,35 +60,25 @@ def test_described(one):
     assert set(one.places) <= set(PLACES) and all(one.places.values())
     assert one.sign in (0, 1)
     assert EFFECTS[one.id].count(one) == 1
-
-
-@pytest.mark.parametrize("one", ALL, ids=named)
-def test_one_sentence_per_effect(one):
     assert {other.sentence for other in EFFECTS[one.id]} == {one.sentence}
 
 
 @pytest.mark.parametrize("one", ALL, ids=named)
-def test_equations_read_back(one):
+def test_equations_read_back_and_print(one):
     form = form_of(one)
     assert form.z
     for expr in (*form.z, *(e for s in form.states for e in (s.right, sp.sympify(s.initial)))):
         expected, found = read_back(expr, form.states)
         assert found == expected or np.allclose(*[_number(e) for e in (found, expected)], rtol=1e-14)
+        shown = ns.latex(expr)
+        assert shown.count("{") == shown.count("}") and "Piecewise" not in shown and "**" not in shown
+        assert mathml(expr).startswith("<math")
 
 
 def _number(expr):
     """A number that tells expressions apart; floats print shorter than SymPy keeps them."""
     atoms = sorted(samples(expr), key=str) + sorted((s for s in expr.free_symbols if s.is_Symbol and s != k), key=str)
     return float(expr.xreplace({s: sp.Float(0.3 + 0.17 * i) for i, s in enumerate(atoms)}))
-
-
-@pytest.mark.parametrize("one", ALL, ids=named)
-def test_prints(one):
-    form = form_of(one)
-    for expr in (*form.z, *(s.right for s in form.states)):
-        shown = ns.latex(expr)
-        assert shown.count("{") == shown.count("}") and "Piecewise" not in shown and "**" not in shown
-        assert mathml(expr).startswith("<math")
 
 
 def along(one, shape):

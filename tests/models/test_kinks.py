@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from exported import valued
+from sampling import some
 
 from narx_sym import NARX
 from narx_sym.models.analysis import property_1
@@ -23,15 +24,17 @@ def grown(step, depth, starts=40, steps=3000):
 def test_both_slopes_decide_a_kink_of_one_lag():
     rng = np.random.default_rng(0)
     said = []
-    for a, b in rng.uniform(-1.5, 1.5, (60, 2)):
+    for a, b in rng.uniform(-1.5, 1.5, (20, 2)):
         verdict = property_1(NARX.from_terms(["y[k-1]", "abs(y[k-1])"], [a, b]))
         truth = grown(lambda x, a=a, b=b: a * x[:1] + b * np.abs(x[:1]), 1)
         assert verdict.diverging is bool(truth.max() > 0), (a, b, verdict)
         said.append(verdict.diverging)
-    assert 10 < sum(said) < 50
+    assert 3 < sum(said) < 17
 
 
-@pytest.mark.parametrize("kink", ("abs(y[k-1])", "Max(y[k-1], y[k-2])", "abs(y[k-1] - y[k-2])", "Min(y[k-2], 0)"))
+@pytest.mark.parametrize(
+    "kink", some(["Max(y[k-1], y[k-2])", "abs(y[k-1])", "Min(y[k-2], 0)", "abs(y[k-1] - y[k-2])"], 2)
+)
 def test_what_is_said_of_two_lags_is_what_runs_do(kink):
     """Not everything is decided; what is said is true."""
     rng = np.random.default_rng(2)

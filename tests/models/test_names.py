@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from drawn import assert_agree
+from sampling import more, some
 
 import narx_sym as ns
 from narx_sym.models.analysis import check, jacobian, property_1, steady_state
@@ -27,7 +28,8 @@ def saved_and_loaded(model, folder):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("name, bent", [*((n, False) for n in NAMES), ("r", True), ("m", True), ("m_wanted", True)])
+@pytest.mark.parametrize("bent", [False, pytest.param(True, marks=more)])
+@pytest.mark.parametrize("name", some(NAMES, 4))
 def test_a_channel_may_have_any_name(name, bent, tmp_path):
     terms = ["y[k-1]", "u[k-1]", "{}[k-1]", *(["u[k-1]**2"] if bent else [])]
     theta = [0.6, 0.5, 0.8, 0.05][: len(terms)]
@@ -50,7 +52,7 @@ def test_a_channel_may_have_any_name(name, bent, tmp_path):
     assert_agree({"python": plain, "named": other})
 
 
-@pytest.mark.parametrize("name", ("y", "u", "k", "phi1", "t", *NAMES))
+@pytest.mark.parametrize("name", some(["y", "u", "k", "phi1", "t", *NAMES], 5))
 def test_a_parameter_may_have_any_name(name, tmp_path):
     values = []
     for called in ("plain", name):
@@ -80,7 +82,7 @@ def test_a_parameter_may_have_any_name(name, tmp_path):
         assert np.array_equal(one, other, equal_nan=True)
 
 
-@pytest.mark.parametrize("name", ("r", "m", "w", "theta_1", "z", "q", "c", "m_wanted", "dy_0", "int"))
+@pytest.mark.parametrize("name", some(["r", "m", "w", "theta_1", "z", "q", "c", "m_wanted", "dy_0", "int"]))
 def test_a_state_may_have_any_name(name):
     runs = []
     for called in ("plain", name):
@@ -95,7 +97,7 @@ def test_a_state_may_have_any_name(name):
     assert all(np.array_equal(one, other) for one, other in zip(*runs, strict=True))
 
 
-@pytest.mark.parametrize("bent", (False, True))
+@pytest.mark.parametrize("bent", (False, pytest.param(True, marks=more)))
 def test_what_is_said_of_a_fitted_law_names_no_other_signal(bent):
     """Whether it is stable and where it is known depend on no name; sources speak of a name of the channel's own."""
     terms = ["y[k-1]", "u[k-1]", "{}[k-1]", *(["u[k-1]**2"] if bent else [])]

@@ -96,7 +96,7 @@ def test_a_notebook_shows_everything_that_holds_equations():
         assert shown.startswith("$\\displaystyle ") and shown.endswith("$") and ns.latex(thing) in shown
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.lists(st.integers(0, 3), min_size=1, max_size=4), st.booleans())
 def test_the_delay_and_the_order_count_lags_through_states(steps, own):
     """A chain of models: the pure delay is the sum of theirs."""

@@ -13,10 +13,10 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sampling import only
 
 import narx_sym as ns
 from narx_sym.data.examples import STAGE_UNITS
-from narx_sym.models.effects import Catalogue
 from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
 from narx_sym.report import comparison as traces
@@ -37,11 +37,6 @@ def page(stage_report):
 
 
 @pytest.fixture(scope="module")
-def parts(page):
-    return dict(re.findall(r'<section id="(\w+)" .*?</h[12]>(.*?)</section>', page, re.DOTALL))
-
-
-@pytest.fixture(scope="module")
 def hostile():
     """A diagnosis in which every name is an attack: of the record and of a channel that matters."""
     rng = np.random.default_rng(1)
@@ -53,9 +48,8 @@ def hostile():
     record = ns.Record.from_arrays(
         u, y + 0.01 * rng.standard_normal(n), Ts=0.01, channels={HOSTILE: other}, name=HOSTILE
     )
-    catalogue = Catalogue({name: ns.EFFECTS[name] for name in ("channel_gain", "bilinear_gain")})
     base = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "1"]).fit(record)
-    found = ns.diagnose(base, record, catalogue=catalogue)
+    found = ns.diagnose(base, record, catalogue=only("channel_gain", "bilinear_gain"))
     assert found.best.effect == f"channel_gain:{HOSTILE}"
     return found
 
@@ -75,34 +69,34 @@ def downloads(html):
 # ---- the story -------------------------------------------------------------------------------------------------------
 
 
-def test_the_parts_stand_in_order(page, parts):
+def test_the_parts_stand_in_order(page, stage_parts):
     places = [page.index(f'<section id="{key}"') for key in panels()]
-    assert places == sorted(places) and list(parts) == list(panels())
+    assert places == sorted(places) and list(stage_parts) == list(panels())
 
 
-def test_the_verdict_has_sizes_in_the_users_units(stage_diagnosis, parts):
+def test_the_verdict_has_sizes_in_the_users_units(stage_diagnosis, stage_parts):
     d = stage_diagnosis
     error = d.ladder[0]["validation_rms"]
-    assert f"{words.number(error)} mm" in parts["verdict"]
-    assert d.verdict.replace("_", " ") in parts["verdict"] and "Next." in parts["verdict"]
+    assert f"{words.number(error)} mm" in stage_parts["verdict"]
+    assert d.verdict.replace("_", " ") in stage_parts["verdict"] and "Next." in stage_parts["verdict"]
     after = d.ladder[-1]["validation_rms"]
-    assert f"{words.number(after)} mm" in parts["verdict"] and after < 0.3 * error
+    assert f"{words.number(after)} mm" in stage_parts["verdict"] and after < 0.3 * error
 
 
-def test_candidates_have_intervals_equations_and_sentences(stage_diagnosis, parts):
+def test_candidates_have_intervals_equations_and_sentences(stage_diagnosis, stage_parts):
     d = stage_diagnosis
     for row, c in zip(d.table(), d.candidates, strict=True):
         most = min(100.0, 100 * row["high"])  # a share ends at all of it
-        assert f"{100 * row['low']:.0f} to {most:.0f} %" in parts["candidates"]
-        assert c.variant.effect.sentence in parts["candidates"]
-    assert parts["candidates"].count("<math") >= len(d.candidates)
-    assert parts["candidates"].count('class="candidate chosen"') == len(d.confusion_set)
-    assert all(parameters.candidate_parameters(c, STAGE_UNITS) in parts["candidates"] for c in d.candidates)
-    assert "What could not have been seen" in parts["candidates"]
+        assert f"{100 * row['low']:.0f} to {most:.0f} %" in stage_parts["candidates"]
+        assert c.variant.effect.sentence in stage_parts["candidates"]
+    assert stage_parts["candidates"].count("<math") >= len(d.candidates)
+    assert stage_parts["candidates"].count('class="candidate chosen"') == len(d.confusion_set)
+    assert all(parameters.candidate_parameters(c, STAGE_UNITS) in stage_parts["candidates"] for c in d.candidates)
+    assert "What could not have been seen" in stage_parts["candidates"]
 
 
-def test_the_new_term_is_marked_and_deleted_parameters_are_listed(stage_diagnosis, parts):
-    before, after = parts["model"].split("<h3>After")
+def test_the_new_term_is_marked_and_deleted_parameters_are_listed(stage_diagnosis, stage_parts):
+    before, after = stage_parts["model"].split("<h3>After")
     assert 'class="new"' not in before and 'class="new"' in after
     rows = {
         r.name: r
@@ -127,9 +121,9 @@ def test_a_parameter_of_the_base_is_known_again_beside_a_force():
     }  # fmt: skip
 
 
-def test_the_sets_of_an_added_play_are_derived(parts):
-    assert "Quasi-static sets and attracting condition" in parts["derived"] and "turn" in parts["derived"]
-    assert "The law with numbers" in parts["derived"]
+def test_the_sets_of_an_added_play_are_derived(stage_parts):
+    assert "Quasi-static sets and attracting condition" in stage_parts["derived"] and "turn" in stage_parts["derived"]
+    assert "The law with numbers" in stage_parts["derived"]
 
 
 def test_what_comes_from_where(stage_diagnosis, tmp_path):

@@ -7,12 +7,11 @@ import re
 import live
 import numpy as np
 import pytest
-from sampling import more
+from sampling import more, only
 
 import narx_sym as ns
 from narx_sym.engines.compile import compile
 from narx_sym.fit.freerun import FreeRun
-from narx_sym.models.effects import Catalogue
 from narx_sym.report.panels import try_it
 
 pytestmark = pytest.mark.skipif(bool(live.why_no_browser()), reason=live.why_no_browser() or "-")
@@ -88,7 +87,7 @@ def gapped(tmp_path_factory):
     name = "</script><script>throw 1</script>"
     y += 1000 + np.arange(n) / n + 0.01 * rng.standard_normal(n)
     record = ns.Record(u, y, 5 + np.arange(n) * 0.01, 0.01, {name: other}, "gapped", (), (250,))
-    catalogue = Catalogue({name: ns.EFFECTS[name] for name in ("channel_gain", "ageing", "drift")})
+    catalogue = only("channel_gain", "ageing", "drift")
     base = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "1"]).fit(record)
     found = ns.diagnose(base, record, catalogue=catalogue)
     path = tmp_path_factory.mktemp("gapped") / "report.html"

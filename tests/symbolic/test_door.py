@@ -42,25 +42,20 @@ def test_the_stubs_are_those_of_the_doors(file):
     assert file.with_suffix(".pyi").read_text(encoding="utf-8") == stubs.stub(file), "run: python tests/stubs.py"
 
 
-@pytest.mark.parametrize(
-    ("typed", "name", "shown"),
-    [
-        ("model.", "fit", "constraints"),
-        ("model.fit(record).", "simulate", "y0"),
-        ("law.", "run", "reference"),
-        ("model.add('creep').fit(record).", "compensator", "force"),
-        ("found.", "report", "path"),
-        ("found.best.", "latex", ""),
-    ],
-)
-def test_an_editor_completes_what_stands_behind_a_door(typed, name, shown, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        jedi.settings, "cache_directory", str(tmp_path)
-    )  # workers would read each other's half-written files
-    code = "\n".join([
-        "import narx_sym as ns", "record = ns.read('a.csv')", "model = ns.identify(record)", "law = model.compensator()",
-        "found = ns.diagnose(model, record)", typed,
-    ])  # fmt: skip
-    offered = {c.name: c for c in jedi.Script(code).complete()}
-    assert name in offered
-    assert not shown or shown in offered[name].get_signatures()[0].to_string()
+COMPLETED = [
+    ("model.", "fit", "constraints"), ("model.fit(record).", "simulate", "y0"), ("law.", "run", "reference"),
+    ("model.add('creep').fit(record).", "compensator", "force"), ("found.", "report", "path"), ("found.best.", "latex", ""),
+]  # fmt: skip
+
+
+def test_an_editor_completes_what_stands_behind_a_door(tmp_path, monkeypatch):
+    # Workers would read each other's half-written files.
+    monkeypatch.setattr(jedi.settings, "cache_directory", str(tmp_path))
+    for typed, name, shown in COMPLETED:
+        code = "\n".join([
+            "import narx_sym as ns", "record = ns.read('a.csv')", "model = ns.identify(record)",
+            "law = model.compensator()", "found = ns.diagnose(model, record)", typed,
+        ])  # fmt: skip
+        offered = {c.name: c for c in jedi.Script(code).complete()}
+        assert name in offered, typed
+        assert not shown or shown in offered[name].get_signatures()[0].to_string()

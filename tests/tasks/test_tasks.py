@@ -158,16 +158,10 @@ def test_add_compares_before_and_after():
 
 def test_a_law_as_text_and_a_run_of_it():
     law = law_of(LINEAR)
-    assert (
-        not law.why_not
-        and law.lines[0].startswith("Stable: ")
-        and "m[k] = " in law.lines[1]
-        and {".c", ".st"} <= set(law.sources)
-    )
-    assert (
-        law.notes[:1] == law.lines[:1]
-        and law.notes[1] == ahead(LINEAR.compensator()) == "It looks 1 sample ahead in the reference."
-    )
+    assert not law.why_not and law.lines[0].startswith("Stable: ") and "m[k] = " in law.lines[1]
+    assert {".c", ".st"} <= set(law.sources)
+    assert law.notes[:1] == law.lines[:1]
+    assert law.notes[1] == ahead(LINEAR.compensator()) == "It looks 1 sample ahead in the reference."
     assert "no input" in law_of(ns.NARX.from_terms(["y[k-1]"], [0.5])).why_not
     r = np.sin(np.arange(200) / 20)
     run = follow(LINEAR.compensator(), r)

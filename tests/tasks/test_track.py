@@ -113,9 +113,8 @@ def test_what_is_tracked_is_what_the_api_gives(law, limits, rate):
     assert np.array_equal(found.m, m) and np.array_equal(found.y, y)
     gap = y - reference.r
     rms, most = found.errors["with the law"]
-    assert rms == pytest.approx(np.sqrt(np.mean(gap**2)), abs=1e-11) and most == pytest.approx(
-        np.abs(gap).max(), abs=1e-11
-    )
+    assert rms == pytest.approx(np.sqrt(np.mean(gap**2)), abs=1e-11)
+    assert most == pytest.approx(np.abs(gap).max(), abs=1e-11)
     assert found.errors["without"][0] == pytest.approx(np.sqrt(np.mean((bare - reference.r) ** 2)))
     assert found.held.any() == bool(found.holds) == (limits is not None)
     assert not any(found.holds and found.holds in text.lower() for text in found.notes)

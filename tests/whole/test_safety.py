@@ -52,7 +52,7 @@ def test_what_a_law_leaves_is_said():
 @pytest.mark.parametrize("base", ("narx", "linear", "static"))
 @pytest.mark.parametrize("delay", (0, pytest.param(1, marks=pytest.mark.long), pytest.param(2, marks=pytest.mark.long)))
 def test_for_compensation_always_gives_a_law(base, delay):
-    record = bench()
+    record = bench(N=1200)
     model = ns.identify(record, base=base, delay=delay, for_compensation=True)
     law = model.compensator()
     assert law.residual() == 0 and law.preview == delay
