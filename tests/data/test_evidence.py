@@ -215,7 +215,7 @@ def test_a_loop_that_cycles_by_its_valve_at_rest():
 def test_a_load_on_a_healthy_loop_is_no_valve_that_sticks():
     """Under feedback the controller's output follows the load, which a process without a model of the load cannot tell."""
     wrong = []
-    for seed in range(20, 30):
+    for seed in range(20, 40):
         kind, loop = evidence.loop(np.random.default_rng(seed), 1500)
         u = 10 + 80 * (loop.u - loop.u.min()) / np.ptp(loop.u)
         scaled = ns.Record.from_arrays(u, loop.y, Ts=loop.Ts, channels=loop.channels)
