@@ -32,6 +32,7 @@ def solve_for(
     limits: tuple[float, float] = (-FAR, FAR),
     rest: Any = lambda e: e,
     together: Mapping[Any, Any] | None = None,
+    beside: Any = sp.S.Zero,
 ) -> Solution:
     """Solve `expr` = `target` for one unknown sample.
 
@@ -48,6 +49,8 @@ def solve_for(
         Puts a point of operation in the place of all samples: the direction of slopes that depend on them.
     together : mapping from states to what they start from, optional
         Plays that start together never lie further apart than their radii do.
+    beside : expression
+        The size of what was added up where the target was solved for.
 
     Raises
     ------
@@ -59,7 +62,7 @@ def solve_for(
     G = expr.xreplace({unknown: w})
     slope = derivative(G, w)
     kinks = [n for n in G.atoms(*KINKED) if n.has(w)]
-    made = {"unknown": unknown, "target": target, "expr": expr, "last": last}
+    made = {"unknown": unknown, "target": target, "expr": expr, "last": last, "beside": beside}
     names = {s: sp.Dummy() for s in samples(G)}
     known = bool(values) or not renamed(G, names).free_symbols - {w, *names.values()}
     if not kinks and not slope.has(w) and (known or not samples(slope)):

@@ -20,10 +20,10 @@ from ..symbolic.identities import added
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from .shape import DIGITS, FLAT, Piece, Undecided, at_point, breaks_of, keeps_sign, ordered, pieces_of, smooth_part
-from .solution import ROUNDED, Branch, Solution, apart, number, summed, tidy
+from .solution import ROUNDED, Branch, Solution, apart, number, rounding, tidy
 
-# A flat piece reaches one target only: rounding, or this part of what a piece of its width beside it reaches, does not
-# make the unknown jump over it.
+# A flat piece reaches one target only: this part of what a piece of its width beside it reaches does not make the
+# unknown jump over it.
 DEAD_BAND = sp.Float(1e-10)
 FALLING = "pieces on which the map runs the other way reach some targets again: they are not used"
 FURTHER = "pieces that are not used reach further targets"
@@ -176,7 +176,7 @@ class _Chain:
             else:
                 low, high = (away, at) if side < 0 else (at, away)
                 nearest, where = within(last, low, high), f"from {text(low)} to {text(high)}"
-            band = DEAD_BAND * summed(self.target - level)
+            band = rounding(self.target - level, self.made["beside"])
             gap = self.T - self.edge(piece, at)
             branches.append(Branch(gap <= band if side < 0 else gap >= -band, nearest))
             said.append(self.given(where, level))

@@ -144,6 +144,8 @@ class Solution:
         Which targets every value on a flat piece gives: the one nearest to `last` is taken.
     steep : float, optional
         The slope of `expr` is proved to be at least that, or at most minus that, for every value of the unknown.
+    beside : expression
+        The size of what was added up where the target was solved for: its rounding is the target's.
     """
 
     unknown: Any
@@ -158,6 +160,7 @@ class Solution:
     notes: tuple[str, ...] = ()
     flat: tuple[str, ...] = ()
     steep: float | None = None
+    beside: Any = sp.S.Zero
 
     @property
     def value(self) -> Any:
@@ -245,6 +248,15 @@ def resting(unknown: Any, target: Any, expr: Any, last: Any, beside: Any = sp.S.
 def summed(gap: Any) -> Any:
     """Return the size of what is added up in an expression, which decides how large its rounding is."""
     return sp.Add(*map(sp.Abs, sp.Add.make_args(sp.expand(gap))))
+
+
+def rounding(gap: Any, beside: Any = sp.S.Zero) -> Any:
+    """Return by how much a gap may differ from zero that is zero but for rounding: n 2^-52 times the size of its parts.
+
+    Each of its n operations rounds by at most 2^-53 of that size; so did each of those that made the target, beside
+    the size of what was added up where it was solved for.
+    """
+    return sp.Float(2.0**-52) * sp.count_ops(sp.expand(gap)) * (summed(gap) + beside)
 
 
 def _rounded(expr: Any) -> bool:

@@ -77,11 +77,11 @@ def stages_of(model: Model) -> Staged:
         target = r[k + delay] if upper == y else upper[k + delay]
         found = solve_for(
             expr, unknown, target, shift(unknown, -1), values, limits_of(model, lower), _rest(model),
-            together,
+            together, above,
         )  # fmt: skip
         if turns and upper != y and found.closed_form:
             found = replace(found, branches=(resting(unknown, target, expr, found.last, above), *found.branches))
-        above += summed(expr - target) if turns else sp.S.Zero
+        above += summed(expr - target)
         solved.append(found)
         updates += [(signal(name)[unknown.indices[0]], e) for name, e in found.steps]
         updates.append((unknown, found.value))

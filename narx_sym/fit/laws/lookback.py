@@ -29,6 +29,7 @@ from ..simulate import simulate
 from .crossings import OUTSIDE, around, beyond, crossings, gaps
 from .damping import growth
 from .driven import Prepared
+from .later import Later
 
 Array = np.ndarray
 TRIES, BACK, ON = 200, 100, 200  # runs; how far back of a miss a choice is changed; how far the first run goes on
@@ -93,6 +94,10 @@ def right(
         missed = runs.missed(values["y"])
         if missed is None:
             return values, 0, 0.0
+        if any(stage.flat for stage in runs.open):
+            moved = Later(law, target, start, channels, runs.size)
+            if (found := moved.reached()) is not None and runs.missed(runs.own(found)["y"]) is None:
+                return found, moved.stretches, 0.0
     found = runs.best(missed)
     if found is not None:
         return found, runs.tried, 0.0
