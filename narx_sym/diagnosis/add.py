@@ -79,7 +79,8 @@ class Addition:
         try:
             base = settle(self.model, split)
         except FitError as error:
-            raise FitError(f"Without {self.effect} the model has no stable fit here: choose another base. {error}") from None
+            said = f"Without {self.effect} the model has no stable fit here: choose another base."
+            raise FitError(f"{said} {error}") from None
         scored = screen(base, [self.channel] if self.channel else [], only, seed)
         search = Search(base.model, split.records, family="given")
         found = []
