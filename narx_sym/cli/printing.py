@@ -192,10 +192,9 @@ def print_headline(found: Diagnosis) -> None:
     """Print one line: what was found, and how sure it is."""
     from rich.markup import escape
 
-    from ..report.words import BADGES, headline
+    from ..report.words import badge, headline
 
-    told = BADGES[found.steps[0].finding]
-    console().print(f"[bold]{escape(headline(found))}[/bold] ({escape(told)})")
+    console().print(f"[bold]{escape(headline(found))}[/bold] ({escape(badge(found))})")
 
 
 def print_tables(found: Diagnosis, units: dict[str, str]) -> None:

@@ -333,11 +333,18 @@ class Step:
                 text = f"Perhaps missing: {names}; at one speed it and a base's memory are one signal. {sizes}. "
             text += f"Adding {best.effect} removes {share}.{self.synonyms}"
             return f"{text} {self.experiment.sentence}" if self.experiment else text
-        alike = self.same.get(best.effect, [])
-        likely = [c.probability for c in self.candidates if c is best or c.effect in alike]
-        sure = "" if best.probability is None else f" ({percent_of(total(p or 0.0 for p in likely))})"
+        sure = f" ({self.sure})" if self.sure else ""
         what = f"{name}{sure}" if best.meaning else f"{name}{sure}. {what}"
         return f"Probably missing: {what}. {sizes}. Adding it removes {share}.{self.synonyms}"
+
+    @property
+    def sure(self) -> str:
+        """The probability of the first candidate, with what means the same, in percent; "" where there is none."""
+        best = next(iter(self.candidates), None)
+        if best is None or best.probability is None:
+            return ""
+        alike = (best.effect, *self.same.get(best.effect, []))
+        return percent_of(total(c.probability or 0.0 for c in self.candidates if c.effect in alike))
 
     def refusal(self, units: Mapping[str, str]) -> str:
         """Say why what was found is not added: its error on the record and on validation data, before and after."""

@@ -56,6 +56,13 @@ NAMED = 5  # columns in a sentence
 AT_FLOOR = 1.1  # times the noise floor: an error up to here is called at the floor
 
 
+def badge(diagnosis: Diagnosis) -> str:
+    """Return the headline in a few words, and how sure it is where one effect is named."""
+    first = diagnosis.steps[0]
+    sure = first.sure if first.finding == "named" else ""
+    return ", ".join(filter(None, (BADGES[first.finding], sure)))
+
+
 def spaced(name: str) -> str:
     """Return the id of an effect as words; a channel is called as the user calls it."""
     effect, colon, channel = name.partition(":")

@@ -77,7 +77,7 @@ def verdict(material: Material) -> dict[str, Any]:
     d, units = material.diagnosis, material.units
     known = physical(d, {name: unit for name, unit in units.items() if unit}, material.settings.get("scale"))
     return {
-        "badge": words.BADGES[d.steps[0].finding], "fall": words.fall(d, units), "bars": bars(d, units),
+        "badge": words.badge(d), "fall": words.fall(d, units), "bars": bars(d, units),
         "physical": told(known, True), "linear": told(known, False), "added": added(d, units), "lamp": lamp(material),
         "next": words.what_next(d), "notes": [*(f.sentence for f in d.faults), *d.data_notes],
         "why": words.without_ids(d.sentence(units)),
