@@ -265,6 +265,8 @@ def check_steady_state(model: Model, steady_state: Any, weight: float, method: s
         return None
     if method != "one_step":
         raise FitError("Steady-state data enter the one-step fit: use method='one_step'.")
+    if not isinstance(model, NARX):
+        raise FitError("Steady-state data enter models that are linear in their parameters, and this one is not.")
     if further := [b.name for b in model.recursion.inputs if b.name not in _at_rest(model)]:
         raise FitError(
             f"Steady-state data hold input and output alone, but the model reads {further[0]!r}: leave out its terms, "

@@ -136,6 +136,12 @@ def test_other_methods_take_no_points(method):
         ns.NARX.from_terms(TERMS).fit(record(), method=method, steady_state=POINTS)
 
 
+def test_a_model_that_is_not_linear_in_its_parameters_takes_none():
+    a = sp.Symbol("a")
+    with pytest.raises(ns.FitError, match="linear in their parameters"):
+        ns.Model(a**2 * y[k - 1] + u[k - 1], [a], [0.5]).fit(record(), steady_state=POINTS)
+
+
 def test_a_channel_or_a_clock_is_not_at_rest():
     for other in (signal("temp")[k - 1], t[k]):
         with pytest.raises(ns.FitError, match="hold input and output alone"):
