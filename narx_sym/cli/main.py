@@ -26,12 +26,15 @@ from .options import (
     Roles,
     Rows,
     Scale,
+    SteadyState,
     Time,
     Ts,
     Units,
     Validate,
+    check_rest,
     check_targets,
     records,
+    rest_points,
     save_figure,
     unit_names,
     validating,
@@ -64,6 +67,10 @@ def fit(
     validate: Validate = None,
     creep: Annotated[bool, typer.Option("--creep", help="With --base play: a share of the motion comes late.")] = False,
     method: Annotated[str, typer.Option(help="auto, one_step, free_run or els.")] = "auto",
+    steady_state: SteadyState = None,
+    weight: Annotated[
+        float | None, typer.Option("--weight", min=0, help="Of --steady-state beside the dynamic error (default: 1).")
+    ] = None,
     u: Input = "u",
     y: Output = "y",
     t: Time = "t",
@@ -76,22 +83,26 @@ def fit(
 ) -> None:
     """Select the structure and fit the parameters under Sigma_y = 1."""
     from ..files.store import save
-    from ..fit.identify import BASES, check_method, identify
+    from ..fit.identify import BASES, check_method, identify, with_steady_state
     from ..tasks.compare import errors_of, validated
 
-    check_targets([out], *data, *(validate or []))
+    check_targets([out], *data, *(validate or []), steady_state)
     check_method(method)
+    method = check_rest(steady_state, weight, method, base)
     if base not in BASES:
         raise DataError(f"Unknown base {base!r}: --base is one of {', '.join(BASES)}.")
     if u == y:
         raise DataError(f"Input and output are the same column {u!r}; choose with --input and --output.")
     measured = records(data, u, y, t, ts, channels, rows, missing, units, roles=role)
     judging = validating(validate, measured, u, y, t, ts, channels, missing, units, role)
+    points = rest_points(steady_state, u, y, measured[0].units) if steady_state else None
     with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
         model = identify(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
             method=method, creep=creep,
         )  # fmt: skip
+        if points is not None:
+            model = with_steady_state(model, measured, points, 1.0 if weight is None else weight)
         pairs = [*errors_of(model, measured), *validated(model, judging)]
     save(model, out)
     print_model(model)

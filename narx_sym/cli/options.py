@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperOption
 
-from ..errors import DataError
+from ..errors import DataError, FitError
 from .printing import note
 
 # Heavy modules are imported inside the functions: `narx-sym --help` answers at once.
@@ -33,6 +33,14 @@ Rows = Annotated[str | None, typer.Option("--rows", help="Data rows A:B, counted
 Validate = Annotated[
     list[Path] | None,
     typer.Option("--validate", help="A record to judge by: nothing is fitted to it. May be repeated."),
+]
+SteadyState = Annotated[
+    Path | None,
+    typer.Option(
+        "--steady-state",
+        help="Pairs measured at rest, in columns named as in the data: fitted one step ahead beside them, with --base "
+        "narx, linear or static.",
+    ),
 ]
 Missing = Annotated[
     str, typer.Option("--missing", help="Rows with missing values: refuse, or drop (a few are filled) and say so.")
@@ -151,6 +159,36 @@ def validating(
                 "resample one of them."
             )
     return listed
+
+
+def check_rest(file: Path | None, weight: float | None, method: str, base: str) -> str:
+    """Return the method of a fit; refuse what steady-state data cannot enter, before any work is done."""
+    if file is None:
+        if weight is not None:
+            raise DataError("--weight is that of --steady-state: give its file too.")
+        return method
+    if method not in ("auto", "one_step"):
+        raise FitError(f"Steady-state data enter the one-step fit: use --method one_step, not {method}.")
+    if base not in ("narx", "linear", "static"):
+        raise FitError(
+            f"Steady-state data enter models that are linear in their parameters: --base narx, linear or static, not "
+            f"{base}."
+        )
+    return "one_step"
+
+
+def rest_points(file: Path, u: str, y: str, units: Mapping[str, str]) -> Any:
+    """Read the (ubar, ybar) pairs of a file, (n, 2), in the units of the data."""
+    import numpy as np
+
+    from ..data.record import read_signal
+
+    asked = (("u", u, "--input"), ("y", y, "--output"))
+    found = [
+        read_signal(file, column, t=None, option=option, unit=units.get(name, ""), offers=())[0]
+        for name, column, option in asked
+    ]
+    return np.column_stack(found)
 
 
 def again(context: typer.Context, left_out: Sequence[str] = ()) -> dict[str, list[str]]:

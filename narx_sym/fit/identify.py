@@ -309,6 +309,21 @@ def stable_law(model: Model, records: Records) -> bool:
         return False
 
 
+def with_steady_state(model: Model, records: Records, points: Any, weight: float = 1.0) -> Model:
+    """Fit an identified model again, beside pairs that were measured at rest, and judge it anew.
+
+    Parameters
+    ----------
+    points, weight
+        As `steady_state` and `weight` of `fit`.
+    """
+    listed = prepare(records)
+    model = fit(model, listed, steady_state=points, weight=weight)
+    if model.info.selection.stable_law is not None:
+        model = _selected(model, stable_law=stable_law(model, listed))
+    return judged(model, listed)
+
+
 def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
     """Hold out the last record that moves, or the last part of the only one: of what moves in it, where a part rests.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,12 @@ from ..data.coverage import seen
 from ..data.record import Record, check_excitation
 from ..data.units import in_units, said_first
 from ..engines.columns import Columns
+from ..engines.numbers import floats
 from ..errors import FitError
 from ..files.parallel import one_blas_thread
 from ..models.info import Nrmse
 from ..models.model import NARX, Model
-from ..symbolic.signals import k, signal
+from ..symbolic.signals import k, signal, u, y
 from .constraints import Elimination, constraint_equations
 from .evaluate import digits, evaluate
 from .freerun import free_run_fit
@@ -30,6 +32,7 @@ BLOCK = 2048
 # Of the smallest scaled diagonal of R: above, nothing is gained; below, its square drowns in rounding.
 CORRECTED = (1e-7, 1e-2)
 NOISE, MOVING, ROUNDS, SETTLED = "xi", 2, 100, 1e-7  # of extended least squares
+STILL = 1e-12  # of the largest regressor at rest: what constraints leave of it is rounding
 
 
 # -- least squares ---------------------------------------------------------------------------------------------
@@ -84,11 +87,47 @@ def factor(columns: Columns, records: Sequence[Mapping[str, Array]], transform: 
     return np.triu(R), rows
 
 
-def one_step(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[Array, Array]:
+def rest_rows(model: NARX, columns: Columns, points: Array) -> Array:
+    """Return the rows [Psi y] of ybar = F(ybar, ..., ubar, ...): all lags at one point, phi1 = phi2 = 0.
+
+    Parameters
+    ----------
+    columns : Columns
+        The regressors and, last, the target.
+    points : (n, 2) array of (ubar, ybar) [units of the model]
+
+    Returns
+    -------
+    rows : (n, n_theta + 1) array
+
+    Raises
+    ------
+    FitError
+        Where a regressor is not finite at a point.
+    """
+    span = columns.depth + columns.lead + 1
+    held = dict(zip(_at_rest(model), np.repeat(points, span, axis=0).T, strict=True))
+    rows = columns(shifted(model, held))[::span]
+    bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    if bad.size:
+        at = "u = {:g}, y = {:g}".format(*points[bad[0]])
+        raise FitError(f"A regressor is not finite at rest at {at}; leave out the point or drop the term.")
+    return rows
+
+
+def _at_rest(model: Model) -> tuple[str, str]:
+    """Return the names of what a pair holds: input and output of the machine, of an inverse model too."""
+    return (model.input if model.output == y else u).name, y.name
+
+
+def one_step(
+    model: NARX, records: Records, equations: Sequence[Any], points: Array | None = None, weight: float = 1.0
+) -> tuple[Array, Array]:
     """Least squares under S theta = c by QR: theta and its standard errors.
 
     The estimator of the paper (Eq. ConstrainedParameters_Estimator, Draper & Smith 1998), solved by elimination
-    instead of normal equations.
+    instead of normal equations. With steady-state data it minimises J = MSE_dynamic + weight MSE_rest: their rows are
+    multiplied by sqrt(weight N / n), of N equations one step ahead and n points.
     """
     parts = segments(records)
     elimination = Elimination.of(equations, model.symbols)
@@ -100,6 +139,18 @@ def one_step(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[A
 
     data = [shifted(model, arrays(model, p)) for p in parts]
     R, rows = factor(columns, data, reduced)
+    rest = np.zeros((0, free + 1))
+    if points is not None:
+        still = rest_rows(model, columns, points)
+        rest = np.sqrt(weight * rows / len(points)) * reduced(still)
+        if np.abs(reduced(still)[:, :free]).max(initial=0.0) <= STILL * np.abs(still).max():
+            warnings.warn(
+                "The steady-state data change nothing: under its constraints the free terms of this model vanish at "
+                "rest. Leave the data out, or fit without the constraints.",
+                stacklevel=3,
+            )
+        R = np.triu(stack_qr(R, rest.copy(order="F")))
+        rows += len(points)
     if rows <= free:
         raise FitError(
             f"{free} parameters cannot be estimated from {rows} equations: give more samples or fewer terms."
@@ -107,7 +158,7 @@ def one_step(model: NARX, records: Records, equations: Sequence[Any]) -> tuple[A
     if free == 0:
         return elimination.t0, np.zeros(n)
     z, covariance = solve_factor(R, rows, [str(t) for t in model.terms])
-    z = refined(z, R, blocks(columns, data, reduced))
+    z = refined(z, R, chain(blocks(columns, data, reduced), [rest]))
     spread = elimination.Z @ covariance @ elimination.Z.T
     return elimination.t0 + elimination.Z @ z, np.sqrt(np.maximum(np.diag(spread), 0.0))
 
@@ -208,6 +259,33 @@ def check_method(method: str) -> None:
         raise FitError(f"Unknown method {method!r}: use 'auto', 'one_step', 'free_run' or 'els'.")
 
 
+def check_steady_state(model: Model, steady_state: Any, weight: float, method: str) -> Array | None:
+    """Return the (ubar, ybar) pairs of a fit as an (n, 2) array; None where there are none or they have no weight."""
+    if steady_state is None:
+        return None
+    if method != "one_step":
+        raise FitError("Steady-state data enter the one-step fit: use method='one_step'.")
+    if not isinstance(model, NARX):
+        raise FitError("Steady-state data enter models that are linear in their parameters, and this one is not.")
+    if further := [b.name for b in model.recursion.inputs if b.name not in _at_rest(model)]:
+        raise FitError(
+            f"Steady-state data hold input and output alone, but the model reads {further[0]!r}: leave out its terms, "
+            "or the steady-state data."
+        )
+    try:
+        points, weight = floats(steady_state), float(weight)
+    except (TypeError, ValueError):
+        raise FitError("steady_state must be (ubar, ybar) pairs of numbers, (n, 2), and weight a number.") from None
+    if points.ndim != 2 or points.shape[1] != 2 or not len(points):
+        raise FitError(f"steady_state must be (ubar, ybar) pairs, (n, 2) with n > 0; this has shape {points.shape}.")
+    if not np.all(np.isfinite(points)):
+        row = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+        raise FitError(f"steady_state has a value that is missing or infinite in row {row}: leave the row out.")
+    if not 0 <= weight < np.inf:
+        raise FitError(f"The weight of the steady-state data must be a finite number from 0 on, not {weight:g}.")
+    return points if weight else None
+
+
 def fit(
     model: Model,
     records: Records,
@@ -217,6 +295,8 @@ def fit(
     starts: int = 1,
     seed: int = 0,
     warn: bool = True,
+    steady_state: Any = None,
+    weight: float = 1.0,
 ) -> Model:
     """Estimate the parameters of a model: the fitted one is returned, the given one stays as it is.
 
@@ -234,6 +314,11 @@ def fit(
         Of the free-run fit: how many start values are refined (see `freerun.free_run_fit`).
     warn : bool
         Whether to warn where the fit stops after `max_steps` without having converged.
+    steady_state : (n, 2) array of (ubar, ybar), optional
+        Pairs that were measured at rest, for `one_step`: each adds the equation ybar = F(ybar, ..., ubar, ...), which
+        is linear in theta, so no fixed point is computed [units of the model, else of the records].
+    weight : float
+        Of the mean squared error of these equations beside that of the one-step prediction; 0 leaves them out.
 
     Returns
     -------
@@ -243,9 +328,11 @@ def fit(
     Raises
     ------
     FitError
-        For dependent regressors, contradicting constraints, too few samples, or a diverging start.
+        For dependent regressors, contradicting constraints, too few samples, a diverging start, and steady-state data
+        that are no finite pairs, or given to another method.
     """
     check_method(method)
+    points = check_steady_state(model, steady_state, weight, method)
     records = in_units(segments(records), model.info.units)
     if method == "auto":
         better = _better_fit(model, records, constraints, max_steps, starts, seed)
@@ -259,7 +346,7 @@ def fit(
         if method == "els":
             theta, errors, converged = extended(model, records, equations)
         else:
-            theta, errors = one_step(model, records, equations)
+            theta, errors = one_step(model, records, equations, points, weight)
     if method == "free_run":
         begin = theta if model.theta is None else model.theta
         theta, errors, converged = free_run_fit(model, records, equations, begin, max_steps, starts, seed)

@@ -46,6 +46,83 @@ def test_fit_compare_simulate(run, bench, tmp_path):
     assert ns.metrics.nrmse(measured.y, simulated.y) < 0.1
 
 
+@pytest.fixture(scope="module")
+def lagging(tmp_path_factory):
+    """A short noisy record of a lag with an offset, and where it rests: y = 2 u + 1."""
+    folder, rng = tmp_path_factory.mktemp("lagging"), np.random.default_rng(0)
+    u, y = np.repeat(rng.uniform(4, 6, 12), 10), np.full(120, 11.0)
+    for i in range(1, u.size):
+        y[i] = 0.9 * y[i - 1] + 0.2 * u[i - 1] + 0.1
+    rows = np.column_stack([0.1 * np.arange(u.size), u, y + 0.1 * rng.standard_normal(u.size)])
+    np.savetxt(folder / "d.csv", rows, delimiter=",", header="t,u [V],y [mm]", comments="")
+    (folder / "rest.csv").write_text("u [mV],y [mm]\n4000,9\n5000,11\n6000,13\n")
+    return folder
+
+
+def test_fit_takes_steady_state_data(run, lagging, tmp_path):
+    asked = ["fit", lagging / "d.csv", "--base", "linear", "--n-u", "1", "--delay", "1", "--out", tmp_path / "m.json"]
+
+    def off():
+        model = ns.load(tmp_path / "m.json")
+        return max(abs(model.simulate(np.full(4000, v), y0=2 * v + 1)[-1] - 2 * v - 1) for v in (4.5, 5.5))
+
+    code, _, err = run(*asked, "--method", "one_step")
+    assert code == 0, err
+    without = off()
+    code, text, err = run(*asked, "--steady-state", lagging / "rest.csv", "--weight", "100")
+    assert code == 0 and "converted from mV to V" in err and "Fit: one_step" in text, err
+    assert off() < 0.1 * without
+    code, _, err = run(*asked, "--steady-state", lagging / "rest.csv", "--weight", "0")
+    assert code == 0 and off() == pytest.approx(without, rel=1e-9)
+
+
+def test_steady_state_data_change_no_continuum(run, bench, tmp_path):
+    (tmp_path / "rest.csv").write_text("u,y\n10,1\n20,2\n")
+    code, _, err = run(
+        "fit",
+        bench / "data.csv",
+        "--rows",
+        "0:1500",
+        "--out",
+        tmp_path / "m.json",
+        "--steady-state",
+        tmp_path / "rest.csv",
+    )
+    assert code == 0 and "steady-state data change nothing" in err
+
+
+BAD_REST = {
+    "absent": (None, (), "rest.csv: no such file"),
+    "no header": ("1,2\n3,4\n", (), "rest.csv: line 1 has numbers"),
+    "other column": ("u,z\n1,2\n3,4\n", (), "rest.csv: no column 'y'"),
+    "text": ("u,y\n1,2\nx,4\n", (), "rest.csv: column 'u' has text in line 3"),
+    "missing": ("u,y\n1,2\n3,\n", (), "rest.csv: column 'y' has 1 missing"),
+    "no rows": ("u,y\n", (), "rest.csv: no data rows"),
+    "unit": ("u [s],y\n1,2\n3,4\n", (), "rest.csv: column 'u [s]' is in s"),
+    "weight": ("u,y\n1,2\n3,4\n", ("--weight", "-1"), "--weight"),
+    "method": ("u,y\n1,2\n3,4\n", ("--method", "els"), "use --method one_step, not els"),
+    "base": ("u,y\n1,2\n3,4\n", ("--base", "play"), "--base narx, linear or static, not play"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_REST)
+def test_bad_steady_state_data_are_one_message(run, lagging, tmp_path, name):
+    content, more, said = BAD_REST[name]
+    if content is not None:
+        (tmp_path / "rest.csv").write_text(content)
+    code, _, err = run(
+        "fit", lagging / "d.csv", "--out", tmp_path / "m.json", "--base", "linear",
+        "--steady-state", tmp_path / "rest.csv", *more,
+    )  # fmt: skip
+    assert code == 2 and said in err and "Traceback" not in err
+    assert not (tmp_path / "m.json").exists()
+
+
+def test_a_weight_needs_steady_state_data(run, lagging, tmp_path):
+    code, _, err = run("fit", lagging / "d.csv", "--out", tmp_path / "m.json", "--weight", "2")
+    assert code == 2 and "give its file too" in err
+
+
 def test_derive_writes_latex_and_picture(run, bench, tmp_path):
     code, text, err = run("derive", bench / "model.json", "--latex", tmp_path / "d.tex", "--plot", tmp_path / "q.png")
     assert code == 0, err

@@ -11,7 +11,7 @@ from places import ROOT
 BOOK = ROOT / "derivations"
 ROOMS = ("bench_test", "examples", "guides", "inside")
 SCRIPTS = sorted(script for room in ROOMS for script in (BOOK / room).glob("*.py"))
-ROWS = ("E1", "E2", *(f"P{n}" for n in range(1, 12)), "V1", "V2", "B1", "B2", "B3", "B4")
+ROWS = ("E1", "E2", *(f"P{n}" for n in range(1, 12)), "V1", "V2", "B1", "B2", "B3", "B4", "B5", "B6")
 QUICK = ("E1", "P1")  # the others run when the book is built, or with -m long
 OF_THE_PAPER = [script for script in SCRIPTS if script.parent.name in ("bench_test", "examples")]
 
