@@ -236,7 +236,7 @@ def _what_grew(model: Model, runs: Mapping[str, Any], at: int) -> str:
     """Name the terms that grew before a divergence, and the slope of what the core computes there."""
     depth, inner = model.recursion.depth, model.inner
     end = max(depth, at - 1)  # the last sample whose past is still well inside the finite numbers
-    window = {n: np.asarray(x, dtype=float).ravel()[max(0, end - depth) : end + 1] for n, x in runs.items()}
+    window = {n: np.asarray(run, dtype=float).ravel()[max(0, end - depth) : end + 1] for n, run in runs.items()}
     # What effects add to the core's output counts beside the core's own terms.
     terms = [(c, e) for _, pairs in model.system() for c, e in pairs if e != x[k]]
     terms = [(c, e) for c, e in terms if samples(e)]

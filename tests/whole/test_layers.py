@@ -182,3 +182,30 @@ def test_every_number_that_a_diagnosis_decides_by_stands_in_one_file():
     lines, listed = settings.read_text(encoding="utf-8").splitlines(), numbers(settings)
     assert len(listed) > 30
     assert [n for n in listed if "  # " not in lines[n - 1]] == []
+
+
+def hidden(function: ast.AST, known: set[str]) -> Iterator[str]:
+    """Names of a module that a comprehension of a function takes for its own, and the function reads elsewhere."""
+    comprehensions = [n for n in ast.walk(function) if isinstance(n, (ast.ListComp, ast.SetComp, ast.DictComp))]
+    own = [{x.id for g in c.generators for x in ast.walk(g.target) if isinstance(x, ast.Name)} for c in comprehensions]
+    for name in set().union(*own) & known:
+        inside = {id(n) for c, names in zip(comprehensions, own, strict=True) if name in names for n in ast.walk(c)}
+        others = [n for n in ast.walk(function) if isinstance(n, ast.Name) and n.id == name and id(n) not in inside]
+        if others and all(isinstance(n.ctx, ast.Load) for n in others) and name not in arguments(function):
+            yield name
+
+
+def arguments(function: ast.AST) -> set[str]:
+    """Names of the arguments of a function, and of those inside it."""
+    return {n.arg for n in ast.walk(function) if isinstance(n, ast.arg)}
+
+
+def test_no_comprehension_hides_a_name_of_the_module() -> None:
+    """Python 3.12.1 puts a comprehension into its function, and then takes the name there for a local one too."""
+    found = []
+    for file in FILES:
+        tree = tree_of(file)
+        known = {a.asname or a.name for n in tree.body if isinstance(n, (ast.Import, ast.ImportFrom)) for a in n.names}
+        functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
+        found += [f"{place(file)}: {f.name}: {name}" for f in functions for name in hidden(f, known)]
+    assert not found
