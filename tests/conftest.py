@@ -26,7 +26,7 @@ from narx_sym.files.telling import LOG
 # A property holds or fails the same way in every run. HYPOTHESIS_PROFILE=default looks at new examples each time.
 settings.register_profile("same", derandomize=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
-STAGE_EFFECTS = ("backlash", "hysteresis", "dead_zone", "creep", "drift")
+STAGE_EFFECTS = ("backlash", "hysteresis", "dead_zone", "coulomb_friction", "creep", "inertia", "drift")
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -26,7 +26,7 @@ FACTOR, SHARE = 10.0, 0.2  # asserted: the error at rest is so many times smalle
 # %%
 TERMS = [
     "y[k-1]", "y[k-2]", "1", "u[k-1]", "u[k-1]**2", "u[k-1]**3",
-    "phi1[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]", "phi2[k-1]*phi1[k-1]*y[k-1]",
+    "phi1[k-1]", *(f"phi2[k-1]*phi1[k-1]*{x}[k-1]" for x in "uy"),
 ]  # fmt: skip
 model = ns.NARX.from_terms(TERMS)
 ybar, ubar = sp.symbols(r"\bar{y} \bar{u}", real=True)
