@@ -178,7 +178,7 @@ def print_found(found: Diagnosis, units: dict[str, str], command: str, quantitie
     told = f"In physical units: {quantities.text}." if getattr(quantities, "text", "") else ""
     lines = [
         fall(found, units),
-        *([] if told else added_sizes(found, units)),
+        *added_sizes(found, units, quantities),
         without_ids(found.sentence(units)),
         f"{told} {acting}".strip(),
     ]

@@ -14,7 +14,7 @@ from ..diagnosis.table.candidates import Candidate
 from ..errors import NarxError
 from ..fit.continuous import continuous
 from ..models.added import AddedEffect, newer, outside
-from ..models.continuous_time import short
+from ..models.continuous_time import Continuous, short
 from ..models.model import Model
 from ..symbolic.signals import expand_phi
 from .words import Row, Units, begun, number, spaced
@@ -101,13 +101,15 @@ def candidate_parameters(candidate: Candidate, units: Units, letters: bool = Fal
     return (by_letters if letters else effect_parameters)(model, added, units, shapes)
 
 
-def added_sizes(diagnosis: Diagnosis, units: Units) -> list[str]:
-    """Return a line with the parameters of each effect that was added and kept, and their units."""
+def added_sizes(diagnosis: Diagnosis, units: Units, told: Continuous | str | None = None) -> list[str]:
+    """Return a line with the parameters and units of each effect that was added, kept and not `told` already."""
+    known = {q.effect for q in told.quantities if str(q.symbol) in told.main} if isinstance(told, Continuous) else ()
     model, shapes = diagnosis.model, shape_units(diagnosis, units)
     return [
         f"{begun(spaced(one.effect))}{f' ({one.form})' if one.form else ''}: "
         f"{effect_parameters(model, one, units, shapes)}."
         for one in newer(model, diagnosis.steps[0].base.model)
+        if one.effect not in known
     ]
 
 
