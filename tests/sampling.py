@@ -1,4 +1,4 @@
-"""A quick part of what is tested at many points; the others are asked in `.ci/run`. Few effects instead of all."""
+"""A quick part of what is tested at many points; the others are asked with -m more. Few effects instead of all."""
 
 from itertools import product
 

@@ -10,10 +10,15 @@ def few(value: float, digits: int = 3) -> str:
     return f"{float(f'{value:.{digits}g}'):.12g}"
 
 
-def words(name: str) -> str:
-    """Return the name of an effect, a run or a panel as words; a channel is called as the user calls it."""
+def spaced(name: str) -> str:
+    """Return the id of an effect as words; a channel is called as the user calls it."""
     effect, colon, channel = name.partition(":")
-    return "the base" if name == BASE else effect.replace("_", " ") + colon + channel
+    return effect.replace("_", " ") + colon + channel
+
+
+def words(name: str) -> str:
+    """Return the name of an effect, a run or a panel as words."""
+    return "the base" if name == BASE else spaced(name)
 
 
 def joined(names: Iterable[str]) -> str:

@@ -333,12 +333,12 @@ class Step:
                 text = f"Perhaps missing: {names}; at one speed it and a base's memory are one signal. {sizes}. "
             text += f"Adding {best.effect} removes {share}.{self.synonyms}"
             return f"{text} {self.experiment.sentence}" if self.experiment else text
-        sure = f" ({self.sure})" if self.sure else ""
+        sure = f" ({self.how_sure})" if self.how_sure else ""
         what = f"{name}{sure}" if best.meaning else f"{name}{sure}. {what}"
         return f"Probably missing: {what}. {sizes}. Adding it removes {share}.{self.synonyms}"
 
     @property
-    def sure(self) -> str:
+    def how_sure(self) -> str:
         """The probability of the first candidate, with what means the same, in percent; "" where there is none."""
         best = next(iter(self.candidates), None)
         if best is None or best.probability is None:

@@ -17,8 +17,8 @@ from .simulate import Records, arrays, initial_values, segments
 Array = np.ndarray
 
 
-def _runs(model: Model, thetas: Any, record: Record) -> Iterator[Array]:
-    """Yield the error of the free run of each parameter set and the run itself, (2, N); NaN from where it diverges."""
+def _runs(model: Model, thetas: Any, record: Record) -> Iterator[tuple[Array, Array]]:
+    """Yield the error of the free run of each parameter set and the run itself, (N,); NaN from where it diverges."""
     thetas = np.atleast_2d(np.asarray(thetas, dtype=float))
     if thetas.ndim != 2 or thetas.shape[1] != len(model.symbols):
         raise ModelError(f"Parameter sets have the shape (sets, {len(model.symbols)}), not {thetas.shape}.")
@@ -28,9 +28,9 @@ def _runs(model: Model, thetas: Any, record: Record) -> Iterator[Array]:
         raise ModelError(f"The record {record.name!r} is shorter than the largest lag ({depth} samples).")
     for theta in thetas:
         # What effects start from is that of their own parameters.
-        begin = initial_values(model.replace(theta=theta), data, depth)
+        begin = initial_values(model.replace(theta=theta) if model.states else model, data, depth)
         y = run(data, theta, begin, start=depth, on_divergence="nan")[model.output.name]
-        yield np.stack([y - measured, y])
+        yield y - measured, y
 
 
 def costs(model: Model, thetas: Any, records: Records) -> Array:

@@ -62,7 +62,7 @@ def solve_for(
     G = expr.xreplace({unknown: w})
     slope = derivative(G, w)
     kinks = [n for n in G.atoms(*KINKED) if n.has(w)]
-    made = {"unknown": unknown, "target": target, "expr": expr, "last": last, "beside": beside}
+    made = {"unknown": unknown, "target": target, "expr": expr, "last": last}
     names = {s: sp.Dummy() for s in samples(G)}
     known = bool(values) or not renamed(G, names).free_symbols - {w, *names.values()}
     if not kinks and not slope.has(w) and (known or not samples(slope)):
@@ -81,7 +81,9 @@ def solve_for(
         if slope == 0:
             raise NotInvertible(f"{text(unknown)} acts only through its sign: most targets cannot be reached.")
         found = solve_plays(G, w, target, values, made, together or {})
-        found = found or solve_kinked(G, w, target, values, rest, made) or solve_nodes(G, w, target, values, made)
+        found = (
+            found or solve_kinked(G, w, target, values, rest, made, beside) or solve_nodes(G, w, target, values, made)
+        )
     else:
         found = _quadratic(G, w, target, values, made) or _inverse_function(G, w, target, values, made)
     return found or _searched(G, w, target, values, limits, made)

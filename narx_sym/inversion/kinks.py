@@ -31,11 +31,12 @@ TURNING = "the outermost piece turns back far away: further solutions there are 
 
 
 def solve_kinked(
-    G: Any, w: Any, target: Any, values: Mapping[Any, Any], rest: Any, made: dict[str, Any]
+    G: Any, w: Any, target: Any, values: Mapping[Any, Any], rest: Any, made: dict[str, Any], beside: Any
 ) -> Solution | None:
     """Solve an equation in w whose pieces are affine or quadratic, or return None where they are not.
 
-    `made` holds what every solution says: the unknown, the target, the expression and the last value.
+    `made` holds what every solution says: the unknown, the target, the expression and the last value. `beside` is the
+    size of what was added up where the target was solved for.
     """
     slope = derivative(G, w)
     if smooth_part(derivative(slope, w)).has(w):
@@ -55,7 +56,7 @@ def solve_kinked(
         slopes = [flip * p.rise(w) for p in kept]
         turns = not known and not any(keeps_sign(s, values) for s in slopes)
         seen = flip * sp.sign(sp.Max(*slopes)) if turns else flip  # from the other side where all of them turn
-        chain = _Chain(w, target, values, made, seen, pieces, steepest)
+        chain = _Chain(w, target, values, made, seen, pieces, steepest, beside)
         if not chain.hidden(kept):
             return _joined(chain, G, kept, flip)
     return None
@@ -121,6 +122,7 @@ class _Chain:
     flip: Any
     pieces: Sequence[Piece]
     steepest: float
+    beside: Any
 
     @property
     def T(self) -> Any:
@@ -176,7 +178,7 @@ class _Chain:
             else:
                 low, high = (away, at) if side < 0 else (at, away)
                 nearest, where = within(last, low, high), f"from {text(low)} to {text(high)}"
-            band = rounding(self.target - level, self.made["beside"])
+            band = rounding(self.target - level, self.beside)
             gap = self.T - self.edge(piece, at)
             branches.append(Branch(gap <= band if side < 0 else gap >= -band, nearest))
             said.append(self.given(where, level))

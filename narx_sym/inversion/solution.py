@@ -144,8 +144,6 @@ class Solution:
         Which targets every value on a flat piece gives: the one nearest to `last` is taken.
     steep : float, optional
         The slope of `expr` is proved to be at least that, or at most minus that, for every value of the unknown.
-    beside : expression
-        The size of what was added up where the target was solved for: its rounding is the target's.
     """
 
     unknown: Any
@@ -160,7 +158,6 @@ class Solution:
     notes: tuple[str, ...] = ()
     flat: tuple[str, ...] = ()
     steep: float | None = None
-    beside: Any = sp.S.Zero
 
     @property
     def value(self) -> Any:
@@ -250,7 +247,7 @@ def summed(gap: Any) -> Any:
     return sp.Add(*map(sp.Abs, sp.Add.make_args(sp.expand(gap))))
 
 
-def rounding(gap: Any, beside: Any = sp.S.Zero) -> Any:
+def rounding(gap: Any, beside: Any) -> Any:
     """Return by how much a gap may differ from zero that is zero but for rounding: n 2^-52 times the size of its parts.
 
     Each of its n operations rounds by at most 2^-53 of that size; so did each of those that made the target, beside

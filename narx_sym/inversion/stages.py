@@ -69,9 +69,9 @@ def stages_of(model: Model) -> Staged:
     together = {s.left.base: s.initial for s in model.states}
     turns = any(e.has(*JUMPS) for e in own.values())  # what asks for the sign of a step notices its last digit
     solved, updates = [], []
-    above: Any = sp.S.Zero  # the size of what is added up in the stages above
+    above = gap = sp.S.Zero  # the size of what is added up in the stages above, and what the last of them adds up
     for upper, lower in pairwise(chain):
-        delay = delays[upper]
+        delay, above = delays[upper], above + summed(gap)
         unknown = lower[k + (0 if lower == m else delays[lower])]
         expr = swap(_inlined(own, delays, shift(own[upper], delay), unknown), {y: r})
         target = r[k + delay] if upper == y else upper[k + delay]
@@ -81,7 +81,7 @@ def stages_of(model: Model) -> Staged:
         )  # fmt: skip
         if turns and upper != y and found.closed_form:
             found = replace(found, branches=(resting(unknown, target, expr, found.last, above), *found.branches))
-        above += summed(expr - target)
+        gap = expr - target
         solved.append(found)
         updates += [(signal(name)[unknown.indices[0]], e) for name, e in found.steps]
         updates.append((unknown, found.value))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..data.coverage import one_sine
 from ..data.evidence.stiction import worst_valve
-from ..diagnosis.bases import BASE, joined
+from ..diagnosis.bases import BASE, joined, spaced
 from ..diagnosis.experiment import Experiment
 from ..diagnosis.procedure import UNNAMED, Diagnosis
 from ..diagnosis.steps import NO_FLOOR, Step
@@ -59,14 +59,8 @@ AT_FLOOR = 1.1  # times the noise floor: an error up to here is called at the fl
 def badge(diagnosis: Diagnosis) -> str:
     """Return the headline in a few words, and how sure it is where one effect is named."""
     first = diagnosis.steps[0]
-    sure = first.sure if first.finding == "named" else ""
+    sure = first.how_sure if first.finding == "named" else ""
     return ", ".join(filter(None, (BADGES[first.finding], sure)))
-
-
-def spaced(name: str) -> str:
-    """Return the id of an effect as words; a channel is called as the user calls it."""
-    effect, colon, channel = name.partition(":")
-    return effect.replace("_", " ") + colon + channel
 
 
 def begun(text: str) -> str:

@@ -43,7 +43,8 @@ Row = dict[str, Any]
 class Watch:
     """Which move is under way, what each took, which rows it made, and the tables that were read."""
 
-    def __init__(self) -> None:
+    def begin(self) -> None:
+        """Forget the case before."""
         self.under_way, self.cpu, self.at = ["rest"], Counter[str](), time.process_time()
         self.made: dict[int, tuple[Any, str]] = {}  # rows are kept: an id is theirs alone
         self.tables: list[tuple[Any, list[Any]]] = []
@@ -133,7 +134,7 @@ def right(told: list[str], accept: list[list[str]]) -> bool:
 
 def judged(watch: Watch, group: str, name: str, record: Any, accept: list[list[str]]) -> Row:
     """Diagnose one case, and read its tables without each move."""
-    watch.__init__()  # type: ignore[misc]
+    watch.begin()
     found = ns.diagnose(ns.identify(record, base="linear"), record, max_effects=3 if group == "pair" else 1)
     watch.lap()
     read = []

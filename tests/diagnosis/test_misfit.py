@@ -292,12 +292,14 @@ def test_missing_input_sits_at_the_cause():
 def test_picture(tmp_path):
     w, e = forced()
     u, y, c, _ = experiment()
-    misfit = where_it_fails(u, y + e, y, TS, {"temperature": c}, w, 0.02)
-    figure = plots.where_it_fails(misfit, tmp_path / "a.png", UNITS)
-    assert (tmp_path / "a.png").stat().st_size > 10_000 and len(figure.axes) == 8
-    assert all("[" in ax.get_ylabel() and "%" in ax.get_title(loc="left") for ax in figure.axes)
-    means = [ax for ax in figure.axes[::2] if ax.get_ylabel().startswith("mean")]
-    assert len({ax.get_ylim() for ax in means}) == 1
+    for missing, columns in ((None, 1), (w, 2)):
+        misfit = where_it_fails(u, y + e, y, TS, {"temperature": c}, missing, 0.02)
+        figure = plots.where_it_fails(misfit, tmp_path / f"{columns}.png", UNITS)
+        assert (tmp_path / f"{columns}.png").stat().st_size > 10_000
+        assert len(figure.axes) == 4 * columns
+        assert all("[" in ax.get_ylabel() and "%" in ax.get_title(loc="left") for ax in figure.axes)
+        means = [ax for ax in figure.axes[::columns] if ax.get_ylabel().startswith("mean")]
+        assert len({ax.get_ylim() for ax in means}) == 1
 
 
 def test_pictures_of_all_panels():

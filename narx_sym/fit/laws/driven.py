@@ -14,6 +14,7 @@ from ...symbolic.signals import t
 from ..simulate import fitted, named, rest_states, vector
 
 Array = np.ndarray
+FREE = 1e300  # in the place of an input, or of a hint, that is not given: the law takes its own
 
 
 @dataclass(frozen=True)

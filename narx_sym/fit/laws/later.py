@@ -12,7 +12,7 @@ that there it is the later samples that move it. A law that goes on from sample 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -23,14 +23,13 @@ from ...engines.compile import compile
 from ...inversion.compensator import Compensator
 from ...inversion.stages import in_order
 from ...symbolic.signals import k, signal
-from .driven import Prepared
+from .driven import FREE, Prepared
 
 Array = np.ndarray
 STRETCH = 100  # samples to each side of a miss that are moved together
 STEPS, EXACT = 60, 1e-15  # of a search; where it ends
 DIFFERENCES = (None, 1e-6)  # steps of an input, as SciPy has them: near its kinks first, then far above rounding
 ASKED = signal("m_taken")
-FREE = 1e300  # the law's own input is taken
 
 
 class Later:
@@ -40,21 +39,25 @@ class Later:
     ----------
     target : (N,) array, the reference [unit of y]
     start : number, the input before it [unit of u]
+    missed : function of an output, (n,), that returns its first sample that is not the reference, or None
     within : number, a gap that is none [unit of y]
     """
 
-    def __init__(self, law: Compensator, target: Array, start: float, channels: Mapping[str, Any], within: float):
+    def __init__(
+        self, law: Compensator, target: Array, start: float, channels: Mapping[str, Any],
+        missed: Callable[[Array], int | None], within: float,
+    ):  # fmt: skip
         assert law.staged is not None
         made = law.beside(lambda asked: sp.Piecewise((ASKED[k], ASKED[k] < FREE), (asked, True)))
         self.prepared = Prepared.of(law, compile(in_order(made, law.symbols)), target, start, channels)
-        self.target, self.within = target, within
+        self.target, self.missed, self.within = target, missed, within
         self.delay, self.taken = law.staged.delay, np.full(target.size, FREE)
         self.stretches = 0
 
     def reached(self) -> dict[str, Array] | None:
         """Return every sequence of a run that misses nothing; None where none was found."""
         n, values, before = self.target.size - self.delay, self._run({}, 0), -1
-        while (missed := self._missed(values)) is not None:
+        while (missed := self.missed(values["y"][self.prepared.depth :])) is not None:
             begin, end = max(0, missed - STRETCH), min(n, missed + STRETCH)
             found = self._moved(values, begin, end)
             if found is None or missed <= before:
@@ -66,11 +69,6 @@ class Later:
 
     def _run(self, values: Mapping[str, Array], begin: int) -> dict[str, Array]:
         return self.prepared.run({ASKED.name: (self.taken, FREE)}, values, begin, self.target.size)
-
-    def _missed(self, values: Mapping[str, Array]) -> int | None:
-        gap = values["y"][self.prepared.depth :][: self.target.size - self.delay] - self.target[self.delay :]
-        wrong = np.flatnonzero(~(np.abs(gap) <= self.within))
-        return int(wrong[0]) if wrong.size else None
 
     def _moved(self, values: Mapping[str, Array], begin: int, end: int) -> Array | None:
         """Return inputs of a stretch with which nothing is missed in it, (end - begin,); None where none were found."""

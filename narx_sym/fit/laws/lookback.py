@@ -28,7 +28,7 @@ from ...symbolic.signals import k, m, samples, signal
 from ..simulate import simulate
 from .crossings import OUTSIDE, around, beyond, crossings, gaps
 from .damping import growth
-from .driven import Prepared
+from .driven import FREE, Prepared
 from .later import Later
 
 Array = np.ndarray
@@ -36,7 +36,6 @@ TRIES, BACK, ON = 200, 100, 200  # runs; how far back of a miss a choice is chan
 LONGER = 4  # the next stretch of a run is so many times as long
 WIDER = 1.0  # of what a sequence has been: solutions further beyond are looked for in steps that grow
 INEXACT = 1e-9  # of the largest reference: what is further off is missed
-FREE = 1e300  # a hint that is none
 Hints = Mapping[str, Mapping[int, float]]
 
 
@@ -95,7 +94,7 @@ def right(
         if missed is None:
             return values, 0, 0.0
         if any(stage.flat for stage in runs.open):
-            moved = Later(law, target, start, channels, runs.size)
+            moved = Later(law, target, start, channels, runs.missed, runs.size)
             if (found := moved.reached()) is not None and runs.missed(runs.own(found)["y"]) is None:
                 return found, moved.stretches, 0.0
     found = runs.best(missed)
