@@ -32,6 +32,7 @@ from .inversion.compensator import Compensator as Compensator
 from .models import analysis as analysis
 from .models import assumptions as assumptions
 from .models import effects as effects
+from .models.differential import from_equations as from_equations
 from .models.effects import EFFECTS as EFFECTS
 from .models.effects import Scan as Scan
 from .models.effects import effect as effect

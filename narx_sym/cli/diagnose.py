@@ -57,7 +57,9 @@ RESULTS = ("json_file", "save", "plot", "experiment", "report", "verbose", "quie
 def diagnose(
     context: typer.Context,
     data: DataFiles,
-    base: Annotated[str, typer.Option(help="narx, linear, static, play, bouc-wen, auto, or a model file.")] = "linear",
+    base: Annotated[
+        str, typer.Option(help="narx, linear, static, play, bouc-wen, auto, a model file, or a file with equations.")
+    ] = "linear",
     delay: Annotated[
         int | None, typer.Option(min=0, max=10_000, help="Dead time in samples; found by default.")
     ] = None,
@@ -101,21 +103,28 @@ def diagnose(
     from ..diagnosis.procedure import diagnose as run
     from ..files.journal import resuming
     from ..fit.continuous import check_scale
+    from ..models.differential import from_equations
+    from ..tasks.base import equations_in, fit_equations
 
     check_limits(limits)
     check_scale(scale)
     check_machine(machine)
     typed = again(context, RESULTS)
     targets = Targets(json_file, save, plot, experiment, report, -1 if quiet else int(verbose), typed, scale)
-    file = Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
+    own = equations_in(base)
+    file = Path(base) if base.lower().endswith(".json") or (Path(base).is_file() and not own) else None
     check_targets([*targets.paths, resume], *data, *(validate or []), *(effects or []), file)
     check_format(plot)
     catalogue = with_own(effects or [])
     model = _read(file, delay) if file else None
-    named = with_columns(channels, model.channels if model else ())
+    asked = from_equations(own, 1.0) if own else model
+    named = with_columns(channels, asked.channels if asked else ())
     measured = records(data, u, y, t, ts, named, rows, missing, units, model, roles=role)
     judging = validating(validate, measured, u, y, t, ts, named, missing, units, role)
     with resuming(resume) if resume else nullcontext() as journal:
+        if own:
+            with working(f"Fitting the equations of {base} to {sum(len(r) for r in measured)} samples"):
+                model = fit_equations(own, measured)
         start = _begin(model or base, measured, delay)
         with working("Diagnosing") as progress:
             found = run(

@@ -58,7 +58,9 @@ app = typer.Typer(
 def fit(
     data: DataFiles,
     out: Annotated[Path, typer.Option("--out", help="Where to write the model.")],
-    base: Annotated[str, typer.Option(help="narx, linear, static, play, bouc-wen or auto.")] = "narx",
+    base: Annotated[
+        str, typer.Option(help="narx, linear, static, play, bouc-wen, auto, or a file with equations.")
+    ] = "narx",
     n_y: Annotated[int, typer.Option("--n-y", min=0, max=20, help="Largest lag of the output.")] = 1,
     n_u: Annotated[int, typer.Option("--n-u", min=0, max=200, help="Largest lag of the input.")] = 2,
     degree: Annotated[int, typer.Option(min=1, max=6, help="Degree of the products.")] = 3,
@@ -84,20 +86,24 @@ def fit(
     """Select the structure and fit the parameters under Sigma_y = 1."""
     from ..files.store import save
     from ..fit.identify import BASES, check_method, identify, with_steady_state
+    from ..models.differential import from_equations
+    from ..tasks.base import equations_in, fit_equations
     from ..tasks.compare import errors_of, validated
 
     check_targets([out], *data, *(validate or []), steady_state)
     check_method(method)
     method = check_rest(steady_state, weight, method, base)
-    if base not in BASES:
-        raise DataError(f"Unknown base {base!r}: --base is one of {', '.join(BASES)}.")
+    own = equations_in(base)
+    if base not in BASES and not own:
+        raise DataError(f"Unknown base {base!r}: --base is one of {', '.join(BASES)}, or a file with equations.")
     if u == y:
         raise DataError(f"Input and output are the same column {u!r}; choose with --input and --output.")
+    channels = with_columns(channels, from_equations(own, 1.0).channels if own else ())
     measured = records(data, u, y, t, ts, channels, rows, missing, units, roles=role)
     judging = validating(validate, measured, u, y, t, ts, channels, missing, units, role)
     points = rest_points(steady_state, u, y, measured[0].units) if steady_state else None
     with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
-        model = identify(
+        model = fit_equations(own, measured) if own else identify(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
             method=method, creep=creep,
         )  # fmt: skip
@@ -106,7 +112,8 @@ def fit(
         pairs = [*errors_of(model, measured), *validated(model, judging)]
     save(model, out)
     print_model(model)
-    console().print(f"Terms: {model.info.selection.reason}. Fit: {model.info.method}.")
+    chosen = f"Terms: {model.info.selection.reason}" if model.info.selection.reason else f"Equations: {base}"
+    console().print(f"{chosen}. Fit: {model.info.method}.")
     print_errors(pairs)
     console().print(f"Model written to {out}")
 

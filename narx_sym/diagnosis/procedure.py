@@ -397,6 +397,7 @@ def _searched(
         before = rounds[-1][0].last if rounds else None
         made, known = step(table, known, limits, loop)
         made.finish(trial, before or _baseline(trial, start, made.base))
+        known = made.half or known
         rounds.append((made, known))
     return _Searched(table, rounds)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from ..data.evidence.feedback import Feedback
 from ..data.evidence.noise import unexplained
 from ..data.evidence.stiction import Sticking
-from ..errors import NarxError
+from ..errors import FitError, NarxError
 from ..fit.evaluate import Errors
 from ..fit.laws.stability import stability, strays
 from ..inversion.compensator import compensator
@@ -103,6 +104,7 @@ class Step:
     refused: Fitted | None = None  # what was found, but does not lessen the error on the record and on validation data
     meanings: Mapping[str, str] = field(default_factory=dict)
     same: dict[str, list[str]] = field(default_factory=dict)
+    half: Row | None = None  # where one of two effects is added, as both together do not help
     others: Callable[[bool], Iterable[Candidate]] | None = None  # in place of the first candidate, until it is judged
     linear: float = 0.0  # rms that a linear base leaves by itself, where one speed cannot tell [unit of y]
 
@@ -131,6 +133,8 @@ class Step:
                 self.candidates[0].final = self.chosen
         for c in self.candidates:
             c.judge(trial, c.effect in self.confusion_set)
+        if self.pair is not None and self.chosen is not None and not self.falls(self.chosen):
+            self._halve(self.pair)
         if self.chosen is not None and not self.falls(self.chosen):
             self.replace(next((c for c in self._others(False) if self.falls(c.fitted)), None))
             if not self.falls(self.chosen):
@@ -138,6 +142,16 @@ class Step:
         elif self.chosen is not None and self.pair is None:
             self.replace(self.better_law(self.chosen))
         self.others = None
+
+    def _halve(self, pair: Pair) -> None:
+        """Take that one of two effects which lessens the error by itself, where both together do not everywhere."""
+        for one in (c for c in self.candidates if c.effect in pair.effects):
+            with suppress(FitError):
+                if self.falls(one.fitted):
+                    others = [c for c in self.candidates if c is not one]
+                    self.pair, self.candidates, self.half = None, [one, *others], one.row
+                    self.chosen, self.confusion_set = one.fitted, [one.effect]
+                    return
 
     def replace(self, other: Candidate | None) -> None:
         """Take the same effect with another core, or in another form, where there is one."""

@@ -32,7 +32,7 @@ MAX_TEXT = 60_000  # characters of all equations
 MAX_WRITTEN, MAX_TERMS = 20_000, 20_000  # nodes of the output's equation; terms of its rest map, multiplied out
 FIELDS = {
     "schema", "kind", "terms", "F", "symbols", "theta", "standard_errors", "input", "output", "lead", "operating_point",
-    "Ts", "constraints", "channels", "states", "info", "effects", "assumptions",
+    "Ts", "constraints", "channels", "states", "info", "effects", "assumptions", "bounds",
 }  # fmt: skip
 STATE_FIELDS = {"state", "update", "initial", "group"}
 # `x`, `v`, `free`, `sensed` and `acting` are names of states: see `narx_sym.symbolic.signals`.
@@ -65,6 +65,7 @@ def to_dict(model: Model) -> dict[str, Any]:
         **({"states": [_state_to_dict(s) for s in model.states]} if model.states else {}),
         "info": info_to_dict(model.info),
         **({"effects": [effect_to_dict(e) for e in model.effects]} if model.effects else {}),
+        **({"bounds": {str(s): list(pair) for s, pair in model.bounds.items()}} if model.bounds else {}),
     }
 
 
@@ -184,6 +185,7 @@ def from_dict(data: Any) -> Model:  # noqa: C901, PLR0912, PLR0915
         standard_errors=_standard_errors(data.get("standard_errors"), len(model.symbols)),
         info=read_info(data.get("info", {})),
         effects=read_effects(data.get("effects", []), {str(s): s for s in model.symbols}),
+        bounds=_bounds(data.get("bounds", {}), {str(s): s for s in model.symbols}),
     )
     if model.Ts is not None and model.Ts <= 0:
         raise ModelError("'Ts' must be a positive number of seconds.")
@@ -215,6 +217,15 @@ def _parameters(names: list[str], assumed: Any) -> list[Symbol]:
         return [Symbol(n, **assumed.get(n, {"real": True})) for n in names]
     except InconsistentAssumptions:
         raise ModelError("'assumptions' contradict each other.") from None
+
+
+def _bounds(given: Any, symbols: dict[str, Any]) -> dict[Any, tuple[float, float]]:
+    if not isinstance(given, dict) or not set(given) <= set(symbols):
+        raise ModelError("'bounds' must be an object that speaks of parameters.")
+    found = {symbols[name]: tuple(numbers(pair, "bounds")) for name, pair in given.items()}
+    if any(len(pair) != 2 or pair[0] >= pair[1] for pair in found.values()):
+        raise ModelError("'bounds' must be two numbers each, the lower one first.")
+    return found  # type: ignore[return-value]
 
 
 def _standard_errors(given: Any, count: int) -> list[float] | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,14 +21,14 @@ from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep
 from ..models.model import NARX, Model
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import expand_phi, k, lag, lags, pairs, samples
+from ..symbolic.signals import expand_phi, k, lag, lags, samples
 from .constraints import Elimination
 from .ensemble import costs
 from .simulate import Records, arrays, initial_values, segments
 
 Array = np.ndarray
 MANY = 16  # more parameters than this: one banded solve instead of one compiled equation each
-SPREAD, TRIED = 0.3, 64
+SPREAD, TRIED, PIECES = 0.3, 64, 12
 SECANTS = (3.0, 1.0, 0.3, 0.1)  # how many times its error a secant moves the free run to either side, in turn
 HUGE, LARGEST = 1e12, 1e100  # derivatives times parameters, in standard deviations of the output; in any unit
 
@@ -56,17 +57,27 @@ def starts(model: Model) -> list[Start]:
     return [*(Start((model.inner,), i) for i in outputs), *(Start(tuple(g)) for g in groups.values())]
 
 
-def load_of(model: Model) -> Any:
-    """Return the constant of a model that integrates: an unknown load, which may differ between records; else None.
+def integrates(model: Model) -> bool:
+    """Whether a pole of a model is 1: the slopes of its core by older outputs add up to it.
 
-    The model integrates where a constraint keeps the sum of the coefficients of older outputs in its core at 1.
+    By a constraint, or as it is written.
     """
-    terms = pairs(model.core)
-    constant = next((c for c, term in terms if term == 1 and c in model.symbols), None)
-    total = sp.Add(*(c for c, term in terms if term in samples(term, model.inner)))
+    core = expand_phi(model.core, model.input)
+    total = sp.Add(*(derivative(core, model.inner[k - i]) for i in lags(core, model.inner)))
+    if samples(total):
+        return False
     listed = (c for c in model.constraints if not isinstance(c, str))
-    equations = (sp.expand(c.lhs - c.rhs if isinstance(c, sp.Equality) else c) for c in listed)
-    return constant if any(sp.expand(e - total + 1) == 0 or sp.expand(e + total - 1) == 0 for e in equations) else None
+    equations = [sp.expand(c.lhs - c.rhs if isinstance(c, sp.Equality) else c) for c in listed]
+    equations += [] if isinstance(model, NARX) else [sp.simplify(total) - total]
+    return any(0 in (sp.expand(e - total + 1), sp.expand(e + total - 1)) for e in equations)
+
+
+def load_of(model: Model) -> Any:
+    """Return the constant of a model that integrates: an unknown load, which may differ between records; else None."""
+    core = expand_phi(model.core, model.input)
+    beside = ((s, sp.diff(core, s)) for s in model.symbols)
+    load = next((s for s, slope in beside if slope != 0 and not samples(slope) and not slope.has(s)), None)
+    return load if load is not None and integrates(model) else None
 
 
 def determined(z: Array, size: Array) -> bool:
@@ -330,10 +341,13 @@ class FreeRun:
         return move
 
     def bounds(self, limits: Mapping[Any, tuple[float, float]]) -> tuple[Array, Array]:
-        """Return bounds of the unknowns from the limits of some parameters (those without constraints)."""
+        """Return bounds of the unknowns from the limits of some parameters and from the model's own bounds.
+
+        Of parameters that no constraint ties to others.
+        """
         low = np.full(self.free + self.shifts, -np.inf)
         high = -low
-        for symbol, (least, most) in limits.items():
+        for symbol, (least, most) in {**self.model.bounds, **limits}.items():
             row = self.elimination.Z[list(self.model.symbols).index(symbol)]
             if np.count_nonzero(row) == 1 and row.max() == 1.0:
                 low[int(np.argmax(row))], high[int(np.argmax(row))] = least, most
@@ -465,7 +479,7 @@ def free_run_fit(
     """
     problem = FreeRun(model, records, equations)
     if starts <= 1:
-        return problem.solve(theta0, max_steps)[:3]
+        return problem.solve(theta0 if isinstance(model, NARX) else _near(problem, theta0, max_steps), max_steps)[:3]
     rng = np.random.default_rng(seed)
     z = problem.start(theta0)[: problem.free]
     scale = SPREAD * np.maximum(np.abs(z), 1e-3 * np.abs(z).max(initial=1e-12))
@@ -477,6 +491,25 @@ def free_run_fit(
     if not found:
         raise FitError("The free run diverges from every start: fit one step ahead first, or give theta.")
     return min(found, key=lambda f: f[3])[:3]
+
+
+def _near(problem: FreeRun, theta0: Array, max_steps: int) -> Array:
+    """Return the better start of two: given parameters, and those of a fit in pieces, each from its own start.
+
+    A piece stays near the measured output where a whole run from wrong parameters does not (multiple shooting: Bock
+    1983).
+    """
+    parts = segments(problem.records)
+    counts = [min(PIECES, max(1, len(p) // (10 * problem.depth))) for p in parts]
+    edges = [np.linspace(0, len(p), count + 1).astype(int).tolist() for p, count in zip(parts, counts, strict=True)]
+    pieces = [p[a:b] for p, at in zip(parts, edges, strict=True) for a, b in pairwise(at)]
+    try:
+        near = FreeRun(problem.model, pieces, problem.equations).solve(theta0, max_steps)[0]
+    except FitError:
+        return theta0
+    with np.errstate(all="ignore"):
+        costs = [float(np.sum(problem.errors_of(problem.start(theta)) ** 2)) for theta in (theta0, near)]
+    return near if not np.isfinite(costs[0]) or costs[1] < costs[0] else theta0
 
 
 def _refine(problem: FreeRun, theta: Array, max_steps: int) -> tuple[Array, Array, bool, float] | None:

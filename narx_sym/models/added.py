@@ -74,6 +74,16 @@ class AddedEffect:
         return replace(self, effect=f"{kind}{colon}{new}", coefficients=coefficients, shape=shape)
 
 
+def own_group(name: str) -> str:
+    """Return the group of a state of a model's own, which no effect brought."""
+    return f"state {name}"
+
+
+def own_states(model: Any) -> list[str]:
+    """Return the names of the states of a physical model that are not its output: effects may act on them too."""
+    return [s.left.base.name for s in model.states if s.group == own_group(s.left.base.name)]
+
+
 def newer(model: Any, before: Any) -> list[AddedEffect]:
     """Return the effects of a model that an earlier one has not, by their groups."""
     known = {e.group for e in before.effects}

@@ -31,7 +31,7 @@ from ..symbolic.signals import (
     x,
     y,
 )
-from .added import AddedEffect, outside
+from .added import AddedEffect, outside, own_states
 from .effects import EFFECTS, PLACES, Catalogue, Effect, Form
 from .info import Info
 from .model import Model
@@ -48,7 +48,7 @@ class Variant:
     ----------
     effect : Effect
     where : one of `effects.PLACES`
-    driver : "u", "y", "uy", "t", "channel" or "friction"
+    driver : "u", "y", "uy", "t", "channel", "friction", or the name of a state of the model's own, which it then joins
     channel : str, optional
         What an effect that asks for another measured quantity reads; a driver "channel" moves it alone.
     lag : int
@@ -96,7 +96,7 @@ class Variant:
 
     def __str__(self) -> str:
         parts = [self.effect.form, PLACES[self.where]]
-        parts += [f"driven by {self.driver}"] if self.driver in ("u", "y") else []
+        parts += [f"driven by {self.driver}"] if self.driver not in ("uy", "t", "channel", "friction") else []
         parts += [f"{n} = {i}" for n, i in self.fixed]
         parts += [f"{self.lag} samples later"] if self.lag else []
         parts += ["from zero"] if self.raw else []
@@ -107,7 +107,7 @@ def variants(
     model: Model, channels: Iterable[str] = (), catalogue: Catalogue = EFFECTS, closer: bool = False
 ) -> Iterator[Variant]:
     """Yield every way in which the catalogue's effects may act on a model, in their usual forms or in `closer` ones."""
-    named, forced = tuple(channels), _forced(model)
+    named, forced, own = tuple(channels), _forced(model), own_states(model)
     for one in (e for e in catalogue.all() if e.closer == closer):
         stepped = [[(p, i) for i in map(int, s.values)] for p, s in one.scan.items() if s.of == "steps"]
         choices: list[tuple[tuple[str, int], ...]] = [()]
@@ -120,7 +120,7 @@ def variants(
                 # A sensor and a speed have one zero; what acts on the machine may be centred where it works.
                 about = (True,) if where == "sensor" or one.standing else (False, True)
                 centred = (one.centred or one.standing) and origin(model, driver) != 0
-                moved = "u" in driver and where != "input" and model.delay
+                moved = driver in ("u", "uy") and where != "input" and model.delay
                 for lag in {0, model.delay} if moved else {0}:
                     for raw in about if centred else (False,):
                         for fixed in choices:
@@ -128,6 +128,10 @@ def variants(
                                 made = Variant(one, where, driver, name, lag, raw, fixed, named)
                                 if made.beside(model.n_y):
                                     yield made
+                                    joins = where in ("inside", "motion") and driver == "y" and not (raw or stepped)
+                                    yield from (
+                                        replace(made, driver=n) for n in own if joins and not one.equations().states
+                                    )
 
 
 def _forced(model: Model) -> bool:
@@ -144,8 +148,17 @@ def rubs(model: Model) -> bool:
     return any(s.left.base == rub for s in model.states)
 
 
+def _moving(model: Model, driver: str) -> tuple[Any, Any]:
+    """Return the sequence that an effect on the motion acts on, and what it would be without."""
+    if driver in own_states(model):
+        return signal(driver), signal(f"{driver}_free")
+    return model.inner, free
+
+
 def origin(model: Model, driver: str) -> float:
     """Return where the operating point of what drives an effect is."""
+    if driver in own_states(model):
+        return 0.0
     return model.operating_point.get(model.output if driver == "y" else model.input, 0.0)
 
 
@@ -157,18 +170,22 @@ def sequences(model: Model, variant: Variant) -> dict[str, Any]:
     named = {s.left.base for s in model.states}
     before = (passed if variant.where == "input" else v) if v in named else model.input
 
+    moving, going = _moving(model, variant.driver)
+
     def source(i: Any) -> Any:
         return before[i - variant.lag] + offset
 
     def inner(i: Any) -> Any:
         if variant.where == "motion":  # the step that the core would make
-            return free[i] - model.inner[i - 1]
+            return going[i] - moving[i - 1]
+        if moving != model.inner:
+            return moving[i - 1]
         if variant.where == "friction":
             return rub[i]
         return {"output": x, "sensor": sensed}.get(variant.where, model.inner)[i - later] + offset
 
-    meant = {"u": source, "y": lambda i: model.inner[i] + offset, "t": lambda i: t[i]}
-    meant["x"] = inner if variant.driver in ("y", "friction") else source
+    meant = {"u": source, "y": lambda i: moving[i] + offset, "t": lambda i: t[i]}
+    meant["x"] = inner if variant.driver in ("y", "friction", *own_states(model)) else source
     if variant.channel:
         meant["channel"] = lambda i: signal(variant.channel or "")[i]
     return meant
@@ -299,7 +316,7 @@ def written_constraints(model: Model) -> list[Any]:
 
 def _placed(model: Model, variant: Variant, own: Sequence[State], total: Any) -> tuple[list[State], Any]:
     """Return the states and F of a model with what an effect adds, after the states that the effect brought."""
-    chain = _split(model, variant.where)
+    chain, moving = _split(model, variant.where, variant.driver), _moving(model, variant.driver)[0]
     named = {s.left.base for s in chain}
     inner = x if x in named else model.output
     target = {
@@ -311,15 +328,16 @@ def _placed(model: Model, variant: Variant, own: Sequence[State], total: Any) ->
         "output": sensed if sensed in named else model.output,
         "sensor": model.output,
     }[variant.where]
+    target = moving if moving != model.inner else target
     # What u drives stands before x, what x drives after it.
     before = x if variant.where == "output" and variant.driver != "y" else target
     at, to = (next(i for i, s in enumerate(chain) if s.left.base == b) for b in (before, target))
-    chain[to] = State(chain[to].left, chain[to].right + total, chain[to].initial)
+    chain[to] = State(chain[to].left, chain[to].right + total, chain[to].initial, chain[to].group)
     chain[at:at] = own
     return chain[:-1], chain[-1].right
 
 
-def _split(model: Model, where: str) -> list[State]:
+def _split(model: Model, where: str, driver: str) -> list[State]:
     """Return a model's equations, the output's last, in which the sequence that a place acts on has a name."""
     output = model.output
     chain = [*model.states, State(output[k], model.F, output[k])]
@@ -333,7 +351,9 @@ def _split(model: Model, where: str) -> list[State]:
         """Give what an equation has on its right a name of its own."""
         at = next(i for i, s in enumerate(chain) if s.left.base == target)
         begins = chain[at].initial
-        chain[at : at + 1] = [State(name[k], chain[at].right, begins), State(target[k], name[k], begins)]
+        chain[at : at + 1] = [
+            State(name[k], chain[at].right, begins), State(target[k], name[k], begins, chain[at].group)
+        ]  # fmt: skip
 
     def behind(at: int, old: Any, new: Any, begins: Any) -> None:
         """Let all equations from one on read what an effect will make of a sequence."""
@@ -351,8 +371,9 @@ def _split(model: Model, where: str) -> list[State]:
         arrived = {s: acting[s.indices[0] + delay] for s in samples(core, source) if k - s.indices[0] >= delay}
         chain[at] = State(chain[at].left, renamed(core, arrived), chain[at].initial, chain[at].group)
         chain.insert(at, State(acting[k], source[k - delay], model.input[k]))
-    if where == "motion" and free not in named:
-        between(model.inner, free)
+    moving, going = _moving(model, driver)
+    if where == "motion" and going not in named:
+        between(moving, going)
     if where == "friction" and grip not in named:
         at = next(i for i, s in enumerate(chain) if s.left.base == rub)
         behind(at + 1, rub, grip, chain[at].initial)

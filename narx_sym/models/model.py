@@ -16,12 +16,12 @@ from ..symbolic.grammar import parse
 from ..symbolic.recursion import Recursion, State
 from ..symbolic.signals import differences, expand_phi, free, k, lags, pairs, renamed, samples, signal, t, u, x, y
 from . import assumptions
-from .added import AddedEffect, arrivals, flat, measured, starts
+from .added import AddedEffect, arrivals, flat, measured, own_states, starts
 from .doors import ModelDoors
 from .info import Info, around
 
 EQUATIONS = ("F", "symbols", "output", "input", "operating_point", "lead", "states")
-BESIDE = ("theta", "standard_errors", "Ts", "constraints", "info", "effects")  # what changes no equation
+BESIDE = ("theta", "standard_errors", "Ts", "constraints", "info", "effects", "bounds")  # what changes no equation
 
 
 class Model(ModelDoors, printing.InLatex):
@@ -53,6 +53,8 @@ class Model(ModelDoors, printing.InLatex):
         How the model was fitted and what its records showed.
     effects : sequence of AddedEffect
         What was added to it, in order.
+    bounds : mapping from parameters to (low, high)
+        Within which a free-run fit keeps them.
 
     A model does not change: `fit`, `add` and `replace` return another one.
 
@@ -75,8 +77,9 @@ class Model(ModelDoors, printing.InLatex):
     states: tuple[State, ...]
     info: Info
     effects: tuple[AddedEffect, ...]
+    bounds: dict[Any, tuple[float, float]]
 
-    def __init__(
+    def __init__(  # noqa: PLR0913
         self,
         F: Any,
         symbols: Sequence[Any],
@@ -92,13 +95,14 @@ class Model(ModelDoors, printing.InLatex):
         standard_errors: Sequence[float] | None = None,
         info: Info | None = None,
         effects: Sequence[AddedEffect] = (),
+        bounds: Mapping[Any, tuple[float, float]] | None = None,
     ):
         point = around(operating_point)
         vars(self).update(
             F=sp.sympify(F), symbols=tuple(symbols), output=output, input=input, operating_point=point, lead=int(lead),
             states=tuple(states),
         )  # fmt: skip
-        self._carry(theta, standard_errors, Ts, constraints, info or Info(), effects)
+        self._carry(theta, standard_errors, Ts, constraints, info or Info(), effects, bounds or {})
         if self.recursion.lead:
             raise ModelError(f"{output.name}[k] depends on samples after k; a model uses present and past inputs only.")
 
@@ -110,6 +114,7 @@ class Model(ModelDoors, printing.InLatex):
         constraints: Sequence[Any],
         info: Info,
         effects: Sequence[AddedEffect],
+        bounds: Mapping[Any, tuple[float, float]],
     ) -> None:
         """Take what stands beside the equations; without parameters their values are known."""
         theta = () if theta is None and not self.symbols else theta
@@ -131,6 +136,7 @@ class Model(ModelDoors, printing.InLatex):
             numbers=None if theta is None else tuple(theta),
             standard_errors=None if standard_errors is None else tuple(standard_errors),
             Ts=Ts, constraints=tuple(constraints), info=info, effects=tuple(effects),
+            bounds={s: (float(low), float(high)) for s, (low, high) in bounds.items() if s in self.symbols},
         )  # fmt: skip
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -207,8 +213,9 @@ class Model(ModelDoors, printing.InLatex):
 
     @property
     def memory(self) -> tuple[State, ...]:
-        """The states that effects remember."""
-        return tuple(s for s in self.states if s.remembers and s.left.base != x)
+        """The states that effects remember, and those of the model's own."""
+        own = own_states(self)
+        return tuple(s for s in self.states if (s.remembers or s.left.base.name in own) and s.left.base != x)
 
     @cached_property
     def recurrent(self) -> tuple[State, ...]:

@@ -13,8 +13,9 @@ from ..data.sensor import sensor_faults
 from ..data.timegrid import same_pace
 from ..diagnosis.bases import joined
 from ..errors import DataError, ModelError, NarxError
-from ..files.store import load
+from ..files.store import MAX_BYTES, load
 from ..fit.identify import BASES, OPEN, identify, prepare
+from ..models.differential import from_equations
 from ..models.model import Model
 from ..symbolic.signals import u
 
@@ -54,10 +55,41 @@ def read_base(path: str | Path, shown: str = "") -> Model:
     return model
 
 
+def equations_in(base: str | Path) -> str:
+    """Return the text of a file with equations of one's own (`from_equations`); "" where it names no such file.
+
+    Raises
+    ------
+    ModelError
+        For a file that cannot be read, with its name.
+    ParseError
+        For equations that cannot be read.
+    """
+    path = Path(base)
+    if str(base) in BASES or path.suffix.lower() == ".json" or not path.is_file():
+        return ""
+    try:
+        text = path.read_text(encoding="utf-8") if path.stat().st_size <= MAX_BYTES else "{"  # no text of equations
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"{path}: cannot be read as text ({error}).") from None
+    if text.lstrip().startswith("{"):
+        return ""
+    try:
+        from_equations(text, 1.0)
+    except NarxError as error:
+        raise type(error)(f"{path}: {error}") from None
+    return text
+
+
+def fit_equations(text: str, records: Sequence[Record]) -> Model:
+    """Return the model of a text of equations, fitted in free run to records."""
+    return from_equations(text, records[0].Ts).fit(records, method="free_run")
+
+
 def check_kind(kind: str) -> str:
     """Return the name of a kind of base; refuse one that does not exist."""
     if kind not in BASES:
-        raise ModelError(f"Unknown base {kind!r}: use {', '.join(BASES)}, or a model file that ends in .json.")
+        raise ModelError(f"Unknown base {kind!r}: use {', '.join(BASES)}, a model file, or a file with equations.")
     return kind
 
 

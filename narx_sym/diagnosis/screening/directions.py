@@ -21,7 +21,7 @@ from ...errors import ModelError
 from ...fit.freerun import LARGEST, FreeRun
 from ...fit.simulate import segments, shifted
 from ...models.effects import EFFECTS, Catalogue, Form, Scan, effect
-from ...models.extend import Variant, equations, extend, origin, variants
+from ...models.extend import Variant, equations, extend, origin, own_states, variants
 from ...symbolic.recursion import Recursion
 from ...symbolic.sensitivity import sensitivities
 from ...symbolic.signals import k, samples, sensed
@@ -76,7 +76,7 @@ class Linearised:
         residual, slopes = problem.run(unknowns)
         self.residual = -residual * problem.spread  # measured minus simulated
         self.own = slopes * problem.spread
-        self._pushed: dict[str, Any] = {}
+        self._pushed: dict[tuple[str, str], Any] = {}
         self._known: dict[Any, list[Array]] = {}
         self.runs: list[dict[str, Array]] = []
         for i, (data, record) in enumerate(zip(problem.data, segments(problem.records), strict=True)):
@@ -86,6 +86,8 @@ class Linearised:
         for seen in self.seen:  # before effects act on the output, it is what the core computes
             for name in ("x", "free", "sensed"):
                 seen.setdefault(name, seen[str((self.model.output if name == "sensed" else self.model.inner).label)])
+            for name in own_states(self.model):
+                seen.setdefault(f"{name}_free", seen[name])
             if "v" in seen:  # what acts at the input next is driven by what the first effect there lets through
                 seen.setdefault("passed", seen["v"])
         self.values = dict(zip(self.model.symbols, map(float, theta), strict=True))
@@ -97,13 +99,16 @@ class Linearised:
             self._known[key] = [contribution(form, values, seen) for seen in self.seen]
         return list(self._known[key])
 
-    def moved(self, where: str, z: Sequence[Array]) -> Array:
-        """Return the directions of the free run, (rows, coefficients), that contributions at a place cause."""
+    def moved(self, where: str, z: Sequence[Array], state: str = "") -> Array:
+        """Return the directions of the free run, (rows, coefficients), that contributions at a place cause.
+
+        `state` is the state of the model's own that they join, if they do not join the output.
+        """
         if where == "sensor" or (where == "output" and not any(s.left.base == sensed for s in self.model.states)):
             return np.concatenate([part[self.problem.depth :] for part in z])
-        if where not in self._pushed:
-            self._pushed[where] = self._response(where)
-        recursion, name = self._pushed[where]
+        if (where, state) not in self._pushed:
+            self._pushed[where, state] = self._response(where, state)
+        recursion, name = self._pushed[where, state]
         if name is None:
             return np.zeros((self.problem.edges[-1], z[0].shape[1]))
         compiled = compile(recursion)
@@ -120,12 +125,12 @@ class Linearised:
             parts.append(found[self.problem.depth :])
         return np.concatenate(parts)
 
-    def _response(self, where: str) -> tuple[Recursion, str | None]:
+    def _response(self, where: str, state: str) -> tuple[Recursion, str | None]:
         """Derive how the output moves when a given sequence is injected; the run itself is an input of it.
 
         The name is None where nothing moves: at the input of a core that has lost it.
         """
-        added = extend(self.model, Variant(injection, where, "channel", PUSH))
+        added = extend(self.model, Variant(injection, where, state or "channel", PUSH))
         (c,) = added.coefficients
         full, (direction,) = sensitivities(added.model.recursion, [c])
         own = len(added.model.recursion.updates)
@@ -144,7 +149,8 @@ class Linearised:
 
     def scale(self, scan: Scan, variant: Variant) -> list[float]:
         """Return the grid of one shape parameter."""
-        driver = self.model.inner.name if variant.driver == "y" else self.model.input.name
+        drivers = {n: n for n in own_states(self.model)} | {"y": self.model.inner.name}
+        driver = drivers.get(variant.driver, self.model.input.name)
         offset = origin(self.model, variant.driver) if variant.raw else 0.0
         x = np.concatenate([seen[driver] for seen in self.seen]) + offset
         Ts, n = self.model.Ts or 1.0, max(len(r) for r in (s[driver] for s in self.seen))
@@ -249,7 +255,7 @@ class Linearised:
 
     def directions(self, channels: Iterable[str] = (), catalogue: Catalogue = EFFECTS) -> tuple[list[Direction], Array]:
         """Return every variant at every grid point, and the matrix of their directions (rows, columns)."""
-        listed, blocks, at = [], [], 0
+        listed, blocks, at, own = [], [], 0, own_states(self.model)
         for variant in variants(self.model, channels, catalogue):
             form = equations(self.model, variant)
             picked = any(variant.effect.scan[p].of == "peaks" for p in variant.shape)
@@ -257,7 +263,7 @@ class Linearised:
             symbols = [sp.Symbol(p, real=True) for p in variant.shape]
             for point in self.grid(variant):
                 z = self.contributions(form, dict(zip(symbols, point, strict=True)))
-                block = self.moved(variant.where, z)
+                block = self.moved(variant.where, z, variant.driver if variant.driver in own else "")
                 if not 0 < np.abs(block).max(initial=0.0) < LARGEST:  # nothing, or what runs away
                     continue
                 line = picked and self.is_line(point[0])

@@ -94,7 +94,7 @@ def static(like: Model) -> Model:
 
 def later(variant: Variant, delay: int) -> Variant:
     """Return the variant beside a core with a delay: what the input drives there comes later too."""
-    moved = "u" in variant.driver and variant.where != "input"
+    moved = variant.driver in ("u", "uy") and variant.where != "input"
     return replace(variant, lag=delay if moved else 0)
 
 
