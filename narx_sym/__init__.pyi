@@ -28,6 +28,7 @@ from .fit.evaluate import evaluate as evaluate
 from .fit.evaluate import free_run as free_run
 from .fit.identify import identify as identify
 from .fit.identify import identify_inverse as identify_inverse
+from .fit.several import identify_outputs as identify_outputs
 from .inversion.compensator import Compensator as Compensator
 from .models import analysis as analysis
 from .models import assumptions as assumptions
@@ -41,6 +42,7 @@ from .models.model import NARX as NARX
 from .models.model import Model as Model
 from .models.pool import Pool as Pool
 from .models.pool import pool as pool
+from .models.system import System as System
 from .report import plots as plots
 from .symbolic import signals as signals
 from .symbolic.printing import latex as latex

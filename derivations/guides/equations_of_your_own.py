@@ -79,13 +79,11 @@ print({str(s): round(float(v), 6) for s, v in found.model.values.items()})
 # Levels and speeds that are not measured start where you say, or are estimated with the fit; effects may act on them.
 # Two tanks of which the upper one overflows are told so: "end stop, on the motion of h1".
 #
-# ```text
-# q = b*sign(h1)*sqrt(Abs(h1))
-# h1' = a*u - q
-# h2' = q - e*sign(h2)*sqrt(Abs(h2))
-# y = h2
-# h1(0) = y
-# ```
+#     q = b*sign(h1)*sqrt(Abs(h1))
+#     h1' = a*u - q
+#     h2' = q - e*sign(h2)*sqrt(Abs(h2))
+#     y = h2
+#     h1(0) = y
 
 # %%
 values = {str(s): float(v) for s, v in found.model.values.items()}

@@ -13,8 +13,9 @@ import numpy as np
 
 from ..engines.numbers import floats
 from ..errors import DataError
+from ..symbolic.signals import channel_name
 from .coverage import one_sine
-from .evidence.roles import check_roles, column_roles
+from .evidence.roles import INPUT, OUTPUT, check_roles, column_roles
 from .readers import load
 from .tables import PathLike, check_size, names_of, wants_all
 from .timegrid import Vector, check_step, regular_time, uniform_time
@@ -276,8 +277,8 @@ def _vector(x: Any, where: str) -> Vector:
 
 def read(
     path: PathLike,
-    u: str = "u",
-    y: str = "y",
+    u: str | Sequence[str] = "u",
+    y: str | Sequence[str] = "y",
     t: str | None = "t",
     Ts: float | None = None,
     rows: slice | str | None = None,
@@ -295,7 +296,8 @@ def read(
     Parameters
     ----------
     u, y, t : str
-        Names of the columns of input, output and time (s).
+        Names of the columns of input, output and time (s). Of several inputs the first is `u`, the others are channels
+        with the role "input"; of several outputs the first is `y`, and all are channels with the role "output".
     Ts : float
         Sampling time in s; when given, the time column is not used.
     rows : slice or "A:B"
@@ -311,6 +313,8 @@ def read(
     roles : mapping such as {"command": "setpoint", "temp": "disturbance", "index": "ignore"}
         What further columns are (`Record.roles`); those with a role are channels too, but for what is ignored.
     """
+    if not (isinstance(u, str) and isinstance(y, str)):
+        return _read_several(path, u, y, t, Ts, rows, channels, missing, units, roles)
     if missing not in ("refuse", "drop"):
         raise DataError(f"missing values are refused or dropped (--missing refuse or drop), not {missing!r}")
     said = check_roles(roles or {})
@@ -335,6 +339,20 @@ def read(
         (*table.notes, *grid.notes), grid.breaks, said_first(written, _known(units, written, f"{table.path}: units")),
         table.aside({*asked, t, *given}, cut), given,
     )  # fmt: skip
+
+
+def _read_several(path: PathLike, u: Any, y: Any, t: Any, Ts: Any, rows: Any, channels: Any, *rest: Any) -> Record:
+    """Read a record with several inputs or outputs: see `read`."""
+    (u, *inputs), (y, *outputs) = ([name] if isinstance(name, str) else [*name] for name in (u, y))
+    missing, units, roles = rest
+    said = {**dict.fromkeys(inputs, INPUT), **dict.fromkeys(outputs, OUTPUT), **(roles or {})}
+    made = read(path, u, y, t, Ts, rows, [*names_of(channels), *inputs, *outputs], missing, units, said)
+    if not outputs:
+        return made
+    first = channel_name(y)
+    units = {**made.units, **({first: made.units["y"]} if "y" in made.units else {})}
+    every = {first: made.y, **made.channels}
+    return replace(made, channels=every, roles={**made.roles, first: OUTPUT}, units=units)
 
 
 def read_signal(

@@ -384,9 +384,12 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
 
 
 def cancels(model: Model) -> bool:
-    """Whether large input coefficients cancel: a finite-difference trick that smooth inputs allow."""
+    """Whether large input coefficients cancel: a finite-difference trick that smooth inputs allow.
+
+    Of several inputs each must: one denominator has the poles of all, and a numerator takes those of the others away.
+    """
     inputs = [c for c, (_, term) in zip(model.theta, model.parts(), strict=True) if term.has(u)]
-    return bool(len(inputs) > 1 and np.sum(np.abs(inputs)) > CANCELS * abs(np.sum(inputs)))
+    return not model.channels and bool(len(inputs) > 1 and np.sum(np.abs(inputs)) > CANCELS * abs(np.sum(inputs)))
 
 
 def _linear(

@@ -38,3 +38,10 @@ class InternalDynamicsDoors:
     radius = door("fit.laws.excursions", "radius")
     repelling = door("fit.laws.excursions", "repelling")
     along = door("fit.laws.excursions", "excursion")
+
+
+class SystemLawDoors:
+    """Each line is one function of the room that does it; it takes the law first."""
+
+    run = door("fit.several", "run_law")
+    lambdify = door("engines.lambdify", "lambdify")

@@ -24,6 +24,7 @@ from narx_sym.fit.laws.stability import stability as _fit_laws_stability_stabili
 from narx_sym.fit.laws.start import law_start as _fit_laws_start_law_start
 from narx_sym.fit.laws.start import rest_expression as _fit_laws_start_rest_expression
 from narx_sym.fit.laws.start import rest_input as _fit_laws_start_rest_input
+from narx_sym.fit.several import run_law as _fit_several_run_law
 from narx_sym.report.notebook.shown import law_html as _report_notebook_shown_law_html
 from narx_sym.tasks.commission import commission as _tasks_commission_commission
 
@@ -57,3 +58,7 @@ class InternalDynamicsDoors:
     radius = _fit_laws_excursions_radius
     repelling = _fit_laws_excursions_repelling
     along = _fit_laws_excursions_excursion
+
+class SystemLawDoors:
+    run = _fit_several_run_law
+    lambdify = _engines_lambdify_lambdify

@@ -39,6 +39,17 @@ class ModelDoors:
     _repr_html_ = door("report.notebook.shown", "model_html")
 
 
+class SystemDoors:
+    """Each line is one function of the room that does it; it takes the system first."""
+
+    lambdify = door("engines.lambdify", "lambdify")
+    sensitivities = door("symbolic.sensitivity", "sensitivities")
+    compensator = door("inversion.several", "compensators")
+    simulate = door("fit.several", "simulate_system")
+    free_run = door("fit.several", "free_run_system")
+    evaluate = door("fit.several", "evaluate_system")
+
+
 class EffectDoors:
     """Each line is one function of the room that does it; it takes the effect first."""
 

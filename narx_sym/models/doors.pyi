@@ -18,9 +18,13 @@ from narx_sym.fit.interop import model_rest_state as _fit_interop_model_rest_sta
 from narx_sym.fit.interop import to_control as _fit_interop_to_control
 from narx_sym.fit.interop import to_sysidentpy as _fit_interop_to_sysidentpy
 from narx_sym.fit.least_squares import fit as _fit_least_squares_fit
+from narx_sym.fit.several import evaluate_system as _fit_several_evaluate_system
+from narx_sym.fit.several import free_run_system as _fit_several_free_run_system
+from narx_sym.fit.several import simulate_system as _fit_several_simulate_system
 from narx_sym.fit.simulate import predict as _fit_simulate_predict
 from narx_sym.fit.simulate import simulate as _fit_simulate_simulate
 from narx_sym.inversion.compensator import compensator as _inversion_compensator_compensator
+from narx_sym.inversion.several import compensators as _inversion_several_compensators
 from narx_sym.models.analysis import check as _models_analysis_check
 from narx_sym.models.compose import feedback as _models_compose_feedback
 from narx_sym.models.compose import parallel as _models_compose_parallel
@@ -68,6 +72,14 @@ class ModelDoors:
     plot_quasi_static = _report_plots_sets_plot_quasi_static
     plot_comparison = _report_plots_run_plot_comparison
     _repr_html_ = _report_notebook_shown_model_html
+
+class SystemDoors:
+    lambdify = _engines_lambdify_lambdify
+    sensitivities = _symbolic_sensitivity_sensitivities
+    compensator = _inversion_several_compensators
+    simulate = _fit_several_simulate_system
+    free_run = _fit_several_free_run_system
+    evaluate = _fit_several_evaluate_system
 
 class EffectDoors:
     __rshift__ = _models_compose_series

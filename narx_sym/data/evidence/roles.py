@@ -14,10 +14,10 @@ import numpy as np
 from ...errors import DataError
 
 Array = np.ndarray
-SETPOINT, INPUT, DISTURBANCE, IGNORE = "setpoint", "input", "disturbance", "ignore"
+SETPOINT, INPUT, OUTPUT, DISTURBANCE, IGNORE = "setpoint", "input", "output", "disturbance", "ignore"
 DERIVATIVE, INTEGRAL, COPIES = "derivative-of-y", "integral-of-y", {"copy-of-y": "output", "copy-of-u": "input"}
 ACTING = (INPUT, DISTURBANCE)  # what may act on the machine beside its input
-ROLES = (SETPOINT, INPUT, DERIVATIVE, INTEGRAL, DISTURBANCE, IGNORE, *COPIES)
+ROLES = (SETPOINT, INPUT, OUTPUT, DERIVATIVE, INTEGRAL, DISTURBANCE, IGNORE, *COPIES)
 SETPOINTS = {"setpoint", "sp", "sv", "ref", "reference", "command", "cmd", "target", "demand", "desired", "goal"}
 RATES = {"velocity", "vel", "speed", "rate", "dot", "dy", "dydt"}
 FURTHER = re.compile(r"(u|in|input|mv)_?[2-9]", re.IGNORECASE)

@@ -1,0 +1,205 @@
+"""Machines with several outputs: identified output by output, run and judged as one."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from ..data.evidence.roles import OUTPUT
+from ..data.metrics import mape, nrmse
+from ..data.record import Record
+from ..data.units import listed
+from ..engines.compile import compile
+from ..errors import DataError, FitError, ModelError
+from ..inversion.several import SystemLaw
+from ..models.model import Model
+from ..models.system import System
+from .bases.choice import PRICE
+from .evaluate import Errors, estimated, evaluate
+from .freerun import FreeRun
+from .identify import HELD_OUT, identify
+from .simulate import Records, fitted
+
+Array = np.ndarray
+COUPLED = 2  # lags of the other outputs that a part may read
+
+
+def outputs_of(record: Record) -> list[str]:
+    """Return the names of the outputs of a record: its channels with that role, of which one is `record.y`.
+
+    Raises
+    ------
+    DataError
+        Where there are none, or none of them is `record.y`.
+    """
+    names = [n for n in record.channels if record.roles.get(n) == OUTPUT]
+    if not any(np.array_equal(record.channels[n], record.y) for n in names):
+        raise DataError(
+            f"record {record.name!r}: which channels are outputs? Read them as y=['y1', 'y2'], or give each, the first "
+            "one too, as a channel with the role 'output'."
+        )
+    return names
+
+
+def part_of(record: Record, output: str) -> Record:
+    """Return a record as the model of one output sees it: that is `y`, and the other outputs are channels."""
+    if output not in outputs_of(record):
+        raise DataError(f"record {record.name!r}: {output!r} is no output; there are {', '.join(outputs_of(record))}.")
+    channels = {n: x for n, x in record.channels.items() if n != output}
+    units = {n: label for n, label in record.units.items() if n not in ("y", output)}
+    units |= {"y": record.units[output]} if output in record.units else {}
+    roles = {n: role for n, role in record.roles.items() if n != output}
+    return replace(record, y=record.channels[output], channels=channels, units=units, roles=roles)
+
+
+def identify_outputs(records: Records, base: str = "linear", **options: Any) -> System:
+    """Identify a model for each output, with all inputs; the other outputs take part where the whole then runs better.
+
+    Parameters
+    ----------
+    records : Record or list of Record
+        With several outputs: `ns.read(..., u=["u1", "u2"], y=["y1", "y2"])`, or channels with the roles "input" and
+        "output".
+    base : of `identify`
+    options : of `identify`, for every output
+
+    Returns
+    -------
+    System
+
+    Raises
+    ------
+    DataError, FitError
+        As `identify`, and where a record does not say its outputs.
+    """
+    every = listed(records)
+    names = outputs_of(every[0])
+    choices: list[list[Model]] = []
+    for name in names:
+        parts = [part_of(r, name) for r in every]
+        others = {n: range(1, COUPLED + 1) for n in names if n != name}
+        choices.append([])
+        for lags in ({}, others)[: 1 + bool(others)]:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # of channels that take no part
+                try:
+                    choices[-1].append(
+                        identify(parts, base=base, **{**options, "lags": {**lags, **options.get("lags", {})}})
+                    )
+                except FitError as error:
+                    problem = error
+        if not choices[-1]:
+            raise problem
+    held = [r.split(1 - HELD_OUT)[1] for r in every]
+    systems = [System(dict(zip(names, some, strict=True))) for some in product(*choices)]
+
+    def cost(system: System) -> float:
+        errors = evaluate_system(system, held)
+        return sum(2 * np.log(max(e.free_run_nrmse, 1e-12)) for e in errors.values()) + PRICE * len(system.symbols)
+
+    return min(systems, key=cost) if len(systems) > 1 else systems[0]
+
+
+def simulate_system(
+    system: System, inputs: Mapping[str, Any], y0: Mapping[str, Any] | None = None, engine: str = "native"
+) -> dict[str, Array]:
+    """Free run of all outputs together from given first outputs.
+
+    Parameters
+    ----------
+    inputs : mapping from the names of the inputs to (N,) arrays
+    y0 : mapping from the names of outputs (and states) to a number or (depth,) array; 0 by default
+
+    Returns
+    -------
+    dict from the names of the outputs to (N,) arrays
+
+    Raises
+    ------
+    ModelError
+        For a missing input, and a system without values.
+    Diverged
+        Where a run leaves the finite numbers.
+    """
+    if system.numbers is None:
+        raise ModelError("The system has no parameter values: fit it or give theta.")
+    begin = {base.name: 0.0 for base in system.recursion.states} | {str(n): v for n, v in (y0 or {}).items()}
+    run = compile(system.recursion, engine)(inputs, list(system.numbers), begin)
+    return {name: run[name] for name in system.outputs}
+
+
+def free_run_system(system: System, record: Record) -> dict[str, Array]:
+    """Run a system along a record, all outputs together, from start states that are estimated output by output.
+
+    Gaps start anew.
+
+    Returns
+    -------
+    dict from the names of the outputs to (N,) arrays
+    """
+    pieces: dict[str, list[Array]] = {name: [] for name in system.outputs}
+    for part in record.segments():
+        begin: dict[str, Array] = {}
+        depth = max(1, system.recursion.depth)
+        for name, model in system.parts.items():
+            fitted(model)
+            own = part_of(part, name)
+            problem = FreeRun(model, own, None)
+            z, _ = estimated(problem, problem.start(model.theta))
+            called = {base.name: new.name for base, new in system.names(name).items() if base not in model.symbols}
+            run = problem.states(z, 0)
+            begin |= {called[n]: np.asarray(x[:depth]) for n, x in run.items()}
+        given = {n: x for n, x in part.signals.items() if n in system.inputs}
+        runs = compile(system.recursion)(given, list(system.numbers or ()), begin, on_divergence="nan", start=depth)
+        for name in system.outputs:
+            pieces[name].append(runs[name])
+    return {name: np.concatenate(found) for name, found in pieces.items()}
+
+
+def evaluate_system(system: System, records: Records) -> dict[str, Errors]:
+    """Compare a system with measurements, output by output: one step ahead, and in the free run of all together.
+
+    Returns
+    -------
+    dict from the names of the outputs to Errors
+    """
+    every: Sequence[Record] = listed(records)
+    runs = [free_run_system(system, r) for r in every]
+    found = {}
+    for name, model in system.parts.items():
+        parts = [part_of(r, name) for r in every]
+        alone = evaluate(model, parts)
+        target, run = np.concatenate([p.y for p in parts]), np.concatenate([one[name] for one in runs])
+        fine = bool(np.isfinite(run).all())
+        errors = (nrmse(target, run), mape(target, run), float(np.sqrt(np.mean((target - run) ** 2))))
+        whole = errors if fine else (np.inf, np.inf, np.inf)
+        found[name] = Errors(alone.one_step_nrmse, whole[0], alone.one_step_mape, whole[1], whole[2])
+    return found
+
+
+def run_law(
+    law: SystemLaw, references: Mapping[str, Any], start: Mapping[str, float] | None = None
+) -> dict[str, Array]:
+    """Return the inputs that make the outputs follow their references.
+
+    Parameters
+    ----------
+    references : mapping from the names of outputs, and of what else is measured, to (N,) arrays
+    start : mapping from the names of inputs to where they rest before; 0 by default
+
+    Returns
+    -------
+    dict from the names of the inputs to (N,) arrays
+    """
+    system = law.system
+    if missing := [name for name in system.outputs if name not in references]:
+        raise ModelError(f"The reference of {missing[0]!r} is missing.")
+    given = {f"r_{n}" if n in system.outputs else n: np.asarray(x, dtype=float) for n, x in references.items()}
+    begin = {left.base.name: float((start or {}).get(left.base.name[2:], 0.0)) for left, _ in law.updates}
+    run = compile(law.recursion)(given, list(system.numbers or ()), begin)
+    return {name[2:]: run[name] for name in begin}
