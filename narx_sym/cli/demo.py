@@ -91,7 +91,7 @@ def compensate(out: Path, model: Model, inverse: Model, validation: Record) -> t
     say(f"  m[k] = {text(law.law)}", markup=False)
     say(f"  put back into the model it gives r[k+1] with residual {law.residual()}", markup=False)
     write_text(out / "law.tex", f"\\[\n{law.latex(numbers=True)}\n\\]\n")
-    write_text(out / "law.c", law.to_c())
+    write_text(out / "law.c", law.export("c"))
     with working("Running the laws on the actuator"):
         r = validation.u
         inputs = {"without": r, "law": law.run(r), "inverse law": inverse_law.run(r)}

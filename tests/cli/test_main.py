@@ -198,7 +198,7 @@ def test_compensate_exports_the_law(run, bench, tmp_path):
     code, text, err = run("compensate", bench / "model.json", "--c", tmp_path / "law.c", "--st", tmp_path / "law.st")
     assert code == 0 and not err and "C99 source" in text and "Structured Text" in text
     law = ns.load(bench / "model.json").compensator()
-    assert (tmp_path / "law.c").read_text() == law.to_c() and (tmp_path / "law.st").read_text() == law.to_st()
+    assert (tmp_path / "law.c").read_text() == law.export("c") and (tmp_path / "law.st").read_text() == law.export("st")
     code, _, err = run("compensate", bench / "model.json", "--st", bench / "model.json")
     assert code == 2 and "is read by this command" in err
 
