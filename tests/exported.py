@@ -9,7 +9,7 @@ import sympy as sp
 from paper import BENCH
 
 import narx_sym as ns
-from narx_sym.codegen.export import to_c, to_st
+from narx_sym.codegen.export import written
 from narx_sym.engines.compile import compile
 from narx_sym.fit.bases.play import Shape
 from narx_sym.models.extend import extend, variants
@@ -43,11 +43,12 @@ class Subject:
             type(self.thing), lambda: self.recursion.states[-1]
         )()  # fmt: skip
 
-    def c(self, name, **options):
-        return self.thing.to_c(name, **options) if self.thing else to_c(self.recursion, self.values, name, **options)
-
-    def st(self, name, **options):
-        return self.thing.to_st(name, **options) if self.thing else to_st(self.recursion, self.values, name, **options)
+    def export(self, to, name, **options):
+        return (
+            self.thing.export(to, name, **options)
+            if self.thing
+            else written(to, self.recursion, self.values, name, **options)
+        )
 
     def at_rest(self, name):
         return (self.rest or {}).get(name, 0.3)

@@ -59,13 +59,13 @@ class Variable:
 
 @export("fmu", "FMU, FMI 3.0", ".fmu")
 def fmi_3(request: Request) -> bytes:
-    """Return the FMU as bytes; see `narx_sym.codegen.targets.model_to_fmu`."""
+    """Return the FMU as bytes; see `narx_sym.codegen.targets.export_model`."""
     return _archive(request, 3)
 
 
 @export("fmu2", "FMU, FMI 2.0")
 def fmi_2(request: Request) -> bytes:
-    """Return the FMU as bytes; see `narx_sym.codegen.targets.model_to_fmu`."""
+    """Return the FMU as bytes; see `narx_sym.codegen.targets.export_model`."""
     return _archive(request, 2)
 
 
@@ -119,7 +119,7 @@ def _variables(request: Request, layout: Layout) -> list[Variable]:
         what = f"input, {ahead} sample{'s' * (ahead > 1)} ahead," if ahead else "input"
         listed.append(signal("i", base, labels[base], what, True))
     what = "output, one sample late," if _late(layout) else "output"
-    listed.append(signal("o", layout.returned, labels[layout.returned], what, False))
+    listed.append(signal("o", request.returned, layout.output, what, False))
     listed += [
         Variable("p", named(label), f"parameter {plain(p)}", float(request.values[p]))
         for p, label in layout.parameters.items()
@@ -218,7 +218,7 @@ def _late(layout: Layout) -> bool:
     """Whether the output answers an input at once: what a step ends with is then one sample old."""
     delays, inputs = layout.recursion.graph.delays, (b for b in layout.recursion.inputs if b != t)
     # On every slower way a sample is older.
-    return any(delays(b)[layout.returned] == layout.newest[b] for b in inputs)
+    return any(delays(b)[layout.request.returned] == layout.newest[b] for b in inputs)
 
 
 # -- the description -------------------------------------------------------------------------------------------
@@ -256,7 +256,7 @@ def _description(request: Request, layout: Layout, listed: list[Variable], versi
 
 def _said(request: Request, layout: Layout) -> str:
     """Say what a step takes, and what it ends with."""
-    output, late = layout.labels[layout.returned], _late(layout)
+    output, late = layout.output, _late(layout)
     takes = ", ".join(layout.when(b) for b in layout.recursion.inputs if b != t) or "nothing"
     ends = f"{output}[k]; to have {output} in time, give the inputs one sample earlier" if late else f"{output}[k+1]"
     heading = f"{layout.heading} " if layout.heading else ""

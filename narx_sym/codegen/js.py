@@ -59,7 +59,7 @@ class _JavaScript(Writer):
 
 @export("js", "JavaScript", ".js")
 def source(request: Request) -> str:
-    """Return one constant with its functions: `narx_sym.codegen.export.to_js`."""
+    """Return one constant with its functions: `narx_sym.codegen.export.written`."""
     name = request.name
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name) or name in WORDS:
         raise ModelError(f"{name!r} cannot be the name of a constant in JavaScript.")

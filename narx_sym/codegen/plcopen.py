@@ -98,7 +98,7 @@ def _self_test(request: Request, example: Example) -> Block:
         f"IF {sample} < {size} THEN",
         f"    {sample} := {sample} + 1;",
         f"    {tested}({', '.join(given)});",
-        f"    {gap} := ABS({tested}.{labels[layout.returned]} - {right}) / ({number(1.0)} + ABS({right}));",
+        f"    {gap} := ABS({tested}.{layout.output} - {right}) / ({number(1.0)} + ABS({right}));",
         f"    IF NOT ({gap} <= {number(example.allowed(single), single)}) THEN",
         f"        {wrong} := {wrong} + 1;",
         "    END_IF;",

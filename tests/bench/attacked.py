@@ -49,7 +49,7 @@ def gaps(run: Any) -> dict[str, float]:
     law, first = run.law, {name: float(c[0]) for name, c in run.law.named(run.channels).items()}
     rest = rest_states(law.model, run.u0, run.y0, first) | {"m": run.u0, "r": run.y0, "y": run.y0, **first}
     options = {"limits": WIDE, "share": None}
-    source = law.to_c(**options)
+    source = law.export("c", **options)
     given = Given(law.limited(WIDE), run.model.values, law, rest, initial={"r": run.y, **law.named(run.channels)})
     n = run.y.size - run.ahead
     expected = law.follow(run.y, run.u0, run.channels, **options).m[:n]
@@ -61,5 +61,5 @@ def gaps(run: Any) -> dict[str, float]:
         with tempfile.TemporaryDirectory() as folder:
             found["C"] = stepped(Path(folder), source, "law", steps, given.rests(source))
     if importlib.util.find_spec("blark"):
-        found["ST"] = scanned(Block(given.st("law", **options)), given, n)
+        found["ST"] = scanned(Block(given.export("st", "law", **options)), given, n)
     return {language: float(np.abs(x[:n] - expected).max()) / size for language, x in found.items()}

@@ -28,7 +28,7 @@ REFERENCE = np.concatenate([np.full(6, 0.2), 0.2 + 1.8 * np.sin(np.arange(1, N -
 def in_c(law, taken, folder):
     if shutil.which("gcc") is None:
         pytest.skip("no C compiler here")
-    source = law.to_c()
+    source = law.export("c")
     rest = {"m": 0.1, "y": 0.2}
     return stepped(folder, source, "law", {"r": taken}, [rest[a] for a in arguments(source, "law_init")])
 
@@ -36,13 +36,13 @@ def in_c(law, taken, folder):
 def in_st(law, taken, folder):
     if importlib.util.find_spec("blark") is None:
         pytest.skip("blark is not installed here")
-    block = Block(law.to_st())
+    block = Block(law.export("st"))
     rest = {a: v for a, v in {"M_REST": 0.1, "Y_REST": 0.2}.items() if a in block.inputs}
     return np.array([block.scan(**{block.inputs[0]: float(x)}, **rest) for x in taken])
 
 
 def in_casadi(law, taken, folder):
-    step, state, found = law.to_casadi(), law.rest_state(m=0.1, y=0.2, r=0.2), []
+    step, state, found = law.export("casadi"), law.rest_state(m=0.1, y=0.2, r=0.2), []
     for x in taken:
         state, output = step(state, [x])
         found.append(float(output))
@@ -56,7 +56,7 @@ def in_javascript(law, taken, folder):
     depth = recursion.depth
     held = np.concatenate([np.full(depth + law.preview, 0.2), taken])
     start = [begin.get(str(b.label), 0.0) for b in recursion.states]
-    return javascript.run(law.to_js(), "law", [held], start)["runs"]["m"][depth:][:N]
+    return javascript.run(law.export("js"), "law", [held], start)["runs"]["m"][depth:][:N]
 
 
 def in_an_fmu(law, taken, folder):
@@ -109,13 +109,13 @@ def test_it_is_said_on_top_of_the_source():
         assert "as near as it can" not in straight.export(to)
         assert "takes one at once" not in text
     several = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**2", "u[k-2]"], [0.6, 0.5, 0.15, 0.3]).compensator()
-    assert "takes one at once" in several.to_c()
+    assert "takes one at once" in several.export("c")
 
 
 def test_what_effects_remember_starts_by_itself():
     """Whoever calls init gives input and output; Python starts there too."""
     law = MODELS["creeping"].compensator()
-    assert set(arguments(law.to_c(), "law_init")) <= {"m", "y"}
+    assert set(arguments(law.export("c"), "law_init")) <= {"m", "y"}
     state = dict(zip(map(str, law.exported().past), law.rest_state(m=0.1, y=0.2, r=0.2), strict=True))
     begin = law.start(0.2, 0.1)
     assert state["x[k - 1]"] == pytest.approx(begin["x"], abs=1e-15) and 0 < begin["x"] < 0.2
@@ -124,7 +124,7 @@ def test_what_effects_remember_starts_by_itself():
 def test_the_state_of_a_damped_law_fits_its_step():
     law = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], [1.2, -0.65, 0.23, 0.2415], Ts=TS).compensator()
     assert law.share() < 1
-    following, _ = law.to_casadi()(law.rest_state(m=0.0, y=0.0, r=0.0), [0.0])
+    following, _ = law.export("casadi")(law.rest_state(m=0.0, y=0.0, r=0.0), [0.0])
     assert not np.array(following).any()
     assert len(law.rest_state(share=None, m=0.0, r=0.0)) == len(law.recursion.past)
     assert len(law.rest_state(share=None, **law.start(0.0, 0.0))) == len(law.recursion.past)
@@ -137,7 +137,7 @@ def test_a_state_at_rest_takes_what_start_gives(effect):
     linear = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=TS)
     law = valued(linear, effect, value=0.05, tau=0.1, f=3.0).compensator()
     state = law.rest_state(share=None, **law.start(0.2, 0.1))
-    _, output = law.to_casadi(share=None)(
+    _, output = law.export("casadi", share=None)(
         state, [0.2 if str(s.base.label) == "r" else 0.0 for s in law.exported().given]
     )
     assert state.shape == (len(law.exported(share=None).past),) and np.isfinite(float(output))

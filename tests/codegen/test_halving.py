@@ -63,7 +63,7 @@ def test_a_state_may_start_from_a_parameter(tmp_path):
     own = a * y[k - 1] + b * u[k - 1] + b * sp.tanh(u[k - 1]) + w[k]
     law = ns.Model(own, (a, b, c), [0.5, 0.5, 2 / 9], states=[state], Ts=TS).compensator()
     assert not law.closed_form
-    source = law.to_c(limits=None)
+    source = law.export("c", limits=None)
     rest = {"m": 0.1, "y": 0.2}
     found = stepped(tmp_path, source, "law", {"r": REFERENCE[1:]}, [rest[n] for n in arguments(source, "law_init")])
     expected = law.follow(REFERENCE, 0.1, share=None).m

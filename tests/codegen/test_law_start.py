@@ -30,11 +30,11 @@ def test_the_source_starts_at_the_rest_of_its_reference_and_keeps_the_known_rang
     )
     for level in (4.5, 8.0):
         r = level + np.where(np.arange(200) < 20, 0.0, 6.0 * np.sin(0.05 * (np.arange(200) - 20)))
-        source = law.to_c()
+        source = law.export("c")
         assert "law_init(law_state *past, law_real r)" in source
         found = stepped(tmp_path, source, "law", {"r": r[1:]}, [float(r[0])])
         expected = law.run(r, limits=(low, high))[:-1]
         assert np.abs(found - expected).max() <= 2e-3 * (high - low) and found.min() >= low and found.max() <= high
         assert abs(found[0] - law.rest_input(level)) <= 1e-3 * (high - low)
-    free = stepped(tmp_path, law.to_c(limits=None), "law", {"r": r[1:]}, [float(r[0])])
+    free = stepped(tmp_path, law.export("c", limits=None), "law", {"r": r[1:]}, [float(r[0])])
     assert free.max() > high

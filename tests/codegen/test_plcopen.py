@@ -114,7 +114,7 @@ def test_a_wrong_block_fails_its_own_test(wrong):
 def test_the_block_is_that_of_structured_text(name):
     subject = SUBJECTS[name]
     for single in (False, True):
-        text, found = subject.st("law", single=single), texts(export(subject, single=single))["law"]
+        text, found = subject.export("st", "law", single=single), texts(export(subject, single=single))["law"]
 
         def words(source):
             return sorted(re.sub(r"\(\*.*?\*\)", "", source, flags=re.S).replace("\n", " ").split())

@@ -185,7 +185,7 @@ def test_law_and_fmu_have_the_units_of_the_model(tmp_path, run):
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"]).fit(record(UNITS))
     model.save(tmp_path / "m.json")
     for made, units in ((model, {"u": "V", "y": "um"}), (model.compensator(), {"m": "V", "r": "um"})):
-        made.to_fmu(tmp_path / "x.fmu")
+        made.export("fmu")
         found = ET.fromstring(zipfile.ZipFile(tmp_path / "x.fmu").read("modelDescription.xml"))
         assert {v.get("name"): v.get("unit") for v in found.iter("Float64") if v.get("name") in units} == units
     wanted = (1 + 0.2 * np.sin(np.arange(100) / 10)) / 1000  # [mm]
