@@ -53,7 +53,8 @@ def compensate(
 ) -> None:
     """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
     from ..codegen.registry import exports, target_of
-    from ..data.units import coefficients_latex, said_first
+    from ..codegen.units import coefficients_latex
+    from ..data.units import said_first
     from ..files.atomic import check_columns, write_bytes, write_text
     from ..files.store import load
     from ..inversion.compensator import allowed
@@ -99,7 +100,7 @@ def _check_run(reference: Path | None, out: Path | None, options: dict[str, Any]
 
 def _tell(law: Compensator, share: Any, known: dict[str, str]) -> None:
     """Print a law, and what to know before it runs."""
-    from ..data.units import by_unit
+    from ..codegen.units import by_unit
     from ..tasks.compensate import ahead, caution
 
     units = {name: known[own] for name, own in (("m", "u"), ("r", "y")) if own in known}

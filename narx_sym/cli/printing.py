@@ -106,7 +106,7 @@ def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:
 
 def print_model(model: Model) -> None:
     """Print terms, parameters, with their units where those of the signals are known, and both errors."""
-    from ..data.units import coefficient_units
+    from ..codegen.units import coefficient_units
 
     rows, known = [], model.info.units
     units = coefficient_units(model, known) if known else {}

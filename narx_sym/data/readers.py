@@ -21,7 +21,7 @@ from ..errors import DataError
 from ..files.atomic import COLUMNS
 from .logs import MATLAB_NUMBERS, load_mat73, load_mdf, load_tdms
 from .tables import LARGEST_FILE, PathLike, Table, readable
-from .units.labels import bare, headed, is_unit
+from .units import bare, headed, is_unit
 
 LONGEST_HEADER = 1_000_000  # characters
 FIRST_LINES = 200  # in which numbers must begin, for names below other lines to be seen

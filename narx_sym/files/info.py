@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from ..errors import ModelError
 from ..models.added import AddedEffect
 from ..models.effects import MACHINES
-from ..models.info import Info, Nrmse
+from ..models.info import Info, Nrmse, Selection
 from .plain import read
 
 MAX_LABEL = 100  # characters of a unit, or a role
@@ -38,7 +38,7 @@ def info_to_dict(info: Info) -> dict[str, Any]:
     for name in (f.name for f in fields(Info)):
         value = getattr(info, name)
         if value != getattr(empty, name):
-            found[name] = asdict(value) if is_dataclass(value) else value  # type: ignore[arg-type]
+            found[name] = asdict(value) if isinstance(value, Selection | Nrmse) else value
     if info.nrmse:
         found["nrmse"] = {n: or_none(v) for n, v in found["nrmse"].items()}
     return found
@@ -58,26 +58,31 @@ def or_none(number: float) -> float | None:
 def read_info(given: Any) -> Info:
     """Build what is known of a fit from plain data; ModelError for what cannot be."""
     plain = dict(read(Mapping[str, Any], given, "info"))
-    errors = read(Mapping[str, float | None] | None, plain.pop("nrmse", None), "info.nrmse")  # type: ignore[arg-type]
+    errors = read(Mapping[str, float | None] | None, plain.pop("nrmse", None), "info.nrmse")
     if errors is not None and set(errors) != {f.name for f in fields(Nrmse)}:
         raise ModelError("'info.nrmse' must give one_step and free_run.")
     nrmse = None if errors is None else Nrmse(**{n: math.inf if v is None else v for n, v in errors.items()})
     info: Info = replace(read(Info, plain, "info"), nrmse=nrmse)
-    good = {
-        "ranges must increase": all(low < high for low, high in info.ranges.values()),
-        "rates and frequencies must not be negative": min((*info.rates.values(), *info.frequencies.values(), 0)) >= 0,
-        "steps must be positive": all(step > 0 for step in info.steps.values()),
-        "band must not be negative, and stands beside line": info.band is None or (info.line and info.band >= 0),
-        f"units and roles must be printable texts of at most {MAX_LABEL} characters": all(
-            0 < len(label) <= MAX_LABEL and label.isprintable()
-            for label in (*info.units.values(), *info.roles.values())
-        ),
-        f"digits must be from 0 to {MAX_DIGITS}": 0 <= info.digits <= MAX_DIGITS,
-        f"machine must be one of {', '.join(MACHINES)}, or none": info.machine in ("", "none", *MACHINES),
-    }
-    for rule in (rule for rule, holds in good.items() if not holds):
-        raise ModelError(f"'info': {rule}.")
+    labels = f"must be printable texts of 1 to {MAX_LABEL} characters"
+    rules = [
+        ("ranges", all(low < high for low, high in info.ranges.values()), "must increase"),
+        ("rates", all(v >= 0 for v in info.rates.values()), "must not be negative"),
+        ("frequencies", all(v >= 0 for v in info.frequencies.values()), "must not be negative"),
+        ("steps", all(v > 0 for v in info.steps.values()), "must be positive"),
+        ("band", info.band is None or (info.line and info.band >= 0), "must not be negative, and stands beside line"),
+        ("units", all(map(_is_label, info.units.values())), labels),
+        ("roles", all(map(_is_label, info.roles.values())), labels),
+        ("digits", 0 <= info.digits <= MAX_DIGITS, f"must be from 0 to {MAX_DIGITS}"),
+        ("machine", info.machine in ("", "none", *MACHINES), f"must be one of {', '.join(MACHINES)}, or none"),
+    ]
+    for name, holds, rule in rules:
+        if not holds:
+            raise ModelError(f"'info.{name}' {rule}.")
     return info
+
+
+def _is_label(text: str) -> bool:
+    return 0 < len(text) <= MAX_LABEL and text.isprintable()
 
 
 def to_effects(listed: Sequence[EffectData], symbols: Mapping[str, Any]) -> list[AddedEffect]:

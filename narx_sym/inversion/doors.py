@@ -7,7 +7,7 @@ class CompensatorDoors:
     """Each line is one function of the room that does it; it takes the law first."""
 
     export = door("codegen.targets", "export_law")
-    coefficients = door("data.units.derived", "coefficients")
+    coefficients = door("codegen.units", "coefficients")
     lambdify = door("engines.lambdify", "lambdify")
     run = door("fit.laws.run", "run_law")
     exported = door("fit.laws.run", "exported")

@@ -1,6 +1,6 @@
 # What editors and mypy see of the doors; written by tests/stubs.py.
 from narx_sym.codegen.targets import export_law as _codegen_targets_export_law
-from narx_sym.data.units.derived import coefficients as _data_units_derived_coefficients
+from narx_sym.codegen.units import coefficients as _codegen_units_coefficients
 from narx_sym.engines.lambdify import lambdify as _engines_lambdify_lambdify
 from narx_sym.fit.interop import law_rest_state as _fit_interop_law_rest_state
 from narx_sym.fit.laws.counting import check as _fit_laws_counting_check
@@ -24,7 +24,7 @@ from narx_sym.tasks.commission import commission as _tasks_commission_commission
 
 class CompensatorDoors:
     export = _codegen_targets_export_law
-    coefficients = _data_units_derived_coefficients
+    coefficients = _codegen_units_coefficients
     lambdify = _engines_lambdify_lambdify
     run = _fit_laws_run_run_law
     exported = _fit_laws_run_exported

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..data.coverage import beyond
 from ..data.evidence.noise import CLEARLY, sensor_noise
 from ..data.metrics import rms
 from ..data.units import in_units, said_first
 from ..errors import Diverged, ModelError
 from ..fit.bootstrap import as_large, block_bootstrap, fresh_blocks
+from ..fit.coverage import beyond
 from ..fit.evaluate import free_run
 from ..fit.identify import prepare
 from ..fit.laws.damping import Share

@@ -13,7 +13,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any, TypeVar
 
-from ...errors import DataError, ModelError
+from ..errors import DataError, ModelError
 
 Measured = TypeVar("Measured", bound=Any)  # a Record: that module uses this one
 LONGEST = 40  # characters of a label
