@@ -284,7 +284,7 @@ def test_too_few_complete_rows(tmp_path):
 
 
 def test_archives_that_would_fill_the_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr("narx_sym.data.readers.LARGEST_FILE", 1_000_000)
+    monkeypatch.setattr("narx_sym.data.tables.LARGEST_FILE", 1_000_000)
     for name, content in (("a.npz", archive((10**6,), 8 * 10**6)), ("a.mat", mat(u=np.zeros(10**6)))):
         with pytest.raises(DataError, match=r"0\.008 GB"):
             ns.read(write(tmp_path, name, content))
