@@ -35,7 +35,7 @@ class Subject:
     thing: Any = None  # a model or a law
     rest: Any = None  # of the sequences by name; 0.3 for all others
     size: float = 1.0  # of what moves
-    initial: Any = None
+    given: Any = None  # what moves instead of waves
 
     @cached_property
     def output(self):
@@ -55,6 +55,8 @@ class Subject:
 
     def waves(self, n):
         """Each input by name: at rest for a while, then a wave of its own; time goes on from the start."""
+        if self.given:
+            return {name: x[:n] for name, x in self.given.items()}
         i = np.maximum(np.arange(n) - STILL, 0)
         found = {}
         for j, base in enumerate(self.recursion.inputs):

@@ -1,8 +1,6 @@
 """C99 source: it compiles without a warning and gives what Python gives."""
 
 import re
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -10,55 +8,19 @@ import sympy as sp
 from drawn import recursions
 from exported import AWKWARD, SUBJECTS, Subject, valued
 from hypothesis import HealthCheck, assume, given, reject, settings
+from languages import arguments, built, needs_gcc, run, self_tested, stepped
 from sampling import some
 
 import narx_sym as ns
 from narx_sym.codegen.export import written
-from narx_sym.engines.compile import compile
 from narx_sym.errors import Diverged, ModelError
 from narx_sym.models.info import Info
 from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.sensitivity import sensitivities
 from narx_sym.symbolic.signals import k, signal, u, y
 
-gcc = shutil.which("gcc")
-needs_gcc = pytest.mark.skipif(gcc is None, reason="no C compiler here")
-FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2"]
 N = 50_000
 p = signal("p")
-
-
-def built(folder, source, *flags):
-    """Compile a source into a program in its folder."""
-    path = folder / "x.c"
-    path.write_text(source, encoding="utf-8")
-    subprocess.run([gcc, *FLAGS, *flags, path, "-o", folder / "x", "-lm"], check=True, capture_output=True, text=True)
-    return folder / "x"
-
-
-def stepped(folder, source, name, steps, rest):
-    """Step an exported source over arrays, in the order of its own arguments: all by a main of a few lines."""
-    takes = arguments(source, f"{name}_step")
-    n = len(next(iter(steps.values()))) if steps else 100
-    body = f"""
-    #include <stdio.h>
-    int main(void) {{
-        {name}_state s; double row[{len(takes) + 1}] = {{0.0}};
-        {name}_init({", ".join(["&s", *(f"{v!r}" for v in rest)])});
-        while (fread(row, sizeof(double), {max(1, len(takes))}, stdin) == {max(1, len(takes))}) {{
-            const double out = (double){name}_step({", ".join(["&s", *(f"({name}_real)row[{i}]" for i in range(len(takes)))])});
-            fwrite(&out, sizeof(double), 1, stdout);
-        }}
-        return 0;
-    }}"""
-    rows = np.column_stack(list(steps.values())) if steps else np.zeros((n, 1))
-    ran = subprocess.run([built(folder, source + body)], input=rows.tobytes(), capture_output=True, check=True)
-    return np.frombuffer(ran.stdout)
-
-
-def arguments(source, function):
-    """The signals that a function takes, as its header names them."""
-    return re.search(rf"{function}\(\w+_state \*past(.*?)\);", source).group(1).replace(",", " ").split()[1::2]
 
 
 def code(source):
@@ -66,28 +28,19 @@ def code(source):
     return re.sub(r"/\*.*?\*/", "", source, flags=re.S)
 
 
-def resting(subject, source, name):
-    labels = {re.sub(r"_sig\d*$", "", a): a for a in arguments(source, f"{name}_init")}
-    assert all(a in ("r", "m", "u", "y", "p", "t", "temp", "load", "v", "w", "q", "z1", "z2") for a in labels), labels
-    return [subject.at_rest(a) if a != "t" else 0.0 for a in labels]
-
-
 @needs_gcc
 @pytest.mark.parametrize("single", (False, True))
 @pytest.mark.parametrize("name", some(SUBJECTS, 8))
 def test_compiles_cleanly_and_passes_its_own_test(name, single, tmp_path):
-    source = SUBJECTS[name].export("c", "x1", single=single)
-    told = subprocess.run([built(tmp_path, source, "-DX1_SELF_TEST")], capture_output=True, text=True)
-    assert told.returncode == 0 and "passed" in told.stdout
+    end, told = self_tested(tmp_path, SUBJECTS[name].export("c", "x1", single=single), "x1")
+    assert end == "passed", told
 
 
 @needs_gcc
 @pytest.mark.parametrize("name", some([n for n in SUBJECTS if n != "awkward"], every=4))
 def test_agrees_with_python_on_50_000_samples(name, tmp_path):
     subject = SUBJECTS[name]
-    source = subject.export("c", "x1")
-    found = stepped(tmp_path, source, "x1", subject.steps(N), resting(subject, source, "x1"))
-    expected = subject.expected(N)
+    found, expected = run("c", subject, N, tmp_path), subject.expected(N)
     assert found.shape == expected.shape and np.ptp(expected) > 0
     assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
 
@@ -104,9 +57,7 @@ def test_random_recursions_agree(tmp_path, made):
     except Diverged:  # what these inputs drive away has nothing to compare
         reject()
     assume(all(np.abs(x).min() > 1e-9 for x in decided))
-    source = subject.export("c", "x1", output=recursion.states[0])
-    rest = [0.3] * len(arguments(source, "x1_init"))
-    found = stepped(tmp_path, source, "x1", subject.steps(n), rest)
+    found = run("c", subject, n, tmp_path, output=recursion.states[0])
     assert np.abs(found - subject.expected(n, of=recursion.states[0])).max() <= 1e-12
 
 
@@ -129,9 +80,7 @@ def test_units_stand_in_the_comment_and_cannot_end_it(tmp_path):
 def test_awkward_names_agree_too(tmp_path):
     """All signals rest alike and move alike, but by another factor each: a mixed-up pair would show."""
     subject = SUBJECTS["awkward"]
-    source = subject.export("c", "law")
-    found = stepped(tmp_path, source, "law", subject.steps(500), [0.3] * len(arguments(source, "law_init")))
-    assert np.abs(found - subject.expected(500)).max() <= 1e-12
+    assert np.abs(run("c", subject, 500, tmp_path) - subject.expected(500)).max() <= 1e-12
     assert not (tmp_path / "pwned").exists()
 
 
@@ -148,8 +97,7 @@ def test_a_channel_from_a_file_cannot_bring_code(tmp_path):
     linear = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5], Ts=0.01)
     source = valued(linear, 'channel:*/ x; system("touch pwned"); /*').export("c", "m")
     assert "touch" not in code(source).replace("x_system_touch_pwned", "")
-    ran = subprocess.run([built(tmp_path, source, "-DM_SELF_TEST")], cwd=tmp_path, capture_output=True, text=True)
-    assert "passed" in ran.stdout and not (tmp_path / "pwned").exists()
+    assert self_tested(tmp_path, source, "m")[0] == "passed" and not (tmp_path / "pwned").exists()
 
 
 def test_only_the_libraries_that_are_used():
@@ -168,11 +116,7 @@ def test_single_precision(tmp_path):
     wave = np.sin(np.arange(2000) / 50)
     found = stepped(tmp_path, source, "small", {"u": wave[:-1]}, [0.0])
     assert np.allclose(found, model.simulate(wave, 0.0)[1:], atol=1e-5)
-    ran = subprocess.run([built(tmp_path, source, "-DSMALL_SELF_TEST")], capture_output=True, text=True)
-    assert "passed" in ran.stdout
-    for value in (1e-60, 1e60):
-        with pytest.raises(ModelError, match="single precision"):
-            ns.NARX.from_terms(["u[k-1]"], [value]).export("c", single=True)
+    assert self_tested(tmp_path, source, "small")[0] == "passed"
 
 
 @needs_gcc
@@ -187,8 +131,7 @@ def test_single_precision_where_a_bounded_function_ends(name, tmp_path):
     assert np.isfinite(found).all() and (found[20:40] > 8).all() and (found[40:60] < -8).all()
     wide = model.compensator().run(np.insert(r, 0, 0.1), 0.1, clip=True)[:-1]
     assert np.abs(model.simulate(found, 0.1, u0=0.1) - model.simulate(wide, 0.1, u0=0.1)).max() < 1e-5
-    told = subprocess.run([built(tmp_path, source, "-DX_SELF_TEST")], capture_output=True, text=True)
-    assert "passed" in told.stdout, told.stdout
+    assert self_tested(tmp_path, source, "x")[0] == "passed"
 
 
 @needs_gcc
@@ -200,8 +143,8 @@ def test_a_wrong_source_fails_its_own_test(wrong, tmp_path):
     step, _ = source.split("x_real x_step")[-1].split("#ifdef")
     changed = source.replace(step, step.replace(*wrong, 1))
     assert changed != source
-    ran = subprocess.run([built(tmp_path, changed, "-DX_SELF_TEST")], capture_output=True, text=True)
-    assert ran.returncode == 1 and "FAILED" in ran.stdout
+    end, told = self_tested(tmp_path, changed, "x")
+    assert end == "FAILED" and "FAILED" in told
 
 
 @needs_gcc
@@ -245,27 +188,6 @@ def test_the_self_test_moves_where_the_model_was_identified():
     assert float(re.search(r"r\[\d+\] = \{\s*([\d.]+),", model.compensator().export("c")).group(1)) < 10
 
 
-def test_what_c_cannot_say_is_refused():
-    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5])
-    with pytest.raises(ModelError, match="identifier"):
-        model.export("c", "my law")
-    with pytest.raises(ModelError, match="rule for zeta"):
-        written("c", Recursion(((y[k], sp.zeta(u[k])),)), {})
-    with pytest.raises(ModelError, match="no literal"):
-        written("c", Recursion(((y[k], sp.oo * u[k]),)), {})
-    with pytest.raises(ModelError, match="No value"):
-        ns.NARX.from_terms(["y[k-1]"]).export("c")
-    a = sp.Symbol("a", real=True)
-    with pytest.raises(ModelError, match="signals and numbers only"):
-        written("c", Recursion(((p[k], p[k - 1] / 2), (y[k], p[k]))), {}, initial={p: a + u[k]})
-
-
-def test_step_by_step_is_the_same_recursion():
-    """The self-test's expected values come from the engines, not from the C printer."""
-    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0])
-    assert compile(model.recursion)({"u": np.ones(4)}, [0.5, 1.0], {"y": 0.0})["y"].tolist() == [0.0, 1.0, 1.5, 1.75]
-
-
 def test_the_last_state_is_returned_unless_another_is_named():
     pair = Recursion(((p[k], p[k - 1] / 2 + u[k]), (y[k], y[k - 1] / 3 + p[k])))
     assert "returns y[k]" in written("c", pair, {}) and "returns p[k]" in written("c", pair, {}, output=p)
@@ -291,12 +213,6 @@ def test_hidden_states_start_by_themselves():
     assert arguments(source, "x1_step") == ["load", "t", "temp", "u"]
 
 
-def test_the_same_model_gives_the_same_source():
-    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5], Ts=0.01).compensator()
-    assert law.export("c") == law.export("c") and "Sampling time: 0.01 s" in law.export("c")
-    assert "m[k] = 2.0*r[k+1] - 1.6*r[k]\n" in law.export("c")
-
-
 @needs_gcc
 def test_correct_code_passes_where_few_roundings_turn_a_branch(tmp_path):
     """One in eight of the runs with other last bits shows it."""
@@ -304,8 +220,7 @@ def test_correct_code_passes_where_few_roundings_turn_a_branch(tmp_path):
 
     _, model = drawn(np.random.default_rng(13), 2, KEPT)
     source = model.compensator().export("c", "x")
-    told = subprocess.run([built(tmp_path, source, "-DX_SELF_TEST")], capture_output=True, text=True)
-    assert "passed" in told.stdout, told.stdout
+    assert self_tested(tmp_path, source, "x")[0] == "passed"
 
 
 @needs_gcc
@@ -318,8 +233,5 @@ def test_correct_code_passes_where_rounding_grows(tmp_path):
         if name == "chaos":  # nothing can be said about such a run
             assert "No self-test" in source
             continue
-        told = subprocess.run([built(tmp_path, source, f"-D{name.upper()}_SELF_TEST")], capture_output=True, text=True)
-        assert "passed" in told.stdout, told.stdout
-        wrong = source.replace("0.3", "0.30001")
-        told = subprocess.run([built(tmp_path, wrong, f"-D{name.upper()}_SELF_TEST")], capture_output=True, text=True)
-        assert "FAILED" in told.stdout
+        for text, end in ((source, "passed"), (source.replace("0.3", "0.30001"), "FAILED")):
+            assert self_tested(tmp_path, text, name)[0] == end
