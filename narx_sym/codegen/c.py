@@ -53,9 +53,6 @@ class _C(StepWriter):
         self.mathematics = True
         return super().call(name + ("f" if self.single else ""), *arguments)
 
-    def power(self, base: str, exponent: str) -> str:
-        return self.call("pow", base, exponent)
-
     def applied(self, row: Elementary, *arguments: tuple[str, int]) -> str:
         texts, name = [shown for shown, _ in arguments], row.name.lower()
         if name not in HELPERS:
@@ -78,12 +75,6 @@ class _C(StepWriter):
 
     def declare(self, name: str) -> list[str]:
         return [f"{self.real} {name};"]
-
-    def assign(self, name: str, shown: str) -> str:
-        return f"{name} = {shown};"
-
-    def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
-        return [f"if ({condition}) {{", *then, "} else {", *otherwise, "}"]
 
     def past(self, label: str, index: Any) -> str:
         return f"{PAST}->{label}[{index}]"

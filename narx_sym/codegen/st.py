@@ -44,6 +44,7 @@ class _ST(StepWriter):
     language, words = "Structured Text", "st"
     relations: ClassVar[Mapping[Any, str]] = {**RELATIONS, sp.Equality: "=", sp.Unequality: "<>"}
     joints, truth, first = ("AND", "OR", "NOT "), ("FALSE", "TRUE"), 1
+    assigning, choosing = "{name} := {shown};", ("IF {condition} THEN", "ELSE", "END_IF;")
 
     def __init__(self, single: bool):
         super().__init__({}, single)
@@ -72,12 +73,6 @@ class _ST(StepWriter):
     def declare(self, name: str) -> list[str]:
         self.locals.append(Variable(name, self.real))
         return []
-
-    def assign(self, name: str, shown: str) -> str:
-        return f"{name} := {shown};"
-
-    def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
-        return [f"IF {condition} THEN", *then, "ELSE", *otherwise, "END_IF;"]
 
     def past(self, label: str, index: Any) -> str:
         return f"{label}_past[{index}]"
