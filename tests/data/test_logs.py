@@ -159,7 +159,5 @@ def test_too_much(tmp_path, monkeypatch):
 
 def test_on_the_command_line(run, tmp_path):
     path = tdms(tmp_path / "x.tdms")
-    code, text, err = run(
-        "fit", path, "--input", "Voltage", "--output", "Position", "--base", "linear", "--out", tmp_path / "m.json"
-    )
+    code, text, err = run(f"fit {path} --input Voltage --output Position --base linear --out {tmp_path}/m.json")
     assert code == 0 and "units in the file: Voltage [V], Position [um]" in (text + err).replace("\n", " ")
