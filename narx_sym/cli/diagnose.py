@@ -98,7 +98,8 @@ def diagnose(
                 start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
                 open_loop=open_loop, validation=judging, machine=machine, report=progress,
             )  # fmt: skip
-    opt.say_resumed(journal, resume)
+    if journal is not None and journal.found:
+        note(f"{journal.found} results were taken from {resume}")
     _say_done(found, measured)
     # Results are written first, then printed whatever comes of the pictures and the report: a closed pipe loses none.
     found = with_units(found, found.units)

@@ -71,7 +71,8 @@ def fleet(
         rows = run(listed, settings, None if dask else jobs, done.append)
     if kept:
         note(f"{resume}: {done[0]} of {len(rows)} records were done already")
-    written = write_fleet(rows, out, f"{_seen_from(out, reports)}/" if reports is not None else "")
+    seen_from_page = "" if reports is None else f"{Path(os.path.relpath(reports, out.parent)).as_posix()}/"
+    written = write_fleet(rows, out, seen_from_page)
     shown = [
         [
             r["tag"],
@@ -86,11 +87,6 @@ def fleet(
     if problems:
         note(f"{problems} of {len(rows)} records could not be diagnosed: the page says why")
     console().print(f"Written: {', '.join(map(str, written))}", markup=False)
-
-
-def _seen_from(page: Path, folder: Path) -> str:
-    """Return a folder as seen from a page."""
-    return Path(os.path.relpath(folder, page.parent)).as_posix()
 
 
 def _cluster(address: str) -> Any:

@@ -70,7 +70,12 @@ def compensate(
     _check_run(reference, out, {"column": column, "m0": m0, "clip": clip or None, "ts": ts, "rows": rows})
     model = load(model_file)
     names = said_first(model.info.units, opt.unit_names(units))
-    goal = reference and _goal(model, reference, column, names.get("y", ""), Ts=ts, t=t, rows=rows)
+    goal, how = None, {"Ts": ts, "t": t, "rows": rows}
+    if reference:
+        r, stamps = _signal(
+            model, reference, column, "reference", prefer="r", option="--column", unit=names.get("y", ""), **how
+        )
+        goal = r, stamps, _channels(model, reference, "--reference", **how)
     law = model.compensator(force)
     part = None if share == "none" else law.share(share)
     # Not every law has a source: that is known before anything is written.
@@ -144,12 +149,6 @@ def _follow(
     if run.effort is not None:
         say(f"NSAVI (effort against the reference's): {run.effort:.4g}")
     say(f"Written to {out}")
-
-
-def _goal(model: Model, file: Path, column: str | None, unit: str, **how: Any) -> tuple[Any, Any, dict[str, Any]]:
-    """Read samples and time stamps [s] of a reference, and the channels that the model needs."""
-    r, stamps = _signal(model, file, column, "reference", prefer="r", option="--column", unit=unit, **how)
-    return r, stamps, _channels(model, file, "--reference", **how)
 
 
 def _signal(model: Model, file: Path, column: str | None, what: str, **how: Any) -> tuple[Any, Any]:

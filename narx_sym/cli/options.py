@@ -19,7 +19,6 @@ from .printing import note
 # Heavy modules are imported inside the functions: `narx-sym --help` answers at once.
 if TYPE_CHECKING:
     from ..data.record import Record
-    from ..files.journal import Journal
     from ..models.effects import Catalogue
     from ..models.model import Model
 
@@ -215,12 +214,6 @@ def again(context: typer.Context, left_out: Sequence[str] = ()) -> dict[str, lis
         words = [[] if one.is_flag else map(str, value if one.nargs > 1 else [value]) for value in values]
         typed[one.opts[0]] = [word for own in words for word in (one.opts[0], *own)]
     return typed
-
-
-def say_resumed(journal: Journal | None, file: Path | None) -> None:
-    """Say how many results were taken from an earlier run."""
-    if journal is not None and journal.found:
-        note(f"{journal.found} results were taken from {file}")
 
 
 def unit_names(units: str) -> dict[str, str]:

@@ -20,8 +20,7 @@ from .registry import Request
 
 WIDTH = 108  # of a line
 ASCII = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "·": " "})  # of units
-RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⋅", "0123456789-."
-POWERS = str.maketrans(*RAISED)
+RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⋅", "0123456789-.")
 
 
 @dataclass(frozen=True)
@@ -162,7 +161,7 @@ def plain(one: Any) -> str:
 
 def harmless(said: str) -> str:
     """Return a text in ASCII, with dots for what could end a comment."""
-    raised = re.sub(f"[{RAISED[0]}]+", lambda found: f"^{found[0].translate(POWERS)}", said)
+    raised = re.sub(f"[{''.join(map(chr, RAISED))}]+", lambda found: f"^{found[0].translate(RAISED)}", said)
     return re.sub(r"[^A-Za-z0-9_ .,;:()=+/%^-]", ".", raised.translate(ASCII))
 
 

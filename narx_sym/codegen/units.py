@@ -12,12 +12,11 @@ from ..data.units import powers, product, shown
 from ..symbolic.printing import latex, text
 from ..symbolic.signals import INNER_INPUTS, INNER_OUTPUTS, expand_phi, k, m, r, samples, t, u, y
 from .dimensions import Dimensions, Powers
+from .layout import RAISED
 
 if TYPE_CHECKING:
     from ..inversion.compensator import Compensator
     from ..models.model import Model
-
-RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⋅", "0123456789-.")
 
 
 @dataclass(frozen=True)

@@ -157,10 +157,15 @@ def from_dict(data: Any) -> Model:
         raise ModelError(f"schema {str(data['schema'])[:40]!r} is not known; this version reads schema 1 and {SCHEMA}.")
     file: ModelData = read(ModelData, newer_schema(data) if data["schema"] == 1 else data)
     _check_data(file)
+    std = file.standard_errors
     made = _narx(file) if file.kind == "narx" else _equation_model(file)
+    if std is not None and (len(std) != len(made.symbols) or any(s is not None and s < 0 for s in std)):
+        raise ModelError("'standard_errors' must have one number per parameter, none negative.")
     model = made.replace(
-        constraints=[c if c == "continuum" else _equation(c, made.symbols) for c in file.constraints],
-        standard_errors=_standard_errors(file.standard_errors, len(made.symbols)),
+        constraints=[
+            c if c == "continuum" else Eq(parse(c, symbols=made.symbols), 0, evaluate=False) for c in file.constraints
+        ],
+        standard_errors=std and [math.nan if s is None else s for s in std],
         info=read_info(file.info),
         effects=to_effects(file.effects, {str(s): s for s in made.symbols}),
     )
@@ -262,13 +267,6 @@ def _parameters(names: Sequence[str], assumed: Mapping[str, Mapping[str, bool]])
         raise ModelError("'assumptions' contradict each other.") from None
 
 
-def _standard_errors(given: Sequence[float | None] | None, count: int) -> list[float] | None:
-    found = None if given is None else [math.nan if s is None else s for s in given]
-    if found is not None and (len(found) != count or any(s < 0 for s in found)):
-        raise ModelError("'standard_errors' must have one number per parameter, none negative.")
-    return found
-
-
 def _check_size(model: Model) -> None:
     """Refuse equations that grow without bound where algebra writes them out."""
     size = written_out(model.F, model.states)
@@ -324,7 +322,3 @@ def _check_states(model: Model) -> None:
                 raise ModelError(f"the initial value of {state.left} may contain measured signals up to now, not {s}.")
     if model.inner == x and not any(samples(e, x) for e in (model.F, *shown)):
         raise ModelError("there is a state 'x', what effects at the output add to, but the output does not contain it.")
-
-
-def _equation(source: str, symbols: Sequence[Symbol]) -> Any:
-    return Eq(parse(source, symbols=symbols), 0, evaluate=False)

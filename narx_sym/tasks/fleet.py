@@ -126,7 +126,7 @@ def _content(file: Path) -> str:
 
 
 def _found(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
-    files = path.rglob("*") if path.is_dir() else Path(path.anchor or ".").glob(_relative(path))
+    files = path.rglob("*") if path.is_dir() else Path(path.anchor or ".").glob(str(path.relative_to(path.anchor)))
     try:
         pattern = re.compile(group) if group else None
     except re.error as error:
@@ -156,10 +156,6 @@ def _counted(file: Path) -> list[tuple[int, str]]:
 def _machine(pattern: re.Pattern[str], file: Path) -> str:
     match = pattern.search(str(file))
     return (match[1 if pattern.groups else 0] if match else "") or UNKNOWN
-
-
-def _relative(path: Path) -> str:
-    return str(path.relative_to(path.anchor)) if path.anchor else str(path)
 
 
 def _listed(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
