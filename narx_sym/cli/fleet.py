@@ -57,11 +57,9 @@ def fleet(
     opt.check_targets([out, *beside(out), resume], *(e.file for e in listed))
     if reports is not None:
         reports.mkdir(parents=True, exist_ok=True)
-    units, roles = tuple(opt.unit_names(how.units).items()), tuple(roles_of(how.role).items())
-    settings = Settings(
-        base, max_effects, how.ts, how.channels, how.missing, seed, budget, reports and reports.resolve(), units, roles,
-        machine,
-    )  # fmt: skip
+    reading: dict[str, Any] = {"Ts": how.ts, "channels": how.channels, "missing": how.missing}
+    reading |= {"units": opt.unit_names(how.units), "roles": roles_of(how.role)}
+    settings = Settings(base, max_effects, seed, budget, reports and reports.resolve(), machine, reading)
     done: list[int] = []
     with ExitStack() as stack:
         journal = stack.enter_context(resuming(resume)) if resume else None
