@@ -32,14 +32,10 @@ DATE = re.compile(r"\d{1,4}[-/.:]\d{1,2}[-/.:][-\d/.:TZ+ ]+")
 def load(path: PathLike, wanted: Collection[str] | None = None) -> Table:
     """All columns of a file, by its suffix; of a log only those that are `wanted`, where that is said."""
     name, suffix = os.fspath(path), Path(path).suffix.lower()
-    readers: dict[str, Callable[[str], Table]] = {
-        ".npz": _load_npz,
-        ".mat": lambda name: _load_mat(name, wanted),
-        ".parquet": _load_parquet,
-        **dict.fromkeys((".mf4", ".mdf"), lambda name: load_mdf(name, wanted)),
-        ".tdms": lambda name: load_tdms(name, wanted),
-        **dict.fromkeys(COLUMNS, _load_text),
-    }
+    readers: dict[str, Callable[[str, Collection[str] | None], Table]] = {
+        ".npz": _load_npz, ".mat": _load_mat, ".parquet": _load_parquet, ".mf4": load_mdf, ".mdf": load_mdf,
+        ".tdms": load_tdms, **dict.fromkeys(COLUMNS, _load_text),
+    }  # fmt: skip
     if Path(path).is_dir():
         raise DataError(f"{name}: is a folder; give a data file")
     if not Path(path).exists():
@@ -49,14 +45,14 @@ def load(path: PathLike, wanted: Collection[str] | None = None) -> Table:
     try:
         if Path(path).stat().st_size == 0:
             raise DataError(f"{name}: the file is empty; write a header such as t,u,y and the data below it")
-        return readers[suffix](name)
+        return readers[suffix](name, wanted)
     except OSError as error:
         raise DataError(
             f"{name}: cannot be read ({error.strerror or error}); check the file and its permissions"
         ) from None
 
 
-def _load_text(name: str) -> Table:
+def _load_text(name: str, wanted: Collection[str] | None) -> Table:
     """Text with a header line; separator, decimal sign and encoding are found out."""
     import pandas as pd
 
@@ -259,7 +255,7 @@ def _frame(name: str, body: bytes, sep: str, decimal: str, width: int) -> Any:
             width = int(wider[1])
 
 
-def _load_npz(name: str) -> Table:
+def _load_npz(name: str, wanted: Collection[str] | None) -> Table:
     """Vectors of a NumPy archive; pickled objects are refused."""
     with readable(name, ".npz", "save plain arrays with numpy.savez"):
         _check_archive(name)
@@ -306,7 +302,7 @@ def _from_variables(name: str, variables: Mapping[str, Any]) -> Table:
     return Table(name, vectors, notes=notes)
 
 
-def _load_parquet(name: str) -> Table:
+def _load_parquet(name: str, wanted: Collection[str] | None) -> Table:
     """Columns of a Parquet file, where its reader is installed."""
     import pandas as pd
 

@@ -73,7 +73,7 @@ class Table:
 
         That of "temp [C]" is temp, before the unit, and temp_C, as a channel.
         """
-        alike = [n for n in self.columns if n and asked in (in_header(n)[0], plain_name(n))]
+        alike = [n for n in self.columns if n and asked in (in_header(n)[0], plain_name(n), channel_name(n))]
         return alike[0] if len(alike) == 1 and asked not in self.columns else asked
 
     def unit(self, column: str) -> str:
@@ -110,10 +110,10 @@ class Table:
         every, listed = wants_all(wanted), names_of(wanted)
         roles = self._roles(said, used)
         ignored = {n for n, role in roles.items() if role == IGNORE}
-        pairs = [(n, self._meant(n)) for n in listed if not every or n != ALL]
+        pairs = [(n, self.named(n)) for n in listed if not every or n != ALL]
         taken = {used_by for _, used_by in pairs} | {*used, *ignored}
         pairs = [(name, n) for name, n in pairs if n not in ignored]
-        pairs += [(asked, n) for asked in said if (n := self._meant(asked)) in roles and n not in taken]
+        pairs += [(asked, n) for asked in said if (n := self.named(asked)) in roles and n not in taken]
         for n in [n for n in self.columns if every and n and n not in taken and n not in roles]:
             if self._parsed(n, cut)[1] is None:
                 pairs.append((n, n))
@@ -144,7 +144,7 @@ class Table:
 
     def _roles(self, said: Mapping[str, str], used: tuple[str, str, str | None]) -> dict[str, str]:
         """Return the roles that are said, by column; refuse those of input, output and time, and of no column."""
-        roles = {self._meant(n): role for n, role in said.items()}
+        roles = {self.named(n): role for n, role in said.items()}
         own = {used[0]: INPUT, used[2]: IGNORE}  # what these columns are anyway
         for n in [n for n, role in roles.items() if n in used and own.get(n) == role]:
             del roles[n]
@@ -155,11 +155,6 @@ class Table:
             if n not in self.columns and n not in self.unread:
                 raise self._absent(n, "--role")
         return roles
-
-    def _meant(self, asked: str) -> str:
-        """Return the column of a channel: of that name, or of which it is the name."""
-        called = {channel_name(n): n for n in self.columns if n}
-        return asked if asked in self.columns else called.get(asked, self.named(asked))
 
     def _absent(self, name: str, option: str) -> DataError:
         """Return the error for a column that is not there."""
