@@ -240,9 +240,7 @@ for command in (
 
 
 @app.command()
-def demo(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("narx_sym_demo"),
-) -> None:
+def demo(out: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("narx_sym_demo")) -> None:
     """Run the main job on simulated machines: identify, derive, compensate, compare, find a hidden effect, add it."""
     from .demo import run
 

@@ -81,10 +81,7 @@ def _archive(request: Request, version: int) -> bytes:
     token = "{" + "-".join(digest[a:b] for a, b in ((0, 8), (8, 12), (12, 16), (16, 20), (20, 32))) + "}"
     described.set("instantiationToken" if version == 3 else "guid", token)
     code = f'#define FMI_TOKEN "{token}"\n{code}'
-    files = {
-        "modelDescription.xml": document(described).encode(),
-        f"sources/{request.name}.c": code.encode("ascii"),
-    }
+    files = {"modelDescription.xml": document(described).encode(), f"sources/{request.name}.c": code.encode("ascii")}
     if version == 3:
         files["sources/buildDescription.xml"] = document(_build(request.name)).encode()
     files |= _binary(request.name, code, version)

@@ -59,11 +59,7 @@ class StepWriter(Writer):
         return begun
 
     def step(
-        self,
-        layout: Layout,
-        depth: Mapping[Any, int],
-        kept: Mapping[Any, str],
-        computed: Callable[[str, str], str],
+        self, layout: Layout, depth: Mapping[Any, int], kept: Mapping[Any, str], computed: Callable[[str, str], str]
     ) -> list[str]:
         """Return the lines of the equations, and of the shift of the past; `computed` writes the value of a state."""
         labels, plan = layout.labels, layout.plan
