@@ -6,8 +6,9 @@ The rooms, each of which imports only rooms that stand before it:
 - `models`: NARX models and pools, section 3 of the paper, physical effects and how a model takes them up
 - `files`: model files, journals and parallel loops
 - `inversion`: section 4 of the paper, from a model to its compensation law
-- `engines`, `codegen`: recursions as functions over arrays, and as source for other places
-- `data`: records and simulated plants
+- `engines`: recursions as functions over arrays
+- `data`: records and simulated plants; they know no model
+- `codegen`: recursions as source for other places
 - `fit`: section 2 of the paper; simulation, estimation, selection, laws run over a reference
 - `sklearn`: the identification as a scikit-learn estimator; loaded only when it is imported
 - `diagnosis`: which physical effect is missing

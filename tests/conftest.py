@@ -3,6 +3,7 @@
 import logging
 import os
 import re
+import shlex
 import sys
 from dataclasses import replace
 from functools import cache
@@ -76,9 +77,11 @@ def fences():
 
 @pytest.fixture
 def run(monkeypatch, capsys):
-    """Run a command in this process: (exit code, stdout, stderr)."""
+    """Run a command in this process, given as its words or as one line: (exit code, stdout, stderr)."""
 
     def call(*arguments):
+        if len(arguments) == 1:
+            arguments = shlex.split(str(arguments[0]))
         monkeypatch.setattr(sys, "argv", ["narx-sym", *map(str, arguments)])
         try:
             cli.main()
@@ -88,6 +91,13 @@ def run(monkeypatch, capsys):
         out, err = capsys.readouterr()
         return code, out, err
 
+    def good(*arguments):
+        """Run a command that must end well: (stdout, stderr)."""
+        code, out, err = call(*arguments)
+        assert code == 0, err
+        return out, err
+
+    call.good = good
     return call
 
 

@@ -9,7 +9,7 @@ import sympy as sp
 from paper import BENCH
 
 import narx_sym as ns
-from narx_sym.codegen.export import to_c, to_st
+from narx_sym.codegen.export import written
 from narx_sym.engines.compile import compile
 from narx_sym.fit.bases.play import Shape
 from narx_sym.models.extend import extend, variants
@@ -35,7 +35,7 @@ class Subject:
     thing: Any = None  # a model or a law
     rest: Any = None  # of the sequences by name; 0.3 for all others
     size: float = 1.0  # of what moves
-    initial: Any = None
+    given: Any = None  # what moves instead of waves
 
     @cached_property
     def output(self):
@@ -43,17 +43,20 @@ class Subject:
             type(self.thing), lambda: self.recursion.states[-1]
         )()  # fmt: skip
 
-    def c(self, name, **options):
-        return self.thing.to_c(name, **options) if self.thing else to_c(self.recursion, self.values, name, **options)
-
-    def st(self, name, **options):
-        return self.thing.to_st(name, **options) if self.thing else to_st(self.recursion, self.values, name, **options)
+    def export(self, to, name, **options):
+        return (
+            self.thing.export(to, name, **options)
+            if self.thing
+            else written(to, self.recursion, self.values, name, **options)
+        )
 
     def at_rest(self, name):
         return (self.rest or {}).get(name, 0.3)
 
     def waves(self, n):
         """Each input by name: at rest for a while, then a wave of its own; time goes on from the start."""
+        if self.given:
+            return {name: x[:n] for name, x in self.given.items()}
         i = np.maximum(np.arange(n) - STILL, 0)
         found = {}
         for j, base in enumerate(self.recursion.inputs):

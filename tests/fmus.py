@@ -17,15 +17,19 @@ class Fmu:
         self.description = read_model_description(self.folder)
         self.references = {v.name: v.valueReference for v in self.description.modelVariables}
         self.old = self.description.fmiVersion == "2.0"
+        self.instances = []
 
     def close(self):
+        for one in self.instances:
+            one.fmu.freeInstance()
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def named(self, causality):
         return [v.name for v in self.description.modelVariables if v.causality == causality]
 
     def instance(self):
-        return Instance(self)
+        self.instances.append(Instance(self))
+        return self.instances[-1]
 
 
 @contextlib.contextmanager
@@ -85,6 +89,3 @@ class Instance:
 
     def reset(self):
         self.fmu.reset()
-
-    def close(self):
-        self.fmu.freeInstance()

@@ -50,9 +50,9 @@ def write_all(folder, jobs):
     ns.save(model, folder / "model.json")
     (folder / "law.tex").write_text(law.latex(numbers=True), encoding="utf-8")
     (folder / "model.tex").write_text(document(model), encoding="utf-8")
-    (folder / "law.c").write_text(law.to_c(), encoding="utf-8")
-    (folder / "law.st").write_text(law.to_st(), encoding="utf-8")
-    (folder / "law.js").write_text(law.to_js(), encoding="utf-8")
+    (folder / "law.c").write_text(law.export("c"), encoding="utf-8")
+    (folder / "law.st").write_text(law.export("st"), encoding="utf-8")
+    (folder / "law.js").write_text(law.export("js"), encoding="utf-8")
     (folder / "bootstrap.json").write_text(json.dumps(np.asarray(spread.thetas).tolist()), encoding="utf-8")
 
     some = ns.effects.Catalogue({n: ns.EFFECTS[n] for n in EFFECTS} if EFFECTS else dict(ns.EFFECTS))

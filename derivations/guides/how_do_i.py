@@ -131,9 +131,9 @@ print(law.commission(wanted, stiff, limits=(-10, 10), draws=20).sentence())
 # All three keep to the limits that are given here. [](law_on_a_plc.py)
 
 # %%
-(here / "law.c").write_text(law.to_c(limits=(-10, 10)))
-(here / "law.st").write_text(law.to_st(limits=(-10, 10)))
-better.to_fmu(here / "motor.fmu", units={"u": "V", "y": "rad/s"})
+(here / "law.c").write_text(law.export("c", limits=(-10, 10)))
+(here / "law.st").write_text(law.export("st", limits=(-10, 10)))
+(here / "motor.fmu").write_bytes(better.export("fmu", units={"u": "V", "y": "rad/s"}))
 print(*(f"{path.name}: {path.stat().st_size} bytes" for path in sorted(here.glob("*.[csf]*"))), sep="\n")
 
 # %% [markdown]

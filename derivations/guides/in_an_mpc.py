@@ -1,6 +1,6 @@
 # %% [markdown]
 # # A completed model in an MPC
-# A model predictive controller wants one thing of a model: a step that it can differentiate. `model.to_casadi()` is that
+# A model predictive controller wants one thing of a model: a step that it can differentiate. `model.export("casadi")` is that
 # step, with everything that was added to the model. Here a positioner with a lag and a slack of ±0.25 (backlash) follows
 # a sine, driven once by the closed-form law and once by an MPC in plain CasADi.
 #
@@ -84,7 +84,7 @@ AHEAD, EFFORT = 12, 1e-4
 
 
 def controller(rate):
-    step = smooth.to_casadi("step")
+    step = smooth.export("casadi", "step")
     start, before = ca.MX.sym("start", step.size1_in(0)), ca.MX.sym("before")
     plan, wanted = ca.MX.sym("plan", AHEAD), ca.MX.sym("wanted", AHEAD)
     _, outputs = step.mapaccum(AHEAD)(start, plan.T)
@@ -102,7 +102,7 @@ def controller(rate):
 
 
 def driven_by_mpc(sight, rate):
-    decide, follow, machine = controller(rate), model.to_casadi("follow"), Machine()
+    decide, follow, machine = controller(rate), model.export("casadi", "follow"), Machine()
     measured = [i for i, sample in enumerate(model.recursion.past) if sample == ns.y[ns.k - 1]]
     state, last, plan = model.rest_state(u=0.0, y=0.0), 0.0, np.zeros(AHEAD)
     inputs, outputs, seconds = [], [], []

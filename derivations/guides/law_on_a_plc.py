@@ -4,12 +4,12 @@
 #
 # | call | it gives |
 # |---|---|
-# | `law.to_c()`, `model.to_c(single=True)` | one C99 file: state in a struct, `law_init`, `law_step`, no heap, a self-test behind `-DLAW_SELF_TEST` |
-# | `law.to_st()`, `model.to_st()` | an IEC 61131-3 `FUNCTION_BLOCK` in LREAL or REAL that starts from rest in its first scan |
+# | `law.export("c")`, `model.export("c", single=True)` | one C99 file: state in a struct, `law_init`, `law_step`, no heap, a self-test behind `-DLAW_SELF_TEST` |
+# | `law.export("st")`, `model.export("st")` | an IEC 61131-3 `FUNCTION_BLOCK` in LREAL or REAL that starts from rest in its first scan |
 # | `law.export("plcopen")`, `model.export("plcopen")` | PLCopen XML (TC6 2.01) to import: the same block, and a program that tests it on the controller |
-# | `model.to_fmu("plant.fmu")`, `law.to_fmu("law.fmu", fmi="2.0")` | an FMU for co-simulation, FMI 3.0 or 2.0: source, binary, tunable parameters |
-# | `model.to_js()`, `law.to_js()` | a JavaScript constant for a page or Node: `simulate` over whole arrays, the parameters as arguments |
-# | `model.to_casadi()`, `law.to_casadi()` | one step as a CasADi `Function` (state, inputs) -> (next, output) |
+# | `model.export("fmu")`, `law.export("fmu2")` | the bytes of an FMU for co-simulation, FMI 3.0 or 2.0: source, binary, tunable parameters |
+# | `model.export("js")`, `law.export("js")` | a JavaScript constant for a page or Node: `simulate` over whole arrays, the parameters as arguments |
+# | `model.export("casadi")`, `law.export("casadi")` | one step as a CasADi `Function` (state, inputs) -> (next, output) |
 # | `model.to_control()` | a `control.NonlinearIOSystem` with dt = Ts (`pip install "narx-sym[interop]"`) |
 # | `model.to_sysidentpy()` | a polynomial model as a fitted `FROLS` of SysIdentPy, with the same free run |
 # | `fit.interop.from_sysidentpy(frols)` | the other way: a fitted polynomial model of SysIdentPy, each theta at its term |
@@ -109,7 +109,7 @@ calm = ringing.run(smooth, 1.0)
 # ## Structured Text
 
 # %%
-block = law.to_st(limits=(-60, 60), rate=5)
+block = law.export("st", limits=(-60, 60), rate=5)
 print(block[block.index("FUNCTION_BLOCK") :][:900], "...")
 
 # %% [markdown]
@@ -125,7 +125,7 @@ print(project[project.index('<pou name="law_test"') :][:400], "...")
 # With a compiler at hand the file tests itself; the figures it compares with were computed here.
 
 # %%
-source = law.to_c(limits=(-60, 60), rate=5)
+source = law.export("c", limits=(-60, 60), rate=5)
 print(source[source.index("#include") :][:900], "...")
 passed = None
 if compiler := shutil.which("gcc") or shutil.which("cc"):
@@ -155,7 +155,7 @@ stage = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]"], [1.2, -0.4, 0.2], Ts=
 wave = np.sin(np.arange(500) / 30)
 gap = None
 with tempfile.TemporaryDirectory() as folder:
-    stage.to_fmu(f"{folder}/stage.fmu", units={"u": "V", "y": "um"})
+    Path(folder, "stage.fmu").write_bytes(stage.export("fmu", units={"u": "V", "y": "um"}))
     try:
         import fmpy
     except ImportError:
@@ -173,7 +173,7 @@ print("farthest from the free run:", gap)
 # The parameters are arguments, so a page can move them: the report's sliders run this text. It needs no `eval`.
 
 # %%
-script = model.to_js()
+script = model.export("js")
 print(script[script.index("function simulate") :][:700], "...")
 
 # %% [markdown]
@@ -181,7 +181,7 @@ print(script[script.index("function simulate") :][:700], "...")
 # `recursion.past` and `recursion.given` are the orders of the state and of the inputs; for a law those of `law.exported()`.
 
 # %%
-step = model.to_casadi()
+step = model.export("casadi")
 print(model.recursion.past, model.recursion.given)
 state, output = step(model.rest_state(u=0.0, y=0.0), [1.0])
 print(output)

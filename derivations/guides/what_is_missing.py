@@ -107,7 +107,7 @@ print(f"free-run error of the record's range: {before.free_run_mape:.3g} % befor
 # In *Try it* the page itself runs the base and the candidates over the record (two float32 numbers per sample, of a very
 # long record the first 200 000 samples): move a parameter, and loop, error and rms follow; the optimum and its two
 # standard errors are marked. A dot of the maps of errors zooms to where its cell is worst. Drag the reference, and see
-# the input of the law. The recursions stand in the page as `model.to_js()` writes them, so it works without a network
+# the input of the law. The recursions stand in the page as `model.export("js")` writes them, so it works without a network
 # and without `eval`. The same part stands in a notebook (`pip install "narx-sym[notebook]"`, Jupyter and marimo):
 # `tried = found.live()`, then `tried.model` is the model with the parameters as the sliders stand.
 

@@ -125,8 +125,8 @@ print(f"tracking error on the plant: {ns.mape(reference, plants.bouc_wen(m, Ts=0
 # C has numbers only: the factor of the newest reference is $1/\theta_2$.
 
 # %%
-with watched("Compensator.to_c"):
-    source = law.to_c()
+with watched("Compensator.export"):
+    source = law.export("c")
 factor = repr(1 / theta_2)[:10]
 print(factor, "stands in", next(line for line in source.splitlines() if factor in line))
 
@@ -139,6 +139,6 @@ rooms = {step: {module.split("/")[0] for module in seen} for step, seen in visit
 assert set().union(*rooms.values()) <= set(ROOMS)
 assert rooms["analysis.continuum_conditions"] <= {"symbolic", "models"}  # no numbers
 assert {"fit", "engines"} <= rooms["Model.fit"] and {"engines"} <= rooms["Model.simulate"]
-assert "inversion" in rooms["Model.compensator"] and "codegen" in rooms["Compensator.to_c"]
+assert "inversion" in rooms["Model.compensator"] and "codegen" in rooms["Compensator.export"]
 assert not {"diagnosis", "report", "app", "cli"} & set().union(*rooms.values())
 assert factor in source

@@ -7,55 +7,28 @@ from typing import Annotated, Any
 
 import typer
 
-from .options import (
-    Column,
-    DataFiles,
-    Input,
-    Limits,
-    Missing,
-    ModelFile,
-    Output,
-    Rate,
-    Roles,
-    Rows,
-    Seed,
-    Share,
-    Time,
-    Ts,
-    Units,
-    Validate,
-    check_format,
-    check_targets,
-    records,
-    save_figure,
-    validating,
-)
+from . import options as opt
 from .printing import console, working
 
 
+@opt.reads("channels")
 def commission(
-    model_file: ModelFile,
-    data: DataFiles,
+    model_file: opt.ModelFile,
+    data: opt.DataFiles,
     reference: Annotated[Path, typer.Option("--reference", help="CSV with the wanted output.")],
-    column: Column = None,
-    limits: Limits = None,
-    rate: Rate = None,
-    share: Share = "auto",
+    column: opt.Column = None,
+    limits: opt.Limits = None,
+    rate: opt.Rate = None,
+    share: opt.Share = "auto",
     draws: Annotated[int, typer.Option(min=20, max=10_000, help="Parameter sets of the Monte Carlo.")] = 200,
     plot: Annotated[Path, typer.Option("--plot", help="Picture of input, output and error with their bands.")] = Path(
         "commission.png"
     ),
     json: Annotated[Path | None, typer.Option("--json", help="Write the figures.")] = None,
-    seed: Seed = 0,
-    units: Units = "",
-    u: Input = "u",
-    y: Output = "y",
-    t: Time = "t",
-    ts: Ts = None,
-    role: Roles = "",
-    rows: Rows = None,
-    validate: Validate = None,
-    missing: Missing = "refuse",
+    seed: opt.Seed = 0,
+    validate: opt.Validate = None,
+    *,
+    how: opt.Reading,
 ) -> None:
     """Go or no go: what a law would reach on the machine, by Monte Carlo over what the records allow."""
     from ..data.record import read_signal
@@ -66,14 +39,14 @@ def commission(
     from ..tasks.commission import commission as run
     from ..tasks.commission import write_commissioning
 
-    check_format(plot)
-    check_targets([plot, json], model_file, reference, *data, *(validate or []))
+    opt.check_format(plot)
+    opt.check_targets([plot, json], model_file, reference, *data, *(validate or []))
     model = load(model_file)
-    measured = records(data, u, y, t, ts, "", rows, missing, units, model, roles=role)
-    judging = validating(validate, measured, u, y, t, ts, "", missing, units, role)
+    measured = how.records(data, model)
+    judging = how.validating(validate, measured)
     names = said_first(model.info.units, measured[0].units)
     goal, step, _ = read_signal(
-        reference, column, t=t, option="--column", prefer="r", unit=names.get("y", ""), offers=()
+        reference, column, t=how.t, option="--column", prefer="r", unit=names.get("y", ""), offers=()
     )
     check_pace(model, step, f"{reference}: the reference has")
     with working("Running the law and the models that the records allow"):
@@ -84,5 +57,5 @@ def commission(
     console().print(found.sentence(names), markup=False)
     if json:
         write_commissioning(found, json)
-    save_figure(plot_commissioning(found, names), plot)
+    opt.save_figure(plot_commissioning(found, names), plot)
     console().print(f"Picture: {plot}")

@@ -22,18 +22,11 @@ from ..inversion.analyses import document
 from ..models import analysis
 from ..models.model import Model
 from ..report.parameters import effect_parameters, shape_units
-from ..report.plots import (
-    plot_candidates,
-    plot_comparison,
-    plot_compensation,
-    plot_ladder,
-    plot_quasi_static,
-    where_it_fails,
-)
+from ..report.plots import plot_comparison, plot_compensation, plot_quasi_static
 from ..symbolic.printing import text
 from ..tasks.result_file import write_json
 from .options import save_figure
-from .printing import console, print_equations, print_found, print_tables, table, working
+from .printing import console, print_equations, print_found, print_model, print_tables, table, working
 
 PAPER = {"model": 0.398, "inverse": 0.413, "none": 6.536, "law": 0.322, "inverse law": 0.425}
 
@@ -43,8 +36,8 @@ def run(out: Path) -> None:
     out.mkdir(exist_ok=True)
     with working("Simulating a piezo actuator with Bouc-Wen hysteresis"):
         training, validation = actuator()
-    write_csv(out / "identification.csv", {"t": training.t, "u": training.u, "y": training.y})
-    write_csv(out / "validation.csv", {"t": validation.t, "u": validation.u, "y": validation.y})
+    for record in (training, validation):
+        write_csv(out / f"{record.name}.csv", {"t": record.t, "u": record.u, "y": record.y})
     model, inverse = identify_both(out, training)
     derive(out, model)
     inputs, outputs = compensate(out, model, inverse, validation)
@@ -67,9 +60,8 @@ def identify_both(out: Path, training: Record) -> tuple[Model, Model]:
         inverse = identify_inverse(training, lead=2)
     save(model, out / "model.json")
     save(inverse, out / "inverse.json")
-    rows = [[r["symbol"], r["term"], f"{r['theta']:.5g}", f"{r['standard_error']:.1g}"] for r in model.table()]
-    title = "The model, selected by ERR from the paper's pool"
-    table(title, ["parameter", "term", "value", "standard error"], rows)
+    say("  The model, selected by ERR from the paper's pool")
+    print_model(model)
     return model, inverse
 
 
@@ -91,7 +83,7 @@ def compensate(out: Path, model: Model, inverse: Model, validation: Record) -> t
     say(f"  m[k] = {text(law.law)}", markup=False)
     say(f"  put back into the model it gives r[k+1] with residual {law.residual()}", markup=False)
     write_text(out / "law.tex", f"\\[\n{law.latex(numbers=True)}\n\\]\n")
-    write_text(out / "law.c", law.to_c())
+    write_text(out / "law.c", law.export("c"))
     with working("Running the laws on the actuator"):
         r = validation.u
         inputs = {"without": r, "law": law.run(r), "inverse law": inverse_law.run(r)}
@@ -157,11 +149,6 @@ def find_missing(out: Path) -> None:
     save(model, out / "model_with_effect.json")
     before, after = (evaluate(m, record).free_run_nrmse for m in (base, model))
     say(f"  free-run NRMSE: {before:.3g} before, {after:.3g} after", markup=False)
-    with working("Drawing"):
-        save_figure(plot_ladder(found, units=STAGE_UNITS), out / "ladder.png")
-        if found.candidates:
-            save_figure(plot_candidates(found), out / "candidates.png")
-        save_figure(where_it_fails(found.misfit, units=STAGE_UNITS), out / "where_it_fails.png")
     with working("Writing the report"):
         found.report(out / "report.html", STAGE_UNITS, [out / "stage.csv"], {"base": "linear"})
     say(f"  All of it on one page: open {out / 'report.html'} in a browser", markup=False)

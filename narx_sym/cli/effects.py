@@ -7,48 +7,24 @@ from typing import Annotated
 
 import typer
 
-from .options import (
-    Channels,
-    DataFiles,
-    EffectFiles,
-    Input,
-    Missing,
-    ModelFile,
-    Output,
-    Roles,
-    Rows,
-    Seed,
-    Time,
-    Ts,
-    Units,
-    check_targets,
-    records,
-    with_columns,
-    with_own,
-)
+from . import options as opt
 from .printing import console, print_equations, print_errors, working
 
 
+@opt.reads()
 def add(
-    model_file: ModelFile,
+    model_file: opt.ModelFile,
     effect: Annotated[str, typer.Argument(metavar="EFFECT", help="Id, as `narx-sym effects` lists it.")],
-    data: DataFiles,
+    data: opt.DataFiles,
     out: Annotated[Path, typer.Option("--out", help="Where to write the model with the effect.")],
     where: Annotated[
         str | None,
         typer.Option(help="input, force, inside, motion, friction, output or sensor (default: what fits best)."),
     ] = None,
-    seed: Seed = 0,
-    effects: EffectFiles = None,
-    u: Input = "u",
-    y: Output = "y",
-    t: Time = "t",
-    ts: Ts = None,
-    channels: Channels = "",
-    role: Roles = "",
-    rows: Rows = None,
-    missing: Missing = "refuse",
-    units: Units = "",
+    seed: opt.Seed = 0,
+    effects: opt.EffectFiles = None,
+    *,
+    how: opt.Reading,
 ) -> None:
     """Add an effect to a model, fit both together in free run, and compare the errors before and after."""
     from ..diagnosis.add import Addition
@@ -57,11 +33,10 @@ def add(
     from ..tasks import add as task
     from ..tasks.base import read_base
 
-    check_targets([out], model_file, *data, *(effects or []))
+    opt.check_targets([out], model_file, *data, *(effects or []))
     model = read_base(model_file)
-    addition = Addition(model, effect, where, with_own(effects or []))
-    wanted = with_columns(channels, [*model.channels, *([addition.channel] if addition.channel else [])])
-    measured = records(data, u, y, t, ts, wanted, rows, missing, units, model, roles=role)
+    addition = Addition(model, effect, where, opt.with_own(effects or []))
+    measured = how.records(data, model, [*model.channels, *filter(None, [addition.channel])])
     with working(f"Adding {effect}") as progress:
         made = task.add(addition, measured, seed, progress)
     save(made.model, out)
@@ -74,12 +49,12 @@ def add(
     console().print(f"Model written to {out}")
 
 
-def effects(effects: EffectFiles = None) -> None:
+def effects(effects: opt.EffectFiles = None) -> None:
     """List the catalogue: what each effect is, its equations, where it may act, units and sources."""
     from ..models.effects import DETECTED
 
     say = console().print
-    catalogue = with_own(effects or [])
+    catalogue = opt.with_own(effects or [])
     say("Every effect multiplies a coefficient c: at c = 0 the model is as before. x is what drives it.\n")
     for name, forms in catalogue.items():
         needs = any("channel" in f.arguments for f in forms)

@@ -10,28 +10,14 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import DataError
-from .options import (
-    Channels,
-    Input,
-    Machine,
-    MaxEffects,
-    Missing,
-    Output,
-    Resume,
-    Roles,
-    Seed,
-    Time,
-    Ts,
-    check_targets,
-    unit_names,
-)
-from .options import Units as UnitNames
+from . import options as opt
 from .printing import console, note, table
 
 SHOWN = 10
 EXPLAINED = "explained, of the std of y"
 
 
+@opt.reads("rows")
 def fleet(
     source: Annotated[str, typer.Argument(help="A folder, a pattern, or a CSV with a column `file`.")],
     out: Annotated[Path, typer.Option("--out", help="The page; its rows go beside it as CSV (and Parquet).")],
@@ -45,22 +31,16 @@ def fleet(
             "--validate", help="Regular expression: files that match are validation records of their machine."
         ),
     ] = "",
-    max_effects: MaxEffects = 1,
-    seed: Seed = 0,
+    max_effects: opt.MaxEffects = 1,
+    seed: opt.Seed = 0,
     budget: Annotated[float, typer.Option(min=0.0, help="Seconds per record; 0 for no limit.")] = 0.0,
     jobs: Annotated[int, typer.Option(help="Processes; -1 for all cores.")] = -1,
     dask: Annotated[str, typer.Option("--dask", help="Address of a Dask scheduler that is already there.")] = "",
     reports: Annotated[Path | None, typer.Option("--reports", help="A folder for one report per record.")] = None,
-    resume: Resume = None,
-    units: UnitNames = "",
-    u: Input = "u",
-    y: Output = "y",
-    t: Time = "t",
-    ts: Ts = None,
-    channels: Channels = "",
-    role: Roles = "",
-    machine: Machine = "",
-    missing: Missing = "refuse",
+    resume: opt.Resume = None,
+    machine: opt.Machine = "",
+    *,
+    how: opt.Reading,
 ) -> None:
     """Diagnose many records in parallel: one page, the worst first, machine by effect, and what grows.
 
@@ -73,12 +53,13 @@ def fleet(
     from ..tasks.fleet import Settings, entries
     from ..tasks.fleet import fleet as run
 
-    listed = entries(source, group, {"u": u, "y": y, "t": t}, validate)
-    check_targets([out, *beside(out), resume], *(e.file for e in listed))
+    listed = entries(source, group, {"u": how.u, "y": how.y, "t": how.t}, validate)
+    opt.check_targets([out, *beside(out), resume], *(e.file for e in listed))
     if reports is not None:
         reports.mkdir(parents=True, exist_ok=True)
-    said, roles, folder = tuple(unit_names(units).items()), tuple(roles_of(role).items()), reports and reports.resolve()
-    settings = Settings(base, max_effects, ts, channels, missing, seed, budget, folder, said, roles, machine)
+    reading: dict[str, Any] = {"Ts": how.ts, "channels": how.channels, "missing": how.missing}
+    reading |= {"units": opt.unit_names(how.units), "roles": roles_of(how.role)}
+    settings = Settings(base, max_effects, seed, budget, reports and reports.resolve(), machine, reading)
     done: list[int] = []
     with ExitStack() as stack:
         journal = stack.enter_context(resuming(resume)) if resume else None
@@ -88,7 +69,8 @@ def fleet(
         rows = run(listed, settings, None if dask else jobs, done.append)
     if kept:
         note(f"{resume}: {done[0]} of {len(rows)} records were done already")
-    written = write_fleet(rows, out, f"{_seen_from(out, reports)}/" if reports is not None else "")
+    seen_from_page = "" if reports is None else f"{Path(os.path.relpath(reports, out.parent)).as_posix()}/"
+    written = write_fleet(rows, out, seen_from_page)
     shown = [
         [
             r["tag"],
@@ -103,11 +85,6 @@ def fleet(
     if problems:
         note(f"{problems} of {len(rows)} records could not be diagnosed: the page says why")
     console().print(f"Written: {', '.join(map(str, written))}", markup=False)
-
-
-def _seen_from(page: Path, folder: Path) -> str:
-    """Return a folder as seen from a page."""
-    return Path(os.path.relpath(folder, page.parent)).as_posix()
 
 
 def _cluster(address: str) -> Any:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import DataError
-from .options import Column, Limits, ModelFile, Rate, Rows, Share, Time, Ts, Units, check_targets, unit_names
+from . import options as opt
 from .printing import console, table, working
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def compensate(
-    model_file: ModelFile,
+    model_file: opt.ModelFile,
     latex: Annotated[Path | None, typer.Option("--latex", help="Write the law as LaTeX.")] = None,
     c: Annotated[Path | None, typer.Option("--c", help="Write the law as C99 source.")] = None,
     st: Annotated[Path | None, typer.Option("--st", help="Write the law as Structured Text (IEC 61131-3).")] = None,
@@ -32,11 +32,11 @@ def compensate(
     ] = None,
     reference: Annotated[Path | None, typer.Option("--reference", help="CSV with the wanted output.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="CSV for the compensated input.")] = None,
-    column: Column = None,
+    column: opt.Column = None,
     m0: Annotated[float | None, typer.Option("--m0", help="Input before the start.")] = None,
-    limits: Limits = None,
-    rate: Rate = None,
-    share: Share = "auto",
+    limits: opt.Limits = None,
+    rate: opt.Rate = None,
+    share: opt.Share = "auto",
     no_limits: Annotated[
         bool, typer.Option("--no-limits", help="Export without the known range of the input as its limits.")
     ] = False,
@@ -46,14 +46,15 @@ def compensate(
     clip: Annotated[
         bool, typer.Option("--clip", help="Come as near as possible where the reference cannot be reached.")
     ] = False,
-    units: Units = "",
-    t: Time = "t",
-    ts: Ts = None,
-    rows: Rows = None,
+    units: opt.Units = "",
+    t: opt.Time = "t",
+    ts: opt.Ts = None,
+    rows: opt.Rows = None,
 ) -> None:
     """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
     from ..codegen.registry import exports, target_of
-    from ..data.units import coefficients_latex, said_first
+    from ..codegen.units import coefficients_latex
+    from ..data.units import said_first
     from ..files.atomic import check_columns, write_bytes, write_text
     from ..files.store import load
     from ..inversion.compensator import allowed
@@ -64,12 +65,17 @@ def compensate(
         raise DataError("--limits and --no-limits exclude each other.")
     own = [(name, path) for name, path in (("c", c), ("st", st), ("fmu", fmu), ("fmu2", fmu2)) if path]
     sources = [*((target_of(path), path) for path in export or []), *own]
-    check_targets([latex, *(path for _, path in sources), out], model_file, reference)
+    opt.check_targets([latex, *(path for _, path in sources), out], model_file, reference)
     check_columns(out)
     _check_run(reference, out, {"column": column, "m0": m0, "clip": clip or None, "ts": ts, "rows": rows})
     model = load(model_file)
-    names = said_first(model.info.units, unit_names(units))
-    goal = reference and _goal(model, reference, column, names.get("y", ""), Ts=ts, t=t, rows=rows)
+    names = said_first(model.info.units, opt.unit_names(units))
+    goal, how = None, {"Ts": ts, "t": t, "rows": rows}
+    if reference:
+        r, stamps = _signal(
+            model, reference, column, "reference", prefer="r", option="--column", unit=names.get("y", ""), **how
+        )
+        goal = r, stamps, _channels(model, reference, "--reference", **how)
     law = model.compensator(force)
     part = None if share == "none" else law.share(share)
     # Not every law has a source: that is known before anything is written.
@@ -99,7 +105,7 @@ def _check_run(reference: Path | None, out: Path | None, options: dict[str, Any]
 
 def _tell(law: Compensator, share: Any, known: dict[str, str]) -> None:
     """Print a law, and what to know before it runs."""
-    from ..data.units import by_unit
+    from ..codegen.units import by_unit
     from ..tasks.compensate import ahead, caution
 
     units = {name: known[own] for name, own in (("m", "u"), ("r", "y")) if own in known}
@@ -145,12 +151,6 @@ def _follow(
     say(f"Written to {out}")
 
 
-def _goal(model: Model, file: Path, column: str | None, unit: str, **how: Any) -> tuple[Any, Any, dict[str, Any]]:
-    """Read samples and time stamps [s] of a reference, and the channels that the model needs."""
-    r, stamps = _signal(model, file, column, "reference", prefer="r", option="--column", unit=unit, **how)
-    return r, stamps, _channels(model, file, "--reference", **how)
-
-
 def _signal(model: Model, file: Path, column: str | None, what: str, **how: Any) -> tuple[Any, Any]:
     """Read samples and time stamps [s] of a signal; where it has no time, it is at the rate of the model."""
     from ..data.record import read_signal
@@ -174,21 +174,21 @@ def _channels(model: Model, file: Path, option: str, **how: Any) -> dict[str, An
 
 
 def simulate(
-    model_file: ModelFile,
+    model_file: opt.ModelFile,
     input_file: Annotated[Path, typer.Argument(metavar="INPUT.csv", help="CSV with the input.")],
     out: Annotated[Path, typer.Option("--out", help="CSV for the simulated output.")],
     u: Annotated[str | None, typer.Option("--input", help="Column of the input (default: u, or the only one).")] = None,
     y0: Annotated[float | None, typer.Option("--y0", help="Output at the start.")] = None,
     u0: Annotated[float | None, typer.Option("--u0", help="Input before the start, at rest with the output.")] = None,
-    t: Time = "t",
-    ts: Ts = None,
-    rows: Rows = None,
+    t: opt.Time = "t",
+    ts: opt.Ts = None,
+    rows: opt.Rows = None,
 ) -> None:
     """Free run over an input."""
     from ..files.atomic import check_columns, write_csv
     from ..files.store import load
 
-    check_targets([out], model_file, input_file)
+    opt.check_targets([out], model_file, input_file)
     check_columns(out)
     model = load(model_file)
     own = model.input.name

@@ -16,32 +16,8 @@ from ..app import command as live
 from ..errors import DataError, NarxError
 from ..files.telling import Stderr
 from . import commission, diagnose, effects, fleet, law, stop
-from .options import (
-    Channels,
-    DataFiles,
-    Input,
-    Missing,
-    ModelFile,
-    Output,
-    Roles,
-    Rows,
-    Scale,
-    SteadyState,
-    Time,
-    Ts,
-    Units,
-    Validate,
-    check_rest,
-    check_targets,
-    records,
-    rest_points,
-    save_figure,
-    unit_names,
-    validating,
-    where_beside,
-    with_columns,
-)
-from .printing import console, note, print_errors, print_fails, print_model, table, working
+from . import options as opt
+from .printing import console, note, print_errors, print_fails, print_model, say_written, table, working
 
 app = typer.Typer(
     help="Hysteretic actuators as symbolic NARX models: identify, derive, compensate, compare, diagnose.",
@@ -55,8 +31,9 @@ app = typer.Typer(
 
 
 @app.command()
+@opt.reads()
 def fit(
-    data: DataFiles,
+    data: opt.DataFiles,
     out: Annotated[Path, typer.Option("--out", help="Where to write the model.")],
     base: Annotated[
         str, typer.Option(help="narx, linear, static, play, bouc-wen, auto, or a file with equations.")
@@ -66,22 +43,15 @@ def fit(
     degree: Annotated[int, typer.Option(min=1, max=6, help="Degree of the products.")] = 3,
     delay: Annotated[int | None, typer.Option(min=0, max=200, help="Pure delay in samples.")] = None,
     for_compensation: Annotated[bool, typer.Option("--for-compensation", help="Keep the model invertible.")] = False,
-    validate: Validate = None,
+    validate: opt.Validate = None,
     creep: Annotated[bool, typer.Option("--creep", help="With --base play: a share of the motion comes late.")] = False,
     method: Annotated[str, typer.Option(help="auto, one_step, free_run or els.")] = "auto",
-    steady_state: SteadyState = None,
+    steady_state: opt.SteadyState = None,
     weight: Annotated[
         float | None, typer.Option("--weight", min=0, help="Of --steady-state beside the dynamic error (default: 1).")
     ] = None,
-    u: Input = "u",
-    y: Output = "y",
-    t: Time = "t",
-    ts: Ts = None,
-    channels: Channels = "",
-    role: Roles = "",
-    rows: Rows = None,
-    missing: Missing = "refuse",
-    units: Units = "",
+    *,
+    how: opt.Reading,
 ) -> None:
     """Select the structure and fit the parameters under Sigma_y = 1."""
     from ..files.store import save
@@ -90,18 +60,18 @@ def fit(
     from ..tasks.base import equations_in, fit_equations
     from ..tasks.compare import errors_of, validated
 
-    check_targets([out], *data, *(validate or []), steady_state)
+    opt.check_targets([out], *data, *(validate or []), steady_state)
     check_method(method)
-    method = check_rest(steady_state, weight, method, base)
+    method = opt.check_rest(steady_state, weight, method, base)
     own = equations_in(base)
     if base not in BASES and not own:
         raise DataError(f"Unknown base {base!r}: --base is one of {', '.join(BASES)}, or a file with equations.")
-    if u == y:
-        raise DataError(f"Input and output are the same column {u!r}; choose with --input and --output.")
-    channels = with_columns(channels, from_equations(own, 1.0).channels if own else ())
-    measured = records(data, u, y, t, ts, channels, rows, missing, units, roles=role)
-    judging = validating(validate, measured, u, y, t, ts, channels, missing, units, role)
-    points = rest_points(steady_state, u, y, measured[0].units) if steady_state else None
+    if how.u == how.y:
+        raise DataError(f"Input and output are the same column {how.u!r}; choose with --input and --output.")
+    named = from_equations(own, 1.0).channels if own else ()
+    measured = how.records(data, more=named)
+    judging = how.validating(validate, measured, named)
+    points = opt.rest_points(steady_state, how, measured[0].units) if steady_state else None
     with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
         model = fit_equations(own, measured) if own else identify(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
@@ -119,14 +89,15 @@ def fit(
 
 
 @app.command()
+@opt.reads("channels", "role", "missing")
 def derive(
-    model_file: ModelFile,
+    model_file: opt.ModelFile,
     latex: Annotated[Path | None, typer.Option("--latex", help="Write a LaTeX document.")] = None,
     plot: Annotated[Path | None, typer.Option("--plot", help="Draw the quasi-static sets.")] = None,
     continuous: Annotated[
         bool, typer.Option("--continuous", help="Derive the differential equation, in physical units, instead.")
     ] = False,
-    scale: Scale = None,
+    scale: opt.Scale = None,
     data: Annotated[
         list[Path] | None,
         typer.Option(
@@ -134,12 +105,8 @@ def derive(
         ),
     ] = None,
     json: Annotated[Path | None, typer.Option("--json", help="With --continuous: write the quantities.")] = None,
-    u: Input = "u",
-    y: Output = "y",
-    t: Time = "t",
-    ts: Ts = None,
-    rows: Rows = None,
-    units: Units = "",
+    *,
+    how: opt.Reading,
 ) -> None:
     """Derive Sigma_y, the equilibria, the quasi-static sets, where they attract, and check the assumptions.
 
@@ -149,15 +116,15 @@ def derive(
     from ..files.store import load
     from ..inversion.analyses import document, summary
 
-    check_targets([latex, plot, json], model_file, *(data or []))
+    opt.check_targets([latex, plot, json], model_file, *(data or []))
     if not continuous and (scale or data or json):
         raise DataError("--scale, --data and --json belong to derive --continuous.")
     model = load(model_file)
     if continuous:
         if plot:
             raise DataError("--plot draws quasi-static sets: leave out --continuous.")
-        listed = records(data, u, y, t, ts, ",".join(model.channels), rows, units=units, model=model) if data else None
-        _differential(model, model.continuous(scale, listed, unit_names(units)), latex, json)
+        listed = how.records(data, model, model.channels) if data else None
+        _differential(model, model.continuous(scale, listed, opt.unit_names(how.units)), latex, json)
         return
     for heading, lines in summary(model):
         console().print(f"[bold]{heading}[/bold]")
@@ -165,17 +132,17 @@ def derive(
             console().print("  " + line, markup=False)
     if latex:
         write_text(latex, document(model))
-        console().print(f"LaTeX written to {latex}")
     if plot:
         from ..report.plots import plot_quasi_static
 
         try:
-            figure = plot_quasi_static(model, units=unit_names(units))
+            figure = plot_quasi_static(model, units=opt.unit_names(how.units))
         except NarxError as error:  # what can be derived is told above
             note(f"no picture: {error}")
+            plot = None
         else:
-            save_figure(figure, plot)
-            console().print(f"Picture written to {plot}")
+            opt.save_figure(figure, plot)
+    say_written(("LaTeX written to", latex), ("Picture written to", plot))
 
 
 def _differential(model: Any, found: Any, latex: Path | None, json: Path | None) -> None:
@@ -193,16 +160,16 @@ def _differential(model: Any, found: Any, latex: Path | None, json: Path | None)
         note(said)
     if latex:
         write_text(latex, document_of([("Model", [model.latex()]), ("Differential equation", [found.latex()])]))
-        console().print(f"LaTeX written to {latex}")
     if json:
         write_plain(found.to_dict(), json)
-        console().print(f"JSON written to {json}")
+    say_written(("LaTeX written to", latex), ("JSON written to", json))
 
 
 @app.command()
+@opt.reads()
 def compare(
-    model_file: ModelFile,
-    data: DataFiles,
+    model_file: opt.ModelFile,
+    data: opt.DataFiles,
     plot: Annotated[Path | None, typer.Option("--plot", help="Picture of time response and loop.")] = Path(
         "compare.png"
     ),
@@ -213,17 +180,10 @@ def compare(
     align: Annotated[
         bool, typer.Option("--align", help="Estimate a constant offset of the sensor beside the start states.")
     ] = False,
-    validate: Validate = None,
+    validate: opt.Validate = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write the errors.")] = None,
-    units: Units = "",
-    u: Input = "u",
-    y: Output = "y",
-    t: Time = "t",
-    ts: Ts = None,
-    channels: Channels = "",
-    role: Roles = "",
-    rows: Rows = None,
-    missing: Missing = "refuse",
+    *,
+    how: opt.Reading,
 ) -> None:
     """Compare a model with measurements: one-step and free-run errors, time response and loop, where it fails.
 
@@ -235,16 +195,14 @@ def compare(
     from ..tasks import compare as task
 
     target = None if no_plot else plot
-    where = where_beside(target)
-    check_targets([target, where, json], model_file, *data, *(validate or []))
+    where = target and opt.where_beside(target)
+    opt.check_targets([target, where, json], model_file, *data, *(validate or []))
     model = load(model_file)
-    named = with_columns(channels, [*filter(None, [reference]), *model.channels])
-    measured = records(data, u, y, t, ts, named, rows, missing, units, model, roles=role)
+    named = [*filter(None, [reference]), *model.channels]
+    measured = how.records(data, model, named)
     with working("Simulating"):
         found = task.compare(model, measured, align)
-        found.errors.extend(
-            task.validated(model, validating(validate, measured, u, y, t, ts, named, missing, units, role), align)
-        )
+        found.errors.extend(task.validated(model, how.validating(validate, measured, named), align))
     names = said_first(model.info.units, measured[0].units)
     for said in found.notes:
         note(said)
@@ -269,10 +227,10 @@ def _pictures(model: Any, measured: list[Any], target: Path, misfit: Any, where:
         path = target if i == 0 else target.with_stem(f"{target.stem}_{i + 1}")
         name = f"{record.name}{' (longest segment)' if record.breaks else ''}"
         longest = replace(max(record.segments(), key=len), name=name)  # its error is not that of the record
-        save_figure(plot_comparison(model, longest, units=units), path)
+        opt.save_figure(plot_comparison(model, longest, units=units), path)
         console().print(f"Picture of {name}: {path}")
     if misfit is not None and where is not None:
-        save_figure(where_it_fails(misfit, units=units), where)
+        opt.save_figure(where_it_fails(misfit, units=units), where)
         console().print(f"Picture of where it fails: {where}")
 
 
@@ -289,9 +247,7 @@ for command in (
 
 
 @app.command()
-def demo(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("narx_sym_demo"),
-) -> None:
+def demo(out: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("narx_sym_demo")) -> None:
     """Run the main job on simulated machines: identify, derive, compensate, compare, find a hidden effect, add it."""
     from .demo import run
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +19,6 @@ from .printing import note
 # Heavy modules are imported inside the functions: `narx-sym --help` answers at once.
 if TYPE_CHECKING:
     from ..data.record import Record
-    from ..files.journal import Journal
     from ..models.effects import Catalogue
     from ..models.model import Model
 
@@ -92,73 +94,83 @@ EffectFiles = Annotated[
 ]
 
 
-def records(
-    files: list[Path],
-    u: str,
-    y: str,
-    t: str,
-    Ts: float | None,
-    channels: str,
-    rows: str | None,
-    missing: str = "refuse",
-    units: str = "",
-    model: Model | None = None,
-    roles: str = "",
-) -> list[Record]:
-    """Read the data files in the units of a model, or of the first; say what was changed and what to know.
+@dataclass(frozen=True)
+class Reading:
+    """How data files are read: the options that many commands have, in the place of their argument `how`."""
 
-    What a channel is says the user, else the model, else what is found in the file.
-    """
-    from ..data.evidence.roles import roles_of, with_roles
-    from ..data.record import read
-    from ..data.units import in_units
-    from ..symbolic.signals import channel_name
-    from ..tasks.base import check_pace, what_to_print
+    u: Input = "u"
+    y: Output = "y"
+    t: Time = "t"
+    ts: Ts = None
+    channels: Channels = ""
+    role: Roles = ""
+    rows: Rows = None
+    missing: Missing = "refuse"
+    units: Units = ""
 
-    said, own = unit_names(units), roles_of(roles)
-    read_in = [
-        read(file, u=u, y=y, t=t, Ts=Ts, rows=rows, channels=channels, missing=missing, units=said, roles=own)
-        for file in files
-    ]
-    if model:
-        known = {n: role for n, role in model.info.roles.items() if n not in map(channel_name, own)}
-        read_in = [with_roles(r, {n: known[n] for n in r.channels if n in known}) for r in read_in]
-    listed = in_units(read_in, model.info.units if model else None)
-    for file, record in zip(files, listed, strict=True):
+    def records(self, files: list[Path], model: Model | None = None, more: Iterable[str] = ()) -> list[Record]:
+        """Read data files in the units of a model, or of the first; say what was changed and what to know.
+
+        What a channel is says the user, else the model, else what is found in the file. `more` are the names of
+        further columns.
+        """
+        from ..data.evidence.roles import roles_of, with_roles
+        from ..data.record import read
+        from ..data.units import in_units
+        from ..symbolic.signals import channel_name
+        from ..tasks.base import check_pace, what_to_print
+
+        said, own = unit_names(self.units), roles_of(self.role)
+        columns = ",".join(dict.fromkeys(filter(None, [*self.channels.split(","), *more])))
+        read_in = [
+            read(file, self.u, self.y, self.t, self.ts, self.rows, columns, self.missing, said, own) for file in files
+        ]
         if model:
-            check_pace(model, record.Ts, f"{file}: the record has")
-    for text in what_to_print(listed):
-        note(text)
-    return listed
+            known = {n: role for n, role in model.info.roles.items() if n not in map(channel_name, own)}
+            read_in = [with_roles(r, {n: known[n] for n in r.channels if n in known}) for r in read_in]
+        listed = in_units(read_in, model.info.units if model else None)
+        for file, record in zip(files, listed, strict=True):
+            if model:
+                check_pace(model, record.Ts, f"{file}: the record has")
+        for text in what_to_print(listed):
+            note(text)
+        return listed
+
+    def validating(self, files: list[Path] | None, measured: list[Record], more: Iterable[str] = ()) -> list[Record]:
+        """Read the validation records, all their rows, in the units of the data; they have the pace of the data."""
+        from ..data.timegrid import same_pace
+        from ..data.units import in_units
+
+        if not files:
+            return []
+        listed = in_units(replace(self, rows=None).records(files, more=more), measured[0].units)
+        for record in listed:
+            if not same_pace(record.Ts, measured[0].Ts):
+                raise DataError(
+                    f"{record.name}: the validation record has Ts = {record.Ts:g} s, the data {measured[0].Ts:g} s: "
+                    "resample one of them."
+                )
+        return listed
 
 
-def validating(
-    files: list[Path] | None,
-    measured: list[Record],
-    u: str,
-    y: str,
-    t: str,
-    Ts: float | None,
-    channels: str = "",
-    missing: str = "refuse",
-    units: str = "",
-    roles: str = "",
-) -> list[Record]:
-    """Read the validation records, in the units of the data; they have the pace of the data."""
-    from ..data.timegrid import same_pace
-    from ..data.units import in_units
+def reads(*without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of `Reading` in the place of its argument `how`, without some of them."""
 
-    if not files:
-        return []
-    read_in = records(files, u, y, t, Ts, channels, None, missing, units, roles=roles)
-    listed = in_units(read_in, measured[0].units)
-    for record in listed:
-        if not same_pace(record.Ts, measured[0].Ts):
-            raise DataError(
-                f"{record.name}: the validation record has Ts = {record.Ts:g} s, the data {measured[0].Ts:g} s: "
-                "resample one of them."
-            )
-    return listed
+    def command(run: Callable[..., None]) -> Callable[..., None]:
+        own = [p for p in signature(run, eval_str=True).parameters.values() if p.name != "how"]
+        shared = [p for p in signature(Reading, eval_str=True).parameters.values() if p.name not in without]
+
+        @wraps(run)
+        def given(**options: Any) -> None:
+            how = Reading(**{p.name: options.pop(p.name) for p in shared})
+            run(**options, how=how)
+
+        listed = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in (*own, *shared)]
+        given.__signature__ = Signature(listed)  # type: ignore[attr-defined]
+        given.__annotations__ = {p.name: p.annotation for p in listed}
+        return given
+
+    return command
 
 
 def check_rest(file: Path | None, weight: float | None, method: str, base: str) -> str:
@@ -177,13 +189,13 @@ def check_rest(file: Path | None, weight: float | None, method: str, base: str) 
     return "one_step"
 
 
-def rest_points(file: Path, u: str, y: str, units: Mapping[str, str]) -> Any:
+def rest_points(file: Path, how: Reading, units: Mapping[str, str]) -> Any:
     """Read the (ubar, ybar) pairs of a file, (n, 2), in the units of the data."""
     import numpy as np
 
     from ..data.record import read_signal
 
-    asked = (("u", u, "--input"), ("y", y, "--output"))
+    asked = (("u", how.u, "--input"), ("y", how.y, "--output"))
     found = [
         read_signal(file, column, t=None, option=option, unit=units.get(name, ""), offers=())[0]
         for name, column, option in asked
@@ -202,12 +214,6 @@ def again(context: typer.Context, left_out: Sequence[str] = ()) -> dict[str, lis
         words = [[] if one.is_flag else map(str, value if one.nargs > 1 else [value]) for value in values]
         typed[one.opts[0]] = [word for own in words for word in (one.opts[0], *own)]
     return typed
-
-
-def say_resumed(journal: Journal | None, file: Path | None) -> None:
-    """Say how many results were taken from an earlier run."""
-    if journal is not None and journal.found:
-        note(f"{journal.found} results were taken from {file}")
 
 
 def unit_names(units: str) -> dict[str, str]:
@@ -270,11 +276,6 @@ def with_own(files: list[Path]) -> Catalogue:
     return catalogue
 
 
-def with_columns(channels: str, more: Any) -> str:
-    """Add the names of further columns."""
-    return ",".join(dict.fromkeys(filter(None, [*channels.split(","), *more])))
-
-
-def where_beside(plot: Path | None) -> Path | None:
+def where_beside(plot: Path) -> Path:
     """Return the name of the picture of where it fails."""
-    return plot and plot.with_stem(f"{plot.stem}_where")
+    return plot.with_stem(f"{plot.stem}_where")

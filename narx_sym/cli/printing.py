@@ -76,6 +76,13 @@ def note(message: str) -> None:
     print(f"note: {message}", file=Stderr())
 
 
+def say_written(*files: tuple[str, Any]) -> None:
+    """Print a line on stdout for each file that was written: what it is, and where."""
+    for what, path in files:
+        if path is not None:
+            console().print(f"{what} {path}")
+
+
 def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:
     """Print a table on stdout; one line for each row where the terminal would cut numbers or words."""
     from rich.console import Console
@@ -99,7 +106,7 @@ def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:
 
 def print_model(model: Model) -> None:
     """Print terms, parameters, with their units where those of the signals are known, and both errors."""
-    from ..data.units import coefficient_units
+    from ..codegen.units import coefficient_units
 
     rows, known = [], model.info.units
     units = coefficient_units(model, known) if known else {}

@@ -8,14 +8,13 @@ from typing import Any
 
 import sympy as sp
 
-from ..engines.plan import Plan
-from ..engines.writer import Writer, indented
+from ..engines.writer import indented
 from ..errors import ModelError
 from ..symbolic.functions import TABLE, Elementary
 from .layout import Layout, numbered, shortened, wrapped
 from .registry import Example, Request, export
+from .steps import StepWriter
 
-UNROLLED = 3  # a longer past is shifted in a loop
 PAST = "past"  # the pointer to the state
 # Words of C (and of C++ and later C), of its library, of compilers, and of the source itself.
 WORDS = set(
@@ -34,15 +33,15 @@ WORDS = set(
 HELPERS = {row.name.lower(): row for row in TABLE if row.c.count("{x}") > 1}
 
 
-class _C(Writer):
+class _C(StepWriter):
     """The words of C99."""
 
     language, words = "C source", "c"
     joints, truth = ("&&", "||", "!"), ("0", "1")
 
-    def __init__(self, names: Mapping[Any, str], name: str, single: bool):
-        super().__init__(names, single)
-        self.prefix, self.real, self.mark = name, f"{name}_real", "F" if single else ""
+    def __init__(self, name: str, single: bool, counter: str):
+        super().__init__({}, single)
+        self.prefix, self.real, self.mark, self.counter = name, f"{name}_real", "F" if single else "", counter
         self.helpers: set[str] = set()
         self.mathematics = False
 
@@ -53,9 +52,6 @@ class _C(Writer):
     def call(self, name: str, *arguments: str) -> str:
         self.mathematics = True
         return super().call(name + ("f" if self.single else ""), *arguments)
-
-    def power(self, base: str, exponent: str) -> str:
-        return self.call("pow", base, exponent)
 
     def applied(self, row: Elementary, *arguments: tuple[str, int]) -> str:
         texts, name = [shown for shown, _ in arguments], row.name.lower()
@@ -80,11 +76,15 @@ class _C(Writer):
     def declare(self, name: str) -> list[str]:
         return [f"{self.real} {name};"]
 
-    def assign(self, name: str, shown: str) -> str:
-        return f"{name} = {shown};"
+    def past(self, label: str, index: Any) -> str:
+        return f"{PAST}->{label}[{index}]"
 
-    def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
-        return [f"if ({condition}) {{", *then, "} else {", *otherwise, "}"]
+    def clock(self) -> str:
+        return f"({self.real}){PAST}->{self.counter}"
+
+    def loop(self, start: int, stop: int, line: str) -> list[str]:
+        way = f"i <= {stop}; i++" if start <= stop else f"i >= {stop}; i--"
+        return [f"for (int i = {start}; {way}) {{", f"    {line}", "}"]
 
     def definitions(self) -> list[str]:
         """Return the helpers that were used."""
@@ -98,16 +98,15 @@ class _C(Writer):
 
 @export("c", "C99 source", ".c")
 def source(request: Request) -> str:
-    """Return one self-contained C99 file: `narx_sym.codegen.export.to_c`."""
+    """Return one self-contained C99 file: `narx_sym.codegen.export.written`."""
     name, recursion, example = request.name, request.recursion, request.example(request.instance)
     layout = layout_of(request)
     labels, inputs, rested = layout.labels, list(recursion.inputs), layout.rested
     # Every state but the one that is returned can be read from the struct.
     depth = {b: 1 for b in recursion.states if b != request.returned} | layout.depth
     clock = numbered("k", lambda free: free not in labels.values())
-    writer = _C({}, name, request.single)
-    start = _init(layout, depth, writer, clock)
-    step = _step(layout, depth, writer, clock)
+    writer = _C(name, request.single, clock)
+    start, step = _init(layout, depth, writer), _step(layout, depth, writer)
     real = writer.real
     opening = f"void {name}_init({', '.join([f'{name}_state *{PAST}', *(f'{real} {labels[b]}' for b in rested)])})"
     stepping = f"{real} {name}_step({', '.join([f'{name}_state *{PAST}', *(f'{real} {labels[b]}' for b in inputs)])})"
@@ -169,66 +168,33 @@ def _comment(layout: Layout, writer: _C, request: Request, tested: bool) -> list
         *[f"{name}_defaults gives the parameters in the struct their numbers; call it first."]
         * bool(layout.parameters),
         f"{name}_init fills the past with values at rest; {name}_step takes {takes} and returns "
-        f"{layout.labels[request.returned]}[k]; further states are in the struct, newest first.",
+        f"{layout.output}[k]; further states are in the struct, newest first.",
         f"Give it finite numbers: a NaN that was taken may stay in the past until {name}_init is called again.",
         f"No heap, no static data. C99{'; link with -lm' if library else ''}.",
         test if tested else none,
     )
 
 
-def _init(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> list[str]:
-    """Return the body of the init function; a state that starts from others is computed from them."""
-    labels, kept = layout.labels, _kept(layout)
-    lines = []
-    for base, d in depth.items():
-        shown = labels[base] if base in layout.rested else writer.number(0.0)
-        if base in layout.initial:
-            expr, named = layout.at_rest(base, {b: labels[b] for b in layout.rested})
-            writer.names = named | kept
-            shown = writer(expr)
-        lines += _each(f"{PAST}->{labels[base]}[{{}}] = {shown};", 0, d)
-    start, writer.lines = writer.lines + lines, []
+def _init(layout: Layout, depth: Mapping[Any, int], writer: _C) -> list[str]:
+    """Return the body of the init function."""
+    rest = {b: layout.labels[b] for b in layout.rested}
+    start = writer.start(layout, depth, rest, _kept(layout))
     read = set(re.findall(r"(?<![>\w])\w+", "\n".join(start)))  # not the fields of the struct
-    unused = [f"(void){labels[b]};" for b in layout.rested if labels[b] not in read]
-    return unused + start + [f"{PAST}->{clock} = {layout.recursion.depth}UL;"] * layout.counts
+    unused = [f"(void){label};" for label in rest.values() if label not in read]
+    return unused + start + [f"{PAST}->{writer.counter} = {layout.recursion.depth}UL;"] * layout.counts
 
 
-def _step(layout: Layout, depth: Mapping[Any, int], writer: _C, clock: str) -> list[str]:
+def _step(layout: Layout, depth: Mapping[Any, int], writer: _C) -> list[str]:
     """Return the body of the step function: the equations, the shift of the past, the value."""
-    labels, plan = layout.labels, layout.plan
-    writer.names = {Plan.time: f"({writer.real}){PAST}->{clock}"} | _kept(layout)
-    for key, symbol in plan.sample.items():
-        base, age = layout.place(key)
-        writer.names[symbol] = f"{PAST}->{labels[base]}[{age - 1}]" if age else labels[base]
-
-    def done(s: int, shown: str) -> None:
-        writer.lines.append(f"const {writer.real} {labels[layout.recursion.states[s]]} = {shown};")
-
-    writer.updates(plan, done)
-    read = {layout.place(key) for key in plan.sample}
-    unused = [f"(void){labels[b]};" for b in layout.recursion.inputs if b not in depth and (b, 0) not in read]
-    shifts = []
-    for base, d in depth.items():
-        label = f"{PAST}->{labels[base]}"
-        if d > UNROLLED + 1:
-            shifts += [f"for (int i = {d - 1}; i > 0; i--) {{", f"    {label}[i] = {label}[i - 1];", "}"]
-        else:
-            shifts += [f"{label}[{i}] = {label}[{i - 1}];" for i in range(d - 1, 0, -1)]
-        shifts.append(f"{label}[0] = {labels[base]};")
-    shifts += [f"{PAST}->{clock}++;"] * layout.counts
-    return [*unused, *writer.lines, *shifts, f"return {labels[layout.returned]};"]
+    step = writer.step(layout, depth, _kept(layout), lambda label, shown: f"const {writer.real} {label} = {shown};")
+    read = {layout.place(key) for key in layout.plan.sample}
+    unused = [f"(void){layout.labels[b]};" for b in layout.recursion.inputs if b not in depth and (b, 0) not in read]
+    return [*unused, *step, *[f"{PAST}->{writer.counter}++;"] * layout.counts, f"return {layout.output};"]
 
 
 def _kept(layout: Layout) -> dict[Any, str]:
     """Return the text of each parameter that stays in the struct."""
     return {p: f"{PAST}->{label}" for p, label in layout.parameters.items()}
-
-
-def _each(line: str, first: int, last: int) -> list[str]:
-    """Repeat a line for each index; in a loop where there are many."""
-    if last - first <= UNROLLED + 1:
-        return [line.format(i) for i in range(first, last)]
-    return [f"for (int i = {first}; i < {last}; i++) {{", f"    {line.format('i')}", "}"]
 
 
 def _label(plain: str, taken: set[str]) -> str:

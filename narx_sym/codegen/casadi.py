@@ -9,7 +9,7 @@ from .registry import Request, export
 
 @export("casadi", "CasADi")
 def function(request: Request) -> Any:
-    """Return f(state, inputs) -> (next, output): `narx_sym.codegen.export.transition`."""
+    """Return f(state, inputs) -> (next, output): `narx_sym.codegen.export.written`."""
     from ..engines.casadi import transition  # CasADi takes long to load
 
     return transition(request.recursion, request.values, request.name, request.returned)

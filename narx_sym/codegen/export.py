@@ -40,14 +40,42 @@ def written(
     coefficients: Coefficients = lambda equations: (),
     notes: Sequence[str] = (),
 ) -> Any:
-    """Return a recursion for another place; `to` names a target of `narx_sym.codegen.registry`, see `to_c`.
+    """Return a recursion for another place.
 
-    `notes` are further sentences for the comment on top; the first of them stands above the equations.
+    Parameters
+    ----------
+    to : "c", "st" or another target of `narx_sym.codegen.registry`
+    values : mapping from each parameter to its number
+    name : str
+        Of what is written: of a block, of a constant, the prefix of a type and its functions.
+    single : bool
+        Single precision instead of double.
+    output : IndexedBase or its name, optional
+        The state that a step returns; the last by default. (Sensitivities stand behind a model's output: name it.)
+    initial : mapping from states to expressions, optional
+        What a state is at rest, in samples of other sequences; the rest values of all other states are arguments.
+    ranges : mapping from names to (low, high), optional
+        Where the self-test moves each input, and starts each state; by default around 0.
+    Ts : float, optional
+        Sampling time [s].
+    rest : mapping from names to their usual values at rest
+    units : mapping such as {"u": "V", "y": "um"}
+    coefficients : function from equations to rows (coefficients as a text, their unit), for the comment on top
+    notes : further sentences for the comment on top; the first of them stands above the equations
+
+    Raises
+    ------
+    ModelError
+        For a target that there is not, a name that cannot be one there, a missing value, a function that the target
+        does not have, or an output that the recursion does not compute.
     """
     one = target(to)
     recursion = _in_single(recursion) if single else recursion
-    numbers, returned = _numbers(recursion, values), _returned(recursion, output)
-    starts = _starts(recursion, initial or {})
+    missing = [p for p in recursion.parameters if p not in values]
+    if missing:
+        raise ModelError(f"No value was given for {', '.join(map(str, missing))}.")
+    numbers = {p: sp.Float(values[p]) for p in recursion.parameters}
+    returned, starts = _returned(recursion, output), _starts(recursion, initial or {})
     return one.write(
         Request(
             recursion, numbers, name, single, returned, starts,
@@ -59,130 +87,12 @@ def written(
     )  # fmt: skip
 
 
-def transition(recursion: Recursion, values: Mapping[Any, float], name: str = "narx", output: Any = None) -> Any:
-    """Return the step of a recursion with numbers as a CasADi `Function` (state, inputs) -> (next, output).
-
-    The state is `recursion.past`, the inputs are `recursion.given`, in that order; see `to_c` for the arguments.
-
-    Raises
-    ------
-    ModelError
-        For a missing value, an equation with the time index itself, or an output that the recursion does not compute.
-    """
-    return written("casadi", recursion, values, name, output=output)
-
-
-def to_c(
-    recursion: Recursion,
-    values: Mapping[Any, float],
-    name: str = "narx",
-    single: bool = False,
-    output: Any = None,
-    initial: Mapping[Any, Any] | None = None,
-    ranges: Mapping[str, Sequence[float]] | None = None,
-    Ts: float | None = None,
-) -> str:
-    """Return C99 source of a recursion: state in a struct, init and step, no heap, and a self-test.
-
-    Parameters
-    ----------
-    values : mapping from each parameter to its number
-    name : str
-        Prefix of the type and the functions.
-    single : bool
-        float instead of double.
-    output : IndexedBase or its name, optional
-        The state that a step returns; the last by default. (Sensitivities stand behind a model's output: name it.)
-    initial : mapping from states to expressions, optional
-        What a state is at rest, in samples of other sequences; the rest values of all other states are arguments of
-        the init function.
-    ranges : mapping from names to (low, high), optional
-        Where the self-test moves each input, and starts each state; by default around 0.
-    Ts : float, optional
-        Sampling time, for the comment [s].
-
-    Raises
-    ------
-    ModelError
-        For a name that is no C identifier, a missing value, a function that C99 does not have, or an output that the
-        recursion does not compute.
-    """
-    return str(written("c", recursion, values, name, single, output, initial, ranges, Ts))
-
-
-def to_st(
-    recursion: Recursion,
-    values: Mapping[Any, float],
-    name: str = "narx",
-    single: bool = False,
-    output: Any = None,
-    initial: Mapping[Any, Any] | None = None,
-    Ts: float | None = None,
-) -> str:
-    """Return IEC 61131-3 Structured Text of a recursion: one function block that starts from rest.
-
-    Parameters
-    ----------
-    name : str
-        Name of the function block.
-    single : bool
-        REAL instead of LREAL.
-
-    The others are those of `to_c`.
-
-    Raises
-    ------
-    ModelError
-        For a name that is no identifier, a missing value, a function that the standard does not have, a Piecewise
-        whose last case may fail, or an output that the recursion does not compute.
-    """
-    return str(written("st", recursion, values, name, single, output, initial, Ts=Ts))
-
-
-def to_js(
-    recursion: Recursion,
-    values: Mapping[Any, float],
-    name: str = "narx",
-    output: Any = None,
-    initial: Mapping[Any, Any] | None = None,
-    Ts: float | None = None,
-) -> str:
-    """Return JavaScript (ECMAScript 2015) of a recursion: one constant, for a page or for `require`, without `eval`.
-
-    `name.simulate(inputs, start, parameters, runs)` runs over whole arrays as the engines do: from the first samples in
-    `start` (a number or an array for each of `name.states`), with NaN from where it leaves the finite numbers. The
-    parameters are arguments; `values` stand in `name.values`, and are taken where none are given.
-    `name.rest(at, parameters)` returns what the states start from where the sequences in `name.rested` are at rest.
-
-    Parameters
-    ----------
-    name : str
-        Name of the constant.
-
-    The others are those of `to_c`.
-
-    Raises
-    ------
-    ModelError
-        For a name that is no identifier, a missing value, a function that JavaScript does not have, or an output that
-        the recursion does not compute.
-    """
-    return str(written("js", recursion, values, name, output=output, initial=initial, Ts=Ts))
-
-
 def _returned(recursion: Recursion, output: Any) -> Any:
     wanted = str(getattr(output, "label", recursion.states[-1].label if output is None else output))
     returned = next((base for base in recursion.states if base.name == wanted), None)
     if returned is None:
         raise ModelError(f"The recursion does not compute {wanted}; it has {', '.join(map(str, recursion.states))}.")
     return returned
-
-
-def _numbers(recursion: Recursion, values: Mapping[Any, Any]) -> dict[Any, Any]:
-    missing = [p for p in recursion.parameters if p not in values]
-    if missing:
-        raise ModelError(f"No value was given for {', '.join(map(str, missing))}.")
-    return {p: sp.Float(values[p]) for p in recursion.parameters}
 
 
 def _in_single(recursion: Recursion) -> Recursion:

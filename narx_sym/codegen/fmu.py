@@ -27,6 +27,7 @@ from ..errors import ModelError
 from ..symbolic.signals import t
 from .c import layout_of, source
 from .layout import Layout, numbered, plain
+from .markup import document, element
 from .registry import Request, export
 
 COMPILERS = ("cc", "gcc", "clang")
@@ -59,13 +60,13 @@ class Variable:
 
 @export("fmu", "FMU, FMI 3.0", ".fmu")
 def fmi_3(request: Request) -> bytes:
-    """Return the FMU as bytes; see `narx_sym.codegen.targets.model_to_fmu`."""
+    """Return the FMU as bytes; see `narx_sym.codegen.targets.export_model`."""
     return _archive(request, 3)
 
 
 @export("fmu2", "FMU, FMI 2.0")
 def fmi_2(request: Request) -> bytes:
-    """Return the FMU as bytes; see `narx_sym.codegen.targets.model_to_fmu`."""
+    """Return the FMU as bytes; see `narx_sym.codegen.targets.export_model`."""
     return _archive(request, 2)
 
 
@@ -80,12 +81,9 @@ def _archive(request: Request, version: int) -> bytes:
     token = "{" + "-".join(digest[a:b] for a, b in ((0, 8), (8, 12), (12, 16), (16, 20), (20, 32))) + "}"
     described.set("instantiationToken" if version == 3 else "guid", token)
     code = f'#define FMI_TOKEN "{token}"\n{code}'
-    files = {
-        "modelDescription.xml": _written(described),
-        f"sources/{request.name}.c": code.encode("ascii"),
-    }
+    files = {"modelDescription.xml": document(described).encode(), f"sources/{request.name}.c": code.encode("ascii")}
     if version == 3:
-        files["sources/buildDescription.xml"] = _written(_build(request.name))
+        files["sources/buildDescription.xml"] = document(_build(request.name)).encode()
     files |= _binary(request.name, code, version)
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -119,7 +117,7 @@ def _variables(request: Request, layout: Layout) -> list[Variable]:
         what = f"input, {ahead} sample{'s' * (ahead > 1)} ahead," if ahead else "input"
         listed.append(signal("i", base, labels[base], what, True))
     what = "output, one sample late," if _late(layout) else "output"
-    listed.append(signal("o", layout.returned, labels[layout.returned], what, False))
+    listed.append(signal("o", request.returned, layout.output, what, False))
     listed += [
         Variable("p", named(label), f"parameter {plain(p)}", float(request.values[p]))
         for p, label in layout.parameters.items()
@@ -218,7 +216,7 @@ def _late(layout: Layout) -> bool:
     """Whether the output answers an input at once: what a step ends with is then one sample old."""
     delays, inputs = layout.recursion.graph.delays, (b for b in layout.recursion.inputs if b != t)
     # On every slower way a sample is older.
-    return any(delays(b)[layout.returned] == layout.newest[b] for b in inputs)
+    return any(delays(b)[layout.request.returned] == layout.newest[b] for b in inputs)
 
 
 # -- the description -------------------------------------------------------------------------------------------
@@ -227,36 +225,35 @@ def _late(layout: Layout) -> bool:
 def _description(request: Request, layout: Layout, listed: list[Variable], version: int) -> Any:
     """Return modelDescription.xml."""
     name, Ts = request.name, repr(request.Ts)
-    root = Xml.Element(
+    exchange = {"modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true"}
+    sources = [] if version == 3 else [element("SourceFiles", {}, element("File", {"name": f"{name}.c"}))]
+    units, output = sorted({v.unit for v in listed} - {""}), next(i for i, v in enumerate(listed) if v.kind == "o")
+    # A step decides the output, so it depends on no input that is set after the step.
+    if version == 3:
+        own, exchange = {"valueReference": str(output)}, exchange | {"fixedInternalStepSize": Ts}
+        structure = [element("Output", own | {"dependencies": ""}), element("InitialUnknown", own)]
+    else:
+        own = {"index": str(output + 1)}  # FMI 2.0 counts from 1
+        structure = [
+            element("Outputs", {}, element("Unknown", own | {"dependencies": ""})),
+            element("InitialUnknowns", {}, element("Unknown", own)),
+        ]
+    return element(
         "fmiModelDescription",
         {"fmiVersion": f"{version}.0", "modelName": name, "description": _said(request, layout),
          "generationTool": "narx_sym", "variableNamingConvention": "flat"},
+        element("CoSimulation", exchange, *sources),
+        element("UnitDefinitions", {}, *(element("Unit", {"name": unit}) for unit in units)),
+        element("LogCategories", {}, element("Category", {"name": "logStatusError"})),
+        element("DefaultExperiment", {"startTime": "0", "stepSize": Ts}),
+        element("ModelVariables", {}, *(_variable(place, one, version) for place, one in enumerate(listed))),
+        element("ModelStructure", {}, *structure),
     )  # fmt: skip
-    if version == 3:
-        Xml.SubElement(
-            root, "CoSimulation",
-            {"modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true", "fixedInternalStepSize": Ts},
-        )  # fmt: skip
-    else:
-        exchange = Xml.SubElement(
-            root, "CoSimulation", {"modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true"}
-        )
-        Xml.SubElement(Xml.SubElement(exchange, "SourceFiles"), "File", {"name": f"{name}.c"})
-    units = Xml.SubElement(root, "UnitDefinitions")
-    for unit in sorted({v.unit for v in listed if v.unit}):
-        Xml.SubElement(units, "Unit", {"name": unit})
-    Xml.SubElement(Xml.SubElement(root, "LogCategories"), "Category", {"name": "logStatusError"})
-    Xml.SubElement(root, "DefaultExperiment", {"startTime": "0", "stepSize": Ts})
-    variables = Xml.SubElement(root, "ModelVariables")
-    for place, one in enumerate(listed):
-        _variable(variables, place, one, version)
-    _structure(Xml.SubElement(root, "ModelStructure"), listed, version)
-    return root
 
 
 def _said(request: Request, layout: Layout) -> str:
     """Say what a step takes, and what it ends with."""
-    output, late = layout.labels[layout.returned], _late(layout)
+    output, late = layout.output, _late(layout)
     takes = ", ".join(layout.when(b) for b in layout.recursion.inputs if b != t) or "nothing"
     ends = f"{output}[k]; to have {output} in time, give the inputs one sample earlier" if late else f"{output}[k+1]"
     heading = f"{layout.heading} " if layout.heading else ""
@@ -264,7 +261,7 @@ def _said(request: Request, layout: Layout) -> str:
     return f"{heading}{output} every {request.Ts:.10g} s: {steps}"
 
 
-def _variable(parent: Any, place: int, one: Variable, version: int) -> None:
+def _variable(place: int, one: Variable, version: int) -> Any:
     causality, variability = {
         "t": ("independent", "continuous"), "i": ("input", "continuous"), "o": ("output", "continuous"),
         "p": ("parameter", "tunable"), "r": ("parameter", "fixed"),
@@ -279,32 +276,12 @@ def _variable(parent: Any, place: int, one: Variable, version: int) -> None:
     number |= {"unit": one.unit} if one.unit else {}
     number |= {"min": repr(float(one.range[0])), "max": repr(float(one.range[1]))} if one.range else {}
     if version == 3:
-        Xml.SubElement(parent, "Float64", shared | number)
-    else:
-        Xml.SubElement(Xml.SubElement(parent, "ScalarVariable", shared), "Real", number)
-
-
-def _structure(parent: Any, listed: list[Variable], version: int) -> None:
-    """Name the output: a step decides it, so it depends on no input that is set after the step."""
-    output = next(i for i, v in enumerate(listed) if v.kind == "o")
-    if version == 3:
-        Xml.SubElement(parent, "Output", {"valueReference": str(output), "dependencies": ""})
-        Xml.SubElement(parent, "InitialUnknown", {"valueReference": str(output)})
-        return
-    known = {"index": str(output + 1)}  # FMI 2.0 counts from 1
-    Xml.SubElement(Xml.SubElement(parent, "Outputs"), "Unknown", known | {"dependencies": ""})
-    Xml.SubElement(Xml.SubElement(parent, "InitialUnknowns"), "Unknown", known)
+        return element("Float64", shared | number)
+    return element("ScalarVariable", shared, element("Real", number))
 
 
 def _build(name: str) -> Any:
     """Return buildDescription.xml of FMI 3.0."""
-    root = Xml.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
-    configuration = Xml.SubElement(root, "BuildConfiguration", {"modelIdentifier": name})
-    files = Xml.SubElement(configuration, "SourceFileSet", {"language": "C99"})
-    Xml.SubElement(files, "SourceFile", {"name": f"{name}.c"})
-    return root
-
-
-def _written(root: Any) -> bytes:
-    Xml.indent(root)
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="utf-8") + b"\n"
+    files = element("SourceFileSet", {"language": "C99"}, element("SourceFile", {"name": f"{name}.c"}))
+    configuration = element("BuildConfiguration", {"modelIdentifier": name}, files)
+    return element("fmiBuildDescription", {"fmiVersion": "3.0"}, configuration)

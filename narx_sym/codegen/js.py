@@ -34,32 +34,12 @@ class _JavaScript(Writer):
     language, words = "JavaScript", "javascript"
     relations: ClassVar[Mapping[Any, str]] = {**RELATIONS, sp.Equality: "===", sp.Unequality: "!=="}
     joints, truth = ("&&", "||", "!"), ("false", "true")
-
-    def number(self, value: float) -> str:
-        return repr(value)
-
-    def power(self, base: str, exponent: str) -> str:
-        return self.call("Math.pow", base, exponent)
-
-    def undefined(self, expr: Any) -> str:
-        return "NaN"
-
-    def define(self, name: str, shown: str, boolean: bool = False) -> list[str]:
-        return [f"const {name} = {shown};"]
-
-    def declare(self, name: str) -> list[str]:
-        return [f"let {name};"]
-
-    def assign(self, name: str, shown: str) -> str:
-        return f"{name} = {shown};"
-
-    def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
-        return [f"if ({condition}) {{", *then, "} else {", *otherwise, "}"]
+    pow, nan, defining, declaring = "Math.pow", "NaN", "const {name} = {shown};", "let {name};"
 
 
 @export("js", "JavaScript", ".js")
 def source(request: Request) -> str:
-    """Return one constant with its functions: `narx_sym.codegen.export.to_js`."""
+    """Return one constant with its functions: `narx_sym.codegen.export.written`."""
     name = request.name
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name) or name in WORDS:
         raise ModelError(f"{name!r} cannot be the name of a constant in JavaScript.")

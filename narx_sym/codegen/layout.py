@@ -16,12 +16,11 @@ from ..engines.writer import indented
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import k, lag, samples, signal
-from .registry import Coefficients, Request
+from .registry import Request
 
 WIDTH = 108  # of a line
 ASCII = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "·": " "})  # of units
-RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⋅", "0123456789-."
-POWERS = str.maketrans(*RAISED)
+RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⋅", "0123456789-.")
 
 
 @dataclass(frozen=True)
@@ -30,30 +29,22 @@ class Layout:
 
     Attributes
     ----------
-    recursion : Recursion
-    values : mapping from each parameter to its number
-    returned : IndexedBase
-        The state that a step returns.
+    request : Request
+    values : mapping from each parameter that does not stay beside the state to its number
     initial : mapping from states to expressions
         What a state is before the first step, in samples of the sequences that `rested` lists.
     labels : mapping from signals to identifiers
     parameters : mapping from parameters without a number to identifiers
     newest : mapping from inputs to numbers
         The lag of the sample of each input that a step takes; a preview is negative.
-    coefficients : function from equations to rows (coefficients as a text, their unit)
-    heading : str
-        The first line of the comment.
     """
 
-    recursion: Recursion
+    request: Request
     values: Mapping[Any, Any]
-    returned: Any
     initial: Mapping[Any, Any]
     labels: Mapping[Any, str]
     parameters: Mapping[Any, str]
     newest: Mapping[Any, int]
-    coefficients: Coefficients
-    heading: str = ""
 
     @classmethod
     def of(cls, request: Request, label: Callable[[str, set[str]], str], taken: Iterable[str]) -> Layout:
@@ -69,11 +60,22 @@ class Layout:
             names[one] = label(str(getattr(one, "label", one)), used)
             used.add(names[one])
         parameters = {p: names.pop(p) for p in kept}
-        latest = newest(recursion, request.instance)
-        return cls(
-            recursion, values, request.returned, initial, names, parameters, latest, request.coefficients,
-            harmless(request.heading),
-        )  # fmt: skip
+        return cls(request, values, initial, names, parameters, newest(recursion, request.instance))
+
+    @property
+    def recursion(self) -> Recursion:
+        """The equations."""
+        return self.request.recursion
+
+    @property
+    def output(self) -> str:
+        """The identifier of what a step returns."""
+        return self.labels[self.request.returned]
+
+    @property
+    def heading(self) -> str:
+        """The first line of the comment."""
+        return harmless(self.request.heading)
 
     @cached_property
     def plan(self) -> Plan:
@@ -134,7 +136,7 @@ class Layout:
             for one, label in (*self.labels.items(), *self.parameters.items())
             if (shown := plain(one)) != label
         ]
-        rows = ((harmless(listed), unit) for listed, unit in self.coefficients(written))
+        rows = ((harmless(listed), unit) for listed, unit in self.request.coefficients(written))
         told = "; ".join(f"{one} (pure)" if unit == "1" else f"{one} in {plain(unit)}" for one, unit in rows)
         units = [f"Units of the coefficients: {told}."] if told else []
         first = [*wrapped([self.heading]), ""] if self.heading else []
@@ -159,7 +161,7 @@ def plain(one: Any) -> str:
 
 def harmless(said: str) -> str:
     """Return a text in ASCII, with dots for what could end a comment."""
-    raised = re.sub(f"[{RAISED[0]}]+", lambda found: f"^{found[0].translate(POWERS)}", said)
+    raised = re.sub(f"[{''.join(map(chr, RAISED))}]+", lambda found: f"^{found[0].translate(RAISED)}", said)
     return re.sub(r"[^A-Za-z0-9_ .,;:()=+/%^-]", ".", raised.translate(ASCII))
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from typing import Any
-from xml.etree import ElementTree as Xml
 
 from .layout import numbered, wrapped
+from .markup import document, element
 from .registry import Example, Request, export
 from .st import Block, Variable, block, label, layout_of, number
 
@@ -21,55 +21,44 @@ def source(request: Request) -> str:
     """Return one project with the function block, and a program that tests it where short runs tell something."""
     made, example = block(request), request.example(request.instance)
     blocks = [made, *([_self_test(request, example)] if example else [])]
-    root = Xml.Element("project", {"xmlns": SPACE, "xmlns:xhtml": TEXT})
     header = {"companyName": "", "productName": "narx_sym", "productVersion": "1", "creationDateTime": MADE}
-    Xml.SubElement(root, "fileHeader", header)
-    places = Xml.SubElement(Xml.SubElement(root, "contentHeader", {"name": request.name}), "coordinateInfo")
-    for language in ("fbd", "ld", "sfc"):
-        Xml.SubElement(Xml.SubElement(places, language), "scaling", {"x": "1", "y": "1"})
-    types = Xml.SubElement(root, "types")
-    Xml.SubElement(types, "dataTypes")
-    pous = Xml.SubElement(types, "pous")
-    for one in blocks:
-        _pou(pous, one)
-    Xml.SubElement(Xml.SubElement(root, "instances"), "configurations")
-    Xml.indent(root)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
+    scaling = [element(lang, {}, element("scaling", {"x": "1", "y": "1"})) for lang in ("fbd", "ld", "sfc")]
+    project = element(
+        "project",
+        {"xmlns": SPACE, "xmlns:xhtml": TEXT},
+        element("fileHeader", header),
+        element("contentHeader", {"name": request.name}, element("coordinateInfo", {}, *scaling)),
+        element("types", {}, element("dataTypes"), element("pous", {}, *map(_pou, blocks))),
+        element("instances", {}, element("configurations")),
+    )
+    return document(project)
 
 
-def _pou(parent: Any, one: Block) -> None:
-    pou = Xml.SubElement(parent, "pou", {"name": one.name, "pouType": KINDS[one.kind]})
-    interface = Xml.SubElement(pou, "interface")
-    for section, listed in one.declared.items():
-        if listed:
-            variables = Xml.SubElement(interface, SECTIONS[section])
-            for variable in listed:
-                _variable(variables, variable)
-    statements = Xml.SubElement(Xml.SubElement(pou, "body"), "ST")
-    Xml.SubElement(statements, "xhtml:p").text = "\n".join(one.body)
-    Xml.SubElement(Xml.SubElement(pou, "documentation"), "xhtml:p").text = "\n".join(one.comment)
+def _pou(one: Block) -> Any:
+    sections = (
+        element(SECTIONS[section], {}, *map(_variable, listed)) for section, listed in one.declared.items() if listed
+    )
+    return element(
+        "pou",
+        {"name": one.name, "pouType": KINDS[one.kind]},
+        element("interface", {}, *sections),
+        element("body", {}, element("ST", {}, element("xhtml:p", {}, "\n".join(one.body)))),
+        element("documentation", {}, element("xhtml:p", {}, "\n".join(one.comment))),
+    )
 
 
-def _variable(parent: Any, one: Variable) -> None:
-    variable = Xml.SubElement(parent, "variable", {"name": one.name})
-    kind = Xml.SubElement(variable, "type")
+def _variable(one: Variable) -> Any:
+    kind = element(one.kind) if one.kind in ELEMENTARY else element("derived", {"name": one.kind})
     if one.size:
-        array = Xml.SubElement(kind, "array")
-        Xml.SubElement(array, "dimension", {"lower": "1", "upper": str(one.size)})
-        kind = Xml.SubElement(array, "baseType")
-    if one.kind in ELEMENTARY:
-        Xml.SubElement(kind, one.kind)
-    else:
-        Xml.SubElement(kind, "derived", {"name": one.kind})
-    if not one.start:
-        return
-    start = Xml.SubElement(variable, "initialValue")
-    if isinstance(one.start, str):
-        Xml.SubElement(start, "simpleValue", {"value": one.start})
-        return
-    listed = Xml.SubElement(start, "arrayValue")
-    for value in one.start:
-        Xml.SubElement(Xml.SubElement(listed, "value"), "simpleValue", {"value": value})
+        dimension = element("dimension", {"lower": "1", "upper": str(one.size)})
+        kind = element("array", {}, dimension, element("baseType", {}, kind))
+    made = element("variable", {"name": one.name}, element("type", {}, kind))
+    if isinstance(one.start, tuple):
+        values = (element("value", {}, element("simpleValue", {"value": value})) for value in one.start)
+        made.append(element("initialValue", {}, element("arrayValue", {}, *values)))
+    elif one.start:
+        made.append(element("initialValue", {}, element("simpleValue", {"value": one.start})))
+    return made
 
 
 def _self_test(request: Request, example: Example) -> Block:
@@ -98,7 +87,7 @@ def _self_test(request: Request, example: Example) -> Block:
         f"IF {sample} < {size} THEN",
         f"    {sample} := {sample} + 1;",
         f"    {tested}({', '.join(given)});",
-        f"    {gap} := ABS({tested}.{labels[layout.returned]} - {right}) / ({number(1.0)} + ABS({right}));",
+        f"    {gap} := ABS({tested}.{layout.output} - {right}) / ({number(1.0)} + ABS({right}));",
         f"    IF NOT ({gap} <= {number(example.allowed(single), single)}) THEN",
         f"        {wrong} := {wrong} + 1;",
         "    END_IF;",

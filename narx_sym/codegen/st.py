@@ -10,13 +10,12 @@ from typing import Any, ClassVar
 
 import sympy as sp
 
-from ..engines.plan import Plan
-from ..engines.writer import RELATIONS, Writer
+from ..engines.writer import RELATIONS
 from ..errors import ModelError
 from .layout import Layout, numbered, shortened, wrapped
 from .registry import Request, export
+from .steps import UNROLLED, StepWriter
 
-UNROLLED = 3  # a longer past is shifted in a loop
 LONGEST = 24  # letters of a name: with its ending it keeps to the 32 that every compiler reads
 # Keywords of the standard's editions and of common compilers, names of its functions and function blocks.
 WORDS = set(
@@ -39,15 +38,16 @@ WORDS = set(
 ENDINGS = ("", "_past", "_rest")
 
 
-class _ST(Writer):
+class _ST(StepWriter):
     """The words of Structured Text; `locals` collects the parts, which are declared in front."""
 
     language, words = "Structured Text", "st"
     relations: ClassVar[Mapping[Any, str]] = {**RELATIONS, sp.Equality: "=", sp.Unequality: "<>"}
-    joints, truth = ("AND", "OR", "NOT "), ("FALSE", "TRUE")
+    joints, truth, first = ("AND", "OR", "NOT "), ("FALSE", "TRUE"), 1
+    assigning, choosing = "{name} := {shown};", ("IF {condition} THEN", "ELSE", "END_IF;")
 
-    def __init__(self, names: Mapping[Any, str], single: bool):
-        super().__init__(names, single)
+    def __init__(self, single: bool):
+        super().__init__({}, single)
         self.real = "REAL" if single else "LREAL"
         self.locals: list[Variable] = []
 
@@ -74,11 +74,14 @@ class _ST(Writer):
         self.locals.append(Variable(name, self.real))
         return []
 
-    def assign(self, name: str, shown: str) -> str:
-        return f"{name} := {shown};"
+    def past(self, label: str, index: Any) -> str:
+        return f"{label}_past[{index}]"
 
-    def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
-        return [f"IF {condition} THEN", *then, "ELSE", *otherwise, "END_IF;"]
+    def clock(self) -> str:
+        return f"UDINT_TO_{self.real}(k)"
+
+    def loop(self, start: int, stop: int, line: str) -> list[str]:
+        return [f"FOR i := {start} TO {stop}{' BY -1' * (stop < start)} DO", f"    {line}", "END_FOR;"]
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,7 @@ class Block:
 
 @export("st", "Structured Text", ".st")
 def source(request: Request) -> str:
-    """Return one function block: `narx_sym.codegen.export.to_st`."""
+    """Return one function block: `narx_sym.codegen.export.written`."""
     return block(request).text
 
 
@@ -138,13 +141,17 @@ def block(request: Request) -> Block:
     """Return the function block of a recursion."""
     recursion, returned, layout = request.recursion, request.returned, layout_of(request)
     labels, depth = layout.labels, layout.depth
-    writer = _ST({}, request.single)
+    writer = _ST(request.single)
     real, inputs = writer.real, list(recursion.inputs)
-    start, step = _start(layout, writer), _step(layout, writer)
+    rest = {b: labels[b] if b in inputs else f"{labels[b]}_rest" for b in layout.rested}
+    start = [
+        *writer.start(layout, depth, rest, {}), *[f"k := {recursion.depth};"] * layout.counts, "started := TRUE;",
+    ]  # fmt: skip
+    step = [*writer.step(layout, depth, {}, writer.assign), *["k := k + 1;"] * layout.counts]
     takes = ", ".join(layout.when(b) for b in inputs) or "nothing"
     comment = layout.comment(
         *request.notes,
-        f"Call it once per sample with {takes}; it gives {labels[returned]}[k].",
+        f"Call it once per sample with {takes}; it gives {layout.output}[k].",
         "In its first call, and whenever restart is TRUE, it starts from rest: the inputs as they are, the rest at the "
         "values that end in _rest.",
         "Give it finite numbers: what is none may stay in the past until restart is TRUE.",
@@ -162,7 +169,7 @@ def block(request: Request) -> Block:
             *[Variable("k", "UDINT")] * layout.counts,
             Variable("started", "BOOL", start="FALSE"),
         ],
-        "VAR_TEMP": [*[Variable("i", "DINT")] * any(d > UNROLLED + 1 for d in depth.values()), *writer.locals],
+        "VAR_TEMP": [*[Variable("i", "DINT")] * any(d > UNROLLED for d in depth.values()), *writer.locals],
     }
     body = ["IF restart OR NOT started THEN", *wrapped(start), "END_IF;", *(line[4:] for line in wrapped(step))]
     return Block(request.name, comment, declared, body)
@@ -170,46 +177,7 @@ def block(request: Request) -> Block:
 
 def number(value: float, single: bool = False) -> str:
     """Return a number as a literal."""
-    return _ST({}, single)(sp.Float(value))
-
-
-def _start(layout: Layout, writer: _ST) -> list[str]:
-    """Return what the first call does: fill the past with values at rest."""
-    labels, inputs = layout.labels, layout.recursion.inputs
-    shown_at_rest = {b: labels[b] if b in inputs else f"{labels[b]}_rest" for b in layout.rested}
-    lines = []
-    for base, d in layout.depth.items():
-        if base in layout.initial:
-            expr, writer.names = layout.at_rest(base, shown_at_rest)
-            shown = writer(expr)
-        else:
-            shown = shown_at_rest[base]
-        past = f"{labels[base]}_past"
-        if d > UNROLLED + 1:
-            lines += [f"FOR i := 1 TO {d} DO", f"    {past}[i] := {shown};", "END_FOR;"]
-        else:
-            lines += [f"{past}[{i}] := {shown};" for i in range(1, d + 1)]
-    start, writer.lines = writer.lines + lines, []
-    return [*start, *[f"k := {layout.recursion.depth};"] * layout.counts, "started := TRUE;"]
-
-
-def _step(layout: Layout, writer: _ST) -> list[str]:
-    """Return the equations and the shift of the past."""
-    labels, plan = layout.labels, layout.plan
-    writer.names = {Plan.time: f"UDINT_TO_{writer.real}(k)"}
-    for key, symbol in plan.sample.items():
-        base, age = layout.place(key)
-        writer.names[symbol] = f"{labels[base]}_past[{age}]" if age else labels[base]
-    writer.updates(plan, lambda s, shown: writer.lines.append(f"{labels[layout.recursion.states[s]]} := {shown};"))
-    shifts = []
-    for base, d in layout.depth.items():
-        past = f"{labels[base]}_past"
-        if d > UNROLLED + 1:
-            shifts += [f"FOR i := {d} TO 2 BY -1 DO", f"    {past}[i] := {past}[i - 1];", "END_FOR;"]
-        else:
-            shifts += [f"{past}[{i}] := {past}[{i - 1}];" for i in range(d, 1, -1)]
-        shifts.append(f"{past}[1] := {labels[base]};")
-    return [*writer.lines, *shifts, *["k := k + 1;"] * layout.counts]
+    return _ST(single)(sp.Float(value))
 
 
 def label(plain: str, taken: set[str]) -> str:

@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -13,9 +15,8 @@ from numpy.typing import NDArray
 
 from ..errors import DataError
 from ..symbolic.signals import channel_name
-from .tables import LARGEST_FILE, Table, readable
+from .tables import Table, check_bytes, readable
 
-EXTRA = 'install it (pip install "narx-sym[logs]") or export the channels as CSV'
 MATLAB_NUMBERS = {"double", "single", "logical", *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64))}
 
 
@@ -30,90 +31,77 @@ class Channel:
     read: Callable[[], tuple[Any, Any]]
 
 
+def library(path: str, package: str, why: str, more: str = "") -> Any:
+    """Return a package that reads a kind of log; DataError where it is not installed."""
+    try:
+        return import_module(package)
+    except ImportError:
+        raise DataError(
+            f'{path}: {why}; install it (pip install "narx-sym[logs]") or export the channels as CSV{more}'
+        ) from None
+
+
 def load_mdf(name: str, wanted: Collection[str] | None) -> Table:
     """Channels of an MDF file, with the stamps of their groups."""
-    try:
-        from asammdf import MDF
-    except ImportError:
-        raise DataError(f"{name}: reading MDF needs asammdf; {EXTRA}") from None
+    asammdf = library(name, "asammdf", "reading MDF needs asammdf")
     with open(name, "rb") as raw:
         if not raw.read(8).startswith((b"MDF ", b"UnFinMF")):
             raise DataError(f"{name}: is no MDF file; check its ending")
-    with readable(name, "MDF"):
-        file: Any  # its types say less than it has
-        with MDF(name) as file:
 
-            def reader(group: int, index: int) -> Callable[[], tuple[Any, Any]]:
-                def read() -> tuple[Any, Any]:
-                    signal = file.get(group=group, index=index)
-                    return signal.samples, signal.timestamps
+    def read(file: Any, group: int, index: int) -> tuple[Any, Any]:
+        signal = file.get(group=group, index=index)
+        return signal.samples, signal.timestamps
 
-                return read
-
-            found = [
-                Channel(one.name, f"group {g}", str(one.unit or ""), group.channel_group.cycles_nr, reader(g, i))
-                for g, group in enumerate(file.groups)
-                for i, one in enumerate(group.channels)
-                if i != file.masters_db.get(g)
-            ]
-            return _table(name, found, wanted)
+    with readable(name, "MDF"), asammdf.MDF(name) as file:
+        found = [
+            Channel(one.name, f"group {g}", one.unit or "", group.channel_group.cycles_nr, partial(read, file, g, i))
+            for g, group in enumerate(file.groups)
+            for i, one in enumerate(group.channels)
+            if i != file.masters_db.get(g)
+        ]
+        return _table(name, found, wanted)
 
 
 def load_tdms(name: str, wanted: Collection[str] | None) -> Table:
     """Channels of a TDMS file; the time of a channel is that of its waveform."""
-    try:
-        from nptdms import TdmsFile
-    except ImportError:
-        raise DataError(f"{name}: reading TDMS needs npTDMS; {EXTRA}") from None
-    with readable(name, "TDMS"):
-        with TdmsFile.open(name) as file:
+    nptdms = library(name, "nptdms", "reading TDMS needs npTDMS")
 
-            def reader(channel: Any) -> Callable[[], tuple[Any, Any]]:
-                def read() -> tuple[Any, Any]:
-                    stamps = None
-                    with suppress(KeyError):  # no waveform
-                        stamps = channel.time_track()
-                    return channel[:], stamps
+    def read(channel: Any) -> tuple[Any, Any]:
+        stamps = None
+        with suppress(KeyError):  # no waveform
+            stamps = channel.time_track()
+        return channel[:], stamps
 
-                return read
-
-            found = [
-                Channel(one.name, group.name, str(one.properties.get("unit_string", "")), len(one), reader(one))
-                for group in file.groups()
-                for one in group.channels()
-            ]
-            return _table(name, found, wanted)
+    with readable(name, "TDMS"), nptdms.TdmsFile.open(name) as file:
+        found = [
+            Channel(one.name, group.name, str(one.properties.get("unit_string", "")), len(one), partial(read, one))
+            for group in file.groups()
+            for one in group.channels()
+        ]
+        return _table(name, found, wanted)
 
 
 def load_mat73(name: str, wanted: Collection[str] | None) -> Table:
     """Vectors of a MATLAB file of version 7.3, which is HDF5."""
-    try:
-        import h5py
-    except ImportError:
-        raise DataError(
-            f"{name}: is a MATLAB v7.3 file, which needs h5py; {EXTRA}, or save it with save(..., '-v7')"
-        ) from None
-
-    def reader(one: Any) -> Callable[[], tuple[Any, Any]]:
-        return lambda: (one[()].ravel(), None)
+    h5py = library(name, "h5py", "is a MATLAB v7.3 file, which needs h5py", ", or save it with save(..., '-v7')")
 
     def kind(one: Any) -> str:
         said = one.attrs.get("MATLAB_class", b"")
         return said.decode("ascii", "replace") if isinstance(said, bytes) else str(said)
 
-    with readable(name, "a MATLAB v7.3 file", "save it with save(..., '-v7')"):
-        with h5py.File(name, "r") as file:
-            variables = {n: one for n, one in file.items() if not n.startswith("#")}
-            vectors = {
-                n: one
-                for n, one in variables.items()
-                if isinstance(one, h5py.Dataset)
-                and kind(one) in MATLAB_NUMBERS
-                and one.size == max(one.shape, default=0) > 1
-            }
-            others = [f"{n} ({kind(one) or 'unknown'})" for n, one in variables.items() if n not in vectors]
-            found = [Channel(n, "", "", one.size, reader(one)) for n, one in vectors.items()]
-            return _table(name, found, wanted, others)
+    def is_vector(one: Any) -> bool:
+        numbers = isinstance(one, h5py.Dataset) and kind(one) in MATLAB_NUMBERS
+        return numbers and one.size == max(one.shape, default=0) > 1
+
+    def read(one: Any) -> tuple[Any, Any]:
+        return one[()].ravel(), None
+
+    with readable(name, "a MATLAB v7.3 file", "save it with save(..., '-v7')"), h5py.File(name, "r") as file:
+        variables = {n: one for n, one in file.items() if not n.startswith("#")}
+        vectors = {n: one for n, one in variables.items() if is_vector(one)}
+        others = [f"{n} ({kind(one) or 'unknown'})" for n, one in variables.items() if n not in vectors]
+        found = [Channel(n, "", "", v.size, partial(read, v)) for n, v in vectors.items()]
+        return _table(name, found, wanted, others)
 
 
 def _table(path: str, found: Sequence[Channel], wanted: Collection[str] | None, others: Sequence[str] = ()) -> Table:
@@ -121,10 +109,7 @@ def _table(path: str, found: Sequence[Channel], wanted: Collection[str] | None, 
     times = Counter(c.name for c in found)
     named = [replace(c, name=f"{c.group}/{c.name}") if times[c.name] > 1 else c for c in found]
     chosen = [c for c in named if wanted is None or c.name in wanted or channel_name(c.name) in wanted]
-    if (size := 8 * sum(c.size for c in chosen)) > LARGEST_FILE:
-        raise DataError(
-            f"{path}: the channels hold {size / 1e9:.3g} GB, at most {LARGEST_FILE / 1e9:g} GB are read; choose fewer"
-        )
+    check_bytes(path, 8 * sum(c.size for c in chosen), "choose fewer channels")
     left, values, stamps = list(others), {}, {}
     for c in chosen:
         raw, times_of = c.read()

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..engines.numbers import floats
 from ..errors import NarxError
-
-Vector = NDArray[np.float64]
+from .arrays import Vector, vector
 
 
 def mape(y: ArrayLike, y_hat: ArrayLike) -> float:
@@ -101,35 +99,19 @@ def half_cycle(x: Vector) -> int:
 
 def _pair(a: ArrayLike, b: ArrayLike, metric: str, name_a: str, name_b: str) -> tuple[Vector, Vector]:
     """Both signals as finite (N,) arrays of one length."""
-    first, second = _vector(a, metric, name_a), _vector(b, metric, name_b)
+    first, second = (
+        vector(x, f"{metric}: {name}", NarxError, "did the simulation diverge?")
+        for x, name in ((a, name_a), (b, name_b))
+    )
     # Without this check (N,) and (N, 1) would broadcast to (N, N) and give a plausible wrong number.
     if np.shape(a) != np.shape(b):
         raise NarxError(
             f"{metric}: {name_a} has shape {np.shape(a)} but {name_b} has shape {np.shape(b)}; "
             "give arrays of the same shape"
         )
+    if not first.size:
+        raise NarxError(f"{metric}: {name_a} is empty")
     return first, second
-
-
-def _vector(x: ArrayLike, metric: str, name: str) -> Vector:
-    """`x` as a finite, nonempty (N,) array; (N, 1) is flattened."""
-    try:
-        out = floats(x)
-    except (TypeError, ValueError):
-        raise NarxError(f"{metric}: {name} is not an array of numbers") from None
-    if out.ndim == 2 and out.shape[1] == 1:
-        out = out[:, 0]
-    if out.ndim != 1:
-        raise NarxError(f"{metric}: {name} has shape {out.shape}; give one signal of shape (N,)")
-    if out.size == 0:
-        raise NarxError(f"{metric}: {name} is empty")
-    bad = np.flatnonzero(~np.isfinite(out))
-    if bad.size:
-        raise NarxError(
-            f"{metric}: {name} has {bad.size} non-finite value(s), the first at index {bad[0]}; "
-            "did the simulation diverge?"
-        )
-    return out
 
 
 def _need_change(x: Vector, metric: str, name: str) -> None:

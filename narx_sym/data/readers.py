@@ -15,13 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import DataError
 from ..files.atomic import COLUMNS
 from .logs import MATLAB_NUMBERS, load_mat73, load_mdf, load_tdms
-from .tables import LARGEST_FILE, PathLike, Table, readable
-from .units.labels import bare, headed, is_unit
+from .tables import PathLike, Table, check_bytes, readable
+from .units import bare, headed, is_unit
 
 LONGEST_HEADER = 1_000_000  # characters
 FIRST_LINES = 200  # in which numbers must begin, for names below other lines to be seen
@@ -33,14 +32,10 @@ DATE = re.compile(r"\d{1,4}[-/.:]\d{1,2}[-/.:][-\d/.:TZ+ ]+")
 def load(path: PathLike, wanted: Collection[str] | None = None) -> Table:
     """All columns of a file, by its suffix; of a log only those that are `wanted`, where that is said."""
     name, suffix = os.fspath(path), Path(path).suffix.lower()
-    readers: dict[str, Callable[[str], Table]] = {
-        ".npz": _load_npz,
-        ".mat": lambda name: _load_mat(name, wanted),
-        ".parquet": _load_parquet,
-        **dict.fromkeys((".mf4", ".mdf"), lambda name: load_mdf(name, wanted)),
-        ".tdms": lambda name: load_tdms(name, wanted),
-        **dict.fromkeys(COLUMNS, _load_text),
-    }
+    readers: dict[str, Callable[[str, Collection[str] | None], Table]] = {
+        ".npz": _load_npz, ".mat": _load_mat, ".parquet": _load_parquet, ".mf4": load_mdf, ".mdf": load_mdf,
+        ".tdms": load_tdms, **dict.fromkeys(COLUMNS, _load_text),
+    }  # fmt: skip
     if Path(path).is_dir():
         raise DataError(f"{name}: is a folder; give a data file")
     if not Path(path).exists():
@@ -50,14 +45,14 @@ def load(path: PathLike, wanted: Collection[str] | None = None) -> Table:
     try:
         if Path(path).stat().st_size == 0:
             raise DataError(f"{name}: the file is empty; write a header such as t,u,y and the data below it")
-        return readers[suffix](name)
+        return readers[suffix](name, wanted)
     except OSError as error:
         raise DataError(
             f"{name}: cannot be read ({error.strerror or error}); check the file and its permissions"
         ) from None
 
 
-def _load_text(name: str) -> Table:
+def _load_text(name: str, wanted: Collection[str] | None) -> Table:
     """Text with a header line; separator, decimal sign and encoding are found out."""
     import pandas as pd
 
@@ -91,31 +86,22 @@ def _load_text(name: str) -> Table:
     full = np.flatnonzero(np.diff(np.append(edges, len(body) + 1)) > 1)  # the lines that are not empty
     decimal = "," if sep != "," and re.search(rb"(?:^|[;\t ])[ \"]*[+-]?\d*,\d", body, re.M) else "."
     numbers = first + data + full
-    width = _width(name, body, edges, full, numbers, sep, len(header))
-    frame = pd.DataFrame()
-    if full.size:
-        try:
-            frame = pd.read_csv(
-                io.BytesIO(body),
-                sep=r"\s+" if sep == " " else sep,
-                decimal=decimal,
-                header=None,
-                names=range(width),
-                index_col=False,
-                skipinitialspace=True,
-                low_memory=False,
-            )
-        except (pd.errors.ParserError, ValueError) as error:
-            raise DataError(f"{name}: cannot be read as a table ({error}); check the quotes") from None
-        if len(frame) != full.size:
-            raise DataError(f"{name}: {full.size} lines of data give {len(frame)} rows; check the quotes")
-    columns = {}
-    for i, h in reversed(list(enumerate(header))):
-        column = frame[i] if full.size else pd.Series([], dtype=float)
-        numeric = pd.api.types.is_numeric_dtype(column.dtype)
-        columns[h] = column.to_numpy(dtype=None if numeric else object)
+    frame = _frame(name, body, sep, decimal, len(header))
+    if len(frame) != full.size:
+        raise DataError(f"{name}: {full.size} lines of data give {len(frame)} rows; check the quotes")
+    beyond = frame.iloc[:, len(header) :].notna().to_numpy()
+    for row in np.flatnonzero(beyond.any(axis=1))[:1]:
+        fields = len(header) + int(np.flatnonzero(beyond[row])[-1]) + 1
+        raise DataError(
+            f"{name}: line {numbers[row]} has {fields} values but the header has {len(header)} names; "
+            "correct the line (a decimal comma needs semicolons between the columns)"
+        )
+    columns: dict[str, Any] = {}
+    for i, h in enumerate(header):
+        numeric = pd.api.types.is_numeric_dtype(frame[i].dtype)
+        columns.setdefault(h, frame[i].to_numpy(dtype=None if numeric else object))
     repeated = frozenset(h for h, count in Counter(header).items() if count > 1)
-    return Table(name, {h: columns[h] for h in header}, numbers, first + at, notes, repeated, decimal, units=units)
+    return Table(name, columns, numbers, first + at, notes, repeated, decimal, units=units)
 
 
 def _decode(raw: bytes, name: str) -> tuple[bytes, list[str]]:
@@ -242,33 +228,34 @@ def _separator(lines: Sequence[str]) -> str:
     return " " if len(header.split()) > 1 and len(lines) > 1 and len(lines[1].split()) > 1 else ","
 
 
-def _width(
-    name: str, body: bytes, edges: NDArray[Any], full: NDArray[Any], numbers: NDArray[Any], sep: str, width: int
-) -> int:
-    """Widest line in fields; refuse a line with more values than the header has names."""
-    if not full.size:
-        return width
-    read = np.frombuffer(body, dtype=np.uint8)
-    if sep == " ":
-        blank = (read == ord(" ")) | (read == ord("\t")) | (read == ord("\n"))
-        marks = ~blank & np.concatenate(([True], blank[:-1]))
-    else:
-        marks = read == ord(sep)
-    counts = np.diff(np.searchsorted(np.flatnonzero(marks), np.append(edges, read.size)))[full] + (sep != " ")
-    for i in np.flatnonzero(counts > width):
-        line = body[edges[full[i]] :].split(b"\n", 1)[0].decode()
-        if '"' in line:
-            continue  # a quoted field may hold the separator
-        fields = len(line.split()) if sep == " " else line.rstrip(sep + " ").count(sep) + 1
-        if fields > width:
-            raise DataError(
-                f"{name}: line {numbers[i]} has {fields} values but the header has {width} names; "
-                "correct the line (a decimal comma needs semicolons between the columns)"
+def _frame(name: str, body: bytes, sep: str, decimal: str, width: int) -> Any:
+    """Return the lines of data as a frame, as wide as the widest line: what stands beyond the header is seen there."""
+    import pandas as pd
+
+    first = re.search(rb"[^\n]+", body)
+    if first is None:
+        return pd.DataFrame(columns=range(width), dtype=float)
+    width = max(width, len(_fields(first[0].decode(), sep)))
+    while True:
+        try:
+            return pd.read_csv(
+                io.BytesIO(body),
+                sep=r"\s+" if sep == " " else sep,
+                decimal=decimal,
+                header=None,
+                names=range(width),
+                index_col=False,
+                skipinitialspace=True,
+                low_memory=False,
             )
-    return width if sep == " " else max(width, int(counts.max()))
+        except (pd.errors.ParserError, ValueError) as error:
+            wider = re.search(r"saw (\d+)", str(error))
+            if wider is None:
+                raise DataError(f"{name}: cannot be read as a table ({error}); check the quotes") from None
+            width = int(wider[1])
 
 
-def _load_npz(name: str) -> Table:
+def _load_npz(name: str, wanted: Collection[str] | None) -> Table:
     """Vectors of a NumPy archive; pickled objects are refused."""
     with readable(name, ".npz", "save plain arrays with numpy.savez"):
         _check_archive(name)
@@ -280,8 +267,7 @@ def _check_archive(name: str) -> None:
     """Refuse what is no archive, and one that would fill the memory when it is unpacked."""
     with zipfile.ZipFile(name) as archive:
         size = sum(one.file_size for one in archive.infolist())
-    if size > LARGEST_FILE:
-        raise DataError(f"{name}: holds {size / 1e9:.3g} GB when unpacked, at most {LARGEST_FILE / 1e9:g} GB are read")
+    check_bytes(name, size, "unpack only what is needed")
 
 
 def _load_mat(name: str, wanted: Collection[str] | None) -> Table:
@@ -295,8 +281,7 @@ def _load_mat(name: str, wanted: Collection[str] | None) -> Table:
             return load_mat73(name, wanted)
         plain = [n for n, _, kind in found if kind in MATLAB_NUMBERS]
         size = 8 * sum(math.prod(shape) for n, shape, _ in found if n in plain)
-        if size > LARGEST_FILE:
-            raise DataError(f"{name}: holds {size / 1e9:.3g} GB, at most {LARGEST_FILE / 1e9:g} GB are read")
+        check_bytes(name, size, "save fewer variables")
         variables = loadmat(name, variable_names=plain)
         variables |= {
             n: np.empty(shape, dtype=[]) for n, shape, _ in found if n not in plain and math.prod(shape) < 1e6
@@ -317,7 +302,7 @@ def _from_variables(name: str, variables: Mapping[str, Any]) -> Table:
     return Table(name, vectors, notes=notes)
 
 
-def _load_parquet(name: str) -> Table:
+def _load_parquet(name: str, wanted: Collection[str] | None) -> Table:
     """Columns of a Parquet file, where its reader is installed."""
     import pandas as pd
 

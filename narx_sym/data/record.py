@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from ..engines.numbers import floats
 from ..errors import DataError
 from ..symbolic.signals import channel_name
+from .arrays import Vector, vector
 from .coverage import one_sine
 from .evidence.roles import INPUT, OUTPUT, check_roles, column_roles
 from .readers import load
 from .tables import PathLike, check_size, names_of, wants_all
-from .timegrid import Vector, check_step, regular_time, uniform_time
+from .timegrid import check_step, regular_time, uniform_time
 from .units import converted, said_first
 
 YEARS = 3e8  # [s], ten years: a record that seems longer has its time in another unit
@@ -253,23 +253,8 @@ def _vectors(signals: Mapping[str, Any], channels: Mapping[str, Any], where: str
 
 
 def _vector(x: Any, where: str) -> Vector:
-    """`x` as a finite, read-only (N,) copy; (N, 1) and (1, N) are flattened."""
-    try:
-        if np.iscomplexobj(x) or np.asarray(x).dtype.kind in "mM":  # dates are no seconds
-            raise TypeError
-        out: Vector = np.array(floats(x), order="C")
-    except (TypeError, ValueError):
-        raise DataError(f"{where} is not an array of real numbers") from None
-    if out.ndim == 2 and 1 in out.shape:
-        out = out.ravel()
-    if out.ndim != 1:
-        raise DataError(f"{where} has shape {out.shape}; one signal of shape (N,) is needed")
-    bad = np.flatnonzero(~np.isfinite(out))
-    if bad.size:
-        raise DataError(
-            f"{where} has {bad.size} missing or infinite value(s), the first at index {bad[0]}; "
-            "repair them or cut them away"
-        )
+    """`x` as a finite, read-only (N,) copy."""
+    out = np.array(vector(x, where, DataError, "repair them or cut them away"), order="C")
     check_size(out, where)
     out.flags.writeable = False
     return out

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from ..errors import DataError
 from ..symbolic.signals import channel_name, plain_name
+from .arrays import Vector
 from .evidence.roles import IGNORE, INPUT, SETPOINT, is_setpoint
-from .timegrid import GAP, Grid, Vector, check_step, regular_time, uniform_time
+from .timegrid import GAP, Grid, check_step, regular_time, uniform_time
 from .units import converted, in_header
 
 PathLike = str | os.PathLike[str]
@@ -36,6 +37,12 @@ def readable(name: str, kind: str, advice: str = "") -> Iterator[None]:
     except Exception as error:
         then = f"; {advice}" if advice else ""
         raise DataError(f"{name}: cannot be read as {kind} ({str(error)[:200]}){then}") from None
+
+
+def check_bytes(path: str, size: int, then: str) -> None:
+    """Refuse a file whose arrays would fill the memory."""
+    if size > LARGEST_FILE:
+        raise DataError(f"{path}: holds {size / 1e9:.3g} GB, at most {LARGEST_FILE / 1e9:g} GB are read; {then}")
 
 
 @dataclass
@@ -66,7 +73,7 @@ class Table:
 
         That of "temp [C]" is temp, before the unit, and temp_C, as a channel.
         """
-        alike = [n for n in self.columns if n and asked in (in_header(n)[0], plain_name(n))]
+        alike = [n for n in self.columns if n and asked in (in_header(n)[0], plain_name(n), channel_name(n))]
         return alike[0] if len(alike) == 1 and asked not in self.columns else asked
 
     def unit(self, column: str) -> str:
@@ -103,15 +110,15 @@ class Table:
         every, listed = wants_all(wanted), names_of(wanted)
         roles = self._roles(said, used)
         ignored = {n for n, role in roles.items() if role == IGNORE}
-        pairs = [(n, self._meant(n)) for n in listed if not every or n != ALL]
+        pairs = [(n, self.named(n)) for n in listed if not every or n != ALL]
         taken = {used_by for _, used_by in pairs} | {*used, *ignored}
         pairs = [(name, n) for name, n in pairs if n not in ignored]
-        pairs += [(asked, n) for asked in said if (n := self._meant(asked)) in roles and n not in taken]
+        pairs += [(asked, n) for asked in said if (n := self.named(asked)) in roles and n not in taken]
         for n in [n for n in self.columns if every and n and n not in taken and n not in roles]:
-            if self._first_text(self.columns[n][cut]) is not None:
-                self.notes.append(f"column '{n}' holds text and is left out of the channels")
-            else:
+            if self._parsed(n, cut)[1] is None:
                 pairs.append((n, n))
+            else:
+                self.notes.append(f"column '{n}' holds text and is left out of the channels")
         called: dict[str, str] = {}
         for name, n in ((channel_name(asked), n) for asked, n in pairs):
             other = called.setdefault(name, n)
@@ -120,26 +127,24 @@ class Table:
                     f"{self.path}: as channels the columns '{other}' and '{n}' would both be called {name}; "
                     "rename one, or leave it out with --channels"
                 )
-            if name != n and (text := f"column '{n}' is the channel {name}") not in self.notes:
-                self.notes.append(text)
+            if name != n and (told := f"column '{n}' is the channel {name}") not in self.notes:
+                self.notes.append(told)
         left = [n for n in (*self.columns, *self.unread) if n and n not in {*called.values(), *used, *ignored}]
         found = [n for n in left if is_setpoint(channel_name(n))]
         if found and SETPOINT not in roles.values() and not any(map(is_setpoint, called)):
-            if not listed and len(found) == 1 and self._whole(found[0], cut):
+            values, text = self._parsed(found[0], cut)
+            if not listed and len(found) == 1 and text is None and values.size and np.all(np.isfinite(values)):
                 called[channel_name(found[0])] = found[0]
             else:
                 self.notes.append(
                     f"column '{found[0]}' is not read; where it is the setpoint of a controller that made the input, "
                     f"say so: --role {plain_name(found[0])}={SETPOINT}"
                 )
-        return called, {
-            **{name: roles[n] for name, n in called.items() if n in roles},
-            **dict.fromkeys(ignored, IGNORE),
-        }
+        return called, {name: roles[n] for name, n in called.items() if n in roles} | dict.fromkeys(ignored, IGNORE)
 
     def _roles(self, said: Mapping[str, str], used: tuple[str, str, str | None]) -> dict[str, str]:
         """Return the roles that are said, by column; refuse those of input, output and time, and of no column."""
-        roles = {self._meant(n): role for n, role in said.items()}
+        roles = {self.named(n): role for n, role in said.items()}
         own = {used[0]: INPUT, used[2]: IGNORE}  # what these columns are anyway
         for n in [n for n, role in roles.items() if n in used and own.get(n) == role]:
             del roles[n]
@@ -151,16 +156,6 @@ class Table:
                 raise self._absent(n, "--role")
         return roles
 
-    def _meant(self, asked: str) -> str:
-        """Return the column of a channel: of that name, or of which it is the name."""
-        called = {channel_name(n): n for n in self.columns if n}
-        return asked if asked in self.columns else called.get(asked, self.named(asked))
-
-    def _whole(self, column: str, cut: slice) -> bool:
-        """Whether a column was read, and holds a number in every row."""
-        values = self._signal(column, cut)
-        return bool(values.size and np.all(np.isfinite(values)))
-
     def _absent(self, name: str, option: str) -> DataError:
         """Return the error for a column that is not there."""
         alike = get_close_matches(name, [*self.columns, *self.unread], n=1)
@@ -169,18 +164,13 @@ class Table:
             f"{self.path}: no column '{name}'{meant or ';'} there are {self.listing}; choose with {option}"
         )
 
-    def _signal(self, column: str, cut: slice) -> NDArray[np.float64]:
-        """Return the numbers of a column, (N,); none where it holds text, or was not read."""
-        raw = self.columns.get(column, np.zeros(0))[cut]
-        return np.zeros(0) if self._first_text(raw) is not None else self._floats(raw)
-
     def aside(self, used: set[str | None], cut: slice) -> tuple[str, ...]:
         """Return the names, as channels, of the signals that are not used: no text, no constant, no clock."""
         found = [n for n in self.unread if n and n not in used]
         for n in (n for n in self.columns if n and n not in used):
-            values = self._signal(n, cut)
+            values, text = self._parsed(n, cut)
             steps = np.diff(values[np.isfinite(values)])
-            if steps.any() and not steps.max() < 2 * steps.min():
+            if text is None and steps.any() and not steps.max() < 2 * steps.min():
                 found.append(n)
         return tuple(map(channel_name, found))
 
@@ -194,9 +184,9 @@ class Table:
             if (dates := self._dates(n, cut)) is not None:
                 timed &= np.isfinite(dates)
         for n, known in (*((n, whole) for n in names), *((n, timed) for n in stamps)):
-            raw = self.columns.get(n, np.zeros(0))[cut]
-            if raw.size == known.size and self._first_text(raw) is None:
-                known &= np.isfinite(self._floats(raw))
+            values, text = self._parsed(n, cut)
+            if values.size == known.size and text is None:
+                known &= np.isfinite(values)
         near = np.diff(np.flatnonzero(np.concatenate([[True], whole, [True]])))  # rows from one whole one to the next
         keep = timed.copy()
         for begin, rows in zip(np.cumsum(near) - near, near, strict=True):
@@ -222,7 +212,7 @@ class Table:
         if name in self.repeated:
             raise DataError(f"{self.path}: two columns are named '{name}'; rename one, or choose another with {option}")
         raw = self.columns[name][cut]
-        text = self._first_text(raw)
+        values, text = self._parsed(name, cut)
         if text is not None:
             raise DataError(
                 f"{self.path}: column '{name}' has text in {self.where(cut.start + text)}: {str(raw[text])!r}; correct "
@@ -231,7 +221,6 @@ class Table:
             )
         if raw.dtype.kind == "b" or (raw.dtype.kind == "O" and any(isinstance(x, bool) for x in raw)):
             self.notes.append(f"column '{name}' holds True and False, read as 1 and 0")
-        values = self._floats(raw)
         if keep is not None and keep.size == values.size:
             values = values[keep]
             known = np.flatnonzero(np.isfinite(values))
@@ -275,18 +264,17 @@ class Table:
 
     def _dates(self, t: str, cut: slice) -> Vector | None:
         """Return a column of dates (ISO 8601) in s, NaN where one is missing; None where it begins with numbers."""
-        raw = self.columns[t][cut]
-        text = self._first_text(raw)
-        if text is None or np.isfinite(self._floats(raw[:text])).any():
+        values, text = self._parsed(t, cut)
+        if text is None or np.isfinite(values[:text]).any():
             return None
         import pandas as pd
 
-        given = pd.Series(raw)
+        given = pd.Series(self.columns[t][cut])
         stamps = pd.to_datetime(given, format="ISO8601", utc=True, errors="coerce")
         bad = np.flatnonzero(stamps.isna() & given.notna())
         if bad.size:
             raise DataError(
-                f"{self.path}: the time column '{t}' holds text such as {str(raw[bad[0]])!r} in "
+                f"{self.path}: the time column '{t}' holds text such as {str(given[bad[0]])!r} in "
                 f"{self.where(cut.start + int(bad[0]))}: write numbers (seconds) or dates as 2024-10-27T00:59:50, or "
                 "ignore the column with --ts SECONDS"
             )
@@ -299,24 +287,18 @@ class Table:
         *first, last = "repair them", *(way for option, way in ways.items() if option in self.offers)
         return f"{', '.join(first)}{',' if len(first) > 1 else ''} or {last}" if first else last
 
-    def _number(self, x: Any) -> float:
-        if isinstance(x, str) and self.decimal == ",":
-            x = x.replace(".", "?").replace(",", ".")
-        return float(x)
-
-    def _floats(self, raw: NDArray[Any]) -> Vector:
-        return np.array([self._number(x) for x in raw] if raw.dtype.kind == "O" else raw, dtype=np.float64)
-
-    def _first_text(self, raw: NDArray[Any]) -> int | None:
-        """Position of the first entry that is no number."""
+    def _parsed(self, column: str, cut: slice) -> tuple[Vector, int | None]:
+        """Return the numbers of a column, NaN where there is none, and the position of the first text in it."""
+        raw = self.columns.get(column, np.zeros(0))[cut]
         if raw.dtype.kind in "fiub":
-            return None
+            return raw.astype(np.float64), None
+        values, text = np.full(raw.size, np.nan), None
         for i, x in enumerate(raw):
             try:
-                self._number(x)
+                values[i] = x.replace(".", "?").replace(",", ".") if isinstance(x, str) and self.decimal == "," else x
             except (TypeError, ValueError):
-                return i
-        return None
+                text = i if text is None else text
+        return values, text
 
 
 def _ending(t: str) -> str:

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import DataError
+from .arrays import Vector
 
-Vector = NDArray[np.float64]
 MOST_NOTES = 10
 CLOCK = 1e-3  # by which sampling times may differ: two clocks, or times of few digits; no time constant is so sure
 NEXT = 1e-6  # of a step: so near before a sample it is that one

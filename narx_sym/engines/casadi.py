@@ -119,7 +119,9 @@ def transition(recursion: Recursion, values: Mapping[Any, Any], name: str, retur
         raise ModelError(f"{name!r} cannot be the name of a CasADi function.")
     plan = Plan.of(recursion.subs(values))
     if any(right.has(Plan.time) for right in plan.updates):
-        raise ModelError("An equation with the time index itself has no state-space form; use narx_sym.to_casadi.")
+        raise ModelError(
+            "An equation with the time index itself has no state-space form; use compile(recursion, engine='casadi')."
+        )
     state, inputs = ca.SX.sym("state", len(recursion.past)), ca.SX.sym("inputs", len(recursion.given))
     at = {s: state[i] for i, s in enumerate(recursion.past)} | {s: inputs[i] for i, s in enumerate(recursion.given)}
     known = {symbol: at.get(plan.signals[s][k - i]) for (s, i), symbol in plan.sample.items()}

@@ -23,13 +23,8 @@ class _Python(Writer):
 
     language, words = "The python engine", "python"
     joints, truth = ("and", "or", "not "), ("False", "True")
+    assigning, choosing = "{name} = {shown}", ("if {condition}:", "else:")
     spans = False  # whether an equation is written for numbers and for bounds alike
-
-    def number(self, value: float) -> str:
-        return repr(value)
-
-    def power(self, base: str, exponent: str) -> str:
-        return self.call("pow", base, exponent)
 
     def applied(self, row: Elementary, *arguments: tuple[str, int]) -> str:
         if self.spans:
@@ -41,18 +36,6 @@ class _Python(Writer):
         if self.spans and exponent.is_Integer and exponent > 1:
             return self.call(f"{SPANS}pow", self(base), self(exponent)), CALL
         return super().raised(base, exponent)
-
-    def undefined(self, expr: Any) -> str:
-        return "nan"
-
-    def define(self, name: str, shown: str, boolean: bool = False) -> list[str]:
-        return [self.assign(name, shown)]
-
-    def assign(self, name: str, shown: str) -> str:
-        return f"{name} = {shown}"
-
-    def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
-        return [f"if {condition}:", *then, "else:", *otherwise]
 
     def walk(self, e: Any) -> tuple[str, int]:
         if not isinstance(e, Root):

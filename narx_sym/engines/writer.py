@@ -37,6 +37,12 @@ class Writer:
     relations: ClassVar[Mapping[Any, str]] = RELATIONS
     joints: ClassVar[tuple[str, str, str]]  # and, or, not
     truth: ClassVar[tuple[str, str]]  # false, true
+    pow: ClassVar[str] = "pow"
+    nan: ClassVar[str] = "nan"
+    defining: ClassVar[str] = "{name} = {shown}"  # a part
+    declaring: ClassVar[str] = ""  # a part that is assigned later, where a language wants that
+    assigning: ClassVar[str] = "{name} = {shown};"
+    choosing: ClassVar[tuple[str, ...]] = ("if ({condition}) {{", "} else {", "}")  # if, else, end
 
     def __init__(self, names: Mapping[Any, str], single: bool = False):
         self.names, self.single = dict(names), single
@@ -44,11 +50,11 @@ class Writer:
         self.lines: list[str] = []
         self.parts = 0
 
-    # -- words that a language must give -----------------------------------------------------------------------
+    # -- words that a language may give otherwise --------------------------------------------------------------
 
     def number(self, value: float) -> str:
         """Write a number that is not negative."""
-        raise NotImplementedError
+        return repr(value)
 
     def call(self, name: str, *arguments: str) -> str:
         """Write the call of a mathematical function."""
@@ -56,27 +62,28 @@ class Writer:
 
     def power(self, base: str, exponent: str) -> str:
         """Write a power that is no product."""
-        raise NotImplementedError
+        return self.call(self.pow, base, exponent)
 
     def undefined(self, expr: Any) -> str:
         """Write what a Piecewise without a valid case is."""
-        raise NotImplementedError
+        return self.nan
 
     def define(self, name: str, shown: str, boolean: bool = False) -> list[str]:
         """Write the definition of a part."""
-        raise NotImplementedError
+        return [self.defining.format(name=name, shown=shown)]
 
     def declare(self, name: str) -> list[str]:
         """Write the declaration of a part that the branches of a Piecewise assign."""
-        return []
+        return [self.declaring.format(name=name)] if self.declaring else []
 
     def assign(self, name: str, shown: str) -> str:
         """Write an assignment."""
-        raise NotImplementedError
+        return self.assigning.format(name=name, shown=shown)
 
     def branches(self, condition: str, then: list[str], otherwise: list[str]) -> list[str]:
         """Write an if with both branches."""
-        raise NotImplementedError
+        begin, between, *end = self.choosing
+        return [begin.format(condition=condition), *then, between, *otherwise, *end]
 
     # -- the walk ----------------------------------------------------------------------------------------------
 

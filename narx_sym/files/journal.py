@@ -194,11 +194,9 @@ def _feed(into: Any, thing: Any) -> None:  # noqa: C901, PLR0912
         for part in parts:
             _feed(into, part)
 
-    if thing is None or isinstance(thing, (bool, int, float, complex, str)):
+    if thing is None or isinstance(thing, (bool, int, float, complex, str, bytes)):
         raw = repr(thing).encode("utf-8", "surrogatepass")
         into.update(f"<{type(thing).__name__} {len(raw)}>".encode() + raw)
-    elif isinstance(thing, bytes):
-        into.update(f"<bytes {len(thing)}>".encode() + thing)
     elif isinstance(thing, (np.ndarray, np.generic)):
         array = np.asarray(thing)
         if array.dtype.kind == "O":
@@ -213,10 +211,6 @@ def _feed(into: Any, thing: Any) -> None:  # noqa: C901, PLR0912
         add(*thing)
     elif isinstance(thing, (set, frozenset)):
         add(*sorted(map(digest, thing)))
-    elif isinstance(thing, (slice, range)):
-        add(thing.start, thing.stop, thing.step)
-    elif isinstance(thing, Path):
-        add(str(thing))
     elif isinstance(thing, Model):
         names = sorted(n for n in vars(thing) if not isinstance(inspect.getattr_static(type(thing), n, None), property))
         cached = {n for c in type(thing).__mro__ for n, v in vars(c).items() if hasattr(v, "attrname")}

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,18 +26,49 @@ from ..symbolic.printing import text
 from ..symbolic.recursion import State, written_out
 from ..symbolic.signals import k, lag, samples, sensed, signal, u, x, y
 from .atomic import write_text
-from .info import effect_to_dict, info_to_dict, newer_schema, numbers, or_none, read_effects, read_info, texts
+from .info import EffectData, effect_to_dict, info_to_dict, newer_schema, or_none, read_info, to_effects
+from .plain import read
 
-SCHEMA, MAX_BYTES, MAX_STATES, MAX_NAME = 2, 2_000_000, 200, 100
+SCHEMA, MAX_BYTES, MAX_STATES, MAX_NAME, MAX_LEAD = 2, 2_000_000, 200, 100, 1000
 MAX_TEXT = 60_000  # characters of all equations
 MAX_WRITTEN, MAX_TERMS = 20_000, 20_000  # nodes of the output's equation; terms of its rest map, multiplied out
-FIELDS = {
-    "schema", "kind", "terms", "F", "symbols", "theta", "standard_errors", "input", "output", "lead", "operating_point",
-    "Ts", "constraints", "channels", "states", "info", "effects", "assumptions", "bounds",
-}  # fmt: skip
-STATE_FIELDS = {"state", "update", "initial", "group"}
 # `x`, `v`, `free`, `sensed` and `acting` are names of states: see `narx_sym.symbolic.signals`.
 RESERVED = {*SIGNALS, *NAMES, "k", "t", "r", "m", "pi", "prediction"}
+
+
+@dataclass(frozen=True)
+class StateData:
+    """A state in a file."""
+
+    state: str
+    update: str
+    initial: str
+    group: str = ""
+
+
+@dataclass(frozen=True)
+class ModelData:
+    """The content of a model file."""
+
+    schema: int
+    kind: str
+    input: str
+    output: str
+    terms: tuple[str, ...] = ()
+    F: str | None = None
+    symbols: tuple[str, ...] = ()
+    theta: tuple[float, ...] | None = None
+    standard_errors: tuple[float | None, ...] | None = None
+    lead: int = 0
+    operating_point: Mapping[str, float] = field(default_factory=dict)
+    Ts: float | None = None
+    constraints: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ()
+    states: tuple[StateData, ...] = ()
+    info: Any = field(default_factory=dict)
+    effects: tuple[EffectData, ...] = ()
+    assumptions: Mapping[str, Mapping[str, bool]] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def to_dict(model: Model) -> dict[str, Any]:
@@ -119,79 +151,28 @@ def load(path: Any) -> Model:
         raise ModelError(f"{path}: {error}") from None
 
 
-def from_dict(data: Any) -> Model:  # noqa: C901, PLR0912, PLR0915
+def from_dict(data: Any) -> Model:
     """Build a model from plain data; everything is checked before it is used."""
     if not isinstance(data, dict) or "schema" not in data:
         raise ModelError("not a model file: the field 'schema' is missing.")
     if type(data["schema"]) is not int or data["schema"] not in (1, SCHEMA):
         raise ModelError(f"schema {str(data['schema'])[:40]!r} is not known; this version reads schema 1 and {SCHEMA}.")
-    if data["schema"] == 1:
-        data = newer_schema(data)
-    unknown = sorted(set(data) - FIELDS)
-    if unknown:
-        raise ModelError(f"unknown field {unknown[0][:40]!r}; a newer version may have written this file.")
-    channels = texts(data, "channels")
-    symbols = texts(data, "symbols")
-    _check_names(channels, "channel", set())
-    _check_names(symbols, "parameter", set())
-    kind = data.get("kind")
-    terms = texts(data, "terms") if kind == "narx" else []
-    named = [f"theta_{i}" for i in range(1, len(terms) + 1)] if kind == "narx" else symbols
-    parameters = _parameters(named, data.get("assumptions", {}))
-    constraints = texts(data, "constraints")
-    length = sum(map(len, (*terms, *constraints, str(data.get("F", "")), *map(str, _listed_states(data)))))
-    if length > MAX_TEXT:
-        raise ModelError(f"the equations have {length} characters; at most {MAX_TEXT} are read.")
-    states = _states(data, channels, parameters)
-    signals = [*channels, "t", *(s.left.base.name for s in states)]
-    bases = {"u": u, "y": y}
-    if [data.get("input"), data.get("output")] not in (["u", "y"], ["y", "u"]):
-        raise ModelError("'input' and 'output' must be 'u' and 'y', or 'y' and 'u'.")
-    point = data.get("operating_point", {})
-    if not isinstance(point, dict) or not set(point) <= {"u", "y"}:
-        raise ModelError("'operating_point' must give numbers for 'u' and 'y'.")
-    lead = data.get("lead", 0)
-    if not isinstance(lead, int) or isinstance(lead, bool) or not 0 <= lead <= 1000:
-        raise ModelError("'lead' must be a whole number from 0 to 1000.")
-    if lead and data["input"] == "u":
-        raise ModelError("'lead' belongs to an inverse model (input 'y').")
-    theta = None if data.get("theta") is None else numbers(data["theta"], "theta")
-    options: dict[str, Any] = {
-        "input": bases[data["input"]],
-        "output": bases[data["output"]],
-        "operating_point": {bases[n]: numbers([v], "operating_point")[0] for n, v in point.items()},
-        "lead": lead,
-        "Ts": None if data.get("Ts") is None else numbers([data["Ts"]], "Ts")[0],
-        "states": states,
-    }
-    model: Model
-    if kind == "narx":
-        model = NARX([parse(term, signals=signals) for term in terms], theta, **options)
-        if symbols and symbols != [str(s) for s in model.symbols]:
-            raise ModelError("'symbols' do not belong to 'terms': theta_1 ... theta_n, one per term.")
-    elif kind == "equation":
-        if not isinstance(data.get("F"), str):
-            raise ModelError("'F' must be a text.")
-        expr = parse(data["F"], signals=signals, symbols=parameters)
-        free = expr.free_symbols.union(*(s.right.free_symbols for s in states))
-        missing = [s.name for s in parameters if s not in free]
-        if missing:
-            raise ModelError(f"the parameter {missing[0][:40]!r} does not appear in 'F'{' or a state' * bool(states)}.")
-        model = Model(expr, parameters, theta, **options)
-    else:
-        raise ModelError(f"'kind' must be 'narx' or 'equation', not {str(data.get('kind'))[:40]!r}.")
-    model = model.replace(
-        constraints=[c if c == "continuum" else _equation(c, model.symbols) for c in constraints],
-        standard_errors=_standard_errors(data.get("standard_errors"), len(model.symbols)),
-        info=read_info(data.get("info", {})),
-        effects=read_effects(data.get("effects", []), {str(s): s for s in model.symbols}),
-        bounds=_bounds(data.get("bounds", {}), {str(s): s for s in model.symbols}),
+    file: ModelData = read(ModelData, newer_schema(data) if data["schema"] == 1 else data)
+    _check_data(file)
+    std = file.standard_errors
+    made = _narx(file) if file.kind == "narx" else _equation_model(file)
+    if std is not None and (len(std) != len(made.symbols) or any(s is not None and s < 0 for s in std)):
+        raise ModelError("'standard_errors' must have one number per parameter, none negative.")
+    model = made.replace(
+        constraints=[
+            c if c == "continuum" else Eq(parse(c, symbols=made.symbols), 0, evaluate=False) for c in file.constraints
+        ],
+        standard_errors=std and [math.nan if s is None else s for s in std],
+        info=read_info(file.info),
+        effects=to_effects(file.effects, {str(s): s for s in made.symbols}),
+        bounds=_bounds(file.bounds, {str(s): s for s in made.symbols}),
     )
-    if model.Ts is not None and model.Ts <= 0:
-        raise ModelError("'Ts' must be a positive number of seconds.")
-    if any(abs(v) > 1e15 for v in model.operating_point.values()):
-        raise ModelError("'operating_point' is beyond 1e15.")
-    unused = set(channels) - set(model.channels)
+    unused = set(file.channels) - set(model.channels)
     if unused:
         raise ModelError(f"the channel {sorted(unused)[0][:40]!r} appears in no term.")
     _check_states(model)
@@ -200,42 +181,99 @@ def from_dict(data: Any) -> Model:  # noqa: C901, PLR0912, PLR0915
     return model
 
 
+def _check_data(file: ModelData) -> None:
+    """Refuse what no model can be made of."""
+    _check_names(file.channels, "channel", set())
+    _check_names(file.symbols, "parameter", set())
+    states = [s.state for s in file.states]
+    _check_names(states, "state", {*file.symbols, *file.channels})
+    written = (*file.terms, *file.constraints, file.F or "", *(s.update + s.initial for s in file.states))
+    length = sum(map(len, written))
+    if length > MAX_TEXT:
+        raise ModelError(f"the equations have {length} characters; at most {MAX_TEXT} are read.")
+    if len(states) > MAX_STATES:
+        raise ModelError(f"'states' must be a list of at most {MAX_STATES} entries.")
+    if any(len(s.group) > MAX_NAME for s in file.states):
+        raise ModelError(f"the group of a state has more than {MAX_NAME} characters.")
+    if (file.input, file.output) not in (("u", "y"), ("y", "u")):
+        raise ModelError("'input' and 'output' must be 'u' and 'y', or 'y' and 'u'.")
+    if not set(file.operating_point) <= {"u", "y"} or any(abs(v) > 1e15 for v in file.operating_point.values()):
+        raise ModelError("'operating_point' must give numbers up to 1e15 for 'u' and 'y'.")
+    if not 0 <= file.lead <= MAX_LEAD or (file.lead and file.input == "u"):
+        raise ModelError(f"'lead' must be a number from 0 to {MAX_LEAD}, and belongs to an inverse model (input 'y').")
+    if file.Ts is not None and file.Ts <= 0:
+        raise ModelError("'Ts' must be a positive number of seconds.")
+    if file.kind not in ("narx", "equation"):
+        raise ModelError(f"'kind' must be 'narx' or 'equation', not {file.kind[:40]!r}.")
+
+
+def _narx(file: ModelData) -> Model:
+    parameters = _parameters([f"theta_{i}" for i in range(1, len(file.terms) + 1)], file.assumptions)
+    known = _signals(file)
+    model = NARX([parse(term, signals=known) for term in file.terms], file.theta, **_options(file, parameters))
+    if file.symbols and file.symbols != tuple(map(str, model.symbols)):
+        raise ModelError("'symbols' do not belong to 'terms': theta_1 ... theta_n, one per term.")
+    return model
+
+
+def _equation_model(file: ModelData) -> Model:
+    if file.F is None:
+        raise ModelError("'F' must be a text.")
+    parameters = _parameters(file.symbols, file.assumptions)
+    expr, options = parse(file.F, signals=_signals(file), symbols=parameters), _options(file, parameters)
+    free = expr.free_symbols.union(*(s.right.free_symbols for s in options["states"]))
+    missing = [s.name for s in parameters if s not in free]
+    if missing:
+        raise ModelError(
+            f"the parameter {missing[0][:40]!r} does not appear in 'F'{' or a state' * bool(file.states)}."
+        )
+    return Model(expr, parameters, file.theta, **options)
+
+
+def _signals(file: ModelData) -> list[str]:
+    """Return the names of the signals beside input and output."""
+    return [*file.channels, "t", *(s.state for s in file.states)]
+
+
+def _options(file: ModelData, parameters: Sequence[Symbol]) -> dict[str, Any]:
+    """Return what both kinds of models are made with."""
+    bases, known, outer = {"u": u, "y": y}, _signals(file), [*file.channels, "t"]
+    states = tuple(
+        State(
+            signal(one.state)[k],
+            parse(one.update, signals=known, symbols=parameters),
+            parse(one.initial, signals=outer, symbols=parameters),
+            one.group,
+        )
+        for one in file.states
+    )
+    point = {bases[n]: value for n, value in file.operating_point.items()}
+    return {
+        "input": bases[file.input], "output": bases[file.output], "operating_point": point, "lead": file.lead,
+        "Ts": file.Ts, "states": states,
+    }  # fmt: skip
+
+
 def _assumptions(model: Model) -> dict[str, dict[str, bool]]:
     """Return what is assumed of each parameter, without those that are real and nothing else."""
     found = {str(s): {n: v for n, v in s._assumptions_orig.items() if v is not None} for s in model.symbols}
     return {name: of for name, of in found.items() if of != {"real": True}}
 
 
-def _parameters(names: list[str], assumed: Any) -> list[Symbol]:
+def _parameters(names: Sequence[str], assumed: Mapping[str, Mapping[str, bool]]) -> list[Symbol]:
     """Return the parameters with what is assumed of them; real where nothing is said."""
-    if not isinstance(assumed, dict) or not set(assumed) <= set(names):
-        raise ModelError("'assumptions' must be an object that speaks of parameters.")
-    for name, of in assumed.items():
-        if not isinstance(of, dict) or not set(of) <= assumed_of or not all(isinstance(v, bool) for v in of.values()):
-            raise ModelError(f"'assumptions' of {name[:40]!r} must be true or false, such as {{'positive': true}}.")
+    if not set(assumed) <= set(names) or not set().union(*assumed.values()) <= assumed_of:
+        raise ModelError("'assumptions' must speak of parameters, such as {'positive': true}.")
     try:
         return [Symbol(n, **assumed.get(n, {"real": True})) for n in names]
     except InconsistentAssumptions:
         raise ModelError("'assumptions' contradict each other.") from None
 
 
-def _bounds(given: Any, symbols: dict[str, Any]) -> dict[Any, tuple[float, float]]:
-    if not isinstance(given, dict) or not set(given) <= set(symbols):
-        raise ModelError("'bounds' must be an object that speaks of parameters.")
-    found = {symbols[name]: tuple(numbers(pair, "bounds")) for name, pair in given.items()}
-    if any(len(pair) != 2 or pair[0] >= pair[1] for pair in found.values()):
-        raise ModelError("'bounds' must be two numbers each, the lower one first.")
-    return found  # type: ignore[return-value]
-
-
-def _standard_errors(given: Any, count: int) -> list[float] | None:
-    if given is None:
-        return None
-    given = [math.nan if s is None else s for s in given] if isinstance(given, list) else given
-    found = numbers(given, "standard_errors", finite=False)
-    if len(found) != count or any(s < 0 for s in found):
-        raise ModelError("'standard_errors' must have one number per parameter, none negative.")
-    return found
+def _bounds(given: Mapping[str, tuple[float, float]], symbols: dict[str, Any]) -> dict[Any, tuple[float, float]]:
+    if not set(given) <= set(symbols) or any(low >= high for low, high in given.values()):
+        raise ModelError("'bounds' must speak of parameters, the lower number first.")
+    return {symbols[name]: pair for name, pair in given.items()}
 
 
 def _check_size(model: Model) -> None:
@@ -272,38 +310,7 @@ def _state_to_dict(state: State) -> dict[str, str]:
     }  # fmt: skip
 
 
-def _states(data: dict[str, Any], channels: list[str], symbols: list[Symbol]) -> tuple[State, ...]:
-    """Read the states in order; whether each has what it needs is checked by the recursion."""
-    listed = _listed_states(data)
-    for one in listed:
-        if not isinstance(one, dict) or not all(isinstance(v, str) for v in one.values()):
-            raise ModelError("each of 'states' must be an object of texts.")
-        wrong = sorted(set(one) ^ STATE_FIELDS)
-        if wrong and (wrong != ["group"] or "group" in one):
-            raise ModelError(f"a state has the fields state, update, initial and group; look at {wrong[0][:40]!r}.")
-        if len(one.get("group", "")) > MAX_NAME:
-            raise ModelError(f"the group of a state has more than {MAX_NAME} characters.")
-    names = [one["state"] for one in listed]
-    if names:
-        _check_names(names, "state", {*map(str, symbols), *channels})
-    signals = [*channels, "t", *names]
-    return tuple(
-        State(
-            signal(one["state"])[k], parse(one["update"], signals=signals, symbols=symbols),
-            parse(one["initial"], signals=[*channels, "t"], symbols=symbols), one.get("group", ""),
-        )
-        for one in listed
-    )  # fmt: skip
-
-
-def _listed_states(data: dict[str, Any]) -> list[Any]:
-    listed = data.get("states", [])
-    if not isinstance(listed, list) or len(listed) > MAX_STATES:
-        raise ModelError(f"'states' must be a list of at most {MAX_STATES} entries.")
-    return listed
-
-
-def _check_names(names: list[str], what: str, taken: set[str]) -> None:
+def _check_names(names: Sequence[str], what: str, taken: set[str]) -> None:
     """Refuse names that the grammar cannot read back, or that mean something else."""
     for name in names:
         if not (name.isascii() and name.isidentifier()) or len(name) > MAX_NAME:
@@ -324,7 +331,3 @@ def _check_states(model: Model) -> None:
                 raise ModelError(f"the initial value of {state.left} may contain measured signals up to now, not {s}.")
     if model.inner == x and not any(samples(e, x) for e in (model.F, *shown)):
         raise ModelError("there is a state 'x', what effects at the output add to, but the output does not contain it.")
-
-
-def _equation(source: str, symbols: Sequence[Symbol]) -> Any:
-    return Eq(parse(source, symbols=symbols), 0, evaluate=False)

@@ -10,7 +10,8 @@ import numpy as np
 import sympy as sp
 from scipy.linalg import LinAlgError, qr, solve_triangular
 
-from ..data.units import coefficient_units, in_units, said_first
+from ..codegen.units import coefficient_units
+from ..data.units import in_units, said_first
 from ..errors import FitError, ModelError
 from ..models.continuous_time import (
     Continuous,

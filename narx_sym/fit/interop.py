@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..codegen.export import transition
+from ..codegen.export import written
 from ..codegen.layout import numbered, shortened
 from ..data.record import Record
 from ..errors import ModelError
@@ -53,14 +53,14 @@ def rest_state(recursion: Recursion, initial: Mapping[Any, Any], rest: Mapping[s
 
 
 def model_rest_state(model: Model, **rest: float) -> Array:
-    """Return the state of `to_casadi` and `to_control` at rest: `model.rest_state(u=1.0, y=2.0)`."""
+    """Return the state of `export("casadi")` and `to_control` at rest: `model.rest_state(u=1.0, y=2.0)`."""
     begin = {b: e.xreplace(model.values) for b, e in model.starts.items()}
     clock = {"t": 0.0} if any(samples(e, t) for e in begin.values()) else {}
     return rest_state(model.recursion, begin, clock | rest)
 
 
 def law_rest_state(law: Compensator, share: Any = "auto", **rest: float) -> Array:
-    """Return the state of `to_casadi` at rest: `law.rest_state(m=1.0, r=2.0, y=2.0)`; `share` is as there.
+    """Return the state of `export("casadi")` at rest: `law.rest_state(m=1.0, r=2.0, y=2.0)`; `share` is as there.
 
     What the model computes counts where it runs beside the law.
     """
@@ -89,7 +89,7 @@ def to_control(model: Model, name: str = "model") -> Any:
     except ImportError:
         raise ModelError('python-control is not installed: pip install "narx-sym[interop]"') from None
     recursion = model.recursion
-    function = transition(recursion, model.values, name, model.output)
+    function = written("casadi", recursion, model.values, name, output=model.output)
     own = [s for s in recursion.given if s.base != t]
     labels: dict[Any, str] = {}
     for base in dict.fromkeys(s.base for s in (*recursion.past, *recursion.given)):

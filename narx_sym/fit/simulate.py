@@ -9,7 +9,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..data.coverage import beyond
 from ..data.record import Record
 from ..data.units import in_units, listed
 from ..engines.columns import Columns, reader
@@ -21,6 +20,7 @@ from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import expand_phi, k, lag, samples, t, x, y
+from .coverage import beyond
 
 Array = np.ndarray
 Records: TypeAlias = Record | Sequence[Record]
@@ -326,7 +326,7 @@ def _predicted(model: Model, record: Record) -> Array:
 
 
 def extrapolates(model: Model, inputs: Sequence[Array], Ts: float | None = None) -> list[str]:
-    """Say where inputs go beyond what the model has seen in identification; see `narx_sym.data.coverage.beyond`.
+    """Say where inputs go beyond what the model has seen in identification; see `narx_sym.fit.coverage.beyond`.
 
     Parameters
     ----------

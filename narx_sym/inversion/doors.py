@@ -7,12 +7,7 @@ class CompensatorDoors:
     """Each line is one function of the room that does it; it takes the law first."""
 
     export = door("codegen.targets", "export_law")
-    coefficients = door("data.units.derived", "coefficients")
-    to_c = door("codegen.targets", "law_to_c")
-    to_st = door("codegen.targets", "law_to_st")
-    to_fmu = door("codegen.targets", "law_to_fmu")
-    to_js = door("codegen.targets", "law_to_js")
-    to_casadi = door("codegen.targets", "law_to_casadi")
+    coefficients = door("codegen.units", "coefficients")
     lambdify = door("engines.lambdify", "lambdify")
     run = door("fit.laws.run", "run_law")
     exported = door("fit.laws.run", "exported")

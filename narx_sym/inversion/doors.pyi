@@ -1,11 +1,6 @@
 # What editors and mypy see of the doors; written by tests/stubs.py.
 from narx_sym.codegen.targets import export_law as _codegen_targets_export_law
-from narx_sym.codegen.targets import law_to_c as _codegen_targets_law_to_c
-from narx_sym.codegen.targets import law_to_casadi as _codegen_targets_law_to_casadi
-from narx_sym.codegen.targets import law_to_fmu as _codegen_targets_law_to_fmu
-from narx_sym.codegen.targets import law_to_js as _codegen_targets_law_to_js
-from narx_sym.codegen.targets import law_to_st as _codegen_targets_law_to_st
-from narx_sym.data.units.derived import coefficients as _data_units_derived_coefficients
+from narx_sym.codegen.units import coefficients as _codegen_units_coefficients
 from narx_sym.engines.lambdify import lambdify as _engines_lambdify_lambdify
 from narx_sym.fit.interop import law_rest_state as _fit_interop_law_rest_state
 from narx_sym.fit.laws.counting import check as _fit_laws_counting_check
@@ -30,12 +25,7 @@ from narx_sym.tasks.commission import commission as _tasks_commission_commission
 
 class CompensatorDoors:
     export = _codegen_targets_export_law
-    coefficients = _data_units_derived_coefficients
-    to_c = _codegen_targets_law_to_c
-    to_st = _codegen_targets_law_to_st
-    to_fmu = _codegen_targets_law_to_fmu
-    to_js = _codegen_targets_law_to_js
-    to_casadi = _codegen_targets_law_to_casadi
+    coefficients = _codegen_units_coefficients
     lambdify = _engines_lambdify_lambdify
     run = _fit_laws_run_run_law
     exported = _fit_laws_run_exported

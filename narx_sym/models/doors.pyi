@@ -2,13 +2,8 @@
 from typing import Any
 
 from narx_sym.codegen.targets import export_model as _codegen_targets_export_model
-from narx_sym.codegen.targets import model_to_c as _codegen_targets_model_to_c
-from narx_sym.codegen.targets import model_to_casadi as _codegen_targets_model_to_casadi
-from narx_sym.codegen.targets import model_to_fmu as _codegen_targets_model_to_fmu
-from narx_sym.codegen.targets import model_to_js as _codegen_targets_model_to_js
-from narx_sym.codegen.targets import model_to_st as _codegen_targets_model_to_st
-from narx_sym.data.units.derived import coefficient_units as _data_units_derived_coefficient_units
-from narx_sym.data.units.derived import units_told as _data_units_derived_units_told
+from narx_sym.codegen.units import coefficient_units as _codegen_units_coefficient_units
+from narx_sym.codegen.units import units_told as _codegen_units_units_told
 from narx_sym.diagnosis.add import add as _diagnosis_add_add
 from narx_sym.engines.columns import evaluate_quasi_static as _engines_columns_evaluate_quasi_static
 from narx_sym.engines.lambdify import lambdify as _engines_lambdify_lambdify
@@ -53,14 +48,9 @@ class ModelDoors:
     __rshift__ = _models_compose_series
     lambdify = _engines_lambdify_lambdify
     compensator = _inversion_compensator_compensator
-    coefficient_units = _data_units_derived_coefficient_units
-    units_told = _data_units_derived_units_told
+    coefficient_units = _codegen_units_coefficient_units
+    units_told = _codegen_units_units_told
     export = _codegen_targets_export_model
-    to_c = _codegen_targets_model_to_c
-    to_st = _codegen_targets_model_to_st
-    to_fmu = _codegen_targets_model_to_fmu
-    to_js = _codegen_targets_model_to_js
-    to_casadi = _codegen_targets_model_to_casadi
     fit = _fit_least_squares_fit
     simulate = _fit_simulate_simulate
     predict = _fit_simulate_predict

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..data.coverage import beyond
 from ..data.evidence.noise import CLEARLY, sensor_noise
 from ..data.metrics import rms
 from ..data.units import in_units, said_first
 from ..errors import Diverged, ModelError
 from ..fit.bootstrap import as_large, block_bootstrap, fresh_blocks
+from ..fit.coverage import beyond
 from ..fit.evaluate import free_run
 from ..fit.identify import prepare
 from ..fit.laws.damping import Share
@@ -198,11 +198,7 @@ def _check(model: Model, draws: int) -> None:
 
 def write_commissioning(found: Commissioning, path: Path) -> None:
     """Write the figures as JSON."""
-    rows = {
-        "schema": 1, "go": found.go, "expected": found.expected, "worst": found.worst, "sensor": found.sensor,
-        "without": found.without,
-        "without_input": {"offset": found.plain.offset, "slope": found.plain.slope},
-        "unexplained": found.unexplained, "steepest": found.steepest, "at_limits": found.at_limits,
-        "against": list(found.against), "sentence": found.sentence({}),
-    }  # fmt: skip
+    named = ("go", "expected", "worst", "sensor", "without", "unexplained", "steepest", "at_limits", "against")
+    rows = {"schema": 1, "sentence": found.sentence({}), **{name: getattr(found, name) for name in named}}
+    rows["without_input"] = {"offset": found.plain.offset, "slope": found.plain.slope}
     write_plain(rows, path)

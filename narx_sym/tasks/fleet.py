@@ -10,8 +10,8 @@ import hashlib
 import re
 import time
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,7 @@ class Entry:
 
     file: Path
     tag: str
-    columns: tuple[tuple[str, str], ...] = tuple(COLUMNS.items())
+    columns: Mapping[str, Any] = field(default_factory=COLUMNS.copy)
     content: str = ""
     validation: tuple[Entry, ...] = ()
 
@@ -53,23 +53,17 @@ class Settings:
         Seconds for one record, checked between hypotheses; 0 for no limit.
     reports : Path, optional
         A folder for one report per record.
-    units : pairs of "u" or "y" and a unit
-        Of all records, whatever their files say.
-    roles : pairs of a column and its role
     machine : what all records are of, "" where their units tell
+    how : what else `ns.read` takes, for all records: Ts, channels, missing, units, roles
     """
 
     base: str = "linear"
     max_effects: int = 1
-    Ts: float | None = None
-    channels: str = ""
-    missing: str = "refuse"
     seed: int = 0
     budget: float = 0.0
     reports: Path | None = None
-    units: tuple[tuple[str, str], ...] = ()
-    roles: tuple[tuple[str, str], ...] = ()
     machine: str = ""
+    how: Mapping[str, Any] = field(default_factory=dict)
 
 
 class BudgetError(NarxError):
@@ -126,7 +120,7 @@ def _content(file: Path) -> str:
 
 
 def _found(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
-    files = path.rglob("*") if path.is_dir() else Path(path.anchor or ".").glob(_relative(path))
+    files = path.rglob("*") if path.is_dir() else Path(path.anchor or ".").glob(str(path.relative_to(path.anchor)))
     try:
         pattern = re.compile(group) if group else None
     except re.error as error:
@@ -135,7 +129,7 @@ def _found(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
     for file in sorted(files, key=_counted):
         if file.suffix.lower() in SUFFIXES and file.is_file():
             tag = _machine(pattern, file) if pattern else file.parent.name
-            found.append(Entry(file, tag, tuple(columns.items())))
+            found.append(Entry(file, tag, columns))
     others = [e.file for e in found if pattern and e.tag == UNKNOWN]
     if others and len(others) == len(found):
         raise DataError(f"--group {group!r} matches no path, such as {others[0]}.")
@@ -156,10 +150,6 @@ def _counted(file: Path) -> list[tuple[int, str]]:
 def _machine(pattern: re.Pattern[str], file: Path) -> str:
     match = pattern.search(str(file))
     return (match[1 if pattern.groups else 0] if match else "") or UNKNOWN
-
-
-def _relative(path: Path) -> str:
-    return str(path.relative_to(path.anchor)) if path.anchor else str(path)
 
 
 def _listed(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
@@ -183,7 +173,7 @@ def _listed(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
     found = []
     for tag, (_, row) in zip(tags, rows.iterrows(), strict=True):
         own = {name: row[name] for name in columns if row.get(name)}
-        found.append(Entry(path.parent / row[LIST], str(tag), tuple({**columns, **own}.items())))
+        found.append(Entry(path.parent / row[LIST], str(tag), columns | own))
     return found
 
 
@@ -231,7 +221,7 @@ def look(entry: Entry, settings: Settings) -> Row:
 
     passing = False
     try:
-        names, record = dict(entry.columns), _read(entry, settings)
+        names, record = entry.columns, _read(entry, settings)
         base = identify_base(settings.base, [record])
         found = diagnose(
             base, record, max_effects=settings.max_effects, seed=settings.seed, report=watch,
@@ -253,11 +243,7 @@ def look(entry: Entry, settings: Settings) -> Row:
 
 
 def _read(entry: Entry, settings: Settings) -> Record:
-    names = dict(entry.columns)
-    return read(
-        entry.file, u=names["u"], y=names["y"], t=names["t"], Ts=settings.Ts, channels=settings.channels,
-        missing=settings.missing, units=dict(settings.units), roles=dict(settings.roles),
-    )  # fmt: skip
+    return read(entry.file, **entry.columns, **settings.how)
 
 
 def _not_its_own(error: Exception) -> str:

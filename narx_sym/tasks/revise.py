@@ -95,12 +95,7 @@ def with_term(
 
 
 def revised(
-    name: str,
-    model: Model,
-    records: Sequence[Record],
-    progress: Progress,
-    effect: str = "",
-    **known: Any,
+    name: str, model: Model, records: Sequence[Record], progress: Progress, effect: str = "", **known: Any
 ) -> Revision:
     """Diagnose a model."""
     found = diagnose(model, list(records), report=inside(progress, before=1), **known)

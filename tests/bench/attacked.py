@@ -15,9 +15,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "codegen"))
 from exported import Subject
-from iec import Block
-from test_c import arguments, stepped
-from test_st import scanned
+from languages import arguments, in_st, stepped
 
 from narx_sym.engines.compile import compile
 from narx_sym.fit.laws.driven import driven
@@ -31,7 +29,7 @@ class Given(Subject):
 
     def waves(self, n: int) -> Any:
         """What the law reads, by name, in the order in which the sources take it."""
-        return {str(base.label): self.initial[str(base.label)] for base in self.recursion.inputs}
+        return {str(base.label): self.given[str(base.label)] for base in self.recursion.inputs}
 
     def rests(self, source: str) -> list[float]:
         """Where the law starts, in the order of its C source."""
@@ -49,8 +47,8 @@ def gaps(run: Any) -> dict[str, float]:
     law, first = run.law, {name: float(c[0]) for name, c in run.law.named(run.channels).items()}
     rest = rest_states(law.model, run.u0, run.y0, first) | {"m": run.u0, "r": run.y0, "y": run.y0, **first}
     options = {"limits": WIDE, "share": None}
-    source = law.to_c(**options)
-    given = Given(law.limited(WIDE), run.model.values, law, rest, initial={"r": run.y, **law.named(run.channels)})
+    source = law.export("c", **options)
+    given = Given(law.limited(WIDE), run.model.values, law, rest, given={"r": run.y, **law.named(run.channels)})
     n = run.y.size - run.ahead
     expected = law.follow(run.y, run.u0, run.channels, **options).m[:n]
     size = max(1.0, float(np.abs(expected).max()))
@@ -61,5 +59,5 @@ def gaps(run: Any) -> dict[str, float]:
         with tempfile.TemporaryDirectory() as folder:
             found["C"] = stepped(Path(folder), source, "law", steps, given.rests(source))
     if importlib.util.find_spec("blark"):
-        found["ST"] = scanned(Block(given.st("law", **options)), given, n)
+        found["ST"] = in_st(given.export("st", "law", **options), given, n, None)
     return {language: float(np.abs(x[:n] - expected).max()) / size for language, x in found.items()}

@@ -232,8 +232,7 @@ def test_several_records_of_different_length(run, tmp_path):
 def test_the_notes_are_in_the_diagnosis(run, tmp_path, monkeypatch):
     monkeypatch.setattr("narx_sym.cli.diagnose.with_own", lambda files: only("drift"))
     path, found = write(tmp_path, "a.csv", csv(moved(T, 200, 5), np.sign(U), y=answer(np.sign(U)))), tmp_path / "d.json"
-    code, _, err = run("diagnose", path, "--json", found, "--rows", "100:")
-    assert code == 0, err
+    _, err = run.good("diagnose", path, "--json", found, "--rows", "100:")
     said = json.loads(found.read_text())["data_notes"]
     assert len(said) == 2 and said[0].startswith("a: line 202: gap") and "two values" in said[1]
     assert all(f"note: {s}" in err for s in said)
@@ -284,7 +283,7 @@ def test_too_few_complete_rows(tmp_path):
 
 
 def test_archives_that_would_fill_the_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr("narx_sym.data.readers.LARGEST_FILE", 1_000_000)
+    monkeypatch.setattr("narx_sym.data.tables.LARGEST_FILE", 1_000_000)
     for name, content in (("a.npz", archive((10**6,), 8 * 10**6)), ("a.mat", mat(u=np.zeros(10**6)))):
         with pytest.raises(DataError, match=r"0\.008 GB"):
             ns.read(write(tmp_path, name, content))

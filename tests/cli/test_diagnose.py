@@ -136,8 +136,7 @@ def test_names_the_hidden_effect(files, diagnosed):
 
 def test_five_lines_first_and_the_same_data_and_seed_give_the_same_file(files, diagnosed, run):
     arguments = ["diagnose", files / "dead.csv", "--base", files / "linear.json", "--units", "V,mm"]
-    code, text, err = run(*arguments, "--json", files / "again.json")
-    assert code == 0, err
+    text, _ = run.good(*arguments, "--json", files / "again.json")
     lines = text.splitlines()
     assert re.fullmatch(r"Dead zone is probably missing\. \(one explanation fits, .+ %\)", lines[0])
     assert "falls from" in lines[1] and " mm" in lines[1] and "Probably missing: dead zone" in lines[2]
@@ -163,8 +162,7 @@ def test_the_command_to_go_on_with_reads_the_data_as_this_one_did(files, run, tm
         "V,mm", "--channels", "temp", "--delay", "1", "--max-effects", "1", "--limits", "-3.0", "3.0", "--effects",
         str(files / "own.toml"),
     ]  # fmt: skip
-    code, text, err = run("diagnose", "my record.csv", *options, "--json", tmp_path / "d.json")
-    assert code == 0, err
+    text, _ = run.good("diagnose", "my record.csv", *options, "--json", tmp_path / "d.json")
     (line,) = [line for line in text.splitlines() if line.startswith("  narx-sym ")]
     said = shlex.split(line)
     at = [said.index(option) for option in options if option.startswith("--")]
@@ -174,8 +172,7 @@ def test_the_command_to_go_on_with_reads_the_data_as_this_one_did(files, run, tm
     stop = said.index("NEW_RECORD.csv") if "NEW_RECORD.csv" in said else None
     if stop is not None:
         del said[stop]
-    code, _, err = run(*said[1:], "--quiet")
-    assert code == 0, err
+    run.good(*said[1:], "--quiet")
 
 
 def test_what_was_done_with_the_data_and_every_unit_are_printed(files, run, stage_diagnosis, monkeypatch):
@@ -232,10 +229,7 @@ def test_saved_model_is_read_and_fits(files, diagnosed, run):
     model = ns.load(files / "m.json")
     assert model.effects[0].effect == "dead_zone" and model.Ts == TS
     assert ns.evaluate(model, ns.read(files / "dead.csv")).free_run_nrmse < 0.02
-    code, text, err = run(
-        "simulate", files / "m.json", files / "dead.csv", "--input", "u", "--out", files / "y.csv", "--y0", "0"
-    )
-    assert code == 0, err
+    text, err = run.good(f"simulate {files}/m.json {files}/dead.csv --input u --out {files}/y.csv --y0 0")
     # With its effect nothing is missing any more, on the same data.
     code, text, err = run("diagnose", files / "dead.csv", "--base", files / "m.json", "--quiet")
     assert code == 0 and "(nothing found)" in text and len(text.splitlines()) == 1, (text, err)
@@ -243,8 +237,7 @@ def test_saved_model_is_read_and_fits(files, diagnosed, run):
 
 def test_nothing_hidden_nothing_found(files, run, tmp_path):
     written = ["--json", tmp_path / "n.json", "--save", tmp_path / "m.json"]
-    code, text, err = run("diagnose", files / "null.csv", "--rows", "0:700", *written)
-    assert code == 0, err
+    text, err = run.good("diagnose", files / "null.csv", "--rows", "0:700", *written)
     assert "(nothing found)" in text.splitlines()[0] and "nothing was added" in err
     data = json.loads((tmp_path / "n.json").read_text())
     assert data["candidates"] == [] and data["confusion_set"] == [] and data["smallest_detectable"]
@@ -254,8 +247,7 @@ def test_nothing_hidden_nothing_found(files, run, tmp_path):
 def test_add(files, run, tmp_path):
     out = tmp_path / "added.json"
     arguments = ["add", files / "linear.json", "dead_zone", files / "dead.csv", "--out", out]
-    code, text, err = run(*arguments, "--where", "input", "--rows", "0:700")
-    assert code == 0, err
+    text, err = run.good(*arguments, "--where", "input", "--rows", "0:700")
     assert "before, fitted to these data" in text and "with dead_zone" in text and "v[k] = u[k]" in text
     model = ns.load(out)
     assert model.values and ns.evaluate(model, ns.read(files / "dead.csv")).free_run_nrmse < 0.02
@@ -271,11 +263,9 @@ def test_add(files, run, tmp_path):
 @pytest.mark.long
 def test_own_effect_from_a_file(files, run, tmp_path):
     out = tmp_path / "d.json"
-    code, text, err = run(
-        "diagnose", files / "dead.csv", "--base", files / "linear.json", "--effects", files / "own.toml", "--json", out,
-        "--max-effects", "2",
-    )  # fmt: skip
-    assert code == 0, err
+    text, _ = run.good(
+        f"diagnose {files}/dead.csv --base {files}/linear.json --effects {files}/own.toml --json {out} --max-effects 2"
+    )
     data = json.loads(out.read_text())
     own = next(c for c in data["candidates"] if c["effect"] == "my_slack")
     assert own["parameters"]["w"] == pytest.approx(DEAD, rel=0.05)
@@ -287,13 +277,12 @@ def test_own_effect_from_a_file(files, run, tmp_path):
     assert len(data["steps"]) == 2 and all(STEP_KEYS <= set(s) for s in data["steps"]) and "Step 2: Nothing is" in text
     assert data["steps"][0]["candidates"] == data["candidates"] and data["steps"][1]["verdict"] == "nothing_detectable"
     assert "my_slack" not in ns.EFFECTS
-    code, text, err = run("effects", "--effects", files / "own.toml")
+    code, text, _ = run("effects", "--effects", files / "own.toml")
     assert code == 0 and "My own slack" in text
 
 
 def test_effects_in_words(run):
-    code, text, err = run("effects")
-    assert code == 0, err
+    text, _ = run.good("effects")
     for name, forms in ns.EFFECTS.items():
         assert name in text and all(f.sentence in text and f.source in text for f in forms)
     for expected in (
@@ -305,10 +294,7 @@ def test_effects_in_words(run):
 
 def test_compare_says_where_it_fails(files, run, tmp_path):
     picture = tmp_path / "c.png"
-    code, text, err = run(
-        "compare", files / "linear.json", files / "dead.csv", "--plot", picture, "--units", "V,mm"
-    )  # fmt: skip
-    assert code == 0, err
+    text, _ = run.good(f"compare {files}/linear.json {files}/dead.csv --plot {picture} --units V,mm")
     assert "Where it fails" in text and "mean error" in text and "mm" in text
     assert picture.stat().st_size > 10_000 and (tmp_path / "c_where.png").stat().st_size > 10_000
 

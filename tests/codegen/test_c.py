@@ -1,8 +1,6 @@
 """C99 source: it compiles without a warning and gives what Python gives."""
 
 import re
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -10,55 +8,19 @@ import sympy as sp
 from drawn import recursions
 from exported import AWKWARD, SUBJECTS, Subject, valued
 from hypothesis import HealthCheck, assume, given, reject, settings
+from languages import arguments, built, needs_gcc, run, self_tested, stepped
 from sampling import some
 
 import narx_sym as ns
-from narx_sym.codegen.export import to_c
-from narx_sym.engines.compile import compile
+from narx_sym.codegen.export import written
 from narx_sym.errors import Diverged, ModelError
 from narx_sym.models.info import Info
 from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.sensitivity import sensitivities
 from narx_sym.symbolic.signals import k, signal, u, y
 
-gcc = shutil.which("gcc")
-needs_gcc = pytest.mark.skipif(gcc is None, reason="no C compiler here")
-FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2"]
 N = 50_000
 p = signal("p")
-
-
-def built(folder, source, *flags):
-    """Compile a source into a program in its folder."""
-    path = folder / "x.c"
-    path.write_text(source, encoding="utf-8")
-    subprocess.run([gcc, *FLAGS, *flags, path, "-o", folder / "x", "-lm"], check=True, capture_output=True, text=True)
-    return folder / "x"
-
-
-def stepped(folder, source, name, steps, rest):
-    """Step an exported source over arrays, in the order of its own arguments: all by a main of a few lines."""
-    takes = arguments(source, f"{name}_step")
-    n = len(next(iter(steps.values()))) if steps else 100
-    body = f"""
-    #include <stdio.h>
-    int main(void) {{
-        {name}_state s; double row[{len(takes) + 1}] = {{0.0}};
-        {name}_init({", ".join(["&s", *(f"{v!r}" for v in rest)])});
-        while (fread(row, sizeof(double), {max(1, len(takes))}, stdin) == {max(1, len(takes))}) {{
-            const double out = (double){name}_step({", ".join(["&s", *(f"({name}_real)row[{i}]" for i in range(len(takes)))])});
-            fwrite(&out, sizeof(double), 1, stdout);
-        }}
-        return 0;
-    }}"""
-    rows = np.column_stack(list(steps.values())) if steps else np.zeros((n, 1))
-    ran = subprocess.run([built(folder, source + body)], input=rows.tobytes(), capture_output=True, check=True)
-    return np.frombuffer(ran.stdout)
-
-
-def arguments(source, function):
-    """The signals that a function takes, as its header names them."""
-    return re.search(rf"{function}\(\w+_state \*past(.*?)\);", source).group(1).replace(",", " ").split()[1::2]
 
 
 def code(source):
@@ -66,28 +28,19 @@ def code(source):
     return re.sub(r"/\*.*?\*/", "", source, flags=re.S)
 
 
-def resting(subject, source, name):
-    labels = {re.sub(r"_sig\d*$", "", a): a for a in arguments(source, f"{name}_init")}
-    assert all(a in ("r", "m", "u", "y", "p", "t", "temp", "load", "v", "w", "q", "z1", "z2") for a in labels), labels
-    return [subject.at_rest(a) if a != "t" else 0.0 for a in labels]
-
-
 @needs_gcc
 @pytest.mark.parametrize("single", (False, True))
 @pytest.mark.parametrize("name", some(SUBJECTS, 8))
 def test_compiles_cleanly_and_passes_its_own_test(name, single, tmp_path):
-    source = SUBJECTS[name].c("x1", single=single)
-    told = subprocess.run([built(tmp_path, source, "-DX1_SELF_TEST")], capture_output=True, text=True)
-    assert told.returncode == 0 and "passed" in told.stdout
+    end, told = self_tested(tmp_path, SUBJECTS[name].export("c", "x1", single=single), "x1")
+    assert end == "passed", told
 
 
 @needs_gcc
 @pytest.mark.parametrize("name", some([n for n in SUBJECTS if n != "awkward"], every=4))
 def test_agrees_with_python_on_50_000_samples(name, tmp_path):
     subject = SUBJECTS[name]
-    source = subject.c("x1")
-    found = stepped(tmp_path, source, "x1", subject.steps(N), resting(subject, source, "x1"))
-    expected = subject.expected(N)
+    found, expected = run("c", subject, N, tmp_path), subject.expected(N)
     assert found.shape == expected.shape and np.ptp(expected) > 0
     assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
 
@@ -104,9 +57,7 @@ def test_random_recursions_agree(tmp_path, made):
     except Diverged:  # what these inputs drive away has nothing to compare
         reject()
     assume(all(np.abs(x).min() > 1e-9 for x in decided))
-    source = subject.c("x1", output=recursion.states[0])
-    rest = [0.3] * len(arguments(source, "x1_init"))
-    found = stepped(tmp_path, source, "x1", subject.steps(n), rest)
+    found = run("c", subject, n, tmp_path, output=recursion.states[0])
     assert np.abs(found - subject.expected(n, of=recursion.states[0])).max() <= 1e-12
 
 
@@ -114,7 +65,7 @@ def test_random_recursions_agree(tmp_path, made):
 def test_units_stand_in_the_comment_and_cannot_end_it(tmp_path):
     law = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 0.4], Ts=0.01).compensator()
     told = law.export("c", units={"u": "V", "y": "µm/s²"})
-    assert "Units: r in um/s^2, m in V." in told and "Units" not in law.to_c()
+    assert "Units: r in um/s^2, m in V." in told and "Units" not in law.export("c")
     for end in ("*/ int x = 1 /", "*) x := 1; (*", "V\n#error", "\\", "??/"):
         for language in ("c", "st", "js"):
             both = [law.export(language, units={"u": label, "y": "mm"}) for label in ("V", end)]
@@ -129,14 +80,12 @@ def test_units_stand_in_the_comment_and_cannot_end_it(tmp_path):
 def test_awkward_names_agree_too(tmp_path):
     """All signals rest alike and move alike, but by another factor each: a mixed-up pair would show."""
     subject = SUBJECTS["awkward"]
-    source = subject.c("law")
-    found = stepped(tmp_path, source, "law", subject.steps(500), [0.3] * len(arguments(source, "law_init")))
-    assert np.abs(found - subject.expected(500)).max() <= 1e-12
+    assert np.abs(run("c", subject, 500, tmp_path) - subject.expected(500)).max() <= 1e-12
     assert not (tmp_path / "pwned").exists()
 
 
 def test_nothing_of_a_name_reaches_the_code():
-    source = ns.Model(y[k - 1] / 2 + sum(signal(name)[k - 1] for name in AWKWARD) + u[k], (), []).to_c("x1")
+    source = ns.Model(y[k - 1] / 2 + sum(signal(name)[k - 1] for name in AWKWARD) + u[k], (), []).export("c", "x1")
     assert source.count("/*") == source.count("*/") == 1 and "??" not in source and "\\\n" not in source
     assert source.isascii() and "system" not in re.sub(r"x_system\w*", "", code(source))
     names = set(re.findall(r"[A-Za-z_]\w*", code(source).split("#ifdef")[0]))
@@ -146,33 +95,28 @@ def test_nothing_of_a_name_reaches_the_code():
 @needs_gcc
 def test_a_channel_from_a_file_cannot_bring_code(tmp_path):
     linear = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5], Ts=0.01)
-    source = valued(linear, 'channel:*/ x; system("touch pwned"); /*').to_c("m")
+    source = valued(linear, 'channel:*/ x; system("touch pwned"); /*').export("c", "m")
     assert "touch" not in code(source).replace("x_system_touch_pwned", "")
-    ran = subprocess.run([built(tmp_path, source, "-DM_SELF_TEST")], cwd=tmp_path, capture_output=True, text=True)
-    assert "passed" in ran.stdout and not (tmp_path / "pwned").exists()
+    assert self_tested(tmp_path, source, "m")[0] == "passed" and not (tmp_path / "pwned").exists()
 
 
 def test_only_the_libraries_that_are_used():
-    plain = ns.NARX.from_terms(["y[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]"], [0.8, 0.5]).to_c()
+    plain = ns.NARX.from_terms(["y[k-1]", "phi2[k-1]*phi1[k-1]*u[k-1]"], [0.8, 0.5]).export("c")
     assert "#include" not in plain.split("#ifdef")[0] and "-lm" not in plain
-    assert "#include <math.h>" in ns.NARX.from_terms(["tanh(u[k-1])"], [0.8]).to_c()
-    every = "".join(code(subject.c("x1")) for subject in [*SUBJECTS.values()][::4])
+    assert "#include <math.h>" in ns.NARX.from_terms(["tanh(u[k-1])"], [0.8]).export("c")
+    every = "".join(code(subject.export("c", "x1")) for subject in [*SUBJECTS.values()][::4])
     assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|goto|static (?!const|x1_real x1_))", every)
 
 
 @needs_gcc
 def test_single_precision(tmp_path):
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "tanh(u[k-1])", "Max(u[k-1], 0)"], [0.8, 0.5, 0.1, 0.2])
-    source = model.to_c("small", single=True)
+    source = model.export("c", "small", single=True)
     assert "double" not in code(source).split("#ifdef")[0] and "tanhf(" in source
     wave = np.sin(np.arange(2000) / 50)
     found = stepped(tmp_path, source, "small", {"u": wave[:-1]}, [0.0])
     assert np.allclose(found, model.simulate(wave, 0.0)[1:], atol=1e-5)
-    ran = subprocess.run([built(tmp_path, source, "-DSMALL_SELF_TEST")], capture_output=True, text=True)
-    assert "passed" in ran.stdout
-    for value in (1e-60, 1e60):
-        with pytest.raises(ModelError, match="single precision"):
-            ns.NARX.from_terms(["u[k-1]"], [value]).to_c(single=True)
+    assert self_tested(tmp_path, source, "small")[0] == "passed"
 
 
 @needs_gcc
@@ -181,32 +125,33 @@ def test_single_precision(tmp_path):
 def test_single_precision_where_a_bounded_function_ends(name, tmp_path):
     """A number just inside the limit is rounded onto it, or beyond: infinite, or of the other sign."""
     model = ns.NARX.from_terms(["y[k-1]", f"{name}(u[k-1])"], [0.5, 0.5], Ts=0.01)
-    source = model.compensator().to_c("x", single=True)
+    source = model.compensator().export("c", "x", single=True)
     r = np.repeat([0.1, 3.0, -3.0, 0.1], 20)
     found = stepped(tmp_path, source, "x", {"r": r}, [0.1])
     assert np.isfinite(found).all() and (found[20:40] > 8).all() and (found[40:60] < -8).all()
     wide = model.compensator().run(np.insert(r, 0, 0.1), 0.1, clip=True)[:-1]
     assert np.abs(model.simulate(found, 0.1, u0=0.1) - model.simulate(wide, 0.1, u0=0.1)).max() < 1e-5
-    told = subprocess.run([built(tmp_path, source, "-DX_SELF_TEST")], capture_output=True, text=True)
-    assert "passed" in told.stdout, told.stdout
+    assert self_tested(tmp_path, source, "x")[0] == "passed"
 
 
 @needs_gcc
 @pytest.mark.parametrize("wrong", (("0.8", "0.7"), ("past->y[0]", "past->y[1]"), (" + ", " - ")))
 def test_a_wrong_source_fails_its_own_test(wrong, tmp_path):
-    source = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "Min(u[k-2], y[k-1])"], [0.8, 0.1, 0.5, 0.3]).to_c("x")
+    source = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "Min(u[k-2], y[k-1])"], [0.8, 0.1, 0.5, 0.3]).export(
+        "c", "x"
+    )
     step, _ = source.split("x_real x_step")[-1].split("#ifdef")
     changed = source.replace(step, step.replace(*wrong, 1))
     assert changed != source
-    ran = subprocess.run([built(tmp_path, changed, "-DX_SELF_TEST")], capture_output=True, text=True)
-    assert ran.returncode == 1 and "FAILED" in ran.stdout
+    end, told = self_tested(tmp_path, changed, "x")
+    assert end == "FAILED" and "FAILED" in told
 
 
 @needs_gcc
 def test_a_nan_is_kept(tmp_path):
     """fmax and fmin would hide it, and so would a sign."""
     recursion = Recursion(((p[k], sp.Max(u[k], 0) + sp.Min(u[k], 1)), (y[k], sp.sign(p[k]) + sp.Max(0, p[k - 1], 1))))
-    found = stepped(tmp_path, to_c(recursion, {}, "x1"), "x1", {"u": np.array([1.0, np.nan, 1.0, 1.0])}, [0.0])
+    found = stepped(tmp_path, written("c", recursion, {}, "x1"), "x1", {"u": np.array([1.0, np.nan, 1.0, 1.0])}, [0.0])
     assert np.isnan(found).tolist() == [False, True, True, False]
 
 
@@ -214,8 +159,8 @@ def test_a_nan_is_kept(tmp_path):
 def test_what_a_nan_leaves_is_said_and_ends_with_init(tmp_path):
     """Within limits too: m is no number until init is called again."""
     law = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=0.01).compensator()
-    source = law.to_c("x", limits=(-1, 1))
-    assert "until x_init is called again" in " ".join(source.split()) and "finite numbers" in law.to_st()
+    source = law.export("c", "x", limits=(-1, 1))
+    assert "until x_init is called again" in " ".join(source.split()) and "finite numbers" in law.export("st")
     found = stepped(
         tmp_path, source, "x", {"r": np.array([0.3, np.nan, 0.3, 0.3])}, [0.0] * len(arguments(source, "x_init"))
     )
@@ -225,51 +170,30 @@ def test_what_a_nan_leaves_is_said_and_ends_with_init(tmp_path):
 @needs_gcc
 def test_no_case_is_no_number(tmp_path):
     recursion = Recursion(((y[k], sp.Piecewise((u[k], u[k] > 0))),))
-    source = to_c(recursion, {}, "x1")
+    source = written("c", recursion, {}, "x1")
     found = stepped(tmp_path, source, "x1", {"u": np.array([1.0, -1.0])}, [])
     assert found[0] == 1.0 and np.isnan(found[1])
 
 
 def test_a_run_that_diverges_has_no_self_test():
-    source = ns.NARX.from_terms(["y[k-1]", "y[k-1]**3", "u[k-1]"], [9.0, 9.0, 1.0]).to_c()
+    source = ns.NARX.from_terms(["y[k-1]", "y[k-1]**3", "u[k-1]"], [9.0, 9.0, 1.0]).export("c")
     assert "No self-test" in source and "main" not in source
 
 
 def test_the_self_test_moves_where_the_model_was_identified():
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5], operating_point={u: 50.0})
-    assert 49 <= float(re.search(r"u\[\d+\] = \{\s*([\d.]+),", model.to_c()).group(1)) <= 51
+    assert 49 <= float(re.search(r"u\[\d+\] = \{\s*([\d.]+),", model.export("c")).group(1)) <= 51
     model = model.replace(info=Info(ranges={"u": (100.0, 300.0), "y": (0.0, 9.0)}))
-    assert float(re.search(r"u\[\d+\] = \{\s*([\d.]+),", model.to_c()).group(1)) > 99
-    assert float(re.search(r"r\[\d+\] = \{\s*([\d.]+),", model.compensator().to_c()).group(1)) < 10
-
-
-def test_what_c_cannot_say_is_refused():
-    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5])
-    with pytest.raises(ModelError, match="identifier"):
-        model.to_c("my law")
-    with pytest.raises(ModelError, match="rule for zeta"):
-        to_c(Recursion(((y[k], sp.zeta(u[k])),)), {})
-    with pytest.raises(ModelError, match="no literal"):
-        to_c(Recursion(((y[k], sp.oo * u[k]),)), {})
-    with pytest.raises(ModelError, match="No value"):
-        ns.NARX.from_terms(["y[k-1]"]).to_c()
-    a = sp.Symbol("a", real=True)
-    with pytest.raises(ModelError, match="signals and numbers only"):
-        to_c(Recursion(((p[k], p[k - 1] / 2), (y[k], p[k]))), {}, initial={p: a + u[k]})
-
-
-def test_step_by_step_is_the_same_recursion():
-    """The self-test's expected values come from the engines, not from the C printer."""
-    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0])
-    assert compile(model.recursion)({"u": np.ones(4)}, [0.5, 1.0], {"y": 0.0})["y"].tolist() == [0.0, 1.0, 1.5, 1.75]
+    assert float(re.search(r"u\[\d+\] = \{\s*([\d.]+),", model.export("c")).group(1)) > 99
+    assert float(re.search(r"r\[\d+\] = \{\s*([\d.]+),", model.compensator().export("c")).group(1)) < 10
 
 
 def test_the_last_state_is_returned_unless_another_is_named():
     pair = Recursion(((p[k], p[k - 1] / 2 + u[k]), (y[k], y[k - 1] / 3 + p[k])))
-    assert "returns y[k]" in to_c(pair, {}) and "returns p[k]" in to_c(pair, {}, output=p)
-    assert to_c(pair, {}, output="p") == to_c(pair, {}, output=p)
+    assert "returns y[k]" in written("c", pair, {}) and "returns p[k]" in written("c", pair, {}, output=p)
+    assert written("c", pair, {}, output="p") == written("c", pair, {}, output=p)
     with pytest.raises(ModelError, match="does not compute z"):
-        to_c(pair, {}, output="z")
+        written("c", pair, {}, output="z")
 
 
 @needs_gcc
@@ -277,22 +201,16 @@ def test_sensitivities_behind_the_output(tmp_path):
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5])
     extended, _ = sensitivities(model.recursion)
     wave = np.sin(np.arange(100) / 9)
-    source = to_c(extended, model.values, "s", output=y)
+    source = written("c", extended, model.values, "s", output=y)
     found = stepped(tmp_path, source, "s", {"u": wave[:-1]}, [0.0] * len(arguments(source, "s_init")))
     assert np.allclose(found, model.simulate(wave, 0.0)[1:], rtol=0, atol=1e-12)
 
 
 def test_hidden_states_start_by_themselves():
     """Whoever calls init gives what he can measure; what effects remember follows."""
-    source = SUBJECTS["effects"].c("x1")
+    source = SUBJECTS["effects"].export("c", "x1")
     assert set(arguments(source, "x1_init")) <= {"y", "u", "t", "temp", "load"}
     assert arguments(source, "x1_step") == ["load", "t", "temp", "u"]
-
-
-def test_the_same_model_gives_the_same_source():
-    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5], Ts=0.01).compensator()
-    assert law.to_c() == law.to_c() and "Sampling time: 0.01 s" in law.to_c()
-    assert "m[k] = 2.0*r[k+1] - 1.6*r[k]\n" in law.to_c()
 
 
 @needs_gcc
@@ -301,9 +219,8 @@ def test_correct_code_passes_where_few_roundings_turn_a_branch(tmp_path):
     from bench.attack import KEPT, drawn
 
     _, model = drawn(np.random.default_rng(13), 2, KEPT)
-    source = model.compensator().to_c("x")
-    told = subprocess.run([built(tmp_path, source, "-DX_SELF_TEST")], capture_output=True, text=True)
-    assert "passed" in told.stdout, told.stdout
+    source = model.compensator().export("c", "x")
+    assert self_tested(tmp_path, source, "x")[0] == "passed"
 
 
 @needs_gcc
@@ -312,12 +229,9 @@ def test_correct_code_passes_where_rounding_grows(tmp_path):
     growing = Recursion(((y[k], 2.1 * y[k - 1] - 0.3 * y[k - 2] + u[k] * y[k - 1] / 3 + u[k - 1]),))
     chaotic = Recursion(((y[k], 3.99 * y[k - 1] * (1 - y[k - 1])), (signal("w")[k], y[k] + u[k])))
     for name, recursion in {"grows": growing, "chaos": chaotic}.items():
-        source = to_c(recursion, {}, name, ranges={"y": (0.2, 0.6)})
+        source = written("c", recursion, {}, name, ranges={"y": (0.2, 0.6)})
         if name == "chaos":  # nothing can be said about such a run
             assert "No self-test" in source
             continue
-        told = subprocess.run([built(tmp_path, source, f"-D{name.upper()}_SELF_TEST")], capture_output=True, text=True)
-        assert "passed" in told.stdout, told.stdout
-        wrong = source.replace("0.3", "0.30001")
-        told = subprocess.run([built(tmp_path, wrong, f"-D{name.upper()}_SELF_TEST")], capture_output=True, text=True)
-        assert "FAILED" in told.stdout
+        for text, end in ((source, "passed"), (source.replace("0.3", "0.30001"), "FAILED")):
+            assert self_tested(tmp_path, text, name)[0] == end

@@ -4,11 +4,10 @@ import re
 
 import numpy as np
 import pytest
-from exported import SUBJECTS, of
+from exported import SUBJECTS
 from iec import Block
 
 import narx_sym as ns
-from narx_sym.codegen.export import written
 
 pytest.importorskip("blark")
 plcopen = pytest.importorskip("plcopen")
@@ -75,16 +74,9 @@ def program_of(source, change=lambda text: text):
     return made
 
 
-def export(subject, **options):
-    thing = subject.thing
-    if thing:
-        return thing.export("plcopen", "law", **options)
-    return written("plcopen", subject.recursion, subject.values, "law", **options)
-
-
 @pytest.mark.parametrize("name", (*QUICK, *REST))
 def test_its_own_test_passes_on_the_controller(name):
-    source = export(SUBJECTS[name])
+    source = SUBJECTS[name].export("plcopen", "law")
     assert list(texts(source)) == ["law", "law_test"]
     program, scans = program_of(source), int(re.search(r"IF sample &lt; (\d+)", source)[1])
     for i in range(scans):
@@ -114,7 +106,10 @@ def test_a_wrong_block_fails_its_own_test(wrong):
 def test_the_block_is_that_of_structured_text(name):
     subject = SUBJECTS[name]
     for single in (False, True):
-        text, found = subject.st("law", single=single), texts(export(subject, single=single))["law"]
+        text, found = (
+            subject.export("st", "law", single=single),
+            texts(subject.export("plcopen", "law", single=single))["law"],
+        )
 
         def words(source):
             return sorted(re.sub(r"\(\*.*?\*\)", "", source, flags=re.S).replace("\n", " ").split())
@@ -128,19 +123,18 @@ def test_a_run_that_tells_nothing_has_no_test():
 
 
 def test_the_parser_refuses_what_is_not_of_the_standard():
-    source = export(of(ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4])))
+    source = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4]).export("plcopen", "law")
     for good, bad in (("inputVars", "inputVariables"), ("pouType=", "type="), ("<LREAL />", "<FLOAT />")):
         with pytest.raises((ParserError, TypeError)):
             texts(source.replace(good, bad))
 
 
-def test_names_of_the_block_and_bytes():
+def test_a_block_may_be_called_as_what_tests_it():
     model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=0.01)
     program = program_of(model.export("plcopen", "sample"))
     for _ in range(60):
         program.scan()
     assert program.values[next(n for n in program.values if n.startswith("PASSED"))] is True
-    assert model.export("plcopen") == model.export("plcopen") and "Sampling time: 0.01 s" in model.export("plcopen")
 
 
 def test_law_on_the_command_line(run, tmp_path):

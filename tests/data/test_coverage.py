@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import narx_sym as ns
-from narx_sym.data.coverage import beyond, frequency, rate, seen
+from narx_sym.data.coverage import frequency, rate, seen
 from narx_sym.data.record import Record
 from narx_sym.errors import ModelError
+from narx_sym.fit.coverage import beyond
 from narx_sym.fit.least_squares import fit
 from narx_sym.fit.simulate import extrapolates
 from narx_sym.models.info import Info

@@ -11,9 +11,16 @@ from sampling import more, some
 
 import narx_sym as ns
 from narx_sym.codegen.registry import files
-from narx_sym.data.units import by_unit, coefficient_units, coefficients_latex, shown, unit, units_told
-from narx_sym.data.units.derived import RAISED, Coefficients, numbers_told
-from narx_sym.data.units.labels import powers, product
+from narx_sym.codegen.units import (
+    RAISED,
+    Coefficients,
+    by_unit,
+    coefficient_units,
+    coefficients_latex,
+    numbers_told,
+    units_told,
+)
+from narx_sym.data.units import powers, product, shown, unit
 from narx_sym.engines.compile import compile
 from narx_sym.inversion.solution import Root
 from narx_sym.models.extend import extend, variants

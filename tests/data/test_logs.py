@@ -151,7 +151,7 @@ def test_without_the_extra(package, ending, tmp_path, monkeypatch):
 
 def test_too_much(tmp_path, monkeypatch):
     path = tdms(tmp_path / "x.tdms")
-    monkeypatch.setattr("narx_sym.data.logs.LARGEST_FILE", 10_000)
+    monkeypatch.setattr("narx_sym.data.tables.LARGEST_FILE", 10_000)
     with pytest.raises(DataError, match="choose fewer"):
         load(path)
     assert load(path, {"Voltage"}).columns["Voltage"].size == 1000
@@ -159,7 +159,5 @@ def test_too_much(tmp_path, monkeypatch):
 
 def test_on_the_command_line(run, tmp_path):
     path = tdms(tmp_path / "x.tdms")
-    code, text, err = run(
-        "fit", path, "--input", "Voltage", "--output", "Position", "--base", "linear", "--out", tmp_path / "m.json"
-    )
+    code, text, err = run(f"fit {path} --input Voltage --output Position --base linear --out {tmp_path}/m.json")
     assert code == 0 and "units in the file: Voltage [V], Position [um]" in (text + err).replace("\n", " ")

@@ -52,9 +52,9 @@ def test_mean_value_has_nrmse_one():
         (np.zeros(3), np.zeros((3, 1)), "same shape"),
         (np.eye(2), np.eye(2), "one signal"),
         ([], [], "is empty"),
-        ([1, 2, np.nan], [1, 2, 3], "1 non-finite value(s), the first at index 2"),
+        ([1, 2, np.nan], [1, 2, 3], "1 missing or infinite value(s), the first at index 2"),
         ([1, 2, 3], [1, np.inf, 3], "diverge"),
-        (["a", "b"], [1, 2], "not an array of numbers"),
+        (["a", "b"], [1, 2], "not an array of real numbers"),
     ],
 )
 def test_bad_arrays_are_refused(metric, a, b, words):

@@ -152,8 +152,7 @@ def test_every_name_works(name, run, tmp_path):
         ("add", base, f"channel:{name}", path, "--out", out, *options),
         ("compare", out, path, "--no-plot", *options),
     ):
-        code, _, err = run(*words)
-        assert code == 0, err
+        run.good(*words)
     (own,) = ns.load(out).channels
     assert own in (name, f"channel_{name}") and ns.load(out).info.roles == {own: "disturbance"}
     assert ns.evaluate(ns.load(out), ns.read(path, roles={name: "disturbance"})).free_run_nrmse < 0.02

@@ -142,7 +142,7 @@ def test_extended_model_survives_saving_and_compiling(play, tmp_path):
     np.testing.assert_allclose(ns.free_run(again, record), first, rtol=1e-9, atol=1e-12)
     for engine in ("python", "numpy"):
         np.testing.assert_allclose(ns.free_run(d.model, record, engine=engine), first, rtol=1e-7, atol=1e-9)
-    assert again.to_c() == d.model.to_c()
+    assert again.export("c") == d.model.export("c")
 
 
 # ---- two effects that hide each other -------------------------------------------------------------------------------

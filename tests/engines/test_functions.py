@@ -12,7 +12,7 @@ import sympy as sp
 from iec import Block
 from sampling import some
 
-from narx_sym.codegen.export import to_c, to_st
+from narx_sym.codegen.export import written
 from narx_sym.engines.columns import Columns
 from narx_sym.engines.compile import ENGINES, compile
 from narx_sym.inversion.branches import solve_for
@@ -165,7 +165,7 @@ def test_c_that_is_compiled(tmp_path):
     """All rows in one program; each reads its points and writes its values."""
     includes, calls = [], []
     for i, row in enumerate(TABLE):
-        source = to_c(Recursion(((y[k], node(row)),)), {}, f"f{i}")
+        source = written("c", Recursion(((y[k], node(row)),)), {}, f"f{i}")
         (tmp_path / f"f{i}.c").write_text(source)
         includes.append(f'#include "f{i}.c"')
         for point in zip(*given(row).values(), strict=True):
@@ -178,7 +178,7 @@ def test_c_that_is_compiled(tmp_path):
     found = subprocess.run([tmp_path / "run"], check=True, capture_output=True, text=True).stdout.split()
     close(found, np.concatenate([exact(node(row), given(row)) for row in TABLE]))
     for i, row in enumerate(TABLE):  # single precision has its own names
-        (tmp_path / "one.c").write_text(to_c(Recursion(((y[k], node(row)),)), {}, f"g{i}", single=True))
+        (tmp_path / "one.c").write_text(written("c", Recursion(((y[k], node(row)),)), {}, f"g{i}", single=True))
         one = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion", "-c", "one.c"]
         subprocess.run(one, cwd=tmp_path, check=True, capture_output=True)
 
@@ -186,7 +186,7 @@ def test_c_that_is_compiled(tmp_path):
 @pytest.mark.parametrize("row", some(TABLE), ids=lambda row: row.name)
 def test_structured_text_that_is_interpreted(row):
     pytest.importorskip("blark")
-    block, inputs = Block(to_st(Recursion(((y[k], node(row)),)), {}, "x1")), given(row)
+    block, inputs = Block(written("st", Recursion(((y[k], node(row)),)), {}, "x1")), given(row)
     names = {name: name.upper() for name in inputs}
     found = [block.scan(**{names[n]: float(x) for n, x in zip(inputs, row_, strict=True)})
              for row_ in zip(*inputs.values(), strict=True)]  # fmt: skip

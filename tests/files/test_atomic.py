@@ -41,7 +41,7 @@ WRITERS = {
     "picture": lambda path: write_figure(figure(), path),
     "picture of a command": lambda path: save_figure(figure(), path),
     "picture of plots": lambda path: ns.plots.where_it_fails(misfit(), path),
-    "C": lambda path: write_text(path, MODEL.compensator().to_c()),
+    "C": lambda path: write_text(path, MODEL.compensator().export("c")),
     "LaTeX": lambda path: write_text(path, ns.latex(MODEL)),
     "experiment": lambda path: experiment().save(path),
     "journal": lambda path: ns.resuming(path).__enter__(),
@@ -166,7 +166,7 @@ def test_targets_are_checked_before_any_work(tmp_path, run, monkeypatch):
     ns.save(MODEL, tmp_path / "m.json")
     (tmp_path / "d.csv").write_text("t,u,y\n" + "".join(f"{i / 10},{i % 7},{i % 5}\n" for i in range(60)))
     (tmp_path / "folder").mkdir()
-    monkeypatch.setattr("narx_sym.cli.options.records", lambda *_: pytest.fail("work was begun"))
+    monkeypatch.setattr("narx_sym.cli.options.Reading.records", lambda *_: pytest.fail("work was begun"))
     cases = {
         ("fit", tmp_path / "d.csv", "--out", tmp_path / "folder"): "is a folder; give a file name",
         ("fit", tmp_path / "d.csv", "--out", tmp_path / "no" / "m.json"): "no does not exist; make it first",

@@ -146,8 +146,8 @@ GOOD = {
 }  # fmt: skip
 BAD_STATES = {
     "no list": ("list", {"states": "p"}),
-    "no objects": ("object of texts", {"states": ["p"]}),
-    "no texts": ("object of texts", {"states": [PLAY | {"update": 1}]}),
+    "no objects": ("must be an object", {"states": ["p"]}),
+    "no texts": ("must be a text", {"states": [PLAY | {"update": 1}]}),
     "unknown field": ("'more'", {"states": [PLAY | {"more": "1"}]}),
     "missing field": ("'initial'", {"states": [{n: v for n, v in PLAY.items() if n != "initial"}]}),
     "no identifier": ("plain name", {"states": [PLAY | {"state": "p q"}]}),
@@ -178,7 +178,7 @@ BAD_STATES = {
     "effects as text": ("'effects'", {"info": {"effects": "backlash"}}),
     "an effect as text": ("'effects'", {"info": {"effects": ["backlash"]}}),
     "an effect's unknown field": ("'effects'", {"info": {"effects": [{"effect": "a", "coefficients": [], "b": 1}]}}),
-    "an effect without a name": ("by texts", {"info": {"effects": [{"effect": 1, "coefficients": []}]}}),
+    "an effect without a name": ("must be a text", {"info": {"effects": [{"effect": 1, "coefficients": []}]}}),
     "coefficients that are none": ("no parameter", {"info": {"effects": [{"effect": "a", "coefficients": ["q"]}]}}),
 }  # fmt: skip
 

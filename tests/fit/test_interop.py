@@ -9,7 +9,7 @@ import sympy as sp
 from exported import SUBJECTS, valued
 
 import narx_sym as ns
-from narx_sym.codegen.export import transition
+from narx_sym.codegen.export import written
 from narx_sym.errors import ModelError
 from narx_sym.fit.interop import from_sysidentpy
 from narx_sym.symbolic.printing import text
@@ -40,7 +40,7 @@ def at_rest(subject):
 @pytest.mark.parametrize("name", MODELS + LAWS)
 def test_casadi_steps_like_the_free_run(name):
     subject = SUBJECTS[name]
-    function = subject.thing.to_casadi("one")
+    function = subject.thing.export("casadi", "one")
     assert (function.name_in(), function.name_out()) == (["state", "inputs"], ["next", "output"])
     state, given, waves = at_rest(subject), subject.recursion.given, subject.waves(N)
     found = []
@@ -57,7 +57,7 @@ def test_the_order_of_the_state():
     recursion = model.recursion
     assert [text(s) for s in recursion.past] == ["y[k-1]", "y[k-2]", "y[k-3]", "u[k-1]", "u[k-2]"]
     assert [text(s) for s in recursion.given] == ["u[k]"]
-    following, output = model.to_casadi()([1.0, 2.0, 3.0, 4.0, 5.0], [6.0])
+    following, output = model.export("casadi")([1.0, 2.0, 3.0, 4.0, 5.0], [6.0])
     assert float(output) == 0.5 * 1 + 0.1 * 3 + 2 * 5
     assert np.array(following).ravel().tolist() == [float(output), 1, 2, 6, 4]
     law = model.compensator()
@@ -71,7 +71,7 @@ def test_the_state_can_be_differentiated():
     """What a controller needs: the sensitivity of the next output to the input."""
     import casadi as ca
 
-    step = ns.NARX.from_terms(["y[k-1]", "u[k]", "y[k-1]*u[k]"], [0.5, 1.0, 0.25]).to_casadi()
+    step = ns.NARX.from_terms(["y[k-1]", "u[k]", "y[k-1]*u[k]"], [0.5, 1.0, 0.25]).export("casadi")
     state, inputs = ca.SX.sym("x", 1), ca.SX.sym("u", 1)
     slope = ca.Function("slope", [state, inputs], [ca.jacobian(step(state, inputs)[1], inputs)])
     assert float(slope(2.0, 3.0)) == 1.5
@@ -88,12 +88,12 @@ def test_rest_says_what_it_needs():
 def test_a_step_needs_numbers_and_a_plain_name():
     model = ns.NARX.from_terms(["y[k-1]", "u[k]"])
     with pytest.raises(ModelError, match="No value was given for theta_1"):
-        model.to_casadi()
+        model.export("casadi")
     model = model.replace(theta=[0.5, 1.0])
     with pytest.raises(ModelError, match="name of a CasADi function"):
-        model.to_casadi("my model")
+        model.export("casadi", "my model")
     with pytest.raises(ModelError, match="time index"):
-        transition(Recursion(((y[k], y[k - 1] + k * u[k]),)), {})
+        written("casadi", Recursion(((y[k], y[k - 1] + k * u[k]),)), {})
 
 
 # ---------------------------------------------------------------- python-control
@@ -277,7 +277,7 @@ def test_an_import_can_be_taken_further():
 
     model = from_sysidentpy(Fitted())
     assert model.terms == (y[k - 1], u[k - 1] * y[k - 1], sp.S.One)
-    assert "y[k]" in model.to_c() and valued(model, "cubic_gain").to_st()
+    assert "y[k]" in model.export("c") and valued(model, "cubic_gain").export("st")
 
 
 # ---------------------------------------------------------------- to SysIdentPy

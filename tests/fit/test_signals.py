@@ -86,7 +86,7 @@ def test_the_law_reads_the_other_signal(driven, tmp_path):
         reached = model.simulate(command, record().y[0], {"w": other})
     assert reached[:-1] == pytest.approx(record().y[:-1], abs=1e-9)
     if gcc is not None:  # the source tests itself against our own run
-        (tmp_path / "law.c").write_text(law.to_c())
+        (tmp_path / "law.c").write_text(law.export("c"))
         subprocess.run([gcc, tmp_path / "law.c", "-DLAW_SELF_TEST", "-o", tmp_path / "law", "-lm"], check=True)
         subprocess.run([tmp_path / "law"], check=True)
 

@@ -254,7 +254,7 @@ def test_where_the_input_does_not_act_it_stays():
     with pytest.warns(UserWarning, match="misses"):
         found = law.run(wanted, 1.25, clip=True)
     assert found[0] == pytest.approx(1.75) and found[2] == pytest.approx(-1.25) and np.all(found[3:] == found[2])
-    source = law.to_c()
+    source = law.export("c")
     assert "NAN" not in source and "past->m[0]" in source
 
 

@@ -109,8 +109,8 @@ def test_how_long_it_rings_is_a_least_where_it_is_not_seen_to_end():
 @pytest.mark.skipif(gcc is None, reason="no gcc in PATH")
 def test_the_source_is_damped_too(tmp_path):
     law, goal = ringing(-1.1).compensator(), wave(600)
-    source = law.to_c()
-    assert source != law.to_c(share=None) and law.to_c(share=law.share()) == source
+    source = law.export("c")
+    assert source != law.export("c", share=None) and law.export("c", share=law.share()) == source
     (tmp_path / "law.c").write_text(source)
     subprocess.run([gcc, tmp_path / "law.c", "-DLAW_SELF_TEST", "-o", tmp_path / "law", "-lm"], check=True)
     subprocess.run([tmp_path / "law"], check=True)

@@ -26,12 +26,12 @@ def test_what_is_said_is_the_largest_zero_of_the_model():
         found = law.stability()
         assert found.stable == (largest < 1) and f"up to {largest:.4g}" in str(found)
         if found.stable:
-            assert "Stable: " in law.to_c().splitlines()[1]
+            assert "Stable: " in law.export("c").splitlines()[1]
             continue
-        for refused in (law.to_c, law.to_st, lambda law=law: law.export("fmu"), lambda law=law: law.export("plcopen")):
+        for to in ("c", "st", "fmu", "plcopen"):
             with pytest.raises(ModelError, match=r"not exported\. UNSTABLE: .*force=True"):
-                refused()
-        assert "UNSTABLE: " in law.to_c(force=True).splitlines()[1] and "UNSTABLE: " in law.to_js()
+                law.export(to)
+        assert "UNSTABLE: " in law.export("c", force=True).splitlines()[1] and "UNSTABLE: " in law.export("js")
 
 
 def test_a_law_with_branches_is_tried_over_the_known_range():

@@ -437,7 +437,7 @@ def test_every_engine_runs_a_law(name, limits, tmp_path):
         np.testing.assert_allclose(run, runs[0], rtol=1e-9, atol=1e-11)
     if gcc is None:
         pytest.skip("no gcc in PATH")
-    (tmp_path / "law.c").write_text(law.to_c(**limits))
+    (tmp_path / "law.c").write_text(law.export("c", **limits))
     flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-DLAW_SELF_TEST"]
     subprocess.run([gcc, *flags, str(tmp_path / "law.c"), "-o", str(tmp_path / "law"), "-lm"], check=True)
     done = subprocess.run([str(tmp_path / "law")], capture_output=True, text=True, check=False)
@@ -449,7 +449,7 @@ def test_a_law_without_closed_form_says_so():
     law = model.compensator()
     assert not law.closed_form and compile(law.recursion).engine == "python"
     with pytest.raises(NotInvertible, match=r"cannot be exported: m\[k\] has no closed form"):
-        law.to_c()
+        law.export("c")
     for engine in ("numpy", "casadi"):
         with pytest.raises(ModelError, match="no rule for Root"):
             compile(law.recursion, engine)({"r": np.ones(5)}, model.theta, {"m": 0.0, "v": 0.0})

@@ -96,7 +96,7 @@ def test_a_whole_is_what_its_parts_do_in_turn(seed, tmp_path):
     assert np.abs(found - expected).max() <= 1e-12 * (1 + np.abs(expected).max())
     assert len({str(s) for s in whole.symbols}) == len(whole.symbols) == len(a.symbols) + len(b.symbols)
     ns.save(whole, tmp_path / "m.json")
-    assert ns.load(tmp_path / "m.json") == whole and whole.to_c() and whole.lambdify().returns[-1] == "y[k]"
+    assert ns.load(tmp_path / "m.json") == whole and whole.export("c") and whole.lambdify().returns[-1] == "y[k]"
     try:
         law = whole.compensator()
     except ns.NotInvertible as error:

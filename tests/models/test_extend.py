@@ -185,7 +185,7 @@ def built(folder, sources, body):
 def test_c_source_of_every_effect_passes_its_own_test(name, inner, tmp_path):
     # Without forces that hold it, rounding decides the sign of a difference at rest.
     models = [m for m in c_models(BASES[name], inner) if name == "linear" or not m.recursion.updates[-1][1].has(SLIPS)]
-    written = {f"m{i}": model.to_c(f"m{i}") for i, model in enumerate(models)}
+    written = {f"m{i}": model.export("c", f"m{i}") for i, model in enumerate(models)}
     written = {prefix: source for prefix, source in written.items() if "int main" in source}  # else its test diverges
     sources = []
     for prefix, source in written.items():
@@ -198,7 +198,7 @@ def test_c_source_of_every_effect_passes_its_own_test(name, inner, tmp_path):
 def test_a_step_in_c_returns_the_output(tmp_path):
     base = BASES["linear"]
     model = valued(extend(base, first(base, "cubic_gain")), base, 0.1)
-    source = model.to_c("m")
+    source = model.export("c", "m")
     rest = source.split("void m_init(")[1].split(")")[0].count(",")
     body = ["m_state s;", f"m_init(&s{', 0.0' * rest});", *['printf("%.17g\\n", m_step(&s, 1.0));'] * 5, "return 0;"]
     found = [float(line) for line in built(tmp_path, [source], body).split()]
@@ -207,7 +207,7 @@ def test_a_step_in_c_returns_the_output(tmp_path):
 
 def test_time_is_an_input_of_the_c_source():
     base = BASES["linear"]
-    source = valued(extend(base, first(base, "ageing")), base, 0.1).to_c("aged")
+    source = valued(extend(base, first(base, "ageing")), base, 0.1).export("c", "aged")
     assert "aged_step(aged_state *past, aged_real t, aged_real u)" in source
 
 

@@ -41,7 +41,7 @@ def test_a_channel_may_have_any_name(name, bent, tmp_path):
         assert law.residual() == 0
         assert saved_and_loaded(model, tmp_path) == model
         if called != "plain":
-            assert all(written() for written in (model.to_c, model.to_st, law.to_c, law.to_st, law.to_js))
+            assert all(one.export(to) for one in (model, law) for to in ("c", "st", "js"))
         extended, directions = sensitivities(model.recursion, initial=True)
         given = {"u": INPUT, called: BESIDE}
         found = extended.compile()(given, theta, dict.fromkeys(map(str, extended.states), 0.5))
@@ -65,7 +65,7 @@ def test_a_parameter_may_have_any_name(name, tmp_path):
         assert law.residual() == 0 and loaded == model and hash(loaded) == hash(model)
         assert sp.diff(model.F, p) == sp.diff(loaded.F, p) == y[k - 1]
         if called != "plain":
-            assert all(written() for written in (model.to_c, model.to_st, model.to_js, model.to_casadi, law.to_c))
+            assert all(model.export(to) for to in ("c", "st", "js", "casadi")) and law.export("c")
         sets, plain = model.quasi_static(), {p: sp.Symbol("plain", real=True)}
         symbolic = (
             sets.loading, sets.unloading, model.sigma_y, steady_state(model).equation, *jacobian(model), law.law,
@@ -112,5 +112,5 @@ def test_what_is_said_of_a_fitted_law_names_no_other_signal(bent):
         said.append(str(law.stability()))
         assert "u from -" in said[-1] and law.stability().stable is True
         (own,) = law.named({name: BESIDE})
-        assert own not in ("r", "m", "m_share", "m_kick") and own in law.to_c() and own in law.to_st()
+        assert own not in ("r", "m", "m_share", "m_kick") and own in law.export("c") and own in law.export("st")
     assert len(set(said)) == 1

@@ -279,7 +279,7 @@ def test_a_damped_law_starts_from_the_states_that_its_script_has():
     assert law.share() < 1
     seen = SimpleNamespace(y=np.linspace(-1, 3, 50), u=np.linspace(0, 4, 50), worst=slice(0, 20))
     told = try_it.reference(law, [SimpleNamespace(fitted=SimpleNamespace(model=law.model))], seen)
-    states = re.search(r"states = (\[.*?\])", law.to_js("law"))[1]
+    states = re.search(r"states = (\[.*?\])", law.export("js", "law"))[1]
     assert len(told["start"]) == len(json.loads(states)) == len(law.exported().states) > len(law.recursion.states)
 
 

@@ -145,17 +145,16 @@ def test_on_the_command_line(run, tmp_path):
     write_csv(tmp_path / "wanted.csv", {"t": T, "r": GOAL})
     law_from(record).model.save(tmp_path / "model.json")
     code, out, _ = run(
-        "commission", tmp_path / "model.json", tmp_path / "log.csv", "--reference", tmp_path / "wanted.csv",
-        "--json", tmp_path / "c.json", "--plot", tmp_path / "c.png", "--units", "V,mm", "--draws", "30",
-    )  # fmt: skip
+        f"commission {tmp_path}/model.json {tmp_path}/log.csv --reference {tmp_path}/wanted.csv --json "
+        f"{tmp_path}/c.json --plot {tmp_path}/c.png --units V,mm --draws 30"
+    )
     assert code == 0 and out.startswith("Go. Expected") and (tmp_path / "c.png").stat().st_size > 10_000
     said = json.loads((tmp_path / "c.json").read_text())
     assert said["go"] and said["expected"] < said["worst"] < said["without"] and said["against"] == []
     assert set(said["without_input"]) == {"offset", "slope"}
     code, _, err = run(
-        "commission", tmp_path / "model.json", tmp_path / "log.csv", "--reference", tmp_path / "none.csv",
-        "--plot", tmp_path / "d.png",
-    )  # fmt: skip
+        f"commission {tmp_path}/model.json {tmp_path}/log.csv --reference {tmp_path}/none.csv --plot {tmp_path}/d.png"
+    )
     assert code == 2 and "none.csv" in err and not (tmp_path / "d.png").exists()
 
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ...data.coverage import beyond, excess, leaves
 from ...engines.columns import lambdify, largest_root
 from ...errors import Diverged, ModelError
 from ...inversion.compensator import Compensator
 from ...inversion.stability import InternalDynamics, direction, heading, mbar, rbar
 from ...models.rest.equilibria import z
 from ...symbolic.signals import lag, samples, signal
+from ..coverage import beyond, excess, leaves
 from ..simulate import Records, segments
 from .disturbances import disturbed, kept
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...codegen.units import by_unit
 from ...data.record import Record
-from ...data.units import by_unit
 from ...errors import ModelError, NarxError, NotInvertible
 from ...inversion.analyses import derived as every
 from ...models.model import Model

@@ -64,7 +64,7 @@ def models(diagnosis: Diagnosis) -> list[Tried]:
     found: list[Tried] = []
     for name, fitted in listed():
         with suppress(ModelError):  # it has a root finder
-            found.append(Tried(name, fitted, fitted.model.to_js(f"model{len(found)}")))
+            found.append(Tried(name, fitted, fitted.model.export("js", f"model{len(found)}")))
         if len(found) == MOST_MODELS:
             break
     return found
@@ -196,7 +196,7 @@ def try_it(material: Material) -> dict[str, Any] | None:
         [
             describe.script(),
             *(one.source for one in listed),
-            law.to_js("law", limits=None) if law else "const law = null;",
+            law.export("js", "law", limits=None) if law else "const law = null;",
         ]
     )
     marks = errors(material.compared, material.units).marks

@@ -8,16 +8,15 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from ...symbolic.printing import latex, text
-from ...symbolic.signals import INNER_INPUTS, INNER_OUTPUTS, expand_phi, k, m, r, samples, t, u, y
+from ..data.units import powers, product, shown
+from ..symbolic.printing import latex, text
+from ..symbolic.signals import INNER_INPUTS, INNER_OUTPUTS, expand_phi, k, m, r, samples, t, u, y
 from .dimensions import Dimensions, Powers
-from .labels import powers, product, shown
+from .layout import RAISED
 
 if TYPE_CHECKING:
-    from ...inversion.compensator import Compensator
-    from ...models.model import Model
-
-RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⋅", "0123456789-.")
+    from ..inversion.compensator import Compensator
+    from ..models.model import Model
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Coefficients:
 def coefficient_units(
     model: Model, units: Mapping[str, str] | None = None, shapes: Mapping[str, str] | None = None
 ) -> dict[str, str]:
-    """Return the unit of each parameter by its name, as far as it follows; see `narx_sym.data.units.dimensions`.
+    """Return the unit of each parameter by its name, as far as it follows; see `narx_sym.codegen.dimensions`.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any, TypeVar
 
-from ...errors import DataError, ModelError
+from ..errors import DataError, ModelError
 
 Measured = TypeVar("Measured", bound=Any)  # a Record: that module uses this one
 LONGEST = 40  # characters of a label
@@ -90,8 +90,10 @@ def shown(of: Any, labels: Iterable[str]) -> str:
     spelled = {f"{unit(label):~P}": label for label in labels}
     for name in {name for label in labels if LABEL.fullmatch(label) for name in re.findall(NAME, label)}:
         spelled.setdefault(f"{unit(name):~P}", name)
-    found = re.sub(rf"own_[0-9a-f]+|{NAME}", lambda m: spelled.get(m[0], m[0]), f"{of:~P}")
-    return found or "1"
+    written = f"{of:~P}"
+    if written in spelled:  # a whole label: as it is written there
+        return spelled[written] if written else "1"
+    return re.sub(rf"own_[0-9a-f]+|{NAME}", lambda m: spelled.get(m[0], m[0]), written) or "1"
 
 
 def in_header(text: str) -> tuple[str, str]:

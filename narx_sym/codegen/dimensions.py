@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 import sympy as sp
 
-from ...inversion.solution import Root
-from ...symbolic.functions import arguments_of, row_of
+from ..inversion.solution import Root
+from ..symbolic.functions import arguments_of, row_of
 
 Powers = dict[Any, Fraction]  # of names of units, of unknowns, and of the relations that were used
 
