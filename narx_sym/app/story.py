@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
@@ -13,15 +12,9 @@ from ..diagnosis.steps import Step
 from ..files.telling import fenced
 from ..models.model import Model
 from ..report import words
-from ..report.comparison import Comparison
-from ..report.notebook.live import framed
-from ..report.page import sections
+from ..report.page import material, page, sections
 from ..report.panels.registry import LAST, TAKEN, WAY, panels
-from ..report.panels.try_it import fitted_of
 from ..tasks.revise import Revision
-from .browser.preview import sight_svg
-
-SCRIPT = re.compile(r"<script[^>]*>(.*?)</script>", re.DOTALL)
 
 
 @dataclass
@@ -76,18 +69,14 @@ class Shown(Revision):
 
     Attributes
     ----------
-    html : mapping from the keys of the report's parts to HTML, without scripts; "sight": the picture that stays
-    headline, fall : str
-        What is still missing, and how far the error fell.
-    script : what draws the pictures that can be zoomed
-    live : the page with the sliders, for a frame; "" where no model can run in a browser
+    html : mapping from the keys of the report's parts to HTML, without scripts
+    hero : the first screen of the report as a page for a frame (`report.hero`)
+    headline : what is still missing
     """
 
     html: Mapping[str, str] = field(default_factory=dict)
-    script: str = ""
-    live: str = ""
+    hero: str = ""
     headline: str = ""
-    fall: str = ""
 
     def bare(self) -> Revision:
         """Return the revision alone: little to send to a process."""
@@ -104,16 +93,9 @@ def shown(before: Sequence[Revision], made: Revision, units: Mapping[str, str]) 
         for about, story in stories.items()
         for part in sections(story, units, keys=[key for key, of in live.items() if of == about])
     ]
-    script = "\n".join(script for part in parts for script in SCRIPT.findall(part.html))
-    html = {part.key: SCRIPT.sub("", part.html) for part in parts}
-    before_it, i = before[-1].base if before else None, stories[WAY].steps[0].base.worst
-    candidates = [fitted_of(c) for c in made.found.candidates]
-    html["sight"] = page_of_sliders = ""
-    with fenced("The picture that stays in sight"):
-        html["sight"] = sight_svg(i, Comparison.of(stories[WAY]).worst, before_it, made.base, candidates, units)
-    with fenced("The page with the sliders"):
-        page_of_sliders = framed(stories[WAY], units)
-    return Shown(
-        **{f.name: getattr(made, f.name) for f in fields(Revision)}, html=html, script=script, live=page_of_sliders,
-        headline=words.headline(stories[LAST]), fall=words.fall(stories[WAY], units),
-    )  # fmt: skip
+    first = ""
+    with fenced("The first screen"):
+        first = page(material(stories[WAY], units, later=stories[LAST]), framed=True)
+    own = {f.name: getattr(made, f.name) for f in fields(Revision)}
+    html = {part.key: part.html for part in parts}
+    return Shown(**own, html=html, hero=first, headline=words.headline(stories[LAST]))

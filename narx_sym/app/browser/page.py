@@ -12,6 +12,7 @@ from ...diagnosis.machine import NONE
 from ...diagnosis.progress import Told
 from ...models.effects import MACHINES
 from ...report.figures.describe import stylesheet
+from ...report.hero import PAGE
 from ...report.page import style
 from ...report.words import spaced
 from ..choice import MISSING, SUFFIXES
@@ -37,9 +38,8 @@ class Page:
         self.bench, self.faults = bench, bench.faults
         # The style sheet of the report, for its parts alone.
         ui.add_css(f"{stylesheet()}\n.report {{ {style()} }}\n{(HERE / 'page.css').read_text(encoding='utf-8')}")
-        ui.add_head_html('<script src="/bokeh.js"></script>')
         # Here the page is found again when it is loaded anew; what it asks for lies below.
-        script = (HERE / "page.js").read_text(encoding="utf-8")
+        script = "".join(one.read_text(encoding="utf-8") for one in (PAGE, HERE / "page.js"))
         ui.add_body_html(f"<script>history.replaceState(null, '', '{place}');{script}</script>")
         ui.colors(primary="#0b5a94", negative="#a4262c")
         ui.on("refused", lambda event: self.refused(str(event.args)))
@@ -55,6 +55,7 @@ class Page:
             with ui.element("div").classes("bench"):
                 self.rail()
                 self.work()
+        ui.on("add", lambda event: bench.add(str(event.args)))
         ui.on("undo", bench.undo)
         ui.on("redo", bench.redo)
         ui.timer(BEAT, self.look)
@@ -67,7 +68,7 @@ class Page:
             self.parts += [
                 Part(lambda: bench.path, self.columns),
                 Part(lambda: (bench.base_name, bench.revisions[:1]), self.base),
-                Part(lambda: (bench.current,), lambda: results.candidates(bench)),
+                Part(lambda: (bench.current,), lambda: results.effects(bench)),
             ]
             self.history = ui.element("div")
             with self.history, section("History"):
@@ -141,7 +142,6 @@ class Page:
             self.tell()
         self.show()
         if self.found in changed and self.bench.current is not None:
-            results.draw(self.bench)
             if before is None:
                 ui.run_javascript(FOLD)
             if self.bench.current is not before:  # who uses a keyboard or a reader is led to a new result

@@ -3,31 +3,20 @@
 from __future__ import annotations
 
 from functools import partial
-from html import escape
-from typing import Any
 
 from nicegui import ui
 
 from ...models.effects import EFFECTS
-from ...report import words
 from ...report.panels.registry import panels
 from ...report.words import number, removed, spaced
 from ..downloads import titles
 from ..story import Shown
 from ..workbench import Workbench
 from . import law
-from .widgets import Fault, caption, data_cells, figure, head, heading, link, part, said, section, small
+from .widgets import Fault, caption, data_cells, head, heading, link, part, said, section, small
 
 TABS = {"evidence": "Evidence", "model": "Model", "law": "Law", "export": "Export"}
 TAB_OF = {"model": "model", "derived": "law"}  # of the parts of the report; the others are evidence
-NOTHING = "Nothing stands out: no effect of the catalogue would make this model clearly better."
-IN_LOOP = "Nothing is named: in a closed loop, what seems to be missing may be the controller's."
-NEXT = {
-    "named": "Next: add it from the list, and watch the error fall.",
-    "confused": "Next: run the experiment below and diagnose its data; or add the one that you know to be there.",
-    "helps_but_incomplete": "Next: add the best one from the list, and see what is missing then.",
-    "outside_library": "Next: look where the model fails. A term of your own may be put in under Model.",
-}
 
 
 def tab(name: str, bench: Workbench) -> None:
@@ -43,12 +32,6 @@ def tab(name: str, bench: Workbench) -> None:
     MORE.get(name, nothing)(bench, current)
 
 
-def draw(bench: Workbench) -> None:
-    """Draw the pictures that can be zoomed, when their places are there."""
-    if bench.current is not None:
-        ui.run_javascript(f"narxDraw(() => {{ {bench.current.script} }})")
-
-
 def on_the_page(tab: str) -> list[tuple[str, str, list[str]]]:
     """Return the sections of a tab with parts of the report: name, heading, and the keys of the parts."""
     live = sorted((one.live, key, one.live_title) for key, one in panels().items() if one.live is not None)
@@ -62,89 +45,29 @@ def on_the_page(tab: str) -> list[tuple[str, str, list[str]]]:
 
 
 def sight(bench: Workbench) -> None:
-    """Show what stays in sight: what is missing, the last step in a picture, and the error of each step."""
-    current = bench.current
-    if current is None:
-        return
-    heading(current.headline, 2, "found")
-    if current.fall:
-        said(current.fall).classes("fall")
-    with ui.element("div").classes("seen"):
-        with ui.element("div"):
-            figure(current.html["sight"])
-            ui.html("", tag="p", sanitize=False).classes("previewed").props("role=status")
-        rungs(bench)
-
-
-def rungs(bench: Workbench) -> None:
-    """Show the error of each step as a bar; the last one falls from the one before."""
-    sizes = [(r["name"], r["validation_rms"]) for r in bench.ladder]
-    most, unit = max(size for _, size in sizes), bench.unit
-    rows, was = [], 100.0
-    current = bench.current
-    floor = [("noise floor", bench.floor)] if current is not None and words.has_floor(current.found) else []
-    for name, size in [*sizes, *floor]:
-        width = 100 * size / most
-        look = "floor" if name == "noise floor" else "last" if name == sizes[-1][0] and len(sizes) > 1 else ""
-        rows.append(
-            f'<li><span class="rung">{escape(spaced(name))}</span> <b>{number(size)} {escape(unit)}</b>'
-            f'<span class="bar {look}" style="--was: {was:.1f}%; width: {width:.1f}%"></span></li>'
-        )
-        was = width
-    ui.html("".join(rows), tag="ol", sanitize=False).classes("rungs").props(
-        'aria-label="Error of each step, validation data"'
-    )
+    """Show the first screen, in a frame that the page's script fills: switches, loop, portrait, and what to add."""
+    if bench.current is not None:
+        # The frame says it too; who uses a reader is led here.
+        heading(bench.current.headline, 2, "found").classes("visually-hidden")
+        ui.html('<div data-live="live"></div>', sanitize=False)
 
 
 def nothing(bench: Workbench, current: Shown) -> None:
     """Nothing may be done here."""
 
 
-def what_next(bench: Workbench, current: Shown) -> None:
-    """Say what to do next."""
-    found = current.found
-    here = NEXT.get(found.verdict)
-    said(here or f"Next: {words.what_next(found)}").classes("next-step")
-
-
-def candidates(bench: Workbench) -> None:
-    """Show the candidates, each with its button, and any other effect."""
+def effects(bench: Workbench) -> None:
+    """Show the choice of every effect; the first screen has a button for what it names."""
     current = bench.current
     if current is None:
         return
-    rows = current.found.table()
-    with section("Add"):
-        if not rows:
-            looped = current.found.verdict == "closed_loop"
-            said(IN_LOOP if looped else NOTHING).classes("hint")
-        else:
-            first = current.found.steps[0]
-            tied = len(first.confusion_set) > 1 and first.pair is None
-            more = (
-                " What is marked * cannot be told apart." if tied else " Together two help most." if first.pair else ""
-            )
-            said(f"Share of the removable error.{more}").classes("hint")
-            with ui.element("ul").classes("candidates"):
-                for i, row in enumerate(rows):
-                    candidate(bench, i, row, tied)
-        with ui.element("div").classes("other"):
-            others = others_of(bench, {r["effect"] for r in rows})
-            chosen = ui.select(others, label="Another effect").props("outlined dense options-dense").classes("field")
-            Fault(chosen, bench, "effect")
-            ui.button("Add it", on_click=lambda: bench.add(chosen.value or "")).props("no-caps outline")
-
-
-def candidate(bench: Workbench, i: int, row: Any, tied: bool) -> None:
-    """Show one candidate; the page previews its run while it is pointed at or has the focus."""
-    share, interval = removed(row)
-    name = spaced(row["effect"])
-    with ui.element("li").props(f'data-candidate={i} data-name="{escape(name)}"'):
-        ui.html(
-            f'<span class="name">{escape(name)}{" *" if tied and row["in_confusion_set"] else ""}</span> <b>{share}</b>'
-            f'<span class="bar" style="width: {max(0.0, 100 * row["share"]):.1f}%"></span>'
-            f'<span class="hint">95 %: {interval}</span>', tag="div", sanitize=False,
-        )  # fmt: skip
-        small("Add", f"Add {row['effect']}", partial(bench.add, row["effect"]))
+    shares = {row["effect"]: f"{spaced(row['effect'])}: {removed(row)[0]}" for row in current.found.table()}
+    with section("Add another effect"), ui.element("div").classes("other"):
+        said("With a number: its share of the removable error.").classes("hint")
+        others = {n: spaced(n) for n in others_of(bench, set(shares))}
+        chosen = ui.select(shares | others, label="Effect").props("outlined dense options-dense").classes("field")
+        Fault(chosen, bench, "effect")
+        ui.button("Add it", on_click=lambda: bench.add(chosen.value or "")).props("no-caps outline")
 
 
 def steps(bench: Workbench) -> None:
@@ -193,13 +116,6 @@ def model(bench: Workbench, current: Shown) -> None:
                 editable(bench, titles, "", "")
 
 
-def sliders(bench: Workbench, current: Shown) -> None:
-    """Make the place of the sliders; the page's script fetches them when it comes into sight."""
-    if current.live:
-        with section("Try it"):
-            ui.html('<div data-live="live"></div>', sanitize=False)
-
-
 def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
     """Two cells: a term as text, and the buttons that fit the model with it."""
     own = bench.terms.get(name)
@@ -226,5 +142,5 @@ def files(bench: Workbench, current: Shown) -> None:
 
 
 # What may be done at a part of the report, and what stands at the end of a tab.
-AFTER = {"verdict": what_next, "model": model}
-MORE = {"model": sliders, "law": law.law, "export": files}
+AFTER = {"model": model}
+MORE = {"law": law.law, "export": files}

@@ -37,7 +37,9 @@ class Look:
     def on_page(self) -> dict[str, Any]:
         """The same in pixels, in a colour for light and dark paper."""
         dash = [round(4 / 3 * self.width * part) for part in self.dash]
-        return {"colour": COLOURS[self.colour][2], "width": self.width, "dash": dash, "alpha": self.alpha}
+        return {
+            "colour": COLOURS[self.colour][2], "width": self.width, "dash": dash, "alpha": self.alpha, "dot": self.dot,
+        }  # fmt: skip
 
 
 _DASHED, _DOTTED, _MIXED = (4.0, 1.6), (1.2, 1.6), (6.0, 1.6, 1.2, 1.6)
@@ -50,6 +52,7 @@ LOOKS = {
     "start": Look("black", 0.0, dot=4.0), "sample": Look("grey", 0.0, dot=2.0), "mean": Look("black", 0.0, dot=7.0),
     "floor": Look("yellow", 0.0, alpha=0.45),
     "range": Look("sky", 0.0, alpha=0.35), "held-out": Look("grey", 0.0, alpha=0.24),
+    "brush": Look("sky", 0.0, alpha=0.45),
 } | dict(zip(SEVERAL, (
     Look("blue"), Look("orange", 1.4, _DASHED), Look("green", 1.4, _MIXED), Look("pink", 1.6, _DOTTED),
     Look("black", 0.8), Look("red", 2.0, _DASHED),

@@ -24,10 +24,10 @@ def pictures(material: Material) -> list[Picture]:
     numbers = {"t": c.t[c.keep], **{f"error of {n}": e[c.keep] for n, e in c.errors.items()}}
     title, whens = ("Error before and after", (" before", " after")) if len(c.runs) > 1 else ("Error", ("",))
     return [
-        Picture("time", "Time response", told, [response(c, units, *c.runs)], c.columns, WIDE, zoomable=True),
-        Picture("errors", title, left, [errors(c, units)], numbers, WIDE, zoomable=True),
+        Picture("time", "Time response", told, [response(c, units, *c.runs)], c.columns, WIDE),
+        Picture("errors", title, left, [errors(c, units)], numbers, WIDE),
         *(Picture(f"loop_{i}", f"Loop{when}", f"Loop of output against input, measured and free run of {words(run)}.",
-                  [loop(c, units, run)], c.columns, zoomable=True)
+                  [loop(c, units, run)], c.columns)
           for i, (run, when) in enumerate(zip(c.runs, whens, strict=True))),
     ]  # fmt: skip
 

@@ -29,8 +29,8 @@ def pictures(material: Material) -> list[Picture]:
     keep = np.unique(np.concatenate([thin(y, POINTS // 2) for y in e.outputs.values()]))
     columns = {"t": e.t[keep], **{n: y[keep] for n, y in e.outputs.items()}}
     return [
-        Picture("next_input", "Input", alt, [first], {"t": e.t, "u": e.u}, WIDE, zoomable=True),
-        Picture("next_outputs", "What the candidates say", said, [second], columns, WIDE, zoomable=True),
+        Picture("next_input", "Input", alt, [first], {"t": e.t, "u": e.u}, WIDE),
+        Picture("next_outputs", "What the candidates say", said, [second], columns, WIDE),
     ]
 
 

@@ -32,15 +32,20 @@ class Material:
     units : mapping such as {"u": "V", "y": "um"}
     files : paths of the data
     settings : mapping of what else was chosen
-    scripts : bool
-        Whether pictures that can be zoomed are among them.
+    later : Diagnosis, optional
+        Of what the last model still lacks, where a user adds one effect after the other.
     """
 
     diagnosis: Diagnosis
     units: Units
     files: Sequence[PathLike] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
-    scripts: bool = True
+    later: Diagnosis | None = None
+
+    @property
+    def lacking(self) -> Diagnosis:
+        """The diagnosis that says what is missing now."""
+        return self.later or self.diagnosis
 
     @cached_property
     def compared(self) -> Comparison:
