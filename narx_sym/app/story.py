@@ -87,11 +87,10 @@ def shown(before: Sequence[Revision], made: Revision, units: Mapping[str, str]) 
     """Show the whole way to a revision, and what it still lacks: a picture that fails does not lose the revision."""
     every = [*before, made]
     stories = {WAY: Story.of(every), LAST: Story.of([made]), TAKEN: replace(Story.of(every), final=made.model)}
-    live = {key: part.about for key, part in panels().items() if part.live is not None}
     parts = [
         part
         for about, story in stories.items()
-        for part in sections(story, units, keys=[key for key, of in live.items() if of == about])
+        for part in sections(story, units, keys=[n for n, one in panels().items() if one.tab and one.about == about])
     ]
     first = ""
     with fenced("The first screen"):

@@ -139,14 +139,12 @@ def kept_back(fitted: Fitted, i: int) -> tuple[Area, ...]:
 
 def response(c: Comparison, units: Units, *runs: str) -> Panel:
     """Describe measured and simulated output over time."""
-    return traces(TIME, c.t, _said("y", units), _told(c, runs), *c.aside, y_range=c.span, also={_said("u", units): c.u})
+    return traces(TIME, c.t, _said("y", units), _told(c, runs), *c.aside, y_range=c.span)
 
 
 def loop(c: Comparison, units: Units, *runs: str) -> Panel:
     """Describe measured and simulated output against the input."""
-    return traces(
-        _said("u", units), c.u, _said("y", units), _told(c, runs), y_range=c.span, height=1.15, also={TIME: c.t}
-    )
+    return traces(_said("u", units), c.u, _said("y", units), _told(c, runs), y_range=c.span, height=1.15)
 
 
 def errors(c: Comparison, units: Units) -> Panel:

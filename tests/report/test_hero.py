@@ -21,6 +21,7 @@ pytestmark = pytest.mark.skipif(bool(live.why_no_browser()), reason=live.why_no_
 NAMES = {"backlash", "hysteresis", "coulomb_friction"}  # kinks, a memory, a sign
 ROUNDS = 6
 MOVING = ("left", "added")  # they change while the portrait falls
+CLIPBOARD = ["clipboard-read", "clipboard-write"]
 READY = "() => document.getElementById('hero').dataset.rms"
 
 
@@ -38,7 +39,7 @@ def browser():
 def opened_once(browser, stage_report):
     """Open the report; afterwards nothing must have been complained of, or asked for."""
     said, asked = [], []
-    context = browser.new_context(viewport={"width": 1280, "height": 900}, offline=True)
+    context = browser.new_context(viewport={"width": 1280, "height": 900}, offline=True, permissions=CLIPBOARD)
     page = context.new_page()
     page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
     page.on("pageerror", lambda e: said.append(str(e)))
@@ -459,3 +460,44 @@ def left(page):
 def bars_of(of):
     """Share and size of every bar."""
     return [(share, size) for row in verdict.bars(of) for _, size, share, _ in row["parts"]]
+
+
+def test_what_is_folded_is_there_when_it_is_opened(opened):
+    boxes = [one.bounding_box() for one in opened.locator("math").all() if one.is_visible()]
+    assert len(boxes) > 10 and all(box["width"] > 20 and box["height"] > 10 for box in boxes)
+    drawn = [one for one in opened.locator("svg.drawn").all() if one.is_visible()]
+    assert len(drawn) > 6 and all(one.bounding_box()["width"] > 200 for one in drawn)
+    held = [float(row.locator("td").nth(1).inner_text()) for row in opened.locator("#ladder tbody tr").all()]
+    assert len(held) == 3 and held[1] < 0.3 * held[0]
+    opened.evaluate("document.querySelector('#experiment > details').open = false; location.hash = 'experiment'")
+    opened.locator("#experiment svg.drawn").first.wait_for()  # a link opens what it leads to
+
+
+@pytest.mark.parametrize("name", ("model-latex", "model-python", "law-latex", "law-python"))
+def test_copy_buttons_copy(opened, name):
+    details = opened.locator(f"details.source:has(#{name})")
+    details.evaluate("one => one.open = true")
+    details.locator("button").click()
+    details.get_by_text("Copied").wait_for()
+    copied = opened.evaluate("navigator.clipboard.readText()").strip()
+    assert copied == opened.locator(f"#{name}").text_content().strip() != ""
+
+
+@pytest.mark.parametrize(("name", "begins"), [("next.csv", "t,u\n"), ("ladder.csv", "model,"), ("model.json", "{")])
+def test_files_download(opened, tmp_path, name, begins):
+    with opened.expect_download() as waiting:
+        opened.locator(f'a[download="{name}"]').click()
+    waiting.value.save_as(tmp_path / name)
+    assert waiting.value.suggested_filename == name and (tmp_path / name).read_text().startswith(begins)
+
+
+def test_paper_has_still_pictures_and_all_that_is_folded(browser, stage_report, tmp_path):
+    page = browser.new_page()
+    page.goto(stage_report.as_uri())
+    page.wait_for_function(READY)
+    page.emulate_media(media="print")
+    assert page.locator("#verdict svg.drawn").first.is_visible() and page.locator("canvas:visible").count() == 0
+    assert page.locator("#derived math").first.is_visible()
+    page.pdf(path=tmp_path / "r.pdf")
+    assert (tmp_path / "r.pdf").stat().st_size > 50_000
+    page.close()

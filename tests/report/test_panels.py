@@ -83,7 +83,7 @@ def test_one_more_part_is_on_page_and_live_page(stage_diagnosis, monkeypatch):
         error = material.diagnosis.misfit.residual
         return [Picture("histogram", "Histogram", "How the error is spread.", lambda ax: ax.hist(error), {"e": error})]
 
-    @registry.panel("How the error is spread", order=45, draws=draws, live=65)
+    @registry.panel("How the error is spread", order=45, draws=draws, tab="evidence")
     def spread(material):
         return {}
 
@@ -94,15 +94,11 @@ def test_one_more_part_is_on_page_and_live_page(stage_diagnosis, monkeypatch):
     assert "<svg" in live.html["spread"]
 
 
-def test_the_live_page_shows_every_live_part():
+def test_every_part_of_the_live_page_has_a_tab():
     results = pytest.importorskip("narx_sym.app.browser.results")
-    sections = [one for tab in results.TABS for one in results.on_the_page(tab)]
-    keys = [key for _, _, listed in sections for key in listed]
-    assert sorted(keys) == sorted(key for key, one in panels().items() if one.live is not None)
-    titles = [title for _, title, _ in sections]
-    usual = ["What may be missing", "Measured and simulated", "Where the model fails", "The model"]
-    assert [title for title in titles if title in usual] == usual and len(set(titles)) == len(titles)
-    assert set(results.AFTER) | set(results.TAB_OF) <= set(keys)
+    live = {key: one for key, one in panels().items() if one.tab}
+    assert {one.tab for one in live.values()} <= set(results.TABS) and not set(hero.FRAMED) & set(live)
+    assert len({one.title for one in live.values()}) == len(live) == 7
 
 
 def test_the_experiment_is_told_without_scripts_in_its_markup(stage_diagnosis, monkeypatch):

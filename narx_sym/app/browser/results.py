@@ -16,7 +16,6 @@ from . import law
 from .widgets import Fault, caption, data_cells, head, heading, link, part, said, section, small
 
 TABS = {"evidence": "Evidence", "model": "Model", "law": "Law", "export": "Export"}
-TAB_OF = {"model": "model", "derived": "law"}  # of the parts of the report; the others are evidence
 
 
 def tab(name: str, bench: Workbench) -> None:
@@ -24,24 +23,16 @@ def tab(name: str, bench: Workbench) -> None:
     current = bench.current
     if current is None:
         return
-    for key_of_section, title, keys in on_the_page(name):
-        with section(title, key_of_section):
-            for key in keys:
-                part(current.html.get(key, ""))
-                AFTER.get(key, nothing)(bench, current)
-    MORE.get(name, nothing)(bench, current)
-
-
-def on_the_page(tab: str) -> list[tuple[str, str, list[str]]]:
-    """Return the sections of a tab with parts of the report: name, heading, and the keys of the parts."""
-    live = sorted((one.live, key, one.live_title) for key, one in panels().items() if one.live is not None)
-    sections: list[tuple[str, str, list[str]]] = []
-    for _, key, title in live:
-        if TAB_OF.get(key, "evidence") == tab:
-            if title or not sections:
-                sections.append((key, title or key, []))
-            sections[-1][2].append(key)
-    return sections
+    for key, one in panels().items():
+        if one.tab == name and key in current.html:
+            with section(one.title, key):
+                part(current.html[key])
+                if key == "model":
+                    model(bench, current)
+    if name == "law":
+        law.LawTab(bench)
+    elif name == "export":
+        files(bench)
 
 
 def sight(bench: Workbench) -> None:
@@ -50,10 +41,6 @@ def sight(bench: Workbench) -> None:
         # The frame says it too; who uses a reader is led here.
         heading(bench.current.headline, 2, "found").classes("visually-hidden")
         ui.html('<div data-live="live"></div>', sanitize=False)
-
-
-def nothing(bench: Workbench, current: Shown) -> None:
-    """Nothing may be done here."""
 
 
 def effects(bench: Workbench) -> None:
@@ -133,14 +120,9 @@ def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
             small("Take out", f"Take out the term of {name}", lambda: bench.edit(name, ""))
 
 
-def files(bench: Workbench, current: Shown) -> None:
+def files(bench: Workbench) -> None:
     """Show the files to download."""
     with section("Take it away"), ui.element("ul").classes("files"):
         for name, title in titles(bench.law, bench.run).items():
             with ui.element("li"):
                 link(name, title)
-
-
-# What may be done at a part of the report, and what stands at the end of a tab.
-AFTER = {"model": model}
-MORE = {"law": law.law, "export": files}

@@ -30,7 +30,7 @@ def pictures(material: Material) -> list[Picture]:
     return [picture(material.diagnosis)] if material.diagnosis.candidates else []
 
 
-@panel("What may be missing", order=50, draws=pictures, live=30)
+@panel("What may be missing", order=50, draws=pictures, tab="evidence")
 def candidates(material: Material) -> dict[str, Any]:
     """Tell of each candidate, and of the steps after the first."""
     d, units = material.diagnosis, material.units

@@ -32,7 +32,7 @@ def pictures(material: Material) -> list[Picture]:
     ]  # fmt: skip
 
 
-@panel("Measured and simulated", order=20, draws=pictures, about=WAY, live=50)
+@panel("Measured and simulated", order=20, draws=pictures, about=WAY, tab="evidence")
 def compare(material: Material) -> dict[str, Any]:
     """Tell which segment is shown, and what of it is not fitted."""
     c = material.compared

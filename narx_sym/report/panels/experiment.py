@@ -23,7 +23,7 @@ def pictures(material: Material) -> list[Picture]:
     told = {words(n): (role, y - mean) for role, (n, y) in zip(SEVERAL, e.outputs.items(), strict=False)}
     u_name, y_name = headed("u", units.get("u")), headed("y - mean of all", units.get("y"))
     first = traces(TIME, e.t, u_name, {"": ("input", e.u)}, height=0.8)
-    second = traces(TIME, e.t, y_name, told, height=0.8, also={u_name: e.u})
+    second = traces(TIME, e.t, y_name, told, height=0.8)
     alt = f"Input over {e.duration:.3g} s: {e.name}."
     said = f"What the candidates say differs by {e.separation:.2g} {units.get('y', '')} rms or more after a refit."
     keep = np.unique(np.concatenate([thin(y, POINTS // 2) for y in e.outputs.values()]))
@@ -34,7 +34,7 @@ def pictures(material: Material) -> list[Picture]:
     ]
 
 
-@panel("The next experiment", order=80, draws=pictures, live=40, live_title="")
+@panel("The next experiment", order=80, draws=pictures, tab="evidence")
 def experiment(material: Material) -> dict[str, Any] | None:
     """Tell what to run, and what it will show; nothing where no experiment is needed."""
     e = material.diagnosis.experiment

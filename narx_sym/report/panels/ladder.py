@@ -37,7 +37,7 @@ def _after(rung: str) -> str:
     return "for the base" if rung == "base" else f"with {words(rung)}"
 
 
-@panel("The error, step by step", order=30, about=WAY, live=20)
+@panel("The error, step by step", order=30, about=WAY, tab="evidence")
 def ladder(material: Material) -> dict[str, Any]:
     """Tell the errors as a table."""
     d = material.diagnosis

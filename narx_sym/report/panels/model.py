@@ -14,7 +14,7 @@ from ..parameters import called, moved, parameters, shape_units
 from .registry import WAY, Material, panel
 
 
-@panel("The model before and after", order=60, about=WAY, live=70, live_title="The model")
+@panel("The model before and after", order=60, about=WAY, tab="model")
 def model(material: Material) -> dict[str, Any]:
     """Tell the equations, what is new in them, and what moved."""
     from markupsafe import Markup

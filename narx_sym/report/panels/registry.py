@@ -88,10 +88,8 @@ class Part:
         Its place in the report.
     draws : function from Material to pictures
     about : LAST, WAY or TAKEN
-    live : float or None
-        Its place on the live page; None where it is not there.
-    live_title : str
-        Its heading there; "" where it stands under that of the part before it.
+    tab : str
+        Of the live page; "" where it is not there.
     """
 
     tell: Callable[[Material], dict[str, Any] | None]
@@ -99,8 +97,7 @@ class Part:
     order: float
     draws: Callable[[Material], list[Picture]]
     about: str
-    live: float | None
-    live_title: str
+    tab: str
 
 
 _PANELS: dict[str, Part] = {}
@@ -112,14 +109,12 @@ def panel(
     order: float,
     draws: Callable[[Material], list[Picture]] = lambda material: [],
     about: str = LAST,
-    live: float | None = None,
-    live_title: str | None = None,
+    tab: str = "",
 ) -> Callable[[Tell], Tell]:
-    """Register a part under the name of its function; see `Part`. On the live page it has the same heading."""
+    """Register a part under the name of its function; see `Part`."""
 
     def register(tell: Tell) -> Tell:
-        heading = title if live_title is None else live_title
-        _PANELS[tell.__name__] = Part(tell, title, order, draws, about, live, heading)
+        _PANELS[tell.__name__] = Part(tell, title, order, draws, about, tab)
         return tell
 
     return register

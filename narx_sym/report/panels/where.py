@@ -120,7 +120,7 @@ def pictures(material: Material) -> list[Picture]:
     return [p for f in material.once(failures) for p in f.pictures]
 
 
-@panel("Where the model fails", order=40, draws=pictures, live=60)
+@panel("Where the model fails", order=40, draws=pictures, tab="evidence")
 def where(material: Material) -> dict[str, Any]:
     """Tell what each variable explains, and where it is worst."""
     return {"failures": material.once(failures)}
