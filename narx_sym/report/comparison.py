@@ -24,6 +24,7 @@ from .words import has_floor
 
 Array = np.ndarray
 Units = Mapping[str, str]
+FINE = 1000  # samples of a loop, evenly spaced: extremes alone would leave corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,13 +160,14 @@ def stretch(c: Comparison, units: Units, width: int) -> Panel:
 
     With a `width`, that of `rate`, it is input over the rate of the output: the force over the velocity of an axis.
     """
-    part, Ts = c.at(c.periods), float(np.median(np.diff(c.t)))
+    some = slice(c.periods.start, c.periods.stop, -(-(c.periods.stop - c.periods.start) // FINE))
+    part, Ts = c.at(some), float(np.median(np.diff(c.t)))
     said = {n: "simulated" if len(c.runs) == 1 else "before" if n == "base" else "after" for n in c.runs}
     runs = {"measured": ("measured", c.y)} | {said[n]: (c.role(n), x) for n, x in c.runs.items()}
     if not width:
-        shown = {n: (role, x[c.periods]) for n, (role, x) in runs.items()}
+        shown = {n: (role, x[some]) for n, (role, x) in runs.items()}
         return traces(_said("u", units), part.u, _said("y", units), shown)
-    lines = [Line(rate(x, width, Ts)[c.periods], part.u, n, role) for n, (role, x) in runs.items()]
+    lines = [Line(rate(x, width, Ts)[some], part.u, n, role) for n, (role, x) in runs.items()]
     return Panel(headed("rate of the output", units.get("y") and f"{units['y']}/s"), _said("u", units), lines)
 
 

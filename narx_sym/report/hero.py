@@ -157,16 +157,17 @@ def sliders(material: Material, tried: Tried) -> list[dict[str, Any]]:
     diagnosis, units = material.diagnosis, material.units
     base, model = diagnosis.steps[0].base.model, tried.fitted.model
     rows = {row.name: row for row in parameters(base, model, units, shape_units(diagnosis, units, model))}
-    brought = {str(s): e.effect for e in newer(model, base) for s in e.symbols.values()}
+    brought = {str(s): (n, e.effect) for e in newer(model, base) for n, s in e.symbols.items()}
     names, found = called(model, units), []
     for symbol, value in zip(model.symbols, map(float, model.theta), strict=True):
-        row, effect = rows[str(symbol)], brought.get(str(symbol), "")
+        row = rows[str(symbol)]
+        short, effect = brought.get(str(symbol), (row.term or str(symbol), ""))
         error = (row.after or (0.0, 0.0))[1]
         error = float(error) if np.isfinite(error) else 0.0
         half = max(abs(value) if effect or not error else 0.0, REACH * error) or 1.0
         low, high = tried.fitted.limits.get(symbol, (-np.inf, np.inf))
         found.append({
-            "symbol": str(symbol), "name": names.get(str(symbol), row.term or str(symbol)),
+            "symbol": str(symbol), "name": names.get(str(symbol), short),
             "effect": words(effect), "unit": row.unit if row.unit != "1" else "", "value": value, "error": error,
             "half": half, "low": _finite(low), "high": _finite(high), "band": min(100.0, 100 * 2 * error / half),
         })  # fmt: skip

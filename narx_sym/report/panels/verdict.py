@@ -66,7 +66,7 @@ def pictures(material: Material) -> list[Picture]:
         if found is None:
             return drawn
         name = words.spaced(" ".join(last[1:]))
-        laws = {n: law for n, law in found.laws.items() if n == name}
+        laws = {n.removeprefix("+ "): law for n, law in found.laws.items() if n == name}
         return [*drawn, portrait(replace(found, laws=laws), material.units)]
     valve = worst_valve(valves)
     record, said = valve.record, f"{valve.sentence}."

@@ -197,6 +197,7 @@ function portrait(stamp) {
   picture.curve(picture.x, [0, 0], "zero");
   picture.dots(known(one.x), mixed(one.left), "sample");
   const law = now ? -1 : told.add;  // of what would be added
+  if (element("hero-line")) element("hero-line").hidden = now > 0;
   if (law > 0) picture.curve(known(one.at), known(one.laws[law - 1]), "after");
   picture.dots(known(one.at), mixed(one.means), "mean");
   hero.dataset.left = String(mixed(one.means).reduce((most, v) => Math.max(most, Math.abs(v) || 0), 0));
