@@ -188,7 +188,7 @@ def _files(app: Any, sessions: Sessions) -> None:
     def first(request: Request) -> Response:
         current = bench_of(request).current
         # As text: it is shown in a frame of its own origin only.
-        return PlainTextResponse(current.hero if current else "", headers={"cache-control": "no-store"})
+        return PlainTextResponse(current.page if current else "", headers={"cache-control": "no-store"})
 
     def frame(request: Request) -> Response:
         return Response(FRAME.read_text(encoding="utf-8"), media_type="text/javascript")

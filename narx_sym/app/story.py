@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any
 
 from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.steps import Step
-from ..files.telling import fenced
-from ..models.model import Model
 from ..report import words
-from ..report.page import material, page, sections
-from ..report.panels.registry import LAST, TAKEN, WAY, panels
+from ..report.page import material, page
 from ..tasks.revise import Revision
 
 
@@ -24,16 +21,9 @@ class Story(Diagnosis):
     Attributes
     ----------
     way : name and errors of each revision, the base first
-    final : the last model fitted on all samples, where it is the one that is told of
     """
 
     way: tuple[tuple[str, Mapping[str, float]], ...] = ()
-    final: Model | None = None
-
-    @property
-    def model(self) -> Model:
-        """The last model, or `final`."""
-        return self.final or super().model
 
     @classmethod
     def of(cls, revisions: Sequence[Revision]) -> Story:
@@ -69,13 +59,11 @@ class Shown(Revision):
 
     Attributes
     ----------
-    html : mapping from the keys of the report's parts to HTML, without scripts
-    hero : the first screen of the report as a page for a frame (`report.hero`)
+    page : the report on it, for a frame; its first screen is that of `report.hero`
     headline : what is still missing
     """
 
-    html: Mapping[str, str] = field(default_factory=dict)
-    hero: str = ""
+    page: str = ""
     headline: str = ""
 
     def bare(self) -> Revision:
@@ -84,17 +72,8 @@ class Shown(Revision):
 
 
 def shown(before: Sequence[Revision], made: Revision, units: Mapping[str, str]) -> Shown:
-    """Show the whole way to a revision, and what it still lacks: a picture that fails does not lose the revision."""
-    every = [*before, made]
-    stories = {WAY: Story.of(every), LAST: Story.of([made]), TAKEN: replace(Story.of(every), final=made.model)}
-    parts = [
-        part
-        for about, story in stories.items()
-        for part in sections(story, units, keys=[n for n, one in panels().items() if one.tab and one.about == about])
-    ]
-    first = ""
-    with fenced("The first screen"):
-        first = page(material(stories[WAY], units, later=stories[LAST]), framed=True)
+    """Show the whole way to a revision, and what it still lacks."""
+    way, last = Story.of([*before, made]), Story.of([made])
     own = {f.name: getattr(made, f.name) for f in fields(Revision)}
-    html = {part.key: part.html for part in parts}
-    return Shown(**own, html=html, hero=first, headline=words.headline(stories[LAST]))
+    told = page(material(way, units, later=last), framed=True)
+    return Shown(**own, page=told, headline=words.headline(last))

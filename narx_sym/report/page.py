@@ -116,9 +116,9 @@ def _section(key: str, part: Part, of: Material) -> Section | None:
     return Section(key, content.get("title", part.title), template.render(given))
 
 
-def page(of: Material, framed: bool = False) -> str:
-    """Return the whole page; for a frame only its first screen, with what moves. In both `hero` shows its JSON."""
-    parts = _sections(of, hero.FRAMED if framed else None)
+def page(of: Material, framed: bool = False, keys: Sequence[str] | None = None) -> str:
+    """Return the whole page, or some parts of it; in a frame without its name. `hero` shows the JSON that it holds."""
+    parts = _sections(of, keys)
     names = dict.fromkeys(r.name for r in of.diagnosis.steps[0].base.split.records)
     script = data = ""
     with fenced("The script of the report"):

@@ -198,11 +198,11 @@ def test_the_whole_way(page, data, tmp_path):
     assert [one["name"] for one in shown(page)["models"]][:2] == ["base", "+ dead zone"]
     assert shown(page)["chosen"] == 1
     assert len(after) == len(before) + 1 and after[1] < 0.2 * after[0]  # the last row is the noise floor
-    drawn = page.locator("svg.drawn").evaluate_all("all => all.filter(s => s.getAttribute('aria-label')).length")
-    assert drawn == page.locator("svg.drawn").count() > 5
+    drawn = first_screen(page).locator("svg.drawn")
+    assert drawn.evaluate_all("all => all.filter(s => s.getAttribute('aria-label')).length") == drawn.count() > 5
     assert serious(page) == [] and fits(page)
 
-    page.get_by_role("tab", name="Evidence").focus()
+    page.get_by_role("tab", name="Export").focus()
     page.keyboard.press("ArrowRight")
     assert page.evaluate("document.activeElement.id") == "tab-model"
     term = page.get_by_label("A further term")
@@ -252,7 +252,7 @@ def test_the_whole_way(page, data, tmp_path):
     check_run(ran, model)
     assert ns.evaluate(model, ns.read(tmp_path / "new.csv")).free_run_nrmse < 0.1 * before[0] + 0.02
 
-    page.get_by_role("tab", name="Evidence").click()
+    page.get_by_role("tab", name="Law").click()
     undone_and_done_again(page, before, after)
     page.get_by_text("Columns, rows, units").click()
     rows = page.get_by_label("Rows A:B, counted from 0")
@@ -379,7 +379,7 @@ def undone_and_done_again(page, before, after):
 
 def ladder(page):
     """The held-out errors that the page shows, the noise floor last."""
-    rows = page.locator("[aria-label='Errors, step by step'] tbody tr").all()
+    rows = first_screen(page).locator("[aria-label='Errors, step by step'] tbody tr").all()
     return [float(row.locator("td").nth(1).text_content()) for row in rows]
 
 

@@ -437,7 +437,7 @@ def test_three_places_show_the_numbers_of_evaluate(stage_diagnosis, told):
 
     pages = [stage_diagnosis.live(STAGE_UNITS).page]
     bare = Revision("linear base", stage_diagnosis, stage_diagnosis.model)
-    pages.append(shown((), bare, STAGE_UNITS).hero)
+    pages.append(shown((), bare, STAGE_UNITS).page)
     of = material(stage_diagnosis, STAGE_UNITS)
     for text in pages:
         found = json.loads(re.search(r'id="hero-data">(.*?)</script>', text, re.S)[1])

@@ -17,7 +17,7 @@ from narx_sym.diagnosis.steps import NO_FLOOR, Step
 from narx_sym.diagnosis.table.candidates import Pair
 from narx_sym.report import hero, page, words
 from narx_sym.report.panels import registry
-from narx_sym.report.panels.registry import LAST, TAKEN, WAY, Material, panels
+from narx_sym.report.panels.registry import Material, panels
 from narx_sym.report.picture import Picture
 from narx_sym.report.words import number
 
@@ -52,7 +52,6 @@ def test_what_it_tells(key, material, stage_parts):
     drawn = material.pictures(key)
     assert count is None or len(drawn) == count
     assert len({p.key for p in drawn}) == len(drawn) and all(p.alt for p in drawn)
-    assert panels()[key].about in (LAST, WAY, TAKEN)
 
 
 def test_the_values_are_those_of_the_last_model(stage_diagnosis):
@@ -72,46 +71,39 @@ def only(monkeypatch, *keys):
     monkeypatch.setattr(registry, "_PANELS", {key: part for key, part in panels().items() if key in keys})
 
 
-def test_one_more_part_is_on_page_and_live_page(stage_diagnosis, monkeypatch):
+def test_one_more_part_is_on_the_page(stage_diagnosis, monkeypatch):
     """One function is all that a new part takes; without a template of its own it shows its pictures."""
-    from narx_sym.app.story import shown
-    from narx_sym.tasks.revise import Revision
-
     only(monkeypatch, "candidates", "ladder")
 
     def draws(material):
         error = material.diagnosis.misfit.residual
         return [Picture("histogram", "Histogram", "How the error is spread.", lambda ax: ax.hist(error), {"e": error})]
 
-    @registry.panel("How the error is spread", order=45, draws=draws, tab="evidence")
+    @registry.panel("How the error is spread", order=45, draws=draws)
     def spread(material):
         return {}
 
     made = page.sections(stage_diagnosis, STAGE_UNITS)
     assert [s.key for s in made] == ["ladder", "spread", "candidates"]
     assert made[1].title == "How the error is spread" and "How the error is spread." in made[1].html
-    live = shown((), Revision("linear base", stage_diagnosis, stage_diagnosis.model), STAGE_UNITS)
-    assert "<svg" in live.html["spread"]
 
 
-def test_every_part_of_the_live_page_has_a_tab():
-    results = pytest.importorskip("narx_sym.app.browser.results")
-    live = {key: one for key, one in panels().items() if one.tab}
-    assert {one.tab for one in live.values()} <= set(results.TABS) and not set(hero.FRAMED) & set(live)
-    assert len({one.title for one in live.values()}) == len(live) == 7
-
-
-def test_the_experiment_is_told_without_scripts_in_its_markup(stage_diagnosis, monkeypatch):
-    """A diagnosis that leaves two effects proposes an experiment, in the app's parts too."""
-    from narx_sym.app.story import shown
+def test_the_app_shows_what_is_still_missing_beside_what_was_added(stage_diagnosis):
+    """The switches go the whole way; words, candidates and maps are of the last model."""
+    from narx_sym.app.story import Story
     from narx_sym.tasks.revise import Revision
 
-    only(monkeypatch, "compare", "experiment")
-
-    assert stage_diagnosis.verdict == "confused"
-    made = shown((), Revision("linear base", stage_diagnosis, stage_diagnosis.model), {"u": "rad", "y": "mm"})
-    assert "next.csv" in made.html["experiment"] and "<iframe" not in made.hero
-    assert "<script" not in "".join(made.html.values())
+    base = Revision("linear base", stage_diagnosis, stage_diagnosis.base)
+    nothing = replace(stage_diagnosis.steps[0], verdict="nothing_detectable", candidates=[], confusion_set=[])
+    left = replace(stage_diagnosis, steps=[replace(nothing, base=nothing.chosen, chosen=None, experiment=None)])
+    last = Revision("+ backlash", left, stage_diagnosis.model, "backlash")
+    of = page.material(Story.of([base, last]), STAGE_UNITS, later=Story.of([last]))
+    told = of.once(hero.told)
+    assert [one["name"] for one in told["models"]] == ["base", "+ backlash"]
+    assert told["chosen"] == 1 and told["add"] is None
+    text = page.page(of, framed=True)
+    assert words.headline(of.lacking) in text and "No effect of the catalogue" in text
+    assert all(f'<section id="{key}"' in text for key in panels() if key != "experiment")
 
 
 def test_a_diagnosis_goes_to_another_process(stage_diagnosis):

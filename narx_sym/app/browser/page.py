@@ -12,7 +12,6 @@ from ...diagnosis.machine import NONE
 from ...diagnosis.progress import Told
 from ...models.effects import MACHINES
 from ...report.figures.describe import stylesheet
-from ...report.hero import PAGE
 from ...report.page import style
 from ...report.words import spaced
 from ..choice import MISSING, SUFFIXES
@@ -39,7 +38,7 @@ class Page:
         # The style sheet of the report, for its parts alone.
         ui.add_css(f"{stylesheet()}\n.report {{ {style()} }}\n{(HERE / 'page.css').read_text(encoding='utf-8')}")
         # Here the page is found again when it is loaded anew; what it asks for lies below.
-        script = "".join(one.read_text(encoding="utf-8") for one in (PAGE, HERE / "page.js"))
+        script = (HERE / "page.js").read_text(encoding="utf-8")
         ui.add_body_html(f"<script>history.replaceState(null, '', '{place}');{script}</script>")
         ui.colors(primary="#0b5a94", negative="#a4262c")
         ui.on("refused", lambda event: self.refused(str(event.args)))
@@ -85,7 +84,7 @@ class Page:
         results.steps(self.bench)
 
     def work(self) -> None:
-        """Make what is worked on: the comparison and the ladder, which stay in sight, and the tabs."""
+        """Make what is worked on: the report in its frame, and the tabs."""
         bench = self.bench
         with ui.element("div").classes("work"):
             self.parts += [

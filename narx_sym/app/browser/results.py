@@ -7,36 +7,23 @@ from functools import partial
 from nicegui import ui
 
 from ...models.effects import EFFECTS
-from ...report.panels.registry import panels
 from ...report.words import number, removed, spaced
 from ..downloads import titles
-from ..story import Shown
 from ..workbench import Workbench
 from . import law
-from .widgets import Fault, caption, data_cells, head, heading, link, part, said, section, small
+from .widgets import Fault, caption, data_cells, head, heading, link, said, section, small
 
-TABS = {"evidence": "Evidence", "model": "Model", "law": "Law", "export": "Export"}
+TABS = {"model": "Model", "law": "Law", "export": "Export"}
 
 
 def tab(name: str, bench: Workbench) -> None:
-    """Show the parts of the report that belong to a tab, each with what may be done there."""
-    current = bench.current
-    if current is None:
-        return
-    for key, one in panels().items():
-        if one.tab == name and key in current.html:
-            with section(one.title, key):
-                part(current.html[key])
-                if key == "model":
-                    model(bench, current)
-    if name == "law":
-        law.LawTab(bench)
-    elif name == "export":
-        files(bench)
+    """Show what may be done with a model."""
+    if bench.current is not None:
+        {"model": model, "law": law.LawTab, "export": files}[name](bench)
 
 
 def sight(bench: Workbench) -> None:
-    """Show the first screen, in a frame that the page's script fills: switches, loop, portrait, and what to add."""
+    """Show the report, in a frame that the page's script fills; what its button adds comes back here."""
     if bench.current is not None:
         # The frame says it too; who uses a reader is led here.
         heading(bench.current.headline, 2, "found").classes("visually-hidden")
@@ -78,16 +65,14 @@ def others_of(bench: Workbench, shown: set[str]) -> list[str]:
     return [n for n in names if n not in shown]
 
 
-def model(bench: Workbench, current: Shown) -> None:
+def model(bench: Workbench) -> None:
     """Show the parameters, and the terms as text."""
-    now = current.model
     heading("Change a term", 3)
     said(
-        "The same model fitted on all samples: the one to take away. A term is changed by its text: sums, products, "
-        "powers, and the functions "
-        "sign, abs, sin, cos, tanh, exp, Max, Min."
+        "A term is changed by its text: sums, products, powers, and the functions sign, abs, sin, cos, tanh, exp, Max, "
+        "Min."
     )
-    rows = {r["symbol"]: r for r in now.table()}
+    rows = {r["symbol"]: r for r in bench.revisions[-1].model.table()}
     titles = ["parameter", "value", "standard error", "term", ""]
     with ui.element("table").classes("grid"):
         caption("Parameters and terms")

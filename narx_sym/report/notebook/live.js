@@ -1,7 +1,7 @@
 // The page stands in a frame of its own: its ids, its colours and its scripts meet nothing of the notebook.
 function render({model, el}) {
   const frame = document.createElement("iframe");
-  frame.setAttribute("sandbox", "allow-scripts");
+  frame.setAttribute("sandbox", "allow-scripts allow-downloads");
   frame.title = "What was found: switches, loop, portrait, and sliders of every parameter";
   frame.style = "width: 100%; height: 60rem; border: 0";
   frame.srcdoc = model.get("page");

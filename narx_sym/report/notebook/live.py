@@ -35,4 +35,4 @@ def live(diagnosis: Diagnosis, units: Mapping[str, str] | None = None) -> Live:
     except ImportError:
         raise ModelError('anywidget is not installed: pip install "narx-sym[notebook]"') from None
     of = material(diagnosis, units)
-    return Live(page(of, framed=True), [one.fitted.model for one in of.once(hero.models)])
+    return Live(page(of, framed=True, keys=hero.FRAMED), [one.fitted.model for one in of.once(hero.models)])

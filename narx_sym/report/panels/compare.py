@@ -9,7 +9,7 @@ import numpy as np
 from ...diagnosis.bases import words
 from ..comparison import errors, loop, response
 from ..picture import WIDE, Picture
-from .registry import WAY, Material, panel
+from .registry import Material, panel
 
 
 def pictures(material: Material) -> list[Picture]:
@@ -32,7 +32,7 @@ def pictures(material: Material) -> list[Picture]:
     ]  # fmt: skip
 
 
-@panel("Measured and simulated", order=20, draws=pictures, about=WAY, tab="evidence")
+@panel("Measured and simulated", order=20, draws=pictures)
 def compare(material: Material) -> dict[str, Any]:
     """Tell which segment is shown, and what of it is not fitted."""
     c = material.compared

@@ -16,7 +16,7 @@ from .registry import Material, panel
 
 def pictures(material: Material) -> list[Picture]:
     """Return the input to run next, and by how much what the candidates say differs from its mean."""
-    e, units = material.diagnosis.experiment, material.units
+    e, units = material.lacking.experiment, material.units
     if e is None:
         return []
     mean = np.mean(list(e.outputs.values()), axis=0)
@@ -34,10 +34,10 @@ def pictures(material: Material) -> list[Picture]:
     ]
 
 
-@panel("The next experiment", order=80, draws=pictures, tab="evidence")
+@panel("The next experiment", order=80, draws=pictures)
 def experiment(material: Material) -> dict[str, Any] | None:
     """Tell what to run, and what it will show; nothing where no experiment is needed."""
-    e = material.diagnosis.experiment
+    e = material.lacking.experiment
     if e is None:
         return None
     files = {one: csv_text({"t": of.t, "u": of.u}) for one, of in {"next": e, "next_wider": e.wider}.items() if of}

@@ -11,7 +11,7 @@ from ..comparison import Units
 from ..picture import Picture
 from ..plots import plot_ladder
 from ..words import PARTS, has_floor
-from .registry import WAY, Material, panel
+from .registry import Material, panel
 
 
 def picture(diagnosis: Diagnosis, units: Units) -> Picture:
@@ -37,7 +37,7 @@ def _after(rung: str) -> str:
     return "for the base" if rung == "base" else f"with {words(rung)}"
 
 
-@panel("The error, step by step", order=30, about=WAY, tab="evidence")
+@panel("The error, step by step", order=30)
 def ladder(material: Material) -> dict[str, Any]:
     """Tell the errors as a table."""
     d = material.diagnosis

@@ -11,10 +11,10 @@ from ...models.model import Model
 from ...symbolic.mathml import marked
 from ...symbolic.signals import INNER_INPUTS, INNER_OUTPUTS
 from ..parameters import called, moved, parameters, shape_units
-from .registry import WAY, Material, panel
+from .registry import Material, panel
 
 
-@panel("The model before and after", order=60, about=WAY, tab="model")
+@panel("The model before and after", order=60)
 def model(material: Material) -> dict[str, Any]:
     """Tell the equations, what is new in them, and what moved."""
     from markupsafe import Markup

@@ -15,10 +15,6 @@ from ..comparison import Comparison, Units
 from ..picture import Picture
 
 Made = TypeVar("Made")
-# Which model a part is about, where a user adds one effect after the other.
-LAST: str = "what the last model still lacks"
-WAY: str = "from the base to the last model"
-TAKEN: str = "the model to take away"
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,17 +83,12 @@ class Part:
     order : float
         Its place in the report.
     draws : function from Material to pictures
-    about : LAST, WAY or TAKEN
-    tab : str
-        Of the live page; "" where it is not there.
     """
 
     tell: Callable[[Material], dict[str, Any] | None]
     title: str
     order: float
     draws: Callable[[Material], list[Picture]]
-    about: str
-    tab: str
 
 
 _PANELS: dict[str, Part] = {}
@@ -108,13 +99,11 @@ def panel(
     title: str,
     order: float,
     draws: Callable[[Material], list[Picture]] = lambda material: [],
-    about: str = LAST,
-    tab: str = "",
 ) -> Callable[[Tell], Tell]:
     """Register a part under the name of its function; see `Part`."""
 
     def register(tell: Tell) -> Tell:
-        _PANELS[tell.__name__] = Part(tell, title, order, draws, about, tab)
+        _PANELS[tell.__name__] = Part(tell, title, order, draws)
         return tell
 
     return register

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from .. import hero
-from .registry import WAY, Material, panel
+from .registry import Material, panel
 
 
-@panel("Try it", order=15, about=WAY)
+@panel("Try it", order=15)
 def try_it(material: Material) -> dict[str, Any] | None:
     """Tell the sliders; nothing where no model can be run by a page."""
     told = material.once(hero.told)
