@@ -433,6 +433,7 @@ const checked = hero.querySelector('input[name="switch"]:checked');
 select(checked ? Number(checked.value) : told.chosen);
 fallen.before = fallen.now;
 look(...told.stretch);
+update();  // a frame out of sight has no next frame of its own
 const again = () => { readColours(); later(); requestAnimationFrame(portrait); };
 for (const query of ["(prefers-color-scheme: dark)", "print"]) window.matchMedia(query).addEventListener("change", again);
 new ResizeObserver(again).observe(hero);
