@@ -54,6 +54,7 @@ if TYPE_CHECKING:
 
 FRAMED = ("verdict", "try_it")  # the parts that move
 MOST_MODELS, MOST_SAMPLES, MOST_DOTS = 4, 200_000, 1500
+LONGEST_WAY = MOST_MODELS - 2  # models with something added: there is room for one that may be
 STEPS = 200  # of a slider to either side of its optimum
 REACH = 12.0  # standard errors to either side, at least
 LONGEST = 4000  # samples of a reference
@@ -84,19 +85,19 @@ def models(material: Material) -> list[Tried]:
 
     def listed() -> Iterator[tuple[str, str, Fitted, dict[str, float]]]:
         yield "base", "", d.steps[0].base, d.ladder[0]
-        chosen = (step for step in d.steps if step.chosen is not None)
-        for i, (step, rung) in enumerate(zip(chosen, d.ladder[1:], strict=True), 2):
-            yield " ".join(d.rungs[1:i]), step.added[0] if step.added else "", step.chosen, rung
+        chosen = [(step.added[0] if step.added else "", step.chosen) for step in d.steps if step.chosen is not None]
+        way = [(" ".join(d.rungs[1 : i + 2]), *one, d.ladder[i + 1]) for i, one in enumerate(chosen)]
+        yield from way[-LONGEST_WAY:]
         first = material.lacking.steps[0]
         least = d.ladder[-1 if there else 0]["train"]
-        pair = [first.pair] if first.pair is not None else []
-        for candidate in (*pair, *first.candidates):
-            fitted = candidate.fitted if candidate in pair else fitted_of(candidate)
-            if fitted is not None and (errors := first.figures(fitted))["train"] < least:
-                yield f"{there} + {candidate.effect}".strip(), candidate.effect.partition(" + ")[0], fitted, errors
+        offers = [(one.effect, fitted_of(one)) for one in first.candidates[:MOST_MODELS]]
+        offers[:0] = [(first.pair.effect, first.pair.fitted)] if first.pair is not None else []
+        for effect, offered in offers:
+            if offered is not None and (errors := first.figures(offered))["train"] < least:
+                yield f"{there} + {effect}".strip(), effect.partition(" + ")[0], offered, errors
 
     for name, effect, fitted, errors in listed():
-        if name not in known:
+        if name not in known:  # effects of a pair are offered alone too
             source = ""
             with suppress(ModelError):  # it has a root finder
                 source = fitted.model.to_js(f"model{len(found)}")
@@ -213,7 +214,7 @@ def told(material: Material) -> dict[str, Any]:
     for tried in own:
         names |= dict.fromkeys(b.name for b in tried.fitted.model.recursion.inputs if b != t)
     every = {name: one for tried in (listed[0], *own) for name, one in tried.fitted.problem.data[i].items()}
-    there = 1 if material.lacking is d else len(d.ladder)
+    there = 1 if material.lacking is d else 1 + min(len(d.ladder) - 1, LONGEST_WAY)
     law, width = material.once(law_shown), material.once(width_of_rate)
     axis = {"error": "error", "rate": "rate of the output"}
     known = {driving: units.get(driving, ""), output: units.get(output, "")}
@@ -257,7 +258,7 @@ def _switch(material: Material, one: Tried, i: int, n: int, names: list[str]) ->
 def _first(material: Material, listed: Sequence[Tried], there: int) -> int | None:
     """Return which switch "Add" throws: that of the last model, else the first of what may be added."""
     named = material.lacking.steps[0].confusion_set or material.lacking.steps[0].chosen is not None
-    last = len(material.diagnosis.ladder) - 1
+    last = min(len(material.diagnosis.ladder) - 1, LONGEST_WAY)
     return (last if last >= there else there) if named and len(listed) > there else None
 
 

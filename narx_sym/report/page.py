@@ -90,8 +90,8 @@ def material(
 ) -> Material:
     """Return what the parts are made of; see `sections`, and `Material` for `later`."""
     units = {"u": "", "y": ""} | said_first(diagnosis.units, units)
-    told, more = (one and words.with_units(one, units) for one in (diagnosis, later))
-    return Material(told, units, files, settings or {}, more)
+    now = later and words.with_units(later, units)
+    return Material(words.with_units(diagnosis, units), units, files, settings or {}, now)
 
 
 def _sections(of: Material, keys: Sequence[str] | None = None) -> list[Section]:
