@@ -102,7 +102,11 @@ def test_the_app_shows_what_is_still_missing_beside_what_was_added(stage_diagnos
     assert [one["name"] for one in told["models"]] == ["base", "+ backlash"]
     assert told["chosen"] == 1 and told["add"] is None
     far = hero.told(page.material(Story.of([base, *[last] * 6]), STAGE_UNITS, later=Story.of([last])))
-    assert len(far["models"]) == 3 and far["chosen"] == 2 and far["models"][2]["name"].endswith("+ backlash" + " + backlash" * 5)
+    assert (
+        len(far["models"]) == 3
+        and far["chosen"] == 2
+        and far["models"][2]["name"].endswith("+ backlash" + " + backlash" * 5)
+    )
     text = page.page(of, framed=True)
     assert words.headline(of.lacking) in text and "No effect of the catalogue" in text
     assert all(f'<section id="{key}"' in text for key in panels() if key != "experiment")
