@@ -26,6 +26,7 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,9 +91,9 @@ def models(material: Material) -> list[Tried]:
         yield from way[-LONGEST_WAY:]
         first = material.lacking.steps[0]
         least = d.ladder[-1 if there else 0]["train"]
-        offers = [(one.effect, fitted_of(one)) for one in first.candidates[:MOST_MODELS]]
-        offers[:0] = [(first.pair.effect, first.pair.fitted)] if first.pair is not None else []
-        for effect, offered in offers:
+        pair = [(first.pair.effect, first.pair.fitted)] if first.pair is not None else []
+        alone = ((one.effect, fitted_of(one)) for one in first.candidates)  # fitted when it is their turn
+        for effect, offered in chain(pair, alone):
             if offered is not None and (errors := first.figures(offered))["train"] < least:
                 yield f"{there} + {effect}".strip(), effect.partition(" + ")[0], offered, errors
 
