@@ -13,7 +13,7 @@ from ..files.atomic import columns_text
 from ..files.store import to_text
 from ..inversion.analyses import document
 from ..models.model import Model
-from ..report.page import page
+from ..report.page import material, page
 from ..tasks.compensate import Law
 from .browser.preview import Ran
 from .story import Story
@@ -72,4 +72,4 @@ def report_of(bench: Any) -> str:
     settings["channels"] = ", ".join(choice.channels) or "none"
     settings |= {"missing": choice.missing, "machine": choice.machine or "told by the units, if they do"}
     units = said_first(bench.record.units, choice.units)
-    return page(Story.of(bench.revisions), units, [bench.path] if bench.path else [], settings)
+    return page(material(Story.of(bench.revisions), units, [bench.path] if bench.path else [], settings))

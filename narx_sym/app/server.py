@@ -27,7 +27,7 @@ TYPES = {
     ".csv": "text/csv",
     ".fmu": "application/zip",
 }
-FRAME = Path(notebook.__file__).with_name("live.js")  # what shows the sliders in a frame
+FRAME = Path(notebook.__file__).with_name("live.js")  # what shows the first screen in a frame
 RECONNECT = 20.0  # seconds that a page may be silent: a browser may be busy with drawing
 GRACE = 1  # seconds for open connections when the server ends
 
@@ -156,7 +156,6 @@ def application(sessions: Sessions) -> Any:
 
 def _files(app: Any, sessions: Sessions) -> None:
     """Add the places for files, and the downloads."""
-    from bokeh.resources import Resources
     from fastapi import HTTPException, Request
     from fastapi.concurrency import run_in_threadpool
     from fastapi.responses import PlainTextResponse, Response
@@ -186,13 +185,10 @@ def _files(app: Any, sessions: Sessions) -> None:
         headers = {"content-disposition": f'attachment; filename="{name}"', "cache-control": "no-store"}
         return Response(content, media_type=TYPES.get(Path(name).suffix, "text/plain"), headers=headers)
 
-    def bokeh(request: Request) -> Response:
-        return Response("\n".join(Resources(mode="inline", components=["bokeh"]).js_raw), media_type="text/javascript")
-
-    def sliders(request: Request) -> Response:
+    def first(request: Request) -> Response:
         current = bench_of(request).current
         # As text: it is shown in a frame of its own origin only.
-        return PlainTextResponse(current.live if current else "", headers={"cache-control": "no-store"})
+        return PlainTextResponse(current.page if current else "", headers={"cache-control": "no-store"})
 
     def frame(request: Request) -> Response:
         return Response(FRAME.read_text(encoding="utf-8"), media_type="text/javascript")
@@ -200,10 +196,9 @@ def _files(app: Any, sessions: Sessions) -> None:
     def drawn(request: Request) -> Response:
         return Response(script(), media_type="text/javascript")
 
-    app.add_route("/bokeh.js", bokeh, methods=["GET"])
     app.add_route("/live.js", frame, methods=["GET"])
     app.add_route("/drawn.js", drawn, methods=["GET"])
-    app.add_route("/at/{key}/live", sliders, methods=["GET"])
+    app.add_route("/at/{key}/live", first, methods=["GET"])
     takers = {"data": Workbench.upload, "model": Workbench.upload_model, "reference": Workbench.upload_reference}
     for name, take in takers.items():
         app.add_route(f"/at/{{key}}/{name}", taking(take), methods=["POST"])

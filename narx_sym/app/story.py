@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any
 
 from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.steps import Step
-from ..files.telling import fenced
-from ..models.model import Model
 from ..report import words
-from ..report.comparison import Comparison
-from ..report.notebook.live import framed
-from ..report.page import sections
-from ..report.panels.registry import LAST, TAKEN, WAY, panels
-from ..report.panels.try_it import fitted_of
+from ..report.page import material, page
 from ..tasks.revise import Revision
-from .browser.preview import sight_svg
-
-SCRIPT = re.compile(r"<script[^>]*>(.*?)</script>", re.DOTALL)
 
 
 @dataclass
@@ -31,16 +21,9 @@ class Story(Diagnosis):
     Attributes
     ----------
     way : name and errors of each revision, the base first
-    final : the last model fitted on all samples, where it is the one that is told of
     """
 
     way: tuple[tuple[str, Mapping[str, float]], ...] = ()
-    final: Model | None = None
-
-    @property
-    def model(self) -> Model:
-        """The last model, or `final`."""
-        return self.final or super().model
 
     @classmethod
     def of(cls, revisions: Sequence[Revision]) -> Story:
@@ -76,18 +59,12 @@ class Shown(Revision):
 
     Attributes
     ----------
-    html : mapping from the keys of the report's parts to HTML, without scripts; "sight": the picture that stays
-    headline, fall : str
-        What is still missing, and how far the error fell.
-    script : what draws the pictures that can be zoomed
-    live : the page with the sliders, for a frame; "" where no model can run in a browser
+    page : the report on it, for a frame; its first screen is that of `report.hero`
+    headline : what is still missing
     """
 
-    html: Mapping[str, str] = field(default_factory=dict)
-    script: str = ""
-    live: str = ""
+    page: str = ""
     headline: str = ""
-    fall: str = ""
 
     def bare(self) -> Revision:
         """Return the revision alone: little to send to a process."""
@@ -95,25 +72,8 @@ class Shown(Revision):
 
 
 def shown(before: Sequence[Revision], made: Revision, units: Mapping[str, str]) -> Shown:
-    """Show the whole way to a revision, and what it still lacks: a picture that fails does not lose the revision."""
-    every = [*before, made]
-    stories = {WAY: Story.of(every), LAST: Story.of([made]), TAKEN: replace(Story.of(every), final=made.model)}
-    live = {key: part.about for key, part in panels().items() if part.live is not None}
-    parts = [
-        part
-        for about, story in stories.items()
-        for part in sections(story, units, keys=[key for key, of in live.items() if of == about])
-    ]
-    script = "\n".join(script for part in parts for script in SCRIPT.findall(part.html))
-    html = {part.key: SCRIPT.sub("", part.html) for part in parts}
-    before_it, i = before[-1].base if before else None, stories[WAY].steps[0].base.worst
-    candidates = [fitted_of(c) for c in made.found.candidates]
-    html["sight"] = page_of_sliders = ""
-    with fenced("The picture that stays in sight"):
-        html["sight"] = sight_svg(i, Comparison.of(stories[WAY]).worst, before_it, made.base, candidates, units)
-    with fenced("The page with the sliders"):
-        page_of_sliders = framed(stories[WAY], units)
-    return Shown(
-        **{f.name: getattr(made, f.name) for f in fields(Revision)}, html=html, script=script, live=page_of_sliders,
-        headline=words.headline(stories[LAST]), fall=words.fall(stories[WAY], units),
-    )  # fmt: skip
+    """Show the whole way to a revision, and what it still lacks."""
+    way, last = Story.of([*before, made]), Story.of([made])
+    own = {f.name: getattr(made, f.name) for f in fields(Revision)}
+    told = page(material(way, units, later=last), framed=True)
+    return Shown(**own, page=told, headline=words.headline(last))

@@ -86,14 +86,12 @@ def diagnose(
         report,
         resume,
     ]
-    own = equations_in(base)
-    file = Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
+    own, file = equations_in(base), Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
     opt.check_targets(written, *data, *(validate or []), *(effects or []), file)
     opt.check_format(plot)
     catalogue = with_own(effects or [])
     model = _read(file, delay) if file and not own else None
-    named = _channels(own, model)
-    measured = how.records(data, model, named)
+    measured = how.records(data, model, named := _channels(own, model))
     judging = how.validating(validate, measured, named)
     with resuming(resume) if resume else nullcontext() as journal:
         start = _begin(model or base, own, measured, delay)

@@ -16,7 +16,7 @@ from ..diagnosis.misfit import Misfit
 from ..diagnosis.procedure import Diagnosis
 from ..diagnosis.refit import Fitted
 from ..errors import NarxError
-from .figures.describe import TIME, Area, Panel, span, thin, traces
+from .figures.describe import TIME, Area, Line, Panel, span, thin, traces
 from .figures.still import draw, new_axes
 from .picture import POINTS
 from .plots import where_it_fails
@@ -24,6 +24,7 @@ from .words import has_floor
 
 Array = np.ndarray
 Units = Mapping[str, str]
+FINE = 1000  # samples of a loop, evenly spaced: extremes alone would leave corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,14 +140,12 @@ def kept_back(fitted: Fitted, i: int) -> tuple[Area, ...]:
 
 def response(c: Comparison, units: Units, *runs: str) -> Panel:
     """Describe measured and simulated output over time."""
-    return traces(TIME, c.t, _said("y", units), _told(c, runs), *c.aside, y_range=c.span, also={_said("u", units): c.u})
+    return traces(TIME, c.t, _said("y", units), _told(c, runs), *c.aside, y_range=c.span)
 
 
 def loop(c: Comparison, units: Units, *runs: str) -> Panel:
     """Describe measured and simulated output against the input."""
-    return traces(
-        _said("u", units), c.u, _said("y", units), _told(c, runs), y_range=c.span, height=1.15, also={TIME: c.t}
-    )
+    return traces(_said("u", units), c.u, _said("y", units), _told(c, runs), y_range=c.span, height=1.15)
 
 
 def errors(c: Comparison, units: Units) -> Panel:
@@ -156,14 +155,27 @@ def errors(c: Comparison, units: Units) -> Panel:
     return traces(TIME, c.t, y, told, *c.aside, *c.band, height=0.8)
 
 
-def stretch(c: Comparison, units: Units, over_time: bool) -> Panel:
-    """Describe some periods where the error is largest, measured, before and after: as a loop, or over time."""
-    part = c.at(c.periods)
+def stretch(c: Comparison, units: Units, width: int) -> Panel:
+    """Describe some periods where the error is largest, measured, before and after, as a loop of output over input.
+
+    With a `width`, that of `rate`, it is input over the rate of the output: the force over the velocity of an axis.
+    """
+    some = slice(c.periods.start, c.periods.stop, -(-(c.periods.stop - c.periods.start) // FINE))
+    part, Ts = c.at(some), float(np.median(np.diff(c.t)))
     said = {n: "simulated" if len(c.runs) == 1 else "before" if n == "base" else "after" for n in c.runs}
-    runs = {"measured": ("measured", part.y)} | {said[n]: (c.role(n), x) for n, x in part.runs.items()}
-    if over_time:
-        return traces(TIME, part.t, _said("y", units), runs, *(a for a in part.aside if a not in part.whole))
-    return traces(_said("u", units), part.u, _said("y", units), runs)
+    runs = {"measured": ("measured", c.y)} | {said[n]: (c.role(n), x) for n, x in c.runs.items()}
+    if not width:
+        shown = {n: (role, x[some]) for n, (role, x) in runs.items()}
+        return traces(_said("u", units), part.u, _said("y", units), shown)
+    lines = [Line(rate(x, width, Ts)[some], part.u, n, role) for n, (role, x) in runs.items()]
+    return Panel(headed("rate of the output", units.get("y") and f"{units['y']}/s"), _said("u", units), lines)
+
+
+def rate(values: Array, width: int, Ts: float) -> Array:
+    """Return the rate of a signal, (N,): its change from `width` samples before to `width` after [per s]."""
+    k = np.arange(values.size)
+    low, high = np.maximum(k - width, 0), np.minimum(k + width, values.size - 1)
+    return np.asarray((values[high] - values[low]) / ((high - low) * Ts))
 
 
 def region(c: Comparison, inside: Array, units: Units) -> Panel:

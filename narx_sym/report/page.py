@@ -17,9 +17,9 @@ from ..diagnosis.procedure import Diagnosis
 from ..files.atomic import PathLike, write_text
 from ..files.telling import fenced
 from ..symbolic.mathml import from_latex
-from . import words
+from . import hero, words
 from .comparison import Units
-from .figures import describe, zoomed
+from .figures import describe
 from .panels.registry import Material, Part, panels
 
 NOT_MADE = "<p>This part could not be made: please report it. What was found does not depend on it.</p>"
@@ -64,10 +64,9 @@ def sections(
     units: Units | None = None,
     files: Sequence[PathLike] = (),
     settings: Mapping[str, Any] | None = None,
-    scripts: bool = True,
     keys: Sequence[str] | None = None,
 ) -> list[Section]:
-    """Return the parts of the story as HTML, in their order; one without content is left out.
+    """Return the parts of the story as HTML, in their order and without scripts; one without content is left out.
 
     Parameters
     ----------
@@ -76,54 +75,58 @@ def sections(
         By default those of the records.
     files : paths of the data
     settings : mapping of what else was chosen
-    scripts : bool
-        Whether the interactive pictures are among them; their script is `zoomed.bundle`.
     keys : keys of panels, optional
         The parts that are wanted.
     """
+    return _sections(material(diagnosis, units, files, settings), keys)
+
+
+def material(
+    diagnosis: Diagnosis,
+    units: Units | None = None,
+    files: Sequence[PathLike] = (),
+    settings: Mapping[str, Any] | None = None,
+    later: Diagnosis | None = None,
+) -> Material:
+    """Return what the parts are made of; see `sections`, and `Material` for `later`."""
     units = {"u": "", "y": ""} | said_first(diagnosis.units, units)
-    material = Material(words.with_units(diagnosis, units), units, files, settings or {}, scripts)
+    now = later and words.with_units(later, units)
+    return Material(words.with_units(diagnosis, units), units, files, settings or {}, now)
+
+
+def _sections(of: Material, keys: Sequence[str] | None = None) -> list[Section]:
     made = []
     for key, part in panels().items():
         if keys is None or key in keys:
             section: Section | None = Section(key, part.title, NOT_MADE)  # no other part is lost with one that fails
             with fenced(f"The part {key} of the report"):
-                section = _section(key, part, material)
+                section = _section(key, part, of)
             if section is not None:
                 made.append(section)
     return made
 
 
-def _section(key: str, part: Part, material: Material) -> Section | None:
+def _section(key: str, part: Part, of: Material) -> Section | None:
     """Return one part as HTML; None where it has nothing to tell."""
-    content = part.tell(material)
+    content = part.tell(of)
     if content is None:
         return None
     template = templates().select_template([f"panels/{key}.html", "pictures.html"])
-    drawn = {
-        p.key: p.draw[0] for p in material.pictures(key) if p.zoomable and material.scripts and not callable(p.draw)
-    }
-    script, live = zoomed.zoomed(drawn)
-    given = {
-        "pictures": material.pictures(key), "live": live, "script": script, "keys": describe.keys(*drawn.values()),
-        "units": material.units, "d": material.diagnosis, **content,
-    }  # fmt: skip
+    given = {"pictures": of.pictures(key), "units": of.units, "d": of.lacking, **content}
     return Section(key, content.get("title", part.title), template.render(given))
 
 
-def page(
-    diagnosis: Diagnosis,
-    units: Units | None = None,
-    files: Sequence[PathLike] = (),
-    settings: Mapping[str, Any] | None = None,
-) -> str:
-    """Return the whole page; see `sections`."""
-    parts = sections(diagnosis, units, files, settings)
-    name = ", ".join(dict.fromkeys(r.name for r in diagnosis.steps[0].base.split.records))
+def page(of: Material, framed: bool = False, keys: Sequence[str] | None = None) -> str:
+    """Return the whole page, or some parts of it; in a frame without its name. `hero` shows the JSON that it holds."""
+    parts = _sections(of, keys)
+    names = dict.fromkeys(r.name for r in of.diagnosis.steps[0].base.split.records)
+    script = data = ""
+    with fenced("The script of the report"):
+        script, data = hero.script(of), hero.data(of)
     return str(
         templates().get_template("page.html").render(
-            sections=parts, name=name, headline=words.headline(diagnosis), colours=describe.stylesheet(),
-            style=style(), bokeh=zoomed.bundle(),
+            sections=parts, name=", ".join(names), headline=words.headline(of.lacking), colours=describe.stylesheet(),
+            style=style(), framed=framed, script=script, data=data,
         )
     )  # fmt: skip
 
@@ -144,7 +147,7 @@ def write_report(
     files : paths of the data, for their hashes
     settings : mapping of what else was chosen, for the record; a "scale" is that of `Model.continuous`
     """
-    write_text(path, page(diagnosis, units, files, settings))
+    write_text(path, page(material(diagnosis, units, files, settings)))
 
 
 def style() -> str:

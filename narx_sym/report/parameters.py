@@ -20,6 +20,14 @@ from ..symbolic.signals import expand_phi
 from .words import Row, Units, begun, number, spaced
 
 MOVED = 3.0  # standard errors
+LETTERS = {  # what the catalogue calls by a letter alone
+    "hysteresis c": "size of the loop", "hysteresis b": "bend after a turn", "hysteresis g": "gamma over beta",
+    "hysteresis r": "widest play", "hysteresis d": "slope of the middle", "hysteresis h0": "offset of the middle",
+    "hysteresis c1": "slope after a turn", "hysteresis c2": "bend against the way",
+    "hysteresis c3": "bend with the way", "hysteresis a": "pole of the lag",
+    "stiction c": "size of the effect", "stiction r": "band while it slides",
+    "stiction e": "more until it breaks loose",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -113,6 +121,19 @@ def added_sizes(diagnosis: Diagnosis, units: Units, told: Continuous | str | Non
     ]
 
 
+def called(model: Model, units: Units) -> dict[str, str]:
+    """Return what the parameters of effects are called, by their symbols: as a physical quantity, else by `LETTERS`."""
+    own = {str(s): f"{one.effect} {n}" for one in model.effects for n, s in one.symbols.items()}
+    names = {str(s) for s in model.symbols}
+    if names >= {"c1", "c2", "c3", "d", "h0"}:  # a base of Bouc and Wen
+        own |= {n: f"hysteresis {n}" for n in names}
+    found = {symbol: LETTERS[key] for symbol, key in own.items() if key in LETTERS}
+    with suppress(NarxError):
+        known = continuous(model, units={name: unit for name, unit in units.items() if unit})
+        found |= {str(q.expression): q.name for q in known.quantities if q.effect and str(q.symbol) in known.main}
+    return found
+
+
 def effect_parameters(model: Model, effect: AddedEffect, units: Units, shapes: Mapping[str, str]) -> str:
     """Return what matters of an effect of a model in physical units; where nothing does, its parameters by letters."""
     with suppress(NarxError):
@@ -126,8 +147,10 @@ def effect_parameters(model: Model, effect: AddedEffect, units: Units, shapes: M
 def by_letters(model: Model, effect: AddedEffect, units: Units, shapes: Mapping[str, str]) -> str:
     """Return the parameters of an effect of a model by their letters, with their units as far as these follow."""
     known = {n: "" if unit == "1" else unit for n, unit in coefficient_units(model, units, shapes).items()}
+    names = called(model, units)
     return ", ".join(
-        f"{n} = {number(float(model.values[s]), 4)} {known.get(str(s), '')}".rstrip() for n, s in effect.symbols.items()
+        f"{names.get(str(s), '')} {n} = {number(float(model.values[s]), 4)} {known.get(str(s), '')}".strip()
+        for n, s in effect.symbols.items()
     )
 
 

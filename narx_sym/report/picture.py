@@ -35,8 +35,6 @@ class Picture:
     size : (width, height) [inch]
     clickable : bool
         Whether `draw` returns places that the page can click, [(number, x, y), ...] in the coordinates of the data.
-    zoomable : bool
-        Whether a page with scripts shows its panel with all points.
     """
 
     key: str
@@ -46,7 +44,6 @@ class Picture:
     columns: Mapping[str, Any]
     size: tuple[float, float] = NARROW
     clickable: bool = False
-    zoomable: bool = False
 
     @cached_property
     def _drawn(self) -> tuple[str, dict[int, Array]]:

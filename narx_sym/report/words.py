@@ -229,11 +229,13 @@ def _next(diagnosis: Diagnosis) -> str:  # noqa: PLR0911
     verdict = chosen.verdict
     if verdict == "helps_but_incomplete" and diagnosis.exhausted:
         verdict = "outside_library" if diagnosis.steps[-1].verdict == "outside_library" else "named"
-    return NEXT[verdict].format(best=_added(diagnosis))
+    return NEXT[verdict].format(best=_added(diagnosis) if "{best}" in NEXT[verdict] else "")
 
 
 def _added(diagnosis: Diagnosis) -> str:
-    return joined(spaced(rung.removeprefix("+ ")) for rung in diagnosis.rungs[1:])
+    """Return what was added; before anything is, what is to be."""
+    rungs = diagnosis.rungs[1:] or [diagnosis.best.effect]
+    return joined(spaced(rung.removeprefix("+ ")) for rung in rungs)
 
 
 def floor(diagnosis: Diagnosis) -> dict[str, float]:

@@ -44,7 +44,10 @@ def test_a_slider_moves_the_model_in_python(widget, stage_diagnosis):
         page.evaluate(SHOW, [widget._esm, widget.page])
         page.wait_for_function("() => window.kept.rms > 0")
         best = page.evaluate("() => window.kept")
-        page.frames[1].evaluate(DRAG, 300)
+        page.frames[1].click("#hero-add")
+        page.wait_for_function("() => window.kept.chosen === 1")
+        best = page.evaluate("() => ({...window.kept})")
+        page.frames[1].evaluate(DRAG, 100)
         page.wait_for_function("before => window.kept.rms !== before", arg=best["rms"])
         moved = page.evaluate("() => window.kept")
         height = page.evaluate("() => document.querySelector('iframe').clientHeight")
@@ -55,7 +58,7 @@ def test_a_slider_moves_the_model_in_python(widget, stage_diagnosis):
         record = stage_diagnosis.steps[0].base.split.records[0]
         error = np.sqrt(np.mean((record.y - free_run(widget.model, record)) ** 2))
         assert kept["rms"] == pytest.approx(error, rel=0.02)  # its start states are those of the fit
-    assert moved["rms"] > best["rms"]
+    assert moved["rms"] > best["rms"] and moved["added"] == "backlash"
     assert np.sum(np.array(moved["theta"]) != best["theta"]) == 1
 
 

@@ -15,9 +15,9 @@ from narx_sym.diagnosis.bases import few
 from narx_sym.diagnosis.procedure import Diagnosis
 from narx_sym.diagnosis.steps import NO_FLOOR, Step
 from narx_sym.diagnosis.table.candidates import Pair
-from narx_sym.report import page, words
-from narx_sym.report.panels import registry, try_it
-from narx_sym.report.panels.registry import LAST, TAKEN, WAY, Material, panels
+from narx_sym.report import hero, page, words
+from narx_sym.report.panels import registry
+from narx_sym.report.panels.registry import Material, panels
 from narx_sym.report.picture import Picture
 from narx_sym.report.words import number
 
@@ -26,7 +26,7 @@ CASES = {
     "verdict": ("falls from", 2),
     "try_it": ("Move a parameter", 0),
     "compare": ("The free run gets the measured input and nothing else", 4),
-    "ladder": ("The noise floor is an estimate", 1),
+    "ladder": ("The noise floor is an estimate", 0),
     "where": ("of the missing input", 12),
     "candidates": ("of the removable error", 1),
     "model": ("Parameters before and after", 0),
@@ -38,7 +38,7 @@ CASES = {
 
 @pytest.fixture(scope="module")
 def material(stage_diagnosis):
-    return Material(stage_diagnosis, STAGE_UNITS, scripts=False)
+    return Material(stage_diagnosis, STAGE_UNITS)
 
 
 def test_every_part_has_a_case():
@@ -52,11 +52,10 @@ def test_what_it_tells(key, material, stage_parts):
     drawn = material.pictures(key)
     assert count is None or len(drawn) == count
     assert len({p.key for p in drawn}) == len(drawn) and all(p.alt for p in drawn)
-    assert panels()[key].about in (LAST, WAY, TAKEN)
 
 
 def test_the_values_are_those_of_the_last_model(stage_diagnosis):
-    (made,) = page.sections(stage_diagnosis, STAGE_UNITS, scripts=False, keys=["verdict"])
+    (made,) = page.sections(stage_diagnosis, STAGE_UNITS, keys=["verdict"])
     (effect,) = stage_diagnosis.model.effects
     for name, symbol in effect.symbols.items():
         assert f"{name} = {number(float(stage_diagnosis.model.values[symbol]), 4)}" in made.html
@@ -72,50 +71,45 @@ def only(monkeypatch, *keys):
     monkeypatch.setattr(registry, "_PANELS", {key: part for key, part in panels().items() if key in keys})
 
 
-def test_one_more_part_is_on_page_and_live_page(stage_diagnosis, monkeypatch):
+def test_one_more_part_is_on_the_page(stage_diagnosis, monkeypatch):
     """One function is all that a new part takes; without a template of its own it shows its pictures."""
-    from narx_sym.app.story import shown
-    from narx_sym.tasks.revise import Revision
-
     only(monkeypatch, "candidates", "ladder")
 
     def draws(material):
         error = material.diagnosis.misfit.residual
         return [Picture("histogram", "Histogram", "How the error is spread.", lambda ax: ax.hist(error), {"e": error})]
 
-    @registry.panel("How the error is spread", order=45, draws=draws, live=65)
+    @registry.panel("How the error is spread", order=45, draws=draws)
     def spread(material):
         return {}
 
-    made = page.sections(stage_diagnosis, STAGE_UNITS, scripts=False)
+    made = page.sections(stage_diagnosis, STAGE_UNITS)
     assert [s.key for s in made] == ["ladder", "spread", "candidates"]
     assert made[1].title == "How the error is spread" and "How the error is spread." in made[1].html
-    live = shown((), Revision("linear base", stage_diagnosis, stage_diagnosis.model), STAGE_UNITS)
-    assert "<svg" in live.html["spread"]
 
 
-def test_the_live_page_shows_every_live_part():
-    results = pytest.importorskip("narx_sym.app.browser.results")
-    sections = [one for tab in results.TABS for one in results.on_the_page(tab)]
-    keys = [key for _, _, listed in sections for key in listed]
-    assert sorted(keys) == sorted(key for key, one in panels().items() if one.live is not None)
-    titles = [title for _, title, _ in sections]
-    usual = ["What was found", "What may be missing", "Measured and simulated", "Where the model fails", "The model"]
-    assert [title for title in titles if title in usual] == usual and len(set(titles)) == len(titles)
-    assert set(results.AFTER) | set(results.TAB_OF) <= set(keys)
-
-
-def test_the_experiment_is_told_without_scripts_in_its_markup(stage_diagnosis, monkeypatch):
-    """A diagnosis that leaves two effects proposes an experiment, which can be zoomed too."""
-    from narx_sym.app.story import shown
+def test_the_app_shows_what_is_still_missing_beside_what_was_added(stage_diagnosis):
+    """The switches go the whole way; words, candidates and maps are of the last model."""
+    from narx_sym.app.story import Story
     from narx_sym.tasks.revise import Revision
 
-    only(monkeypatch, "compare", "experiment")
-
-    assert stage_diagnosis.verdict == "confused"
-    made = shown((), Revision("linear base", stage_diagnosis, stage_diagnosis.model), {"u": "rad", "y": "mm"})
-    assert "next.csv" in made.html["experiment"] and made.script.count("Bokeh") > 1
-    assert "<script" not in "".join(made.html.values())
+    base = Revision("linear base", stage_diagnosis, stage_diagnosis.base)
+    nothing = replace(stage_diagnosis.steps[0], verdict="nothing_detectable", candidates=[], confusion_set=[])
+    left = replace(stage_diagnosis, steps=[replace(nothing, base=nothing.chosen, chosen=None, experiment=None)])
+    last = Revision("+ backlash", left, stage_diagnosis.model, "backlash")
+    of = page.material(Story.of([base, last]), STAGE_UNITS, later=Story.of([last]))
+    told = of.once(hero.told)
+    assert [one["name"] for one in told["models"]] == ["base", "+ backlash"]
+    assert told["chosen"] == 1 and told["add"] is None
+    far = hero.told(page.material(Story.of([base, *[last] * 6]), STAGE_UNITS, later=Story.of([last])))
+    assert (
+        len(far["models"]) == 3
+        and far["chosen"] == 2
+        and far["models"][2]["name"].endswith("+ backlash" + " + backlash" * 5)
+    )
+    text = page.page(of, framed=True)
+    assert words.headline(of.lacking) in text and "No effect of the catalogue" in text
+    assert all(f'<section id="{key}"' in text for key in panels() if key != "experiment")
 
 
 def test_a_diagnosis_goes_to_another_process(stage_diagnosis):
@@ -130,7 +124,7 @@ def test_what_helps_but_has_rivals_says_so_and_keeps_its_experiment(stage_diagno
     both, (one, other) = replace(stage_diagnosis, steps=[first]), first.confusion_set
     assert f"As well it could be {other}." in first.sentence({}) and first.experiment.sentence in first.sentence({})
     assert words.headline(both).lower().startswith(f"{words.spaced(one)} or {words.spaced(other)} helps, but")
-    (made,) = page.sections(both, STAGE_UNITS, scripts=False, keys=["verdict"])
+    (made,) = page.sections(both, STAGE_UNITS, keys=["verdict"])
     assert 'href="#experiment"' in made.html
 
 
@@ -203,14 +197,14 @@ def test_a_pair_is_not_what_data_cannot_tell_apart(stage_diagnosis):
     first = stage_diagnosis.steps[0]
     pair = Pair(tuple(first.confusion_set), first.chosen, 0.9)
     both = replace(stage_diagnosis, steps=[replace(first, pair=pair)])
-    (made,) = page.sections(both, STAGE_UNITS, scripts=False, keys=["candidates"])
+    (made,) = page.sections(both, STAGE_UNITS, keys=["candidates"])
     assert "Together two help most" in made.html and "tell" not in made.html.partition("<article")[0]
 
 
 def test_a_floor_that_is_not_estimated_is_neither_a_figure_nor_a_line(stage_diagnosis):
     first = replace(stage_diagnosis.steps[0], floor_kind=NO_FLOOR)
     looped, keys = replace(stage_diagnosis, steps=[first]), ["verdict", "compare", "ladder", "where"]
-    told = "".join(s.html for s in page.sections(looped, STAGE_UNITS, scripts=False, keys=keys))
+    told = "".join(s.html for s in page.sections(looped, STAGE_UNITS, keys=keys))
     assert "The noise floor is not estimated in closed loop." in told
     assert "Noise floor" not in told and "noise floor (± rms)" not in told and "noise floor, " not in told
 
@@ -278,7 +272,7 @@ def test_a_damped_law_starts_from_the_states_that_its_script_has():
     ).compensator()
     assert law.share() < 1
     seen = SimpleNamespace(y=np.linspace(-1, 3, 50), u=np.linspace(0, 4, 50), worst=slice(0, 20))
-    told = try_it.reference(law, [SimpleNamespace(fitted=SimpleNamespace(model=law.model))], seen)
+    told = hero.reference(law, [SimpleNamespace(fitted=SimpleNamespace(model=law.model))], seen)
     states = re.search(r"states = (\[.*?\])", law.export("js", "law"))[1]
     assert len(told["start"]) == len(json.loads(states)) == len(law.exported().states) > len(law.recursion.states)
 
@@ -299,7 +293,7 @@ def test_a_channel_is_called_as_the_user_calls_it():
 def test_a_part_that_fails_takes_no_other_with_it(stage_diagnosis, monkeypatch, fences):
     only(monkeypatch, "verdict", "ladder")
     monkeypatch.setitem(registry._PANELS, "ladder", replace(panels()["ladder"], tell=lambda material: 1 / 0))
-    made = {s.key: s.html for s in page.sections(stage_diagnosis, STAGE_UNITS, scripts=False)}
+    made = {s.key: s.html for s in page.sections(stage_diagnosis, STAGE_UNITS)}
     assert "could not be made" in made["ladder"] and CASES["verdict"][0] in made["verdict"]
     assert fences == ["The part ladder of the report failed; the work goes on"]
     fences.clear()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ...data.units import headed, said_first
 from ...report.figures import describe
-from ...report.panels.try_it import PICTURE
+from ...report.hero import PICTURE
 from ..workbench import Workbench
 from .widgets import part, said
 

@@ -7,7 +7,6 @@ from typing import Any
 from nicegui import ui
 
 from ..choice import SUFFIXES
-from ..story import Shown
 from ..workbench import Workbench
 from .drawn import drawing
 from .widgets import BEAT, Fault, Part, details, drop, equation, figure, link, listed, said, section
@@ -109,8 +108,3 @@ class LawTab:
             figure(run.figure)
             listed(run.notes)
             link("law_run.csv", "Run of the law (CSV)")
-
-
-def law(bench: Workbench, current: Shown) -> None:
-    """Show the tab."""
-    LawTab(bench)

@@ -20,26 +20,17 @@
       title.textContent = before;
     }
   }
-  // Pictures that can be zoomed are drawn when their places are there.
-  window.narxDraw = (draw, left = 50) => {
-    const there = document.querySelector(".report .plot");
-    if (there && window.Bokeh) draw();
-    else if (left) setTimeout(() => window.narxDraw(draw, left - 1), 100);
-  };
-  // The sliders stand in a frame of their own, which is fetched when its place comes into sight.
+  // The first screen stands in a frame of its own, which is fetched when its place is there; "Add" is pressed in it.
   const framed = new Map();
-  const inSight = new IntersectionObserver((entries) => {
-    for (const { isIntersecting, target } of entries) if (isIntersecting) { inSight.unobserve(target); frame(target); }
-  }, { rootMargin: "400px" });
   async function frame(el) {
     const [{ default: live }, answer] = await Promise.all([import("/live.js"), fetch(el.dataset.live)]);
     const page = await answer.text();
     if (!answer.ok) refuse(page);
-    else framed.set(el, live.render({ el, model: { get: () => page, set() {}, save_changes() {} } }));
+    else framed.set(el, live.render({ el, model: { get: () => page, set: (name, value) => name === "added" && value && emitEvent("add", value), save_changes() {} } }));
   }
   new MutationObserver(() => {
     for (const [el, end] of framed) if (!el.isConnected) { end(); framed.delete(el); }
-    for (const el of document.querySelectorAll("[data-live]:not([data-known])")) { el.dataset.known = ""; inSight.observe(el); }
+    for (const el of document.querySelectorAll("[data-live]:not([data-known])")) { el.dataset.known = ""; frame(el); }
     for (const el of document.querySelectorAll("[data-drawn]:not([data-known])")) {
       el.dataset.known = "";
       import("/drawn.js").then(({ default: drawn }) => drawn(el));
@@ -71,25 +62,6 @@
     event.preventDefault();
     emitEvent(what, {});
   });
-  // A candidate that is pointed at or has the focus is seen in the picture that stays.
-  const preview = (event) => {
-    const one = event.target.closest?.("[data-candidate]"), seen = document.querySelector(".seen");
-    if (!seen) return;
-    const lines = one ? [...seen.querySelectorAll(`[id$="-candidate_${one.dataset.candidate}"]`)] : [];
-    for (const line of seen.querySelectorAll('[id*="-candidate_"]')) line.classList.toggle("on", lines.includes(line));
-    const text = !one ? "" : lines.length ? `Dash-dotted: with ${one.dataset.name}.` : `There is no run of ${one.dataset.name} on these samples.`;
-    const place = seen.querySelector(".previewed");
-    if (place.textContent !== text) place.textContent = text;
-  };
-  for (const kind of ["pointerover", "focusin"]) document.addEventListener(kind, preview);
-  document.addEventListener("click", async (event) => {
-    const button = event.target.closest?.("button[data-copy]");
-    if (!button) return;
-    await navigator.clipboard.writeText(document.getElementById(button.dataset.copy).textContent);
-    const before = button.textContent;
-    button.textContent = "Copied";
-    setTimeout(() => (button.textContent = before), 1500);
-  });
   const inputOf = (event) => event.target.closest?.(".drop")?.querySelector("input[type=file]");
   document.addEventListener("change", (event) => {
     if (!event.target.matches?.("input[type=file][data-to]")) return;
@@ -105,7 +77,3 @@
     });
   }
 })();
-// Letters on a canvas keep the colour that they were painted with.
-window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-  for (const { id } of (window.Bokeh?.documents ?? []).flatMap(d => d.roots())) Bokeh.index.get_by_id(id)?.request_paint();
-});

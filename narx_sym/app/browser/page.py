@@ -37,7 +37,6 @@ class Page:
         self.bench, self.faults = bench, bench.faults
         # The style sheet of the report, for its parts alone.
         ui.add_css(f"{stylesheet()}\n.report {{ {style()} }}\n{(HERE / 'page.css').read_text(encoding='utf-8')}")
-        ui.add_head_html('<script src="/bokeh.js"></script>')
         # Here the page is found again when it is loaded anew; what it asks for lies below.
         script = (HERE / "page.js").read_text(encoding="utf-8")
         ui.add_body_html(f"<script>history.replaceState(null, '', '{place}');{script}</script>")
@@ -55,6 +54,7 @@ class Page:
             with ui.element("div").classes("bench"):
                 self.rail()
                 self.work()
+        ui.on("add", lambda event: bench.add(str(event.args)))
         ui.on("undo", bench.undo)
         ui.on("redo", bench.redo)
         ui.timer(BEAT, self.look)
@@ -67,7 +67,7 @@ class Page:
             self.parts += [
                 Part(lambda: bench.path, self.columns),
                 Part(lambda: (bench.base_name, bench.revisions[:1]), self.base),
-                Part(lambda: (bench.current,), lambda: results.candidates(bench)),
+                Part(lambda: (bench.current,), lambda: results.effects(bench)),
             ]
             self.history = ui.element("div")
             with self.history, section("History"):
@@ -84,7 +84,7 @@ class Page:
         results.steps(self.bench)
 
     def work(self) -> None:
-        """Make what is worked on: the comparison and the ladder, which stay in sight, and the tabs."""
+        """Make what is worked on: the report in its frame, and the tabs."""
         bench = self.bench
         with ui.element("div").classes("work"):
             self.parts += [
@@ -141,7 +141,6 @@ class Page:
             self.tell()
         self.show()
         if self.found in changed and self.bench.current is not None:
-            results.draw(self.bench)
             if before is None:
                 ui.run_javascript(FOLD)
             if self.bench.current is not before:  # who uses a keyboard or a reader is led to a new result

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,9 @@ class Look:
     def on_page(self) -> dict[str, Any]:
         """The same in pixels, in a colour for light and dark paper."""
         dash = [round(4 / 3 * self.width * part) for part in self.dash]
-        return {"colour": COLOURS[self.colour][2], "width": self.width, "dash": dash, "alpha": self.alpha}
+        return {
+            "colour": COLOURS[self.colour][2], "width": self.width, "dash": dash, "alpha": self.alpha, "dot": self.dot,
+        }  # fmt: skip
 
 
 _DASHED, _DOTTED, _MIXED = (4.0, 1.6), (1.2, 1.6), (6.0, 1.6, 1.2, 1.6)
@@ -50,6 +52,7 @@ LOOKS = {
     "start": Look("black", 0.0, dot=4.0), "sample": Look("grey", 0.0, dot=2.0), "mean": Look("black", 0.0, dot=7.0),
     "floor": Look("yellow", 0.0, alpha=0.45),
     "range": Look("sky", 0.0, alpha=0.35), "held-out": Look("grey", 0.0, alpha=0.24),
+    "brush": Look("sky", 0.0, alpha=0.45),
 } | dict(zip(SEVERAL, (
     Look("blue"), Look("orange", 1.4, _DASHED), Look("green", 1.4, _MIXED), Look("pink", 1.6, _DOTTED),
     Look("black", 0.8), Look("red", 2.0, _DASHED),
@@ -58,13 +61,12 @@ LOOKS = {
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Points (x, y), (N,) arrays; joined, dotted or filled as the role says. `key` names it for the page's script."""
+    """Points (x, y), (N,) arrays; joined, dotted or filled as the role says."""
 
     x: Array
     y: Array
     name: str = ""
     role: str = "measured"
-    key: str = ""
 
 
 @dataclass(frozen=True)
@@ -89,8 +91,6 @@ class Panel:
     y_range : (lowest, highest), optional
     height : float
         Relative to a usual panel.
-    also : mapping from words to (N,) arrays
-        What else a pointer reads at the points of the lines.
     """
 
     x: str
@@ -100,7 +100,6 @@ class Panel:
     along: bool = False
     y_range: tuple[float, float] | None = None
     height: float = 1.0
-    also: Mapping[str, Array] = field(default_factory=dict)
 
 
 def traces(name: str, x: Array, y: str, runs: Mapping[str, tuple[str, Array]], *below: Area, **more: Any) -> Panel:
@@ -133,23 +132,15 @@ def thinned(most: int, *panels: Panel) -> list[Panel]:
     for n in {a.size for a in every.values()}:
         alike = [np.nan_to_num(a) for a in every.values() if a.size == n > most]
         kept[n] = np.unique([i for a in alike for i in thin(a, most // len(alike))]) if alike else slice(None)
-    less = {id(a): a[kept[a.size]] for a in [*every.values(), *(a for panel in panels for a in panel.also.values())]}
+    less = {id(a): a[kept[a.size]] for a in every.values()}
 
     def drawn(mark: Line | Area) -> Line | Area:
         return replace(mark, x=less[id(mark.x)], y=less[id(mark.y)]) if isinstance(mark, Line) else mark
 
-    return [
-        replace(panel, marks=[*map(drawn, panel.marks)], also={word: less[id(a)] for word, a in panel.also.items()})
-        for panel in panels
-    ]
+    return [replace(panel, marks=[*map(drawn, panel.marks)]) for panel in panels]
 
 
 # -- for pages -------------------------------------------------------------------------------------------------
-
-
-def keys(*panels: Panel) -> dict[str, str]:
-    """Return the words of panels, each once, with the CSS of its key."""
-    return {mark.name: key(mark.role) for panel in panels for mark in panel.marks if mark.name}
 
 
 def key(role: str) -> str:

@@ -83,7 +83,7 @@ def _mark(ax: Any, mark: Line | Area) -> None:
     elif look.dot:
         ax.plot(mark.x, mark.y, marker=".", ms=look.dot, ls="none", **said)
     elif look.width:
-        ax.plot(mark.x, mark.y, gid=mark.key or None, **line)
+        ax.plot(mark.x, mark.y, **line)
     else:
         ax.fill(mark.x, mark.y, **area)
 

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING
 
 from ...diagnosis.procedure import Diagnosis
 from ...errors import ModelError
-from ..figures.describe import stylesheet
-from ..page import sections, style, templates
-from ..panels.try_it import models
+from .. import hero
+from ..page import material, page
 
 if TYPE_CHECKING:
     from .widget import Live
 
 
 def live(diagnosis: Diagnosis, units: Mapping[str, str] | None = None) -> Live:
-    """Return the live part of the report for a notebook.
+    """Return the first screen of the report, and what moves with it, for a notebook.
 
     It needs `pip install "narx-sym[notebook]"`.
 
@@ -29,21 +28,11 @@ def live(diagnosis: Diagnosis, units: Mapping[str, str] | None = None) -> Live:
     Raises
     ------
     ModelError
-        Where no model of the diagnosis can run in a browser, or anywidget is not there.
+        Where anywidget is not there.
     """
     try:
         from .widget import Live
     except ImportError:
         raise ModelError('anywidget is not installed: pip install "narx-sym[notebook]"') from None
-    page = framed(diagnosis, units)
-    if not page:
-        raise ModelError("None of these models can run in a browser, so there is nothing to move.")
-    return Live(page, [one.fitted.model for one in models(diagnosis)])
-
-
-def framed(diagnosis: Diagnosis, units: Mapping[str, str] | None = None) -> str:
-    """Return the live part as a page of its own, for the frame of `live.js`; "" where no model can run in a browser."""
-    made = sections(diagnosis, units, keys=["try_it"])
-    if not made:
-        return ""
-    return str(templates().get_template("notebook.html").render(part=made[0], colours=stylesheet(), style=style()))
+    of = material(diagnosis, units)
+    return Live(page(of, framed=True, keys=hero.FRAMED), [one.fitted.model for one in of.once(hero.models)])

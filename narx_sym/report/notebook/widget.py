@@ -11,7 +11,7 @@ from ...models.model import Model
 
 
 class Live(anywidget.AnyWidget):
-    """A slider for every parameter; loops, traces and errors move with it, in the browser.
+    """The first screen of the report: switches, loop and portrait, and a slider for every parameter, in the browser.
 
     Attributes
     ----------
@@ -21,12 +21,15 @@ class Live(anywidget.AnyWidget):
         Its parameters as the sliders stand.
     rms : float or None
         Its free-run error over the record [unit of y]; None where it diverges.
+    added : str
+        The effect that "Add" was last pressed for.
     """
 
     _esm = Path(__file__).with_name("live.js")
     page = traitlets.Unicode().tag(sync=True)
     chosen = traitlets.Int(0).tag(sync=True)
     theta = traitlets.List(traitlets.Float()).tag(sync=True)
+    added = traitlets.Unicode("").tag(sync=True)
     rms = traitlets.Float(None, allow_none=True).tag(sync=True)
 
     def __init__(self, page: str, listed: list[Model]) -> None:

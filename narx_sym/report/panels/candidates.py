@@ -27,13 +27,13 @@ def picture(diagnosis: Diagnosis) -> Picture:
 
 def pictures(material: Material) -> list[Picture]:
     """Return the picture, where there is a candidate."""
-    return [picture(material.diagnosis)] if material.diagnosis.candidates else []
+    return [picture(material.lacking)] if material.lacking.candidates else []
 
 
-@panel("What may be missing", order=50, draws=pictures, live=30)
+@panel("What may be missing", order=50, draws=pictures)
 def candidates(material: Material) -> dict[str, Any]:
     """Tell of each candidate, and of the steps after the first."""
-    d, units = material.diagnosis, material.units
+    d, units = material.lacking, material.units
     rows = [
         row
         | {

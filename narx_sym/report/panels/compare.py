@@ -9,7 +9,7 @@ import numpy as np
 from ...diagnosis.bases import words
 from ..comparison import errors, loop, response
 from ..picture import WIDE, Picture
-from .registry import WAY, Material, panel
+from .registry import Material, panel
 
 
 def pictures(material: Material) -> list[Picture]:
@@ -24,15 +24,15 @@ def pictures(material: Material) -> list[Picture]:
     numbers = {"t": c.t[c.keep], **{f"error of {n}": e[c.keep] for n, e in c.errors.items()}}
     title, whens = ("Error before and after", (" before", " after")) if len(c.runs) > 1 else ("Error", ("",))
     return [
-        Picture("time", "Time response", told, [response(c, units, *c.runs)], c.columns, WIDE, zoomable=True),
-        Picture("errors", title, left, [errors(c, units)], numbers, WIDE, zoomable=True),
+        Picture("time", "Time response", told, [response(c, units, *c.runs)], c.columns, WIDE),
+        Picture("errors", title, left, [errors(c, units)], numbers, WIDE),
         *(Picture(f"loop_{i}", f"Loop{when}", f"Loop of output against input, measured and free run of {words(run)}.",
-                  [loop(c, units, run)], c.columns, zoomable=True)
+                  [loop(c, units, run)], c.columns)
           for i, (run, when) in enumerate(zip(c.runs, whens, strict=True))),
     ]  # fmt: skip
 
 
-@panel("Measured and simulated", order=20, draws=pictures, about=WAY, live=50)
+@panel("Measured and simulated", order=20, draws=pictures)
 def compare(material: Material) -> dict[str, Any]:
     """Tell which segment is shown, and what of it is not fitted."""
     c = material.compared

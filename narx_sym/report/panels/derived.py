@@ -15,7 +15,7 @@ from ..comparison import Units
 from ..picture import Picture
 from ..plots import new_axes, plot_quasi_static
 from ..words import DIGITS
-from .registry import TAKEN, Material, panel
+from .registry import Material, panel
 
 
 def quasi_static(model: Model, units: Units, of: str = "", record: Record | None = None) -> Picture | None:
@@ -42,7 +42,7 @@ def pictures(material: Material) -> list[Picture]:
     return [] if sets is None else [sets]
 
 
-@panel("What follows from the model", order=70, draws=pictures, about=TAKEN, live=80)
+@panel("What follows from the model", order=70, draws=pictures)
 def derived(material: Material) -> dict[str, Any]:
     """Tell every analysis, and the law with numbers and their units."""
     parts = every(material.subject)

@@ -16,28 +16,28 @@ from .registry import Material, panel
 
 def pictures(material: Material) -> list[Picture]:
     """Return the input to run next, and by how much what the candidates say differs from its mean."""
-    e, units = material.diagnosis.experiment, material.units
+    e, units = material.lacking.experiment, material.units
     if e is None:
         return []
     mean = np.mean(list(e.outputs.values()), axis=0)
     told = {words(n): (role, y - mean) for role, (n, y) in zip(SEVERAL, e.outputs.items(), strict=False)}
     u_name, y_name = headed("u", units.get("u")), headed("y - mean of all", units.get("y"))
     first = traces(TIME, e.t, u_name, {"": ("input", e.u)}, height=0.8)
-    second = traces(TIME, e.t, y_name, told, height=0.8, also={u_name: e.u})
+    second = traces(TIME, e.t, y_name, told, height=0.8)
     alt = f"Input over {e.duration:.3g} s: {e.name}."
     said = f"What the candidates say differs by {e.separation:.2g} {units.get('y', '')} rms or more after a refit."
     keep = np.unique(np.concatenate([thin(y, POINTS // 2) for y in e.outputs.values()]))
     columns = {"t": e.t[keep], **{n: y[keep] for n, y in e.outputs.items()}}
     return [
-        Picture("next_input", "Input", alt, [first], {"t": e.t, "u": e.u}, WIDE, zoomable=True),
-        Picture("next_outputs", "What the candidates say", said, [second], columns, WIDE, zoomable=True),
+        Picture("next_input", "Input", alt, [first], {"t": e.t, "u": e.u}, WIDE),
+        Picture("next_outputs", "What the candidates say", said, [second], columns, WIDE),
     ]
 
 
-@panel("The next experiment", order=80, draws=pictures, live=40, live_title="")
+@panel("The next experiment", order=80, draws=pictures)
 def experiment(material: Material) -> dict[str, Any] | None:
     """Tell what to run, and what it will show; nothing where no experiment is needed."""
-    e = material.diagnosis.experiment
+    e = material.lacking.experiment
     if e is None:
         return None
     files = {one: csv_text({"t": of.t, "u": of.u}) for one, of in {"next": e, "next_wider": e.wider}.items() if of}

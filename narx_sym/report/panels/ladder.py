@@ -11,7 +11,7 @@ from ..comparison import Units
 from ..picture import Picture
 from ..plots import plot_ladder
 from ..words import PARTS, has_floor
-from .registry import WAY, Material, panel
+from .registry import Material, panel
 
 
 def picture(diagnosis: Diagnosis, units: Units) -> Picture:
@@ -37,10 +37,7 @@ def _after(rung: str) -> str:
     return "for the base" if rung == "base" else f"with {words(rung)}"
 
 
-@panel(
-    "The error, step by step", order=30, draws=lambda material: [picture(material.diagnosis, material.units)],
-    about=WAY, live=20, live_title="",
-)  # fmt: skip
+@panel("The error, step by step", order=30)
 def ladder(material: Material) -> dict[str, Any]:
     """Tell the errors as a table."""
     d = material.diagnosis
@@ -48,4 +45,7 @@ def ladder(material: Material) -> dict[str, Any]:
     rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
     if has_floor(d):
         rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread, "validation_rms": d.floor})
-    return {"rungs": rows, "kind": d.steps[0].floor_kind, "protocol": PROTOCOL, "validation": d.validation}
+    return {
+        "rungs": rows, "kind": d.steps[0].floor_kind, "protocol": PROTOCOL, "validation": d.validation,
+        "csv": picture(d, material.units).csv,
+    }  # fmt: skip

@@ -10,11 +10,11 @@ from ...models.info import acts
 from ...models.model import Model
 from ...symbolic.mathml import marked
 from ...symbolic.signals import INNER_INPUTS, INNER_OUTPUTS
-from ..parameters import moved, parameters, shape_units
-from .registry import WAY, Material, panel
+from ..parameters import called, moved, parameters, shape_units
+from .registry import Material, panel
 
 
-@panel("The model before and after", order=60, about=WAY, live=70, live_title="The model")
+@panel("The model before and after", order=60)
 def model(material: Material) -> dict[str, Any]:
     """Tell the equations, what is new in them, and what moved."""
     from markupsafe import Markup
@@ -33,7 +33,8 @@ def model(material: Material) -> dict[str, Any]:
     return {
         "before": [Markup(marked(before, values=v)) for v in (False, True)],
         "after": [Markup(marked(after, new, numbers)) for numbers in (False, True)] if after is not before else [],
-        "rows": rows, "moved": moved(rows), "point": after.operating_point, "acts": acts(after.delay, after.Ts),
+        "rows": rows, "names": called(before, units) | called(after, units), "moved": moved(rows),
+        "point": after.operating_point, "acts": acts(after.delay, after.Ts),
         "latex": after.latex(),
         "python": python(after, d.ladder[-1]["train"]), "file": file,
         **({"title": "The model"} if len(d.ladder) == 1 else {}),

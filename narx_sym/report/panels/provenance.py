@@ -17,7 +17,7 @@ from ..picture import Picture
 from ..words import Row
 from .registry import Material, panel, panels
 
-PACKAGES = ("narx-sym", "numpy", "scipy", "sympy", "matplotlib", "bokeh")
+PACKAGES = ("narx-sym", "numpy", "scipy", "sympy", "matplotlib")
 
 
 @panel("Where these figures come from", order=90)

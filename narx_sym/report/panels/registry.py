@@ -15,10 +15,6 @@ from ..comparison import Comparison, Units
 from ..picture import Picture
 
 Made = TypeVar("Made")
-# Which model a part is about, where a user adds one effect after the other.
-LAST: str = "what the last model still lacks"
-WAY: str = "from the base to the last model"
-TAKEN: str = "the model to take away"
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,15 +28,20 @@ class Material:
     units : mapping such as {"u": "V", "y": "um"}
     files : paths of the data
     settings : mapping of what else was chosen
-    scripts : bool
-        Whether pictures that can be zoomed are among them.
+    later : Diagnosis, optional
+        Of what the last model still lacks, where a user adds one effect after the other.
     """
 
     diagnosis: Diagnosis
     units: Units
     files: Sequence[PathLike] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
-    scripts: bool = True
+    later: Diagnosis | None = None
+
+    @property
+    def lacking(self) -> Diagnosis:
+        """The diagnosis that says what is missing now."""
+        return self.later or self.diagnosis
 
     @cached_property
     def compared(self) -> Comparison:
@@ -82,20 +83,12 @@ class Part:
     order : float
         Its place in the report.
     draws : function from Material to pictures
-    about : LAST, WAY or TAKEN
-    live : float or None
-        Its place on the live page; None where it is not there.
-    live_title : str
-        Its heading there; "" where it stands under that of the part before it.
     """
 
     tell: Callable[[Material], dict[str, Any] | None]
     title: str
     order: float
     draws: Callable[[Material], list[Picture]]
-    about: str
-    live: float | None
-    live_title: str
 
 
 _PANELS: dict[str, Part] = {}
@@ -106,15 +99,11 @@ def panel(
     title: str,
     order: float,
     draws: Callable[[Material], list[Picture]] = lambda material: [],
-    about: str = LAST,
-    live: float | None = None,
-    live_title: str | None = None,
 ) -> Callable[[Tell], Tell]:
-    """Register a part under the name of its function; see `Part`. On the live page it has the same heading."""
+    """Register a part under the name of its function; see `Part`."""
 
     def register(tell: Tell) -> Tell:
-        heading = title if live_title is None else live_title
-        _PANELS[tell.__name__] = Part(tell, title, order, draws, about, live, heading)
+        _PANELS[tell.__name__] = Part(tell, title, order, draws)
         return tell
 
     return register

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ...data.evidence.stiction import worst_valve
+from ...diagnosis.misfit import Portrait
 from ...errors import ModelError, NotInvertible
-from ...fit.bases.integrating import integrates
 from ...models.added import newer
 from ...models.continuous_time import Continuous
 from ...tasks.compensate import caution
 from ...tasks.physical import physical
-from .. import words
+from .. import hero, words
 from ..comparison import Comparison, Units, stretch
 from ..parameters import effect_parameters, shape_units
 from ..picture import Picture
@@ -28,7 +29,7 @@ NO_LAW = "No compensation law follows from this model."
 GOOD, BAD = "The law is stable over the range of the data.", "Take care with the law: "
 
 
-def run(c: Comparison, units: Units, over_time: bool) -> Picture:
+def run(c: Comparison, units: Units, width: int) -> Picture:
     """Return some periods of the record where the error is largest, measured, before and after."""
     part = c.at(c.periods)
     times = f"{words.number(part.t[0])} to {words.number(part.t[-1])} s"
@@ -36,30 +37,37 @@ def run(c: Comparison, units: Units, over_time: bool) -> Picture:
     falls = ", then ".join(f"{words.number(e)} {units.get('y', '')}".rstrip() for e in rms.values())
     alt = f"Measured and simulated output from {times}, where the error is largest: rms error {falls}."
     where = "".join(f" ({a.name})" for a in part.whole)
-    title = f"{'Output' if over_time else 'Loop'}, {times}{where}"
-    return Picture("stretch", title, alt, [stretch(c, units, over_time)], part.columns, NARROW)
+    title = f"{'Input over rate of the output' if width else 'Loop'}, {times}{where}"
+    return Picture("stretch", title, alt, [stretch(c, units, width)], part.columns, NARROW)
 
 
-def portrait(d: Diagnosis, units: Units) -> Picture:
-    """Return what is missing against what explains it, and below it what is left once the law was added."""
-    found, name = d.portrait, d.portrait.view.label
+def portrait(found: Portrait, units: Units) -> Picture:
+    """Return what is missing against what explains it, and below it what is left once the last of `laws` was added."""
+    name = found.view.label
     alt = f"Missing input against {name}, which explains {words.percent(found.view.share)} of it"
     alt += "".join(f"; with {n} {words.percent(found.left(n).share)} of what is left" for n in list(found.laws)[-1:])
-    title = f"Portrait of what is missing: {name} explains {words.percent(found.view.share)}, up to "
-    title += f"{words.number(found.bandwidth, 2)} Hz. Shaded: what chance makes of the means."
     columns = {"from": found.view.low, "to": found.view.high, "mean": found.view.mean, "band": found.view.error}
     columns |= {f"law of {n}": found.of(n).mean for n in found.laws}
-    return Picture("portrait", title, f"{alt}.", portrait_panels(found, units), columns, SIZE)
+    return Picture("portrait", explains(found), f"{alt}.", portrait_panels(found, units), columns, SIZE)
+
+
+def explains(found: Portrait) -> str:
+    """Say what explains what is missing."""
+    share, most = words.percent(found.view.share), words.number(found.bandwidth, 2)
+    return f"Portrait of what is missing: {found.view.label} explains {share}, up to {most} Hz. Shaded: chance."
 
 
 def pictures(material: Material) -> list[Picture]:
-    """Return what was found as a picture: the valve, where the record is of one, else where the error is largest."""
+    """Return what was found for paper: the valve, where the record is of one, else where the error is largest."""
     valves = material.diagnosis.steps[0].valves
     if not valves:
-        base = material.diagnosis.steps[0].base
-        axis = base.model.recursion.depth > 0 and integrates(base.model, base.split.records)
-        drawn = [run(material.compared, material.units, axis)]
-        return [*drawn, portrait(material.diagnosis, material.units)] if material.diagnosis.portrait.seen() else drawn
+        found, last = material.once(hero.missing), material.diagnosis.rungs
+        drawn = [run(material.compared, material.units, material.once(hero.width_of_rate))]
+        if found is None:
+            return drawn
+        name = words.spaced(" ".join(last[1:]))
+        laws = {n.removeprefix("+ "): law for n, law in found.laws.items() if n == name}
+        return [*drawn, portrait(replace(found, laws=laws), material.units)]
     valve = worst_valve(valves)
     record, said = valve.record, f"{valve.sentence}."
     columns = {"t": record.t, "OP": record.u, "PV": record.y}
@@ -71,17 +79,19 @@ def pictures(material: Material) -> list[Picture]:
     ]
 
 
-@panel("What was found", order=10, live=10, draws=pictures)
+@panel("What was found", order=10, draws=pictures)
 def verdict(material: Material) -> dict[str, Any]:
-    """Tell the verdict."""
-    d, units = material.diagnosis, material.units
+    """Tell the first screen: the same numbers as `hero.told` gives the page's script."""
+    d, now, units = material.diagnosis, material.lacking, material.units
     known = physical(d, {name: unit for name, unit in units.items() if unit}, material.settings.get("scale"))
+    found = material.once(hero.missing)
     return {
-        "badge": words.badge(d), "fall": words.fall(d, units), "bars": bars(d, units),
+        "badge": words.badge(now), "fall": words.fall(d, units), "bars": bars(material),
         "physical": told(known, True), "linear": told(known, False), "added": added(d, units), "lamp": lamp(material),
-        "next": words.what_next(d), "notes": [*(f.sentence for f in d.faults), *d.data_notes],
-        "why": words.without_ids(d.sentence(units)),
-        "steps": [words.without_ids(s.sentence(units)) for s in d.steps[1:]],
+        "next": words.what_next(now), "notes": [*(f.sentence for f in now.faults), *now.data_notes],
+        "why": words.without_ids(now.sentence(units)), "told": material.once(hero.told),
+        "explains": explains(found) if found else "", "valves": d.steps[0].valves,
+        "steps": [words.without_ids(s.sentence(units)) for s in now.steps[1:]], "keys": hero.keys(material),
     }  # fmt: skip
 
 
@@ -101,16 +111,17 @@ def lamp(material: Material) -> tuple[str, str]:
     return ("warn", BAD + said) if said else ("good", GOOD)
 
 
-def bars(d: Diagnosis, units: Units) -> list[dict[str, Any]]:
-    """Return the errors on the record and on validation data of the base and of each step, and the noise floor.
+def bars(material: Material) -> list[dict[str, Any]]:
+    """Return the errors of each switch on the record and on validation data, and the noise floor.
 
     Each is a size, a share of the output's standard deviation, and a length as a percentage of the longest.
     """
-    unit, spread = units.get("y") or "(unit of y)", d.steps[0].base.problem.spread
+    d, unit = material.diagnosis, material.units.get("y") or "(unit of y)"
     rows = [
-        (name, css, [(part, rung[f"{key}_rms"], rung[key]) for key, part in words.PARTS.items()])
-        for (name, rung, css) in zip(d.rungs, d.ladder, ["before", *["after"] * len(d.ladder)], strict=False)
+        (one["name"], "after" if i else "before", [(words.PARTS[n], *e.values()) for n, e in one["errors"].items()])
+        for i, one in enumerate(material.once(hero.told)["models"])
     ]
+    spread = d.steps[0].base.problem.spread
     rows += [(name.lower(), "floor", [("", size * spread, size)]) for name, size in words.floor(d).items()]
     longest = max(size for *_, parts in rows for *_, size in parts)
     return [

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...diagnosis.misfit import Panel
-from ..comparison import Units, region, spans
+from ..comparison import Comparison, Units, region, spans
 from ..figures.still import legend
 from ..picture import Picture
 from ..plots import draw_panel, reach
@@ -46,14 +46,16 @@ class Cell:
 
 def failures(material: Material, most: int = SHOWN) -> list[Failure]:
     """Return the panels that explain most, each with the error, the missing input, and the worst region in time."""
-    misfit, c, units = material.diagnosis.misfit, material.compared, material.units
+    now, units = material.lacking, material.units
+    misfit, c = now.misfit, material.compared if now is material.diagnosis else Comparison.of(now)
+    same = now.steps[0].base.worst == material.diagnosis.steps[0].base.worst  # else no stretch of the page is meant
     errors, missing = ({p.name: p for p in ps} for ps in (misfit.panels, misfit.panels_missing))
     rows = [(max(r["share"], np.nan_to_num(r["share_missing"])), r) for r in misfit.table(units)]
     found = []
     ranked = sorted(rows, key=lambda p: -p[0])
     shown = [row for i, (share, row) in enumerate(ranked[:most]) if share > LEAST or i == 0]
     # Rounding is no forcing.
-    least = 1e-6 * material.diagnosis.floor
+    least = 1e-6 * now.floor
     missing = missing if misfit.missing is not None and np.abs(misfit.missing).max() > least else {}
     tops = [reach([p[r["panel"]] for r in shown if r["panel"] != "spectrum"]) for p in (errors, missing) if p]
     for i, row in enumerate(shown):
@@ -64,7 +66,7 @@ def failures(material: Material, most: int = SHOWN) -> list[Failure]:
             title = f"{title}: {one.label}"
             floor = c.floor if word == "error" and c.band else None
             made.append(_panel(f"where_{i + 1}_{word}", title, one, floor, top, units))
-            places[made[-1].key] = cells(made[-1], one, misfit.residual)
+            places[made[-1].key] = cells(made[-1], one, misfit.residual) if same else []
         # The residual that the panel explains better says where to look.
         of_missing = name in missing and (missing[name].share > errors[name].share or errors[name].worst is None)
         worst = missing[name].where(units).replace("error", "missing input") if of_missing else row["worst"]
@@ -120,7 +122,7 @@ def pictures(material: Material) -> list[Picture]:
     return [p for f in material.once(failures) for p in f.pictures]
 
 
-@panel("Where the model fails", order=40, draws=pictures, live=60)
+@panel("Where the model fails", order=40, draws=pictures)
 def where(material: Material) -> dict[str, Any]:
     """Tell what each variable explains, and where it is worst."""
     return {"failures": material.once(failures)}

@@ -62,7 +62,7 @@ class Picture {
     pen.lineWidth = 1;
     const label = (value, step) => Number(value.toPrecision(12)).toLocaleString("en", {useGrouping: false,
       maximumFractionDigits: Math.min(12, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)))});
-    const plain = step => step < 1e-5 || Math.max(...this.y.map(Math.abs)) >= 1e6;
+    const powers = step => step < 1e-3 || Math.max(...this.y.map(Math.abs)) >= 1e6;
     const apart = Math.max(14, Math.min(35, (bottom - top) / 5));
     const vertical = ticks(...this.y, (bottom - top) / apart);
     pen.textAlign = "right";
@@ -70,7 +70,7 @@ class Picture {
     for (const value of vertical.found) {
       this.rule(left, this.up(value), right, this.up(value));
       pen.fillStyle = this.colours.ink;
-      pen.fillText(plain(vertical.step) ? value.toExponential(1) : label(value, vertical.step), left - 5, this.up(value));
+      pen.fillText(powers(vertical.step) && value ? Number(value.toPrecision(4)).toExponential() : label(value, vertical.step), left - 5, this.up(value));
     }
     const horizontal = ticks(...this.x, Math.max(5, (right - left) / 70));
     pen.textAlign = "center";
@@ -124,7 +124,34 @@ class Picture {
   }
 
   curve(xs, ys, role) {
-    this.stroked(role, pen => { for (let k = 0; k < ys.length; k++) pen.lineTo(this.across(xs[k]), this.up(ys[k])); });
+    this.stroked(role, pen => {
+      for (let k = 0; k < ys.length; k++) {  // with a gap where a value is none
+        const kind = Number.isFinite(xs[k - 1] + ys[k - 1]) ? "lineTo" : "moveTo";
+        if (Number.isFinite(xs[k] + ys[k])) pen[kind](this.across(xs[k]), this.up(ys[k]));
+      }
+    });
+  }
+
+  filled(xs, ys, role) {
+    this.clipped(pen => {
+      pen.fillStyle = LOOKS[role].colour;
+      pen.globalAlpha = LOOKS[role].alpha;
+      pen.beginPath();
+      for (let k = 0; k < ys.length; k++) pen.lineTo(this.across(xs[k]), this.up(ys[k]));
+      pen.fill();
+    });
+  }
+
+  dots(xs, ys, role) {
+    this.clipped(pen => {
+      const {colour, dot} = LOOKS[role];
+      pen.fillStyle = colour;
+      pen.beginPath();
+      for (let k = 0; k < ys.length; k++) if (Number.isFinite(xs[k] + ys[k])) {
+        pen.rect(this.across(xs[k]) - dot / 2, this.up(ys[k]) - dot / 2, dot, dot);
+      }
+      pen.fill();
+    });
   }
 
   area(left, top, right, bottom, role) {

@@ -10,13 +10,19 @@ import pytest
 from sampling import more, only
 
 import narx_sym as ns
+from narx_sym.data.examples import STAGE_UNITS
 from narx_sym.engines.compile import compile
 from narx_sym.fit.freerun import FreeRun
-from narx_sym.report.panels import try_it
+from narx_sym.report import comparison, hero
+from narx_sym.report.page import material
+from narx_sym.report.panels import verdict
 
 pytestmark = pytest.mark.skipif(bool(live.why_no_browser()), reason=live.why_no_browser() or "-")
 NAMES = {"backlash", "hysteresis", "coulomb_friction"}  # kinks, a memory, a sign
 ROUNDS = 6
+MOVING = ("left", "added")  # they change while the portrait falls
+CLIPBOARD = ["clipboard-read", "clipboard-write"]
+READY = "() => document.getElementById('hero').dataset.rms"
 
 
 @pytest.fixture(scope="module")
@@ -33,13 +39,16 @@ def browser():
 def opened_once(browser, stage_report):
     """Open the report; afterwards nothing must have been complained of, or asked for."""
     said, asked = [], []
-    context = browser.new_context(viewport={"width": 1280, "height": 900}, offline=True)
+    context = browser.new_context(viewport={"width": 1280, "height": 900}, offline=True, permissions=CLIPBOARD)
     page = context.new_page()
     page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
     page.on("pageerror", lambda e: said.append(str(e)))
     page.on("request", lambda r: asked.append(r.url))
     page.goto(stage_report.as_uri())
-    page.wait_for_function("() => document.getElementById('try_it').dataset.rms")
+    page.wait_for_function(READY)
+    assert page.evaluate("document.documentElement.scrollHeight") < 5 * 900  # all else is folded
+    assert page.locator("#hero-add").bounding_box()["y"] < 800 and len(page.query_selector_all("canvas")) == 7
+    page.evaluate("document.querySelectorAll('section > details').forEach(one => one.open = true)")
     yield page, state(page)
     context.close()
     assert not said and [a for a in asked if not a.startswith("data:")] == [stage_report.as_uri()]
@@ -49,30 +58,28 @@ def opened_once(browser, stage_report):
 def opened(opened_once):
     """The report as it was opened: what a test has moved is put back."""
     page, first = opened_once
-    for switch in page.locator('input[name="try-model"]').all():
+    for switch in page.locator('input[name="switch"]').all():
         switch.check()
         page.click("#try-reset")
-    page.check(f'input[name="try-model"][value="{first["model"]}"]')
+    page.check(f'input[name="switch"][value="{first["model"]}"]')
     page.locator("#try-time").dblclick()
     page.locator("#try-point").press("Home")
     now = state(page)
-    assert {n: v for n, v in now.items() if n not in ("law", "point")} == {
-        n: v for n, v in first.items() if n not in ("law", "point")
-    }
+    assert all(now[name] == first[name] for name in ("rms", "held", "model", "theta"))
     return page
 
 
 @pytest.fixture(scope="module")
 def told(stage_report):
     found = re.search(
-        r'<script type="application/json" id="try-data">(.*?)</script>', stage_report.read_text("utf-8"), re.S
+        r'<script type="application/json" id="hero-data">(.*?)</script>', stage_report.read_text("utf-8"), re.S
     )
     return json.loads(found[1])
 
 
 @pytest.fixture(scope="module")
 def tried(stage_diagnosis):
-    return try_it.models(stage_diagnosis)
+    return material(stage_diagnosis, STAGE_UNITS).once(hero.models)
 
 
 @pytest.fixture(scope="module")
@@ -113,8 +120,8 @@ def error(tried, told, m, theta):
 def state(page):
     """What the page says after its next frame."""
     page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-    data = page.evaluate("() => ({...document.getElementById('try_it').dataset})")
-    return {name: json.loads(text) if text != "NaN" else np.nan for name, text in data.items()}
+    data = page.evaluate("() => ({...document.getElementById('hero').dataset})")
+    return {name: json.loads(text) if text != "NaN" else np.nan for name, text in data.items() if name not in MOVING}
 
 
 def drag(page, m, positions):
@@ -138,7 +145,7 @@ def test_every_slider_gives_the_error_that_python_gives(opened, tried, told):
     assert effects >= NAMES and len(tried) == 4
     finite = 0
     for m in range(len(tried)):
-        opened.check(f'input[name="try-model"][value="{m}"]')
+        opened.check(f'input[name="switch"][value="{m}"]')
         count = len(told["models"][m]["parameters"])
         for i in range(ROUNDS):
             positions = rng.integers(-200, 201, count) // (1, 1, 4, 4, 20, 20)[i]
@@ -155,13 +162,13 @@ def test_every_slider_gives_the_error_that_python_gives(opened, tried, told):
 def test_the_optimum_is_the_figure_of_the_report(opened, tried, told, stage_diagnosis):
     """The page's samples have seven digits: so has the figure."""
     for m, one in enumerate(tried):
-        opened.check(f'input[name="try-model"][value="{m}"]')
+        opened.check(f'input[name="switch"][value="{m}"]')
         now, fitted = state(opened), one.fitted
         assert now["theta"] == list(fitted.model.theta)
         assert now["rms"] == pytest.approx(rms(error(tried, told, m, fitted.model.theta)), rel=1e-9)
         assert now["rms"] == pytest.approx(rms(fitted.errors[0]), rel=1e-4)
         assert now["held"] == pytest.approx(np.sqrt(fitted.mean_square(fitted.split.test)), rel=1e-4)
-    opened.check('input[name="try-model"][value="1"]')
+    opened.check('input[name="switch"][value="1"]')
     assert state(opened)["rms"] == pytest.approx(stage_diagnosis.ladder[-1]["train_rms"], rel=1e-4)
 
 
@@ -173,10 +180,10 @@ def test_gaps_channels_and_the_time(browser, gapped):
     page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
     page.on("pageerror", lambda e: said.append(str(e)))
     page.goto(path.as_uri())
-    page.wait_for_function("() => document.getElementById('try_it').dataset.rms")
+    page.wait_for_function(READY)
     read = set()
-    for m, one in enumerate(try_it.models(diagnosis)):
-        page.check(f'input[name="try-model"][value="{m}"]')
+    for m, one in enumerate(material(diagnosis).once(hero.models)):
+        page.check(f'input[name="switch"][value="{m}"]')
         drag(page, m, [0] * (len(one.fitted.model.symbols) - 1) + [40])
         now, fitted, recursion = state(page), one.fitted, one.fitted.model.recursion
         problem = FreeRun(fitted.model.replace(theta=now["theta"]), list(fitted.split.records), None)
@@ -190,6 +197,7 @@ def test_gaps_channels_and_the_time(browser, gapped):
 
 
 def test_reset_and_keys(opened):
+    opened.check('input[name="switch"][value="1"]')
     begun = state(opened)
     slider = opened.locator(".sliders:not([hidden]) input").first
     slider.focus()
@@ -205,11 +213,12 @@ def test_reset_and_keys(opened):
 
 
 def test_the_switch_keeps_what_was_moved(opened):
+    opened.check('input[name="switch"][value="1"]')
     drag(opened, 1, [7])
     moved = state(opened)
-    opened.check('input[name="try-model"][value="0"]')
+    opened.check('input[name="switch"][value="0"]')
     assert opened.locator('.sliders[data-model="1"]').is_hidden() and state(opened)["model"] == 0
-    opened.check('input[name="try-model"][value="1"]')
+    opened.check('input[name="switch"][value="1"]')
     assert state(opened) == moved
 
 
@@ -247,10 +256,10 @@ def test_it_fits_and_is_accessible(browser, stage_report, width, scheme):
     context = browser.new_context(viewport={"width": width, "height": 844}, color_scheme=scheme)
     page = context.new_page()
     page.goto(stage_report.as_uri())
-    page.wait_for_function("() => document.getElementById('try_it').dataset.rms")
+    page.wait_for_function(READY)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    page.evaluate("document.querySelectorAll('#try_it details').forEach(d => d.open = true)")
-    found = Axe().run(page, context="#try_it").response["violations"]
+    page.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
+    found = Axe().run(page).response["violations"]
     assert not found, [(v["id"], [n["html"][:90] for n in v["nodes"]]) for v in found]
     outline = page.evaluate(
         """() => { const input = document.querySelector('.sliders:not([hidden]) input'); input.focus({focusVisible: true});
@@ -264,26 +273,27 @@ def test_without_scripts_it_is_not_there(browser, stage_report):
     context = browser.new_context(java_script_enabled=False)
     page = context.new_page()
     page.goto(stage_report.as_uri())
-    assert page.locator("#try_it").is_hidden() and page.locator('nav a[href="#try_it"]').is_hidden()
-    assert page.locator("#compare").is_visible()
+    assert page.locator("#try_it, canvas").first.is_hidden() and page.locator("#hero-add").is_hidden()
+    assert page.locator("#verdict svg.drawn").first.is_visible() and page.locator("#compare").is_visible()
     context.close()
 
 
 @pytest.mark.parametrize("level", (0.0, 1e5))
 def test_samples_keep_seven_digits_of_what_moves(level):
     x = level + np.random.default_rng(0).standard_normal(1000)
-    one = try_it.packed(x)
-    assert np.array_equal(try_it.unpacked(one), samples(one))
+    one = hero.packed(x)
+    assert np.array_equal(hero.unpacked(one), samples(one))
     assert np.abs(samples(one) - x).max() < 3e-7
 
 
 def test_a_long_record_is_cut_and_said_so(stage_diagnosis, monkeypatch):
     from narx_sym.report import page
 
-    monkeypatch.setattr(try_it, "MOST_SAMPLES", 500)
+    monkeypatch.setattr(hero, "MOST_SAMPLES", 500)
+    of = material(stage_diagnosis)
     (part,) = page.sections(stage_diagnosis, keys=["try_it"])
     assert "its first 500 of 2000 samples" in part.html
-    found = json.loads(re.search(r'id="try-data">(.*?)</script>', part.html, re.S)[1])
+    found = json.loads(hero.data(of))
     assert found["n"] == 500 and all(samples(one).size == 500 for one in found["signals"])
     assert all(b <= 500 for _, b in found["held"]) and found["worst"][1] <= 500
 
@@ -301,7 +311,7 @@ def test_a_bad_cell_zooms_to_where_it_is_worst(opened, told, stage_diagnosis):
         now = state(opened)
         a, b = map(int, mark.get_attribute("data-stretch").split(","))
         assert now["from"] <= a < b <= now["to"] and now["to"] - now["from"] <= max(20, b - a)
-        opened.wait_for_function("() => document.getElementById('try_it').getBoundingClientRect().top < 400")
+        opened.wait_for_function("() => document.getElementById('hero').getBoundingClientRect().top < 400")
         seen.add((a, b))
     assert len(seen) > 2
     button = opened.locator("#where button.stretch").first
@@ -328,10 +338,10 @@ def test_dots_stand_on_the_means_of_their_cells(opened, stage_diagnosis):
 def test_the_point_runs_along_the_loops(opened, told):
     opened.locator("#try-point").focus()
     opened.keyboard.press("End")
-    assert state(opened)["point"] == told["n"] - 1 and opened.locator(".try-dot.run").is_visible()
+    assert state(opened)["point"] == told["n"] - 1 and opened.locator(".dot.run").is_visible()
     opened.keyboard.press("Home")
     opened.click("#try-play")
-    opened.wait_for_function("() => Number(document.getElementById('try_it').dataset.point) > 0")
+    opened.wait_for_function("() => Number(document.getElementById('hero').dataset.point) > 0")
     opened.click("#try-play")
     stopped = state(opened)["point"]
     opened.wait_for_timeout(80)
@@ -342,7 +352,8 @@ def test_nothing_moves_by_itself_where_motion_is_not_wanted(browser, stage_repor
     context = browser.new_context(reduced_motion="reduce")
     page = context.new_page()
     page.goto(stage_report.as_uri())
-    page.wait_for_function("() => document.getElementById('try_it').dataset.rms")
+    page.wait_for_function(READY)
+    page.evaluate("document.querySelector('#try_it > details').open = true")
     assert page.locator("#try-play").is_hidden() and page.locator("#try-point").is_visible()
     assert page.evaluate("getComputedStyle(document.documentElement).scrollBehavior") == "auto"
     context.close()
@@ -381,3 +392,112 @@ def test_the_law_follows_a_dragged_reference(opened, told, stage_diagnosis):
     assert check()["beyond"] > 0 and "beyond what was measured" in opened.inner_text("#try-law-said")
     drag(opened, one["model"], [3, -5])
     assert check()["theta"] != first["theta"]
+
+
+def test_a_switch_moves_bars_loop_and_portrait(opened, told):
+    """What is missing falls to what is left, in steps; the button throws the switch that the verdict names."""
+    assert state(opened)["model"] == told["chosen"] == 0 and opened.inner_text("#hero-add") == "Add backlash"
+    opened.wait_for_timeout(700)
+    before = left(opened)
+    opened.click("#hero-add")
+    opened.wait_for_function("most => Number(document.getElementById('hero').dataset.left) < most", arg=0.3 * before)
+    now = state(opened)
+    assert now["model"] == told["add"] == 1 and now["rms"] < 0.3 * told["models"][0]["errors"]["train"]["rms"]
+    opened.check('input[name="switch"][value="2"]')
+    assert opened.inner_text("#hero-add") == f"Add {told['models'][2]['name'].removeprefix('+ ')}"
+
+
+def test_the_brush_chooses_what_the_loop_shows(opened, told):
+    canvas = opened.locator("#hero-strip")
+    canvas.scroll_into_view_if_needed()
+    box = canvas.bounding_box()
+    y, x = box["y"] + 20, [box["x"] + 58 + share * (box["width"] - 66) for share in (0.2, 0.4, 0.7)]
+    opened.mouse.move(x[0], y)
+    opened.mouse.down()
+    opened.mouse.move(x[1], y, steps=3)
+    opened.mouse.up()
+    one = state(opened)
+    assert [one["from"] / told["n"], one["to"] / told["n"]] == pytest.approx([0.2, 0.4], abs=0.02)
+    opened.mouse.click(x[2], y)
+    other = state(opened)
+    assert other["to"] - other["from"] == pytest.approx(one["to"] - one["from"], abs=1)
+    assert (other["from"] + other["to"]) / 2 / told["n"] == pytest.approx(0.7, abs=0.02)
+
+
+def test_an_axis_shows_force_against_velocity():
+    t = np.arange(50) * 0.1
+    assert comparison.rate(t**2, 2, 0.1)[2:-2] == pytest.approx(2 * t[2:-2])
+    assert comparison.rate(3 * t, 4, 0.1) == pytest.approx(np.full(50, 3.0))  # at the ends too
+
+
+def test_three_places_show_the_numbers_of_evaluate(stage_diagnosis, told):
+    """Report, notebook and app: the same JSON, and its errors are those of `evaluate`."""
+    from narx_sym.app.story import shown
+    from narx_sym.tasks.revise import Revision
+
+    pages = [stage_diagnosis.live(STAGE_UNITS).page]
+    bare = Revision("linear base", stage_diagnosis, stage_diagnosis.model)
+    pages.append(shown((), bare, STAGE_UNITS).page)
+    of = material(stage_diagnosis, STAGE_UNITS)
+    for text in pages:
+        found = json.loads(re.search(r'id="hero-data">(.*?)</script>', text, re.S)[1])
+        assert found["models"][0] == told["models"][0] and found["portrait"]["x"] == told["portrait"]["x"]
+        assert {one["name"]: one["errors"] for one in found["models"]} == {
+            one["name"]: one["errors"] for one in told["models"]
+        }
+        assert re.findall(r"<b>([\d.]+ %)</b> <small>([^<]*)", text) == bars_of(of)
+    (record,) = stage_diagnosis.steps[0].base.split.records
+    for one, tried in zip(told["models"], of.once(hero.models), strict=True):
+        error = ns.evaluate(tried.fitted.model, record)
+        assert one["errors"]["train"] == pytest.approx({"rms": error.free_run_rms, "nrmse": error.free_run_nrmse})
+
+
+def left(page):
+    """The largest mean that the portrait shows."""
+    return float(page.evaluate("document.getElementById('hero').dataset.left"))
+
+
+def bars_of(of):
+    """Share and size of every bar."""
+    return [(share, size) for row in verdict.bars(of) for _, size, share, _ in row["parts"]]
+
+
+def test_what_is_folded_is_there_when_it_is_opened(opened):
+    boxes = [one.bounding_box() for one in opened.locator("math").all() if one.is_visible()]
+    assert len(boxes) > 10 and all(box["width"] > 20 and box["height"] > 10 for box in boxes)
+    drawn = [one for one in opened.locator("svg.drawn").all() if one.is_visible()]
+    assert len(drawn) > 6 and all(one.bounding_box()["width"] > 200 for one in drawn)
+    held = [float(row.locator("td").nth(1).inner_text()) for row in opened.locator("#ladder tbody tr").all()]
+    assert len(held) == 3 and held[1] < 0.3 * held[0]
+    opened.evaluate("document.querySelector('#experiment > details').open = false; location.hash = 'experiment'")
+    opened.locator("#experiment svg.drawn").first.wait_for()  # a link opens what it leads to
+
+
+@pytest.mark.parametrize("name", ("model-latex", "model-python", "law-latex", "law-python"))
+def test_copy_buttons_copy(opened, name):
+    details = opened.locator(f"details.source:has(#{name})")
+    details.evaluate("one => one.open = true")
+    details.locator("button").click()
+    details.get_by_text("Copied").wait_for()
+    copied = opened.evaluate("navigator.clipboard.readText()").strip()
+    assert copied == opened.locator(f"#{name}").text_content().strip() != ""
+
+
+@pytest.mark.parametrize(("name", "begins"), [("next.csv", "t,u\n"), ("ladder.csv", "model,"), ("model.json", "{")])
+def test_files_download(opened, tmp_path, name, begins):
+    with opened.expect_download() as waiting:
+        opened.locator(f'a[download="{name}"]').click()
+    waiting.value.save_as(tmp_path / name)
+    assert waiting.value.suggested_filename == name and (tmp_path / name).read_text().startswith(begins)
+
+
+def test_paper_has_still_pictures_and_all_that_is_folded(browser, stage_report, tmp_path):
+    page = browser.new_page()
+    page.goto(stage_report.as_uri())
+    page.wait_for_function(READY)
+    page.emulate_media(media="print")
+    assert page.locator("#verdict svg.drawn").first.is_visible() and page.locator("canvas:visible").count() == 0
+    assert page.locator("#derived math").first.is_visible()
+    page.pdf(path=tmp_path / "r.pdf")
+    assert (tmp_path / "r.pdf").stat().st_size > 50_000
+    page.close()
