@@ -221,7 +221,7 @@ def free_run(report: Report, quick: bool) -> None:
         report.notes.append(f"Free run, {n:,} steps: largest difference to C {gap:.1e} of the largest output.")
     others = {
         engine: (lambda engine=engine: compile(recursion, engine)({"u": excitation()}, THETA, {"y": 0.0}))
-        for engine in ("numpy", "casadi", "python")
+        for engine in ("casadi", "python")
     }
     found = interleaved(3 if quick else 7, native=lambda: native({"u": excitation()}, THETA, {"y": 0.0}), **others)
     for engine in others:
