@@ -18,7 +18,7 @@ from ...symbolic.functions import NAMES
 from ...symbolic.grammar import LARGEST, SIGNALS, parse, read_json
 from ...symbolic.recursion import Recursion, State, written_out
 from ...symbolic.signals import k, lag, samples, signal
-from ._effect import ANY, EFFECTS, PLACES, POSITIVE, SCANS, SEQUENCES, Catalogue, Effect, Form, Scan, effect
+from ._effect import COEFFICIENT, EFFECTS, PLACES, SCANS, SEQUENCES, Catalogue, Effect, Form, Scan, effect
 
 MAX_BYTES, MAX_EFFECTS, MAX_PARTS, MAX_TEXT, MAX_WRITTEN = 200_000, 100, 20, 2000, 20_000
 REQUIRED = ("id", "where", "z", "sentence")
@@ -26,7 +26,6 @@ FIELDS = {*REQUIRED, "driver", "scan", "states", "sign", "unit", "source", "form
 STATE_FIELDS = {"state", "update", "initial"}
 DRIVERS = ("u", "y", "uy", "t", "channel")
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
-COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
 RESERVED = {*SEQUENCES, *SIGNALS, *NAMES, "k", "pi", "prediction", "Ts"}
 
 
@@ -153,7 +152,7 @@ def _built(name: str, data: Mapping[str, Any]) -> Effect:  # noqa: C901, PLR0912
     made = effect(
         places,
         scan=scan,
-        share=POSITIVE if sign else ANY,
+        share=(0.0 if sign else -math.inf, math.inf),
         source=words["source"],
         id=name,
         form=words["form"],
