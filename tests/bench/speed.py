@@ -228,7 +228,99 @@ def free_run(report: Report, quick: bool) -> None:
         report.compare(
             f"free run, {N:,} steps, engine {engine}", found[engine], found["native"], "native", "ns/step", 1e9 / N
         )
+    _compilers(report, native, quick)
     _toolkits(report, native, quick)
+
+
+def _compilers(report: Report, native: Any, quick: bool) -> None:
+    """Beside the loop that a user would write for each compiler: the free run, and its square with the gradient."""
+    source, out = excitation(), {"y": np.empty(N)}
+    truth = native({"u": source}, THETA, {"y": 0.0})["y"]
+    gradient = valued(Record(source, truth + 0.01, TS * np.arange(N), TS))
+    for name, make in (("numba", _numba), ("JAX scan", _jax), ("CasADi mapaccum", _mapaccum)):
+        try:
+            run, slopes = make(source, truth)
+        except ImportError:
+            report.notes.append(f"{name} is not installed: not compared.")
+            continue
+        found = interleaved(
+            5 if quick else 15, ours=lambda: native({"u": source}, THETA, {"y": 0.0}, out=out), other=run, **(
+                {"ours_slopes": gradient, "slopes": slopes} if slopes else {}
+            ),
+        )  # fmt: skip
+        report.compare(f"free run, {N:,} steps, beside {name}", found["ours"], found["other"], name, "ns/step", 1e9 / N)
+        gap = np.max(np.abs(np.asarray(run()).ravel() - truth)) / np.max(np.abs(truth))
+        report.notes.append(f"{name}: largest difference to ours {gap:.1e} of the largest output.")
+        if slopes:
+            report.compare(
+                f"squared error and its gradient by six parameters, beside {name}", found["ours_slopes"],
+                found["slopes"], name, "ns/step", 1e9 / N,
+            )  # fmt: skip
+
+
+def _numba(source: Array, truth: Array) -> Any:
+    from numba import njit
+
+    @njit
+    def run(y: Array, u: Array, t: Array) -> Array:
+        last = y[2]
+        for k_ in range(3, u.size):
+            d1, d2 = u[k_ - 1] - u[k_ - 2], u[k_ - 2] - u[k_ - 3]
+            s = np.sign(d2)
+            last = (
+                t[0] * last + t[1] * d1 + t[2] * d2 * s * u[k_ - 2] + t[3] * d2 * s * last + t[4] * d2 * u[k_ - 2] ** 2
+                + t[5] * d2 * u[k_ - 2] * last
+            )  # fmt: skip
+            y[k_] = last
+        return y
+
+    y = np.zeros(source.size)
+    return lambda: run(y, source, THETA), None
+
+
+def _jax(source: Array, truth: Array) -> Any:
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import jax.numpy as jnp
+
+    d2 = np.concatenate([np.zeros(3), source[1:-2] - source[:-3]])
+    d1 = np.concatenate([np.zeros(3), source[2:-1] - source[1:-2]])
+    older = np.concatenate([np.zeros(3), source[1:-2]])
+    given = tuple(map(jnp.asarray, (d1, d2, jnp.sign(d2), older)))
+
+    def run(t: Any) -> Any:
+        def step(last: Any, x: Any) -> Any:
+            e1, e2, s, w = x
+            new = (
+                t[0] * last
+                + t[1] * e1
+                + t[2] * e2 * s * w
+                + t[3] * e2 * s * last
+                + t[4] * e2 * w**2
+                + t[5] * e2 * w * last
+            )
+            return new, new
+
+        return jax.lax.scan(step, 0.0, given)[1]
+
+    fast = jax.jit(run)
+    slopes = jax.jit(jax.grad(lambda t: jnp.sum((run(t) - truth - 0.01) ** 2)))
+    theta = jnp.asarray(THETA)
+    return lambda: fast(theta).block_until_ready(), lambda: slopes(theta).block_until_ready()
+
+
+def _mapaccum(source: Array, truth: Array) -> Any:
+    import casadi as ca
+
+    y, x, t = ca.SX.sym("y"), ca.SX.sym("x", 3), ca.SX.sym("t", 6)
+    d1, d2, w = x[0] - x[1], x[1] - x[2], x[1]
+    s = ca.sign(d2)
+    new = t[0] * y + t[1] * d1 + t[2] * d2 * s * w + t[3] * d2 * s * y + t[4] * d2 * w**2 + t[5] * d2 * w * y
+    run = ca.Function("step", [y, x, t], [new]).mapaccum(source.size - 3)
+    given = ca.DM(np.vstack([source[2:-1], source[1:-2], source[:-3]]))
+    theta = ca.repmat(ca.DM(THETA), 1, source.size - 3)
+    return lambda: np.concatenate([np.zeros(3), np.asarray(run(0.0, given, theta)).ravel()]), None
 
 
 def _toolkits(report: Report, native: Any, quick: bool) -> None:
@@ -338,29 +430,29 @@ def _kept_code(report: Report, quick: bool) -> None:
 # -- 3. gradient -----------------------------------------------------------------------------------------------
 
 
-def gradient(report: Report, quick: bool) -> None:
-    recursion = direct().recursion
-    bare = compile(recursion)
-    full = compile(sensitivities(recursion)[0])
+def valued(record: Record) -> Callable[[], tuple[float, Array]]:
+    """Return what computes the squared error along a record, and its gradient by six parameters."""
+    full = compile(sensitivities(direct().recursion)[0])
     names = [str(base.label) for base in full.recursion.states]
+    buffer = np.empty((len(record), len(names)), order="F")
+    out = {name: buffer[:, i] for i, name in enumerate(names)}
+    initial = {**dict.fromkeys(names, 0.0), "y": record.y[:3]}
+    residual = np.empty(len(record))
 
-    def prepare(record: Record) -> Callable[[], tuple[float, Array]]:
-        buffer = np.empty((len(record), len(names)), order="F")
-        out = {name: buffer[:, i] for i, name in enumerate(names)}
-        initial = {**dict.fromkeys(names, 0.0), "y": record.y[:3]}
-        residual = np.empty(len(record))
+    def run() -> tuple[float, Array]:
+        full({"u": record.u}, THETA, initial, out=out)
+        np.subtract(buffer[:, 0], record.y, out=residual)
+        return float(residual @ residual), 2 * (residual @ buffer[:, 1:])
 
-        def run() -> tuple[float, Array]:
-            full({"u": record.u}, THETA, initial, out=out)
-            np.subtract(buffer[:, 0], record.y, out=residual)
-            return float(residual @ residual), 2 * (residual @ buffer[:, 1:])
+    return run
 
-        return run
 
+def gradient(report: Report, quick: bool) -> None:
+    bare = compile(direct().recursion)
     record, out = measured(), {"y": np.empty(N)}
     found = interleaved(
         31 if quick else 101,
-        both=prepare(record),
+        both=valued(record),
         bare=lambda: bare({"u": record.u}, THETA, {"y": record.y[:3]}, out=out),
     )
     report.compare(
@@ -373,7 +465,7 @@ def gradient(report: Report, quick: bool) -> None:
         most=4,
     )
     short = measured(2000)
-    value, slope = prepare(short)()
+    value, slope = valued(short)()
     exact_value, exact = _long_double_gradient(short)
     error = float(np.max(np.abs((slope - exact) / exact)))
     report.add(

@@ -48,6 +48,11 @@ def test_linear_equations_are_sampled_exactly(m, d, s):
     assert not model.states and model.delay == 1
 
 
+@pytest.mark.parametrize("text", [MASS.format(m=1, d=0.4, s=9), MASS.format(m=1, d=7, s=2), PENDULUM, TANKS])
+def test_equations_have_an_exact_law(text):
+    assert ns.from_equations(text, 0.05).compensator().residual() == 0
+
+
 def test_a_first_order_lag_and_a_difference_equation_are_the_same():
     h = 0.1
     lag = ns.from_equations("y' = (K*u - y)/T\nK ~ 3\nT ~ 0.7", h)
