@@ -203,38 +203,6 @@ def test_version_and_help(run):
         assert code == 0 and "Usage" in text
 
 
-MODEL = {"schema": 1, "kind": "narx", "input": "u", "output": "y", "terms": ["y[k-1]", "u[k-1]"], "theta": [0.5, 1.0]}
-BAD_MODELS = {
-    "not json": ("{", "JSON"),
-    "a list": ("[]", "schema"),
-    "foreign schema": (json.dumps({"schema": 99}), "99"),
-    "no schema": (json.dumps({"terms": []}), "schema"),
-    "unknown field": (json.dumps(MODEL | {"__class__": "os"}), "unknown field"),
-    "code in a term": (json.dumps(MODEL | {"terms": ["__import__('os').system('x')", "u[k-1]"]}), "Cannot read"),
-    "huge power": (json.dumps(MODEL | {"terms": ["y[k-1]", "u[k-1]**9**9**9"]}), "power"),
-    "too few values": (json.dumps(MODEL | {"theta": [1.0]}), "2 parameters"),
-    "text as value": (json.dumps(MODEL | {"theta": ["a", 1.0]}), "theta"),
-    "infinite value": (
-        '{"schema": 1, "kind": "narx", "input": "u", "output": "y", "terms": ["y[k-1]"], "theta": [1e999]}',
-        "too large",
-    ),
-    "wrong kind": (json.dumps(MODEL | {"kind": "exe"}), "kind"),
-    "operating point": (json.dumps(MODEL | {"operating_point": {"q": 1}}), "operating_point"),
-    "lead": (json.dumps(MODEL | {"lead": -1}), "lead"),
-    "repeated term": (json.dumps(MODEL | {"terms": ["u[k-1]", "u[k-1]"]}), "twice"),
-    "deep": ("[" * 100_000, "JSON"),
-}
-
-
-@pytest.mark.parametrize("name", BAD_MODELS)
-def test_bad_model_gives_one_message(run, tmp_path, name):
-    content, expected = BAD_MODELS[name]
-    path = tmp_path / "bad.json"
-    path.write_text(content)
-    code, out, err = run("derive", path)
-    assert code == 2 and expected in err and "Traceback" not in err, (out, err)
-
-
 @pytest.mark.parametrize("asked, more", (("r", ()), ("r_um", ()), ("r [um]", ()), ("r", ("--channels", "all"))))
 def test_a_reference_is_found_by_its_name_before_the_unit(run, tmp_path, asked, more):
     t = np.arange(60) * 0.1

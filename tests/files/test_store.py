@@ -183,6 +183,42 @@ BAD_STATES = {
 }  # fmt: skip
 
 
+MODEL = {"schema": 1, "kind": "narx", "input": "u", "output": "y", "terms": ["y[k-1]", "u[k-1]"], "theta": [0.5, 1.0]}
+TEXT = json.dumps(MODEL)
+BAD_MODELS = {
+    "foreign schema": ("99", {"schema": 99}), "schema true": ("schema", {"schema": True}),
+    "unknown field": ("unknown field", {"__class__": "os"}), "wrong kind": ("kind", {"kind": "exe"}),
+    "code in a term": ("Cannot read", {"terms": ["__import__('os').system('x')", "u[k-1]"]}),
+    "huge power": ("power", {"terms": ["y[k-1]", "u[k-1]**9**9**9"]}),
+    "repeated term": ("twice", {"terms": ["u[k-1]", "u[k-1]"]}), "future input": ("", {"terms": ["y[k-1]", "u[k+1]"]}),
+    "too few values": ("2 parameters", {"theta": [1.0]}), "text as value": ("theta", {"theta": ["a", 1.0]}),
+    "not a number": ("", {"theta": [None, 1.0]}), "input as a list": ("", {"input": ["u"]}), "negative Ts": ("", {"Ts": -1}),
+    "operating point": ("operating_point", {"operating_point": {"q": 1}}), "zero Ts": ("", {"Ts": 0}),
+    "far operating point": ("", {"operating_point": {"u": 1e300}}), "negative std": ("", {"std": [-1.0, 0.1]}),
+    "lead": ("lead", {"lead": -1}), "lead of a direct model": ("", {"lead": 5}), "unused channel": ("", {"channels": ["a"]}),
+    "constraint on signals": ("", {"constraints": ["y[k]"]}), "broken constraint": ("", {"constraints": ["theta_1 - 2"]}),
+    "broken continuum": ("", {"constraints": ["continuum"]}), "reversed ranges": ("", {"info": {"ranges": {"u": [1, -1]}}}),
+    "nothing": ("JSON", b""), "no text": ("JSON", b"\xff" * 10), "too large": ("larger than", b"\0" * 3_000_000),
+    "half": ("JSON", "{"), "a list": ("schema", "[]"), "deep": ("JSON", "[" * 100_000), "two models": ("JSON", TEXT + TEXT),
+    "no schema": ("schema", '{"terms": []}'), "field twice": ("stands twice", TEXT.replace("{", '{"theta": [9.0], ', 1)),
+    "NaN": ("no number", TEXT.replace("0.5", "NaN")), "infinite": ("no number", TEXT.replace("0.5", "-Infinity")),
+    "huge value": ("too large", TEXT.replace("0.5", "1e999")), "long value": ("JSON", TEXT.replace("0.5", "1" * 5000)),
+    "half a letter": ("input", TEXT.replace('"u"', '"\\ud800"')), "two bytes a letter": ("JSON", TEXT.encode("utf-16")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD_MODELS)
+def test_bad_models_are_refused_with_one_message(name, tmp_path, run):
+    said, bad = BAD_MODELS[name]
+    text = json.dumps(MODEL | bad) if isinstance(bad, dict) else bad
+    path = tmp_path / "m.json"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ModelError, match=rf"m\.json: .*{said}"):
+        ns.load(path)
+    code, _, err = run("derive", path)
+    assert code == 2 and err.startswith("narx-sym: ") and err.count("\n") == 1
+
+
 @pytest.mark.parametrize("name", BAD_STATES)
 def test_bad_states_are_refused(name, tmp_path):
     said, changed = BAD_STATES[name]
@@ -201,6 +237,8 @@ def test_an_initial_value_may_be_a_parameter(tmp_path):
 
 
 def test_the_base_of_these_is_good(tmp_path):
+    (tmp_path / "m.json").write_text(TEXT)
+    assert ns.load(tmp_path / "m.json").theta.tolist() == [0.5, 1.0]
     (tmp_path / "m.json").write_text(json.dumps(GOOD))
     loaded = saved_and_loaded(ns.load(tmp_path / "m.json"), tmp_path)
     assert loaded.simulate([0.0, 1.0, 0.0], 0.0).tolist() == pytest.approx([0.0, 0.9, 0.45 + 0.1])
