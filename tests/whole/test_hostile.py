@@ -28,19 +28,19 @@ def judge(tmp_path_factory):
     return Judge(tmp_path_factory.mktemp("fuzz"))
 
 
-@settings(max_examples=600, deadline=None, database=None)
+@settings(max_examples=200, deadline=None, database=None)
 @given(seeds)
 def test_terms(judge, seed):
     judge.term(Random(seed))[1]()
 
 
-@settings(max_examples=200, deadline=None, database=None)
+@settings(max_examples=70, deadline=None, database=None)
 @given(seeds)
 def test_files_of_effects(judge, seed):
     judge.effect(Random(seed))[1]()
 
 
-@settings(max_examples=200, deadline=None, database=None)
+@settings(max_examples=70, deadline=None, database=None)
 @given(seeds)
 def test_model_files(judge, seed):
     found = judge.model(Random(seed))[1]()
