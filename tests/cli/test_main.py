@@ -121,33 +121,16 @@ def test_derive_writes_latex_and_picture(run, bench, tmp_path):
 
 
 def test_derive_gives_a_differential_equation_in_newtons(run, tmp_path):
-    axis, n, Ts = (
-        ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-2]", "1"], theta=[1.9, -0.9, 0.01, 0.002], Ts=0.01),
-        600,
-        0.01,
-    )
+    n, Ts = 600, 0.01
+    axis = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-2]", "1"], theta=[1.9, -0.9, 0.01, 0.002], Ts=Ts)
     u = np.repeat(np.random.default_rng(0).uniform(-1, 1, n // 20), 20)
     y = axis.simulate(u, y0=0.0) + 1e-3 * np.random.default_rng(1).standard_normal(n)
-    np.savetxt(
-        tmp_path / "d.csv",
-        np.column_stack([np.arange(n) * Ts, u, y]),
-        delimiter=",",
-        header="t,u [V],y [m]",
-        comments="",
-    )
+    rows = np.column_stack([np.arange(n) * Ts, u, y])
+    np.savetxt(tmp_path / "d.csv", rows, delimiter=",", header="t,u [V],y [m]", comments="")
     ns.save(axis, tmp_path / "m.json")
     asked = ["derive", tmp_path / "m.json", "--continuous", "--units", "V,m"]
-    text, err = run.good(
-        *asked,
-        "--scale",
-        "u=20N/V",
-        "--data",
-        tmp_path / "d.csv",
-        "--json",
-        tmp_path / "c.json",
-        "--latex",
-        tmp_path / "c.tex",
-    )
+    written = ["--json", tmp_path / "c.json", "--latex", tmp_path / "c.tex"]
+    text, err = run.good(*asked, "--scale", "u=20N/V", "--data", tmp_path / "d.csv", *written)
     assert "g*(" in text and "  m: mass 0.1" in text and " kg, 95 % " in text and "dead time 10.0 ms" in text
     rows = {row["name"]: row for row in json.loads((tmp_path / "c.json").read_text())["quantities"]}
     assert rows["viscous friction"]["low"] < 20 * 0.1 < rows["viscous friction"]["high"]
@@ -209,17 +192,8 @@ def test_a_reference_is_found_by_its_name_before_the_unit(run, tmp_path, asked, 
     rows = np.column_stack([t, 1.1 * np.sin(t), np.sin(t) + 0.01 * np.cos(9 * t), np.sin(t)])
     np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t [s],m [V],y [um],r [um]", comments="")
     ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 0.5], Ts=0.1).save(tmp_path / "model.json")
-    code, out, err = run(
-        "compare",
-        tmp_path / "model.json",
-        tmp_path / "log.csv",
-        "--input",
-        "m",
-        "--reference",
-        asked,
-        "--no-plot",
-        *more,
-    )
+    given = ["compare", tmp_path / "model.json", tmp_path / "log.csv", "--input", "m", "--reference", asked]
+    code, out, err = run(*given, "--no-plot", *more)
     assert code == 0 and "Tracking of the reference" in out and "NSAVI" in out, err
 
 
