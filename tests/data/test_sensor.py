@@ -137,10 +137,7 @@ def test_a_sensor_that_freezes_is_told_from_friction_that_holds():
     (fault,) = sensor_faults([ns.Record.from_arrays(wave, frozen, 0.01)], 0.01)
     assert fault.effect == "frozen_sensor" and fault.rows == (900, 1500) and "900:1500" in fault.sentence
     assert fault.size == frozen[900] and fault.share == 0.3
-    held = np.zeros(2000)
-    for k in range(1, 2000):
-        held[k] = min(max(held[k - 1], wave[k] - 0.4), wave[k] + 0.4)  # a play holds again and again
-    for y in (noisy, held, np.round(noisy, 1)):
+    for y in (noisy, truths.play(wave, 0.4), np.round(noisy, 1)):  # a play holds again and again
         assert "frozen_sensor" not in {f.effect for f in sensor_faults([ns.Record.from_arrays(wave, y, 0.01)], 0.0)}
 
 
