@@ -32,16 +32,12 @@ def held(A, B, h):
 
 
 @pytest.mark.parametrize(
-    "m, d, s, known",
-    [
-        (1.0, 0.4, 9.0, False), (1.0, 7.0, 2.0, True), pytest.param(1.0, 7.0, 2.0, False, marks=more),
-        (2.0, 3.0, 0.0, False), (1.5, 0.0, 0.0, False),
-    ],
-    ids=["swings", "creeps", "creeps with any mass", "integrates", "twice"],
-)  # fmt: skip
-def test_linear_equations_are_sampled_exactly(m, d, s, known):
+    "m, d, s",
+    [(1.0, 0.4, 9.0), (1.0, 7.0, 2.0), (2.0, 3.0, 0.0), (1.5, 0.0, 0.0)],
+    ids=["swings", "creeps", "integrates", "twice"],
+)
+def test_linear_equations_are_sampled_exactly(m, d, s):
     text = MASS.format(m=m, d=d, s=s)
-    text = text.replace(f"m ~ {m} in 0.1 ... 10", f"m = {m}") if known else text
     for name, value in (("d", d), ("s", s)):  # what is zero is no parameter, but zero
         text = text.replace(f"{name} ~ 0.0", f"{name} = 0") if not value else text
     h, rng = 0.05, np.random.default_rng(1)
