@@ -48,7 +48,7 @@ from .story import Shown
 from .worker import Worker
 
 LIMIT = 50_000_000  # bytes of an upload
-BUSY = "Something is under way: wait for it, or cancel it."
+BUSY = "A computation is running: wait for it, or cancel it."
 PAUSE = 0.05  # seconds between looks at the process, where nothing else waits
 
 

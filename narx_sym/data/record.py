@@ -143,15 +143,15 @@ class Record:
             low, high = float(x.min()), float(x.max())
             if low < high and np.all((x == low) | (x == high)):
                 found.append(
-                    f"the {word} takes only two values, {low:.6g} and {high:.6g}: what happens between them, a bend "
-                    "or a dead zone, cannot be seen"
+                    f"the {word} takes only two values, {low:.6g} and {high:.6g}: what happens between them, such as "
+                    "a curve or a dead zone, cannot be detected"
                 )
         frequency = one_sine(self.u, self.Ts)
         if frequency:
             found.append(
-                f"the input is one sine of {frequency:.3g} Hz: what comes late (a lag, creep, drag) and what remembers "
-                "where the input turned (hysteresis, friction, slack) draw similar loops there; a second frequency, or "
-                "a record with other amplitudes, tells them apart"
+                f"the input is one sine of {frequency:.3g} Hz: with one sine, effects of speed (a lag, creep, drag) "
+                "and effects with memory (hysteresis, friction, slack) draw similar loops; record a second "
+                "frequency or other amplitudes to distinguish them"
             )
         if self.Ts * len(self) > YEARS:
             found.append(

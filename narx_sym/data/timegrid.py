@@ -115,7 +115,7 @@ def regular_time(t: Vector, where: Callable[[int], str] = lambda i: f"sample {i}
             )
             lost = lost if k is index else 0
             if lost:
-                how = "filled by linear interpolation, and what rests is held"
+                how = "filled by linear interpolation; constant signals stay constant"
                 notes.append(f"{lost} sample(s) are missing in the time stamps; {how}")
             return stepped(t, Ts, pieces, old, notes, lost > 0)
     Ts = float(f"{median:.9g}")
@@ -123,7 +123,7 @@ def regular_time(t: Vector, where: Callable[[int], str] = lambda i: f"sample {i}
     jitter = np.sqrt(np.mean((inside - Ts) ** 2))
     notes.append(
         f"time stamps are irregular (steps {inside.min():.4g} to {inside.max():.4g} s, rms jitter "
-        f"{jitter:.2g} s); resampled by linear interpolation at Ts = {Ts:.10g} s, and what rests is held"
+        f"{jitter:.2g} s); resampled by linear interpolation at Ts = {Ts:.10g} s; constant signals stay constant"
     )
     return stepped(t, Ts, pieces, [(t[p] - t[p][0]) / Ts for p in pieces], notes, True)
 
@@ -152,8 +152,8 @@ def _bursts(t: Vector, dt: Vector, median: float) -> Grid | None:
     Ts = next((step for step in trials if abs(step - Ts) <= doubt), float(Ts))
     note = (
         f"the rows come in {last.size} bursts, about {t.size / last.size:.3g} at once every {np.median(pauses):.3g} s, "
-        f"stamped when they were read: taken as evenly spaced at Ts = {Ts:.10g} s, from first to last; where that is "
-        "wrong, give --ts"
+        f"so the time stamps are those of reading: the rows are treated as evenly spaced at Ts = {Ts:.10g} s; if "
+        "this is wrong, give --ts"
     )
     return stepped(t, Ts, [slice(0, t.size)], [k], [note], False)
 

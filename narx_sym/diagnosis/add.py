@@ -92,7 +92,9 @@ class Addition:
             looks = search.look(bases, variant, shapes)
             found += search.one_more(bases, looks)[:1] if looks else []
         if not found:
-            raise FitError(f"No stable fit with {self.effect} was found, or a refit of the model absorbs it.")
+            raise FitError(
+                f"No stable fit with {self.effect} was found, or the parameters of the model can already reproduce it."
+            )
         progress("fitting both together")
         fits = []
         for row in map(search.finish, found):

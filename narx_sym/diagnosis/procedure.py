@@ -51,12 +51,12 @@ __all__ = ["VERDICTS", "Diagnosis", "Step", "diagnose"]
 NO_TURN = {"static", "sensor", "disturbance", "dynamics"}  # families of effects that do not show where the input turns
 UNNAMED = ("nothing_detectable", "outside_library")
 ONE_SPEED = (
-    "The input moves at one speed: friction, slack and hysteresis may pass for the memory of a linear base there; a "
-    "static base shows them, a second speed or stroke tells."
+    "The input moves at one speed: there the dynamics of a linear base model can imitate friction, slack and "
+    "hysteresis. A static base model shows them; a second speed or stroke decides."
 )
 EITHER = (
-    " With {names} a static base leaves {effect} of the output's standard deviation, the linear one alone {memory}: "
-    "these data cannot tell the two apart."
+    " A static base model with {names} leaves {effect} of the output's standard deviation, the linear base model "
+    "alone {memory}: these data cannot distinguish the two."
 )
 
 
@@ -447,9 +447,12 @@ def _noted(records: Sequence[Record], table: Table) -> list[str]:
     names = told_once(records, lambda r: [*r.notes, *r.remarks(records), *one_way(r), *left_out(r, of)])
     said = [f"{joined(of)}: {text}" for text, of in names.items()]
     if table.factor > 1:
-        said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
+        said.append(f"The candidate effects were compared on averages of {table.factor} samples.")
     if table.search.integrating:
-        said.append(f"The axis integrates: effects are compared in {len(table.search.cut)} pieces, each by itself.")
+        said.append(
+            f"The model is an integrator: the effects are compared on {len(table.search.cut)} pieces of the "
+            "record, each with its own start."
+        )
     return said
 
 
@@ -463,8 +466,8 @@ def _loads(steps: Sequence[Step]) -> list[str]:
         f"{few(own[p])} on {where}" for p, where in zip(PARTS, ("the record", "validation data"), strict=True)
     )
     return [
-        "The axis integrates: its pole stays at 1, and its unknown constant load counts as a start state of each "
-        f"record. With the load of the model instead the free-run NRMSE is {shown}."
+        "The model is an integrator (a pole fixed at 1), so an unknown constant load is estimated for each record, "
+        f"like a start state. With the load of the model instead, the free-run NRMSE is {shown}."
     ]
 
 

@@ -134,7 +134,7 @@ class Candidate:
         if self.final is not None:
             return self.final
         if self.fit is None:
-            raise FitError(f"{self.variant} has no stable fit at the record's own rate.")
+            raise FitError(f"{self.variant} has no stable fit at the sampling rate of the record.")
         return self.fit() if self.trial is None else self.trial.final(self.fit())
 
     @property
