@@ -313,7 +313,7 @@ class Workbench(Compensation):
         """Show a state of the history as it was; where the units have changed since, it is drawn again."""
         with Said(self):
             if not 0 <= index < len(self.history.states):
-                raise ModelError(f"There is no step to {'take back' if index < 0 else 'do again'}.")
+                raise ModelError(f"There is nothing to {'undo' if index < 0 else 'redo'}.")
             if self.worker.busy:
                 raise NarxError(BUSY)
             state, self.history.at = self.history.states[index], index

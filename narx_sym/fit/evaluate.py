@@ -27,8 +27,8 @@ from .simulate import Records, arrays, by_parts, fitted, predict, segments, simu
 
 Array = np.ndarray
 PROTOCOL = (
-    "free run over the whole record at its own sampling rate, from start states estimated on that record; gaps start "
-    "anew; nothing else is fitted to it"
+    "free run over the whole record at its own sampling rate, from start states estimated on that record; a new run "
+    "starts after each gap; nothing else is fitted to it"
 )
 STEPS, SETTLED, STEP = 30, 1e-9, 1e-4  # of a start, in standard deviations of the output
 FEWEST, MOST, MOVED = 4, 17, 0.01  # digits on paper; share of its error by which a free run may move
@@ -243,8 +243,8 @@ def evaluate(model: Model, records: Records, align: bool = False) -> Errors:
     target = np.concatenate([arrays(model, r)[model.output.name] for r in listed])
     if np.ptp(target) == 0:
         raise DataError(
-            f"record {listed[-1].name!r}: {model.output.name} is constant ({target[0]:.6g}): an error has nothing to "
-            "be compared with. Check the columns (--input, --output) and the rows (--rows)."
+            f"record {listed[-1].name!r}: {model.output.name} is constant ({target[0]:.6g}), so there is no relative "
+            "error. Check the columns (--input, --output) and the rows (--rows)."
         )
     one = _along(model, listed, predict)
     free = _along(model, listed, partial(free_run, align=align))

@@ -218,7 +218,7 @@ def _own_channels(
     if left_out:
         warnings.warn(
             f"The {base} base uses the input, the output and the channels in `lags` only; the channel {left_out[0]!r} "
-            f"takes no part (lags={{{left_out[0]!r}: 1}} gives it one).",
+            f"is not used (give lags={{{left_out[0]!r}: 1}} to use it).",
             stacklevel=3,
         )
     return own
@@ -230,7 +230,7 @@ def _remembering(
 ) -> Model:  # fmt: skip
     """Identify a base that remembers where the input turned."""
     if own:
-        raise ModelError(f"The {base} base has one input; the channel {next(iter(own))!r} cannot take part.")
+        raise ModelError(f"The {base} base has one input; the channel {next(iter(own))!r} cannot be used.")
     if base == "play":
         return judged(identify_play(records, origin, delays, **size), records)
     return judged(identify_bouc_wen(records, origin, delays), records)
@@ -241,7 +241,9 @@ def _delays(base: str, records: list[Record], given: int | None) -> Sequence[int
     if given is not None:
         longest = max(len(s) for r in records for s in r.segments())
         if given >= longest:
-            raise FitError(f"A delay of {given} samples leaves nothing: the longest stretch of a record has {longest}.")
+            raise FitError(
+                f"A delay of {given} samples is too long: the longest piece of a record has {longest} samples."
+            )
         return (given,)
     found = dead_time(records)
     if base in ("linear", "play", "bouc-wen"):
@@ -376,7 +378,7 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     if all(cancels(fits[s[2]]) for s in close) and calm:
         close = [s for s in calm if s[0] <= 1.02 * min(calm)[0]]
     _, _, i = min(close, key=lambda s: (cancels(fits[s[2]]), s[1], s[2]))
-    reason = f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})"
+    reason = f"smallest {what} model within 2 % of the best free run on validation data ({best:.4g})"
     final = fit(tried[i], records, method=method)
     final = _selected(final, base=what, candidates=len(tried), reason=reason)
     final = _selected(final, stable_law=stable_law(final, records)) if for_compensation else final

@@ -112,7 +112,7 @@ class Compensator(CompensatorDoors):
         """
         low, high = allowed(limits, rate)
         if not 0 < share <= 1 or (share < 1 and self.model.input == y):
-            raise ModelError("A share is a number above 0, up to 1; an identified inverse is not damped.")
+            raise ModelError("share must be above 0 and at most 1; an identified inverse is not damped.")
 
         def clipped(asked: Any) -> Any:
             if share < 1:
@@ -335,8 +335,8 @@ def compensator(model: Model, force: bool = False) -> Compensator:
     """
     if model.info.useless and not force:
         raise ModelError(
-            "The free run of this model is no better than a constant, so it makes no law: fit another model, or ask "
-            "for the law all the same with force=True (--force)."
+            "The free run of this model is no better than a constant, so no law is derived: fit another model, or "
+            "use force=True (--force)."
         )
     taken = {r.name, m.name}
     while True:  # at most twice: what a law computes beside m is called after its stages

@@ -165,7 +165,7 @@ def from_equations(text: str, Ts: float | None = None) -> Model:
         str(s) for right in (model.F, *(s.right for s in model.states)) for s in right.free_symbols
     }
     if unused:
-        raise ModelError(f"The parameter {min(unused)!r} stands in no equation.")
+        raise ModelError(f"The parameter {min(unused)!r} appears in no equation.")
     return model.replace(
         theta=list(said.parameters.values()), Ts=Ts, bounds={parameters[n]: b for n, b in said.bounds.items()}
     )
@@ -191,7 +191,7 @@ def _meant(
         for _ in range(len(inner) + 1):
             right = right.subs(inner)
         if right.free_symbols & inner.keys():
-            raise ModelError(f"The names in {name!r} are defined by one another.")
+            raise ModelError(f"The definitions of the names in {name!r} are circular.")
         found[name] = right
     return found
 

@@ -125,7 +125,7 @@ class Model(ModelDoors, printing.InLatex):
             raise ModelError("theta and its errors must be lists of numbers, and Ts a number.") from None
         for what, numbers in (("values", theta), ("standard errors", standard_errors)):
             if numbers is not None and len(numbers) != len(self.symbols):
-                raise ModelError(f"The model has {len(self.symbols)} parameters; {len(numbers)} {what} were given.")
+                raise ModelError(f"The model has {len(self.symbols)} parameters, but {len(numbers)} {what} were given.")
         if theta is not None and not all(abs(v) < float("inf") for v in theta):
             raise ModelError("A parameter value is not a finite number.")
         if Ts is not None and not 0 < Ts < float("inf"):

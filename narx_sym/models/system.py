@@ -61,7 +61,7 @@ class System(SystemDoors, InLatex):
             if not name.isidentifier() or name in RESERVED - {y.name} or (name == y.name and len(self.parts) > 1):
                 raise ModelError(f"The output {name!r} needs a plain name of its own, such as y1.")
         if len({part.Ts for part in self.parts.values() if part.Ts}) > 1:
-            raise ModelError("The parts of a system have one sampling time.")
+            raise ModelError("All parts of a system must have the same sampling time.")
         self.recursion  # noqa: B018  what cannot be computed in any order is said at once
 
     @property
@@ -102,7 +102,8 @@ class System(SystemDoors, InLatex):
             ready = [base for base, (_, right) in left.items() if not _at_once(right) & left.keys()]
             if not ready:
                 raise ModelError(
-                    f"{', '.join(b.name for b in left)} need one another at one sample: one must be later."
+                    f"Algebraic loop: {', '.join(b.name for b in left)} depend on one another at the same sample; "
+                    "one of them needs a delay."
                 )
             ordered.append(left.pop(ready[0]))
         return Recursion(tuple(ordered), self.symbols)

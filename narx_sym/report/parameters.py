@@ -164,6 +164,6 @@ def moved(rows: Iterable[Parameter]) -> str:
     gone = ["the constant" if r.term == "1" else r.term or r.name for r in rows if r.status == "deleted"]
     said = f"Moved by more than {MOVED:.0f} standard errors: {', '.join(changed)}. " if changed else ""
     who = "It" if len(changed) == 1 else "They"
-    said += f"{who} had been compensating for what was missing. " if changed else ""
-    why = "Deleted, because the effect and the orders that go with it make them redundant"
+    said += f"{who} had compensated for the missing effect. " if changed else ""
+    why = "Deleted, because the effect and its orders make them redundant"
     return said + (f"{why}: {', '.join(gone)}." if gone else "")

@@ -319,7 +319,7 @@ def test_the_error_falls_and_a_step_back_brings_it_back(climbed):
     assert climbed.revisions == revisions[:1] and not climbed.error and not climbed.busy
     assert any(c.effect == "dead_zone" for c in climbed.current.found.candidates)
     climbed.undo()
-    assert "no step to take back" in climbed.error and climbed.revisions == revisions[:1]
+    assert "nothing to undo" in climbed.error and climbed.revisions == revisions[:1]
     climbed.redo()
     assert climbed.revisions == revisions and not climbed.error and not climbed.busy
     climbed.redo()

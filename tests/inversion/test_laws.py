@@ -355,7 +355,7 @@ def test_limits_and_rate_hold_the_input_and_the_law_recovers():
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             driven = law.run(target, 0.3, **options)
-        assert [w for w in said if "limits of the actuator hold the input in" in str(w.message)]
+        assert [w for w in said if "the input is at a limit of the actuator in" in str(w.message)]
         low, high = options.get("limits", (-9, 9))
         assert low <= driven.min() and driven.max() <= high
         assert np.abs(np.diff(driven)).max() <= options.get("rate", 9) + 1e-12
@@ -574,8 +574,8 @@ def test_an_unstable_model_is_told(pole, unstable):
     [
         (("--limits", "1", "0"), "a lower and a higher number"),
         (("--rate", "-1"), "a rate is a positive number"),
-        (("--share", "3"), "A share is a number above 0, up to 1"),
-        (("--share", "0"), "A share is a number above 0, up to 1"),
+        (("--share", "3"), "share must be above 0 and at most 1"),
+        (("--share", "0"), "share must be above 0 and at most 1"),
     ],
 )
 def test_what_no_actuator_has_is_refused_without_a_reference_too(tmp_path, capsys, monkeypatch, options, why):
@@ -591,5 +591,5 @@ def test_what_no_actuator_has_is_refused_without_a_reference_too(tmp_path, capsy
 def test_an_input_before_the_start_is_within_the_limits():
     law, target = BASES["first order"].compensator(), np.linspace(0.0, 0.5, 40)
     assert law.run(target, 0.8, limits=(-1.0, 0.8)).max() <= 0.8
-    with pytest.raises(ns.errors.ModelError, match=r"m0 = 5, is outside of the limits -1 to 0\.8"):
+    with pytest.raises(ns.errors.ModelError, match=r"m0 = 5, is outside the limits -1 to 0\.8"):
         law.run(target, 5.0, limits=(-1.0, 0.8))

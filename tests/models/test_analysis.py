@@ -416,7 +416,7 @@ def remembering(right=0):
 
 
 def test_what_remembers_is_named():
-    with pytest.raises(ModelError, match=r"slope .* more than outputs and inputs is remembered by the state h\[k\]"):
+    with pytest.raises(ModelError, match=r"slope .* it has further memory in the state h\[k\]"):
         jacobian(remembering())
     a_, b_ = remembering().symbols
     assert zero(rest_map(remembering()) - (a_ * ybar + ubar / (1 - b_)))  # what settles is where it settles
@@ -433,7 +433,7 @@ def test_what_remembers_is_named():
 def test_what_changes_with_time_is_named():
     a_, b_ = sp.symbols("a_1 b_1", real=True)
     drifting = Model(a_ * y[k - 1] + b_ * t[k] + u[k], (a_, b_), (0.5, 0.1))
-    with pytest.raises(ModelError, match="the equation changes with time, so that nothing is at rest"):
+    with pytest.raises(ModelError, match="the equation changes with time, so there is no steady state"):
         rest_map(drifting)
     drifting = drifting.replace(
         effects=[AddedEffect("offset", coefficients={"c": a_}), AddedEffect("drift", coefficients={"c": b_})]

@@ -162,7 +162,7 @@ def test_the_load_of_an_axis_that_integrates_is_known():
         ("y' = u - y\ny[k] = u[k-1]", "given twice|not both"),
         ("y' = u - p\np = q\nq = p", "defined by one another"),
         ("y' = u - y\nz(0) = 1", "no state"),
-        ("y' = u - y\na ~ 1", "stands in no equation"),
+        ("y' = u - y\na ~ 1", "appears in no equation"),
         ("sin' = u", "means something else"),
         ("y' = __import__('os')", "Cannot read"),
         ("\n".join(["# x"] * 500), "at most 200"),

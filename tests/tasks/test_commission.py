@@ -195,5 +195,5 @@ def test_residuals_are_as_large_as_the_noise_was():
 def test_what_no_sensor_makes_has_no_bound(found):
     """What a model lacks is drawn by chance, and may be none: it is said where the sensor makes clearly less."""
     assert found.sensor == pytest.approx(NOISE, rel=0.2) and "no bound" not in found.sentence()
-    assert "no bound holds for it" in replace(found, sensor=found.unexplained / 3).sentence()
+    assert "no bound is known for it" in replace(found, sensor=found.unexplained / 3).sentence()
     assert "no bound" not in replace(found, sensor=0.0).sentence()  # nothing is known of it

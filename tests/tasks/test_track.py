@@ -79,8 +79,8 @@ def test_the_usual_reference_is_within_the_outputs(record):
         (lambda: staircase(TS, 0, 1, 4, 0.004), "A step would"),
         (lambda: drawn(TS, [], 1), "0 points"), (lambda: drawn(TS, [(k, 0) for k in range(MOST_POINTS + 1)], 1e3), "to 200"),
         (lambda: drawn(TS, [(0, 0), (0.5, float("inf"))], 1), "finite"), (lambda: drawn(TS, [(0, 0)], 1e9), "duration would"),
-        (lambda: drawn(TS, [(float("nan"), 0)], 1), "finite"), (lambda: drawn(TS, [(0, 1), (0, 2)], 1), "Times must rise"),
-        (lambda: drawn(TS, [(0.5, 1), (0.2, 2)], 1), "behind the point at 0.5 s"),
+        (lambda: drawn(TS, [(float("nan"), 0)], 1), "finite"), (lambda: drawn(TS, [(0, 1), (0, 2)], 1), "Times must increase"),
+        (lambda: drawn(TS, [(0.5, 1), (0.2, 2)], 1), "the point at 0.5 s is followed"),
         (lambda: drawn(TS, [(-0.1, 1)], 1), "at -0.1 s lies outside"), (lambda: drawn(TS, [(0, 1), (2, 1)], 1), "at 2 s"),
     ],
 )  # fmt: skip

@@ -146,7 +146,7 @@ GOOD = json.dumps(narx(theta=[0.5]))
 @pytest.mark.parametrize(
     "text, words",
     [
-        (GOOD.replace("{", '{"theta": [9.0], ', 1), "stands twice"),
+        (GOOD.replace("{", '{"theta": [9.0], ', 1), "appears twice"),
         (GOOD.replace("0.5", "NaN"), "no number"),
         (GOOD.replace("0.5", "-Infinity"), "no number"),
         (GOOD.replace("0.5", "1e999"), "too large"),
@@ -172,7 +172,7 @@ def test_ambiguous_or_broken_model_files(text, words, tmp_path, run):
 def test_ambiguous_files_of_effects(tmp_path):
     text = json.dumps({"effect": [EFFECTS[0]]})
     (tmp_path / "e.json").write_text(text.replace('"id"', '"id": "a", "id"'))
-    with pytest.raises(ModelError, match="stands twice"):
+    with pytest.raises(ModelError, match="appears twice"):
         load_effects(tmp_path / "e.json", Catalogue({}))
     (tmp_path / "e.toml").write_text('[[effect]]\nid = "a"\nid = "b"\n')
     with pytest.raises(ModelError, match="TOML"):

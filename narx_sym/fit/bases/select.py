@@ -283,6 +283,6 @@ def _by_free_run(
     result.chosen, _, _, result.model = min((t for t in good if t[1] <= 1.1 * best), key=lambda t: (t[0], t[1]))
     result.reason = f"fewest terms within 10 % of the best free-run error on the path ({best:.4g})"
     if len(good) < len(tried):
-        result.reason += "; models whose law would run away were passed over"
+        result.reason += "; models with an unstable law were skipped"
     elif accept is not None and not good[0][2]:
         result.reason += "; the law of every model on the path is unstable on these data"

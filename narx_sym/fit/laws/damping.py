@@ -80,11 +80,11 @@ class Damping:
             f"{grows} (the model has a zero near -1)"
         )
         if self.share == 1:
-            return f"{said}. No part of the way that it asks for cures it: limit the input's rate."
+            return f"{said}. Damping does not help: limit the rate of the input."
         return (
-            f"{said}. So in each sample the input goes {self.share:.3g} of the way that the law asks for: on a "
-            f"slow ramp a disturbance is then forgotten in {self.damped} samples. (--share none, share=None: the whole "
-            "way)"
+            f"{said}. So the law is damped: in each sample the fraction {self.share:.3g} of the computed change is "
+            f"applied. On a slow ramp a disturbance then decays in {self.damped} samples. (No damping: --share none, "
+            "share=None)"
         )
 
 
@@ -99,7 +99,7 @@ def share_of(law: Compensator, share: Share | str = "auto") -> float:
     except ValueError:
         part = float("nan")
     if not 0 < part <= 1:
-        raise ModelError(f"A share is a number above 0, up to 1, not {share!r}.")
+        raise ModelError(f"share must be above 0 and at most 1, not {share!r}.")
     return part
 
 

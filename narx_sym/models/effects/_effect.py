@@ -20,13 +20,13 @@ from ..doors import EffectDoors
 
 # Where an effect may act, in words: from the input to what is measured.
 PLACES = {
-    "input": "at the input", "force": "beside the input", "inside": "inside", "motion": "on the motion",
+    "input": "at the input", "force": "as a force at the input", "inside": "inside", "motion": "on the motion",
     "friction": "in the friction", "output": "at the output", "sensor": "at the sensor",
 }  # fmt: skip
 # Kinds of machine, in words: an effect says in which it is impossible, and what it is called there.
 MACHINES = {
     "thermal": "a thermal machine", "tank": "a tank", "drive": "a drive",
-    "motion-force": "a part that is moved and gives a force", "smart-material": "a smart material",
+    "motion-force": "a moved part with a measured force", "smart-material": "a smart material",
     "soft": "a soft actuator", "propeller": "a propeller", "valve": "a process valve", "structure": "a structure",
     "circuit": "a circuit", "battery": "a battery", "process": "a flow process", "pendulum": "a pendulum",
 }  # fmt: skip
@@ -194,7 +194,9 @@ class Effect(EffectDoors):
             for place, by in self.places.items()
         ]
         units = [f"{p} in {self.unit[p]}" for p in self.shape if self.unit.get(p)]
-        return "; ".join([*places, *units, *(["asked where its other forms leave something"] if self.closer else [])])
+        return "; ".join(
+            [*places, *units, *(["tried only if an error remains with its other forms"] if self.closer else [])]
+        )
 
     def __repr__(self) -> str:
         return f"Effect({self.id}{', ' + self.form if self.form else ''})"

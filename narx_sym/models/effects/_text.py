@@ -139,7 +139,7 @@ def _built(name: str, data: Mapping[str, Any]) -> Effect:  # noqa: C901, PLR0912
     units = _table(data, "unit")
     for p, unit in units.items():
         if p not in scan:
-            raise ModelError(f"'unit' speaks of {p[:40]!r}, which is no shape parameter.")
+            raise ModelError(f"'unit' names {p[:40]!r}, which is not a shape parameter.")
         _text(unit, "unit")
     sign, centred = data.get("sign", 0), data.get("centred", False)
     if type(sign) is not int or sign not in (0, 1):

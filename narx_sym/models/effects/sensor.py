@@ -30,7 +30,7 @@ def limited(form: str, limits: tuple[str, ...] = ("r",)) -> Any:
         {"sensor": "y"}, scan=dict.fromkeys(limits, EDGE), unit=dict.fromkeys(limits, "unit of the driver"), sign=1,
         full=True, id="output_limit", form=form, source="Tao & Kokotovic 1996", at_rest=True,
         means={"circuit": "clipping"},
-        sentence="What is shown ends at a limit: that of the sensor, or where a contact is lost.",
+        sentence="The measured output ends at a limit: that of the sensor, or where a contact is lost.",
     )  # fmt: skip
 
 
