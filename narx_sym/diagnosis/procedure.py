@@ -62,7 +62,12 @@ EITHER = (
 
 @dataclass
 class Diagnosis(DiagnosisDoors):
-    """What is missing from a model, step by step."""
+    """What `diagnose` found, and the model with the added effects; see `diagnose` for an example.
+
+    `sentence()` says it in words, `verdict` is one of `VERDICTS`, `best` the best candidate, `confusion_set` the
+    effects that these data cannot distinguish, `model` the model with the added effects, and `errors` its errors
+    before and after. `report(path)` writes one HTML page, `to_dict()` gives plain data for JSON.
+    """
 
     steps: list[Step]
     misfit: Misfit
@@ -270,36 +275,44 @@ def diagnose(
     machine: str = "",
     report: Callable[[str], Any] = lambda what: None,
 ) -> Diagnosis:
-    """Compare a model with measurements and name the physical effect that is missing.
+    r"""Find the physical effect that a model is missing, and add it to the model.
+
+    The model is compared with the measurements in free run. Each effect of the catalogue (friction, backlash, creep,
+    saturation, ...) is then added and fitted. An effect is only accepted if the error falls on the records and on
+    validation data.
 
     Parameters
     ----------
     model : Model
-        The base. Its parameters are refitted in free run: what a refit absorbs is not missing.
+        The base model, from the input u to the output y. Its parameters are fitted again in free run.
     records : Record or list of Record
-        Compared at a working rate, on twelve blocks; what is named is fitted at the records' own rate.
+        The measurements: u and y are (N,) arrays in the user's units, with at least 100 samples in all.
     max_effects : int
-        How many effects are added, one after the other; two that only together explain the error are added together.
-    channels : names or "all"
-        Which further measured signals may act.
+        Largest number of effects to add, one after the other. If only two effects together explain the error, both are
+        added in one step.
+    channels : list of str, or "all"
+        Further measured signals that may act on the machine, by name.
     catalogue : Catalogue
-        The effects that are tried.
+        The effects to try.
+    seed : int
+        Seed of all random numbers: the same data and seed give the same result.
     limits : (low, high), optional
-        How far the input of a proposed experiment may go [unit of u]; by default as far as in the records.
+        Smallest and largest input of the proposed experiment [unit of u]. Default: the range of the records.
     delay : int, optional
-        After how many samples the input of a linear base acts; by default each hypothesis has the one that suits it.
+        Delay of the input of a linear base model [samples]. Default: chosen from the data.
     open_loop : bool
-        Nothing made the input from the output, whatever it looks like: what is new in both in one sample cannot tell a
-        controller from a machine that passes its input on at once.
+        True if there was no controller: the record is then not checked for feedback. Use it if a machine that reacts
+        within one sample is mistaken for a controller.
     validation : Record or list of Record
-        Records that nothing is fitted to: an effect is only added where the error falls on them too. Without them the
-        last part of each record serves: no model is fitted to it, though effects are chosen on the whole record.
-    roles : mapping such as {"cmd": "setpoint"}, optional; what channels are, whatever the records say (`Record.roles`)
-    machine : one of `effects.MACHINES`, optional
-        What was measured: effects that are impossible there are not considered, and the words are those of its field.
-        By default what the model says (`Info.machine`), else what the units tell; "none" where it is not known.
+        Records that no model is fitted to. Default: the last part of each record is used instead.
+    roles : mapping such as {"cmd": "setpoint"}, optional
+        Roles of channels, in place of those in the records (`Record.roles`).
+    machine : str
+        Kind of machine, one of `effects.MACHINES`: effects that are impossible there are not considered, and the others
+        have the names of that field. Default: that of the model (`Info.machine`), else guessed from the units; "none"
+        if it is unknown.
     report : callable
-        Told what goes on, by a text with numbers (`diagnosis.progress.Told`). What it raises ends the diagnosis.
+        Receives a text after each piece of work (`diagnosis.progress.Told`). An exception in it stops the diagnosis.
 
     Returns
     -------
@@ -308,9 +321,25 @@ def diagnose(
     Raises
     ------
     FitError
-        Where the base cannot follow the data at all, and for fewer than 100 samples.
+        If the base model cannot follow the data at all, or if there are fewer than 100 samples.
     ModelError
-        For what is no model, limits that are none, an unknown channel or machine, and `max_effects` below 1.
+        For an invalid model, invalid limits, an unknown channel or machine, or `max_effects` below 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import narx_sym as ns
+    >>> volts = ns.plants.filtered_noise(N=400, Ts=0.01, cutoff=2.0, peak=5.0, seed=1)
+    >>> acting = np.sign(volts) * np.maximum(abs(volts) - 1.0, 0.0)  # a dead zone of 1 V
+    >>> lag = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2])
+    >>> measured = lag.simulate(acting, y0=0.0, u0=0.0) + 0.005 * np.random.default_rng(0).standard_normal(400)
+    >>> record = ns.Record.from_arrays(volts, measured, Ts=0.01, units={"u": "V", "y": "mm"})
+    >>> found = ns.diagnose(lag.fit(record), record)
+    >>> found.verdict, found.best.effect
+    ('named', 'dead_zone')
+    >>> print(*found.model.lines(), sep="\n")
+    v[k] = u[k] - Max(-r_dead_zone, Min(r_dead_zone, u[k]))
+    y[k] = theta_1*y[k-1] + theta_2*v[k-1]
     """
     begin = time.perf_counter()
     _check(model, limits, max_effects, machine, seed=seed, delay=delay)

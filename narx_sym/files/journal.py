@@ -110,12 +110,21 @@ class Journal:
 
 @contextmanager
 def resuming(path: PathLike) -> Iterator[Journal]:
-    """Keep the results of long work in a file, and take those that are there already.
+    """Save intermediate results of long computations in a file, and reuse those that are already there.
 
     Raises
     ------
     DataError
-        Where the file is something else, was written by another version, or cannot be written.
+        If the file is no such file, was written by another version, or cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import narx_sym as ns
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "results.jsonl")
+    >>> with ns.resuming(path) as journal:  # ns.diagnose(...) in here continues where it was interrupted
+    ...     print(journal.found, "results were in the file")
+    0 results were in the file
     """
     journal = Journal(path)
     token = _active.set(journal)

@@ -118,17 +118,45 @@ def to_text(model: Model) -> str:
 
 
 def save(model: Model, path: Any) -> None:
-    """Write a model file; it appears whole or not at all, and only where it can be read again, else ModelError."""
-    write_text(path, to_text(model))
+    """Write a model to a file (JSON) that `load` reads.
 
-
-def load(path: Any) -> Model:
-    """Read a model file.
+    The file is written completely or not at all.
 
     Raises
     ------
     ModelError
-        For a file that is missing, not JSON, of another schema, or with unknown, missing or wrong fields.
+        For a model that cannot be read again from its file.
+    DataError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import narx_sym as ns
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "model.json")
+    >>> ns.save(ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2]), path)
+    >>> path.exists()
+    True
+    """
+    write_text(path, to_text(model))
+
+
+def load(path: Any) -> Model:
+    """Read a model from a file that `save` or the command line has written.
+
+    Raises
+    ------
+    ModelError
+        For a file that is missing, is not JSON, has another schema, or has unknown, missing or wrong fields.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import narx_sym as ns
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "model.json")
+    >>> ns.save(ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2]), path)
+    >>> print(*ns.load(path).lines(numbers=True))
+    y[k] = 0.2*u[k-1] + 0.9*y[k-1]
     """
     source = Path(path)
     try:

@@ -80,7 +80,7 @@ def continuous(
     >>> import narx_sym as ns
     >>> lag = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2], Ts=0.1)
     >>> lag.continuous().text
-    'gain 2.00 unit of y/unit of u; time constant 0.949 s'
+    'gain 2.00 unit of y/(unit of u); time constant 0.949 s'
     """
     labels = said_first(model.info.units, units)
     names = {n: labels.get(n) or f"unit of {n}" for n in ("u", "y")}

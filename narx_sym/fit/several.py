@@ -58,15 +58,19 @@ def part_of(record: Record, output: str) -> Record:
 
 
 def identify_outputs(records: Records, base: str = "linear", **options: Any) -> System:
-    """Identify a model for each output, with all inputs; the other outputs take part where the whole then runs better.
+    """Identify a model with several outputs: one model for each output, from all inputs.
+
+    An output is used as an input of another output's model if the free run of the whole system is then better.
 
     Parameters
     ----------
     records : Record or list of Record
         With several outputs: `ns.read(..., u=["u1", "u2"], y=["y1", "y2"])`, or channels with the roles "input" and
         "output".
-    base : of `identify`
-    options : of `identify`, for every output
+    base : str
+        As in `identify`, for every output.
+    options
+        Further arguments of `identify`, for every output.
 
     Returns
     -------
@@ -74,8 +78,21 @@ def identify_outputs(records: Records, base: str = "linear", **options: Any) -> 
 
     Raises
     ------
-    DataError, FitError
-        As `identify`, and where a record does not say its outputs.
+    DataError
+        If a record does not say which channels are outputs.
+    FitError
+        As in `identify`.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> u = ns.plants.filtered_noise(N=500, Ts=0.1, cutoff=1.0, peak=1.0, seed=1)
+    >>> first = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.8, 0.5]).simulate(u, y0=0.0, u0=0.0)
+    >>> second = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2]).simulate(first, y0=0.0, u0=0.0)
+    >>> both, roles = {"y1": first, "y2": second}, {"y1": "output", "y2": "output"}
+    >>> record = ns.Record.from_arrays(u, first, Ts=0.1, channels=both, roles=roles)
+    >>> ns.identify_outputs(record).outputs
+    ('y1', 'y2')
     """
     every = listed(records)
     names = outputs_of(every[0])

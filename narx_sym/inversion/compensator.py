@@ -36,7 +36,9 @@ BESIDE = ("wanted", "hint", "share", "kick")  # behind the name of what a law co
 
 @dataclass(frozen=True)
 class Compensator(CompensatorDoors):
-    """A compensation law m[k] = ... that makes the model's output follow the reference r.
+    """A compensation law m[k] = ... : it computes the input with which the output of the model follows a reference r.
+
+    Derive it with `model.compensator()`, and run it with `law.run(r)`.
 
     Attributes
     ----------
@@ -44,11 +46,24 @@ class Compensator(CompensatorDoors):
     law : expression
         The right-hand side of m[k], in the user's units.
     A, B : expressions in q, f : expression
-        A(q) y[k] = B(q) u[k] + f(...), the grouping of the paper; None for an identified inverse and beyond A1.
+        A(q) y[k] = B(q) u[k] + f(...), as grouped in the paper; None for an identified inverse, and if Assumption A1
+        does not hold.
     staged : Staged, optional
-        Beyond A1: what the law is made of, from the output back to the input.
+        If A1 does not hold: the equations to solve, from the output back to the input.
     aside : pairs of names
-        Channels and states of the user's model that have a name of the law's own, and their names in `model` and here.
+        Channels and states of the model whose names the law needs for itself, and their new names.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.5, 2.0])
+    >>> law = model.compensator()
+    >>> print(*law.lines())
+    m[k] = -theta_1*r[k]/theta_2 + r[k+1]/theta_2
+    >>> law.residual()
+    0
+    >>> law.run([0.0, 1.0, 2.0, 2.0], m0=0.0)
+    array([0.5 , 0.75, 0.5 , 0.5 ])
     """
 
     model: Model

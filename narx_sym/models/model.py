@@ -25,43 +25,57 @@ BESIDE = ("theta", "standard_errors", "Ts", "constraints", "info", "effects", "b
 
 
 class Model(ModelDoors, printing.InLatex):
-    """A difference equation with named parameters, optionally fitted.
+    """A difference equation y[k] = F with named parameters, fitted or not.
+
+    A model never changes: `fit`, `add` and `replace` return a new one. Models that are linear in their parameters are
+    `NARX` models.
 
     Parameters
     ----------
     F : expression
-        The right-hand side of y[k] = F, in samples, phi1, phi2 and the parameter symbols.
+        The right-hand side, in samples, phi1, phi2 and the parameter symbols.
     symbols : sequence of Symbol
         The parameters, in the order of `theta`.
     theta : (n_theta,) numbers, optional
     output, input : IndexedBase
         y and u; exchanged in an inverse model.
     operating_point : mapping from u and y, or their names, to numbers, optional
-        The model's signals are measured from here: F speaks of y[k] - y0 and u[k] - u0. `expand` and every law are in
-        the user's own units. [units of y and u]
+        F contains the deviations y[k] - y0 and u[k] - u0 from this point [units of y and u]. `expand` and every law are
+        in the user's units.
     lead : int
-        For an inverse model: y[k] in F stands for the measured y[k + lead] (the paper's tau_s).
+        For an inverse model: y[k] in F means the measured y[k + lead] (the paper's tau_s).
     Ts : float, optional
         Sampling time [s].
+    constraints : sequence of equations, optional
+        Linear equations in the parameters that hold exactly, such as Sigma_y = 1.
     states : sequence of State, optional
-        Further equations before the output, in the shifted signals: what effects remember, the input `v` that they act
-        on, the output `x` that they add to.
-
+        Equations that are computed before the output, in deviations from the operating point: internal states of
+        effects, the input `v` after effects, the output `x` before effects.
     standard_errors : sequence of numbers, optional
-        Of theta, under white noise.
+        Of theta, for white noise.
     info : Info
-        How the model was fitted and what its records showed.
+        How the model was fitted, and the ranges and units of its records.
     effects : sequence of AddedEffect
-        What was added to it, in order.
+        The added effects, in order.
     bounds : mapping from parameters to (low, high)
-        Within which a free-run fit keeps them.
-
-    A model does not change: `fit`, `add` and `replace` return another one.
+        Bounds in a free-run fit.
 
     Raises
     ------
     ModelError
-        Where F contains something that is neither a signal nor a parameter, or theta has the wrong length.
+        If F contains something that is neither a signal nor a parameter, or theta has the wrong length.
+
+    Examples
+    --------
+    >>> import sympy as sp
+    >>> import narx_sym as ns
+    >>> from narx_sym import k, u, y
+    >>> a, b = sp.symbols("a b", real=True)
+    >>> model = ns.Model(a * y[k - 1] + sp.tanh(b * u[k - 1]), (a, b), [0.9, 0.2])
+    >>> print(*model.lines(numbers=True))
+    y[k] = tanh(0.2*u[k-1]) + 0.9*y[k-1]
+    >>> model.delay, model.theta
+    (1, array([0.9, 0.2]))
     """
 
     F: Any
@@ -375,9 +389,16 @@ def _content(model: Model) -> tuple[Any, ...]:
 
 
 class NARX(Model):
-    """A model linear in its parameters: y[k] = sum_i theta_i psi_i, the paper's Eq. (3).
+    """A model that is linear in its parameters: y[k] = sum_i theta_i psi_i, Eq. (3) of the paper.
 
-    `terms` are the regressors psi_i, in order; the rest as for `Model`.
+    `terms` are the regressors psi_i, in order; for the other parameters see `Model`. Terms as text: `NARX.from_terms`.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> model = ns.NARX.from_terms(["y[k-1]", "phi1[k-1]", "u[k-1]*y[k-1]"], theta=[1.0, 0.7, -0.1])
+    >>> model.sigma_y, model.theta
+    (theta_1, array([ 1. ,  0.7, -0.1]))
     """
 
     terms: tuple[Any, ...]

@@ -24,29 +24,30 @@ from .rewrite import called
 
 @dataclass(frozen=True, eq=False)
 class System(SystemDoors, InLatex):
-    """Models with one output each that run together: what one of them reads by the name of another's output is that.
+    """A model with several outputs: one model for each output, connected by the names of the outputs.
 
     Parameters
     ----------
     parts : mapping from the name of an output to its Model
-        In a part `y` is its own output and `u` the first input; further inputs and the other outputs are channels.
+        In each model `y` is its own output and `u` the first input; the other outputs and inputs are channels.
 
     Raises
     ------
     ModelError
-        For no part, an inverse model, a name that means something else, two sampling times, and outputs that need one
-        another at one sample.
+        For no model, an inverse model, a reserved name, different sampling times, or an algebraic loop.
 
     Examples
     --------
     >>> import narx_sym as ns
-    >>> upper = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.1])
-    >>> lower = ns.NARX.from_terms(["y[k-1]", "h1[k-1]"], theta=[0.8, 0.2], channels=["h1"])
+    >>> upper = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.75, 0.5])
+    >>> lower = ns.NARX.from_terms(["y[k-1]", "h1[k-1]"], theta=[0.5, 0.5], channels=["h1"])
     >>> tanks = ns.System({"h1": upper, "h2": lower})
     >>> tanks.inputs, tanks.outputs
     (('u',), ('h1', 'h2'))
     >>> tanks.equilibria()
-    [{h1: 1.0*u, h2: 1.0*u}]
+    [{h1: 2.0*u, h2: 2.0*u}]
+    >>> tanks.simulate({"u": [1.0, 1.0, 1.0]}, {"h1": 0.0, "h2": 0.0})["h2"]
+    array([0.  , 0.  , 0.25])
     """
 
     parts: Mapping[str, Model]

@@ -1,7 +1,5 @@
 """Models put together give what the parts give one after the other, and are models like any other."""
 
-import doctest
-
 import numpy as np
 import pytest
 import sympy as sp
@@ -176,8 +174,3 @@ def test_names_of_the_user_stay_apart():
     inner = model.simulate(np.sin(0.1 * N), held, channels, u0=0.0)
     expected = model.simulate(inner, 0.0, channels, u0=held)
     assert np.allclose(whole.simulate(np.sin(0.1 * N), 0.0, channels, u0=0.0), expected, rtol=0, atol=1e-12)
-
-
-def test_the_example_in_the_text_runs():
-    found = doctest.testmod(compose)
-    assert found.attempted > 4 and not found.failed
