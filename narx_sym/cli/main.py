@@ -244,7 +244,7 @@ def _pictures(model: Any, measured: list[Any], target: Path, misfit: Any, where:
         console().print(f"Picture of {name}: {path}")
     if misfit is not None and where is not None:
         opt.save_figure(where_it_fails(misfit, units=units), where)
-        console().print(f"Picture of where it fails: {where}")
+        console().print(f"Picture of where the model fails: {where}")
 
 
 for command in (

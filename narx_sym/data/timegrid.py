@@ -180,13 +180,13 @@ def _split_at_gaps(
             gap = t[a] - t[a - 1]
             notes.append(f"{where(a)}: gap of {gap:.4g} s before t = {t[a]:.10g} s; the record is split there")
         if cuts and b - a < SHORTEST:
-            notes.append(f"{where(a)}: a part of only {b - a} sample(s) beside a gap is dropped")
+            notes.append(f"{where(a)}: a piece of only {b - a} sample(s) next to a gap is dropped")
         else:
             keep.append(slice(a, b))
     if len(notes) > MOST_NOTES:
         rest = len(cuts) - sum(": gap of" in n for n in notes[:MOST_NOTES])
         notes[MOST_NOTES:] = [
-            f"{rest} further gap(s) split the record; parts of less than {SHORTEST} samples are dropped"
+            f"{rest} further gap(s) split the record; pieces with fewer than {SHORTEST} samples are dropped"
         ]
     if not keep:
         raise DataError(

@@ -344,7 +344,7 @@ class Step:
             text += f" It could also be {others}." if others else ""
             return f"{text} {self.experiment.sentence}" if self.experiment else text
         if self.verdict == "confused":
-            text = "One of these is probably missing, and these data cannot tell which: "
+            text = "One of these is probably missing, but these data cannot decide which: "
             text += f"{name}, {others}. {sizes}. "
             if BASE in self.confusion_set:
                 names = f"{name} or {others}" if others else name

@@ -309,7 +309,7 @@ def _poles(a: Sequence[Any]) -> tuple[list[Any], int]:
     try:
         found = sp.Poly(coefficients, z).nroots(n=PRECISION, maxsteps=500)
     except NoConvergence:
-        raise ModelError("The poles of the model cannot be told apart: fit fewer lags of the output.") from None
+        raise ModelError("The poles of the model cannot be distinguished: fit fewer lags of the output.") from None
     return sorted(found, key=lambda p: (float(abs(sp.log(p))) if p != 0 else float("inf"), -float(sp.im(p)))), ones
 
 

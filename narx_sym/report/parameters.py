@@ -21,12 +21,13 @@ from .words import Row, Units, begun, number, spaced
 
 MOVED = 3.0  # standard errors
 LETTERS = {  # what the catalogue calls by a letter alone
-    "hysteresis c": "size of the loop", "hysteresis b": "bend after a turn", "hysteresis g": "gamma over beta",
-    "hysteresis r": "widest play", "hysteresis d": "slope of the middle", "hysteresis h0": "offset of the middle",
-    "hysteresis c1": "slope after a turn", "hysteresis c2": "bend against the way",
-    "hysteresis c3": "bend with the way", "hysteresis a": "pole of the lag",
-    "stiction c": "size of the effect", "stiction r": "band while it slides",
-    "stiction e": "more until it breaks loose",
+    "hysteresis c": "size of the loop", "hysteresis b": "curvature after a reversal", "hysteresis g": "gamma over beta",
+    "hysteresis r": "widest play", "hysteresis d": "slope of the centre line", "hysteresis h0": "offset of the "
+    "centre line",
+    "hysteresis c1": "slope after a reversal", "hysteresis c2": "curvature against the motion",
+    "hysteresis c3": "curvature along the motion", "hysteresis a": "pole of the lag",
+    "stiction c": "size of the effect", "stiction r": "sliding band",
+    "stiction e": "additional breakaway band",
 }  # fmt: skip
 
 

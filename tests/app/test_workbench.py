@@ -323,7 +323,7 @@ def test_the_error_falls_and_a_step_back_brings_it_back(climbed):
     climbed.redo()
     assert climbed.revisions == revisions and not climbed.error and not climbed.busy
     climbed.redo()
-    assert "no step to do again" in climbed.error and climbed.revisions == revisions
+    assert "nothing to redo" in climbed.error and climbed.revisions == revisions
 
 
 @pytest.mark.long

@@ -418,8 +418,8 @@ def test_gaps_split_and_short_parts_are_dropped():
     np.testing.assert_array_equal(grid.apply(x), x[1:81])
     np.testing.assert_allclose(grid.t, t[1:81], atol=1e-12)
     notes = " ".join(grid.notes)
-    assert "line 2: a part of only 1 sample" in notes and "line 3: gap of 1 s" in notes
-    assert "line 83: a part of only 2 sample" in notes
+    assert "line 2: a piece of only 1 sample" in notes and "line 3: gap of 1 s" in notes
+    assert "line 83: a piece of only 2 sample" in notes
 
 
 def test_ten_steps_are_no_gap_and_eleven_are():

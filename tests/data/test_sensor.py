@@ -116,7 +116,7 @@ def test_where_nothing_follows_the_frozen_rows_go_first():
     frozen = np.where((t > 3) & (t < 27), y[1801], y)
     record = ns.Record.from_arrays(u, frozen, Ts, name="stage")
     base = ns.NARX.from_terms(["u[k]"], [1e-3], Ts=Ts)
-    assert "Empty the output in the rows 301:2700" in what_next(ns.diagnose(base, record))
+    assert "Delete the output values in the rows 301:2700" in what_next(ns.diagnose(base, record))
 
 
 @pytest.mark.long

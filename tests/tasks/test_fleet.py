@@ -102,7 +102,7 @@ def test_the_page_and_the_csv_say_the_same(tmp_path):
     assert heat(rows)["counts"] == {"V1": [3], "V3": [0], "V4": [0], "V<2>": [0]}
     assert heat(rows)["of"] == {"V1": 3, "V3": 0, "V4": 1, "V<2>": 1} and heat(rows)["left"]["V3"] == 1
     assert text.count(">0 of 1<") == 2 and '<td class="heat">-</td><td class="heat">1</td>' in text
-    assert text.count("nothing that the record shows") == 1 and "a small unexplained error" in text
+    assert text.count("no detectable effect") == 1 and "a small unexplained error" in text
     (trend,) = trends(rows)
     assert trend["values"] == pytest.approx([0.3, 0.4, 0.5])
 
@@ -242,7 +242,7 @@ def test_what_was_not_judged_is_not_called_healthy(tmp_path):
     row = ROW | {"verdict": "closed_loop", "missing": [], "sizes": {}}
     page, *_ = write_fleet([row], tmp_path / "plant.html")
     assert "0 of 0 diagnosed records" in page.read_text() and heat([row])["left"] == {"V1": 1}
-    assert ">not judged</td>" in page.read_text() and "nothing that the record shows" not in page.read_text()
+    assert ">not judged</td>" in page.read_text() and "no detectable effect" not in page.read_text()
 
 
 def test_of_a_valve_the_page_says_what_the_report_does(tmp_path):

@@ -44,7 +44,10 @@ class Page:
         ui.on("refused", lambda event: self.refused(str(event.args)))
         with ui.element("div").classes("head"):
             heading("narx_sym", 1)
-            said("See where a model fails, add what is missing, watch the error fall. Nothing leaves this machine.")
+            said(
+                "See where a model fails, add the missing effect, and compare the errors. Your data stay on this "
+                "machine."
+            )
         with ui.element("div").classes("main"):
             with ui.element("div").classes("dock"):  # in sight wherever the page is
                 self.parts = [

@@ -218,7 +218,7 @@ def told(
         raise Diverged(
             f"The law diverges although it is damped: a disturbance of its input grows {found.grown:.1g} times, and "
             f"the error of the model reaches {found.error:.3g}. Give limits of the input, a slower reference, or "
-            "another share (--share).",
+            "stronger damping (a smaller --share).",
             int(np.argmax(found.missed)),
             found.m,
         )

@@ -111,7 +111,7 @@ def creep(x: Any, tau: Any, Ts: Any) -> Form:
     {"output": "u"},
     source="Plett 2004 (open-circuit voltage over the charge)",
     only="battery",
-    means={"battery": "a bent open-circuit voltage"},
+    means={"battery": "a nonlinear open-circuit voltage"},
 )
 def charge_curve(x: Any, Ts: Any) -> Form:
     """A nonlinear charge curve: the open-circuit voltage depends nonlinearly on the integral of the current."""

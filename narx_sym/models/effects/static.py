@@ -139,9 +139,7 @@ def quadratic_spring(x: Any) -> Any:
 def stop(form: str, limits: tuple[str, ...] = ("r",), **given: Any) -> Any:
     """Declare one form of an end stop, with the names of its limits."""
     scan, unit = dict.fromkeys(limits, REACHED), dict.fromkeys(limits, LIMIT["r"])
-    sentence = (
-        "An end stop, or a spring on one side: beyond a position something pushes back (in a tank: what overflows)."
-    )
+    sentence = "An end stop, or a spring on one side: beyond a position a force pushes back (in a tank: the overflow)."
     return effect(
         given.pop("places", {"inside": "y"}), scan=scan, sign=1, unit=unit, id="end_stop", form=form,
         sentence=sentence, source="Shaw & Holmes 1983", at_rest=True,
