@@ -19,7 +19,7 @@ DRAWN = ("js", "casadi")  # what pages draw and programs analyse: no machine run
 def export_model(
     model: Model, to: str, name: str = "model", single: bool = False, units: Mapping[str, str] | None = None
 ) -> Any:
-    """Return the free run for another place.
+    """Export the free run of a model as source code or as an object of another library.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def export_law(
     share: Any = "auto",
     force: bool = False,
 ) -> Any:
-    """Return the law for another place; `to` as in `export_model`.
+    """Export the law as source code or as an object of another library; `to` as in `export_model`.
 
     By default its input stays within the known range of the model; `limits` are others, None is without any. It starts
     from the rest of the first reference, where the model knows its records. Where the reference cannot be reached it

@@ -101,7 +101,7 @@ class Record:
         units: Mapping[str, str] | None = None,
         roles: Mapping[str, str] | None = None,
     ) -> Record:
-        """Record from (N,) or (N, 1) arrays, lists or Series; `Ts` in s overrides the stamps `t` in s.
+        """Make a record from (N,) or (N, 1) arrays, lists or Series; `Ts` in s overrides the time stamps `t` in s.
 
         `units` such as {"u": "V", "y": "um"}, and `roles` such as {"command": "setpoint"}, go with the record.
         DataError says what is wrong with the arrays.
@@ -147,7 +147,7 @@ class Record:
         )  # fmt: skip
 
     def remarks(self, among: Sequence[Record] = ()) -> list[str]:
-        """Return what to know about the data, among other records, before anything is concluded from them."""
+        """Return remarks on the data that matter for every conclusion from them."""
         found = []
         for word, name in {"input": "u", "output": "y"}.items():
             x = np.concatenate([getattr(r, name) for r in among or (self,)])
@@ -172,7 +172,7 @@ class Record:
         return found
 
     def segments(self) -> list[Record]:
-        """Contiguous records between the breaks; a single sample left alone by a cut is no segment."""
+        """Return the segments between the breaks as records; single samples are left out."""
         if not self.breaks:
             return [self]
         edges = (0, *self.breaks, len(self))

@@ -33,7 +33,7 @@ Array = np.ndarray
 
 
 def add(model: Model, effect: str | Candidate | Pair, where: str | None = None) -> Addition:
-    """Add a physical effect by id, or what a diagnosis found; `.fit(record)` returns the extended model.
+    """Add a physical effect, by name or as found by `diagnose`; `.fit(record)` returns the extended model.
 
     What was found carries its core, form, place and values: a fit begins there, and never ends with a larger error.
     """

@@ -94,7 +94,7 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def exhausted(self) -> bool:
-        """Whether it looked for a further effect beside those that it added, and found none, or two that are all."""
+        """Whether no further effect was found after those that were added."""
         last = self.steps[-1]
         if last.pair is not None and last.pair.all and len(last.added) > 1:
             return True
@@ -102,22 +102,22 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def aside(self) -> tuple[str, ...]:
-        """Names of the signals in the first record's file that took no part."""
+        """Names of the signals in the first record's file that were not used."""
         return self.steps[0].base.split.records[0].aside
 
     @property
     def confusion_set(self) -> list[str]:
-        """The effects of the first step that these data cannot tell apart."""
+        """The effects of the first step that these data cannot distinguish."""
         return self.steps[0].confusion_set
 
     @property
     def experiment(self) -> Experiment | None:
-        """The experiment that separates the confusion set of the first step."""
+        """The experiment that distinguishes the effects of `confusion_set`."""
         return self.steps[0].experiment
 
     @property
     def best(self) -> Candidate | Pair:
-        """What explains the error best: one effect, or two that only together do.
+        """The best candidate: one effect, or two that only explain the error together.
 
         Raises
         ------
@@ -130,12 +130,12 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def model(self) -> Model:
-        """The model after the last step that added something, else the base as fitted here."""
+        """The model with all added effects; without any, the base model as fitted here."""
         return (self.last or self.steps[0].base).model
 
     @property
     def last(self) -> Fitted | None:
-        """What the last step that added something made, on the training samples."""
+        """The fit of the last step that added an effect, on the training samples."""
         return next((s.chosen for s in reversed(self.steps) if s.chosen is not None), None)
 
     @property
@@ -145,12 +145,12 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def floor(self) -> float:
-        """Rms of the noise: the lowest that any step tells [unit of y]."""
+        """The noise floor: rms of the noise, the lowest estimate of all steps [unit of y]."""
         return min(s.floor for s in self.steps)
 
     @cached_property
     def portrait(self) -> Portrait:
-        """What the base lacks, against the variable that explains most of it, with the law of each step.
+        """The missing input against the variable that explains most of it, with the added effects.
 
         It is of the segment with the most of the squared error, at the working rate.
         """
@@ -179,7 +179,7 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def base(self) -> Model:
-        """The baseline: the given model, or a linear model with other orders that follows the records better."""
+        """The base model: the given one, or a linear model with other orders if it fits the records better."""
         return self.steps[0].base.model
 
     @property
@@ -194,12 +194,12 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def validation(self) -> str:
-        """Which data the validation errors are of, in words."""
+        """Which data are used for validation, in words."""
         return self.steps[0].trial.described
 
     @property
     def rungs(self) -> list[str]:
-        """What each step of the ladder did, in words."""
+        """The effects that each step of `ladder` added, in words."""
         found: list[str] = []
         for rung in self.ladder:
             gone = f" instead of {', '.join(rung['withdrawn'])}" if "withdrawn" in rung else ""
@@ -207,7 +207,7 @@ class Diagnosis(DiagnosisDoors):
         return found
 
     def sentence(self, units: Mapping[str, str] | None = None) -> str:
-        """Return the verdict in plain words, and what the sensor does; by default in the units of the records."""
+        """Return the result in words, with problems of the sensor; by default in the units of the records."""
         return self._verdict(said_first(self.units, units))
 
     def _verdict(self, units: Mapping[str, str]) -> str:

@@ -160,7 +160,7 @@ class Trial:
 
     @property
     def described(self) -> str:
-        """Which data the validation errors are of, in words."""
+        """Which data are used for validation, in words."""
         if self.given:
             return joined(dict.fromkeys(r.name for r in self.validation))
         if not self.tail:

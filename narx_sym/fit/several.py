@@ -125,7 +125,7 @@ def identify_outputs(records: Records, base: str = "linear", **options: Any) -> 
 def simulate_system(
     system: System, inputs: Mapping[str, Any], y0: Mapping[str, Any] | None = None, engine: str = "native"
 ) -> dict[str, Array]:
-    """Free run of all outputs together from given first outputs.
+    """Simulate all outputs of a system (free run) from given first outputs.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def simulate_system(
 
 
 def free_run_system(system: System, record: Record) -> dict[str, Array]:
-    """Run a system along a record, all outputs together, from start states that are estimated output by output.
+    """Simulate a system along a record, from start states that are estimated for each output.
 
     Gaps start anew.
 
@@ -179,7 +179,7 @@ def free_run_system(system: System, record: Record) -> dict[str, Array]:
 
 
 def evaluate_system(system: System, records: Records) -> dict[str, Errors]:
-    """Compare a system with measurements, output by output: one step ahead, and in the free run of all together.
+    """Compute the errors of a system on measurements for each output: one step ahead, and in free run of all outputs.
 
     Returns
     -------

@@ -110,7 +110,7 @@ class Compensator(CompensatorDoors):
     def limited(
         self, limits: Sequence[float] | None = None, rate: float | None = None, share: float = 1.0
     ) -> Recursion:
-        """Return the law within the limits of the actuator, and damped, with the model beside it.
+        """Return the law with limits of the actuator and damping, together with the model.
 
         Where the actuator cannot follow, the law goes on from the model's own output instead of the reference's past.
 
@@ -147,7 +147,7 @@ class Compensator(CompensatorDoors):
         return in_order(self.beside(), self.symbols)
 
     def beside(self, clipped: Any = lambda asked: asked) -> Any:
-        """Return the law with the model beside it, in true time; see `narx_sym.inversion.stages.guarded`."""
+        """Return the law together with the model; see `narx_sym.inversion.stages.guarded`."""
         return guarded(self.staged or stages_of(self.model), clipped)
 
     @property
@@ -173,7 +173,7 @@ class Compensator(CompensatorDoors):
 
     @cached_property
     def checked(self) -> str:
-        """What is known about the branches, in words: a proof, or what a check in numbers found; see `check`."""
+        """Whether the solution is unique, in words: by proof or by a numerical check; see `check`."""
         return str(self.check())
 
     def expand(self) -> sp.Eq:
@@ -187,7 +187,7 @@ class Compensator(CompensatorDoors):
         return tuple(p for p in found if p is not None)
 
     def lines(self, numbers: bool = False) -> list[str]:
-        """Return each equation of the law as a text, in the order of the stages, then which roots they take."""
+        """Return each equation of the law as text, then which roots are taken."""
         values = self.model.values if numbers else {}
         return [*self._equations(values), *(p.held(values).sentence for p in self.polynomials)]
 
@@ -195,7 +195,7 @@ class Compensator(CompensatorDoors):
         return [f"{printing.text(left)} = {printing.text(right.xreplace(values))}" for left, right in self.updates]
 
     def residual(self) -> Any:
-        """Put the law into the model and subtract the reference: 0 where the inversion is exact.
+        """Substitute the law into the model and subtract the reference: 0 if the inversion is exact.
 
         Beyond A1 each branch is put into the equation of its stage.
         """
@@ -210,7 +210,7 @@ class Compensator(CompensatorDoors):
 
     @cached_property
     def internal(self) -> InternalDynamics:
-        """The law's own dynamics: whether it can run away although the model follows."""
+        """The internal dynamics of the law: they show whether it can diverge."""
         return internal_dynamics(self)
 
     def smooth(self, eps: Any = None, form: Any = "tanh") -> Compensator:

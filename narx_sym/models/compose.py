@@ -44,7 +44,7 @@ PLACES = {*INNER_INPUTS, *INNER_OUTPUTS, rub, grip}
 
 
 def series(first: Any, second: Any) -> Model:
-    """Return the model of a second one that is driven by the output of a first one: `first >> second`.
+    """Connect two models in series (the output of the first is the input of the second): `first >> second`.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def series(first: Any, second: Any) -> Model:
 
 
 def parallel(first: Any, second: Any) -> Model:
-    """Return the model of two that have the same input and whose outputs add up: `first + second`.
+    """Connect two models in parallel (same input, sum of the outputs): `first + second`.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def parallel(first: Any, second: Any) -> Model:
 
 
 def feedback(forward: Any, back: Any) -> Model:
-    """Return the model of a loop: the forward model is driven by the input minus what the other makes of the output.
+    """Return the model of a feedback loop: the input of the first model is the input minus the output of the second.
 
     Raises
     ------

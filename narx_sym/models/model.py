@@ -227,7 +227,7 @@ class Model(ModelDoors, printing.InLatex):
 
     @property
     def memory(self) -> tuple[State, ...]:
-        """The states that effects remember, and those of the model's own."""
+        """The internal states of the model and its effects."""
         own = own_states(self)
         return tuple(s for s in self.states if (s.remembers or s.left.base.name in own) and s.left.base != x)
 
@@ -245,7 +245,7 @@ class Model(ModelDoors, printing.InLatex):
 
     @property
     def beside(self) -> Any:
-        """What the output adds to `x`."""
+        """The terms that the output equation adds to `x`."""
         return self.F - x[k]
 
     def in_user_units(self, expr: Any) -> Any:
@@ -254,7 +254,7 @@ class Model(ModelDoors, printing.InLatex):
         return renamed(expr, {s: s - point[s.base] for s in samples(expr) if s.base in point}) if point else expr
 
     def expand(self, numbers: bool = False) -> sp.Eq:
-        """Return the equation in the user's own units, in samples of y and u, and of what effects remember."""
+        """Return the equation in the user's units, in samples of y, u and the states of effects."""
         return sp.Eq(self.output[k], self.right.xreplace(self.values if numbers else {}), evaluate=False)
 
     @cached_property
@@ -272,7 +272,7 @@ class Model(ModelDoors, printing.InLatex):
 
     @cached_property
     def starts(self) -> dict[Any, Any]:
-        """What each further state starts from, in samples of the inputs and outputs in the user's units."""
+        """Start values of the states, in samples of inputs and outputs in the user's units."""
         return {base: self.in_user_units(e) for base, e in starts(self).items()}
 
     @property
@@ -290,7 +290,7 @@ class Model(ModelDoors, printing.InLatex):
 
     @cached_property
     def n_y(self) -> int:
-        """The largest lag of the output, in the core and in what acts on its motion."""
+        """The largest lag of the output, in the linear part and in effects on the motion."""
         moving = next((s.right for s in self.states if s.left.base == self.inner), self.F)
         return max([0, *lags(self.core, self.inner), *lags(moving, self.inner)])
 
@@ -301,7 +301,7 @@ class Model(ModelDoors, printing.InLatex):
 
     @cached_property
     def delay(self) -> int:
-        """The pure delay tau_d: the smallest lag of the input, through states that no effect brought too."""
+        """The delay tau_d: the smallest lag of the input [samples]."""
         return min(arrivals(self, expand_phi(self.core), (self.input,)), default=0)
 
     @cached_property
@@ -311,12 +311,12 @@ class Model(ModelDoors, printing.InLatex):
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """Names of the further measured sequences that enter."""
+        """Names of the further measured signals in the equations."""
         return tuple(b.name for b in self.recursion.inputs if b not in (self.input, self.output, t))
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of all that drives it: the input, and the channels beside it."""
+        """Names of the inputs: the input and the channels."""
         return (self.input.name, *self.channels)
 
     def latex(self, numbers: bool = False) -> str:
@@ -338,7 +338,7 @@ class Model(ModelDoors, printing.InLatex):
         return [*((s.left, pairs(s.right)) for s in self.states), (self.output[k], self.parts())]
 
     def lines(self, numbers: bool = False) -> list[str]:
-        """Return each equation in order, the output's last, as a text."""
+        """Return each equation as text; the equation of the output is the last."""
         values = self.printed if numbers else {}
         equations = [*((s.left, s.right) for s in self.states), (self.output[k], self.F)]
         return [f"{printing.text(left)} = {printing.text(right.xreplace(values))}" for left, right in equations]

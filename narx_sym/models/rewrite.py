@@ -174,7 +174,7 @@ def own_names(model: Model) -> list[str]:
 
 
 def smooth(model: Model, eps: Any = None, form: Any = "tanh") -> Any:
-    """Put a smooth function in the place of sign(phi1), before or after identification.
+    """Replace sign(phi1) by a smooth function, before or after identification.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class System(SystemDoors, InLatex):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The names of what drives it: `u` first where it is read."""
+        """The names of the inputs, `u` first."""
         read = [b.name for b in self.recursion.inputs]
         return tuple(sorted(read, key=lambda name: (name != u.name, name)))
 
@@ -82,7 +82,7 @@ class System(SystemDoors, InLatex):
         return next((part.Ts for part in self.parts.values() if part.Ts), None)
 
     def names(self, output: str) -> dict[Any, Any]:
-        """Return what the sequences and parameters of a part are called in the system."""
+        """Return the names that the signals and parameters of a part have in the system."""
         part = self.parts[output]
         own: dict[Any, Any] = {s: sp.Symbol(f"{s}_{output}", **s._assumptions_orig) for s in part.symbols}
         own |= {s.left.base: signal(f"{s.left.base.name}_{output}") for s in part.states}
@@ -90,9 +90,9 @@ class System(SystemDoors, InLatex):
 
     @cached_property
     def recursion(self) -> Recursion:
-        """All equations, each behind what it reads at the same sample.
+        """All equations, sorted so that each only needs earlier ones of the same sample.
 
-        ModelError where outputs need one another at one sample.
+        ModelError for an algebraic loop.
         """
         listed: list[tuple[Any, Any]] = []
         for output, part in self.parts.items():
@@ -116,13 +116,13 @@ class System(SystemDoors, InLatex):
 
     @property
     def numbers(self) -> tuple[float, ...] | None:
-        """Their values, None where a part has none."""
+        """Values of the parameters, None if a part has none."""
         found = [part.numbers for part in self.parts.values()]
         return None if any(n is None for n in found) else tuple(v for n in found for v in n or ())
 
     @property
     def values(self) -> dict[Any, Any]:
-        """Symbol to value; empty where a part has none."""
+        """Values by symbol; empty if a part has none."""
         return {} if self.numbers is None else dict(zip(self.symbols, map(sp.Float, self.numbers), strict=True))
 
     @property
@@ -139,7 +139,7 @@ class System(SystemDoors, InLatex):
         return found
 
     def equilibria(self, numbers: bool = True) -> list[dict[Any, Any]]:
-        """Return every equilibrium as outputs (and states) in terms of the constant inputs.
+        """Return the steady states: outputs (and states) as functions of the constant inputs.
 
         Parameters
         ----------

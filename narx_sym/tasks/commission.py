@@ -116,7 +116,7 @@ def commission(
     seed: int = 0,
     validation: Records = (),
 ) -> Commissioning:
-    """Run a law over a reference, and its input through many models that the records allow as well.
+    """Predict the error of a law on the machine: simulate it on many models that fit the records.
 
     The parameter sets are those of a moving-block bootstrap (Kunsch 1989) of the records on which the model was
     fitted; to each run a piece of what the model leaves unexplained there is added, drawn in blocks too, from a

@@ -89,7 +89,7 @@ class Damping:
 
 
 def share_of(law: Compensator, share: Share | str = "auto") -> float:
-    """Return the share of a law: the given one, a number or its text, that of `damping` for "auto", 1 for None."""
+    """Return the damping factor of a law: the given number, that of `damping` for "auto", 1 for None."""
     if share is None:
         return 1.0
     if share == "auto":
@@ -104,7 +104,7 @@ def share_of(law: Compensator, share: Share | str = "auto") -> float:
 
 
 def damping(law: Compensator) -> Damping:
-    """Return whether a law rings around slow motion, and the share with which it forgets disturbances fastest."""
+    """Return whether a law rings, and the damping with which disturbances decay fastest."""
     if law.model.input == y or law.model.theta is None:
         return Damping(0.0)
     if law.model not in _known:
@@ -143,7 +143,7 @@ def growth(
 def disturbance(
     law: Compensator, reference: Any, m0: Any = None, channels: Mapping[str, Any] | None = None, at: int = 0
 ) -> Array:
-    """Return what a small disturbance of the input becomes along a run of a law, of any kind, as it is without damping.
+    """Return how a small disturbance of the input grows or decays along a run of a law, without damping.
 
     The law's own dynamics where there is no polynomial for them: of laws with branches and states. The law goes on from
     the model's output, as it does on a machine.

@@ -138,7 +138,7 @@ def run_law(
     clip: bool = False,
     share: Share = "auto",
 ) -> Array:
-    """Compute the compensated input over a reference.
+    """Compute the compensated input for a reference.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def run_law(
 def exported(
     law: Compensator, limits: Sequence[float] | None = None, rate: float | None = None, share: Share = "auto"
 ) -> Recursion:
-    """Return what a machine computes from sample to sample; arguments as for `run_law`.
+    """Return the equations that a controller computes in each sample; arguments as for `run_law`.
 
     It is the law alone where that reaches every reference; else the model is beside it. A root that is proved to be
     alone is found in a fixed number of steps, with the present values of the parameters in the place of their symbols.
@@ -238,7 +238,7 @@ def follow(
     share: Share = "auto",
     back: bool = True,
 ) -> Following:
-    """Compute the compensated input and what the model then does; parameters and errors as for `run_law`.
+    """Compute the compensated input and the output of the model; parameters and errors as for `run_law`.
 
     Parameters
     ----------
@@ -278,8 +278,8 @@ def follow(
     off = own > INEXACT * size if free else unreached
     grown = growth(law, target, start, channels or {}, int(np.argmax(off))) if free and off.any() else 0.0
     if part < 1:  # damped for slow motion: along this reference it may run away all the same
-        made = lambda clipped: in_order(law.beside(lambda a: clipped(m[k - 1] + part * (a - m[k - 1]))), law.symbols)  # noqa: E731
-        grown = growth(law, target, start, channels or {}, n - 1, made)
+        made = lambda clipped: in_order(law.beside(lambda a: clipped(m[k - 1] + part * (a - m[k - 1]))), law.symbols) 
+        # noqa: E731 grown = growth(law, target, start, channels or {}, n - 1, made)
     grown = max(grown, furthest)
     moved = float(np.abs(reached - target[0])[: max(1, ahead)].max()) if ahead else 0.0
     return Following(

@@ -50,7 +50,7 @@ class Stability:
 
 
 def stability(law: Compensator) -> Stability:
-    """Return what is known of the stability of a law as it runs by default, damped where it rings."""
+    """Return whether a law is stable with its default damping, and for which range this is known."""
     if law.model not in _known:
         known = law.model.info.ranges.items()
         ranges = tuple((name, float(low), float(high)) for name, (low, high) in known if name in ("u", "y"))

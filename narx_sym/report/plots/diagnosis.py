@@ -99,7 +99,7 @@ def _plain_numbers(axis: Any) -> None:
 def plot_candidates(
     diagnosis: Any, path: str | Path | None = None, units: dict[str, str] | None = None, ax: Any = None
 ) -> Any:
-    """Draw the share of the removable error that each candidate removes, with its 95 % interval.
+    """Draw the fraction of the removable error that each candidate removes, with its 95 % interval.
 
     Parameters
     ----------
