@@ -278,8 +278,8 @@ def follow(
     off = own > INEXACT * size if free else unreached
     grown = growth(law, target, start, channels or {}, int(np.argmax(off))) if free and off.any() else 0.0
     if part < 1:  # damped for slow motion: along this reference it may run away all the same
-        made = lambda clipped: in_order(law.beside(lambda a: clipped(m[k - 1] + part * (a - m[k - 1]))), law.symbols) 
-        # noqa: E731 grown = growth(law, target, start, channels or {}, n - 1, made)
+        made = lambda clipped: in_order(law.beside(lambda a: clipped(m[k - 1] + part * (a - m[k - 1]))), law.symbols)  # noqa: E731
+        grown = growth(law, target, start, channels or {}, n - 1, made)
     grown = max(grown, furthest)
     moved = float(np.abs(reached - target[0])[: max(1, ahead)].max()) if ahead else 0.0
     return Following(
