@@ -24,7 +24,7 @@ def app(
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open a browser.")] = False,
     most: Annotated[int, typer.Option("--max-mb", min=1, max=2000, help="Largest upload in MB.")] = 50,
 ) -> None:
-    """Serve a page on this machine: see where a model fails, add what is missing, watch the error fall."""
+    """Open a page in the browser: see where a model fails, add the missing effect, and compare the errors."""
     if find_spec("nicegui") is None:
         raise NarxError('The page needs further packages: pip install "narx-sym[app]"')
     from .server import Sessions, serve

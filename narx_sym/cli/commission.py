@@ -32,7 +32,7 @@ def commission(
     *,
     how: opt.Reading,
 ) -> None:
-    """Go or no go: what a law would reach on the machine, by Monte Carlo over what the records allow."""
+    """Predict the tracking error of a law on the machine (Monte Carlo over models that fit the data): go or no go."""
     from ..data.record import read_signal
     from ..data.units import said_first
     from ..files.store import load

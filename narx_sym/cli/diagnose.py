@@ -64,12 +64,12 @@ def diagnose(
     *,
     how: opt.Reading,
 ) -> None:
-    """Compare a model with measurements and name the physical effect that is missing.
+    """Find the physical effect that is missing from a model, and add it.
 
-    Without a model file the base is identified first. An effect is only added where the error falls on the data and on
-    validation data: those of --validate, else the last part of each record, which no model is fitted to. Errors are of
-    the free run over the whole record from start states estimated on it, as `narx-sym compare` gives them.
-    The same data and seed give the same JSON; only its last field, `seconds`, differs.
+    Without a model file a base model is identified first. An effect is only added if the error falls on the data and on
+    validation data (those of --validate, else the last part of each record, to which no model is fitted). All errors
+    are free-run errors over the whole record, with estimated start states, as in `narx-sym compare`.
+    The same data and seed give the same JSON, except for its last field, `seconds`.
     """
     from ..diagnosis.experiment import check_limits, wider_file
     from ..diagnosis.machine import check_machine

@@ -31,7 +31,7 @@ def add(
     *,
     how: opt.Reading,
 ) -> None:
-    """Add an effect to a model, fit both together in free run, and compare the errors before and after."""
+    """Add an effect to a model, fit them together in free run, and compare the errors before and after."""
     from ..diagnosis.add import Addition
     from ..files.store import save
     from ..models.effects import PLACES
@@ -55,7 +55,7 @@ def add(
 
 
 def effects(effects: opt.EffectFiles = None) -> None:
-    """List the catalogue: what each effect is, its equations, where it may act, units and sources."""
+    """List all effects that `diagnose` knows: their equations, places, units and sources."""
     from ..models.effects import DETECTED
 
     say = console().print

@@ -51,10 +51,10 @@ def fleet(
     *,
     how: opt.Reading,
 ) -> None:
-    """Diagnose many records in parallel: one page, the worst first, machine by effect, and what grows.
+    """Diagnose many records in parallel; write one page with the worst records, effects per machine, and trends.
 
-    What is explained is a share of the output's standard deviation: (error before - error after) / std(y). It is not
-    the share of the removable error that `diagnose` tells of one record.
+    "Explained" is (error before - error after) / std(y). It is not the fraction of the removable error that `diagnose`
+    reports for one record.
     """
     from ..data.evidence.roles import roles_of
     from ..files.journal import resuming

@@ -59,7 +59,7 @@ def compensate(
     ts: opt.Ts = None,
     rows: opt.Rows = None,
 ) -> None:
-    """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
+    """Derive the compensation law, print it, export it as LaTeX or source code, and run it along a reference."""
     from ..codegen.registry import exports, target_of
     from ..codegen.units import coefficients_latex
     from ..data.units import said_first
@@ -195,7 +195,7 @@ def simulate(
     ts: opt.Ts = None,
     rows: opt.Rows = None,
 ) -> None:
-    """Free run over an input."""
+    """Simulate a model: its free run for an input from a file."""
     from ..files.atomic import check_columns, write_csv
     from ..files.store import load
 

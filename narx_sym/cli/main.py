@@ -62,7 +62,7 @@ def fit(
     *,
     how: opt.Reading,
 ) -> None:
-    """Select the structure and fit the parameters under Sigma_y = 1."""
+    """Identify a model: choose its terms and fit its parameters (with --base narx under Sigma_y = 1)."""
     from ..files.store import save
     from ..fit.identify import BASES, check_method, identify, with_steady_state
     from ..models.differential import from_equations
@@ -120,9 +120,10 @@ def derive(
     *,
     how: opt.Reading,
 ) -> None:
-    """Derive Sigma_y, the equilibria, the quasi-static sets, where they attract, and check the assumptions.
+    """Derive Sigma_y, the equilibria, the quasi-static sets and where they are attracting; check the assumptions.
 
-    With --continuous: the differential equation, with mass, friction, time constants and dead time in physical units.
+    With --continuous: derive the differential equation, with mass, friction, time constants and dead time in physical
+    units.
     """
     from ..files.atomic import write_text
     from ..files.store import load
@@ -198,10 +199,10 @@ def compare(
     *,
     how: opt.Reading,
 ) -> None:
-    """Compare a model with measurements: one-step and free-run errors, time response and loop, where it fails.
+    """Compare a model with measurements: one-step and free-run errors, time response, loop, and where the model fails.
 
-    The free-run error is that of the whole record at its own rate, from start states estimated on it.
-    With --reference the data are a log of reference, compensated input and measured output: tracking MAPE and NSAVI.
+    The free run covers the whole record at its sampling rate, from start states estimated on it.
+    With --reference the data are the log of a compensated run (reference, input, output): prints MAPE and NSAVI.
     """
     from ..data.units import said_first
     from ..files.store import load
@@ -261,7 +262,7 @@ for command in (
 
 @app.command()
 def demo(out: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("narx_sym_demo")) -> None:
-    """Run the main job on simulated machines: identify, derive, compensate, compare, find a hidden effect, add it."""
+    """Show everything on simulated machines: identify, derive, compensate, compare, find a hidden effect, add it."""
     from .demo import run
 
     if not out.parent.is_dir() or out.is_file():

@@ -299,8 +299,8 @@ class Step:
                 return f"The base model does not follow the output, so it cannot show which effect is missing. {sizes}."
             if self.one_step:
                 return f"{ONE_STEP} {sizes}."
-            shown = ", ".join(f"{words(name)} above {few(size, 2)}{unit}" for name, size in self.unseen[:3])
-            would = f"; these data would probably have shown {shown} rms" if shown else ""
+            shown = ", ".join(f"{words(name)} {few(size, 2)}{unit}" for name, size in self.unseen[:3])
+            would = f"; the smallest detectable effects are {shown} rms" if shown else ""
             if self.unexplained:
                 sizes += f"; the sensor's noise, if white, is about {few(self.sensor)}{unit}, {self.unexplained}"
             if self.trace or self.unexplained:
