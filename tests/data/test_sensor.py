@@ -62,7 +62,7 @@ def test_samples_that_stand_alone():
     bad = np.array([200, 201, 900, 2400])
     (fault,) = faults(np.where(np.isin(np.arange(N), bad), -9999, y))
     assert fault.effect == "spikes" and fault.at == (200, 201, 900, 2400)
-    assert "4 samples of 'record' are far" in fault.sentence and ": rows 200, 201, 900, 2400. What" in fault.sentence
+    assert "4 samples of 'record' are far" in fault.sentence and ": rows 200, 201, 900, 2400. Dropouts" in fault.sentence
     pulses = np.where(np.isin(np.arange(N), bad), 3.0, u)
     noise = 0.005 * rng.standard_normal(N)
     assert sensor_faults([ns.Record.from_arrays(pulses, 2 * pulses + noise, Ts)], 0.005) == []

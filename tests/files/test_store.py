@@ -179,7 +179,7 @@ BAD_STATES = {
     "an effect as text": ("'effects'", {"info": {"effects": ["backlash"]}}),
     "an effect's unknown field": ("'effects'", {"info": {"effects": [{"effect": "a", "coefficients": [], "b": 1}]}}),
     "an effect without a name": ("must be a text", {"info": {"effects": [{"effect": 1, "coefficients": []}]}}),
-    "coefficients that are none": ("no parameter", {"info": {"effects": [{"effect": "a", "coefficients": ["q"]}]}}),
+    "coefficients that are none": ("not a parameter", {"info": {"effects": [{"effect": "a", "coefficients": ["q"]}]}}),
 }  # fmt: skip
 
 

@@ -377,7 +377,7 @@ def test_an_identified_inverse_has_limits_too():
     inverse = ns.NARX.from_terms(["u[k-1]", "breve_phi1[k-1]"], (1.0, 1.2), input="y", output="u", lead=2)
     law = inverse.compensator()
     target = np.sin(np.arange(90) / 9)
-    with pytest.warns(UserWarning, match="hold the input"):
+    with pytest.warns(UserWarning, match="at a limit"):
         driven = law.run(target, 0.0, limits=(-0.7, 0.8))
     assert driven.min() == -0.7 and driven.max() == 0.8
 
@@ -539,7 +539,7 @@ def test_compensate_with_limits(tmp_path, capsys, monkeypatch):
         return stop.value.code, *capsys.readouterr()
 
     code, out, err = command("--limits", "-0.8", "0.8", "--rate", "0.5", "--c", str(tmp_path / "law.c"))
-    assert code == 0 and "hold the input in" in err and "m[k] = Piecewise" in out.replace("\n", " ")
+    assert code == 0 and "at a limit of the actuator in" in err and "m[k] = Piecewise" in out.replace("\n", " ")
     assert "Checked: exactly one v[k]" in " ".join(out.split()) and "0.8" in (tmp_path / "law.c").read_text()
     driven = ns.read(tmp_path / "m.csv", u="m", y="r").u
     assert driven.max() <= 0.8 and np.abs(np.diff(driven)).max() <= 0.5 + 1e-9

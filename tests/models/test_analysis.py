@@ -423,7 +423,7 @@ def test_what_remembers_is_named():
     named = remembering()
     effects = AddedEffect("offset", group="2"), AddedEffect("creep", group="1", coefficients={"b": named.symbols[1]})
     named = named.replace(effects=effects)
-    with pytest.raises(ModelError, match=r"more .* by the effect creep \(h\[k\]\)"):
+    with pytest.raises(ModelError, match=r"further memory in the effect creep \(h\[k\]\)"):
         quasi_static(named)
     with pytest.raises(ModelError, match="changes with time"):
         rest_map(remembering(t[k]))
@@ -635,13 +635,13 @@ def test_plays_rest_where_the_input_has_left_them():
     verdict = property_1(model)
     assert verdict.holds and verdict.equilibria == "continuum"
     assert not property_1(model.replace(theta=[1.2, *model.theta[1:]])).holds
-    with pytest.raises(ModelError, match=r"assumptions .* remembered by the state z1\[k\]"):
+    with pytest.raises(ModelError, match=r"assumptions .* memory in the state z1\[k\]"):
         check(model)
 
 
 def test_several_states_remember():
     model = Shape((0.5, 1.0), (), 0, creep=True).model({}, [0.5, 1.0, 0.6, 0.4, 0.0, 0.1, 0.99])
-    with pytest.raises(ModelError, match=r"remembered by the state slow\[k\]"):
+    with pytest.raises(ModelError, match=r"memory in the state slow\[k\]"):
         quasi_static(model)
 
 

@@ -150,7 +150,7 @@ def test_the_whole_rests_where_its_parts_do():
 def test_what_does_not_fit_is_refused():
     a = ns.NARX.from_terms(["y[k-1]", "u[k]"], [0.5, 1.0], Ts=0.01)
     for make, said in (
-        (lambda: a >> a.replace(Ts=0.02), "two sampling times"),
+        (lambda: a >> a.replace(Ts=0.02), "different sampling times"),
         (lambda: a >> 3, "can be combined"),
         (lambda: a + ns.NARX.from_terms(["y[k-1]", "v2[k-1]"], [0.5, 1.0], input="v2"), "one input"),
         (lambda: a.feedback(a), "at once"),

@@ -160,7 +160,7 @@ def test_the_load_of_an_axis_that_integrates_is_known():
         ("x' = u - x", "need the output"),
         ("y = u", "need the output"),
         ("y' = u - y\ny[k] = u[k-1]", "given twice|not both"),
-        ("y' = u - p\np = q\nq = p", "defined by one another"),
+        ("y' = u - p\np = q\nq = p", "circular"),
         ("y' = u - y\nz(0) = 1", "no state"),
         ("y' = u - y\na ~ 1", "appears in no equation"),
         ("sin' = u", "means something else"),

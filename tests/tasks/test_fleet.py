@@ -141,7 +141,7 @@ def test_a_path_that_does_not_tell_its_machine_is_said(folder):
 def test_a_budget_ends_one_record(folder, monkeypatch):
     (entry,) = [e for e in entries(folder) if e.file.stem == "one"]
     row = look(entry, Settings(base="static", budget=1e-9))
-    assert "budget" in row["problem"] and not row["missing"]
+    assert "time limit" in row["problem"] and not row["missing"]
 
 
 def test_what_is_no_fault_of_a_record_is_said_and_tried_again(folder, tmp_path, monkeypatch):
