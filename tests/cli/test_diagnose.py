@@ -125,7 +125,7 @@ def test_names_the_hidden_effect(files, diagnosed):
     text, err = diagnosed
     assert "Diagnosing ..." in err
     for expected in (
-        "one explanation fits", "Probably missing: dead zone", "mm rms", "+ dead zone", "noise floor", "Where it fails",
+        "one explanation fits", "Probably missing: dead zone", "mm rms", "+ dead zone", "noise floor", "Where the model fails",
         "What could not have been seen", "dead zone *", "fit [%], validation", "Max(-0.",
     ):  # fmt: skip
         assert expected in text, text
@@ -295,7 +295,7 @@ def test_effects_in_words(run):
 def test_compare_says_where_it_fails(files, run, tmp_path):
     picture = tmp_path / "c.png"
     text, _ = run.good(f"compare {files}/linear.json {files}/dead.csv --plot {picture} --units V,mm")
-    assert "Where it fails" in text and "mean error" in text and "mm" in text
+    assert "Where the model fails" in text and "mean error" in text and "mm" in text
     assert picture.stat().st_size > 10_000 and (tmp_path / "c_where.png").stat().st_size > 10_000
 
 

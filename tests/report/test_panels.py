@@ -140,7 +140,7 @@ def test_what_validation_data_do_not_confirm_is_the_verdict(stage_diagnosis):
     step = replace(first, chosen=None, refused=first.chosen, verdict="helps_but_incomplete")
     found = replace(stage_diagnosis, steps=[step])
     assert step.finding == "refused" and found.model is first.base.model and len(found.ladder) == 1
-    assert words.fall(found, STAGE_UNITS).endswith(": it is not added.")
+    assert words.fall(found, STAGE_UNITS).endswith(", so nothing is added.")
     assert words.headline(found).startswith("With backlash the error falls on the record and")
     assert step.to_dict(None)["refused"] and not first.to_dict(None)["refused"]
 
@@ -176,7 +176,7 @@ def test_no_noise_is_more_than_what_is_left(stage_diagnosis):
     """An estimate from differences is too large where a record is slow: then nothing is said of the sensor."""
     first = replace(stage_diagnosis.steps[0], floor=0.02)
     said = {sensor: replace(first, sensor=sensor) for sensor in (0.01, 0.02, 0.03)}
-    assert "of the sensor alone 0.01" in said[0.01].sentence({})
+    assert "sensor noise alone 0.01" in said[0.01].sentence({})
     assert "all of it the noise of the sensor" in said[0.02].sentence({})
     assert "the sensor" not in said[0.03].sentence({})
     spread = first.base.problem.spread
@@ -235,7 +235,7 @@ def test_few_digits_need_no_exponent(value, said):
             "a disturbance of the machine",
         ),
         (False, "", "more", "The remaining error is larger", "more error than noise", "a disturbance of the machine"),
-        (True, "", "more", "The base does not follow the output", "the base does not follow", "another base"),
+        (True, "", "more", "The base model does not follow the output", "the base model does not follow", "another base"),
     ],
 )
 def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge, advice):
@@ -246,7 +246,7 @@ def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge,
     step.finding = Step.finding.fget(step)
     found = SimpleNamespace(steps=[step], rungs=["base"], faults=[], one_speed=False, aside=("load",))
     assert words.headline(found).startswith(title) and advice in words.what_next(found)
-    assert ("took no part: load" in words.what_next(found)) == (badge != "nothing found")
+    assert ("not used: load" in words.what_next(found)) == (badge != "nothing found")
     assert words.BADGES[step.finding] == badge
 
 
