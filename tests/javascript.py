@@ -4,11 +4,14 @@ import base64
 import json
 import shutil
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 
 import numpy as np
 from live import CHROMIUM, FLAGS
 
 NODE = shutil.which("node")
+THREAD = ThreadPoolExecutor(1)
 ANSWER = """
 function answer(model, request) {
   const decoded = text => new Float64Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);
@@ -42,14 +45,16 @@ def evaluated(script):
         ran = subprocess.run([NODE, "-e", code], input=script, capture_output=True, text=True)
         assert ran.returncode == 0, ran.stderr[-2000:]
         return ran.stdout
+    return THREAD.submit(lambda: _page().evaluate(script)).result()
+
+
+@cache
+def _page():
+    """The page of the one browser of this process; its thread is its own, for its loop stands in no test's way."""
     from playwright.sync_api import sync_playwright
 
-    with sync_playwright() as p:
-        browser = p.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        try:
-            return browser.new_page().evaluate(script)
-        finally:
-            browser.close()
+    browser = sync_playwright().start().chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+    return browser.new_page()
 
 
 def run(source, name, given, start, theta=None, length=None, at=None):

@@ -15,7 +15,7 @@ import narx_sym as ns
 from narx_sym import k, plants
 
 
-@ns.effect("input", scan={"s": ns.Scan("amplitude", (0.2, 0.5, 1.0))}, unit={"s": "V"}, source="our notebook, 2026")
+@ns.effect("input", scan={"s": ns.Scan("amplitude", (0.2, 0.5, 1.0), unit="V")}, source="our notebook, 2026")
 def soft_start(x, s):
     """The amplifier gives less around zero."""
     return -x[k] * sp.exp(-((x[k] / s) ** 2))

@@ -23,7 +23,7 @@ from ..symbolic.recursion import Recursion
 from .numbers import floats, lifted
 from .plan import Plan
 
-ENGINES = ("native", "numpy", "casadi", "python")
+ENGINES = ("native", "casadi", "python")
 Array = np.ndarray
 
 
@@ -304,10 +304,9 @@ def compile(recursion: Recursion, engine: str = "native") -> Compiled:
     Parameters
     ----------
     recursion : Recursion
-    engine : "native", "numpy", "casadi" or "python"
-        Machine code by LLVM, banded solves in NumPy, CasADi's virtual machine, or a generated Python loop. They agree
-        to rounding. Where llvmlite is not installed, and for laws that need a root finder, "native" falls back to
-        "python".
+    engine : "native", "casadi" or "python"
+        Machine code by LLVM, CasADi's virtual machine, or a generated Python loop. They agree to rounding. Where
+        llvmlite is not installed, and for laws that need a root finder, "native" falls back to "python".
     """
     if engine not in ENGINES:
         raise ModelError(f"Unknown engine {engine!r}; there are {', '.join(ENGINES)}.")

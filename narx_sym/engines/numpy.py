@@ -1,8 +1,4 @@
-"""NumPy: coefficients evaluated for all k at once and one banded solve per state, where the equations allow it.
-
-An update that is affine in its own past, with coefficients free of itself, is a lower banded system; the states are
-solved in order. Every other recursion is run step by step through `lambdify`.
-"""
+"""NumPy: expressions over whole columns, and banded systems solved for all k at once."""
 
 from __future__ import annotations
 
@@ -17,10 +13,6 @@ from sympy.printing.numpy import NumPyPrinter
 
 from ..errors import ModelError
 from ..symbolic.functions import arguments_of, row_of
-from .plan import Plan
-
-CHUNK = 8192
-MAX_BAND = 64  # the band matrix holds CHUNK numbers for each lag up to the largest
 
 
 class _Printer(NumPyPrinter):
@@ -55,87 +47,10 @@ def lambdify(expressions: Sequence[Any], arguments: Sequence[Any]) -> Callable[.
     return quiet
 
 
-def affine_rows(plan: Plan) -> list[tuple[list[int], list[sp.Expr]]] | None:
-    """Return per state its own lags and [constant, coefficient per lag], or None where a state is not affine."""
-    rows = []
-    for s, right in enumerate(plan.updates):
-        own = {i: symbol for (j, i), symbol in plan.sample.items() if j == s and i >= 1}
-        later = [symbol for (j, _), symbol in plan.sample.items() if s < j < len(plan.updates)]
-        lags = sorted(i for i, symbol in own.items() if right.has(symbol))
-        if any(right.has(x) for x in later) or any(
-            f.has(own[i]) for i in lags for f in right.atoms(sp.Function, sp.Piecewise)
-        ):
-            return None
-        slopes = [sp.diff(right, own[i]) for i in lags]
-        if any(c.has(own[i]) for c in slopes for i in lags):
-            return None
-        rows.append((lags, [right.xreplace({own[i]: sp.S.Zero for i in lags}), *slopes]))
-    return rows
-
-
-def build(plan: Plan) -> Callable[..., int]:
-    """Return run(arrays, theta, start, stop) for a plan."""
-    rows = affine_rows(plan)
-    narrow = rows is not None and all(lag <= MAX_BAND for lags, _ in rows for lag in lags)
-    solve = _banded(plan, rows) if rows is not None and narrow else _stepwise(plan)
-
-    def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
-        try:
-            return solve(arrays, theta, start, stop)
-        except NameError as error:  # lambdify prints the name of any function
-            raise ModelError(f"The numpy engine has no rule for {error.name}.") from None
-
-    return run
-
-
-def _lambdify(plan: Plan, expressions: list[sp.Expr], keys: list[tuple[int, int]]) -> Callable[..., Any]:
-    arguments = [plan.sample[key] for key in keys] + list(plan.parameters) + [plan.time]
-    return lambdify(expressions, arguments)
-
-
-def _banded(plan: Plan, rows: list[tuple[list[int], list[sp.Expr]]]) -> Callable[..., int]:
-    keys = list(plan.sample)
-    functions = [_lambdify(plan, expressions, keys) for _, expressions in rows]
-
-    def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
-        for a in range(start, stop, CHUNK):
-            z = min(a + CHUNK, stop)
-            for s, ((lags, _), function) in enumerate(zip(rows, functions, strict=True)):
-                own = {(s, i) for i in range(max(lags, default=0) + 1)}
-                values = [
-                    np.zeros(z - a)
-                    if key in own or (key[0] < len(rows) and key[0] > s)
-                    else arrays[key[0]][a - key[1] : z - key[1]]
-                    for key in keys
-                ]
-                with np.errstate(all="ignore"):
-                    constant, *slopes = function(*values, *theta, np.arange(a, z, dtype=float))
-                arrays[s][a:z] = _solve(arrays[s], a, z, lags, np.broadcast_to(constant, z - a).astype(float), slopes)
-            block = np.array([arrays[s][a:z] for s in range(len(rows))])
-            bad = ~np.isfinite(block).all(axis=0)
-            if bad.any():
-                return int(a + np.argmax(bad))
-        return stop
-
-    return run
-
-
-def _solve(x: np.ndarray, a: int, z: int, lags: list[int], right: np.ndarray, slopes: list[Any]) -> np.ndarray:
-    """Solve x[k] - sum_i c_i[k] x[k-i] = right[k] for a <= k < z; what is known of x moves to the right."""
-    if not lags:
-        return right
-    columns = [np.broadcast_to(np.asarray(c, dtype=float), z - a) for c in slopes]
-    for i, c in zip(lags, columns, strict=True):
-        past = min(i, z - a)
-        with np.errstate(all="ignore"):
-            right[:past] += c[:past] * x[a - i : a - i + past]
-    return banded(lags, columns, right[:, None])[:, 0]
-
-
 def banded(lags: Sequence[int], slopes: Sequence[np.ndarray], right: np.ndarray) -> np.ndarray:
     """Solve x[k] - sum_i c_i[k] x[k-i] = right[k] for all k at once, where everything before the first k is zero.
 
-    It is how a recursion that is affine in its own past runs, and how a change of it goes on along a run.
+    It is how a change goes on along a run of a recursion that is affine in its own past.
 
     Parameters
     ----------
@@ -157,20 +72,3 @@ def banded(lags: Sequence[int], slopes: Sequence[np.ndarray], right: np.ndarray)
     if info:
         raise ModelError(f"LAPACK dtbtrs failed with code {info}.")
     return np.asarray(solved)
-
-
-def _stepwise(plan: Plan) -> Callable[..., int]:
-    # State by state: earlier ones put into later ones would nest their branches, which SymPy multiplies out.
-    read = [[key for key, symbol in plan.sample.items() if right.has(symbol)] for right in plan.updates]
-    steps = [_lambdify(plan, [right], keys) for right, keys in zip(plan.updates, read, strict=True)]
-
-    def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
-        with np.errstate(all="ignore"):
-            for k in range(start, stop):
-                for state, step, keys in zip(arrays[: len(steps)], steps, read, strict=True):
-                    (state[k],) = step(*[arrays[s][k - i] for s, i in keys], *theta, float(k))
-                if not all(np.isfinite(state[k]) for state in arrays[: len(steps)]):
-                    return k
-        return stop
-
-    return run

@@ -149,7 +149,7 @@ def free_run(model: Model, record: Record, engine: str = "native", align: bool =
     ----------
     model : Model with theta
     record : Record
-    engine : "native", "numpy", "python" or "casadi"
+    engine : "native", "python" or "casadi"
     align : bool
         Whether a constant offset of the sensor is estimated too.
     loads : bool

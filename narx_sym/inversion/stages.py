@@ -7,7 +7,7 @@ remember, is computed forward.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -52,7 +52,7 @@ class Staged:
     note: str = ""
 
 
-def stages_of(model: Model) -> Staged:
+def stages_of(model: Model, last: Callable[[Any], Any] = lambda unknown: shift(unknown, -1)) -> Staged:
     """Derive the stages of a model.
 
     Raises
@@ -76,7 +76,7 @@ def stages_of(model: Model) -> Staged:
         expr = swap(_inlined(own, delays, shift(own[upper], delay), unknown), {y: r})
         target = r[k + delay] if upper == y else upper[k + delay]
         found = solve_for(
-            expr, unknown, target, shift(unknown, -1), values, limits_of(model, lower), _rest(model),
+            expr, unknown, target, last(unknown), values, limits_of(model, lower), _rest(model),
             together, above,
         )  # fmt: skip
         if turns and upper != y and found.closed_form:

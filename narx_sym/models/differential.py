@@ -39,6 +39,7 @@ from .added import own_group
 from .model import Model
 
 MAX_LINES, MAX_STATES = 200, 12
+NEAR = 1e-8  # of a sampling time: less is the rounding of a clock
 CLOSED = 2  # states up to which exp(A Ts) has a closed form
 NAME, NUMBER = r"[A-Za-z_][A-Za-z_0-9]*", r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 PARAMETER = re.compile(rf"({NAME})\s*~\s*({NUMBER})(?:\s+in\s+({NUMBER})\s*\.\.\.\s*({NUMBER}))?")
@@ -230,7 +231,7 @@ def _sampled(said: Equations, parameters: Mapping[str, Any], Ts: float | None) -
     found = _meant(said, {**parameters, **inputs, **x}, said.slopes)
     states, shown = list(x.values()), x.get(y.name, found[y.name])
     A, rest = _linear([found[n] for n in x], states, set(inputs.values()))
-    h, first = sp.Float(Ts), dict(zip(parameters.values(), said.parameters.values(), strict=True))
+    h, first = exact(Ts), dict(zip(parameters.values(), said.parameters.values(), strict=True))
     measured, listed = {s: signal(n) for n, s in inputs.items()}, list(parameters.values())
     output = [s for s in states if s == shown]
     own = {s: y if s in output else hidden(s.name) for s in states}
@@ -244,7 +245,7 @@ def _sampled(said: Equations, parameters: Mapping[str, Any], Ts: float | None) -
     bent = {s for w in rest for s in w.free_symbols} & set(states)
     if linear and bent <= set(output) and len(states) <= CLOSED:
         centred = [len(states) == 2 and slope == 0 for slope in C]  # a force: two steps lie between it and the output
-        return Model(_eliminated(C, *held_input(A, h, first), [partial(at, w) for w in rest], centred), listed)
+        return Model(_eliminated(C, held_input(A, h, first), [partial(at, w) for w in rest], centred), listed)
     middle = {s: signal(f"{s.name}_half") for s in states}
     slopes, old = [found[n] for n in x], {s: base[k - 1] for s, base in own.items()}
     between = [State(middle[s][k], old[s] + h / 2 * at(f, 1)) for s, f in zip(states, slopes, strict=True)]
@@ -257,25 +258,27 @@ def _sampled(said: Equations, parameters: Mapping[str, Any], Ts: float | None) -
     return Model(updates[output[0]] if output else at(shown, 0), listed, states=[*between, *kept])
 
 
-def _eliminated(C: Any, Ad: Any, G: Any, forced: Sequence[Callable[[int], Any]], centred: Sequence[bool]) -> Any:
-    """Return y[k] of x[k] = Ad x[k-1] + G w[k-1], y = C x, in older outputs and w (Faddeev and Le Verrier).
+def _eliminated(C: Any, held: Held, forced: Sequence[Callable[[int], Any]], centred: Sequence[bool]) -> Any:
+    """Return y[k] of x[k] = Ad x[k-1] + G w[k-1], y = C x, in older outputs and w (Cayley and Hamilton).
 
     `forced` gives each w so many samples back. What of a `centred` one the output makes acts at the middle sample.
     """
-    M, n, weights = sp.eye(Ad.rows), Ad.rows, dict[Any, Any]()
-    for i in range(1, n + 1):
-        c = -(Ad * M).trace() / i
-        weights[y[k - i]] = weights.get(y[k - i], 0) - c
-        for b, w, middle in zip(C * M * G, forced, centred, strict=True):
+    weights: dict[Any, Any] = {y[k - i]: a for i, a in enumerate(held.older, 1)}
+    for i, part_of in enumerate(held.inputs, 1):
+        for b, w, middle in zip(C * part_of, forced, centred, strict=True):
             for part in sp.Add.make_args(w(i)):
                 factor, signals = part.as_independent(sp.Indexed, as_Add=False)
                 read = signals.xreplace({y[k - i]: y[k - 1]}) if middle else signals
                 weights[read] = weights.get(read, 0) + b * factor
-        M = Ad * M + c * sp.eye(n)
-    simple = {read: sp.simplify(weight) for read, weight in weights.items()}
+    simple = {read: held.written(weight) for read, weight in weights.items()}
     return sp.Add(
         *(w.xreplace({f: sp.S.One for f in w.atoms(sp.Float) if f == 1}) * read for read, w in simple.items())
     )
+
+
+def exact(Ts: float) -> Any:
+    """Return a sampling time as a fraction of few digits: sums of exponents then cancel exactly."""
+    return next(h for d in (3, 6, 9, 17) if abs((h := sp.Rational(f"{Ts:.{d}g}")) - Ts) <= NEAR * Ts)
 
 
 def hidden(name: str) -> Any:
@@ -298,25 +301,52 @@ def _linear(slopes: Sequence[Any], states: Sequence[Any], moving: Collection[Any
     return A, rest
 
 
-def held_input(A: Any, h: Any, first: Mapping[Any, Any]) -> tuple[Any, Any]:
-    """Return exp(A h) and its integral from 0 to h, in symbols.
+@dataclass(frozen=True)
+class Held:
+    """x[k] = Ad x[k-1] + G w[k-1] as an equation of an output: y[k] = sum older_i y[k-i] + C sum inputs_i w[k-i].
 
-    In closed form, for one or two states; two that swing at the `first` values of the parameters are written as such.
+    `meant` says what symbols in it stand for: exponentials of the poles, which stay as they are.
+    """
+
+    older: tuple[Any, ...]
+    inputs: tuple[Any, ...]
+    meant: Mapping[Any, Any]
+
+    def written(self, weight: Any) -> Any:
+        """Return a coefficient with what its symbols stand for, each once."""
+        if not self.meant:
+            return sp.simplify(weight)
+        parts = sp.collect(sp.expand(weight), list(self.meant), evaluate=False)
+        return sp.Add(*(sp.factor(c) * symbol for symbol, c in parts.items())).xreplace(dict(self.meant))
+
+
+def held_input(A: Any, h: Any, first: Mapping[Any, Any]) -> Held:
+    """Return what one sample with a held input does, exactly, for one or two states.
+
+    Of two, those that swing at the `first` values of the parameters are written as such.
     """
     one = sp.eye(A.rows)
     trace, det = sp.simplify(A.trace()), sp.simplify(A.det())
     if A.rows == 1 or det == 0:  # A^2 = trace A
-        if trace == 0:
-            return one + A * h, one * h + A * h**2 / 2
-        e = (sp.exp(trace * h) - 1) / trace
-        return one + A * e, one * h + A * (e - h) / trace
+        e, area = (h, h**2 / 2) if trace == 0 else ((sp.exp(trace * h) - 1) / trace, None)
+        Ad = one + A * e
+        G = one * h + A * (area if area is not None else (e - h) / trace)
+        older = (Ad[0],) if A.rows == 1 else (sp.simplify(Ad.trace()), sp.simplify(-Ad.det()))
+        return Held(older, (G, (Ad - older[0] * one) * G)[: A.rows], {})
     mean = trace / 2
-    swings = sp.simplify(det - mean**2)
-    if swings.xreplace(dict(first)) > 0:
-        w = sp.sqrt(swings)
-        C, S = sp.cos(w * h), sp.sin(w * h) / w
-    else:
-        w = sp.sqrt(-swings)
-        C, S = (sp.exp(w * h) + sp.exp(-w * h)) / 2, (sp.exp(w * h) - sp.exp(-w * h)) / (2 * w)
-    Ad = sp.exp(mean * h) * (C * one + S * (A - mean * one))
-    return Ad, A.inv() * (Ad - one)
+    swings = sp.expand(4 * det - trace**2)
+    w = sp.sqrt(swings if swings.xreplace(dict(first)) > 0 else -swings) / 2
+    E, C, S = (sp.Dummy(name, real=True) for name in ("E", "C", "S"))  # exp(A h) = E (C 1 + S (A - mean 1))
+    cos, sin = (sp.cos, sp.sin) if swings.xreplace(dict(first)) > 0 else (_cosh, _sinh)
+    Ad, inverse = E * (C * one + S * (A - mean * one)), A.inv()
+    older = (2 * E * C, -(E**2))
+    inputs = (inverse * (Ad - one), inverse * ((older[0] + older[1]) * one - Ad))
+    return Held(older, inputs, {E: sp.exp(mean * h), C: cos(w * h), S: sin(w * h) / w})
+
+
+def _cosh(x: Any) -> Any:
+    return (sp.exp(x) + sp.exp(-x)) / 2
+
+
+def _sinh(x: Any) -> Any:
+    return (sp.exp(x) - sp.exp(-x)) / 2

@@ -20,6 +20,7 @@ from .signals import breve_phi1, breve_phi2, expand_phi, phi1, phi2, samples
 Monomial = tuple[tuple[int, int], ...]  # ((atom, power), ...)
 Polynomial = dict[Monomial, Fraction]
 CLEAR = 1e-6  # of the size of its terms: a sum above this is no zero that was rounded
+DIGITS, POINTS = 60, 3  # of numbers, and how many places, by which an identity is told
 
 
 class _NormalForms:
@@ -160,11 +161,25 @@ def clearly_not_zero(expr: Any) -> bool:
 
 @lru_cache(maxsize=1024)
 def vanishes(expr: Any) -> bool:
-    """Whether an expression is identically zero, as far as SymPy can tell; numbers are taken as they are written."""
+    """Whether an expression is identically zero, as far as SymPy can tell; numbers are taken as they are written.
+
+    Where functions or roots of parameters stand in it, numbers with `DIGITS` digits at several points tell: algebra
+    takes minutes for the exponentials of two poles.
+    """
     if clearly_not_zero(expr):
         return False
     exact = sp.nsimplify(expr, rational=True)
+    if any(not f.has(sp.Indexed) for f in exact.atoms(sp.exp, sp.sin, sp.cos)):
+        return all(_is_zero_at(exact, i) for i in range(POINTS))
     return bool(sp.expand(sp.fraction(sp.together(exact))[0]) == 0 or sp.simplify(exact) == 0)
+
+
+def _is_zero_at(expr: Any, point: int) -> bool:
+    """Whether an expression of exact numbers is zero at a point, as far as many digits tell."""
+    listed = sorted(expr.free_symbols, key=str)
+    known = {s: sp.Rational(37 + 61 * i % 130 + 17 * point, 101 + 2 * point) for i, s in enumerate(listed)}
+    values = [part.xreplace(known).evalf(DIGITS) for part in sp.Add.make_args(expr)]
+    return bool(abs(sp.Add(*values)) <= sp.Float(10) ** (-DIGITS // 2) * sp.Add(*map(abs, values)))
 
 
 def independent(terms: Sequence[Any]) -> tuple[list[Any], dict[Any, str]]:

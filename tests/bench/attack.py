@@ -47,18 +47,8 @@ SAME = 1e-9  # of the largest input: by how much languages may differ
 GOOD = 1e-9  # of the largest output
 SHAPES = {"tau": 0.05, "b": 0.7, "g": 0.9, "d": 1.1, "f": 3.0, "s": 0.1}
 CHANNEL = "temp"
-NAMES = (
-    CHANNEL,
-    "r",
-    "theta_1",
-    "y_wanted",
-    "m_hint",
-    "z",
-    "c",
-    "int",
-    "end",
-    "dy_0",
-)  # m and those of effects are refused
+# What the package calls something; m and the names of effects are refused.
+NAMES = (CHANNEL, "r", "theta_1", "y_wanted", "m_hint", "z", "c", "int", "end", "dy_0")
 CLEAR = 1e-10  # of the largest gap of a stage: what is smaller has no sign
 
 

@@ -1,6 +1,6 @@
 """Which effect is missing, asked of other toolkits: same cases, same base, same pool of columns.
 
-    python tests/bench/baselines.py --seeds 100:101 --group in [--plain] [--list] [--without inertia,...]
+    python tests/bench/battery.py --baselines ...
 
 The pool. Regressors of the linear base (lags of y and u, constant) that our method starts from, and the contributions
 z of every effect: all forms, places and drivers, at every grid point, with the grids of our own directions. All is
@@ -12,54 +12,47 @@ What all methods are given. Columns are standardised, and an effect with a decla
 coefficient beside the base has this sign (ours does the same; dead zone and saturation are one column otherwise).
 The one-step methods always keep the base: it is projected out of target and columns, which equals picking its terms
 first (forward selection) or leaving them unpenalised (lasso). Columns inside the span of the base are dropped.
-`PLAIN` holds the methods as people call them: of the same columns, base terms compete like all others. They do worse.
+As people call them, with base terms that compete like all others, they do worse.
 
 - SysIdentPy: `FROLS.error_reduction_ratio(psi, y, n)` takes the matrix directly (`max_lag = 0`); order of picking.
 - PySINDy: its optimizers take the matrix directly; the discrete-time model is y[k] = pool @ coefficients. `SSR` with
   normalised columns and its own ridge of 0.05, which did better than `STLSQ` with several ridges. Order: last to be
-  eliminated first. In `PLAIN`: `STLSQ`, thresholds from its own 0.1 downwards until three effects survive; of each
-  threshold's survivors the largest |coefficient| * std first. (Its `FROLS` fails on nearly dependent columns.)
+  eliminated first. (Its `FROLS` fails on nearly dependent columns.)
 - lasso: scikit-learn's `lars_path_gram(method="lasso")`; order of entering the path, so no cross-validation.
 - correlation: |correlation| of raw columns with the free-run residual of the base, on the same rows.
 
 The first column of an effect gives its rank. Settings were chosen on seed 100, in favour of these methods.
 Noise on y biases one-step estimates towards further lags: `inertia`, `rate_dependence` and `input_delay`, which are
-never the truth here, are then named first. `--without inertia,rate_dependence,input_delay` shows what this costs.
+never the truth here, are then named first.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 import sympy as sp
-import truths
 
-from narx_sym import NARX, Model, Record, identify
-from narx_sym.diagnosis.refit import Fitted, Split, settle
+from narx_sym import NARX, Record
+from narx_sym.diagnosis.refit import Fitted
 from narx_sym.diagnosis.screening.directions import Linearised
 from narx_sym.engines.columns import Columns
-from narx_sym.errors import NarxError
 from narx_sym.files.parallel import one_blas_thread
 from narx_sym.fit.constraints import constraint_equations
 from narx_sym.fit.freerun import FreeRun
-from narx_sym.models.effects import EFFECTS, Catalogue
+from narx_sym.models.effects import EFFECTS
 from narx_sym.models.extend import equations
 
 Array = np.ndarray
 TINY = 1e-7  # share of a column's energy below which the base spans it
 PICKS = 25  # columns that a forward selection takes
 STEPS = 80  # along the lasso path
-ENOUGH = 3  # effects, then the threshold stays
-THRESHOLDS = 0.1 * 2.0 ** -np.arange(14)
 
 
 @dataclass
@@ -82,15 +75,14 @@ class Pool:
     signs: Array
 
 
-def pool_of(model: Model | Fitted, record: Record, catalogue: Catalogue = EFFECTS) -> Pool:
-    """Build the pool at a base: a linear model as `diagnose` gets it, or one that was fitted there already."""
-    fitted = model if isinstance(model, Fitted) else settle(model.copy(), Split.of([record]))
+def pool_of(fitted: Fitted, record: Record) -> Pool:
+    """Build the pool at a fitted linear base."""
     base = fitted.model
     if not isinstance(base, NARX):
         raise TypeError("The base must be a NARX model.")
     whole = FreeRun(base, list(fitted.split.records), constraint_equations(base, None))
     line = Linearised(whole, fitted.unknowns)
-    directions, _ = line.directions(list(record.channels), catalogue)
+    directions, _ = line.directions(list(record.channels), EFFECTS)
     # From here on contributions are read along the measured output.
     measured = Linearised(whole, fitted.unknowns)
     output = str(base.output.label)
@@ -146,18 +138,6 @@ def _beside_base(pool: Pool) -> tuple[Array, Array, Array]:
     return X[:, usable] / np.sqrt(left[usable]), y / y.std(), at[usable]
 
 
-def _all_terms(pool: Pool) -> tuple[Array, Array, Array]:
-    """Return the columns of base and effects, the target, and the indices of the columns."""
-    beside = set(_beside_base(pool)[2])
-    X, moves = _standard(pool.matrix)
-    at = np.flatnonzero(moves)
-    usable = np.array([not pool.names[i] or i in beside for i in at])
-    return X[:, usable], (pool.target - pool.target.mean()) / pool.target.std(), at[usable]
-
-
-View = Callable[[Pool], tuple[Array, Array, Array]]
-
-
 def _first(pool: Pool, columns: Array) -> list[str]:
     """Return effect ids in the order of their first column."""
     return list(dict.fromkeys(pool.names[i] for i in columns if pool.names[i]))
@@ -166,22 +146,22 @@ def _first(pool: Pool, columns: Array) -> list[str]:
 # ---- methods --------------------------------------------------------------------------------------------------------
 
 
-def frols(pool: Pool, view: View = _beside_base) -> list[str]:
+def frols(pool: Pool) -> list[str]:
     """SysIdentPy's forward selection by the error reduction ratio."""
     from sysidentpy.model_structure_selection import FROLS
 
-    X, y, at = view(pool)
+    X, y, at = _beside_base(pool)
     chooser = FROLS(n_terms=PICKS, order_selection=False)
     chooser.max_lag = 0
     _, order, _ = chooser.error_reduction_ratio(X, y[:, None], min(PICKS, X.shape[1]))
     return _first(pool, at[np.asarray(order)])
 
 
-def ssr(pool: Pool, view: View = _beside_base) -> list[str]:
+def ssr(pool: Pool) -> list[str]:
     """PySINDy's stepwise sparse regression: one coefficient is eliminated after the other."""
     from pysindy import SSR
 
-    X, y, at = view(pool)
+    X, y, at = _beside_base(pool)
     fitted = SSR(max_iter=X.shape[1], normalize_columns=True).fit(X, y)
     order: list[int] = []
     for coefficients in map(np.ravel, reversed(fitted.history_)):
@@ -190,25 +170,11 @@ def ssr(pool: Pool, view: View = _beside_base) -> list[str]:
     return _first(pool, at[order])
 
 
-def stlsq(pool: Pool, view: View = _all_terms) -> list[str]:
-    """PySINDy's sequentially thresholded least squares."""
-    from pysindy import STLSQ
-
-    X, y, at = view(pool)
-    found: list[int] = []
-    for threshold in THRESHOLDS:
-        size = np.abs(np.ravel(STLSQ(threshold=threshold).fit(X, y).coef_))  # the columns have spread 1
-        found += [i for i in np.argsort(-size, kind="stable") if size[i] > 0]
-        if len(_first(pool, at[found])) >= ENOUGH:
-            break
-    return _first(pool, at[found])
-
-
-def lasso(pool: Pool, view: View = _beside_base) -> list[str]:
+def lasso(pool: Pool) -> list[str]:
     """Order of entering the lasso path."""
     from sklearn.linear_model import lars_path_gram
 
-    X, y, at = view(pool)
+    X, y, at = _beside_base(pool)
     _, _, path = lars_path_gram(X.T @ y, X.T @ X, n_samples=len(y), method="lasso", max_iter=STEPS)
     used = path != 0
     entered = [i for i in np.argsort(used.argmax(axis=1), kind="stable") if used[i].any()]
@@ -231,97 +197,19 @@ METHODS: dict[str, Callable[[Pool], list[str]]] = {
     "lasso": lasso,
     "correlation": correlation,
 }
-PLAIN: dict[str, Callable[[Pool], list[str]]] = {
-    "SysIdentPy FROLS, base competes": lambda pool: frols(pool, _all_terms),
-    "PySINDy STLSQ, base competes": stlsq,
-    "lasso, base competes": lambda pool: lasso(pool, _all_terms),
-}
 
 
-def timed(pool: Pool, methods: dict[str, Callable[[Pool], list[str]]] = METHODS) -> dict[str, tuple[list[str], float]]:
-    """Return ranked ids and seconds per method; a method whose package is missing is left out with a warning."""
+def ranked(pool: Pool) -> dict[str, list[str]]:
+    """Return the ids that each method ranks, best first; one whose package is missing is left out with a warning."""
     found = {}
-    with one_blas_thread():
-        for name, method in methods.items():
-            begin = perf_counter()
+    with one_blas_thread(), warnings.catch_warnings():
+        for name, method in METHODS.items():
             try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # of convergence: a collinear pool is the point here
-                    ranked = method(pool)
+                warnings.simplefilter("ignore")  # of convergence: a collinear pool is the point here
+                found[name] = method(pool)
             except ImportError as error:
+                warnings.simplefilter("default")
                 warnings.warn(f"{name} is skipped: {error}.", stacklevel=2)
-                continue
-            except (ValueError, np.linalg.LinAlgError) as error:
-                warnings.warn(f"{name} names nothing: {error}.", stacklevel=2)
-                ranked = []
-            found[name] = (ranked, perf_counter() - begin)
+            except (ValueError, np.linalg.LinAlgError):  # it names nothing
+                found[name] = []
     return found
-
-
-def rank(model: Model | Fitted, record: Record) -> dict[str, list[str]]:
-    """Return the effect ids that each method ranks, best first."""
-    return {name: ranked for name, (ranked, _) in timed(pool_of(model, record)).items()}
-
-
-# ---- command --------------------------------------------------------------------------------------------------------
-
-
-def visible(case: truths.Case, pool: Pool) -> bool:
-    """Whether the base's error exceeds the noise by half the noise's energy."""
-    floor = float(np.mean((case.y - case.clean) ** 2))
-    return float(np.mean(pool.residual**2)) - floor >= 0.5 * floor
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", default=f"{truths.DEV.start}:{truths.DEV.stop}", help="first:last+1")
-    parser.add_argument("--group", default="in", choices=[g for g in truths.GROUPS if g != "null"])
-    parser.add_argument("--plain", action="store_true", help="also the methods as people call them")
-    parser.add_argument("--without", default="", help="effect ids, comma-separated, that are not offered")
-    parser.add_argument("--list", action="store_true", help="show the first three of every case")
-    options = parser.parse_args()
-    first, last = map(int, options.seeds.split(":"))
-    catalogue = EFFECTS.without(*filter(None, options.without.split(",")))
-    methods = METHODS | (PLAIN if options.plain else {})
-    hits: dict[str, list[tuple[bool, bool, bool, float]]] = {}
-    built, failed = [], []
-    for arguments in truths.battery(options.group, range(first, last)):
-        case = truths.case(**arguments)
-        record = Record.from_arrays(case.u, case.y, case.Ts, channels=case.channels)
-        try:
-            with warnings.catch_warnings(), one_blas_thread():
-                warnings.simplefilter("ignore")
-                base = settle(identify(record, base="linear"), Split.of([record]))
-                begin = perf_counter()
-                pool = pool_of(base, record, catalogue)
-                built.append(perf_counter() - begin)
-        except NarxError as error:
-            failed.append(f"{case.name}: {error}")
-            continue
-        right = frozenset().union(*case.accept)  # of a pair either effect counts
-        seen = visible(case, pool)
-        if options.list:
-            print(f"{case.name}{'' if seen else ' (not visible)'}, {pool.matrix.shape[1]} columns")
-        for name, (ranked, seconds) in timed(pool, methods).items():
-            hit = [bool(right & set(ranked[:n])) for n in (1, 3)]
-            hits.setdefault(name, []).append((*hit, seen, seconds))
-            if options.list:
-                print(f"    {name:34}{', '.join(ranked[:3])}")
-    head = f"{'cases':>7}{'top-1':>7}{'top-3':>7}{'visible':>9}{'top-1':>7}{'top-3':>7}{'s':>8}"
-    print(f"{'group ' + options.group:34}{head}")
-    for name, rows in hits.items():
-        shown = np.array([r[:2] for r in rows if r[2]], dtype=float).reshape(-1, 2)
-        every = np.array([r[:2] for r in rows], dtype=float).mean(axis=0)
-        some = shown.mean(axis=0) if len(shown) else np.full(2, np.nan)
-        print(
-            f"{name:34}{len(rows):7d}{every[0]:7.2f}{every[1]:7.2f}{len(shown):9d}{some[0]:7.2f}{some[1]:7.2f}"
-            f"{np.median([r[3] for r in rows]):8.3f}"
-        )
-    if built:
-        print(f"The pool takes {np.median(built):.2f} s (median).")
-    for line in failed:
-        print(f"No base: {line}")
-
-
-if __name__ == "__main__":
-    main()

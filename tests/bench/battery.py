@@ -133,8 +133,8 @@ def judge(task: str, spec: Row, compare: bool) -> Row:
         if compare:
             import baselines
 
-            named = baselines.timed(baselines.pool_of(step.base, record))
-            row["baselines"] = {method: ids[:SHOWN] for method, (ids, _) in named.items()}
+            named = baselines.ranked(baselines.pool_of(step.base, record))
+            row["baselines"] = {method: ids[:SHOWN] for method, ids in named.items()}
     return row
 
 

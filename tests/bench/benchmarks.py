@@ -73,6 +73,8 @@ class Benchmark:
     missing : what its source says that a linear model lacks
     published : method with source, and its figure on each test, "" where none is known; best first
     tests : names of the tests, in the order of the loader
+    own : equations that a user who knows the machine would write, without what is missing; "" for none
+    added : an effect and its place, which such a user would add to them
     """
 
     title: str
@@ -82,6 +84,8 @@ class Benchmark:
     missing: str
     published: Sequence[tuple[str, ...]]
     tests: Sequence[str]
+    own: str = ""
+    added: tuple[str, str] = ("", "")
 
 
 # -- data ----------------------------------------------------------------------------------------------------------------
@@ -147,6 +151,8 @@ BENCHMARKS = {
             (f"linear ARX, {CHAMPNEYS}", "12.6"),
         ],
         ("test with pulses",),
+        "x'' = (35.15*u - d*x' + o)/m\ny = x\nm ~ 90 in 10 ... 500\nd ~ 200 in 1 ... 2000\no ~ 0",
+        ("coulomb_friction", "force"),
     ),
     "tanks": Benchmark(
         "Cascaded tanks", here("cascaded_tanks", "train.csv", ("test", "test.csv", 50, False)), "V", 1.0,
@@ -159,6 +165,9 @@ BENCHMARKS = {
             (f"linear ARX, {CHAMPNEYS}", "0.685"),
         ],
         ("test",),
+        "q = b*sign(h1)*sqrt(Abs(h1))\nh1' = a*u - q\nh2' = q - e*sign(h2)*sqrt(Abs(h2))\ny = h2\nh1(0) = y\n"
+        "a ~ 0.05 in 0.01 ... 0.5\nb ~ 0.05 in 0.01 ... 0.5\ne ~ 0.05 in 0.01 ... 0.5",
+        ("end_stop", "motion"),
     ),
     "silverbox": Benchmark(
         "Silverbox", cached("Silverbox", "Silverbox"), "mV", 1e3, "a cubic spring",
@@ -212,22 +221,27 @@ def error(model: ns.Model, test: Test) -> float:
 
 @dataclass(frozen=True)
 class Row:
-    """What one model does: its name, number of parameters, seconds to find it, and the errors on all tests."""
+    """What one model does: its name, number of parameters, seconds to find it, and the errors on all tests.
+
+    `estimated`: those of `ns.evaluate`, from start states, and the load of an axis, estimated on the test record.
+    """
 
     name: str
     parameters: int
     seconds: float
     errors: tuple[float, ...]
+    estimated: tuple[float, ...] = ()
 
 
-def rows(loaded: Loaded, scale: float, effects: Sequence[int]) -> Iterator[Row]:
-    """Yield the base, and what is added where so many effects are allowed."""
-    records, tests = loaded
+def rows(loaded: Loaded, benchmark: Benchmark, effects: Sequence[int]) -> Iterator[Row]:
+    """Yield the base, and what is added where so many effects are allowed; the same from a user's own equations."""
+    (records, tests), scale = loaded, benchmark.scale
 
     def row(name: str, model: ns.Model, begin: float) -> Row:
         seconds = perf_counter() - begin
         free = len(model.symbols) - len(model.constraints)
-        return Row(name, free, seconds, tuple(scale * error(model, t) for t in tests))
+        judged = (scale * ns.evaluate(model, t.record).free_run_rms for t in tests)
+        return Row(name, free, seconds, tuple(scale * error(model, t) for t in tests), tuple(judged))
 
     begin = perf_counter()
     base = ns.identify(records, base="linear")
@@ -240,6 +254,17 @@ def rows(loaded: Loaded, scale: float, effects: Sequence[int]) -> Iterator[Row]:
             yield Row(f"up to {most}: refused ({refused})", 0, perf_counter() - begin, (float("nan"),) * len(tests))
             continue
         yield row(f"up to {most}: {verdict(found, found.model)}", found.model, begin)
+    if not benchmark.own:
+        return
+    begin = perf_counter()
+    own = ns.from_equations(benchmark.own, records[0].Ts).fit(records, method="free_run")
+    yield row("own equations", own, begin)
+    begin = perf_counter()
+    found = ns.diagnose(own, records)
+    yield row(f"own equations, {verdict(found, found.model)}", found.model, begin)
+    begin = perf_counter()
+    effect, place = benchmark.added
+    yield row(f"own equations, {effect} added", own.add(effect, place).fit(records), begin)
 
 
 def verdict(found: Diagnosis, model: ns.Model) -> str:
@@ -259,7 +284,9 @@ HEAD = """# Official benchmarks
 `python tests/bench/benchmarks.py`: the official splits of nonlinearbenchmark.org. The linear base (`identify(base="linear")`),
 then what `diagnose` adds to it by itself where one effect is allowed (its default) or up to three. Fitted on the estimation
 data only, default settings throughout, nothing chosen by the test data. What is added is judged by the model that
-`narx-sym diagnose` saves. Figures: RMSE of the free run on the test data after the benchmark's own initialisation window.
+`narx-sym diagnose` saves. *Own equations* are those of a user who knows the machine, without what is missing from them.
+Figures: RMSE of the free run on the test data after the benchmark's own initialisation window; *by `evaluate`*: over the whole
+test record, from start states (of an axis that integrates, with its constant load) that are estimated on it.
 *Parameters*: all that were fitted, beside the operating point. Seconds on two busy cores.
 
 Published figures are as quoted, from Champneys, Beintema, Toth, Schoukens and Rogers, *Baseline results for selected
@@ -276,18 +303,18 @@ def digits(value: float) -> str:
 def table(benchmark: Benchmark, found: Sequence[Row], tests: Sequence[str]) -> str:
     """Return one benchmark as a table, after one sentence that says what came out."""
     lines = [
-        f"| model | parameters | seconds | {' | '.join(f'{t} [{benchmark.unit}]' for t in tests)} |",
-        "|---|---|---|" + "---|" * len(tests),
+        f"| model | parameters | seconds | {' | '.join(f'{t} [{benchmark.unit}]' for t in tests)} | by `evaluate` |",
+        "|---|---|---|" + "---|" * (len(tests) + 1),
     ]
     for row in found:
-        shown = " | ".join(map(digits, row.errors))
+        shown = " | ".join([*map(digits, row.errors), ", ".join(map(digits, row.estimated))])
         lines.append(f"| {row.name} | {row.parameters or ''} | {row.seconds:.0f} | {shown} |")
     if not found:
-        lines.append("| data not at hand | | |" + " |" * len(tests))
-    lines += [f"| *{name}* | | | {' | '.join(figures)} |" for name, *figures in benchmark.published]
+        lines.append("| data not at hand | | |" + " |" * (len(tests) + 1))
+    lines += [f"| *{name}* | | | {' | '.join(figures)} | |" for name, *figures in benchmark.published]
     said = f"Missing, by its source: {benchmark.missing}."
     if found:
-        first, last = found[0], found[-1]
+        first, last = found[0], next(r for r in reversed(found) if not r.name.startswith("own"))
         pairs = zip(tests, first.errors, last.errors, strict=True)
         change = ", ".join(f"{digits(a)} -> {digits(b)} {benchmark.unit} ({name})" for name, a, b in pairs)
         said += f" **{last.name.partition(': ')[2].capitalize()}: {change}, with {last.parameters} parameters.**"
@@ -306,7 +333,7 @@ def main() -> None:
     for name in options.only:
         benchmark, found = BENCHMARKS[name], []
         loaded = benchmark.load()
-        for row in rows(loaded, benchmark.scale, options.effects) if loaded else []:
+        for row in rows(loaded, benchmark, options.effects) if loaded else []:
             found.append(row)
             print(name, row, file=sys.stderr, flush=True)
         tables.append(table(benchmark, found, benchmark.tests))

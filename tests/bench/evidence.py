@@ -1,22 +1,14 @@
-"""What a record says before any model, against simulated plants: dead times, feedback, noise.
+"""What a record says before any model, against simulated plants: feedback, valves, noise.
 
-    python tests/bench/evidence.py dead_time|feedback|valves|imitated|servos|nulls|noise [--seed 0] [--plants 25]
+    python tests/bench/evidence.py feedback|valves|imitated|noise [--seed 0] [--plants 25]
 
 Plants of first and second order and resonant ones, with time constants of 1 to 30 samples; noise of 1 % on the output.
 Nothing here comes from the package but what is asked.
-
-Last figures: dead times 0 to 60 found exactly in 98 of 100 (seeds 361 and 4420; 100 of seed 131); loops with the setpoint
-and without it 25 of 25, open loops taken for closed 0 of 25, dampers read backwards 4 of 125 (seed 4421); the stated noise
-0.7 to 1.5 of the true one in 143 of 150 (seed 2); valves 60 of 60 in order and 49 of 60 that stick (seeds 21 and 22). On 20 measured loops of 5 valves: 6 of 10 that
-stick (all of one valve, none of the other), 10 of 10 in order. Linear plants with odd noise (seed 5, 12 each): nothing
-is found with heavy tails and with noise that goes with the signal, with steps of the sensor (25 of seed 131), and
-with noise on the input (20 of seeds 131 and 132 with two levels, the only ones that got a name before).
 """
 
 from __future__ import annotations
 
 import argparse
-import time
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +18,6 @@ import numpy as np
 from scipy.signal import butter, lfilter
 
 from narx_sym import diagnose, identify
-from narx_sym.data.evidence.dead_time import dead_time
 from narx_sym.data.evidence.feedback import feedback
 from narx_sym.data.evidence.noise import repeated, sensor_noise
 from narx_sym.data.evidence.stiction import sticking
@@ -69,27 +60,6 @@ def delayed(u: Array, d: int, rng: np.random.Generator, noise: float = 0.01) -> 
     kind, numerator, denominator = plant(rng)
     y = lfilter(numerator, denominator, np.concatenate([np.zeros(d), u[: u.size - d]]))
     return kind, Record.from_arrays(u, y + noise * np.std(y) * rng.standard_normal(u.size), Ts=TS)
-
-
-def dead_times(seed: int, plants: int) -> None:
-    """Count the dead times of 0 to 60 samples that are found exactly."""
-    rng = np.random.default_rng(seed)
-    right: Counter[str] = Counter()
-    asked: Counter[str] = Counter()
-    begin = time.process_time()
-    for _ in range(plants):
-        d = int(rng.integers(0, 61))
-        for source in INPUTS:
-            kind, record = delayed(driven(source, rng), d, rng)
-            found = dead_time([record])
-            for name in (source, kind, "all"):
-                asked[name] += 1
-                right[name] += found.samples == d
-            if found.samples != d:
-                print(f"{source}, {kind}: {d} samples, found {found.samples}, or {found.among}", flush=True)
-    for name in asked:
-        print(f"| {name} | {right[name]} of {asked[name]} |")
-    print(f"{(time.process_time() - begin) / asked['all']:.2f} s each")
 
 
 def loop(rng: np.random.Generator, n: int = N) -> tuple[str, Record]:
@@ -254,39 +224,6 @@ def servo(rng: np.random.Generator, friction: float, n: int = 4000) -> Record:
     return Record.from_arrays(u, y, Ts=pace, channels={"setpoint": wanted})
 
 
-def servos(seed: int, plants: int) -> None:
-    """Count the servo axes in closed loop whose friction is named, and those without it of which nothing is."""
-    rng = np.random.default_rng(seed)
-    seen: Counter[str] = Counter()
-    for _ in range(plants):
-        for friction in (0.0, 0.3):
-            record = servo(rng, friction)
-            found = diagnose(identify(record, base="linear", lags={"setpoint": []}), record)
-            seen[f"friction {friction:g}: {found.verdict} {' and '.join(sorted(found.confusion_set)[:3])}"] += 1
-    for name, count in sorted(seen.items()):
-        print(f"| {name} | {count} of {plants} |")
-
-
-def nulls(seed: int, plants: int) -> None:
-    """Count what is named on linear plants: steps of the sensor, heavy tails, noise with the signal or on the input."""
-    seen: Counter[str] = Counter()
-    for i in range(plants):
-        rng = np.random.default_rng([seed, i])
-        u, pole, second = driven(INPUTS[i % len(INPUTS)], rng, 2000), rng.uniform(0.5, 0.95), rng.uniform(0.2, 0.8)
-        y = lfilter([1 - second], [1, -second], lfilter([0, 1 - pole], [1, -pole], u))
-        size, white = np.std(y), rng.standard_normal(y.size)
-        for noise, (seen_u, seen_y) in {
-            "steps of the sensor": (u, 0.02 * size * np.round(y / (0.02 * size))),
-            "heavy tails": (u, y + 0.01 * size * rng.standard_t(2.5, y.size)),
-            "with the signal": (u, y + 0.02 * np.abs(y) * white),
-            "on the input": (u + 0.02 * np.std(u) * rng.standard_normal(u.size), y + 0.003 * size * white),
-        }.items():
-            record = Record.from_arrays(seen_u, seen_y, Ts=TS)
-            seen[f"{noise}: {diagnose(identify(record, base='linear'), record).verdict}"] += 1
-    for name, count in sorted(seen.items()):
-        print(f"| {name} | {count} of {plants} |")
-
-
 def sines(t: Array, rng: np.random.Generator, slowest: float) -> Array:
     """Return three sines that repeat exactly after `slowest` [s], of peak 1 about."""
     lines = (1, int(rng.integers(2, 5)), int(rng.integers(5, 9)))
@@ -397,9 +334,11 @@ def noise(seed: int, plants: int) -> None:
 
 
 PARTS: dict[str, Callable[[int, int], Any]] = {
-    "dead_time": dead_times, "feedback": loops, "valves": valves, "imitated": imitated, "servos": servos,
-    "nulls": nulls, "noise": noise,
-}  # fmt: skip
+    "feedback": loops,
+    "valves": valves,
+    "imitated": imitated,
+    "noise": noise,
+}
 
 
 def main() -> int:

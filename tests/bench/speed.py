@@ -1,9 +1,9 @@
 """Speed, memory and accuracy beside C, BLAS and other toolkits, measured in one run.
 
-    python tests/bench/speed.py [--quick] [--out FILE.md] [--plot FILE.png] [--only free-run,selection]
+    python tests/bench/speed.py [--quick] [--out FILE.md] [--only free-run,selection]
 
 Each figure and its reference are measured in turn, several times; the ratio is the median over the rounds. Read the
-ratios: the times belong to the machine. All tools get one BLAS thread, unless a row says otherwise.
+ratios: the times belong to the machine. All tools get one BLAS thread.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ from __future__ import annotations
 import os
 import sys
 
-if "--all-threads" not in sys.argv:  # before NumPy loads its BLAS
-    os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
+os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy loads its BLAS
 os.environ["NARX_SYM_CACHE"] = "off"  # what is compiled is compiled anew, unless a row says otherwise
 
 import argparse
@@ -159,7 +158,7 @@ def candidates(n: int) -> list[Any]:
 
 
 @cache
-def c_library(*flags: str) -> Any:
+def c_library() -> Any:
     """The loop in C, or None where there is no compiler."""
     compiler = shutil.which("gcc")
     if compiler is None:
@@ -167,15 +166,15 @@ def c_library(*flags: str) -> Any:
     folder = tempfile.mkdtemp()
     source, library = Path(folder, "loop.c"), Path(folder, "loop.so")
     source.write_text(C_LOOP)
-    subprocess.run([compiler, "-O3", *flags, "-shared", "-fPIC", str(source), "-o", str(library)], check=True)
+    subprocess.run([compiler, "-O3", "-shared", "-fPIC", str(source), "-o", str(library)], check=True)
     loaded = ctypes.CDLL(str(library))
     shutil.rmtree(folder)
     return loaded
 
 
-def c_run(source: Array, theta: Array = THETA, first: float = 0.0, name: str = "run", flags: Sequence[str] = ()) -> Any:
+def c_run(source: Array, theta: Array = THETA, first: float = 0.0, name: str = "run") -> Any:
     """A function that runs the C loop over an input into the same array, or None."""
-    library = c_library(*flags)
+    library = c_library()
     if library is None:
         return None
     result, depth = np.full(source.size, first), 3
@@ -201,34 +200,122 @@ def free_run(report: Report, quick: bool) -> None:
             "call": lambda source=source: native({"u": source}, THETA, {"y": 0.0}),
             "reused": lambda source=source, out=out: native({"u": source}, THETA, {"y": 0.0}, out=out),
         }
-        c, tuned = c_run(source), c_run(source, flags=("-march=native",))
+        c = c_run(source)
         if c is None:
             report.notes.append("gcc is missing: no comparison with C.")
             found = interleaved(rounds, **runs)
             for name in runs:
                 report.add(f"free run, N = {n:,}, {name}", shown(np.median(found[name]) / n * 1e9, "ns/step"))
             continue
-        found = interleaved(rounds, **runs, c=c, tuned=tuned)
+        found = interleaved(rounds, **runs, c=c)
         for name, text in (("call", "native, as called"), ("reused", "native, `out=` reused")):
             report.compare(
                 f"free run, {n:,} steps, {text}", found[name], found["c"], "gcc -O3", "ns/step", 1e9 / n, most=1.5
             )
-        report.compare(
-            f"free run, {n:,} steps, native, `out=` reused", found["reused"], found["tuned"], "gcc -O3 -march=native",
-            "ns/step", 1e9 / n,
-        )  # fmt: skip
         gap = np.max(np.abs(runs["call"]()["y"] - c())) / np.max(np.abs(c()))
         report.notes.append(f"Free run, {n:,} steps: largest difference to C {gap:.1e} of the largest output.")
     others = {
         engine: (lambda engine=engine: compile(recursion, engine)({"u": excitation()}, THETA, {"y": 0.0}))
-        for engine in ("numpy", "casadi", "python")
+        for engine in ("casadi", "python")
     }
     found = interleaved(3 if quick else 7, native=lambda: native({"u": excitation()}, THETA, {"y": 0.0}), **others)
     for engine in others:
         report.compare(
             f"free run, {N:,} steps, engine {engine}", found[engine], found["native"], "native", "ns/step", 1e9 / N
         )
+    _compilers(report, native, quick)
     _toolkits(report, native, quick)
+
+
+def _compilers(report: Report, native: Any, quick: bool) -> None:
+    """Beside the loop that a user would write for each compiler: the free run, and its square with the gradient."""
+    source, out = excitation(), {"y": np.empty(N)}
+    truth = native({"u": source}, THETA, {"y": 0.0})["y"]
+    gradient = valued(Record(source, truth + 0.01, TS * np.arange(N), TS))
+    for name, make in (("numba", _numba), ("JAX scan", _jax), ("CasADi mapaccum", _mapaccum)):
+        try:
+            run, slopes = make(source, truth)
+        except ImportError:
+            report.notes.append(f"{name} is not installed: not compared.")
+            continue
+        found = interleaved(
+            5 if quick else 15, ours=lambda: native({"u": source}, THETA, {"y": 0.0}, out=out), other=run, **(
+                {"ours_slopes": gradient, "slopes": slopes} if slopes else {}
+            ),
+        )  # fmt: skip
+        report.compare(f"free run, {N:,} steps, beside {name}", found["ours"], found["other"], name, "ns/step", 1e9 / N)
+        gap = np.max(np.abs(np.asarray(run()).ravel() - truth)) / np.max(np.abs(truth))
+        report.notes.append(f"{name}: largest difference to ours {gap:.1e} of the largest output.")
+        if slopes:
+            report.compare(
+                f"squared error and its gradient by six parameters, beside {name}", found["ours_slopes"],
+                found["slopes"], name, "ns/step", 1e9 / N,
+            )  # fmt: skip
+
+
+def _numba(source: Array, truth: Array) -> Any:
+    from numba import njit
+
+    @njit
+    def run(y: Array, u: Array, t: Array) -> Array:
+        last = y[2]
+        for k_ in range(3, u.size):
+            d1, d2 = u[k_ - 1] - u[k_ - 2], u[k_ - 2] - u[k_ - 3]
+            s = np.sign(d2)
+            last = (
+                t[0] * last + t[1] * d1 + t[2] * d2 * s * u[k_ - 2] + t[3] * d2 * s * last + t[4] * d2 * u[k_ - 2] ** 2
+                + t[5] * d2 * u[k_ - 2] * last
+            )  # fmt: skip
+            y[k_] = last
+        return y
+
+    y = np.zeros(source.size)
+    return lambda: run(y, source, THETA), None
+
+
+def _jax(source: Array, truth: Array) -> Any:
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import jax.numpy as jnp
+
+    d2 = np.concatenate([np.zeros(3), source[1:-2] - source[:-3]])
+    d1 = np.concatenate([np.zeros(3), source[2:-1] - source[1:-2]])
+    older = np.concatenate([np.zeros(3), source[1:-2]])
+    given = tuple(map(jnp.asarray, (d1, d2, jnp.sign(d2), older)))
+
+    def run(t: Any) -> Any:
+        def step(last: Any, x: Any) -> Any:
+            e1, e2, s, w = x
+            new = (
+                t[0] * last
+                + t[1] * e1
+                + t[2] * e2 * s * w
+                + t[3] * e2 * s * last
+                + t[4] * e2 * w**2
+                + t[5] * e2 * w * last
+            )
+            return new, new
+
+        return jax.lax.scan(step, 0.0, given)[1]
+
+    fast = jax.jit(run)
+    slopes = jax.jit(jax.grad(lambda t: jnp.sum((run(t) - truth - 0.01) ** 2)))
+    theta = jnp.asarray(THETA)
+    return lambda: fast(theta).block_until_ready(), lambda: slopes(theta).block_until_ready()
+
+
+def _mapaccum(source: Array, truth: Array) -> Any:
+    import casadi as ca
+
+    y, x, t = ca.SX.sym("y"), ca.SX.sym("x", 3), ca.SX.sym("t", 6)
+    d1, d2, w = x[0] - x[1], x[1] - x[2], x[1]
+    s = ca.sign(d2)
+    new = t[0] * y + t[1] * d1 + t[2] * d2 * s * w + t[3] * d2 * s * y + t[4] * d2 * w**2 + t[5] * d2 * w * y
+    run = ca.Function("step", [y, x, t], [new]).mapaccum(source.size - 3)
+    given = ca.DM(np.vstack([source[2:-1], source[1:-2], source[:-3]]))
+    theta = ca.repmat(ca.DM(THETA), 1, source.size - 3)
+    return lambda: np.concatenate([np.zeros(3), np.asarray(run(0.0, given, theta)).ravel()]), None
 
 
 def _toolkits(report: Report, native: Any, quick: bool) -> None:
@@ -302,65 +389,34 @@ def build(report: Report, quick: bool) -> None:
         ms = 1e3 * float(np.median(times[kind]))
         report.add(f"build of a new model, {text}", shown(ms, "ms"), "", "", "<= 60 ms", ms <= 60)
     report.notes.append(f"Build: slowest of 30 {1e3 * max(map(max, times.values())):.0f} ms.")
-    _kept_code(report, quick)
-
-
-FRESH = """
-from time import perf_counter
-from paper_tables import direct
-from narx_sym.engines.compile import compile
-from narx_sym.symbolic.sensitivity import sensitivities
-start = perf_counter()
-for recursion in (direct().recursion, sensitivities(direct().recursion, initial=True)[0]):
-    compile(recursion)
-print(perf_counter() - start)
-"""
-
-
-def _kept_code(report: Report, quick: bool) -> None:
-    """Compile a model and its derivatives in new processes, with and without code from an earlier one."""
-    with tempfile.TemporaryDirectory() as folder:
-
-        def seconds(where: str) -> float:
-            path = os.pathsep.join((str(ROOT), str(ROOT / "tests" / "bench")))
-            environment = {**os.environ, "PYTHONPATH": path, "NARX_SYM_CACHE": where}
-            command = [sys.executable, "-c", FRESH]
-            return float(subprocess.run(command, check=True, capture_output=True, env=environment).stdout)
-
-        seconds(folder)
-        pairs = np.array([(seconds(folder), seconds("off")) for _ in range(3 if quick else 9)])
-    report.add(
-        "build of a model and its derivatives in a new process, code kept", shown(1e3 * np.median(pairs[:, 0]), "ms"),
-        f"not kept: {shown(1e3 * np.median(pairs[:, 1]), 'ms')}", f"{np.median(pairs[:, 0] / pairs[:, 1]):.2f}",
-    )  # fmt: skip
 
 
 # -- 3. gradient -----------------------------------------------------------------------------------------------
 
 
-def gradient(report: Report, quick: bool) -> None:
-    recursion = direct().recursion
-    bare = compile(recursion)
-    full = compile(sensitivities(recursion)[0])
+def valued(record: Record) -> Callable[[], tuple[float, Array]]:
+    """Return what computes the squared error along a record, and its gradient by six parameters."""
+    full = compile(sensitivities(direct().recursion)[0])
     names = [str(base.label) for base in full.recursion.states]
+    buffer = np.empty((len(record), len(names)), order="F")
+    out = {name: buffer[:, i] for i, name in enumerate(names)}
+    initial = {**dict.fromkeys(names, 0.0), "y": record.y[:3]}
+    residual = np.empty(len(record))
 
-    def prepare(record: Record) -> Callable[[], tuple[float, Array]]:
-        buffer = np.empty((len(record), len(names)), order="F")
-        out = {name: buffer[:, i] for i, name in enumerate(names)}
-        initial = {**dict.fromkeys(names, 0.0), "y": record.y[:3]}
-        residual = np.empty(len(record))
+    def run() -> tuple[float, Array]:
+        full({"u": record.u}, THETA, initial, out=out)
+        np.subtract(buffer[:, 0], record.y, out=residual)
+        return float(residual @ residual), 2 * (residual @ buffer[:, 1:])
 
-        def run() -> tuple[float, Array]:
-            full({"u": record.u}, THETA, initial, out=out)
-            np.subtract(buffer[:, 0], record.y, out=residual)
-            return float(residual @ residual), 2 * (residual @ buffer[:, 1:])
+    return run
 
-        return run
 
+def gradient(report: Report, quick: bool) -> None:
+    bare = compile(direct().recursion)
     record, out = measured(), {"y": np.empty(N)}
     found = interleaved(
         31 if quick else 101,
-        both=prepare(record),
+        both=valued(record),
         bare=lambda: bare({"u": record.u}, THETA, {"y": record.y[:3]}, out=out),
     )
     report.compare(
@@ -373,7 +429,7 @@ def gradient(report: Report, quick: bool) -> None:
         most=4,
     )
     short = measured(2000)
-    value, slope = prepare(short)()
+    value, slope = valued(short)()
     exact_value, exact = _long_double_gradient(short)
     error = float(np.max(np.abs((slope - exact) / exact)))
     report.add(
@@ -430,11 +486,7 @@ def selection(report: Report, quick: bool) -> None:
         ("pool", "of which evaluation of the pool"), ("picks", "15 picks on R"),
     ):  # fmt: skip
         report.compare(f"- {text}", found[name], found["dsyrk"], "dsyrk", "ms", 1e3)
-    threaded = child("threads", "--all-threads", *(["--quick"] if quick else []))
-    whole, reference = (np.array(threaded["times"][name]) for name in ("whole", "dsyrk"))
-    report.compare(f"{size}, all BLAS threads", whole, reference, "dsyrk, all threads", "ms", 1e3, most=5)
-    _selectors(report, selector_times(2 if quick else 5), size, True)
-    _selectors(report, threaded["selectors"], f"{size}, all BLAS threads", False)
+    _selectors(report, selector_times(2 if quick else 5), size)
     _ill_conditioned(report)
 
 
@@ -460,14 +512,13 @@ def selector_times(rounds: int) -> dict[str, Any]:
     return results
 
 
-def _selectors(report: Report, found: dict[str, Any], size: str, note: bool) -> None:
+def _selectors(report: Report, found: dict[str, Any], size: str) -> None:
     for name, one in found.items():
         report.compare(size, np.array(one["ours"]), np.array(one["other"]), name, "ms", 1e3, faster=8)
-        if note:
-            report.notes.append(
-                f"{name}: the first {one['first']} of 15 picks are ours, {one['common']} in common. It is given the "
-                "matrix; ours evaluates it."
-            )
+        report.notes.append(
+            f"{name}: the first {one['first']} of 15 picks are ours, {one['common']} in common. It is given the matrix; "
+            "ours evaluates it."
+        )
 
 
 def _frols(matrix: Array, target: Array) -> Any:
@@ -650,7 +701,7 @@ def slope(x: Sequence[float], t: Sequence[float]) -> float:
     return float(np.polyfit(np.log(x), np.log(t), 1)[0])
 
 
-def growth(report: Report, quick: bool, plot: str | None = None) -> None:
+def growth(report: Report, quick: bool) -> None:
     native = compile(direct().recursion)
     lengths = [10**e for e in range(3, 7 if quick else 8)]
     sources = {n: excitation(n) for n in lengths}
@@ -668,28 +719,12 @@ def growth(report: Report, quick: bool, plot: str | None = None) -> None:
         widths,
         lambda w: path_of(frame, candidates(w), y[k], measured(), 15),
     )
-    curves = {}
     for name, (sizes, run) in series.items():
         found = interleaved(3 if quick else 5, **{str(n): (lambda n=n, run=run: run(n)) for n in sizes})
         times = [float(np.median(found[str(n)])) for n in sizes]
-        curves[name] = (sizes, times)
         listed = ", ".join(f"{n:,}: {shown(1e3 * t, 'ms')}" for n, t in zip(sizes, times, strict=True))
         last = slope(sizes[-2:], times[-2:])
         report.add(f"growth: {name}", f"slope {slope(sizes, times):.2f}, at the end {last:.2f}", listed)
-    if plot:
-        _picture(curves, plot)
-
-
-def _picture(curves: dict[str, Any], path: str) -> None:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 3), layout="constrained")
-    for axes, (name, (sizes, times)) in zip(figure.subplots(1, len(curves)), curves.items(), strict=True):
-        axes.loglog(sizes, times, "o-", color="black", markersize=4, linewidth=1)
-        what, _, size = name.rpartition(", ")
-        axes.set(title=what, xlabel=size, ylabel="time [s]")
-        axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=150)
 
 
 # -- 8. start-up -----------------------------------------------------------------------------------------------
@@ -721,9 +756,6 @@ def start_up(report: Report, quick: bool) -> None:
         ratio < 2,
     )
     report.compare("start of `import narx_sym`", found["package"], found["sympy"], "import sympy", "s")
-    heavy = "import sys, narx_sym; print(*({'casadi', 'matplotlib', 'pandas'} & set(sys.modules)))"
-    loaded = process("-c", heavy)().stdout.decode().strip()
-    report.add("`import narx_sym` loads casadi, matplotlib or pandas", loaded or "none", "", "", "none", not loaded)
 
 
 # -- command ---------------------------------------------------------------------------------------------------
@@ -732,48 +764,37 @@ PARTS: dict[str, Callable[..., None]] = {
     "free-run": free_run, "build": build, "gradient": gradient, "selection": selection,
     "memory": memory, "denormals": denormals, "growth": growth, "start-up": start_up,
 }  # fmt: skip
-CHILDREN: dict[str, Callable[[argparse.Namespace], Any]] = {
-    "memory_of_selection": lambda _: memory_of_selection(),
-    "memory_of_simulation": lambda _: memory_of_simulation(),
-    "threads": lambda o: {
-        "times": {n: s.tolist() for n, s in selection_times(3 if o.quick else 9).items()},
-        "selectors": selector_times(1 if o.quick else 3),
-    },
+CHILDREN: dict[str, Callable[[], Any]] = {
+    "memory_of_selection": memory_of_selection,
+    "memory_of_simulation": memory_of_simulation,
 }
 
 
-def child(name: str, *options: str) -> dict[str, Any]:
+def child(name: str) -> dict[str, Any]:
     """Run a part in a process of its own."""
-    environment = dict(os.environ)
-    if "--all-threads" in options:
-        for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-            environment.pop(variable, None)
-    command = [sys.executable, str(Path(__file__).resolve()), "--child", name, *options]
-    return json.loads(subprocess.run(command, check=True, capture_output=True, env=environment, text=True).stdout)
+    command = [sys.executable, str(Path(__file__).resolve()), "--child", name]
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="fewer rounds, no test of memory")
     parser.add_argument("--out", help="also write the table to this file")
-    parser.add_argument("--plot", help="save a picture of the growth of the cost")
     parser.add_argument("--only", help=f"some of {', '.join(PARTS)}")
     parser.add_argument("--child", choices=CHILDREN, help=argparse.SUPPRESS)
-    parser.add_argument("--all-threads", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     if options.child:
-        print(json.dumps(CHILDREN[options.child](options)))
+        print(json.dumps(CHILDREN[options.child]()))
         return
     report = Report()
     for name in options.only.split(",") if options.only else PARTS:
         print(f"{name} ...", file=sys.stderr)
-        PARTS[name](report, options.quick, *([options.plot] if name == "growth" else []))
+        PARTS[name](report, options.quick)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     report.notes.append(
         f"{platform.machine()}, {cores} cores, Python {platform.python_version()}, NumPy {np.__version__}. "
-        "Each ratio is a median over rounds in which both sides ran in turn, with one BLAS thread unless said "
-        "otherwise."
+        "Each ratio is a median over rounds in which both sides ran in turn, with one BLAS thread."
     )
     text = report.markdown()
     print(text)

@@ -126,7 +126,7 @@ def test_names_the_hidden_effect(files, diagnosed):
     assert "Diagnosing ..." in err
     for expected in (
         "one explanation fits", "Probably missing: dead zone", "mm rms", "+ dead zone", "noise floor", "Where the model fails",
-        "What could not have been seen", "dead zone *", "fit [%], validation", "Max(-0.",
+        "Detection limits", "dead zone *", "fit [%], validation", "Max(-0.",
     ):  # fmt: skip
         assert expected in text, text
     for picture in ("p.png", "p_where.png"):
@@ -361,22 +361,15 @@ def test_equations_of_ones_own_are_a_base(run, tmp_path):
     for i in range(1, 900):
         y[i] = y[i - 1] + 0.01 * speed
         speed += 0.01 * (4 * u[i - 1] - 2 * speed - 3 * y[i - 1])
-    np.savetxt(
-        tmp_path / "swing.csv",
-        np.column_stack([0.01 * np.arange(900), u, y]),
-        delimiter=",",
-        header="t,u,y",
-        comments="",
-    )
+    rows = np.column_stack([0.01 * np.arange(900), u, y])
+    np.savetxt(tmp_path / "swing.csv", rows, delimiter=",", header="t,u,y", comments="")
     own = tmp_path / "swing.txt"
     own.write_text("x'' = (g*u - d*x' - s*x)/1\ny = x\ng ~ 3\nd ~ 1 in 0.1 ... 20\ns ~ 2 in 0.1 ... 50\n")
     code, text, _ = run("fit", tmp_path / "swing.csv", "--base", own, "--out", tmp_path / "m.json")
     assert not code and "Equations" in text
     model = ns.load(tmp_path / "m.json")
-    assert model.theta == pytest.approx([4, 2, 3], rel=0.05) and [float(b) for b in model.bounds[model.symbols[1]]] == [
-        0.1,
-        20,
-    ]
+    assert model.theta == pytest.approx([4, 2, 3], rel=0.05)
+    assert [float(b) for b in model.bounds[model.symbols[1]]] == [0.1, 20]
     own.write_text("x'' = (g*u - q*x')/1\ny = x\ng ~ 3\n")
     code, _, err = run("diagnose", tmp_path / "swing.csv", "--base", own)
     assert code and "swing.txt" in err and "unknown name 'q'" in err

@@ -9,15 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exported import SUBJECTS, of, valued
+from exported import SUBJECTS, valued
 from languages import in_fmu, late
 from sampling import more
 
 import narx_sym as ns
 from narx_sym.codegen import fmu as writer
 from narx_sym.codegen.export import written
-from narx_sym.models.effects import EFFECTS
-from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
 from narx_sym.symbolic.signals import u, y
 
@@ -208,35 +206,6 @@ def agrees(subject, target, folder, n=200):
     made = written(target, subject.recursion, subject.values, "x1", False, subject.output, starts, Ts=TS)
     got, expected = in_fmu(made, subject, n, folder), subject.expected(n)
     assert np.ptp(expected) > 0 and np.abs(got - expected).max() <= 1e-9 * max(1.0, np.abs(expected).max())
-
-
-FIRST = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.9, 0.1], Ts=TS)
-
-
-def with_effect(variant):
-    """Return the base with a small effect in it that does not drive it away."""
-    added = extend(FIRST, variant)
-    numbers = dict(zip(FIRST.symbols, FIRST.theta.tolist(), strict=True)) | dict.fromkeys(added.coefficients, -0.02)
-    numbers |= {s: 0.3 for s in added.model.symbols if s not in numbers}
-    return added.model.replace(theta=[numbers[s] for s in added.model.symbols])
-
-
-def first_of_each():
-    return {v.id: v for v in reversed(list(variants(FIRST, ["temp"])))}
-
-
-@pytest.mark.parametrize("name", ("creep", "coulomb_friction"))
-def test_effects(name, tmp_path):
-    agrees(of(with_effect(first_of_each()[name])), "fmu", tmp_path)
-
-
-@pytest.mark.long
-def test_every_effect_of_the_catalogue(tmp_path):
-    """A compilation each; two versions by turns."""
-    found = first_of_each()
-    assert set(EFFECTS) <= {n.partition(":")[0] for n in found}
-    for i, (_, variant) in enumerate(sorted(found.items())):
-        agrees(of(with_effect(variant)), ("fmu", "fmu2")[i % 2], tmp_path)
 
 
 def test_only_what_answers_at_once_is_late(tmp_path):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import evidence
 import numpy as np
 import pytest
+import truths
 from sampling import only, some
 from scipy.signal import butter, lfilter
 
@@ -302,11 +303,10 @@ def test_every_base_takes_a_long_dead_time():
 
 def test_hysteresis_is_no_dead_time():
     u = np.sin(2 * np.pi * np.arange(1200) / 150)
-    held = np.zeros(1200)
-    for k in range(1, 1200):
-        held[k] = min(max(held[k - 1], u[k] - 0.4), u[k] + 0.4)
     rng = np.random.default_rng(0)
-    assert not dead_time([ns.Record.from_arrays(u, held + 0.01 * rng.standard_normal(1200), Ts=0.01)]).long
+    assert not dead_time(
+        [ns.Record.from_arrays(u, truths.play(u, 0.4) + 0.01 * rng.standard_normal(1200), Ts=0.01)]
+    ).long
 
 
 @pytest.mark.long

@@ -62,7 +62,9 @@ def test_samples_that_stand_alone():
     bad = np.array([200, 201, 900, 2400])
     (fault,) = faults(np.where(np.isin(np.arange(N), bad), -9999, y))
     assert fault.effect == "spikes" and fault.at == (200, 201, 900, 2400)
-    assert "4 samples of 'record' are far" in fault.sentence and ": rows 200, 201, 900, 2400. Dropouts" in fault.sentence
+    assert (
+        "4 samples of 'record' are far" in fault.sentence and ": rows 200, 201, 900, 2400. Dropouts" in fault.sentence
+    )
     pulses = np.where(np.isin(np.arange(N), bad), 3.0, u)
     noise = 0.005 * rng.standard_normal(N)
     assert sensor_faults([ns.Record.from_arrays(pulses, 2 * pulses + noise, Ts)], 0.005) == []
@@ -137,10 +139,7 @@ def test_a_sensor_that_freezes_is_told_from_friction_that_holds():
     (fault,) = sensor_faults([ns.Record.from_arrays(wave, frozen, 0.01)], 0.01)
     assert fault.effect == "frozen_sensor" and fault.rows == (900, 1500) and "900:1500" in fault.sentence
     assert fault.size == frozen[900] and fault.share == 0.3
-    held = np.zeros(2000)
-    for k in range(1, 2000):
-        held[k] = min(max(held[k - 1], wave[k] - 0.4), wave[k] + 0.4)  # a play holds again and again
-    for y in (noisy, held, np.round(noisy, 1)):
+    for y in (noisy, truths.play(wave, 0.4), np.round(noisy, 1)):  # a play holds again and again
         assert "frozen_sensor" not in {f.effect for f in sensor_faults([ns.Record.from_arrays(wave, y, 0.01)], 0.0)}
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import truths
+from scipy.signal import lfilter
 
 import narx_sym as ns
 from narx_sym.diagnosis.refit import Split, settle
@@ -16,10 +17,7 @@ u = 2 * truths.excite(np.random.default_rng(5), "random", N, Ts, 1.5)
 
 def lagged(v):
     """Return a first-order lag of v."""
-    y = np.zeros(N)
-    for i in range(1, N):
-        y[i] = 0.9 * y[i - 1] + 0.1 * v[i - 1]
-    return y
+    return lfilter([0, 0.1], [1, -0.9], v)
 
 
 def structure(y, catalogue=EFFECTS):

@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 import truths
+from scipy.signal import lfilter
 
 import narx_sym as ns
 from narx_sym.diagnosis.screening.directions import Linearised
@@ -22,10 +23,7 @@ START = 300  # samples until the start of a run is forgotten
 
 def lagged(v):
     """A first-order lag; nothing of the package."""
-    y = np.zeros(N)
-    for i in range(1, N):
-        y[i] = 0.9 * y[i - 1] + 0.1 * v[i - 1]
-    return y
+    return lfilter([0, 0.1], [1, -0.9], v)
 
 
 def moved(step):

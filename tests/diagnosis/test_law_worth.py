@@ -58,7 +58,7 @@ def test_the_form_that_is_added_has_a_law_that_tracks(seed, monkeypatch):
 
 def test_an_axis_that_integrates_offers_its_other_forms(monkeypatch):
     """The table fits it in pieces, what is shown in one run: each is judged on the samples that it was fitted on."""
-    rng, Ts, n = np.random.default_rng(1), 0.01, 1500
+    rng, Ts, n = np.random.default_rng(1), 0.01, 900
     u, y, speed = np.repeat(rng.uniform(-1, 1, n // 30), 30), np.zeros(n), 0.0
     for i in range(1, n):
         free = speed + Ts * 5 * (u[i - 1] - speed)

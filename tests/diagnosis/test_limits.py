@@ -76,22 +76,6 @@ def test_an_axis_between_two_hard_stops_is_named_with_both(wave):
 
 
 @more
-def test_what_was_first_of_a_pair_may_stand_for_another():
-    """A motor that saturates moves a slack: alone a cubic is better than a saturation, and a pair began with it."""
-    t = Ts * np.arange(3000)
-    u = np.sin(1.3 * t) + 0.7 * np.sin(3.1 * t + 1) + 0.4 * np.sin(7 * t)
-    p = np.clip(u, -1.1, 1.1)
-    for i, w in enumerate(p[1:], 1):
-        p[i] = min(max(p[i - 1], w - 0.25), w + 0.25)
-    y = lfilter([0, 0.1], [1, -0.9], p)
-    record = ns.Record.from_arrays(u, y + 0.01 * np.std(y) * np.random.default_rng(0).standard_normal(3000), Ts)
-    d = ns.diagnose(ns.identify(record, base="linear"), record, max_effects=2)
-    assert set(d.steps[0].pair.effects) == {"saturation", "backlash"}
-    assert d.ladder[-1]["validation"] < 0.012
-    assert all(e.coefficients == {} for e in d.model.effects)  # both are whole
-
-
-@more
 def test_a_force_that_ends_where_the_input_moves_is_a_friction():
     # a damper whose valve opens at a force of its own on each side, in series with a stiffness: no way ends there
     f, u = np.zeros(N), noise()

@@ -171,7 +171,7 @@ def test_the_command_says_the_guess_and_refuses_an_unknown_machine(heater, tmp_p
     rows = np.column_stack([record.t, record.u, record.y])
     np.savetxt(tmp_path / "heater.csv", rows, delimiter=",", header="t,u [W],y [degC]", comments="")
     base.save(tmp_path / "base.json")
-    monkeypatch.setattr("narx_sym.cli.diagnose.with_own", lambda files: FEW)
+    monkeypatch.setattr("narx_sym.cli.diagnose.with_own", lambda files: only("dead_zone"))
 
     def run(*more):
         command = ["narx-sym", "diagnose", str(tmp_path / "heater.csv"), "--base", str(tmp_path / "base.json"), *more]

@@ -24,7 +24,7 @@ def checked(record, file, base="linear", rows=None, catalogue=ns.EFFECTS):
 
 def simulated(kind, seed, folder, **options):
     """A record of a machine that is integrated elsewhere, and its file."""
-    case = truths.case("in", kind, seed, N=1200, **options)
+    case = truths.case("in", kind, seed, N=600, **options)
     file = folder / "record.csv"
     write_csv(file, {"t": np.arange(case.u.size) * case.Ts, "u": case.u, "y": case.y, **case.channels})
     return ns.read(file, channels="all"), file

@@ -14,9 +14,9 @@ MODEL = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "1"])
 FEW = only("dead_zone", "cubic_gain", "saturation")
 
 
-def live_record():
-    u, y = live.hidden(800)
-    return ns.Record.from_arrays(u, y, Ts=live.TS)
+def diagnosed(**options):
+    u, y = live.hidden(400)
+    return diagnose(MODEL, ns.Record.from_arrays(u, y, Ts=live.TS), catalogue=FEW, **options)
 
 
 def test_what_is_told_is_a_text_that_keeps_its_numbers():
@@ -82,14 +82,14 @@ def test_what_a_listener_raises_goes_through():
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        diagnose(MODEL, live_record(), catalogue=FEW, report=cancel)
+        diagnosed(report=cancel)
 
 
 def test_a_diagnosis_says_the_same_whatever_becomes_of_its_progress(monkeypatch):
-    told = diagnose(MODEL, live_record(), catalogue=FEW)
+    told = diagnosed()
     for broken in ("reach", "say"):
         monkeypatch.setattr(Course, broken, lambda *_, **__: None)
-        mute = diagnose(MODEL, live_record(), catalogue=FEW)
+        mute = diagnosed()
         assert told.to_dict() | {"seconds": 0} == mute.to_dict() | {"seconds": 0}
         monkeypatch.undo()
 
@@ -97,7 +97,7 @@ def test_a_diagnosis_says_the_same_whatever_becomes_of_its_progress(monkeypatch)
 @pytest.mark.parametrize("rounds", [1, 2])
 def test_a_diagnosis_tells_its_stages_and_what_it_has_found(rounds):
     heard = []
-    found = diagnose(MODEL, live_record(), catalogue=FEW, max_effects=rounds, report=heard.append)
+    found = diagnosed(max_effects=rounds, report=heard.append)
     fractions = [h.fraction for h in heard]
     assert fractions == sorted(fractions) and 0 <= fractions[0] and fractions[-1] <= 1
     assert {h.stages for h in heard} == {1 + len(ROUND) * rounds} and all(h.done <= h.of for h in heard)

@@ -36,10 +36,7 @@ COULOMB = next(Variant(e, "inside", "y") for e in EFFECTS["coulomb_friction"] if
 
 def lagged(v, a=0.9, b=0.1):
     """Return a first-order lag of v."""
-    y = np.zeros(N)
-    for i in range(1, N):
-        y[i] = a * y[i - 1] + b * v[i - 1]
-    return y
+    return lfilter([0, b], [1, -a], v)
 
 
 def small(record):
@@ -348,10 +345,7 @@ def test_friction_of_a_motor_that_is_recorded_as_a_speed(standing):
 
 
 def slack(x, r):
-    p = x.copy()
-    for i in range(1, len(x)):
-        p[i] = max(x[i] - r, min(x[i] + r, p[i - 1]))
-    return p
+    return x[0] + truths.play(x - x[0], r)
 
 
 @pytest.mark.long
@@ -359,9 +353,7 @@ def test_an_effect_is_found_again_where_it_acts_elsewhere():
     """A slack before the actuator and one behind it."""
     rng, n = np.random.default_rng(4), 1500
     u = np.interp(np.arange(n), np.arange(0, n + 25, 25), rng.uniform(-2, 2, n // 25 + 1))
-    v, x = slack(u, 0.4), np.zeros(n)
-    for i in range(1, n):
-        x[i] = 0.85 * x[i - 1] + 0.15 * v[i - 1]
+    x = lagged(slack(u, 0.4), 0.85, 0.15)
     record = ns.Record.from_arrays(u, slack(x, 0.25) + 0.005 * rng.standard_normal(n), 0.01)
     few = only("backlash", "dead_zone")
     found = ns.diagnose(ns.identify(record, base="linear"), record, catalogue=few, max_effects=2)
@@ -664,10 +656,7 @@ def test_what_wins_is_fitted_at_its_limit_too():
     """Stiction of a valve without a jump is a play: from where it stands, and only where that is cheaper."""
     rng = np.random.default_rng(5)
     u = np.cumsum(rng.standard_normal(800)) / 10
-    p = np.zeros(800)
-    for i in range(1, 800):
-        p[i] = min(max(p[i - 1], u[i] - 0.4), u[i] + 0.4)
-    y = lfilter([0, 0.2], [1, -0.8], p)
+    y = lfilter([0, 0.2], [1, -0.8], truths.play(u, 0.4))
     record = ns.Record.from_arrays(u, y + 0.01 * y.std() * rng.standard_normal(800), 0.01)
     search = Search(small(record), [record], [(1, 1)])
     (base,) = search.bases([1])

@@ -23,6 +23,15 @@ SHAPES = {
 }
 
 
+def slipping(pole, gain, tau=1, c=0.3, r=0.3):
+    """Return a first-order model with elastic friction at its output."""
+    plain = ns.NARX.from_terms(["y[k-1]", f"u[k-{tau}]"], [pole, gain], Ts=0.01)
+    slips = next(v for v in variants(plain, []) if str(v).startswith("coulomb_friction (elastic, at the output"))
+    model = extend(plain, slips).model
+    numbers = {"theta_1": pole, "theta_2": gain, "c_coulomb_friction": c, "r_coulomb_friction": r}
+    return model.replace(theta=[numbers[str(s)] for s in model.symbols])
+
+
 def drawn(seed):
     """Return a model with a flat piece, tau_d from 1 to 4, older inputs and outputs, and perhaps friction that slips."""
     rng = np.random.default_rng(seed)
@@ -31,11 +40,7 @@ def drawn(seed):
     terms += [(f"u[k-{tau + 1 + int(rng.integers(3))}]", b * rng.uniform(-0.7, 0.7))] * int(rng.integers(2))
     model = ns.NARX.from_terms([t for t, _ in terms], [float(c) for _, c in terms], Ts=0.01)
     if seed % 3 == 0:
-        plain = ns.NARX.from_terms(["y[k-1]", f"u[k-{tau}]"], [0.5, b], Ts=0.01)
-        slips = next(v for v in variants(plain, []) if str(v).startswith("coulomb_friction (elastic, at the output"))
-        model = extend(plain, slips).model
-        numbers = dict(zip(plain.symbols, plain.theta, strict=True))
-        model = model.replace(theta=[numbers.get(s, 0.3) for s in model.symbols])
+        model = slipping(0.5, b, tau)
     u = 0.9 * np.sin(0.07 * np.arange(N) + rng.uniform(0, 6)) + 0.4 * np.sin(0.3 * np.arange(N))
     return model, np.where(np.arange(N) < 8, 0.0, u)
 
@@ -78,7 +83,7 @@ def older(tau, shape, lag, gain):
 
 
 @pytest.mark.parametrize("tau", [1, 2, 3])
-@pytest.mark.parametrize("shape", ["rectifier", "falling rectifier", "one stop", "dead zone"])
+@pytest.mark.parametrize("shape", list(SHAPES))
 @pytest.mark.parametrize(("lag", "gain"), [(1, 0.2), (2, 0.2), (3, -0.15)])
 def test_an_own_output_is_reached_although_a_choice_decides_what_follows(tau, shape, lag, gain):
     """What an older input adds depends on which of the inputs on the flat piece was taken: it is chosen later."""
@@ -89,12 +94,24 @@ def test_an_own_output_is_reached_although_a_choice_decides_what_follows(tau, sh
     assert "but every m[k]" in stage.proof and stage.proof in law.checked and not stage.proved
     found = law.follow(y, 0.0)
     assert not found.held.any()
-    if shape == "one stop" and found.missed.any():  # one of nine is not found, which is said
-        with pytest.raises(Unreachable, match="several inputs gave the same output"):
-            law.run(y, 0.0)
-        return
     assert not found.missed.any()
-    assert np.abs(model.simulate(found.m, 0.0, u0=0.0) - y)[tau:].max() <= 1e-9 * np.abs(y).max()
+    exact = 1e-9 if (shape, lag) != ("saturation", 3) else 2e-6  # this one is found to what counts as none
+    assert np.abs(model.simulate(found.m, 0.0, u0=0.0) - y)[tau:].max() <= exact * np.abs(y).max()
+
+
+@pytest.mark.parametrize("seed", some(range(-1, 40), 8))
+def test_what_friction_made_while_it_slipped_is_reached(seed):
+    """At each turn one of the inputs with which it slips decides when it slips on the other side."""
+    rng, n = np.random.default_rng(1000 + seed), np.arange(N)
+    drawn = rng.uniform([0.2, 0.3, 0.1, 0.1], [0.8, 1.0, 0.8, 0.6]) * [1, rng.choice([-1, 1]), rng.choice([-1, 1]), 1]
+    pole, gain, c, r = drawn if seed >= 0 else (0.5, 0.5, 0.3, 0.3)
+    model = slipping(pole, gain, c=c, r=r)
+    u = rng.uniform(0.5, 1.5) * np.sin(0.07 * n + rng.uniform(0, 6)) + 0.4 * np.sin(0.3 * n)
+    y = model.simulate(np.where(n < 8, 0.0, u), 0.0, u0=0.0)
+    law = model.compensator()
+    assert "every m[k] from" in law.checked and law.residual() == 0
+    found = law.follow(y, 0.0, share=None)
+    assert not found.missed.any() and np.abs(model.simulate(found.m, 0.0, u0=0.0) - y).max() <= 1e-6 * np.ptp(y)
 
 
 def test_what_a_choice_decides_is_said_where_the_reference_is_read_from_sample_to_sample():

@@ -91,7 +91,9 @@ def test_a_channel_that_moves_the_start_is_no_error_of_zero():
     found = law.follow(target, 0.0, {"w": np.ones(40)})
     made = law.model.simulate(found.m, 0.0, {"w": np.ones(40)}, u0=0.0)
     assert np.array_equal(found.y, made) and found.error == pytest.approx(np.abs(made)[law.preview :].max())
-    assert found.missed[law.preview :].all() and not found.unreached.any() and "is not at rest at the start" in found.why
+    assert (
+        found.missed[law.preview :].all() and not found.unreached.any() and "is not at rest at the start" in found.why
+    )
 
 
 @pytest.mark.parametrize("options", ({}, {"limits": (-9.0, 9.0)}, {"rate": 0.5}, {"share": 0.6}))

@@ -456,20 +456,6 @@ def test_only_differences_of_neighbours_are_phi1():
         assert folded(Model(y[k - 1] / 2 + sp.exp(part), ())) == y[k - 1] / 2 + sp.exp(wanted)
 
 
-def test_conditions_of_a_continuum_as_they_are_written():
-    model = NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]", "y[k-2]", "1", "phi1[k-1]*y[k-1]"])
-    a, b, c, d, e, _ = model.symbols
-    written = {(cond.lhs, cond.rhs) for cond in continuum_conditions(model)}
-    assert written == {(a + d, 1), (b + c, 0), (e, 0)}
-    assert continuum_conditions(NARX.from_terms(["y[k-1]", "phi1[k-1]"]))[0].rhs == 1
-
-
-def test_only_a_root_at_one_is_an_integrator():
-    rest, integrates = without_integrator((z - 1) * (z - sp.Rational(1, 2)))
-    assert sp.expand(rest - z + sp.Rational(1, 2)) == 0 and integrates is True
-    assert without_integrator(z - sp.Rational(1, 2)) == (z - sp.Rational(1, 2), False)
-
-
 def test_a_model_without_input_has_its_delay():
     assert newest_input(NARX.from_terms(["y[k-1]", "1"])) == 0
     assert newest_input(NARX.from_terms(["y[k-1]", "u[k-3]", "phi1[k-2]"])) == 2

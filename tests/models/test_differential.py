@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 import sympy as sp
+from sampling import more, only
 from scipy.linalg import expm
 
 import narx_sym as ns
 
 MASS = "x'' = (g*u - d*x' - s*x + o)/m\ny = x\ng = 2\nm ~ {m} in 0.1 ... 10\nd ~ {d}\ns ~ {s}\no ~ 0.5"
 PENDULUM = "phi'' = -w*sin(phi) - d*phi' + b*u\ny = phi\nw ~ 8 in 1 ... 100\nb ~ 1.2\nd ~ 0.5 in 0.001 ... 10"
+FEW = only("coulomb_friction", "stribeck_friction", "end_stop", "cubic_gain", "drift")
+ALL = pytest.mark.parametrize("catalogue", [FEW, pytest.param(ns.EFFECTS, marks=more)], ids=["few", "all"])
 TANKS = """
 q = b*sign(h1)*sqrt(Abs(h1))       # what flows from the upper tank to the lower one
 h1' = a*u - q
@@ -48,6 +51,11 @@ def test_linear_equations_are_sampled_exactly(m, d, s):
     assert not model.states and model.delay == 1
 
 
+@pytest.mark.parametrize("text", [MASS.format(m=1, d=0.4, s=9), MASS.format(m=1, d=7, s=2), PENDULUM, TANKS])
+def test_equations_have_an_exact_law(text):
+    assert ns.from_equations(text, 0.05).compensator().residual() == 0
+
+
 def test_a_first_order_lag_and_a_difference_equation_are_the_same():
     h = 0.1
     lag = ns.from_equations("y' = (K*u - y)/T\nK ~ 3\nT ~ 0.7", h)
@@ -80,21 +88,23 @@ def swung(friction, N=2000, h=0.02):
     return ns.Record.from_arrays(u, y + 0.005 * np.std(y) * np.random.default_rng(1).standard_normal(N), Ts=h)
 
 
-def test_a_pendulum_without_friction_is_told_that_friction_is_missing():
+@ALL
+def test_a_pendulum_without_friction_is_told_that_friction_is_missing(catalogue):
     record = swung(friction=0.5)
     own = ns.from_equations(PENDULUM, record.Ts).fit(record, method="free_run")
-    found = ns.diagnose(own, record)
+    found = ns.diagnose(own, record, catalogue=catalogue)
     assert found.best.effect in ("coulomb_friction", "stribeck_friction")
     assert found.errors["completed"]["validation"] < 0.2 * found.errors["baseline"]["validation"]
     values = {str(s): float(v) for s, v in found.model.values.items()}
     assert values["w"] == pytest.approx(9, rel=0.03) and values["d"] == pytest.approx(0.3, rel=0.1)
 
 
-def test_a_pendulum_that_lacks_nothing_is_told_so():
+@ALL
+def test_a_pendulum_that_lacks_nothing_is_told_so(catalogue):
     record = swung(friction=0.0)
     own = ns.from_equations(PENDULUM, record.Ts).fit(record, method="free_run")
     assert own.values[own.symbols[0]] == pytest.approx(9, rel=0.01)
-    assert ns.diagnose(own, record).verdict == "nothing_detectable"
+    assert ns.diagnose(own, record, catalogue=catalogue).verdict == "nothing_detectable"
 
 
 def tanks(u, brim, h=4.0):
@@ -109,15 +119,18 @@ def tanks(u, brim, h=4.0):
     return np.array(y)
 
 
+@ALL
 @pytest.mark.parametrize("brim", [6.5, np.inf])
-def test_two_tanks_are_told_that_one_overflows(brim):
+def test_two_tanks_are_told_that_one_overflows(brim, catalogue, monkeypatch):
+    if catalogue is FEW:  # what the laws of two forms are worth takes longer than all the rest
+        monkeypatch.setattr("narx_sym.diagnosis.steps.law_worth", lambda model: 2)
     rng, N = np.random.default_rng(3), 1000
     u = np.convolve(rng.standard_normal(N + 200), np.hanning(60), "same")[100 : 100 + N]
     u = np.maximum(1.8 + 1.6 * u / np.abs(u).max(), 0.1)
     y = tanks(u, brim)
     record = ns.Record.from_arrays(u, y + 0.01 * np.std(y) * rng.standard_normal(N), Ts=4.0)
     own = ns.from_equations(TANKS, record.Ts).fit(record, method="free_run")
-    found = ns.diagnose(own, record, machine="tank")
+    found = ns.diagnose(own, record, machine="tank", catalogue=catalogue)
     if np.isinf(brim):
         assert found.verdict == "nothing_detectable"
         assert own.theta == pytest.approx([0.06, 0.045, 0.05], rel=0.05)

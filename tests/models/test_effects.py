@@ -58,7 +58,7 @@ def test_described(one):
     refined = {p for p in one.shape if one.scan[p].of != "steps"}
     assert refined <= set(one.unit) <= set(one.shape)
     assert set(one.places) <= set(PLACES) and all(one.places.values())
-    assert one.sign in (0, 1)
+    assert one.share[0] < one.share[1] and (one.sign, one.full) == (int(one.share[0] >= 0), one.share[1] == 1)
     assert EFFECTS[one.id].count(one) == 1
     assert {other.sentence for other in EFFECTS[one.id]} == {one.sentence}
 
@@ -96,6 +96,51 @@ def along(one, shape):
     return run(seen, initial=start)["out"][4:]
 
 
+STOPS = ["upper", "lower", "both sides", "rigid upper", "rigid lower", "rigid both sides"]
+MEMORIES = [
+    "Bouc-Wen",
+    "Bouc-Wen, wide",
+    "Bouc-Wen, sharp",
+    "Bouc-Wen force",
+    "play superposition",
+    "Bouc-Wen actuator",
+]
+FOLLOWS = {  # from the equations: of which forms it holds
+    "at_rest": [*(("end_stop", f) for f in STOPS), *(("output_limit", f) for f in STOPS[:3])],
+    "turning": [*(("backlash", f) for f in ("", "elastic", "behind a lag")), *(("hysteresis", f) for f in MEMORIES)],
+    "weights": [("hysteresis", "play superposition")],
+    "lagged": [
+        *((name, "behind a lag") for name in ("dead_zone", "saturation", "backlash")),
+        *(("end_stop", f"of a first lag, {f}") for f in ("upper", "lower", "spilling over")),
+        ("coulomb_friction", "viscoelastic"),
+    ],
+}  # fmt: skip
+LIMITS = {
+    ("stribeck_friction", ""): ("s", np.inf, "coulomb_friction"),
+    **{("stiction", form): ("e", 0.0, "coulomb_friction") for form in ("", "of a speed")},
+    ("stiction", "of a valve"): ("e", 0.0, "backlash"),
+    **{("channel_friction", f): ("q", 0.0, "coulomb_friction") for f in ("holding", "holding, of a speed")},
+}
+
+
+@pytest.mark.parametrize("one", ALL, ids=named)
+def test_what_follows_from_its_equations(one):
+    key = (one.id, one.form)
+    assert {name: key in FOLLOWS[name] for name in FOLLOWS} == {name: getattr(one, name) for name in FOLLOWS}
+    assert one.limit == LIMITS.get(key, ()) and one.series == ((3, "saturation") if one.id == "cubic_gain" else ())
+    assert one.standing == ("of a speed" in one.form)
+
+
+def test_what_follows_is_so_for_ones_own():
+    """What is made of x itself needs no flags: an end stop, and the cubic of another smooth limit."""
+
+    @effect("inside", driver="y", scan={"r": Scan("amplitude", (0.5,))}, id="own_stop", register=False)
+    def stop(x, r):
+        return -2 * sp.Max(x[k] - r, 0)
+
+    assert stop.at_rest and not stop.turning and stop.limit == () and stop.unit == {"r": "unit of the driver"}
+
+
 @pytest.mark.parametrize("one", [e for e in ALL if e.limit], ids=named)
 def test_at_its_limit_it_is_another_effect(one):
     name, value, other = one.limit
@@ -121,7 +166,7 @@ def restored():
 
 
 def test_ten_lines_make_an_effect(restored):
-    @effect("input", scan={"r": Scan("amplitude", (0.5, 1.0))}, unit={"r": "V"}, sign=1, source="Smith 2020")
+    @effect("input", scan={"r": Scan("amplitude", (0.5, 1.0), unit="V")}, share=(0, np.inf), source="Smith 2020")
     def soft_limit(x, r):
         """Large inputs do less, softly."""
         return sp.atan(x[k] / r) * r - x[k]
@@ -221,7 +266,9 @@ def own(tmp_path):
 def test_effects_from_a_file(own, tmp_path):
     assert list(own) == ["my_stick_slip", "my_play", "my_heat", "my_echo"]
     friction, play, heat, echo = own.all()
-    assert friction.places == {"output": ("u",)} and friction.scan == {"s": Scan("speed", (0.1, 0.5, 1.5))}
+    assert friction.places == {"output": ("u",)} and friction.scan == {
+        "s": Scan("speed", (0.1, 0.5, 1.5), unit="V per sample")
+    }
     assert friction.source == "Smith 2020" and friction.unit == {"s": "V per sample"} and friction.sign == 0
     assert play.arguments == ("x", "w") and play.sign == 1 and heat.arguments == ("channel", "Ts", "tau")
     assert echo.equations(n=4).z == (x[k - 4] - x[k - 4] * sp.Abs(x[k]),)

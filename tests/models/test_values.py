@@ -14,7 +14,6 @@ import narx_sym as ns
 from narx_sym.errors import ModelError
 from narx_sym.inversion.analyses import Subject
 from narx_sym.models.analysis import steady_state
-from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
 from narx_sym.models.rewrite import rewritten, without
 from narx_sym.symbolic.recursion import State
@@ -44,14 +43,6 @@ def test_equal_models_are_equal_and_hash_alike(tmp_path):
     linear = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 0.2])
     assert linear != ns.Model(linear.F, linear.symbols, linear.theta)  # another kind of model
     assert ns.NARX.from_terms(["u[k-1]", "y[k-1]"], [0.5, 0.2]) != linear
-
-
-@pytest.mark.parametrize("variant", some(list(variants(ns.NARX.from_terms(["y[k-1]", "u[k-1]"]))), 5), ids=str)
-def test_every_effect_is_saved_by_value(variant, tmp_path):
-    model = extend(ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 0.2], Ts=0.01), variant).model
-    model = model.replace(theta=[0.1 * (i + 1) for i in range(len(model.symbols))])
-    ns.save(model, tmp_path / "m.json")
-    assert ns.load(tmp_path / "m.json") == model
 
 
 @pytest.mark.parametrize("assumed", ASSUMED, ids=str)

@@ -177,7 +177,7 @@ def test_no_noise_is_more_than_what_is_left(stage_diagnosis):
     first = replace(stage_diagnosis.steps[0], floor=0.02)
     said = {sensor: replace(first, sensor=sensor) for sensor in (0.01, 0.02, 0.03)}
     assert "sensor noise alone 0.01" in said[0.01].sentence({})
-    assert "all of it the noise of the sensor" in said[0.02].sentence({})
+    assert "all of it sensor noise" in said[0.02].sentence({})
     assert "the sensor" not in said[0.03].sentence({})
     spread = first.base.problem.spread
     assert said[0.03].to_dict(None)["base"]["nrmse"]["sensor_noise"] == pytest.approx(0.02 / spread)
@@ -235,7 +235,14 @@ def test_few_digits_need_no_exponent(value, said):
             "a disturbance of the machine",
         ),
         (False, "", "more", "The remaining error is larger", "more error than noise", "a disturbance of the machine"),
-        (True, "", "more", "The base model does not follow the output", "the base model does not follow", "another base"),
+        (
+            True,
+            "",
+            "more",
+            "The base model does not follow the output",
+            "the base model does not follow",
+            "another base",
+        ),
     ],
 )
 def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge, advice):

@@ -50,7 +50,11 @@ def test_where_limits_let_a_model_rest(record, law):
     slope, offset = model.theta[1] / (1 - model.theta[0]), model.theta[2] / (1 - model.theta[0])
     assert rests_at(model, (-1.0, 3.0)) == pytest.approx((offset - slope, offset + 3 * slope), rel=1e-6)
     found = law_of(model, (-1.0, 3.0))
-    assert found.limits == (-1.0, 3.0) and found.rests == rests_at(model, (-1.0, 3.0)) and "the steady state of the model" in found.notes[-1]
+    assert (
+        found.limits == (-1.0, 3.0)
+        and found.rests == rests_at(model, (-1.0, 3.0))
+        and "the steady state of the model" in found.notes[-1]
+    )
     assert law_of(model).rests is None
     integrator = model.replace(theta=[1.0, 0.2, 0.0])
     assert rests_at(integrator, (-1.0, 3.0)) is None

@@ -28,19 +28,19 @@ def judge(tmp_path_factory):
     return Judge(tmp_path_factory.mktemp("fuzz"))
 
 
-@settings(max_examples=600, deadline=None, database=None)
+@settings(max_examples=200, deadline=None, database=None)
 @given(seeds)
 def test_terms(judge, seed):
     judge.term(Random(seed))[1]()
 
 
-@settings(max_examples=200, deadline=None, database=None)
+@settings(max_examples=70, deadline=None, database=None)
 @given(seeds)
 def test_files_of_effects(judge, seed):
     judge.effect(Random(seed))[1]()
 
 
-@settings(max_examples=200, deadline=None, database=None)
+@settings(max_examples=70, deadline=None, database=None)
 @given(seeds)
 def test_model_files(judge, seed):
     found = judge.model(Random(seed))[1]()
@@ -136,37 +136,6 @@ def test_what_would_take_for_ever_is_read_or_refused_soon():
     for name in ("states that double", "no number at rest", "products of powers", "all states in all", "huge lag", "huge numbers", "huge errors",
                  "two thousand terms", "product of sums", "nested tanh of numbers"):  # fmt: skip
         assert said[name] == "refused", name
-
-
-# ---------------------------------------------------------------- files that two readers may take differently
-
-GOOD = json.dumps(narx(theta=[0.5]))
-
-
-@pytest.mark.parametrize(
-    "text, words",
-    [
-        (GOOD.replace("{", '{"theta": [9.0], ', 1), "appears twice"),
-        (GOOD.replace("0.5", "NaN"), "no number"),
-        (GOOD.replace("0.5", "-Infinity"), "no number"),
-        (GOOD.replace("0.5", "1e999"), "too large"),
-        (GOOD.replace("0.5", "1" * 5000), "JSON"),
-        ("[" * 100_000, "JSON"),
-        (GOOD + GOOD, "JSON"),
-        (GOOD.replace('"u"', '"\\ud800"'), "input"),
-        (GOOD.encode("utf-16"), "JSON"),
-        (b"\xff" * 10, "JSON"),
-        (b"", "JSON"),
-        (b"\0" * 3_000_000, "larger than"),
-    ],
-)
-def test_ambiguous_or_broken_model_files(text, words, tmp_path, run):
-    path = tmp_path / "m.json"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(ModelError, match=f"m.json: .*{words}"):
-        ns.load(path)
-    code, _, err = run("derive", path)
-    assert code == 2 and err.startswith("narx-sym: ") and err.count("\n") == 1
 
 
 def test_ambiguous_files_of_effects(tmp_path):

@@ -259,34 +259,10 @@ def test_sigma_y_of_one_is_not_enough():
     assert [v.rule for v in drifting.check(assumptions.CONTINUUM)] == ["rest"]
 
 
-def test_a_constant_term_is_not_a_continuum_either():
-    drifting = ns.NARX([y[k - 1], sp.S.One], theta=[1.0, 0.1])
-    assert not ns.analysis.continuum(drifting)
-    drifting = drifting.replace(theta=[1.0, 0.0])
-    assert ns.analysis.continuum(drifting)
-
-
 def test_sign_squared_keeps_its_rest_value():
     # Slip: phi_2^2 = 1 only while the input moves; as a rewrite it would move Sigma_y.
     model = ns.NARX([y[k - 1], phi2[k - 1] ** 2 * y[k - 1]])
     assert rest_map(model) == theta_1 * ybar
-
-
-@pytest.mark.parametrize(
-    ("terms", "theta", "holds", "diverging"),
-    [
-        (["y[k-1]", "phi1[k-1]"], [1.0, 0.5], True, False),
-        (["y[k-1]", "phi1[k-1]"], [0.9, 0.5], False, False),
-        (["y[k-1]", "phi1[k-1]"], [1.1, 0.5], False, True),
-        (["y[k-1]", "u[k-1]"], [1.0, 0.1], False, None),
-        (["y[k-1]", "y[k-2]", "phi1[k-1]"], [1.5, -0.5, 0.1], True, False),
-        (["y[k-1]", "y[k-2]", "phi1[k-1]"], [2.5, -1.5, 0.1], False, True),
-        (["y[k-1]", "y[k-1]**3"], [1.2, -0.1], True, False),  # two stable equilibria beside an unstable one
-    ],
-)
-def test_property_1(terms, theta, holds, diverging):
-    verdict = ns.analysis.property_1(ns.NARX.from_terms(terms, theta))
-    assert (verdict.holds, verdict.diverging) == (holds, diverging), verdict.reason
 
 
 def test_property_1_of_the_published_models():

@@ -1,6 +1,5 @@
 """No wrong number in silence: run-away laws, useless fits, hand-made model files, overwritten inputs, Ctrl-C."""
 
-import json
 import signal
 import sys
 import warnings
@@ -12,7 +11,7 @@ import pytest
 import narx_sym as ns
 from narx_sym import __main__ as command
 from narx_sym.cli import stop
-from narx_sym.errors import Diverged, FitError, ModelError, NotInvertible
+from narx_sym.errors import Diverged, FitError, NotInvertible
 from narx_sym.fit import identify as identification
 from narx_sym.fit.bases.judged import periodic_growth
 from narx_sym.models.info import Info
@@ -127,39 +126,6 @@ def test_rest_before_the_start_makes_the_round_trip_exact():
     m = law.run(reference, m0)
     expected = model.simulate(m, y0=reference[0], u0=m0)
     assert np.abs(expected - reference)[:-1].max() < 1e-9 * np.ptp(reference)
-
-
-BASE = {"schema": 1, "kind": "narx", "input": "u", "output": "y", "terms": ["y[k-1]", "u[k-1]"], "theta": [0.5, 1.0]}
-NONSENSE = {
-    "input as a list": {"input": ["u"]},
-    "negative Ts": {"Ts": -1},
-    "zero Ts": {"Ts": 0},
-    "negative std": {"std": [-1.0, 0.1]},
-    "lead of a direct model": {"lead": 5},
-    "unused channel": {"channels": ["a"]},
-    "constraint on signals": {"constraints": ["y[k]"]},
-    "broken constraint": {"constraints": ["theta_1 - 2"]},
-    "broken continuum": {"constraints": ["continuum"]},
-    "reversed ranges": {"info": {"ranges": {"u": [1, -1]}}},
-    "far operating point": {"operating_point": {"u": 1e300}},
-    "schema true": {"schema": True},
-    "future input": {"terms": ["y[k-1]", "u[k+1]"]},
-    "not a number": {"theta": [None, 1.0]},
-}
-
-
-@pytest.mark.parametrize("name", NONSENSE)
-def test_nonsense_in_a_model_file_is_refused(name, tmp_path):
-    path = tmp_path / "m.json"
-    path.write_text(json.dumps(BASE | NONSENSE[name]))
-    with pytest.raises(ModelError, match=r"m\.json"):
-        ns.load(path)
-
-
-def test_the_base_of_these_is_good(tmp_path):
-    path = tmp_path / "m.json"
-    path.write_text(json.dumps(BASE))
-    assert ns.load(path).theta.tolist() == [0.5, 1.0]
 
 
 def test_no_closed_form_is_looked_for_for_ever(tmp_path):

@@ -141,7 +141,7 @@ class Frame:
             for i, name in zip(shapes, variant.shape, strict=True):
                 self.low[i], self.high[i] = allowed[name]
             if variant.effect.sign and len(cs) == 1:
-                sizes = variant.effect.least, most if variant.effect.full else np.inf
+                sizes = max(variant.effect.share[0], 0.0), most if variant.effect.full else np.inf
                 self.low[cs[0]], self.high[cs[0]] = sizes if variant.effect.sign > 0 else (-sizes[1], -sizes[0])
             if variant.effect.weights and variant.where == "input":  # none is larger than the whole
                 self.low[cs], self.high[cs] = -most, most

@@ -1,13 +1,14 @@
 """What is taken on a flat piece is chosen later: by what the reference asks of the samples that follow.
 
 Every input on a flat piece gives the same sample, but what an older input adds to later ones differs. Where the input
-nearest to the last one leaves none for a later sample, all inputs m of a stretch around it are moved together from what
-the law took, until the model gives the reference there:
+nearest to the last one leaves none for a later sample, the last few inputs m are moved together from what the law took,
+as few as can be, until the model gives the reference there:
 
     sum_k (y[k] - r[k])^2 = 0
 
 by Levenberg-Marquardt, whose steps are the shortest ones. The sample of a flat piece has no slope in its own input, so
-that there it is the later samples that move it. A law that goes on from sample to sample, on a machine, cannot do so.
+that there it is the later samples that move it. Where the way there leads over an edge, `lookback` tries single inputs.
+A law that goes on from sample to sample, on a machine, cannot do so.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from ...symbolic.signals import k, signal
 from .driven import FREE, Prepared
 
 Array = np.ndarray
-STRETCH = 100  # samples to each side of a miss that are moved together
+STRETCHES = (2, 4, 8, 16, 32, 64, 128)  # samples up to a miss that are moved together: the fewest that do
 STEPS, EXACT = 60, 1e-15  # of a search; where it ends
 DIFFERENCES = (None, 1e-6)  # steps of an input, as SciPy has them: near its kinks first, then far above rounding
 ASKED = signal("m_taken")
@@ -56,13 +57,16 @@ class Later:
 
     def reached(self) -> dict[str, Array] | None:
         """Return every sequence of a run that misses nothing; None where none was found."""
-        n, values, before = self.target.size - self.delay, self._run({}, 0), -1
+        values, before = self._run({}, 0), -1
         while (missed := self.missed(values["y"][self.prepared.depth :])) is not None:
-            begin, end = max(0, missed - STRETCH), min(n, missed + STRETCH)
-            found = self._moved(values, begin, end)
+            begins = dict.fromkeys(max(0, missed + 1 - size) for size in STRETCHES)
+            moved = (
+                (begin, found) for begin in begins if (found := self._moved(values, begin, missed + 1)) is not None
+            )
+            begin, found = next(moved, (0, None))
             if found is None or missed <= before:
                 return None
-            self.taken[begin:end], before = found, missed
+            self.taken[begin : missed + 1], before = found, missed
             values = self._run(values, begin)
             self.stretches += 1
         return self.prepared.shown({**values, "m_wanted": values["m"]})

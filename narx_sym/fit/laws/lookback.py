@@ -4,6 +4,10 @@ The run returns to where a stage had a further solution, the latest first, takes
 (backtracking; of the runs at hand the one that came furthest is changed next). Where it comes to a state in which an
 earlier run was at that sample, it goes on as that one did, and what lies beyond is not tried again. A machine cannot do
 so: what it meets is not known to it beforehand.
+
+On a flat piece there are solutions without number. Those are tried at which the run that follows changes: to one side
+it misses at another sample than to the other, or there from above instead of from below. A later sample lies on an edge
+then, where a flat piece begins, and leaves a choice of its own: so friction goes on slipping.
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import count
+from itertools import count, pairwise
 from typing import Any
 
 import numpy as np
@@ -22,7 +26,7 @@ from ...errors import Diverged
 from ...inversion.branches import searched
 from ...inversion.compensator import Compensator
 from ...inversion.solution import Solution
-from ...inversion.stages import guarded, in_order, limits_of
+from ...inversion.stages import guarded, in_order, limits_of, stages_of
 from ...symbolic.recursion import Recursion
 from ...symbolic.signals import k, m, samples, signal
 from ..simulate import simulate
@@ -33,6 +37,7 @@ from .later import Later
 
 Array = np.ndarray
 TRIES, BACK, ON = 200, 100, 200  # runs; how far back of a miss a choice is changed; how far the first run goes on
+AHEAD, MOVES = 32, np.geomspace(1e-5, 30.0, 28)  # beyond a miss a try is followed; of what a sequence has been: tries
 LONGER = 4  # the next stretch of a run is so many times as long
 WIDER = 1.0  # of what a sequence has been: solutions further beyond are looked for in steps that grow
 INEXACT = 1e-9  # of the largest reference: what is further off is missed
@@ -61,9 +66,12 @@ def steered(law: Compensator, clipped: Callable[[Any], Any] = lambda asked: aske
     """
     staged = law.staged
     assert staged is not None
-    swapped = {}
+    swapped, near = {}, {s.unknown: s for s in stages_of(law.model, lambda unknown: _hint(unknown)[k]).stages}
     for stage in open_stages(law):
-        hint = _hint(stage)[k]
+        hint = _hint(stage.unknown)[k]
+        if _level(stage):
+            swapped[stage.unknown] = sp.Piecewise((near[stage.unknown].value, hint < FREE))
+            continue
         low, high = limits_of(law.model, stage.unknown.base)
         root = searched(replace(stage, last=hint), law.model.values, (sp.Min(low, hint), sp.Max(high, hint)))
         swapped[stage.unknown] = sp.Piecewise((root, hint < FREE))
@@ -103,8 +111,13 @@ def right(
     return values, runs.tried, runs.grown() if runs.tried else 0.0
 
 
-def _hint(stage: Solution) -> Any:
-    return signal(f"{stage.unknown.base.name}_hint")
+def _hint(unknown: Any) -> Any:
+    return signal(f"{unknown.base.name}_hint")
+
+
+def _level(stage: Solution) -> bool:
+    """Whether all that a stage leaves open is the place on a flat piece."""
+    return bool(stage.flat) and stage.alone
 
 
 @dataclass
@@ -194,15 +207,14 @@ class Lookback:
     def grown(self) -> float:
         """Return by how much a disturbance of the input grows along the run that came furthest."""
         path = max((p for _, p in self.known), key=lambda p: -1 if p.missed is None else p.missed)
-        held = {_hint(s).name: self._column(path.hints.get(_hint(s).name, {})) for s in self.open}
+        held = {name: column for name, (column, _) in self._more(path.hints).items()}
         at, more = path.missed or 0, {**self.channels, **held}
         return growth(self.law, self.target, self.start, more, at, lambda clipped: steered(self.law, clipped))
 
     def _run(self, before: _Path, hints: Hints, at: int) -> _Path:
         """Run on from a sample of a run, in stretches that grow, until it misses or is as an earlier run was."""
         values, begin, changed = before.values, at, at + 1 if hints else 0
-        names = [_hint(s).name for s in self.open]
-        more = {n: (self._column(hints.get(n, {})), FREE) for n in names}
+        more = self._more(hints)
         met: tuple[int, int] | None = None
         stretch = 1 if hints else self.n if before.missed is None else before.missed + ON
         while begin < self.n:
@@ -246,6 +258,10 @@ class Lookback:
             found += [(begin + int(i), path.missed or 0) for i in np.flatnonzero(run[depth + begin - 1 :])[:1]]
         return min(found, default=None)
 
+    def _more(self, hints: Hints) -> dict[str, tuple[Array, float]]:
+        """Return the hints as further inputs of a run."""
+        return {n: (self._column(hints.get(n, {})), FREE) for n in (_hint(s.unknown).name for s in self.open)}
+
     def _column(self, hints: Mapping[int, float]) -> Array:
         column = np.full(self.target.size, FREE)
         column[list(hints)] = list(hints.values())
@@ -264,11 +280,20 @@ class Lookback:
         at = np.arange(max(path.begin, path.missed - BACK), stop)
         if not at.size:
             return
+        others = self._crossed(path, at, stop)
+        for place in at[::-1]:
+            yield from ((name, int(place), where) for _, name, where in sorted(others.get(place, ())))
+            for stage in self.open:
+                if _level(stage):
+                    yield from self._turned(path, stage, int(place))
+
+    def _crossed(self, path: _Path, at: Array, stop: int) -> dict[int, list[tuple[float, str, float]]]:
+        """Return the further solutions of samples by sample: how far they are, the hint, and where."""
         depth = self.prepared.depth
         columns = {n: c[: depth + stop] for n, c in {**path.values, **self.prepared.given}.items()}
-        found: list[tuple[int, float, str, float]] = []
-        for stage in self.open:
-            name, hint = stage.unknown.base.name, _hint(stage).name
+        found: dict[int, list[tuple[float, str, float]]] = {}
+        for stage in (s for s in self.open if not _level(s)):
+            name, hint = stage.unknown.base.name, _hint(stage.unknown).name
             before = columns[name][max(depth - 1, 0) :][:1]
             column = np.concatenate([before, columns[name][depth:]])  # from the value before the first one on
             grid, last = self._grid(stage, column[:stop]), column[at]
@@ -285,6 +310,39 @@ class Lookback:
             for row, place, width in more:
                 away = abs(place - taken[row])
                 if away > max(width, INEXACT * abs(place)) or at[row] == path.missed:
-                    found.append((-int(at[row]), float(away), hint, float(place)))
-        for place, _, name, where in sorted(found):
-            yield name, -place, where
+                    found.setdefault(int(at[row]), []).append((float(away), hint, float(place)))
+        return found
+
+    def _turned(self, path: _Path, stage: Solution, at: int) -> Iterator[tuple[str, int, float]]:
+        """Return the values on a flat piece at which what follows changes: a later sample comes onto an edge there.
+
+        Beside them the run misses at another sample, or to the other side. What comes furthest is first.
+        """
+        assert path.missed is not None
+        name, depth, end = _hint(stage.unknown).name, self.prepared.depth, min(self.n, path.missed + AHEAD)
+        column = path.values[stage.unknown.base.name][: depth + path.missed + 1]
+        here, size = float(column[depth + at]), float(np.ptp(column)) or abs(float(column[-1])) or 1.0
+
+        def came(where: float) -> tuple[int, bool]:
+            hints = {**path.hints, name: {**path.hints.get(name, {}), at: where}}
+            y = self.prepared.run(self._more(hints), path.values, at, end + self.delay)["y"][depth : depth + end]
+            missed = self.missed(y)
+            return (end, False) if missed is None else (missed, bool(y[missed] > self.target[self.delay + missed]))
+
+        ends = [(x, came(x)) for x in here + size * np.concatenate([-MOVES[::-1], [0.0], MOVES])]
+        found = [turn for one, other in pairwise(ends) for turn in _between(came, one, other)]
+        yield from ((name, at, x) for _, _, x in sorted((-n, abs(x - here), x) for n, x in found))
+
+
+def _between(came: Callable[[float], tuple[int, bool]], one: Any, other: Any) -> Iterator[tuple[int, float]]:
+    """Return where a run comes to another sample between two values: how far at most, and the value."""
+    if one[1] == other[1]:
+        return
+    middle = (one[0] + other[0]) / 2
+    if one[0] < middle < other[0]:
+        half = middle, came(middle)
+        yield from _between(came, one, half)
+        yield from _between(came, half, other)
+    elif one[1][0] != other[1][0]:
+        x, (n, _) = max(one, other, key=lambda end: end[1][0])
+        yield n, float(x)

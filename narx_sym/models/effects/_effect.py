@@ -6,7 +6,8 @@ import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from math import inf
 from typing import Any
 
 import sympy as sp
@@ -17,6 +18,7 @@ from ...symbolic.printing import text
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
 from ..doors import EffectDoors
+from . import _derived
 
 # Where an effect may act, in words: from the input to what is measured.
 PLACES = {
@@ -32,6 +34,12 @@ MACHINES = {
 }  # fmt: skip
 # Names of arguments that are sequences; all others are shape parameters.
 SEQUENCES: tuple[str, ...] = ("x", "u", "y", "t", "channel")
+
+# The coefficients that mean an effect: lowest and highest.
+ANY: tuple[float, float] = (-inf, inf)
+POSITIVE: tuple[float, float] = (0.0, inf)
+WHOLE: tuple[float, float] = (0.0, 1.0)
+OF_A_SPEED = "of a speed"  # the form of what is driven by a speed
 
 COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
 
@@ -55,6 +63,9 @@ class Scan:
         `signed`, down to the same size below zero.
     per_channel : bool
         Whether the scale is divided by the size of the channel.
+    unit : str
+        Unit of the parameter. Default: that of the scale. A number of steps with the unit "samples" is a time: it is
+        adapted to the sampling rate of the record.
 
     Examples
     --------
@@ -69,8 +80,21 @@ class Scan:
     beyond: float = 4.0
     signed: bool = False
     per_channel: bool = False
+    unit: str | None = None
+
+    def said(self, driver: str) -> str:
+        """Return the unit of what is scanned, in words; "" where it has none."""
+        if self.unit is not None:
+            return self.unit
+        of = ("u" if driver == "uy" else "the driver") + (" / unit of the channel" if self.per_channel else "")
+        plain = UNITS.get(self.of, "").format(of)
+        return {1: plain, 0: "1", -1: f"1 / {plain}"}.get(self.power, "")
 
 
+UNITS = {
+    "amplitude": "unit of {}", "depth": "unit of {}", "speed": "unit of {} per sample", "stroke": "unit of {} times s",
+    "time": "s", "ratio": "1", "gain": "unit of y / unit of u", "peaks": "Hz",
+}  # fmt: skip
 AMPLITUDE: Scan = Scan("amplitude", (0.03, 0.08, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9))
 CURVATURE: Scan = Scan("amplitude", (0.3, 1.0, 2.5, 6.0, 15.0), power=-1)
 SPEED = Scan("speed", (0.1, 0.5, 1.5))
@@ -79,7 +103,7 @@ TIME: Scan = Scan("time", (0.0, 0.15, 0.3, 0.45), beyond=1.0)  # slower lags are
 GAIN: Scan = Scan("gain", (0.7, 1.0, 1.3, 1.6, 2.0, 3.0))
 PEAKS = Scan("peaks", (0, 1, 2))
 RATIO: Scan = Scan("ratio", (1.0, -1.0))
-STEPS = Scan("steps", (1, 2, 3, 5, 8))
+STEPS = Scan("steps", (1, 2, 3, 5, 8), unit="samples")
 SCANS = {s.of: s for s in (AMPLITUDE, SPEED, TIME, GAIN, PEAKS, STEPS)}  # the usual ones
 
 
@@ -103,32 +127,14 @@ class Effect(EffectDoors):
         From driving sequences and shape parameters to an expression, a list of them (one coefficient each) or a Form.
     places : mapping from a place to the drivers that make sense there ("u", "y", "uy", "t", "channel", "friction")
     scan : mapping from each shape parameter to a Scan
-    sign : int
-        +1 where only a positive coefficient means this effect; 0 where both signs do.
-    sentence, unit, source : str
-        In plain words; the unit of each shape parameter; where the equation comes from.
-    full : bool
-        Whether a coefficient of 1 is the whole effect (a complete dead zone): more than that means something else.
-    least : float
-        The smallest size of a coefficient that still means it.
+    share : (lowest, highest) coefficient that means this effect
+        `ANY`; `POSITIVE` where the other sign is something else; `WHOLE` where 1 is all of it (a complete dead zone).
+    sentence, source : str
+        In plain words; where the equation comes from.
     centred : bool
         Whether it matters where zero is: then it is tried around zero and around the operating point.
-    standing : bool
-        Whether its driver is a speed: zero is where the part stands, wherever the operating point is.
-    limit : (shape parameter, value, id), or nothing
-        At this value of a shape parameter it is another effect, which needs one parameter less.
-    lagged : bool
-        Whether it stands behind a lag of its own.
-    turning : bool
-        Whether it shows only where its driver turns back: on one way it is a curve.
-    weights : bool
-        Whether its coefficients are weights of like parts: with both signs it is two, one against the other.
     closer : bool
         Whether it is a closer form of an effect that other forms of it find: asked where these leave something.
-    at_rest : bool
-        Whether it is met at rest, as the end of a way is: what only a changing input reaches is a friction.
-    series : (degree, id), or nothing
-        Where it takes away it is the Taylor polynomial of another effect: it turns back, as that one does not.
     never, only : of `MACHINES`
         Where it is impossible, as it would take another machine; and, if given, the only ones where it is tried.
     means : mapping from `MACHINES` to words
@@ -139,26 +145,77 @@ class Effect(EffectDoors):
     function: Callable[..., Any]
     places: dict[str, tuple[str, ...]]
     scan: dict[str, Scan]
-    sign: int
+    share: tuple[float, float]
     sentence: str
-    unit: dict[str, str]
     source: str
     form: str = ""
     centred: bool = False
-    full: bool = False
-    family: str = ""
-    limit: tuple[str, float, str] | tuple[()] = ()
-    standing: bool = False
-    least: float = 0.0
-    lagged: bool = False
-    turning: bool = False
-    weights: bool = False
     closer: bool = False
-    at_rest: bool = False
-    series: tuple[int, str] | tuple[()] = ()
     never: tuple[str, ...] = ()
     only: tuple[str, ...] = ()
     means: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def sign(self) -> int:
+        """+1 where only a positive coefficient means this effect; 0 where both signs do."""
+        return int(self.share[0] >= 0)
+
+    @property
+    def full(self) -> bool:
+        """Whether a coefficient of 1 is the whole effect: more than that means something else."""
+        return self.share[1] == 1
+
+    @property
+    def unit(self) -> dict[str, str]:
+        """The unit of each shape parameter that has one, in words."""
+        driver = next(iter(self.places.values()))[0]
+        return {p: unit for p in self.shape if (unit := self.scan[p].said(driver))}
+
+    @property
+    def family(self) -> str:
+        """The module that it stands in."""
+        return (self.function.__module__ or "").rpartition(".")[2]
+
+    @property
+    def standing(self) -> bool:
+        """Whether its driver is a speed: zero is where the part stands, wherever the operating point is."""
+        return self.form.endswith(OF_A_SPEED)
+
+    @property
+    def turning(self) -> bool:
+        """Whether it shows only where its driver turns back, as a memory does: on one way it is a curve."""
+        first = EFFECTS[self.id][0] if self.lagged and self.id in EFFECTS else self
+        return first.family == "memory"
+
+    @property
+    def lagged(self) -> bool:
+        """Whether it stands behind a lag of its own, which is no more than a part of it."""
+        return len(self.shape) > 1 and any(s.of == "time" for s in self.scan.values())
+
+    @property
+    def weights(self) -> bool:
+        """Whether its coefficients are weights of like parts: with both signs it is two, one against the other."""
+        return _derived.alike(self.equations(**dict.fromkeys(self.steps, 1)))
+
+    @cached_property
+    def at_rest(self) -> bool:
+        """Whether it is met at rest, as the end of a way is: what only a changing input reaches is a friction."""
+        return _derived.ends(self)
+
+    @cached_property
+    def limit(self) -> tuple[str, float, str] | tuple[()]:
+        """(shape parameter, value, id): there it is another effect, which needs one parameter less; or nothing."""
+        return _derived.at_limit(self, EFFECTS.all())
+
+    @cached_property
+    def series(self) -> tuple[int, str] | tuple[()]:
+        """(degree, id) where it takes away as the Taylor polynomial of another effect, but turns back; or nothing."""
+        return _derived.taylor(self, EFFECTS.all())
+
+    @property
+    def steps(self) -> tuple[str, ...]:
+        """Names of the shape parameters that are numbers of samples."""
+        return tuple(p for p, s in self.scan.items() if s.of == "steps")
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -192,7 +249,7 @@ class Effect(EffectDoors):
     def written(self) -> str:
         """The equations as text: c times each contribution, and what it remembers."""
         # Numbers of samples stand in lags and must be numbers; the middle one of those that are tried is shown.
-        steps = {p: s.values[len(s.values) // 2] for p, s in self.scan.items() if s.of == "steps"}
+        steps = {p: self.scan[p].values[len(self.scan[p].values) // 2] for p in self.steps}
         form = self.equations(Ts=sp.Symbol("Ts", positive=True), **{p: int(n) for p, n in steps.items()})
         many = len(form.z) > 1
         parts = [sp.Symbol(f"c{i + 1 if many else ''}") * z for i, z in enumerate(form.z)]
@@ -305,23 +362,13 @@ def effect(  # noqa: PLR0913
     *,
     driver: str | Sequence[str] = "u",
     scan: dict[str, Scan] | None = None,
-    sign: int = 0,
-    unit: dict[str, str] | None = None,
+    share: tuple[float, float] = ANY,
     source: str = "",
     id: str | None = None,
     form: str = "",
     centred: bool = False,
-    full: bool = False,
     sentence: str = "",
-    limit: tuple[str, float, str] | tuple[()] = (),
-    standing: bool = False,
-    least: float = 0.0,
-    lagged: bool = False,
-    turning: bool = False,
-    weights: bool = False,
     closer: bool = False,
-    at_rest: bool = False,
-    series: tuple[int, str] | tuple[()] = (),
     never: str | None = None,
     only: str = "",
     means: dict[str, str] | None = None,
@@ -340,22 +387,12 @@ def effect(  # noqa: PLR0913
         Driving signal ("u", "y", "uy", "t", "channel") at every place, if `where` is not a mapping.
     scan : mapping
         A Scan for every shape parameter of the function.
-    limit : (parameter, value, id)
-        At this value of a shape parameter the effect becomes another one.
-    least : float
-        Smallest size of a coefficient for which this is still the effect, if its sign is given.
-    lagged : bool
-        Whether it contains a lag of its own. The lag is penalised like an effect if the machine has no such pole.
-    turning : bool
-        Whether the effect only shows where the driving signal reverses.
-    weights : bool
-        Whether its coefficients are weights of equal parts. Different signs are penalised like two effects.
+    share : (low, high)
+        Smallest and largest coefficient for which this is still the effect: `ANY`, `POSITIVE` or `WHOLE`.
+    sentence : str
+        What the effect is, in plain words. Default: the docstring of the function.
     closer : bool
         Whether it is only tried if an error remains with the other forms of the effect.
-    at_rest : bool
-        Whether it is active in steady state.
-    series : (degree, id)
-        The effect of which it is the Taylor polynomial.
     never : str
         Machines where it is impossible, such as "thermal tank". Default: as in the first form of the effect.
     only : str
@@ -395,9 +432,7 @@ def effect(  # noqa: PLR0913
         plain = " ".join((function.__doc__ or "").split())
         first = next((f for f in EFFECTS.get(name, ()) if f.form != form), None)
         one = Effect(
-            name, function, places, scan or {}, sign, sentence or plain or name, unit or {}, source, form, centred,
-            full, (function.__module__ or "").rpartition(".")[2], limit, standing, least, lagged,
-            turning, weights, closer, at_rest, series,
+            name, function, places, scan or {}, share, sentence or plain or name, source, form, centred, closer,
             tuple(never.split()) if never is not None else first.never if first else (), tuple(only.split()),
             means if means is not None else first.means if first else {},
         )  # fmt: skip

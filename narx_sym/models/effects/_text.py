@@ -7,6 +7,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from ...symbolic.functions import NAMES
 from ...symbolic.grammar import LARGEST, SIGNALS, parse, read_json
 from ...symbolic.recursion import Recursion, State, written_out
 from ...symbolic.signals import k, lag, samples, signal
-from ._effect import EFFECTS, PLACES, SCANS, SEQUENCES, Catalogue, Effect, Form, Scan, effect
+from ._effect import COEFFICIENT, EFFECTS, PLACES, SCANS, SEQUENCES, Catalogue, Effect, Form, Scan, effect
 
 MAX_BYTES, MAX_EFFECTS, MAX_PARTS, MAX_TEXT, MAX_WRITTEN = 200_000, 100, 20, 2000, 20_000
 REQUIRED = ("id", "where", "z", "sentence")
@@ -25,7 +26,6 @@ FIELDS = {*REQUIRED, "driver", "scan", "states", "sign", "unit", "source", "form
 STATE_FIELDS = {"state", "update", "initial"}
 DRIVERS = ("u", "y", "uy", "t", "channel")
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
-COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
 RESERVED = {*SEQUENCES, *SIGNALS, *NAMES, "k", "pi", "prediction", "Ts"}
 
 
@@ -140,7 +140,7 @@ def _built(name: str, data: Mapping[str, Any]) -> Effect:  # noqa: C901, PLR0912
     for p, unit in units.items():
         if p not in scan:
             raise ModelError(f"'unit' names {p[:40]!r}, which is not a shape parameter.")
-        _text(unit, "unit")
+        scan[p] = replace(scan[p], unit=_text(unit, "unit"))
     sign, centred = data.get("sign", 0), data.get("centred", False)
     if type(sign) is not int or sign not in (0, 1):
         raise ModelError("'sign' is 1 where only a positive coefficient means this effect, else 0.")
@@ -152,8 +152,7 @@ def _built(name: str, data: Mapping[str, Any]) -> Effect:  # noqa: C901, PLR0912
     made = effect(
         places,
         scan=scan,
-        sign=sign,
-        unit=units,
+        share=(0.0 if sign else -math.inf, math.inf),
         source=words["source"],
         id=name,
         form=words["form"],

@@ -13,13 +13,12 @@ import sympy as sp
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
 from . import static  # noqa: F401  # declares the other forms of the stops
-from ._effect import EFFECTS, Form, Scan, clip, effect
+from ._effect import EFFECTS, WHOLE, Form, Scan, clip, effect
 from .memory import play
 
 BETWEEN = "behind a lag"
 FIRST = Scan("time", (0.1, 0.35, 0.6), beyond=2.0)  # a few samples to a tenth of the record
 LIMIT = Scan("amplitude", (0.2, 0.45, 0.7), beyond=1.4)
-UNITS = {"r": "unit of the driver", "tau": "s"}
 
 
 def first_lag(x: Any, w: Any, tau: Any, Ts: Any) -> State:
@@ -30,8 +29,8 @@ def first_lag(x: Any, w: Any, tau: Any, Ts: Any) -> State:
 def behind_a_lag(id: str, form: str = BETWEEN, source: str = "Billings & Fakhouri 1982 (general model)") -> Any:
     """Declare a form of an effect that stands behind a first-order lag, with the sentence of its other forms."""
     return effect(
-        "input", scan={"r": LIMIT, "tau": FIRST}, sign=1, full=True, unit=UNITS, id=id, form=form, source=source,
-        sentence=EFFECTS[id][0].sentence, turning=EFFECTS[id][0].turning, lagged=True,
+        "input", scan={"r": LIMIT, "tau": FIRST}, share=WHOLE, id=id, form=form, source=source,
+        sentence=EFFECTS[id][0].sentence,
     )  # fmt: skip
 
 

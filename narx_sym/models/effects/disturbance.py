@@ -28,7 +28,7 @@ def bent_drift(t: Any) -> list[Any]:
     return [t[k], t[k] ** 2]
 
 
-@effect("output", driver="t", scan={"f": PEAKS}, unit={"f": "Hz"}, source="Hannan 1973")
+@effect("output", driver="t", scan={"f": PEAKS}, source="Hannan 1973")
 def periodic_disturbance(t: Any, f: Any) -> list[Any]:
     """A periodic disturbance of one frequency, such as mains hum or an unbalance."""
     phase = 2 * sp.pi * f * t[k]

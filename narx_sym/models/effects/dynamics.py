@@ -9,7 +9,7 @@ import sympy as sp
 from ...symbolic.functions import within
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
-from ._effect import STEPS, TIME, Form, Scan, effect
+from ._effect import STEPS, TIME, WHOLE, Form, Scan, effect
 
 REACHED = Scan("speed", (0.05, 0.2, 0.5, 1.0))  # one that is never reached is not seen; jumps are much faster
 
@@ -32,7 +32,7 @@ def inertia(x: Any, n: Any) -> Any:
     return x[k - n]
 
 
-@effect("input", scan={"d": STEPS}, unit={"d": "samples"}, sign=1, full=True, source="Ljung 1999")
+@effect("input", scan={"d": STEPS}, share=WHOLE, source="Ljung 1999")
 def input_delay(x: Any, d: Any) -> Any:
     """A dead time: the input acts later than in the model."""
     return x[k - d] - x[k]
@@ -41,9 +41,7 @@ def input_delay(x: Any, d: Any) -> Any:
 @effect(
     "input",
     scan={"tau": TIME},
-    unit={"tau": "s"},
-    sign=1,
-    full=True,
+    share=WHOLE,
     source="Ljung 1999",
     means={"thermal": "one more thermal mass", "battery": "an RC pair"},
 )
@@ -56,8 +54,8 @@ def rate_dependence(x: Any, tau: Any, Ts: Any) -> Form:
 def limit_of_speed(speeds: tuple[str, ...], form: str = "") -> Any:
     """Declare one form of a rate limit, with the names of its limits."""
     return effect(
-        "input", scan=dict.fromkeys(speeds, REACHED), unit=dict.fromkeys(speeds, "unit of the driver per sample"),
-        sign=1, full=True, id="rate_limit", form=form, source="Gelb & Vander Velde 1968 (velocity-limited servo)",
+        "input", scan=dict.fromkeys(speeds, REACHED), share=WHOLE, id="rate_limit", form=form,
+        source="Gelb & Vander Velde 1968 (velocity-limited servo)",
         never="motion-force structure",
     )  # fmt: skip
 
@@ -94,9 +92,7 @@ def uneven_speed(x: Any) -> Any:
 @effect(
     {"output": "y"},
     scan={"tau": Scan("time", (0.35, 0.5, 0.65, 0.8), beyond=1.0)},
-    unit={"tau": "s"},
-    sign=1,
-    full=True,
+    share=WHOLE,
     source="Kuhnen 2005 (creep operators)",
     means={"battery": "an RC pair"},
 )

@@ -5,7 +5,6 @@ Of a signal that is a position the velocity is its step; the forms "of a speed" 
 
 from __future__ import annotations
 
-from math import inf
 from typing import Any
 
 import sympy as sp
@@ -13,11 +12,10 @@ import sympy as sp
 from ...symbolic.functions import within
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, rub, signal
-from ._effect import SLOW_SPEED, SPEED, Form, Scan, clip, effect, step
+from ._effect import OF_A_SPEED, SLOW_SPEED, SPEED, WHOLE, Form, Scan, clip, effect, step
 
 MOVING = {"inside": "y", "output": "u"}
 DRIVEN = {"inside": "y", "force": "y", "output": "u"}  # also at the mass that is driven, behind whose force are zeros
-OF_A_SPEED = "of a speed"
 LEVEL = Scan("speed", (0.2, 0.6, 1.5))
 SLOW = Scan("amplitude", (0.01, 0.03, 0.1), beyond=1.0)  # well below the speed: tanh reaches its plateau
 NOTHING_RUBS = "thermal tank circuit battery process"
@@ -40,7 +38,6 @@ def coulomb_friction(x: Any) -> Any:
 @effect(
     DRIVEN,
     scan={"s": SLOW_SPEED},
-    unit={"s": "unit of the driver per sample"},
     id="coulomb_friction",
     form="smooth",
     source="Coulomb 1785, smoothed by tanh",
@@ -50,7 +47,7 @@ def smooth_coulomb_friction(x: Any, s: Any) -> Any:
     return sp.tanh(step(x) / s)
 
 
-@effect(DRIVEN, id="coulomb_friction", form=OF_A_SPEED, standing=True, source="Coulomb 1785")
+@effect(DRIVEN, id="coulomb_friction", form=OF_A_SPEED, source="Coulomb 1785")
 def coulomb_friction_of_speed(x: Any) -> Any:
     """Dry friction: a constant force against the motion, whatever the speed."""
     return sp.sign(x[k])
@@ -59,10 +56,8 @@ def coulomb_friction_of_speed(x: Any) -> Any:
 @effect(
     {"force": "y", "output": "u"},
     scan={"s": SLOW},
-    unit={"s": "unit of the driver"},
     id="coulomb_friction",
     form=f"smooth, {OF_A_SPEED}",
-    standing=True,
     source="Coulomb 1785, smoothed by tanh",
 )
 def smooth_coulomb_friction_of_speed(x: Any, s: Any) -> Any:
@@ -72,10 +67,12 @@ def smooth_coulomb_friction_of_speed(x: Any, s: Any) -> Any:
 
 @effect(
     {"output": "u"},
-    scan={"n": Scan("steps", (4, 10)), "s": Scan("speed", (0.5, 2.0), beyond=1.0)},
+    scan={
+        "n": Scan("steps", (4, 10), unit="samples"),
+        "s": Scan("speed", (0.5, 2.0), beyond=1.0, unit="unit of the driver"),
+    },
     id="coulomb_friction",
     form="averaged velocity",
-    unit={"n": "samples", "s": "unit of the driver"},
     source="Coulomb 1785, velocity over n samples",
 )
 def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:
@@ -88,9 +85,7 @@ def averaged_coulomb_friction(x: Any, n: Any, s: Any) -> Any:
     scan={"r": LEVEL, "e": LEVEL, "tau": Scan("time", (0.0, 0.15), beyond=1.0)},
     id="coulomb_friction",
     form="viscoelastic",
-    unit={"r": "unit of the driver per sample", "e": "unit of the driver per sample", "tau": "s"},
     source="Jenkins 1962, the spring as Maxwell's 1867; two levels, as in bump and rebound (Dixon 2007)",
-    lagged=True,
 )
 def viscoelastic_friction(x: Any, r: Any, e: Any, tau: Any, Ts: Any) -> Form:
     """Dry friction: a constant force against the motion, whatever the speed."""
@@ -107,7 +102,6 @@ def dahl(d: Any, r: Any, before: Any = 0) -> Form:
 @effect(
     MOVING,
     scan={"r": Scan("amplitude", (0.01, 0.03, 0.1), beyond=1.0)},
-    unit={"r": "unit of the driver"},
     id="coulomb_friction",
     form="Dahl",
     source="Dahl 1968 (presliding), exact for a path that is straight between samples",
@@ -121,7 +115,6 @@ def dahl_friction(x: Any, r: Any) -> Form:
 @effect(
     {"output": "u"},
     scan={"r": Scan("amplitude", (0.03, 0.1), beyond=2.0)},
-    unit={"r": "unit of the driver"},
     id="coulomb_friction",
     form="elastic",
     source="Jenkins 1962; Iwan 1966 (a spring in series with a part that slips)",
@@ -134,9 +127,7 @@ def elastic_friction(x: Any, r: Any) -> Form:
 @effect(
     {"friction": "friction"},
     scan={"w": Scan("ratio", (0.2, 0.5, 0.8))},
-    sign=1,
-    full=True,
-    unit={"w": "1"},
+    share=WHOLE,
     id="backlash",
     form="of what rubs",
     source="Coble et al. 2024 (a band that is slack after each reversal)",
@@ -149,10 +140,8 @@ def slack_of_friction(x: Any, w: Any) -> Any:
 @effect(
     MOVING,
     scan={"r": Scan("stroke", (0.01, 0.03, 0.1), beyond=1.0)},
-    unit={"r": "unit of the driver times s"},
     id="coulomb_friction",
     form=f"Dahl, {OF_A_SPEED}",
-    standing=True,
     source="Dahl 1968 (presliding), exact for a path that is straight between samples",
 )
 def dahl_friction_of_speed(x: Any, r: Any, Ts: Any) -> Form:
@@ -163,9 +152,7 @@ def dahl_friction_of_speed(x: Any, r: Any, Ts: Any) -> Form:
 @effect(
     {"motion": "y"},
     scan={"r": Scan("speed", (0.1, 0.3, 1.0, 3.0), beyond=5.0)},
-    sign=1,
-    full=True,
-    unit={"r": "unit of the driver per sample"},
+    share=WHOLE,
     id="coulomb_friction",
     form="holding",
     source="Coulomb 1785; implicit Euler step (Moreau 1988), soft(d, r) = d - clip(d, r)",
@@ -179,12 +166,9 @@ def holding_friction(x: Any, r: Any) -> Any:
 @effect(
     {"motion": "y"},
     scan={"r": Scan("amplitude", (0.03, 0.1, 0.3), beyond=2.0)},
-    sign=1,
-    full=True,
-    unit={"r": "unit of the driver"},
+    share=WHOLE,
     id="coulomb_friction",
     form=f"holding, {OF_A_SPEED}",
-    standing=True,
     source="Coulomb 1785; implicit Euler step (Moreau 1988), soft(w, r) = w - clip(w, r)",
 )
 def holding_friction_of_speed(x: Any, y: Any, r: Any) -> Any:
@@ -212,11 +196,8 @@ def held(d: Any, before: Any, r: Any, e: Any) -> tuple[Any, State]:
 @effect(
     {"motion": "y"},
     scan={"r": Scan("speed", (0.1, 0.3, 1.0, 3.0), beyond=5.0), "e": Scan("speed", (0.1, 0.4), beyond=2.0)},
-    sign=1,
-    full=True,
-    unit={"r": "unit of the driver per sample", "e": "unit of the driver per sample"},
+    share=WHOLE,
     source="Stribeck 1902; implicit Euler step (Moreau 1988)",
-    limit=("e", 0.0, "coulomb_friction"),
     never="thermal smart-material circuit battery process",
     means={"drive": "friction", "pendulum": "friction", "valve": "stiction", "soft": "hysteresis"},
 )
@@ -229,14 +210,10 @@ def stiction(x: Any, y: Any, r: Any, e: Any) -> Form:
 @effect(
     {"motion": "y"},
     scan={"r": Scan("amplitude", (0.01, 0.03, 0.1), beyond=2.0), "e": Scan("amplitude", (0.03, 0.1), beyond=3.0)},
-    sign=1,
-    full=True,
-    unit={"r": "unit of the driver", "e": "unit of the driver"},
+    share=WHOLE,
     id="stiction",
     form=OF_A_SPEED,
-    standing=True,
     source="Stribeck 1902; implicit Euler step (Moreau 1988)",
-    limit=("e", 0.0, "coulomb_friction"),
 )
 def stiction_of_speed(x: Any, y: Any, r: Any, e: Any) -> Form:
     """Stick-slip friction: the force to start moving is larger than the force to keep moving."""
@@ -248,13 +225,10 @@ def stiction_of_speed(x: Any, y: Any, r: Any, e: Any) -> Form:
 @effect(
     {"input": "u", "output": "y"},
     scan={"r": Scan("amplitude", (0.05, 0.2, 0.4), beyond=2.0), "e": Scan("amplitude", (0.05, 0.2), beyond=2.0)},
-    sign=1,
-    full=True,
-    unit={"r": "unit of the driver", "e": "unit of the driver"},
+    share=WHOLE,
     id="stiction",
     form="of a valve",
     source="Choudhury, Thornhill & Shah 2005; He et al. 2007",
-    limit=("e", 0.0, "backlash"),
     never="thermal smart-material circuit battery",  # of a flow process the valve may stick
 )
 def valve_stiction(x: Any, r: Any, e: Any) -> Form:
@@ -278,7 +252,6 @@ def channel_friction(channel: Any, x: Any) -> list[Any]:
 @effect(
     {"force": "y", "output": "u"},
     scan={"s": SLOW_SPEED},
-    unit={"s": "unit of the driver per sample"},
     id="channel_friction",
     form="smooth",
     source="Coulomb 1785, smoothed by tanh",
@@ -288,7 +261,7 @@ def smooth_channel_friction(channel: Any, x: Any, s: Any) -> list[Any]:
     return _loaded(channel, sp.tanh(step(x) / s))
 
 
-@effect(DRIVEN, id="channel_friction", form=OF_A_SPEED, standing=True, source="Coulomb 1785")
+@effect(DRIVEN, id="channel_friction", form=OF_A_SPEED, source="Coulomb 1785")
 def channel_friction_of_speed(channel: Any, x: Any) -> list[Any]:
     """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
     return _loaded(channel, sp.sign(x[k]))
@@ -297,10 +270,8 @@ def channel_friction_of_speed(channel: Any, x: Any) -> list[Any]:
 @effect(
     {"force": "y", "output": "u"},
     scan={"s": SLOW},
-    unit={"s": "unit of the driver"},
     id="channel_friction",
     form=f"smooth, {OF_A_SPEED}",
-    standing=True,
     source="Coulomb 1785, smoothed by tanh",
 )
 def smooth_channel_friction_of_speed(channel: Any, x: Any, s: Any) -> list[Any]:
@@ -319,13 +290,10 @@ def _loaded(channel: Any, side: Any) -> list[Any]:
         "r": Scan("speed", (0.1, 0.5, 2.0), beyond=5.0, signed=True),
         "q": Scan("speed", (-0.3, 0.3, 2.0), beyond=5.0, signed=True, per_channel=True),
     },
-    sign=1,
-    full=True,
-    unit={"r": "unit of the driver per sample", "q": "unit of the driver / unit of the channel per sample"},
+    share=WHOLE,
     id="channel_friction",
     form="holding",
     source="Coulomb 1785; implicit Euler step (Moreau 1988)",
-    limit=("q", 0.0, "coulomb_friction"),
 )
 def holding_channel_friction(channel: Any, x: Any, r: Any, q: Any) -> Form:
     """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
@@ -338,14 +306,10 @@ def holding_channel_friction(channel: Any, x: Any, r: Any, q: Any) -> Form:
         "r": Scan("amplitude", (0.01, 0.1, 0.3), beyond=2.0, signed=True),
         "q": Scan("amplitude", (-0.1, 0.1, 0.3), beyond=2.0, signed=True, per_channel=True),
     },
-    sign=1,
-    full=True,
-    unit={"r": "unit of the driver", "q": "unit of the driver / unit of the channel"},
+    share=WHOLE,
     id="channel_friction",
     form=f"holding, {OF_A_SPEED}",
-    standing=True,
     source="Coulomb 1785; implicit Euler step (Moreau 1988)",
-    limit=("q", 0.0, "coulomb_friction"),
 )
 def holding_channel_friction_of_speed(channel: Any, x: Any, y: Any, r: Any, q: Any) -> Form:
     """Dry friction that grows with another measured quantity, such as a load, a current or a position."""
@@ -361,9 +325,7 @@ def _held_by(channel: Any, d: Any, r: Any, q: Any) -> Form:
 @effect(
     DRIVEN,
     scan={"s": SPEED},
-    unit={"s": "unit of the driver per sample"},
     source="Stribeck 1902, Tustin 1947",
-    limit=("s", inf, "coulomb_friction"),
     never=f"{NOTHING_RUBS} smart-material",
     means={"drive": "friction", "pendulum": "friction"},
 )
@@ -383,7 +345,7 @@ def quadratic_drag(x: Any) -> Any:
     return step(x) * sp.Abs(step(x))
 
 
-@effect(("inside", "force"), driver="y", id="quadratic_drag", form=OF_A_SPEED, standing=True, source="Rayleigh 1876")
+@effect(("inside", "force"), driver="y", id="quadratic_drag", form=OF_A_SPEED, source="Rayleigh 1876")
 def quadratic_drag_of_speed(x: Any) -> Any:
     """Drag that grows with the square of the speed, as in a fluid."""
     return x[k] * sp.Abs(x[k])

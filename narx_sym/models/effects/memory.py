@@ -10,7 +10,7 @@ import sympy as sp
 from ...symbolic.functions import within
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
-from ._effect import AMPLITUDE, CURVATURE, GAIN, RATIO, Effect, Form, Scan, clip, effect, step
+from ._effect import AMPLITUDE, CURVATURE, GAIN, POSITIVE, RATIO, WHOLE, Effect, Form, Scan, clip, effect, step
 
 WIDE_RATIO = Scan("ratio", (1.0, -1.0, 4.0))  # up to 1 the loop is passive, above it still saturates
 PLAYS = 5
@@ -24,11 +24,8 @@ def play(x: Any, p: Any, r: Any) -> State:
 @effect(
     {"input": "u", "output": "y"},
     scan={"r": AMPLITUDE},
-    sign=1,
-    full=True,
-    unit={"r": "unit of the driver"},
+    share=WHOLE,
     source="Brokate & Sprekels 1996",
-    turning=True,
     never="thermal propeller battery",
     means={"drive": "gear play", "valve": "play", "smart-material": "hysteresis", "soft": "hysteresis"},
 )
@@ -41,12 +38,10 @@ def backlash(x: Any, r: Any) -> Form:
 @effect(
     {"inside": "uy"},
     scan={"r": Scan("amplitude", (0.02, 0.06, 0.15, 0.4)), "d": Scan("gain", (0.8, 1.0, 1.25))},
-    sign=1,
-    unit={"r": "unit of u", "d": "unit of y / unit of u"},
+    share=POSITIVE,
     id="backlash",
     form="elastic",
     source="Nordin & Gutman 2002 (dead zone of an elastic shaft)",
-    turning=True,
 )
 def elastic_backlash(u: Any, y: Any, r: Any, d: Any) -> Any:
     """Play of half-width r: after a reversal nothing moves until the slack is taken up."""
@@ -59,10 +54,8 @@ def bouc_wen(form: str, ratio: Scan, n: int, source: str, closer: bool = False) 
     @effect(
         {"output": ("u", "y"), "input": "u", "inside": "y"},
         scan={"b": CURVATURE, "g": ratio},
-        unit={"b": "1 / unit of the driver", "g": "1"},
-        source=source,
+            source=source,
         form=form,
-        turning=True,
         closer=closer,
         never="propeller",
         means={
@@ -102,11 +95,9 @@ def quarter_steps(x: Any) -> list[Any]:
 @effect(
     {"inside": "y"},
     scan={"b": CURVATURE, "g": RATIO},
-    unit={"b": "1 / unit of the driver", "g": "1"},
     id="hysteresis",
     form="Bouc-Wen force",
     source="Noel & Schoukens 2016 (benchmark); midpoint rule in four sub-steps",
-    turning=True,
 )
 def hysteretic_force(x: Any, b: Any, g: Any) -> Form:
     """Rate-independent hysteresis: the rising and the falling branch differ at any speed."""
@@ -128,12 +119,9 @@ def hysteretic_force(x: Any, b: Any, g: Any) -> Form:
 @effect(
     {"output": "u", "input": "u"},
     scan={"r": Scan("amplitude", (0.5, 1.0), beyond=1.0)},
-    unit={"r": "unit of the driver"},
     id="hysteresis",
     form="play superposition",
     source="Prandtl 1928, Ishlinskii 1944",
-    turning=True,
-    weights=True,
 )
 def play_superposition(x: Any, r: Any) -> Form:
     """Rate-independent hysteresis: the rising and the falling branch differ at any speed."""
@@ -145,11 +133,9 @@ def play_superposition(x: Any, r: Any) -> Form:
 @effect(
     {"inside": "uy"},
     scan={"d": GAIN},
-    unit={"d": "unit of y / unit of u"},
     id="hysteresis",
     form="Bouc-Wen actuator",
     source="Rakotondrabe 2011; Martins & Aguirre 2016, Eq. System",
-    turning=True,
 )
 def actuator_hysteresis(u: Any, y: Any, d: Any) -> list[Any]:
     """Rate-independent hysteresis: the rising and the falling branch differ at any speed."""

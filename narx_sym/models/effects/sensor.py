@@ -8,7 +8,7 @@ import sympy as sp
 
 from ...symbolic.functions import within
 from ...symbolic.signals import k
-from ._effect import Scan, effect
+from ._effect import WHOLE, Scan, effect
 
 # What is measured ends where the limit is: beyond the range there is nothing to be seen.
 EDGE = Scan("amplitude", (0.3, 0.5, 0.7, 0.85, 1.0), beyond=1.2)
@@ -16,7 +16,7 @@ EDGE = Scan("amplitude", (0.3, 0.5, 0.7, 0.85, 1.0), beyond=1.2)
 
 # A half of it shows one direction only, which is a limit at zero; less shows both, with different gains.
 @effect(
-    {"sensor": "y"}, sign=1, full=True, least=0.75, centred=True, source="Ljung 1999",
+    {"sensor": "y"}, share=(0.75, 1.0), centred=True, source="Ljung 1999",
     never="thermal tank motion-force soft valve structure process",
 )  # fmt: skip
 def absolute_sensor(x: Any) -> Any:
@@ -27,9 +27,8 @@ def absolute_sensor(x: Any) -> Any:
 def limited(form: str, limits: tuple[str, ...] = ("r",)) -> Any:
     """Declare one form of a sensor's limit, with the names of its levels."""
     return effect(
-        {"sensor": "y"}, scan=dict.fromkeys(limits, EDGE), unit=dict.fromkeys(limits, "unit of the driver"), sign=1,
-        full=True, id="output_limit", form=form, source="Tao & Kokotovic 1996", at_rest=True,
-        means={"circuit": "clipping"},
+        {"sensor": "y"}, scan=dict.fromkeys(limits, EDGE), share=WHOLE, id="output_limit", form=form,
+        source="Tao & Kokotovic 1996", means={"circuit": "clipping"},
         sentence="The measured output ends at a limit: that of the sensor, or where a contact is lost.",
     )  # fmt: skip
 

@@ -8,9 +8,8 @@ import sympy as sp
 
 from ...symbolic.functions import within
 from ...symbolic.signals import k
-from ._effect import AMPLITUDE, Scan, clip, effect
+from ._effect import AMPLITUDE, POSITIVE, WHOLE, Scan, clip, effect
 
-LIMIT = {"r": "unit of the driver"}
 LOSSES = {  # what a force or a flow that is bent over the output is, where the output is no deflection
     "thermal": "a loss that grows faster than linearly", "tank": "an outflow that is not in proportion to the level",
     "propeller": "drag", "process": "a rate that is not in proportion to the state",
@@ -23,9 +22,7 @@ REACHED = Scan("amplitude", (0.15, 0.3, 0.5, 0.7, 0.9), beyond=1.1)  # a stop be
 @effect(
     "input",
     scan={"r": AMPLITUDE},
-    sign=1,
-    full=True,
-    unit=LIMIT,
+    share=WHOLE,
     source="Tao & Kokotovic 1996",
     centred=True,
     means={"tank": "a pump threshold", "propeller": "a threshold"},
@@ -38,9 +35,7 @@ def dead_zone(x: Any, r: Any) -> Any:
 @effect(
     "input",
     scan={"r": Scan("amplitude", (0.08, 0.2, 0.45, 0.7)), "g": Scan("amplitude", (0.5, 2.0), power=0, beyond=2.0)},
-    sign=1,
-    full=True,
-    unit=LIMIT | {"g": "1"},
+    share=WHOLE,
     source="Tao & Kokotovic 1996",
     id="dead_zone",
     form="two slopes",
@@ -55,9 +50,7 @@ def two_slopes(x: Any, r: Any, g: Any) -> Any:
 @effect(
     "input",
     scan={"r": Scan("amplitude", (0.3, 0.6, 1.0, 1.5))},
-    sign=1,
-    full=True,
-    unit=LIMIT,
+    share=WHOLE,
     source="Tao & Kokotovic 1996",
     form="soft",
     centred=True,
@@ -71,9 +64,7 @@ def saturation(x: Any, r: Any) -> Any:
 @effect(
     "input",
     scan={"r": AMPLITUDE},
-    sign=1,
-    full=True,
-    unit=LIMIT,
+    share=WHOLE,
     id="saturation",
     source="Tao & Kokotovic 1996",
     form="hard",
@@ -87,9 +78,7 @@ def hard_saturation(x: Any, r: Any) -> Any:
 @effect(
     "input",
     scan={"r": ENDS, "e": ENDS},
-    sign=1,
-    full=True,
-    unit=LIMIT | {"e": LIMIT["r"]},
+    share=WHOLE,
     id="saturation",
     source="Tao & Kokotovic 1996",
     form="hard, two limits",
@@ -115,7 +104,6 @@ def quadratic_gain(x: Any) -> Any:
 @effect(
     "input",
     source="Billings 2013",
-    series=(3, "saturation"),
     centred=True,
     means={"thermal": CURVED_POWER, "smart-material": "saturation", "circuit": "clipping"},
 )
@@ -136,14 +124,13 @@ def quadratic_spring(x: Any) -> Any:
     return x[k] ** 2
 
 
-def stop(form: str, limits: tuple[str, ...] = ("r",), **given: Any) -> Any:
+def stop(form: str, limits: tuple[str, ...] = ("r",), place: str = "inside", share: Any = POSITIVE) -> Any:
     """Declare one form of an end stop, with the names of its limits."""
-    scan, unit = dict.fromkeys(limits, REACHED), dict.fromkeys(limits, LIMIT["r"])
     sentence = "An end stop, or a spring on one side: beyond a position a force pushes back (in a tank: the overflow)."
     return effect(
-        given.pop("places", {"inside": "y"}), scan=scan, sign=1, unit=unit, id="end_stop", form=form,
-        sentence=sentence, source="Shaw & Holmes 1983", at_rest=True,
-        never="smart-material propeller battery", means={"tank": "overflow", "valve": "an end of the stroke"}, **given,
+        {place: "y"}, scan=dict.fromkeys(limits, REACHED), share=share, id="end_stop", form=form, sentence=sentence,
+        source="Shaw & Holmes 1983", never="smart-material propeller battery",
+        means={"tank": "overflow", "valve": "an end of the stroke"},
     )  # fmt: skip
 
 
@@ -165,19 +152,19 @@ def both_stops(x: Any, r: Any) -> Any:
     return clip(x[k], r) - x[k]
 
 
-@stop("rigid upper", places={"motion": "y"}, full=True)
+@stop("rigid upper", place="motion", share=WHOLE)
 def rigid_upper_stop(x: Any, y: Any, r: Any) -> Any:
     """y[k] = Min(free[k], r): x is the step from y[k-1] to free[k]."""
     return -sp.Max(y[k - 1] + x[k] - r, 0)
 
 
-@stop("rigid lower", places={"motion": "y"}, full=True)
+@stop("rigid lower", place="motion", share=WHOLE)
 def rigid_lower_stop(x: Any, y: Any, r: Any) -> Any:
     """y[k] = Max(free[k], -r)."""
     return sp.Max(-r - y[k - 1] - x[k], 0)
 
 
-@stop("rigid both sides", limits=("r", "e"), places={"motion": "y"}, full=True)
+@stop("rigid both sides", limits=("r", "e"), place="motion", share=WHOLE)
 def rigid_stops(x: Any, y: Any, r: Any, e: Any) -> Any:
     """y[k] = free[k] between -e and r."""
     free = y[k - 1] + x[k]
@@ -188,8 +175,7 @@ def rigid_stops(x: Any, y: Any, r: Any, e: Any) -> Any:
     "inside",
     driver="y",
     scan={"a": Scan("depth", (1.05, 1.4, 2.2, 4.0), beyond=1.5)},
-    sign=1,
-    unit={"a": "unit of the driver"},
+    share=POSITIVE,
     source="Torricelli 1643; laminar below a hundredth of a",
     never="thermal drive motion-force smart-material soft propeller structure circuit battery pendulum",
     means=LOSSES,
@@ -229,7 +215,6 @@ def gravity_in_degrees(x: Any) -> Any:
 @effect(
     {"inside": "uy"},
     scan={"r": Scan("amplitude", (0.02, 0.1, 0.4))},
-    unit={"r": "unit of u"},
     source="Torricelli 1643; laminar below r (Ellman & Piche 1999)",
     only="tank valve process",
 )
