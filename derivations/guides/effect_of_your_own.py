@@ -1,7 +1,8 @@
 # %% [markdown]
 # # An effect of your own, in ten lines
-# An effect is a function that returns its equation. `x` is the driving sequence, other arguments are shapes with a rule
-# where their search starts. Everything else is derived: where it may act, the slopes by its shape, the fit, the inverse.
+# An effect is a function that returns its equation. `x` is the driving signal; the other arguments are shape
+# parameters with start values. Everything else is derived from it: the equations at each place, the derivatives, the
+# fit, the inverse.
 
 # %%
 import tempfile
@@ -21,8 +22,8 @@ def soft_start(x, s):
 
 
 # %% [markdown]
-# ## Is it found where it is?
-# A machine with that amplifier, simulated without the effect's code, and 0.5 % noise.
+# ## Is it found?
+# Here is a machine with that amplifier, simulated independently of the effect's code, with 0.5 % noise.
 
 # %%
 volts = plants.filtered_noise(N=4000, Ts=0.01, cutoff=0.5, peak=10.0, seed=3)
@@ -44,11 +45,11 @@ shape = dict(zip(map(str, better.symbols), better.theta, strict=True))["s_soft_s
 print(f"s = {shape:.3f} V, simulated with 3 V")
 
 # %% [markdown]
-# `@effect(..., never="thermal tank")` says where it is impossible, `only="pendulum"` where alone it is tried, and
-# `means={"thermal": "a loss"}` what it is called there; `narx_sym.effects.MACHINES` has the names.
+# `@effect(..., never="thermal tank")` excludes kinds of machines, `only="pendulum"` restricts the effect to one, and
+# `means={"thermal": "a loss"}` gives its name there; `narx_sym.effects.MACHINES` lists the kinds.
 #
 # ## The same as text
-# A file holds effects without any code, for `--effects mine.toml`. It is read by a grammar, never evaluated.
+# A text file can contain effects, for `--effects mine.toml`. It is parsed by a grammar and never executed.
 
 # %%
 MINE = """

@@ -1,7 +1,7 @@
 # %% [markdown]
-# # Equations of your own: what do they lack?
-# Who knows the physics of a machine writes it down, and asks what is missing from *that*. One line per equation,
-# parameter or name; the text is read by a grammar, never evaluated.
+# # Equations of your own: what is missing?
+# If you know the physics of a machine, write down its equations, and find what is missing from *them*. Use one line
+# per equation, parameter or name. The text is parsed by a grammar and never executed.
 
 # %%
 import numpy as np
@@ -42,8 +42,8 @@ record = ns.Record.from_arrays(torque, angle + noise, Ts=Ts)
 
 # %% [markdown]
 # ## The equations as a model
-# At the sampling time of the record they are a recursion like any other: here a linear part that is exact, and the
-# weight of the bob at the middle of three samples.
+# At the sampling time of the record the equations become a difference equation: here the linear part is exact, and
+# gravity is evaluated at the middle of three samples.
 
 # %%
 own = ns.from_equations(PENDULUM, record.Ts)
@@ -53,7 +53,7 @@ print(fitted.table())
 print(f"free-run NRMSE {ns.evaluate(fitted, record).free_run_nrmse:.4f}")
 
 # %% [markdown]
-# ## What it lacks
+# ## What is missing
 
 # %%
 found = ns.diagnose(fitted, record)
@@ -61,8 +61,8 @@ print(found.sentence({"y": "rad"}))
 print({str(s): round(float(v), 6) for s, v in found.model.values.items()})
 
 # %% [markdown]
-# The friction is found, and with it the constants of the machine: 9 and 0.3 were simulated. Without it the damping had
-# to stand for what rubs.
+# The friction is found, and with it the correct constants of the machine: 9 and 0.3 were simulated. Without it the
+# damping had to replace the friction.
 #
 # ## The same at the command line
 #
@@ -76,8 +76,8 @@ print({str(s): round(float(v), 6) for s, v in found.model.values.items()})
 # 2.4 mm on the record and 4.9 mm on the test record.
 #
 # ## Several states
-# Levels and speeds that are not measured start where you say, or are estimated with the fit; effects may act on them.
-# Two tanks of which the upper one overflows are told so: "end stop, on the motion of h1".
+# Levels and speeds that are not measured start from given values, or their start values are estimated; effects may
+# act on them. For two tanks with an overflow of the upper one the result is: "end stop, on the motion of h1".
 #
 #     q = b*sign(h1)*sqrt(Abs(h1))
 #     h1' = a*u - q

@@ -1,10 +1,10 @@
 # %% [markdown]
 # # Your first record
-# From a CSV to an input that makes the machine follow a reference: six commands, then the same in Python. The CSV has
-# a header `t,u,y`: time in seconds, input, output. (Other names: `--time`, `--input`, `--output`; no time column:
-# `--ts 0.005`; some rows only: `--rows 20:5000`; several files are several experiments.)
+# This page goes from a CSV file to an input with which the machine follows a reference: six commands, then the same
+# in Python. The CSV file has a header `t,u,y`: time in seconds, input, output. (Other names: `--time`, `--input`,
+# `--output`; no time column: `--ts 0.005`; some rows only: `--rows 20:5000`; several files are several experiments.)
 #
-# This page has no machine, so a simulated piezo actuator writes the two files.
+# There is no real machine here: a simulated piezo actuator writes the two files.
 
 # %%
 import os
@@ -41,34 +41,35 @@ def shell(line):
 # ## Fit
 # `fit` selects the terms by the error reduction ratio, imposes Sigma_y = 1, fits one step ahead and in free run, and
 # keeps the better free run. Leave out a start transient (`--rows 20:`): it can change what is selected.
-# `--for-compensation` keeps the model invertible (Assumption A1) and passes over models whose law would run away.
+# `--for-compensation` only uses terms for which a law exists (Assumption A1), and skips models with an unstable law.
 
 # %%
 shell("narx-sym fit my_data.csv --for-compensation --out model.json")
 
 # %% [markdown]
 # ## Compare
-# One-step **and** free-run errors: one-step accuracy alone says nothing. Here it is the file of the fit; always try one
-# that was not used in the fit (`--validate other.csv` puts it beside). The free run covers the whole record, from start
-# states that are estimated on it; with `--align` a constant offset of the sensor is estimated too.
+# `compare` prints one-step **and** free-run errors: a small one-step error alone does not mean a good model. Here the
+# data are those of the fit; always use a second file too (`--validate other.csv`). The free run covers the whole
+# record, from start states that are estimated on it; with `--align` a constant offset of the sensor is estimated too.
 
 # %%
 shell("narx-sym compare model.json my_data.csv --units V,um --plot compare.png")
 
 # %% [markdown]
 # ## Derive
-# Sigma_y, the equilibria, the quasi-static sets, where they attract, and which assumption each term meets.
+# `derive` prints Sigma_y, the equilibria and the quasi-static sets, where they are attracting, and which assumptions
+# each term meets.
 
 # %%
 shell("narx-sym derive model.json --latex derivation.tex --plot sets.png")
 
 # %% [markdown]
 # ## Compensate
-# The law in your units, as C99 source with a self-test and as Structured Text for a PLC, and run over a reference.
-# `wanted.csv` has one signal column; the law looks `tau_d` samples ahead and holds the last value at the end. It starts
-# from rest and prints where; `simulate --u0 --y0` starts there too. A reference or an input beyond the range, rate or
-# frequency seen in identification is said, with by how much, and so is a law that amplifies its own errors; one that
-# runs away is refused.
+# `compensate` writes the law in your units, as C99 source with a self-test and as Structured Text for a PLC, and runs
+# it along a reference. `wanted.csv` has one signal column. The law needs the reference `tau_d` samples ahead; at the
+# end it repeats the last value. It starts from rest and prints the start values, for `simulate --u0 --y0`. A message
+# tells if the reference or the input leaves the range, rate or frequency of the data of the fit, and by how much, or
+# if the law amplifies its own errors. A law that diverges is refused.
 
 # %%
 shell("narx-sym compensate model.json --latex law.tex --c law.c --st law.st")
@@ -107,8 +108,8 @@ figure
 
 # %% [markdown]
 # ## A model of your own
-# Terms are text, with any delay, lag and the functions sign, abs, sin, cos, tanh, exp, Max, Min. A fit returns the
-# fitted model.
+# Terms are written as text, with any lags and the functions sign, abs, sin, cos, tanh, exp, Max, Min. `fit` returns
+# the fitted model.
 
 # %%
 small = ns.NARX.from_terms(["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]"])
@@ -130,19 +131,19 @@ print(f"a, b, c, d = {np.round(bouc_wen.theta, 4)}, simulated with 0.7, 0.008, 0
 
 # %% [markdown]
 # ## Logs of measuring systems
-# MDF 4 (`.mf4`), TDMS and MATLAB 7.3 are read where they are (`pip install "narx-sym[logs]"`): choose the channels by name,
-# `--input Voltage --output Position`; a name that is not there is answered with the one that may be meant. Channels of
-# several rates are interpolated to the stamps of the fastest of those chosen, and that is said.
+# MDF 4 (`.mf4`), TDMS and MATLAB 7.3 files are read directly (`pip install "narx-sym[logs]"`). Choose the channels by
+# name, `--input Voltage --output Position`; if a name is wrong, the message suggests a similar one. Channels with
+# different rates are interpolated to the time stamps of the fastest chosen one; a note says so.
 #
-# Units that stand in a log, or in the header of a CSV (`t,u [V],y [um]`, which `--input u` finds), go with the record and
-# with the model that is fitted to it: tables, pictures, reports, laws and FMUs have them. What `--units V,um,temp=degC` says
-# (of the input, the output, and channels by name) wins. The unit of a parameter follows from the term that it multiplies. A
-# record in mV is converted for a model in V, and that is said; one in A is refused. A unit that is not known, such as `%` or
-# `inc`, is a label that converts to nothing else.
+# Units that stand in a log, or in the header of a CSV (`t,u [V],y [um]`, which `--input u` finds), are stored in the
+# record and in the model that is fitted to it; tables, pictures, reports, laws and FMUs show them. `--units
+# V,um,temp=degC` (input, output, channels by name) replaces them. The unit of a parameter follows from its term. For
+# a model in V, a record in mV is converted, with a note; a record in A is refused. An unknown unit, such as `%` or
+# `inc`, is only a label and is never converted.
 #
-# The numbers of a law get their units in the same way: what is added up has one unit, every equation is an equation for
-# units too, and what these leave open has none. `law.coefficients()` has them, a table after the law and a line in the
-# comment of exported C and Structured Text tell them.
+# The coefficients of a law get their units in the same way: all terms of a sum have the same unit. A coefficient
+# whose unit is not determined by this has none. `law.coefficients()` returns the units; the table after the law and
+# the comments in exported C and Structured Text show them.
 
 # %%
 log = None

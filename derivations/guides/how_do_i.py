@@ -1,7 +1,7 @@
 # %% [markdown]
 # # How do I ...?
-# Fifteen answers of a few lines each. They run on simulated machines, so that you can copy them and put your own
-# record in. More on each subject stands behind its link.
+# Fifteen short answers. They run on simulated machines: copy them, and use your own record. The links lead to more
+# detail.
 
 # %%
 import tempfile
@@ -32,7 +32,7 @@ other = plants.filtered_noise(N=1000, Ts=0.01, cutoff=3.0, peak=10.0, seed=2)
 
 # %% [markdown]
 # ## 1. ... read my CSV, with its units?
-# Units stand in the header, or are given as `units=`. What was dropped, filled or resampled stands in `notes`.
+# Units are read from the header, or given as `units=`. `notes` lists what was removed, filled or resampled.
 
 # %%
 table = np.column_stack([0.01 * np.arange(volts.size), volts, motor(volts)])
@@ -66,8 +66,8 @@ for one in (record, second):
 
 # %% [markdown]
 # ## 4. ... find the missing effect, and add it?
-# The motor below does not move until 2 V are reached. With `validation` an effect is added only where the error falls
-# on that record too, to which nothing is fitted.
+# The motor below does not move below 2 V. With `validation` an effect is only added if the error also falls on that
+# record, to which no model is fitted.
 
 # %%
 stiff = ns.Record.from_arrays(volts, motor(volts, slack=2.0), Ts=0.01, units={"u": "V", "y": "rad/s"})
@@ -84,8 +84,8 @@ print(f"NRMSE on the second record: {errors[0]:.3f} -> {errors[1]:.4f}")
 # effects with their loops: {doc}`../reference/generated/effects`.
 #
 # ## 5. ... say which machine it is?
-# `machine=`, as above, or `--machine drive`. It excludes what is impossible there, adds what is met only there, and
-# calls effects by the names of the field. Where units tell the machine, it need not be said.
+# Use `machine=`, as above, or `--machine drive`. It excludes impossible effects, adds effects that exist only there,
+# and uses the names of that field. If the units show the kind of machine, it is not needed.
 
 # %%
 print(*ns.effects.MACHINES, sep=", ")
@@ -93,9 +93,9 @@ print(f"{found.machine.name}: not considered: {', '.join(found.excluded)}")
 
 # %% [markdown]
 # ## 6. ... say that a column is a disturbance?
-# `roles` says what further columns are: setpoint, input, disturbance, derivative-of-y, integral-of-y or ignore. On the
-# command line: `--role load=disturbance`. `diagnose` tries a disturbance by itself, as `channel:load`; `lags` puts it
-# into a base.
+# `roles` gives the meaning of further columns: setpoint, input, disturbance, derivative-of-y, integral-of-y or
+# ignore. On the command line: `--role load=disturbance`. `diagnose` tries a disturbance automatically, as
+# `channel:load`; `lags` makes it an input of a base model.
 
 # %%
 load = np.repeat(rng.uniform(-1, 1, 30), 50)
@@ -107,9 +107,9 @@ print(pushed.roles, *beside.lines(numbers=True), sep="\n")
 
 # %% [markdown]
 # ## 7. ... get a compensator, and know whether it is safe?
-# `residual` is 0 where the law is the exact inverse. `stability` says whether the law forgets its own errors, and for
-# which range the model is known. `commission` draws many models that the record allows, runs the law through each, and
-# says go or no go.
+# `residual` is 0 if the law is the exact inverse. `stability` says whether the law is stable (its own errors decay),
+# and for which range the model is known. `commission` simulates the law on many models that fit the record, and says
+# go or no go.
 
 # %%
 law = linear.compensator()
@@ -119,7 +119,7 @@ print(law.stability())
 print(law.commission(wanted, record, limits=(-10, 10), draws=20).sentence())
 
 # %% [markdown]
-# The law of the motor with the dead zone jumps over it, faster than the input moved in identification:
+# The law of the motor with the dead zone jumps over the dead zone, faster than the input moved in the record:
 
 # %%
 law = better.compensator()
@@ -128,7 +128,7 @@ print(law.commission(wanted, stiff, limits=(-10, 10), draws=20).sentence())
 
 # %% [markdown]
 # ## 8. ... export to C, to a PLC, or as an FMU?
-# All three keep to the limits that are given here. [](law_on_a_plc.py)
+# All three respect the limits given here. [](law_on_a_plc.py)
 
 # %%
 (here / "law.c").write_text(law.export("c", limits=(-10, 10)))
@@ -138,8 +138,9 @@ print(*(f"{path.name}: {path.stat().st_size} bytes" for path in sorted(here.glob
 
 # %% [markdown]
 # ## 9. ... get physical quantities?
-# `continuous` gives the differential equation of a model, and what it says of the machine, with 95 % intervals that hold
-# for white noise and the right structure. `scale` says what force the input makes: [](in_physical_units.py).
+# `continuous` gives the differential equation of a model and its physical quantities, with 95 % intervals that are
+# valid for white noise and the correct structure. `scale` gives the force per unit of the input:
+# [](in_physical_units.py).
 
 # %%
 physical = linear.continuous(records=record, units=record.units)
@@ -147,7 +148,7 @@ print(physical.text)
 
 # %% [markdown]
 # ## 10. ... write an effect of my own?
-# A function that returns its equation. `x` is what drives it; `scan` says where the search for `s` begins.
+# Write a function that returns its equation. `x` is the driving signal; `scan` gives the start values of `s`.
 # [](effect_of_your_own.py)
 
 
@@ -162,8 +163,8 @@ print(ns.EFFECTS["soft_start"], "|", ns.EFFECTS.pop("soft_start")[0].written)
 
 # %% [markdown]
 # ## 11. ... use several records, with gaps?
-# A list of records is one data set with one model. A gap in the time column splits a record: each piece has its own
-# start, and no sample of one is used in another. Rows with missing values are refused unless `missing="drop"`.
+# A list of records is one data set for one model. A gap in the time column splits a record; each piece has its own
+# start states. Rows with missing values are refused unless `missing="drop"`.
 
 # %%
 holes = np.delete(table, np.s_[700:800], axis=0)
@@ -175,9 +176,9 @@ print(f"NRMSE on both records: {ns.evaluate(both, [pieces, second]).free_run_nrm
 
 # %% [markdown]
 # ## 12. ... use a record from a closed loop?
-# Record the setpoint and say so: `roles={"wanted": "setpoint"}`. Feedback is recognised, mostly without it too; then the
-# verdict is `closed_loop`, and nothing is named unless the setpoint makes nearly all of the input's movement. A record
-# with the controller in manual is better. `open_loop=True` says that there was no controller.
+# Record the setpoint, and give its role: `roles={"wanted": "setpoint"}`. Feedback is mostly detected without it too.
+# Then the verdict is `closed_loop`, and no effect is named unless the setpoint causes nearly all movement of the
+# input. A record in manual mode is better. If there was no controller, use `open_loop=True`.
 
 # %%
 wish = np.repeat(rng.uniform(-10, 10, 30), 50)
@@ -193,7 +194,7 @@ print(told.verdict)
 # %% [markdown]
 # ## 13. ... make it fast?
 # `simulate` runs machine code. `lambdify` makes a plain function of one step, for NumPy, machine code (`"native"`) or
-# CasADi, to call in a loop of your own. Figures: [](../results/speed.md).
+# CasADi; call it in your own loop. Figures: [](../results/speed.md).
 
 # %%
 long = np.resize(volts, 100_000)
@@ -203,8 +204,8 @@ print(f"{run.size} samples; the step takes {step.arguments} and gives {step.retu
 
 # %% [markdown]
 # ## 14. ... get LaTeX of everything?
-# `ns.latex` takes a model, a law, a condition, a list of these, or any expression. `latex(numbers=True)` has numbers in
-# the place of symbols.
+# `ns.latex` takes a model, a law, a condition, a list of these, or any expression. `latex(numbers=True)` shows
+# numbers instead of symbols.
 
 # %%
 print(ns.latex(better))
@@ -217,8 +218,8 @@ print(ns.latex(law))
 
 # %% [markdown]
 # ## 15. ... put two models in series?
-# `first >> second`; `first + second` is side by side, `first.feedback(second)` a loop. The whole is a model with a law
-# like any other.
+# Use `first >> second`; `first + second` connects in parallel, `first.feedback(second)` as a loop. The result is a
+# normal model, with a law.
 
 # %%
 sensor = ns.NARX.from_terms(["y[k-1]", "u[k]"], [0.5, 0.5], Ts=0.01)

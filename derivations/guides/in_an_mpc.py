@@ -1,10 +1,10 @@
 # %% [markdown]
 # # A completed model in an MPC
-# A model predictive controller wants one thing of a model: a step that it can differentiate. `model.export("casadi")` is that
-# step, with everything that was added to the model. Here a positioner with a lag and a slack of ±0.25 (backlash) follows
-# a sine, driven once by the closed-form law and once by an MPC in plain CasADi.
+# A model predictive controller needs one step of a model that can be differentiated. `model.export("casadi")` is this
+# step, with all added effects. Here a positioner with a lag and a slack of ±0.25 (backlash) follows a sine, driven
+# once by the closed-form law and once by an MPC in plain CasADi.
 #
-# The machine is simulated by a loop of its own; the backlash is found from a record of it ([](what_is_missing.py)).
+# The machine is simulated independently; the backlash is found from a record of it ([](what_is_missing.py)).
 
 # %%
 import time
@@ -49,13 +49,13 @@ print(*model.lines(numbers=True), sep="\n")
 
 # %% [markdown]
 # ## The switching, smoothed
-# Where the input turns the slope of the next outputs is zero until the slack is taken up: a solver that goes along slopes
-# sees nothing there. In the controller, and there alone,
+# After a reversal of the input the derivative of the next outputs is zero until the slack is taken up, so a
+# gradient-based solver cannot improve there. Only in the controller we use
 #
 # $$\max(a, b) \approx \tfrac12\left(a + b + \sqrt{(a - b)^2 + \varepsilon^2}\right), \qquad \varepsilon = 0.02,$$
 #
-# which is off by $\varepsilon/2$ at most, where $a = b$; inside the slack it adds up from sample to sample. The equations
-# stay those of the model: this is a substitution.
+# with an error of at most $\varepsilon/2$, at $a = b$; inside the slack the error adds up from sample to sample. The
+# rest of the model is unchanged: this is only a substitution.
 
 # %%
 EPSILON = sp.Rational(2, 100)
@@ -76,8 +76,9 @@ print(f"the smoothed model is {apart:.3f} off at most, over an output from -1 to
 
 # %% [markdown]
 # ## The controller
-# Twelve samples ahead, single shooting, IPOPT, the last plan as the first guess. What effects remember is followed by the
-# sharp model from the inputs that were sent; the outputs in the state are the measured ones.
+# The controller looks twelve samples ahead and uses single shooting and IPOPT, with the last plan as first guess. The
+# exact model computes the internal states of effects from the inputs that were sent; the outputs in the state are the
+# measured ones.
 
 # %%
 AHEAD, EFFORT = 12, 1e-4
@@ -122,8 +123,8 @@ def driven_by_mpc(sight, rate):
 
 # %% [markdown]
 # ## The law
-# The same model solved for its input; see [](law_on_a_plc.py). It runs ahead of the machine and measures nothing. It knows
-# one reference sample ahead, and how far the input may move, but not what comes later.
+# The same model solved for its input; see [](law_on_a_plc.py). It uses no measurements. It knows one reference sample
+# ahead and the limit of the input's change, but not the later reference.
 
 # %%
 law = model.compensator()
@@ -140,7 +141,8 @@ def driven_by_law(reference, rate):
 
 # %% [markdown]
 # ## Both, side by side
-# First the input may move as it likes, then by 0.05 per sample: now the slack of 0.5 takes ten samples to cross.
+# First the input may change freely, then by at most 0.05 per sample: then it takes ten samples to cross the slack of
+# 0.5.
 
 # %%
 PERIOD, RATE = 150, 0.05
@@ -173,10 +175,10 @@ top.legend()
 figure
 
 # %% [markdown]
-# **The law** is what to run where the input may jump: it inverts the model, not an approximation of it, in microseconds,
-# and leaves as a block for a PLC. **The MPC** is what to run where limits bind and the reference is known ahead: it turns
-# round before the reference does, so that the slack is crossed in time, and takes milliseconds and a solver for it. The
-# smoothing costs it accuracy where nothing binds.
+# **The law** is better if the input may jump: it inverts the exact model in microseconds, and can be exported as a
+# block for a PLC. **The MPC** is better if limits are active and the reference is known in advance: it reverses
+# before the reference does, so that the slack is crossed in time, but it needs a solver and milliseconds. Where no
+# limit is active, the smoothing makes it less accurate.
 
 # %%
 free, bound = np.inf, RATE

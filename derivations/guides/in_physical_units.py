@@ -1,8 +1,9 @@
 # %% [markdown]
 # # A model in newtons and seconds
-# A fitted recursion says "y[k] = 1.98 y[k-1] - 0.98 y[k-2] + ..."; a data sheet says mass, friction and dead time. Of an
-# input that is held between samples one follows from the other: a pole p of the recursion is exp(s Ts) of the differential
-# equation's pole s, and a steady input u adds B(1) u, so that what an effect adds inside, over B(1), is its force.
+# A fitted model is a difference equation, "y[k] = 1.98 y[k-1] - 0.98 y[k-2] + ..."; a data sheet gives mass, friction
+# and dead time. For an input with a zero-order hold one follows from the other: a pole p of the difference equation
+# is exp(s Ts) of the pole s of the differential equation, and a steady input u adds B(1) u, so an effect that adds z
+# to the equation corresponds to the force z/B(1).
 
 # %%
 import numpy as np
@@ -13,8 +14,8 @@ from narx_sym.models.extend import Variant, extend, find
 
 # %% [markdown]
 # ## A slide with dry friction
-# 12 kg on a drive of 8 N/V, 40 N s/m of oil and 5 N of dry friction, which is reached at 0.02 m/s; simulated by Runge and
-# Kutta's method in tenths of a sample, with 1 % of noise.
+# The slide has a mass of 12 kg, a drive with 8 N/V, viscous friction of 40 N s/m, and dry friction of 5 N, which is
+# reached at 0.02 m/s. It is simulated by the Runge-Kutta method with ten steps per sample and 1 % noise.
 
 # %%
 mass, oil, dry, slow, drive, Ts = 12.0, 40.0, 5.0, 0.02, 8.0, 0.005
@@ -51,9 +52,9 @@ print(model.latex(numbers=True))
 
 # %% [markdown]
 # ## The differential equation
-# `scale` says what force the input makes. With `records` each quantity has the interval that follows from the covariance of
-# the fit by the delta method, under white noise: coloured errors, and a structure that is not that of the machine, make true
-# intervals wider. The command line has it as `narx-sym derive model.json --continuous --scale u=8N/V --data record.csv`.
+# `scale` gives the force per unit of the input. With `records` each quantity has a 95 % interval, from the covariance
+# of the fit by the delta method, for white noise. With coloured errors or a wrong structure the true intervals are
+# wider. On the command line: `narx-sym derive model.json --continuous --scale u=8N/V --data record.csv`.
 
 # %%
 found = model.continuous(scale="8 N/V", records=record, units={"u": "V", "y": "m"})

@@ -1,6 +1,6 @@
 # %% [markdown]
 # # A law on a PLC, and elsewhere
-# Models (with all that was added to them) and laws leave as source or as objects of other libraries:
+# Models (with their added effects) and laws can be exported as source code or as objects of other libraries:
 #
 # | call | it gives |
 # |---|---|
@@ -16,9 +16,9 @@
 # | `narx_sym.sklearn.NARXRegressor()` | `identify` as a scikit-learn estimator for its searches and splitters (`pip install "narx-sym[sklearn]"`) |
 #
 # ## A model whose law has cases
-# The physical actuator has its newest input inside |phi1|, and one dead zone was added. No code of yours is needed: the
-# model is inverted in stages, y <- x <- v <- u, each one equation in one unknown, and what effects remember is computed
-# along.
+# In the physical actuator the newest input is inside |phi1|, and a dead zone was added. You need no code of your own:
+# the model is inverted in stages, y <- x <- v <- u, each of them one equation in one unknown. The internal states of
+# effects are computed in parallel.
 
 # %%
 import shutil
@@ -49,16 +49,17 @@ print(ns.latex(law))
 print(f"closed form: {law.closed_form}; looks {law.preview} samples ahead; checked: {law.checked}")
 
 # %% [markdown]
-# Kinks (dead zone, play, saturation, Bouc-Wen) are solved branch by branch, quadratics and tanh in closed form, the rest
-# by a root finder: `closed_form` is False then, and there is an exported source only where one root is proved, which it
-# finds in a fixed number of steps. Where a full play or dead zone leaves a choice the input stays as near as it can to its
-# last value.
+# Piecewise functions (dead zone, play, saturation, Bouc-Wen) are solved branch by branch, quadratics and tanh in
+# closed form, and others by a root finder. Then `closed_form` is False, and source code is only exported if it is
+# proved that there is exactly one root, which is found in a fixed number of steps. If a dead zone or a play allows
+# several inputs, the one closest to the last input is chosen.
 #
 # ## Limits of the machine
-# `limits` is the actuator's range, `rate` its largest change per sample. A reference that cannot be reached is an error
-# that names the first sample, unless `clip=True` or limits ask to come as near as possible; then the share is said. What is
-# exported comes as near as possible in every case: where some references are out of reach the model is computed beside the
-# law, which goes on from the model's output. Its past starts from the two values `m` and `y` at rest (`law.start` has them).
+# `limits` is the actuator's range, `rate` its largest change per sample. If a reference cannot be reached, an error
+# names the first sample. With `clip=True` or limits the law comes as close as possible instead, and a message gives
+# the fraction of such samples. Exported code always comes as close as possible: if some references are out of reach,
+# it also computes the model, and the law continues from the model's output. It starts from the two values `m` and `y`
+# at rest (see `law.start`).
 
 # %%
 reference = 30 * np.sin(2 * np.pi * 1e-3 * np.arange(3000))
@@ -71,14 +72,14 @@ print(
 # On the command line: `narx-sym compensate model.json --reference wanted.csv --out input.csv --limits -60 60 --rate 5`.
 #
 # ## Go or no go
-# Before it runs on the machine: the law's input goes through many models that the records allow as well (a moving-block
-# bootstrap), and a piece of what the model left unexplained on the records is added to each run, drawn from a resampled
-# record of its own: the next record is not this one. The error on 20 machines that were not in the records lies in the
-# 95 % band for 95 % of the samples (`tests/tasks/test_commission.py`); of records that are only a few correlation lengths
-# of their noise long it lies there less often. What speaks against the run is said in sentences: an input at its limits,
-# beyond the recorded range, rate or frequency, a law that repels, an error that is no smaller than without the law.
-# "Without" is a strong opponent: the constant gain and offset that bring the model nearest to this reference, so that a
-# lag in the records does not make the law look better than it is.
+# Before the law runs on the machine, `commission` predicts its error. The input of the law is applied to many models
+# that fit the records (moving-block bootstrap), and a part of the unexplained error on the records, resampled, is
+# added to each run. The error on 20 machines that were not in the records lies in the 95 % band for 95 % of the
+# samples (`tests/tasks/test_commission.py`); for very short records (a few correlation lengths of the noise) less
+# often. The result lists all reasons against the run: an input at its limits or outside the recorded range, rate or
+# frequency, an unstable law, or an error that is no smaller than without the law. "Without the law" means the
+# constant gain and offset that bring the model closest to this reference, so a lag in the records does not make the
+# law look better than it is.
 
 # %%
 before = law.commission(reference, record, limits=(-60, 60), rate=5, draws=50)
@@ -89,12 +90,13 @@ assert before.expected < before.without
 # On the command line, with a picture: `narx-sym commission model.json my_data.csv --reference wanted.csv --limits -60 60`.
 #
 # ## Where it starts, and when it rings
-# Without `m0` a law starts from the input at which the model rests with the first output, inside the recorded inputs and the
-# limits. The poles of a law are the zeros of the model: a zero near -1, as a fast resonance or half a sample of delay leave
-# it, makes the input alternate from sample to sample, and one beyond -1 makes it run away. Then the input goes only the share
-# $a$ of the way in each sample, $m[k] = m[k-1] + a (\tilde m[k] - m[k-1])$, and the model beside the law makes up for the
-# rest later. With $A y = q^{-1} B m$ the poles are the zeros of $a B + (1 - a)(1 - q^{-1}) b_0 A$. The share is the one with
-# which a disturbance is forgotten fastest; `share=None` (`--share none`) goes the whole way.
+# Without `m0` a law starts from the input for which the first output is a steady state of the model, within the
+# recorded inputs and the limits. The poles of a law are the zeros of the model. A zero near -1, caused by a fast
+# resonance or half a sample of delay, makes the input alternate from sample to sample; a zero below -1 makes it
+# diverge. Then the law is damped: in each sample only the fraction $a$ of the computed change is applied, $m[k] =
+# m[k-1] + a (\tilde m[k] - m[k-1])$, and the model computed with the law corrects the rest later. With $A y = q^{-1}
+# B m$ the poles are the zeros of $a B + (1 - a)(1 - q^{-1}) b_0 A$. The fraction is chosen so that a disturbance
+# decays as fast as possible; `share=None` (`--share none`) switches damping off.
 
 # %%
 b_0 = 0.23

@@ -1,14 +1,14 @@
 # %% [markdown]
-# # Models that remember where the input turned
-# A NARX model knows where input and output are. After a small loop inside a large one a real piezo goes on along the
-# large one as if the small loop had not been; for that a model must remember where the input turned. A **play** does:
-# $z_j[k] = \max(u[k] - r_j, \min(u[k] + r_j, z_j[k-1]))$ follows the input once the slack $r_j$ is taken up. The base
-# `play` (`narx-sym fit data.csv --base play`) is
+# # Models with memory of the reversals of the input
+# A NARX model only knows the last inputs and outputs. After a small loop inside a large one, a real piezo continues
+# along the large loop, as if the small one had not happened. For this a model must remember the reversals of the
+# input. A **play** does this: $z_j[k] = \max(u[k] - r_j, \min(u[k] + r_j, z_j[k-1]))$ follows the input once the
+# slack $r_j$ is taken up. The base `play` (`narx-sym fit data.csv --base play`) is
 #
 # $$v[k] = p_0 u[k] + \sum_j p_j z_j[k], \qquad y[k] = a\,y[k-1] + (1 - a)\,\mathrm{curve}(v[k-d])$$
 #
-# (Prandtl, Ishlinskii; the curve is a broken line, Kuhnen 2003). It is a recursion like every other, so everything
-# derived for models is there for it. `--creep` lets a share of $v$ come late.
+# (Prandtl, Ishlinskii; the curve is a broken line, Kuhnen 2003). It is a normal model, so everything that is derived
+# for models is available. With `--creep` a part of $v$ is delayed.
 
 # %%
 import numpy as np
@@ -32,8 +32,8 @@ print(model.info.selection.reason, model.info.nrmse)
 
 # %% [markdown]
 # ## First-order reversal curves
-# From the top down to a level, and up again: each turn begins a curve of its own, and all meet at the top, where the
-# small loops are forgotten.
+# The input goes from the top down to a level, and up again. Each reversal starts a new curve, and all curves meet at
+# the top, where the small loops are forgotten.
 
 # %%
 plots.plot_reversal_curves(model, record)
@@ -44,8 +44,8 @@ tops = np.array([run[-1] for _, run in curves])
 assert np.ptp(tops) < 1e-2 * np.ptp(stage)  # but for the lag
 
 # %% [markdown]
-# At rest a play is anywhere in its slack: a continuum of equilibria. Since the input turned, a play has been held or is
-# taken along, so that the quasi-static sets depend on where the plays were then.
+# In steady state a play can be anywhere in its slack: this is a continuum of equilibria. After a reversal of the
+# input a play either stays or moves, so the quasi-static sets depend on the positions of the plays at the reversal.
 
 # %%
 sets = model.quasi_static()
@@ -53,7 +53,7 @@ assert sets.turns and len(steady_state(model).held) == len(sets.turns)
 assert property_1(model).holds
 
 # %% [markdown]
-# After a given history the quasi-static branch is one expression, until the input turns again.
+# After a given history the quasi-static branch is one expression, until the next reversal.
 
 # %%
 branch = branch_after(model, volts[:700])
@@ -80,9 +80,9 @@ assert sp.simplify(q[0] * S[0] - 1) == 0
 assert all(sp.simplify(p[j] * sum(q[:j]) + q[j] * S[j]) == 0 for j in range(1, 4))
 
 # %% [markdown]
-# The law goes back through lag and curve first, then through the plays. The model's own plays say where the plays of
-# the inverse were, so the law remembers nothing twice, and goes on from where the machine is when it is limited.
-# Exactly one input is proved: every slope is positive.
+# The law first inverts the lag and the curve, then the plays. It takes the positions of its plays from those of the
+# model, so after a limit it continues from the state of the machine. Every slope is positive, which proves that there
+# is exactly one input.
 
 # %%
 law = model.compensator()
@@ -96,16 +96,17 @@ tracked = truth.simulate(m, 0.0, u0=0.0, warn=False)
 print(f"on the machine itself: {100 * np.abs(tracked - reference).mean() / np.ptp(reference):.2f} % of the range")
 
 # %% [markdown]
-# ## What one record tells
-# One loop of one size does not tell the widths of plays from a curve: both bend it. Of all weights that explain the first
-# loop the even ones are the start of the fit. One frequency does not tell a lag from a delay; the smallest delay is taken.
-# Where most of the error on a new record is an offset of its sensor, `compare` says so, and `--align` estimates it.
+# ## What one record can show
+# With one loop of one size the plays and the static curve cannot be distinguished, because both bend the loop. The
+# fit starts from equal weights that explain the first loop. With one frequency a lag and a delay cannot be
+# distinguished; the smallest delay is chosen. If most of the error on a new record is an offset of its sensor,
+# `compare` says so, and `--align` estimates it.
 #
-# `--base auto` tries `static`, `linear`, `narx`, `play` and `bouc-wen` on held-out samples, at a price of 0.1 in ln(mean
-# square) per parameter, and says why it chose. What was measured before a held-out block is given to every base, so that
-# one that remembers need not guess, and an offset of the sensor is estimated for each. Still a record can only tell what
-# it asks: of a measured piezo stage on one sine the lead of four plays is small (0.011 with 8 parameters, beside `narx`
-# 0.010 with 11), with an amplitude that grows and falls it is large (0.022 with 9, beside `narx` 0.084 with 6).
+# `--base auto` tries `static`, `linear`, `narx`, `play` and `bouc-wen` in cross-validation, with a penalty of 0.1 in
+# ln(mean square) per parameter, and prints the reason of its choice. Every base model uses the measurements before a
+# validation block to initialise its memory, and an offset of the sensor is estimated for each. The choice depends on
+# the record: for a measured piezo stage on one sine the advantage of four plays is small (0.011 with 8 parameters;
+# `narx` 0.010 with 11); with a varying amplitude it is large (0.022 with 9; `narx` 0.084 with 6).
 
 # %%
 bouc_wen = ns.identify(record, base="bouc-wen")

@@ -1,7 +1,8 @@
 # %% [markdown]
 # # Several inputs and outputs
-# A model with several outputs is a recursion with several output equations. Each output is a model of its own in which
-# the other outputs are measured channels; put together they are run, held at rest and inverted as one.
+# A model with several outputs is a recursion with several output equations. Each output has its own model, in which
+# the other outputs are channels. A `System` connects these models: it is simulated, has steady states, and is
+# inverted as a whole.
 
 # %%
 import numpy as np
@@ -12,8 +13,8 @@ import narx_sym as ns
 
 # %% [markdown]
 # ## A two-input bilinear system
-# What is derived: the equilibrium, the sensitivities, and the law. Each output becomes its reference, each input m, and
-# all m[k] are solved for together (the decoupling matrix: Isidori 1995).
+# The equilibrium, the sensitivities and the law are derived. For the law each output is replaced by its reference,
+# each input by m, and the equations are solved for all m[k] together (the decoupling matrix: Isidori 1995).
 
 # %%
 first = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u2[k-1]*y[k-1]"], [0.8, 0.5, 0.1], channels=["u2"])
@@ -33,8 +34,9 @@ print(f"residual {law.residual()}, both outputs follow to {missed:.1e}")
 
 # %% [markdown]
 # ## Two coupled tanks, and a two-mass drive, from their equations
-# Each output is written in equations of its own (`from_equations`); a channel with the name of the other output is that.
-# Between the parts the other output is held over a sample, so the sampling time is short. The truth is an ODE solver.
+# The equations of each output are written separately (`from_equations`); a channel with the name of another output is
+# connected to it. There the other output is constant during a sample, so the sampling time must be short. The
+# reference solution comes from an ODE solver.
 
 # %%
 upper = ns.from_equations("y' = a*u - b*sqrt(y)\na ~ 0.06\nb ~ 0.045", 0.5)
@@ -70,8 +72,8 @@ print(f"drive: within {100 * swung:.2f} %")
 
 # %% [markdown]
 # ## From measurements
-# `ns.read("plant.csv", u=["valve1", "valve2"], y=["level1", "level2"])` reads a record like this one. Each input gets a
-# dead time of its own, and the outputs are coupled where the whole runs better so.
+# `ns.read("plant.csv", u=["valve1", "valve2"], y=["level1", "level2"])` reads a record like this one. Each input gets
+# its own dead time, and the outputs are coupled if this improves the free run of the whole system.
 
 # %%
 rng = np.random.default_rng(0)
@@ -86,8 +88,8 @@ print(found.equilibria())
 print({name: round(errors.free_run_nrmse, 4) for name, errors in found.evaluate(record).items()})
 
 # %% [markdown]
-# Each part is a model like any other, for `ns.diagnose` and `compensator` too; in a law for fewer inputs than there are,
-# `compensator(inputs=("u",))`, the others are measured.
+# Each part is a normal model, for `ns.diagnose` and `compensator` too. A law can use some of the inputs,
+# `compensator(inputs=("u",))`; the others are measured.
 
 # %%
 assert law.residual() == 0 and missed < 1e-9

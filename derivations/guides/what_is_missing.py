@@ -1,17 +1,17 @@
 # %% [markdown]
 # # What is missing?
-# No model is complete. `diagnose` compares it with the measurements, shows where it fails, names the physical effect
-# that would explain most of it, adds it, and shows the error fall. Where it names nothing it says how small an effect
-# of the catalogue it could have missed.
+# No model is complete. `diagnose` compares a model with measurements, shows where it fails, finds the physical effect
+# that explains most of the error, adds it, and compares the errors. If it finds no effect, it says how large an
+# effect would have to be to be detected.
 #
 # | verdict | it means |
 # |---|---|
-# | `nothing_detectable` | no effect of the catalogue improves the base by more than chance would; others are not excluded |
-# | `named` | what one effect leaves no longer follows from the signals, or is less than a tenth of what it removes (rms), on data that were not used for fitting. It is the best of the catalogue; something outside of it may draw the same curve |
-# | `confused` | several effects explain it equally well; an input that would tell them apart is proposed (`next.csv`). `base` in the set means the memory of the base itself: at one speed it and a friction or a slack are one signal, and the model that is shown has the effect in its stead |
-# | `helps_but_incomplete` | the best effect helps, and something else is missing too. Where two effects hide each other they are added together (`together` in the JSON): raise `--max-effects` |
+# | `nothing_detectable` | no effect of the catalogue improves the base model more than by chance; other effects are not excluded |
+# | `named` | one effect explains the error: on data that were not used in the fit, the rest can no longer be predicted from the signals, or is less than a tenth (rms) of what the effect removes. It is the best effect of the catalogue; an effect outside the catalogue may look the same |
+# | `confused` | several effects explain the error equally well; an input that distinguishes them is proposed (`next.csv`). `base` in the set means the dynamics of the base model itself: at one speed they cannot be distinguished from a friction or a slack; the model shown has the effect instead |
+# | `helps_but_incomplete` | the best effect helps, but something else is missing too: use a larger `--max-effects`. Two effects that only help together are added together (`together` in the JSON) |
 # | `outside_library` | no effect of the catalogue explains it; look at where the model fails |
-# | `closed_loop` | the input answers the output, as that of a controller does: what the controller does would be taken for the plant. An effect is named all the same where the setpoint is given (`--channels setpoint`), makes nine tenths of the input's movement, and one effect removes nine tenths of the squared error. Else nothing is named: record with the controller in manual. Of a loop whose output is in percent, a fraction or mA it is said whether its valve sticks; it may where the setpoint never moves, and that nothing is seen is no proof |
+# | `closed_loop` | the input reacts to the output, as in closed loop, so the controller could be mistaken for the plant. An effect is only named if the setpoint is given (`--channels setpoint`) and causes nine tenths of the input's movement, and the effect removes nine tenths of the squared error. Otherwise record in manual mode. If the controller output is in percent, a fraction or mA, the valve is checked for stiction; if none is found, this is no proof |
 #
 # The same on the command line:
 #
@@ -23,12 +23,13 @@
 # ```
 #
 # ## What you know of the machine
-# `--machine` (`machine=`) says what was measured: thermal, tank, drive, motion-force (what is moved and gives a force),
-# smart-material, soft, propeller, valve, structure, circuit, battery, process or pendulum. Effects that are impossible
-# there are not considered, and listed; what is one thing there is one name (in a heater a quadratic and a hardening
-# spring both are "a loss that grows faster than linearly"); and a few effects are tried only there, such as gravity of
-# a pendulum. Units tell it where only one kind of machine has them, as W -> degC; that is printed, and `--machine none`
-# switches it off. `--role command=setpoint,speed=derivative-of-y` (`roles=` of `ns.read`) says what further columns are.
+# `--machine` (`machine=`) gives the kind of machine: thermal, tank, drive, motion-force (a moved part with a measured
+# force), smart-material, soft, propeller, valve, structure, circuit, battery, process or pendulum. Effects that are
+# impossible there are listed and not considered. Effects that mean the same there have one name: in a heater a
+# quadratic and a hardening spring are both "a loss that grows faster than linearly". A few effects are tried only
+# there, such as gravity of a pendulum. If the units fit only one kind of machine, such as W -> degC, it is chosen
+# automatically; this is printed, and `--machine none` switches it off. `--role
+# command=setpoint,speed=derivative-of-y` (`roles=` of `ns.read`) gives the meaning of further columns.
 
 # %%
 import tempfile
@@ -73,43 +74,46 @@ print(f"free-run error of the record's range: {before.free_run_mape:.3g} % befor
 
 # %% [markdown]
 # ## How it decides
-# Every effect is a direction: the derivative of the free run with respect to its coefficient, derived by SymPy for
-# each place where it may act (at the input, as a force or inside, on the motion, in a friction, at the output, at the
-# sensor) and compiled. What a refit of the base could absorb is projected out. The gate tests all effects and shapes
-# at once against simulated maxima, after whitening with a noise model. Then each form of each effect is fitted in
-# free run beside cores of several orders and delays, cross-validated on held-out blocks, and stands in one table with the
-# cores that have no effect. One price decides: the logarithm of the held-out error, plus 0.1 per parameter, plus 0.27
-# per effect. A further resonance counts as an effect, and so does a lag of an effect's own where the linear core has
-# no such pole. Where no effect is enough, the pairs that explain most together are fitted too. What the new effect
-# makes redundant is deleted, and a share of an effect that cannot be told from 1 goes: a slack is whole, and its law
-# that of textbooks. How often all this is right, and where it is not: [](../results/named.md).
+# First comes a score test. For each effect SymPy derives the derivative of the free run with respect to its
+# coefficient, at each place where the effect may act (at the input, as a force or inside, on the motion, in a
+# friction, at the output, at the sensor). What the parameters of the base model can reproduce is projected out. The
+# test compares all effects and shapes at once with simulated maxima, after whitening with a noise model. Then each
+# form of each effect is fitted in free run, together with linear parts of several orders and delays, and
+# cross-validated; linear parts without an effect are compared in the same way. The best model has the smallest
+# penalised log loss: the logarithm of the cross-validated error, plus 0.1 per parameter, plus 0.27 per effect. A
+# further resonance counts as an effect, and so does a lag inside an effect if the linear part has no such pole. If no
+# single effect is enough, pairs are fitted too. Terms that the effect makes redundant are deleted, and a coefficient
+# that cannot be distinguished from 1 is fixed to 1. How often the result is correct: [](../results/named.md).
 #
-# In the end the base and what was found are fitted once more, over the whole records at their own rate, and judged by
-# [the protocol](what_the_figures_mean.py): on the records, and on validation data that no model is fitted to. These are
-# the records of `validation=` (`--validate`), else the last part of each record. **An effect is only added where the
-# error falls on both.** Where it falls on the record and rises on the validation data, that is what is said.
+# At the end the base model and the model with the effect are fitted again, on the whole records at their sampling
+# rate, and their errors are computed by [the protocol](what_the_figures_mean.py): on the records, and on validation
+# data that no model is fitted to. Validation data are the records of `validation=` (`--validate`), else the last part
+# of each record. **An effect is only added if the error falls on both.** If it rises on the validation data, the
+# report says so.
 #
 # ## The next experiment
-# Where several effects explain a record, some 30 inputs are simulated with each of them: ramps, triangles, stairs, sines,
-# fast moves, noise, rest. Proposed is the one on which the two that come closest differ most after a refit. It keeps the
-# range and the rate of the record; `limits=(-5, 5)`, on the command line `--limits -5 5`, says what the actuator may do.
-# Some pairs differ only further out: a cubic and a saturation are one curve until they bend. Where the present range does
-# not decide, twice that range is looked at: the sentence says what it would show, and `next_wider.csv` has the input.
+# If several effects explain a record, about 30 inputs are simulated with each of them: ramps, triangles, stairs,
+# sines, fast moves, noise, rest. The proposed input is the one for which the two most similar effects differ most
+# after a refit. It stays within the range and rate of the record; `limits=(-5, 5)` (`--limits -5 5`) gives the range
+# of the actuator. Some effects only differ for larger inputs, such as a cubic and a saturation. If the present range
+# does not decide, twice the range is tried as well: the sentence gives the difference there, and `next_wider.csv`
+# contains the input.
 #
 # ## Show it
-# One HTML file tells the story: what was found and what to do next, measured and simulated, the error step by step,
-# where the model fails, the candidates, the model before and after, what follows from it, the next experiment, and
-# where the figures come from. It needs no network, prints well, and follows light and dark. The numbers behind the
-# pictures, the model file and the next input can be downloaded from it. Long lines are thinned to the extremes of each
-# interval: a record of 50 000 samples gave a page of 2.1 MB in 3 to 5 s beyond the diagnosis
-# (`python tests/bench/report.py`).
+# One HTML file shows the result: what was found and what to do next, measured and simulated output, the errors step
+# by step, where the model fails, the candidates, the model before and after, the derived sets and law, the next
+# experiment, and the data and settings. It needs no network, can be printed, and has a light and a dark mode. The
+# numbers of the pictures, the model file and the next input can be downloaded from it. Long curves are reduced to the
+# extremes of each interval: for a record of 50 000 samples the page had 2.1 MB and took 3 to 5 s in addition to the
+# diagnosis (`python tests/bench/report.py`).
 #
-# In *Try it* the page itself runs the base and the candidates over the record (two float32 numbers per sample, of a very
-# long record the first 200 000 samples): move a parameter, and loop, error and rms follow; the optimum and its two
-# standard errors are marked. A dot of the maps of errors zooms to where its cell is worst. Drag the reference, and see
-# the input of the law. The recursions stand in the page as `model.export("js")` writes them, so it works without a network
-# and without `eval`. The same part stands in a notebook (`pip install "narx-sym[notebook]"`, Jupyter and marimo):
-# `tried = found.live()`, then `tried.model` is the model with the parameters as the sliders stand.
+# In *Try it* the page itself simulates the base model and the candidates (two float32 numbers per sample; of a very
+# long record the first 200 000 samples). Move a parameter, and loop, error and rms change; the fitted value and its
+# two standard errors are marked. Click a dot in the pictures of the errors to zoom to the largest error of its cell.
+# Drag the reference, and see the input that the law computes. The page contains the equations as written by
+# `model.export("js")`, so it needs no network and no `eval`. A notebook can show the same part (`pip install
+# "narx-sym[notebook]"`, Jupyter and marimo): `tried = found.live()`, then `tried.model` is the model with the
+# parameters as the sliders stand.
 
 # %%
 with tempfile.TemporaryDirectory() as folder:
@@ -126,25 +130,27 @@ print(f"{size / 1e6:.1f} MB")
 # narx-sym app stage.csv
 # ```
 #
-# opens a page in your browser where the same way is walked with clicks: drop a CSV, choose columns, rows and a base, see
-# the panels of the report, point at a candidate to see its run, press *Add* and watch the error fall, undo and redo
-# (Ctrl+Z, Ctrl+Y), change a term as text, move a parameter with the sliders of the report, open the
-# compensator, take away the model, its LaTeX and C, the law and the report. What is wrong with a field stands at that field, which keeps what was typed, until it is right.
+# opens a page in your browser for the same steps: drop a CSV file, choose columns, rows and a base model, see the
+# panels of the report, point at a candidate to see its simulation, press *Add* to add it, undo and redo (Ctrl+Z,
+# Ctrl+Y), edit a term as text, move a parameter with the sliders of the report, derive the compensator, and download
+# the model, its LaTeX and C, the law and the report. An error message stands at the field that caused it until the
+# field is correct.
 #
-# Long work runs in a process of its own, which *Cancel* ends; everything stays as it was before. A bar shows the step of
-# how many, and beside it stands what the best row so far removes of the squared error; the terminal shows the same line.
-# In Python, `report=` hears it: each text has the attributes `stage`, `stages`, `done`, `of`, `found` and `fraction`.
+# Long computations run in a separate process. *Cancel* stops it and changes nothing. A bar shows the progress and how
+# much of the squared error the best effect so far removes; the terminal shows the same line. In Python, `report=`
+# receives it: each text has the attributes `stage`, `stages`, `done`, `of`, `found` and `fraction`.
 #
-# Under *Law* the law runs over a reference: the measured output or its first seconds, a sine, a staircase, a drawing, or a
-# column of a CSV, within limits of the input and of its change per sample. A drawing is made in a picture where the
-# identified range of the output is shaded: press and draw, click for a point, drag a point; or go from point to point with
-# Tab and move it with the arrows, Enter sets a point, Delete takes it away, Ctrl+Z takes back. Its points stand below as
-# text, which may be typed or pasted: a time and a level in each line. It is sampled as often as the record, straight
-# between points, level before the first and after the last (`drawn` in `narx_sym.tasks.reference`). Where the
-# compensator was opened with limits of the input, dashed lines mark where the model rests at them. Shown are the reference, the model's output with the law
-# and without (there the straight line through the data is inverted, within the same limits), the input, the errors as
-# rms and largest value, and in how many samples limits hold the input; time, reference, input and output are a CSV to
-# take away. A run belongs to its model: it goes with an undo, and comes back with a redo. In Python:
+# Under *Law* the law runs along a reference: the measured output or its first seconds, a sine, a staircase, a
+# drawing, or a column of a CSV file, within limits of the input and of its change per sample. Draw in the picture,
+# where the identified range of the output is shaded: press and draw, click to add a point, drag a point. With the
+# keyboard: Tab selects a point, the arrow keys move it, Enter adds a point, Delete removes it, Ctrl+Z undoes. The
+# points are also listed as text below, one time and level per line, which can be edited or pasted. The reference has
+# the sampling time of the record; it is linear between points, constant before the first and after the last (`drawn`
+# in `narx_sym.tasks.reference`). If the compensator has limits of the input, dashed lines mark the steady states of
+# the model at these limits. The page shows the reference, the output of the model with the law and without it (with
+# the inverse of the straight line through the data, within the same limits), the input, the rms and largest errors,
+# and the number of samples at a limit. Time, reference, input and output can be downloaded as CSV. Undo and redo
+# apply to a run too. In Python:
 
 # %%
 piece = usual(record)
@@ -154,10 +160,10 @@ for name, (rms, largest) in run.errors.items():
     print(f"{name}: {rms:.3g} um rms, {largest:.3g} um at most")
 
 # %% [markdown]
-# The page listens on 127.0.0.1 only, refuses requests with a foreign Host or Origin, asks no other machine for anything
-# and takes uploads up to `--max-mb` (50) into a private folder that is removed at the end (Ctrl-C). Every page
-# that is opened has its own data, under an address that is drawn at random; loaded anew, it shows them again. Whoever
-# else is logged in on the same machine may open a page too, and then sees the file named on the command line. `--port`, `--no-browser`.
+# The page listens on 127.0.0.1 only, refuses requests with a foreign Host or Origin, sends nothing to other machines,
+# and saves uploads up to `--max-mb` (50) into a private folder that is removed at the end (Ctrl-C). Every opened page
+# has its own data and a random address; after a reload it shows them again. Other users of the same machine can open
+# a page too, and then see the file named on the command line. `--port`, `--no-browser`.
 
 # %%
 assert found.best.effect == "hysteresis" and "hysteresis" in found.confusion_set

@@ -1,6 +1,6 @@
 # %% [markdown]
 # # What the figures mean
-# Five figures come up again and again. Each is computed here once, by hand beside the package.
+# This page explains the figures that appear everywhere. Each is computed by hand and by the package.
 
 # %%
 import numpy as np
@@ -16,8 +16,9 @@ model = ns.identify(record, base="linear")
 
 # %% [markdown]
 # ## One step, and free run
-# `predict` is told the measured past at every sample, `simulate` only the input and where it starts. A model that
-# repeats the last sample has a tiny one-step error and knows nothing. Judge by the free run.
+# `predict` uses the measured past at every sample; `simulate` (the free run) uses only the input and the start
+# values. A model that repeats the last sample has a tiny one-step error but is useless. Judge a model by its free
+# run.
 
 # %%
 errors = ns.evaluate(model, record)
@@ -28,8 +29,8 @@ print(f"'as before':  one step {held.one_step_mape:.2f} %, free run {held.free_r
 
 # %% [markdown]
 # ## MAPE
-# The paper's: the mean absolute error as a share of the measured **range**, in %. Not the mean of relative errors, as the
-# name has it elsewhere.
+# MAPE as in the paper: the mean absolute error in % of the measured **range**. It is not the mean of relative errors,
+# which has the same name elsewhere.
 
 # %%
 target, answer = np.array([0.0, 1.0, 2.0]), np.array([0.1, 1.0, 1.9])
@@ -38,24 +39,26 @@ print(ns.mape(target, answer), by_hand)
 
 # %% [markdown]
 # ## NRMSE
-# The root mean square error over the standard deviation of what was measured: 0 is exact, 1 is as good as a constant.
-# Both are over all samples: of a record with a gap, or of several records, as if they stood in one. MATLAB's fit in per
-# cent is 100 (1 - NRMSE).
+# The root mean square error divided by the standard deviation of the measured output: 0 is exact, 1 is no better than
+# a constant. MAPE and NRMSE use all samples, also across a gap or over several records. MATLAB's fit in per cent
+# is 100 (1 - NRMSE).
 #
 # ## The protocol
-# **The error of a model on a record is that of its free run over the whole record, at the record's own rate, from start
-# states that are estimated on that record.** A gap starts a new run. Nothing else is fitted to the record, unless it is
-# asked for: `--align` (`align=True`) also estimates a constant offset of the sensor, by which two records of one machine
-# may differ ([a piezo stage](../results/paper.md#a-real-piezo-stage) is an example). The first samples, which the model
-# looks back at, are the measured ones. MATLAB's `compare` estimates start states in the same way.
+# **The error of a model on a record is that of its free run over the whole record, at the record's own rate, from
+# start states that are estimated on that record.** A gap starts a new run. Nothing else is fitted to the record.
+# Optionally, `--align` (`align=True`) also estimates a constant offset of the sensor, which may differ between two
+# records of one machine ([a piezo stage](../results/paper.md#a-real-piezo-stage) is an example). The first samples,
+# as many as the largest lag, are the measured ones. MATLAB's `compare` estimates start states in the same way.
 #
-# Start states are the outputs before the first computed sample and what effects remember. Of a model that integrates (a
-# constraint keeps the sum of the coefficients of older outputs at 1) the constant load counts as one too: nobody knows it
-# on another day, and an axis drifts with it. The error with the model's own load stands beside (`own_load_nrmse`).
+# Start states are the outputs before the first computed sample and the internal states of effects. If the model is an
+# integrator (a constraint keeps the sum of the coefficients of older outputs at 1), a constant load is estimated too:
+# it is unknown on another day, and the output drifts with it. `own_load_nrmse` is the error with the load of the
+# model.
 #
-# `evaluate`, `free_run`, `narx-sym compare`, the headline and the ladder of a diagnosis, its page and its JSON all give
-# this number. Validation data are records that no model is fitted to: those of `--validate`, else the last part of each
-# record. Errors of cross-validation, by which effects are compared at a working rate, stand under that name.
+# `evaluate`, `free_run`, `narx-sym compare`, and the headline, error ladder, page and JSON of a diagnosis all give
+# this number. Validation data are records that no model is fitted to: those of `--validate`, else the last part of
+# each record. Effects are compared by cross-validated errors, at a working rate; these are always called
+# cross-validated.
 
 # %%
 nrmse = np.sqrt(np.mean((target - answer) ** 2)) / np.std(target)
@@ -63,20 +66,21 @@ print(ns.metrics.nrmse(target, answer), nrmse)
 
 # %% [markdown]
 # ## NSAVI
-# How much more the compensated input moves than the reference: the sum of absolute increments of m over that of r.
+# NSAVI is the movement of the compensated input relative to that of the reference: the sum of absolute increments of
+# m over that of r.
 
 # %%
 m, r = np.array([0.0, 2.0, 1.0]), np.array([0.0, 1.0, 1.5])
 print(ns.nsavi(m, r), np.abs(np.diff(m)).sum() / np.abs(np.diff(r)).sum())
 
 # %% [markdown]
-# ## Shares, floors and intervals of a diagnosis
-# The *noise floor* is an estimate of what no model could explain. The *share* of an effect is how much of the removable
-# error (that of the base beyond the floor) it removes in cross-validation, on held-out blocks; its 95 % interval comes
-# from resampling those blocks. It can leave 0 ... 100 %, because both ends of the scale are estimates.
-# What *could not have been seen* is computed effect by effect, for the base, the noise and the input of this record: the
-# rms by which an effect must move the output to be seen in about 80 % of such records. It must pass the test and be worth
-# its price, with what a refit of the base leaves of it. How far that holds: "When an effect is named".
+# ## Fractions, noise floor and intervals of a diagnosis
+# The *noise floor* is an estimate of the error that no model can explain. The *removable error* is the error of the
+# base model above this floor. Each effect removes a fraction of it in cross-validation; the 95 % interval of this
+# fraction comes from resampling the blocks. It can lie outside 0 ... 100 %, because both ends of the scale are
+# estimates. The *detection limit* of an effect is the rms by which it must move the output to be detected in about 80
+# % of such records, for the base model, the noise and the input of this record. To be detected, the part of the
+# effect that the base model cannot reproduce must pass the score test and reduce the penalised log loss.
 
 # %%
 found = ns.diagnose(model, record)
@@ -85,8 +89,8 @@ print(f"{first['effect']}: {first['share']:.1%}, {first['low']:.1%} to {first['h
 
 # %% [markdown]
 # ## Intervals of the book
-# Counts such as 35 of 37 stand with their 95 % Wilson interval: the range of true rates with which that count is not
-# surprising. min / median / max are over seeds, and say how far a single seed may move.
+# Counts such as 35 of 37 have a 95 % Wilson interval: the range of true rates for which this count is not surprising.
+# min / median / max are taken over seeds; they show how much a single seed can differ.
 
 # %%
 hits, cases, z = 35, 37, 1.959964

@@ -16,13 +16,15 @@ MEGABYTE = 1_000_000
 def app(
     data: Annotated[Path | None, typer.Argument(metavar="[DATA]", help="A data file to begin with.")] = None,
     validate: Annotated[
-        Path | None, typer.Option("--validate", help="A record to judge by: nothing is fitted to it.")
+        Path | None, typer.Option("--validate", help="A validation record: no model is fitted to it.")
     ] = None,
-    port: Annotated[int | None, typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1; 0: any.")] = None,
+    port: Annotated[
+        int | None, typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1; 0 chooses a free one.")
+    ] = None,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open a browser.")] = False,
     most: Annotated[int, typer.Option("--max-mb", min=1, max=2000, help="Largest upload in MB.")] = 50,
 ) -> None:
-    """Serve a page on this machine: see where a model fails, add what is missing, watch the error fall."""
+    """Open a page in the browser: see where a model fails, add the missing effect, and compare the errors."""
     if find_spec("nicegui") is None:
         raise NarxError('The page needs further packages: pip install "narx-sym[app]"')
     from .server import Sessions, serve

@@ -70,6 +70,6 @@ def report_of(bench: Any) -> str:
     choice = bench.choice
     settings = {"base": bench.base_name or str(bench.base), "rows": choice.rows or "all"}
     settings["channels"] = ", ".join(choice.channels) or "none"
-    settings |= {"missing": choice.missing, "machine": choice.machine or "told by the units, if they do"}
+    settings |= {"missing": choice.missing, "machine": choice.machine or "from the units, if they show it"}
     units = said_first(bench.record.units, choice.units)
     return page(material(Story.of(bench.revisions), units, [bench.path] if bench.path else [], settings))

@@ -116,7 +116,7 @@ def serve(sessions: Sessions, port: int | None, browser: bool) -> None:
             pass
         finally:
             sessions.close()
-    print("narx-sym app: ended; what was uploaded is removed")
+    print("narx-sym app: stopped; uploaded files were deleted")
 
 
 def application(sessions: Sessions) -> Any:
@@ -166,7 +166,7 @@ def _files(app: Any, sessions: Sessions) -> None:
         try:
             return sessions.benches[request.path_params["key"]]
         except KeyError:
-            raise HTTPException(404, "This page is no longer known: load it again.") from None
+            raise HTTPException(404, "This page has expired: load it again.") from None
 
     def taking(take: Callable[[Workbench, str, bytes], None]) -> Callable[[Request], Awaitable[Response]]:
         async def taken(request: Request) -> Response:

@@ -48,7 +48,7 @@ from .story import Shown
 from .worker import Worker
 
 LIMIT = 50_000_000  # bytes of an upload
-BUSY = "Something is under way: wait for it, or cancel it."
+BUSY = "A computation is running: wait for it, or cancel it."
 PAUSE = 0.05  # seconds between looks at the process, where nothing else waits
 
 
@@ -313,7 +313,7 @@ class Workbench(Compensation):
         """Show a state of the history as it was; where the units have changed since, it is drawn again."""
         with Said(self):
             if not 0 <= index < len(self.history.states):
-                raise ModelError(f"There is no step to {'take back' if index < 0 else 'do again'}.")
+                raise ModelError(f"There is nothing to {'undo' if index < 0 else 'redo'}.")
             if self.worker.busy:
                 raise NarxError(BUSY)
             state, self.history.at = self.history.states[index], index

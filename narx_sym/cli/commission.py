@@ -15,22 +15,24 @@ from .printing import console, working
 def commission(
     model_file: opt.ModelFile,
     data: opt.DataFiles,
-    reference: Annotated[Path, typer.Option("--reference", help="CSV with the wanted output.")],
+    reference: Annotated[Path, typer.Option("--reference", help="CSV with the reference (the desired output).")],
     column: opt.Column = None,
     limits: opt.Limits = None,
     rate: opt.Rate = None,
     share: opt.Share = "auto",
-    draws: Annotated[int, typer.Option(min=20, max=10_000, help="Parameter sets of the Monte Carlo.")] = 200,
-    plot: Annotated[Path, typer.Option("--plot", help="Picture of input, output and error with their bands.")] = Path(
-        "commission.png"
-    ),
-    json: Annotated[Path | None, typer.Option("--json", help="Write the figures.")] = None,
+    draws: Annotated[
+        int, typer.Option(min=20, max=10_000, help="Number of parameter sets in the Monte Carlo simulation.")
+    ] = 200,
+    plot: Annotated[
+        Path, typer.Option("--plot", help="Picture of input, output and error with their 95 % bands.")
+    ] = Path("commission.png"),
+    json: Annotated[Path | None, typer.Option("--json", help="Write the results as JSON.")] = None,
     seed: opt.Seed = 0,
     validate: opt.Validate = None,
     *,
     how: opt.Reading,
 ) -> None:
-    """Go or no go: what a law would reach on the machine, by Monte Carlo over what the records allow."""
+    """Predict the tracking error of a law on the machine (Monte Carlo over models that fit the data): go or no go."""
     from ..data.record import read_signal
     from ..data.units import said_first
     from ..files.store import load
@@ -49,7 +51,7 @@ def commission(
         reference, column, t=how.t, option="--column", prefer="r", unit=names.get("y", ""), offers=()
     )
     check_pace(model, step, f"{reference}: the reference has")
-    with working("Running the law and the models that the records allow"):
+    with working("Running the law on many models that fit the records"):
         part: Any = None if share == "none" else share
         law = model.compensator()
         found = run(law, goal, measured, limits=limits, rate=rate, share=part, draws=draws, seed=seed,

@@ -67,7 +67,7 @@ def identify_both(out: Path, training: Record) -> tuple[Model, Model]:
 
 def derive(out: Path, model: Model) -> None:
     """Derive what section 3 of the paper says of the model."""
-    say("[bold]2. Derive[/bold]: everything below follows from the equation by algebra")
+    say("[bold]2. Derive[/bold]: everything below is derived from the equation by algebra")
     sets = model.quasi_static()
     verdict = analysis.property_1(model)
     say(f"  Sigma_y = {model.sigma_y} = {model.theta[0]:g}; {verdict.reason}", markup=False)
@@ -81,7 +81,7 @@ def compensate(out: Path, model: Model, inverse: Model, validation: Record) -> t
     say("[bold]3. Compensate[/bold]: the law in closed form")
     law, inverse_law = model.compensator(), inverse.compensator()
     say(f"  m[k] = {text(law.law)}", markup=False)
-    say(f"  put back into the model it gives r[k+1] with residual {law.residual()}", markup=False)
+    say(f"  substituted into the model, it gives r[k+1] with residual {law.residual()}", markup=False)
     write_text(out / "law.tex", f"\\[\n{law.latex(numbers=True)}\n\\]\n")
     write_text(out / "law.c", law.export("c"))
     with working("Running the laws on the actuator"):
@@ -126,7 +126,7 @@ def draw(out: Path, model: Model, validation: Record, inputs: dict[str, Any], ou
 
 def find_missing(out: Path) -> None:
     """Diagnose a machine with a hidden effect, add what is named, and diagnose one without it."""
-    say("[bold]5. Diagnose[/bold]: a motor moves a stage; its gear has play, which no linear model knows")
+    say("[bold]5. Diagnose[/bold]: a motor moves a stage; its gear has play, which no linear model contains")
     record = stage(PLAY)
     write_csv(out / "stage.csv", {"t": record.t, "u": record.u, "y": record.y})
     with working("Identifying a linear model of the stage"):

@@ -29,10 +29,13 @@ def diagnose(
     context: typer.Context,
     data: opt.DataFiles,
     base: Annotated[
-        str, typer.Option(help="narx, linear, static, play, bouc-wen, auto, a model file, or a file with equations.")
+        str,
+        typer.Option(
+            help="Base model: narx, linear, static, play, bouc-wen, auto, a model file, or a file with equations."
+        ),
     ] = "linear",
     delay: Annotated[
-        int | None, typer.Option(min=0, max=10_000, help="Dead time in samples; found by default.")
+        int | None, typer.Option(min=0, max=10_000, help="Dead time in samples (default: estimated).")
     ] = None,
     validate: opt.Validate = None,
     max_effects: opt.MaxEffects = 1,
@@ -41,9 +44,15 @@ def diagnose(
     limits: opt.Limits = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write everything as JSON.")] = None,
     save: Annotated[Path | None, typer.Option("--save", help="Write the model with its effects.")] = None,
-    plot: Annotated[Path | None, typer.Option("--plot", help="Picture; where it fails beside it (_where).")] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", help="Write a picture; a second one (_where) shows where the model fails.")
+    ] = None,
     experiment: Annotated[
-        Path | None, typer.Option("--experiment", help="CSV for the next input (default: next.csv beside --json).")
+        Path | None,
+        typer.Option(
+            "--experiment",
+            help="Write the input of the proposed experiment as CSV (default: next.csv in the folder of --json).",
+        ),
     ] = None,
     report: Annotated[Path | None, typer.Option("--report", help="Write one HTML page that shows everything.")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print tables: candidates, errors, limits.")] = False,
@@ -55,12 +64,12 @@ def diagnose(
     *,
     how: opt.Reading,
 ) -> None:
-    """Compare a model with measurements and name the physical effect that is missing.
+    """Find the physical effect that is missing from a model, and add it.
 
-    Without a model file the base is identified first. An effect is only added where the error falls on the data and on
-    validation data: those of --validate, else the last part of each record, which no model is fitted to. Errors are of
-    the free run over the whole record from start states estimated on it, as `narx-sym compare` gives them.
-    The same data and seed give the same JSON; only its last field, `seconds`, differs.
+    Without a model file a base model is identified first. An effect is only added if the error falls on the data and on
+    validation data (those of --validate, else the last part of each record, to which no model is fitted). All errors
+    are free-run errors over the whole record, with estimated start states, as in `narx-sym compare`.
+    The same data and seed give the same JSON, except for its last field, `seconds`.
     """
     from ..diagnosis.experiment import check_limits, wider_file
     from ..diagnosis.machine import check_machine
@@ -110,7 +119,7 @@ def diagnose(
     if save:
         store.save(found.model, save)
         if len(found.rungs) == 1:
-            note("nothing was added: the model written is the base")
+            note("no effect was added: the written model is the base model")
     settings = {
         "base": base, "validation": ", ".join(map(str, validate or [])) or "last part",
         "delay": "found" if delay is None else delay, "max_effects": max_effects,
@@ -159,7 +168,8 @@ def _read(file: Path, delay: int | None) -> Model:
     model = read_base(file)
     if delay is not None:
         raise DataError(
-            f"{file}: the model has its own delay ({model.delay}); --delay is for a base that is identified."
+            f"{file}: this model already has a delay ({model.delay}); --delay is only for a base model that is "
+            "identified here."
         )
     return model
 

@@ -14,19 +14,24 @@ from .printing import console, print_equations, print_errors, working
 @opt.reads()
 def add(
     model_file: opt.ModelFile,
-    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="Id, as `narx-sym effects` lists it.")],
+    effect: Annotated[
+        str, typer.Argument(metavar="EFFECT", help="Name of the effect, as listed by `narx-sym effects`.")
+    ],
     data: opt.DataFiles,
     out: Annotated[Path, typer.Option("--out", help="Where to write the model with the effect.")],
     where: Annotated[
         str | None,
-        typer.Option(help="input, force, inside, motion, friction, output or sensor (default: what fits best)."),
+        typer.Option(
+            help="Where the effect acts: input, force, inside, motion, friction, output or sensor (default: "
+            "the best fit)."
+        ),
     ] = None,
     seed: opt.Seed = 0,
     effects: opt.EffectFiles = None,
     *,
     how: opt.Reading,
 ) -> None:
-    """Add an effect to a model, fit both together in free run, and compare the errors before and after."""
+    """Add an effect to a model, fit them together in free run, and compare the errors before and after."""
     from ..diagnosis.add import Addition
     from ..files.store import save
     from ..models.effects import PLACES
@@ -50,16 +55,18 @@ def add(
 
 
 def effects(effects: opt.EffectFiles = None) -> None:
-    """List the catalogue: what each effect is, its equations, where it may act, units and sources."""
+    """List all effects that `diagnose` knows: their equations, places, units and sources."""
     from ..models.effects import DETECTED
 
     say = console().print
     catalogue = opt.with_own(effects or [])
-    say("Every effect multiplies a coefficient c: at c = 0 the model is as before. x is what drives it.\n")
+    say(
+        "Every effect has a coefficient c; with c = 0 the model is unchanged. x is the signal that drives the effect.\n"
+    )
     for name, forms in catalogue.items():
         needs = any("channel" in f.arguments for f in forms)
         say(f"[bold]{name}{':<name>' if needs else ''}[/bold]  {forms[0].sentence}")
         for one in forms:
             say(f"    {f'{one.form}: ' if one.form else ''}{one.written}", markup=False)
             say(f"        {one.acts}{f'; {one.source}' if one.source else ''}", markup=False)
-    say("\nSeen in the record itself, without a model: " + ", ".join(DETECTED) + ".")
+    say("\nFound in the record itself, without a model: " + ", ".join(DETECTED) + ".")

@@ -14,16 +14,25 @@ from . import options as opt
 from .printing import console, note, table
 
 SHOWN = 10
-EXPLAINED = "explained, of the std of y"
+EXPLAINED = "explained, fraction of std(y)"
 
 
 @opt.reads("rows")
 def fleet(
     source: Annotated[str, typer.Argument(help="A folder, a pattern, or a CSV with a column `file`.")],
-    out: Annotated[Path, typer.Option("--out", help="The page; its rows go beside it as CSV (and Parquet).")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", help="HTML page to write; its table is also written as CSV (and Parquet) in the same folder."
+        ),
+    ],
     base: Annotated[str, typer.Option(help="linear, static, narx, bouc-wen or auto.")] = "linear",
     group: Annotated[
-        str, typer.Option("--group", help="What tells the machine: a column of the list, or a regular expression.")
+        str,
+        typer.Option(
+            "--group",
+            help="How to find the name of the machine: a column of the list, or a regular expression for the path.",
+        ),
     ] = "",
     validate: Annotated[
         str,
@@ -33,19 +42,19 @@ def fleet(
     ] = "",
     max_effects: opt.MaxEffects = 1,
     seed: opt.Seed = 0,
-    budget: Annotated[float, typer.Option(min=0.0, help="Seconds per record; 0 for no limit.")] = 0.0,
-    jobs: Annotated[int, typer.Option(help="Processes; -1 for all cores.")] = -1,
-    dask: Annotated[str, typer.Option("--dask", help="Address of a Dask scheduler that is already there.")] = "",
+    budget: Annotated[float, typer.Option(min=0.0, help="Time limit per record in s; 0: no limit.")] = 0.0,
+    jobs: Annotated[int, typer.Option(help="Number of processes; -1: all cores.")] = -1,
+    dask: Annotated[str, typer.Option("--dask", help="Address of a Dask scheduler that is already running.")] = "",
     reports: Annotated[Path | None, typer.Option("--reports", help="A folder for one report per record.")] = None,
     resume: opt.Resume = None,
     machine: opt.Machine = "",
     *,
     how: opt.Reading,
 ) -> None:
-    """Diagnose many records in parallel: one page, the worst first, machine by effect, and what grows.
+    """Diagnose many records in parallel; write one page with the worst records, effects per machine, and trends.
 
-    What is explained is a share of the output's standard deviation: (error before - error after) / std(y). It is not
-    the share of the removable error that `diagnose` tells of one record.
+    "Explained" is (error before - error after) / std(y). It is not the fraction of the removable error that `diagnose`
+    reports for one record.
     """
     from ..data.evidence.roles import roles_of
     from ..files.journal import resuming

@@ -28,30 +28,38 @@ def compensate(
     fmu2: Annotated[Path | None, typer.Option("--fmu2", help="The same for FMI 2.0.")] = None,
     export: Annotated[
         list[Path] | None,
-        typer.Option("--export", help="Write the law as source; the ending says for which target. May be repeated."),
+        typer.Option(
+            "--export", help="Write the law as source code; the file extension selects the language. May be repeated."
+        ),
     ] = None,
-    reference: Annotated[Path | None, typer.Option("--reference", help="CSV with the wanted output.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="CSV for the compensated input.")] = None,
+    reference: Annotated[
+        Path | None, typer.Option("--reference", help="CSV with the reference (the desired output).")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="CSV file to write the compensated input to.")] = None,
     column: opt.Column = None,
-    m0: Annotated[float | None, typer.Option("--m0", help="Input before the start.")] = None,
+    m0: Annotated[float | None, typer.Option("--m0", help="Input before the first sample.")] = None,
     limits: opt.Limits = None,
     rate: opt.Rate = None,
     share: opt.Share = "auto",
     no_limits: Annotated[
-        bool, typer.Option("--no-limits", help="Export without the known range of the input as its limits.")
+        bool,
+        typer.Option("--no-limits", help="Export the law without input limits (default: the input range of the fit)."),
     ] = False,
     force: Annotated[
-        bool, typer.Option("--force", help="Also a law that is unstable, or of a model not to be used.")
+        bool, typer.Option("--force", help="Continue even if the law is unstable or the model is too poor.")
     ] = False,
     clip: Annotated[
-        bool, typer.Option("--clip", help="Come as near as possible where the reference cannot be reached.")
+        bool,
+        typer.Option(
+            "--clip", help="If the reference cannot be reached, come as close as possible instead of stopping."
+        ),
     ] = False,
     units: opt.Units = "",
     t: opt.Time = "t",
     ts: opt.Ts = None,
     rows: opt.Rows = None,
 ) -> None:
-    """Derive the compensation law, print it, export it as LaTeX or source, and run it over a reference."""
+    """Derive the compensation law, print it, export it as LaTeX or source code, and run it along a reference."""
     from ..codegen.registry import exports, target_of
     from ..codegen.units import coefficients_latex
     from ..data.units import said_first
@@ -97,10 +105,13 @@ def compensate(
 def _check_run(reference: Path | None, out: Path | None, options: dict[str, Any]) -> None:
     """Refuse half a run of a law, and options of a run where there is none."""
     if (reference is None) != (out is None):
-        raise DataError("--reference and --out belong together: the reference read, the compensated input written.")
+        raise DataError(
+            "Give --reference and --out together: the reference is read from one, the compensated input "
+            "is written to the other."
+        )
     unused = [name for name, value in options.items() if value is not None]
     if reference is None and unused:
-        raise DataError(f"--{unused[0]} belongs to a run of the law: give --reference and --out too.")
+        raise DataError(f"--{unused[0]} needs a run of the law: give --reference and --out too.")
 
 
 def _tell(law: Compensator, share: Any, known: dict[str, str]) -> None:
@@ -138,7 +149,7 @@ def _follow(
     write_csv(out, {"t": stamps, "r": r, "m": m, **beside})
     say = console().print
     say(f"Compensated input: {len(m)} samples, m in [{m.min():.4g}, {m.max():.4g}]")
-    how = "starts from rest" if run.rests else "starts where the model does not rest,"
+    how = "starts from rest" if run.rests else "does not start from rest; it starts"
     first = run.start if abs(run.start) > 1e-12 * abs(m).max() else 0.0
     say(f"It {how} at m = {first:.6g} with the output at {r[0]:.6g}. To see what the model expects:")
     files = shlex.join([str(model_file), str(out)])
@@ -147,7 +158,7 @@ def _follow(
         markup=False,
     )
     if run.effort is not None:
-        say(f"NSAVI (effort against the reference's): {run.effort:.4g}")
+        say(f"NSAVI (movement of the input relative to the reference): {run.effort:.4g}")
     say(f"Written to {out}")
 
 
@@ -184,7 +195,7 @@ def simulate(
     ts: opt.Ts = None,
     rows: opt.Rows = None,
 ) -> None:
-    """Free run over an input."""
+    """Simulate a model: its free run for an input from a file."""
     from ..files.atomic import check_columns, write_csv
     from ..files.store import load
 

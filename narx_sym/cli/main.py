@@ -36,24 +36,33 @@ def fit(
     data: opt.DataFiles,
     out: Annotated[Path, typer.Option("--out", help="Where to write the model.")],
     base: Annotated[
-        str, typer.Option(help="narx, linear, static, play, bouc-wen, auto, or a file with equations.")
+        str, typer.Option(help="Kind of model: narx, linear, static, play, bouc-wen, auto, or a file with equations.")
     ] = "narx",
     n_y: Annotated[int, typer.Option("--n-y", min=0, max=20, help="Largest lag of the output.")] = 1,
     n_u: Annotated[int, typer.Option("--n-u", min=0, max=200, help="Largest lag of the input.")] = 2,
-    degree: Annotated[int, typer.Option(min=1, max=6, help="Degree of the products.")] = 3,
-    delay: Annotated[int | None, typer.Option(min=0, max=200, help="Pure delay in samples.")] = None,
-    for_compensation: Annotated[bool, typer.Option("--for-compensation", help="Keep the model invertible.")] = False,
+    degree: Annotated[int, typer.Option(min=1, max=6, help="Largest degree of the polynomial terms.")] = 3,
+    delay: Annotated[
+        int | None, typer.Option(min=0, max=200, help="Delay of the input in samples (default: chosen from the data).")
+    ] = None,
+    for_compensation: Annotated[
+        bool, typer.Option("--for-compensation", help="Use only terms for which a compensation law exists.")
+    ] = False,
     validate: opt.Validate = None,
-    creep: Annotated[bool, typer.Option("--creep", help="With --base play: a share of the motion comes late.")] = False,
+    creep: Annotated[
+        bool, typer.Option("--creep", help="With --base play: also fit creep (a slow part of the motion).")
+    ] = False,
     method: Annotated[str, typer.Option(help="auto, one_step, free_run or els.")] = "auto",
     steady_state: opt.SteadyState = None,
     weight: Annotated[
-        float | None, typer.Option("--weight", min=0, help="Of --steady-state beside the dynamic error (default: 1).")
+        float | None,
+        typer.Option(
+            "--weight", min=0, help="Weight of the --steady-state data relative to the dynamic data (default: 1)."
+        ),
     ] = None,
     *,
     how: opt.Reading,
 ) -> None:
-    """Select the structure and fit the parameters under Sigma_y = 1."""
+    """Identify a model: choose its terms and fit its parameters (with --base narx under Sigma_y = 1)."""
     from ..files.store import save
     from ..fit.identify import BASES, check_method, identify, with_steady_state
     from ..models.differential import from_equations
@@ -101,16 +110,20 @@ def derive(
     data: Annotated[
         list[Path] | None,
         typer.Option(
-            "--data", help="With --continuous: a record that it was fitted to, for intervals. May be repeated."
+            "--data",
+            help="With --continuous: a record used in the fit, to compute confidence intervals. May be repeated.",
         ),
     ] = None,
-    json: Annotated[Path | None, typer.Option("--json", help="With --continuous: write the quantities.")] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", help="With --continuous: write the quantities as JSON.")
+    ] = None,
     *,
     how: opt.Reading,
 ) -> None:
-    """Derive Sigma_y, the equilibria, the quasi-static sets, where they attract, and check the assumptions.
+    """Derive Sigma_y, the equilibria, the quasi-static sets and where they are attracting; check the assumptions.
 
-    With --continuous: the differential equation, with mass, friction, time constants and dead time in physical units.
+    With --continuous: derive the differential equation, with mass, friction, time constants and dead time in physical
+    units.
     """
     from ..files.atomic import write_text
     from ..files.store import load
@@ -118,7 +131,7 @@ def derive(
 
     opt.check_targets([latex, plot, json], model_file, *(data or []))
     if not continuous and (scale or data or json):
-        raise DataError("--scale, --data and --json belong to derive --continuous.")
+        raise DataError("--scale, --data and --json need derive --continuous.")
     model = load(model_file)
     if continuous:
         if plot:
@@ -178,17 +191,18 @@ def compare(
         str | None, typer.Option("--reference", help="Column of the reference in a log of a compensated run.")
     ] = None,
     align: Annotated[
-        bool, typer.Option("--align", help="Estimate a constant offset of the sensor beside the start states.")
+        bool,
+        typer.Option("--align", help="Also estimate a constant offset of the sensor, in addition to the start states."),
     ] = False,
     validate: opt.Validate = None,
-    json: Annotated[Path | None, typer.Option("--json", help="Write the errors.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", help="Write the errors as JSON.")] = None,
     *,
     how: opt.Reading,
 ) -> None:
-    """Compare a model with measurements: one-step and free-run errors, time response and loop, where it fails.
+    """Compare a model with measurements: one-step and free-run errors, time response, loop, and where the model fails.
 
-    The free-run error is that of the whole record at its own rate, from start states estimated on it.
-    With --reference the data are a log of reference, compensated input and measured output: tracking MAPE and NSAVI.
+    The free run covers the whole record at its sampling rate, from start states estimated on it.
+    With --reference the data are the log of a compensated run (reference, input, output): prints MAPE and NSAVI.
     """
     from ..data.units import said_first
     from ..files.store import load
@@ -231,7 +245,7 @@ def _pictures(model: Any, measured: list[Any], target: Path, misfit: Any, where:
         console().print(f"Picture of {name}: {path}")
     if misfit is not None and where is not None:
         opt.save_figure(where_it_fails(misfit, units=units), where)
-        console().print(f"Picture of where it fails: {where}")
+        console().print(f"Picture of where the model fails: {where}")
 
 
 for command in (
@@ -248,7 +262,7 @@ for command in (
 
 @app.command()
 def demo(out: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("narx_sym_demo")) -> None:
-    """Run the main job on simulated machines: identify, derive, compensate, compare, find a hidden effect, add it."""
+    """Show everything on simulated machines: identify, derive, compensate, compare, find a hidden effect, add it."""
     from .demo import run
 
     if not out.parent.is_dir() or out.is_file():

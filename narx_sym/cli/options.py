@@ -23,74 +23,90 @@ if TYPE_CHECKING:
     from ..models.model import Model
 
 DataFiles = Annotated[
-    list[Path], typer.Argument(metavar="DATA...", help="CSV with a header, .npz, .mat, .parquet, .mf4 or .tdms.")
+    list[Path],
+    typer.Argument(metavar="DATA...", help="Data file: CSV with a header, .npz, .mat, .parquet, .mf4 or .tdms."),
 ]
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model file.")]
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model file written by narx-sym.")]
 Input = Annotated[str, typer.Option("--input", help="Column of the input.")]
 Output = Annotated[str, typer.Option("--output", help="Column of the output.")]
 Time = Annotated[str, typer.Option("--time", help="Column of the time, in s.")]
 Ts = Annotated[float | None, typer.Option("--ts", help="Sampling time in s; overrides the time column.")]
-Channels = Annotated[str, typer.Option("--channels", help="Further columns: names with commas, or all.")]
-Rows = Annotated[str | None, typer.Option("--rows", help="Data rows A:B, counted from 0.")]
+Channels = Annotated[str, typer.Option("--channels", help="Further columns to use: names separated by commas, or all.")]
+Rows = Annotated[str | None, typer.Option("--rows", help="Use only the data rows A:B, counted from 0.")]
 Validate = Annotated[
     list[Path] | None,
-    typer.Option("--validate", help="A record to judge by: nothing is fitted to it. May be repeated."),
+    typer.Option("--validate", help="A validation record: no model is fitted to it. May be repeated."),
 ]
 SteadyState = Annotated[
     Path | None,
     typer.Option(
         "--steady-state",
-        help="Pairs measured at rest, in columns named as in the data: fitted one step ahead beside them, with --base "
-        "narx, linear or static.",
+        help="CSV with steady-state pairs of input and output, in columns named as in the data, to fit together with "
+        "them. Needs --base narx, linear or static.",
     ),
 ]
 Missing = Annotated[
-    str, typer.Option("--missing", help="Rows with missing values: refuse, or drop (a few are filled) and say so.")
+    str,
+    typer.Option(
+        "--missing",
+        help="Missing values: refuse (stop with an error), or drop (remove these rows, "
+        "fill short gaps, and print what was done).",
+    ),
 ]
 Units = Annotated[
     str,
     typer.Option(
-        "--units", help="Units as V,um,temp=degC: input, output, channels by name (default: those in the file)."
+        "--units", help="Units of input, output and channels, such as V,um,temp=degC (default: those in the file)."
     ),
 ]
 Scale = Annotated[
     str | None,
-    typer.Option("--scale", help="Force per unit of the input, as u=35.15N/V: forces are told in that unit."),
+    typer.Option(
+        "--scale", help="Force per unit of the input, such as u=35.15N/V; forces are then printed in this unit."
+    ),
 ]
 Roles = Annotated[
     str,
     typer.Option(
         "--role",
-        help="What columns are, as command=setpoint,temp=disturbance: setpoint, input, disturbance, derivative-of-y, "
-        "integral-of-y or ignore (default: seen in the numbers, else guessed from the name; it is said).",
+        help="Roles of columns, such as command=setpoint,temp=disturbance. A role is setpoint, input, disturbance, "
+        "derivative-of-y, integral-of-y or ignore (default: detected from the values, else guessed from the "
+        "name; the guess is printed).",
     ),
 ]
 Machine = Annotated[
     str,
     typer.Option(
         "--machine",
-        help="What was measured: thermal, tank, drive, motion-force, smart-material, soft, propeller, valve, "
-        "structure, circuit, battery, process or pendulum; none: not known (default: as units tell; it is said).",
+        help="Kind of machine: thermal, tank, drive, motion-force, smart-material, soft, propeller, valve, "
+        "structure, circuit, battery, process or pendulum; none: unknown (default: guessed from the units; the guess "
+        "is printed).",
     ),
 ]
-MaxEffects = Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Most effects added.")]
+MaxEffects = Annotated[int, typer.Option("--max-effects", min=1, max=20, help="Largest number of effects to add.")]
 OpenLoop = Annotated[
-    bool, typer.Option("--open-loop", help="No controller made the input from the output, whatever it looks like.")
+    bool, typer.Option("--open-loop", help="The record was taken in open loop: do not check for feedback.")
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Of everything that is drawn at random.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
 Column = Annotated[str | None, typer.Option("--column", help="Column of the reference (default: the only one).")]
 Limits = Annotated[
-    tuple[float, float] | None, typer.Option("--limits", metavar="LO HI", help="Range of the actuator's input.")
+    tuple[float, float] | None,
+    typer.Option("--limits", metavar="LO HI", help="Smallest and largest input of the actuator."),
 ]
 Rate = Annotated[float | None, typer.Option("--rate", help="Largest change of the input per sample.")]
 Share = Annotated[
-    str, typer.Option("--share", help="Part of the way to go in a sample: auto (a law that rings), none, or a number.")
+    str,
+    typer.Option(
+        "--share",
+        help="Damping: fraction of each computed input change to apply. auto (damp only a "
+        "law that rings), none, or a number.",
+    ),
 ]
 Resume = Annotated[
-    Path | None, typer.Option("--resume", help="Keep results here; an interrupted run goes on from them.")
+    Path | None, typer.Option("--resume", help="File for intermediate results; an interrupted run continues from them.")
 ]
 EffectFiles = Annotated[
-    list[Path] | None, typer.Option("--effects", help="Your own effects (TOML or JSON); may be repeated.")
+    list[Path] | None, typer.Option("--effects", help="File with your own effects (TOML or JSON); may be repeated.")
 ]
 
 
@@ -177,13 +193,13 @@ def check_rest(file: Path | None, weight: float | None, method: str, base: str) 
     """Return the method of a fit; refuse what steady-state data cannot enter, before any work is done."""
     if file is None:
         if weight is not None:
-            raise DataError("--weight is that of --steady-state: give its file too.")
+            raise DataError("--weight needs --steady-state: give its file too.")
         return method
     if method not in ("auto", "one_step"):
-        raise FitError(f"Steady-state data enter the one-step fit: use --method one_step, not {method}.")
+        raise FitError(f"Steady-state data can only be used in the one-step fit: use --method one_step, not {method}.")
     if base not in ("narx", "linear", "static"):
         raise FitError(
-            f"Steady-state data enter models that are linear in their parameters: --base narx, linear or static, not "
+            "Steady-state data need a model that is linear in its parameters: --base narx, linear or static, not "
             f"{base}."
         )
     return "one_step"
@@ -238,7 +254,9 @@ def check_format(path: Path | None) -> None:
 
     supported = FigureCanvasBase.get_supported_filetypes()
     if path.suffix.lstrip(".").lower() not in supported:
-        raise DataError(f"{path}: pictures end in one of {', '.join(sorted('.' + s for s in supported))}.")
+        raise DataError(
+            f"{path}: unknown kind of picture; end the name in one of {', '.join(sorted('.' + s for s in supported))}."
+        )
 
 
 def save_figure(figure: Any, path: Path) -> None:
@@ -260,7 +278,7 @@ def check_targets(targets: Sequence[Path | None], *read: Path | None) -> None:
             continue
         where = check_path(path)
         if where in sources:
-            raise DataError(f"{path}: is read by this command; write to another file.")
+            raise DataError(f"{path}: this command reads this file; write to another one.")
         if where in given and where.is_file() == where.exists():
             raise DataError(f"{path}: two results would go to the same file; choose different names.")
         given.add(where)

@@ -124,7 +124,7 @@ def print_errors(rows: list[tuple[str, Any]]) -> None:
     from ..fit.evaluate import PROTOCOL
 
     table(
-        "Errors, always in pairs (NRMSE = rms error / std of the output; fit = 100 (1 - NRMSE))",
+        "Errors one step ahead and in free run (NRMSE = rms error / std of the output; fit = 100 (1 - NRMSE))",
         ["record", "one-step NRMSE", "free-run NRMSE", "fit [%]", "one-step MAPE", "free-run MAPE"],
         [[n, e.one_step_nrmse, e.free_run_nrmse, e.fit, e.one_step_mape, e.free_run_mape] for n, e in rows],
     )
@@ -156,7 +156,7 @@ def print_fails(misfit: Any, units: dict[str, str], most: int = 5) -> None:
         for row in misfit.table(units)[:most]
     ]
     table(
-        "Where it fails (share of the variance that a panel explains)",
+        "Where the model fails (percentage of the variance that each panel explains)",
         ["panel", "of the error", "of the missing input", "worst"],
         rows,
     )
@@ -220,14 +220,14 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
         for one, row in zip(found.candidates, found.table(), strict=True)
     ]  # fmt: skip
     if rows:
-        meant = "both together are missing" if step.pair else "these data cannot tell apart"
+        meant = "both together are probably missing" if step.pair else "these data cannot distinguish them"
         table(
-            f"Candidates (share of the removable error, with its 95 % interval; {MARK} {meant})",
+            f"Candidates (percentage of the removable error that each removes, with its 95 % interval; {MARK} {meant})",
             [
                 "effect",
                 "where",
                 "probability",
-                "share",
+                "removes",
                 "interval",
                 "cross-validated NRMSE before",
                 "after",
@@ -264,9 +264,13 @@ def print_detectable(step: Any, units: dict[str, str]) -> None:
     ]
     if rows:
         table(
-            "What could not have been seen: an effect that moves the output by less",
+            "Detection limits: an effect that moves the output by less than this could not have been detected",
             ["effect", f"rms{unit}", "of the output's standard deviation"],
             rows,
         )
     if step.absorbed:
-        console().print(f"A refit of the base absorbs: {', '.join(map(words, step.absorbed))}.", markup=False)
+        console().print(
+            "Not detectable, because the parameters of the base model can reproduce it: "
+            f"{', '.join(map(words, step.absorbed))}.",
+            markup=False,
+        )

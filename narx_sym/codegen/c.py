@@ -161,7 +161,7 @@ def _comment(layout: Layout, writer: _C, request: Request, tested: bool) -> list
     """Return the comment on top: the equations, how the functions are used, and how the source tests itself."""
     name, library = request.name, " -lm" if writer.mathematics else ""
     takes = ", ".join(layout.when(b) for b in request.recursion.inputs) or "nothing"
-    none = "No self-test: short runs from rest leave the finite numbers, or hang on the last bits of theirs."
+    none = "No self-test: short runs from rest diverge, or depend on the last bits of the numbers."
     test = f"Self-test: cc -std=c99 -D{name.upper()}_SELF_TEST file.c{library} && ./a.out"
     return layout.comment(
         *request.notes,
@@ -169,7 +169,7 @@ def _comment(layout: Layout, writer: _C, request: Request, tested: bool) -> list
         * bool(layout.parameters),
         f"{name}_init fills the past with values at rest; {name}_step takes {takes} and returns "
         f"{layout.output}[k]; further states are in the struct, newest first.",
-        f"Give it finite numbers: a NaN that was taken may stay in the past until {name}_init is called again.",
+        f"Pass finite numbers only: a NaN may stay in the past samples until {name}_init is called again.",
         f"No heap, no static data. C99{'; link with -lm' if library else ''}.",
         test if tested else none,
     )

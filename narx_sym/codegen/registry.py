@@ -135,5 +135,5 @@ def target_of(path: Any) -> str:
     """Return the name of the target that a file asks for by its ending."""
     known, ending = files(), path.suffix.lower()
     if ending not in known:
-        raise ModelError(f"{path}: sources end in one of {', '.join(sorted(known))}.")
+        raise ModelError(f"{path}: unknown kind of source file; end the name in one of {', '.join(sorted(known))}.")
     return known[ending]

@@ -61,10 +61,7 @@ class _ST(StepWriter):
         return self.call("EXPT", base, f"{self.real}#{exponent}" if exponent[:1].isdigit() else exponent)
 
     def undefined(self, expr: Any) -> str:
-        raise ModelError(
-            f"Structured Text has no value for a Piecewise none of whose cases holds: give {expr} a last case that "
-            "always holds."
-        )
+        raise ModelError(f"In Structured Text a Piecewise needs a last case that is always true: {expr} has none.")
 
     def define(self, name: str, shown: str, boolean: bool = False) -> list[str]:
         self.locals.append(Variable(name, "BOOL" if boolean else self.real))
@@ -152,9 +149,9 @@ def block(request: Request) -> Block:
     comment = layout.comment(
         *request.notes,
         f"Call it once per sample with {takes}; it gives {layout.output}[k].",
-        "In its first call, and whenever restart is TRUE, it starts from rest: the inputs as they are, the rest at the "
-        "values that end in _rest.",
-        "Give it finite numbers: what is none may stay in the past until restart is TRUE.",
+        "In its first call, and whenever restart is TRUE, it starts from rest: the inputs have their present values, "
+        "the other signals those whose names end in _rest.",
+        "Pass finite numbers only: a NaN may stay in the past samples until restart is TRUE.",
     )
     declared = {
         "VAR_INPUT": [

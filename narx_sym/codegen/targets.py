@@ -19,7 +19,7 @@ DRAWN = ("js", "casadi")  # what pages draw and programs analyse: no machine run
 def export_model(
     model: Model, to: str, name: str = "model", single: bool = False, units: Mapping[str, str] | None = None
 ) -> Any:
-    """Return the free run for another place.
+    """Export the free run of a model as source code or as an object of another library.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def export_law(
     share: Any = "auto",
     force: bool = False,
 ) -> Any:
-    """Return the law for another place; `to` as in `export_model`.
+    """Export the law as source code or as an object of another library; `to` as in `export_model`.
 
     By default its input stays within the known range of the model; `limits` are others, None is without any. It starts
     from the rest of the first reference, where the model knows its records. Where the reference cannot be reached it
@@ -101,14 +101,14 @@ def export_law(
 
 def law_notes(law: Compensator, recursion: Recursion, limits: Sequence[float] | None = None) -> list[str]:
     """Return what the comment on top says of limits, and of a law with the model beside it."""
-    held = [f"{m.label} is held from {limits[0]:.6g} to {limits[1]:.6g}."] if limits is not None else []
+    held = [f"{m.label} is limited to {limits[0]:.6g} ... {limits[1]:.6g}."] if limits is not None else []
     if law.model.output not in recursion.states:
         return held
-    given = f"{law.model.output.label} is what the model gives of {m.label}"
+    given = f"{law.model.output.label} is the output of the model for {m.label}"
     return [
         *held,
-        f"Where no input gives the reference, the law comes as near as it can and goes on from there: {given}.",
-        *["Of several inputs that are right for a sample it takes one at once; law.run may go back to another."]
+        f"If no input reaches the reference, the law comes as close as it can and continues from there: {given}.",
+        *["If several inputs solve a sample, it takes one at once; law.run may later return to another one."]
         * bool(law.open_stages()),
     ]
 

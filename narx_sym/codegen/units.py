@@ -42,7 +42,7 @@ class Coefficients:
 def coefficient_units(
     model: Model, units: Mapping[str, str] | None = None, shapes: Mapping[str, str] | None = None
 ) -> dict[str, str]:
-    """Return the unit of each parameter by its name, as far as it follows; see `narx_sym.codegen.dimensions`.
+    """Return the unit of each parameter by its name, if it is determined; see `narx_sym.codegen.dimensions`.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def coefficient_units(
 def coefficients(
     law: Compensator, units: Mapping[str, str] | None = None, latex: bool = False
 ) -> tuple[Coefficients, ...]:
-    """Return the numbers of a law with their units, equation by equation, without those whose unit does not follow.
+    """Return the coefficients of a law with their units; coefficients whose unit is not determined are left out.
 
     Parameters
     ----------

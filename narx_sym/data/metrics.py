@@ -10,7 +10,7 @@ from .arrays import Vector, vector
 
 
 def mape(y: ArrayLike, y_hat: ArrayLike) -> float:
-    """Mean absolute error in per cent of the range of `y`.
+    """Return the mean absolute error in per cent of the range of `y` (the paper's MAPE).
 
     Parameters
     ----------
@@ -26,6 +26,12 @@ def mape(y: ArrayLike, y_hat: ArrayLike) -> float:
     ------
     NarxError
         For arrays of different lengths, and a `y` that is constant.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> print(round(ns.mape([0.0, 1.0, 2.0], [0.1, 1.0, 1.9]), 3))
+    3.333
     """
     a, b = _pair(y, y_hat, "mape", "y", "y_hat")
     _need_change(a, "mape", "y")
@@ -33,7 +39,7 @@ def mape(y: ArrayLike, y_hat: ArrayLike) -> float:
 
 
 def nsavi(m: ArrayLike, r: ArrayLike) -> float:
-    """Variation of the compensated input `m` over the variation of the reference `r`.
+    """Return how much the compensated input `m` moves, relative to the reference `r` (the paper's NSAVI).
 
     Parameters
     ----------
@@ -49,6 +55,12 @@ def nsavi(m: ArrayLike, r: ArrayLike) -> float:
     ------
     NarxError
         For arrays of different lengths, and an `r` that is constant.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> print(ns.nsavi([0.0, 2.0, 1.0], [0.0, 1.0, 1.5]))
+    2.0
     """
     a, b = _pair(m, r, "nsavi", "m", "r")
     _need_change(b, "nsavi", "r")

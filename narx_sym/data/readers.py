@@ -67,7 +67,7 @@ def _load_text(name: str, wanted: Collection[str] | None) -> Table:
     body = body[sum(len(line) + 1 for line in above[: data - 1]) :]
     top = lines[at]
     if at:
-        notes.append(f"what stands above the names in line {first + at} is skipped")
+        notes.append(f"the text above the column names in line {first + at} is skipped")
     below = re.search(rb"[^\n]+", body)
     sep = _separator([top, below[0].decode()] if below else [top])
     header = _fields(top, sep)

@@ -26,7 +26,9 @@ YEARS = 3e8  # [s], ten years: a record that seems longer has its time in anothe
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record:
-    """One experiment on a regular time grid; all arrays are read-only copies.
+    """One experiment on a regular time grid: input u, output y and further channels.
+
+    Make it with `read` (from a file) or `Record.from_arrays`. Its arrays are read-only copies.
 
     Attributes
     ----------
@@ -37,15 +39,24 @@ class Record:
     channels : dict of (N,) arrays
         Further measured signals.
     notes : tuple of str
-        All that was dropped, snapped or resampled.
+        What was removed, filled or resampled.
     breaks : tuple of int
         Indices where a new segment starts after a gap.
     units : dict of str
-        Of u, y and the channels, where they are known.
+        Units of u, y and the channels, if they are known.
     aside : tuple of str
-        Names of the further columns of its file: signals that nobody asked for.
+        Names of the columns of the file that are not used.
     roles : dict of str
-        Of each channel one of `roles.ROLES`: what is not given is seen in numbers, names and units, and noted.
+        Role of each channel, one of `roles.ROLES`. A role that is not given is detected from values, name and unit.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> record = ns.Record.from_arrays(u=[0, 1, 1, 0], y=[0, 0.5, 0.9, 0.4], Ts=0.1, units={"u": "V", "y": "mm"})
+    >>> record
+    Record 'record': N = 4, Ts = 0.1 s, 0.3 s, u in [0, 1] V, y in [0, 0.9] mm
+    >>> len(record[1:]), record.units["y"]
+    (3, 'mm')
     """
 
     u: Vector
@@ -90,7 +101,7 @@ class Record:
         units: Mapping[str, str] | None = None,
         roles: Mapping[str, str] | None = None,
     ) -> Record:
-        """Record from (N,) or (N, 1) arrays, lists or Series; `Ts` in s overrides the stamps `t` in s.
+        """Make a record from (N,) or (N, 1) arrays, lists or Series; `Ts` in s overrides the time stamps `t` in s.
 
         `units` such as {"u": "V", "y": "um"}, and `roles` such as {"command": "setpoint"}, go with the record.
         DataError says what is wrong with the arrays.
@@ -136,22 +147,22 @@ class Record:
         )  # fmt: skip
 
     def remarks(self, among: Sequence[Record] = ()) -> list[str]:
-        """Return what to know about the data, among other records, before anything is concluded from them."""
+        """Return remarks on the data that matter for every conclusion from them."""
         found = []
         for word, name in {"input": "u", "output": "y"}.items():
             x = np.concatenate([getattr(r, name) for r in among or (self,)])
             low, high = float(x.min()), float(x.max())
             if low < high and np.all((x == low) | (x == high)):
                 found.append(
-                    f"the {word} takes only two values, {low:.6g} and {high:.6g}: what happens between them, a bend "
-                    "or a dead zone, cannot be seen"
+                    f"the {word} takes only two values, {low:.6g} and {high:.6g}: what happens between them, such as "
+                    "a curve or a dead zone, cannot be detected"
                 )
         frequency = one_sine(self.u, self.Ts)
         if frequency:
             found.append(
-                f"the input is one sine of {frequency:.3g} Hz: what comes late (a lag, creep, drag) and what remembers "
-                "where the input turned (hysteresis, friction, slack) draw similar loops there; a second frequency, or "
-                "a record with other amplitudes, tells them apart"
+                f"the input is one sine of {frequency:.3g} Hz: with one sine, effects of speed (a lag, creep, drag) "
+                "and effects with memory (hysteresis, friction, slack) draw similar loops; record a second "
+                "frequency or other amplitudes to distinguish them"
             )
         if self.Ts * len(self) > YEARS:
             found.append(
@@ -161,7 +172,7 @@ class Record:
         return found
 
     def segments(self) -> list[Record]:
-        """Contiguous records between the breaks; a single sample left alone by a cut is no segment."""
+        """Return the segments between the breaks as records; single samples are left out."""
         if not self.breaks:
             return [self]
         edges = (0, *self.breaks, len(self))
@@ -272,31 +283,51 @@ def read(
     units: Mapping[str, str] | None = None,
     roles: Mapping[str, str] | None = None,
 ) -> Record:
-    """Read one experiment from .csv, .txt, .tsv, .dat, .npz, .mat, .parquet, .mf4, .mdf or .tdms; else DataError.
+    r"""Read one experiment from .csv, .txt, .tsv, .dat, .npz, .mat, .parquet, .mf4, .mdf or .tdms.
 
-    Logs (.mf4, .mdf, .tdms, .mat of version 7.3) need `pip install "narx-sym[logs]"`. Where their channels have several
-    rates, the chosen ones are interpolated to the stamps of the fastest, which are called `t`; that is noted. Units
-    in the file, with a log's channels or in the name of a column ("u [V]", which `u` finds), go with the record.
+    Logs (.mf4, .mdf, .tdms, .mat of version 7.3) need `pip install "narx-sym[logs]"`. Channels with different sampling
+    rates are interpolated to the time stamps of the fastest chosen one (called `t`). Units in the file, from a log or
+    in the name of a column ("u [V]", found as `u`), are kept. What was changed is listed in `notes` of the record.
 
     Parameters
     ----------
+    path : str or Path
+        The file.
     u, y, t : str
         Names of the columns of input, output and time (s). Of several inputs the first is `u`, the others are channels
         with the role "input"; of several outputs the first is `y`, and all are channels with the role "output".
     Ts : float
-        Sampling time in s; when given, the time column is not used.
+        Sampling time in s; if it is given, the time column is not used.
     rows : slice or "A:B"
         Data rows to keep, counted from 0 as in Python.
-    channels : names or "all"
-        Further columns to keep. A name that cannot stand in an equation is changed, and that is noted: "temp [C]"
-        becomes temp_C. Who asks for temp_C, or for temp ("all,temp" too), finds that column by this name.
+    channels : list of str, or "all"
+        Further columns to keep. A name that cannot stand in an equation is changed: "temp [C]" becomes temp_C, and can
+        be asked for by this name too.
     missing : "refuse" or "drop"
-        What happens where a value is missing or infinite. With "drop" up to ten steps of that column are filled by
-        linear interpolation; a longer hole, and one at an end, is left out and splits the record. It is noted.
+        What to do with missing or infinite values. "drop" fills up to ten samples of a column by linear interpolation;
+        a longer gap is removed and splits the record.
     units : mapping such as {"u": "V", "y": "um"}
-        What the record is in, whatever the file says.
+        Units of the signals, in place of those in the file.
     roles : mapping such as {"command": "setpoint", "temp": "disturbance", "index": "ignore"}
-        What further columns are (`Record.roles`); those with a role are channels too, but for what is ignored.
+        Roles of further columns (`Record.roles`). These columns become channels, except for "ignore".
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read, a column is missing, or values are missing (see `missing`).
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import narx_sym as ns
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "stage.csv")
+    >>> _ = path.write_text("t,volts [V],y [um]\n0,0,0\n0.1,1,0.5\n0.2,1,0.9\n")
+    >>> ns.read(path, u="volts")
+    Record 'stage': N = 3, Ts = 0.1 s, 0.2 s, u in [0, 1] V, y in [0, 0.9] um
     """
     if not (isinstance(u, str) and isinstance(y, str)):
         return _read_several(path, u, y, t, Ts, rows, channels, missing, units, roles)

@@ -62,15 +62,15 @@ class Fault:
         if self.effect == "sensor_saturation":
             return (
                 f"The measured output seems to be cut off at {self.size:.6g} in {100 * self.share:.2g} % of the "
-                "samples (sensor_saturation). Where the sensor ends there, leave these rows out, or measure in a wider "
-                "range; a machine that rests there looks alike."
+                "samples (sensor_saturation). If this is the limit of the sensor, leave these rows out, or measure "
+                "with a wider range. A machine that stops there looks the same."
             )
         if self.effect == "frozen_sensor":
             first, last = self.rows
             return (
                 f"The measured output stays at exactly {self.size:.6g} in the rows {first}:{last} of '{self.record}', "
-                "while the input goes through half of its range (frozen_sensor): a sensor that froze, values that were "
-                "filled in, or a machine that was held."
+                "while the input goes through half of its range (frozen_sensor). The sensor was frozen, values were "
+                "filled in, or the machine was blocked."
             )
         if self.effect == "spikes":
             shown = ", ".join(map(str, self.at[:LISTED])) + (" ..." if len(self.at) > LISTED else "")
@@ -81,11 +81,12 @@ class Fault:
             )
             return (
                 f"{many} far from those around (spikes), by {self.size:.4g}: row{'s' * (len(self.at) > 1)} {shown}. "
-                "What a sensor drops, or a placeholder for missing values, counts as noise here."
+                "Dropouts of the sensor and placeholders for missing values are treated as noise here."
             )
         return (
             f"The measured output comes in steps of {self.size:.4g} (quantisation), which make up "
-            f"{100 * self.share:.0f} % of the noise power: a finer converter or a smaller range would lower the floor."
+            f"{100 * self.share:.0f} % of the noise power: a finer converter or a smaller range would lower the "
+            "noise floor."
         )
 
 

@@ -137,8 +137,8 @@ class Table:
                 called[channel_name(found[0])] = found[0]
             else:
                 self.notes.append(
-                    f"column '{found[0]}' is not read; where it is the setpoint of a controller that made the input, "
-                    f"say so: --role {plain_name(found[0])}={SETPOINT}"
+                    f"column '{found[0]}' is not used; if it is the setpoint of a controller, use --role "
+                    f"{plain_name(found[0])}={SETPOINT}"
                 )
         return called, {name: roles[n] for name, n in called.items() if n in roles} | dict.fromkeys(ignored, IGNORE)
 

@@ -115,7 +115,7 @@ def regular_time(t: Vector, where: Callable[[int], str] = lambda i: f"sample {i}
             )
             lost = lost if k is index else 0
             if lost:
-                how = "filled by linear interpolation, and what rests is held"
+                how = "filled by linear interpolation; constant signals stay constant"
                 notes.append(f"{lost} sample(s) are missing in the time stamps; {how}")
             return stepped(t, Ts, pieces, old, notes, lost > 0)
     Ts = float(f"{median:.9g}")
@@ -123,7 +123,7 @@ def regular_time(t: Vector, where: Callable[[int], str] = lambda i: f"sample {i}
     jitter = np.sqrt(np.mean((inside - Ts) ** 2))
     notes.append(
         f"time stamps are irregular (steps {inside.min():.4g} to {inside.max():.4g} s, rms jitter "
-        f"{jitter:.2g} s); resampled by linear interpolation at Ts = {Ts:.10g} s, and what rests is held"
+        f"{jitter:.2g} s); resampled by linear interpolation at Ts = {Ts:.10g} s; constant signals stay constant"
     )
     return stepped(t, Ts, pieces, [(t[p] - t[p][0]) / Ts for p in pieces], notes, True)
 
@@ -152,8 +152,8 @@ def _bursts(t: Vector, dt: Vector, median: float) -> Grid | None:
     Ts = next((step for step in trials if abs(step - Ts) <= doubt), float(Ts))
     note = (
         f"the rows come in {last.size} bursts, about {t.size / last.size:.3g} at once every {np.median(pauses):.3g} s, "
-        f"stamped when they were read: taken as evenly spaced at Ts = {Ts:.10g} s, from first to last; where that is "
-        "wrong, give --ts"
+        f"so the time stamps are those of reading: the rows are treated as evenly spaced at Ts = {Ts:.10g} s; if "
+        "this is wrong, give --ts"
     )
     return stepped(t, Ts, [slice(0, t.size)], [k], [note], False)
 
@@ -180,13 +180,13 @@ def _split_at_gaps(
             gap = t[a] - t[a - 1]
             notes.append(f"{where(a)}: gap of {gap:.4g} s before t = {t[a]:.10g} s; the record is split there")
         if cuts and b - a < SHORTEST:
-            notes.append(f"{where(a)}: a part of only {b - a} sample(s) beside a gap is dropped")
+            notes.append(f"{where(a)}: a piece of only {b - a} sample(s) next to a gap is dropped")
         else:
             keep.append(slice(a, b))
     if len(notes) > MOST_NOTES:
         rest = len(cuts) - sum(": gap of" in n for n in notes[:MOST_NOTES])
         notes[MOST_NOTES:] = [
-            f"{rest} further gap(s) split the record; parts of less than {SHORTEST} samples are dropped"
+            f"{rest} further gap(s) split the record; pieces with fewer than {SHORTEST} samples are dropped"
         ]
     if not keep:
         raise DataError(

@@ -33,7 +33,7 @@ Array = np.ndarray
 
 
 def add(model: Model, effect: str | Candidate | Pair, where: str | None = None) -> Addition:
-    """Add a physical effect by id, or what a diagnosis found; `.fit(record)` returns the extended model.
+    """Add a physical effect, by name or as found by `diagnose`; `.fit(record)` returns the extended model.
 
     What was found carries its core, form, place and values: a fit begins there, and never ends with a larger error.
     """
@@ -92,7 +92,9 @@ class Addition:
             looks = search.look(bases, variant, shapes)
             found += search.one_more(bases, looks)[:1] if looks else []
         if not found:
-            raise FitError(f"No stable fit with {self.effect} was found, or a refit of the model absorbs it.")
+            raise FitError(
+                f"No stable fit with {self.effect} was found, or the parameters of the model can already reproduce it."
+            )
         progress("fitting both together")
         fits = []
         for row in map(search.finish, found):

@@ -38,11 +38,11 @@ class Machine:
         if not self.name:
             return []
         left = ", ".join(name.replace("_", " ") for name in catalogue.excluded)
-        said = [f"Not considered for {MACHINES[self.name]}: {left}."] if left else []
+        said = [f"Not considered, because impossible in {MACHINES[self.name]}: {left}."] if left else []
         if self.guessed:
-            by = f"by its units {units['u']} -> {units['y']}"
-            other = "where it is another, say so (--machine NAME), or that it is not known (--machine none)"
-            said = [" ".join([f"The machine is taken for {MACHINES[self.name]}, {by}; {other}.", *said])]
+            by = f"because of the units {units['u']} -> {units['y']}"
+            other = "if this is wrong, use --machine NAME, or --machine none if it is unknown"
+            said = [" ".join([f"The machine is assumed to be {MACHINES[self.name]}, {by}; {other}.", *said])]
         return said
 
 

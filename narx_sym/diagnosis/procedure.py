@@ -51,18 +51,23 @@ __all__ = ["VERDICTS", "Diagnosis", "Step", "diagnose"]
 NO_TURN = {"static", "sensor", "disturbance", "dynamics"}  # families of effects that do not show where the input turns
 UNNAMED = ("nothing_detectable", "outside_library")
 ONE_SPEED = (
-    "The input moves at one speed: friction, slack and hysteresis may pass for the memory of a linear base there; a "
-    "static base shows them, a second speed or stroke tells."
+    "The input moves at one speed: there the dynamics of a linear base model can imitate friction, slack and "
+    "hysteresis. A static base model shows them; a second speed or stroke decides."
 )
 EITHER = (
-    " With {names} a static base leaves {effect} of the output's standard deviation, the linear one alone {memory}: "
-    "these data cannot tell the two apart."
+    " A static base model with {names} leaves {effect} of the output's standard deviation, the linear base model "
+    "alone {memory}: these data cannot distinguish the two."
 )
 
 
 @dataclass
 class Diagnosis(DiagnosisDoors):
-    """What is missing from a model, step by step."""
+    """What `diagnose` found, and the model with the added effects; see `diagnose` for an example.
+
+    `sentence()` says it in words, `verdict` is one of `VERDICTS`, `best` the best candidate, `confusion_set` the
+    effects that these data cannot distinguish, `model` the model with the added effects, and `errors` its errors
+    before and after. `report(path)` writes one HTML page, `to_dict()` gives plain data for JSON.
+    """
 
     steps: list[Step]
     misfit: Misfit
@@ -89,7 +94,7 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def exhausted(self) -> bool:
-        """Whether it looked for a further effect beside those that it added, and found none, or two that are all."""
+        """Whether no further effect was found after those that were added."""
         last = self.steps[-1]
         if last.pair is not None and last.pair.all and len(last.added) > 1:
             return True
@@ -97,22 +102,22 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def aside(self) -> tuple[str, ...]:
-        """Names of the signals in the first record's file that took no part."""
+        """Names of the signals in the first record's file that were not used."""
         return self.steps[0].base.split.records[0].aside
 
     @property
     def confusion_set(self) -> list[str]:
-        """The effects of the first step that these data cannot tell apart."""
+        """The effects of the first step that these data cannot distinguish."""
         return self.steps[0].confusion_set
 
     @property
     def experiment(self) -> Experiment | None:
-        """The experiment that separates the confusion set of the first step."""
+        """The experiment that distinguishes the effects of `confusion_set`."""
         return self.steps[0].experiment
 
     @property
     def best(self) -> Candidate | Pair:
-        """What explains the error best: one effect, or two that only together do.
+        """The best candidate: one effect, or two that only explain the error together.
 
         Raises
         ------
@@ -125,12 +130,12 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def model(self) -> Model:
-        """The model after the last step that added something, else the base as fitted here."""
+        """The model with all added effects; without any, the base model as fitted here."""
         return (self.last or self.steps[0].base).model
 
     @property
     def last(self) -> Fitted | None:
-        """What the last step that added something made, on the training samples."""
+        """The fit of the last step that added an effect, on the training samples."""
         return next((s.chosen for s in reversed(self.steps) if s.chosen is not None), None)
 
     @property
@@ -140,12 +145,12 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def floor(self) -> float:
-        """Rms of the noise: the lowest that any step tells [unit of y]."""
+        """The noise floor: rms of the noise, the lowest estimate of all steps [unit of y]."""
         return min(s.floor for s in self.steps)
 
     @cached_property
     def portrait(self) -> Portrait:
-        """What the base lacks, against the variable that explains most of it, with the law of each step.
+        """The missing input against the variable that explains most of it, with the added effects.
 
         It is of the segment with the most of the squared error, at the working rate.
         """
@@ -174,7 +179,7 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def base(self) -> Model:
-        """The baseline: the given model, or a linear model with other orders that follows the records better."""
+        """The base model: the given one, or a linear model with other orders if it fits the records better."""
         return self.steps[0].base.model
 
     @property
@@ -189,12 +194,12 @@ class Diagnosis(DiagnosisDoors):
 
     @property
     def validation(self) -> str:
-        """Which data the validation errors are of, in words."""
+        """Which data are used for validation, in words."""
         return self.steps[0].trial.described
 
     @property
     def rungs(self) -> list[str]:
-        """What each step of the ladder did, in words."""
+        """The effects that each step of `ladder` added, in words."""
         found: list[str] = []
         for rung in self.ladder:
             gone = f" instead of {', '.join(rung['withdrawn'])}" if "withdrawn" in rung else ""
@@ -202,7 +207,7 @@ class Diagnosis(DiagnosisDoors):
         return found
 
     def sentence(self, units: Mapping[str, str] | None = None) -> str:
-        """Return the verdict in plain words, and what the sensor does; by default in the units of the records."""
+        """Return the result in words, with problems of the sensor; by default in the units of the records."""
         return self._verdict(said_first(self.units, units))
 
     def _verdict(self, units: Mapping[str, str]) -> str:
@@ -270,36 +275,44 @@ def diagnose(
     machine: str = "",
     report: Callable[[str], Any] = lambda what: None,
 ) -> Diagnosis:
-    """Compare a model with measurements and name the physical effect that is missing.
+    r"""Find the physical effect that a model is missing, and add it to the model.
+
+    The model is compared with the measurements in free run. Each effect of the catalogue (friction, backlash, creep,
+    saturation, ...) is then added and fitted. An effect is only accepted if the error falls on the records and on
+    validation data.
 
     Parameters
     ----------
     model : Model
-        The base. Its parameters are refitted in free run: what a refit absorbs is not missing.
+        The base model, from the input u to the output y. Its parameters are fitted again in free run.
     records : Record or list of Record
-        Compared at a working rate, on twelve blocks; what is named is fitted at the records' own rate.
+        The measurements: u and y are (N,) arrays in the user's units, with at least 100 samples in all.
     max_effects : int
-        How many effects are added, one after the other; two that only together explain the error are added together.
-    channels : names or "all"
-        Which further measured signals may act.
+        Largest number of effects to add, one after the other. If only two effects together explain the error, both are
+        added in one step.
+    channels : list of str, or "all"
+        Further measured signals that may act on the machine, by name.
     catalogue : Catalogue
-        The effects that are tried.
+        The effects to try.
+    seed : int
+        Seed of all random numbers: the same data and seed give the same result.
     limits : (low, high), optional
-        How far the input of a proposed experiment may go [unit of u]; by default as far as in the records.
+        Smallest and largest input of the proposed experiment [unit of u]. Default: the range of the records.
     delay : int, optional
-        After how many samples the input of a linear base acts; by default each hypothesis has the one that suits it.
+        Delay of the input of a linear base model [samples]. Default: chosen from the data.
     open_loop : bool
-        Nothing made the input from the output, whatever it looks like: what is new in both in one sample cannot tell a
-        controller from a machine that passes its input on at once.
+        True if there was no controller: the record is then not checked for feedback. Use it if a machine that reacts
+        within one sample is mistaken for a controller.
     validation : Record or list of Record
-        Records that nothing is fitted to: an effect is only added where the error falls on them too. Without them the
-        last part of each record serves: no model is fitted to it, though effects are chosen on the whole record.
-    roles : mapping such as {"cmd": "setpoint"}, optional; what channels are, whatever the records say (`Record.roles`)
-    machine : one of `effects.MACHINES`, optional
-        What was measured: effects that are impossible there are not considered, and the words are those of its field.
-        By default what the model says (`Info.machine`), else what the units tell; "none" where it is not known.
+        Records that no model is fitted to. Default: the last part of each record is used instead.
+    roles : mapping such as {"cmd": "setpoint"}, optional
+        Roles of channels, in place of those in the records (`Record.roles`).
+    machine : str
+        Kind of machine, one of `effects.MACHINES`: effects that are impossible there are not considered, and the others
+        have the names of that field. Default: that of the model (`Info.machine`), else guessed from the units; "none"
+        if it is unknown.
     report : callable
-        Told what goes on, by a text with numbers (`diagnosis.progress.Told`). What it raises ends the diagnosis.
+        Receives a text after each piece of work (`diagnosis.progress.Told`). An exception in it stops the diagnosis.
 
     Returns
     -------
@@ -308,9 +321,25 @@ def diagnose(
     Raises
     ------
     FitError
-        Where the base cannot follow the data at all, and for fewer than 100 samples.
+        If the base model cannot follow the data at all, or if there are fewer than 100 samples.
     ModelError
-        For what is no model, limits that are none, an unknown channel or machine, and `max_effects` below 1.
+        For an invalid model, invalid limits, an unknown channel or machine, or `max_effects` below 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import narx_sym as ns
+    >>> volts = ns.plants.filtered_noise(N=400, Ts=0.01, cutoff=2.0, peak=5.0, seed=1)
+    >>> acting = np.sign(volts) * np.maximum(abs(volts) - 1.0, 0.0)  # a dead zone of 1 V
+    >>> lag = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2])
+    >>> measured = lag.simulate(acting, y0=0.0, u0=0.0) + 0.005 * np.random.default_rng(0).standard_normal(400)
+    >>> record = ns.Record.from_arrays(volts, measured, Ts=0.01, units={"u": "V", "y": "mm"})
+    >>> found = ns.diagnose(lag.fit(record), record)
+    >>> found.verdict, found.best.effect
+    ('named', 'dead_zone')
+    >>> print(*found.model.lines(), sep="\n")
+    v[k] = u[k] - Max(-r_dead_zone, Min(r_dead_zone, u[k]))
+    y[k] = theta_1*y[k-1] + theta_2*v[k-1]
     """
     begin = time.perf_counter()
     _check(model, limits, max_effects, machine, seed=seed, delay=delay)
@@ -447,9 +476,12 @@ def _noted(records: Sequence[Record], table: Table) -> list[str]:
     names = told_once(records, lambda r: [*r.notes, *r.remarks(records), *one_way(r), *left_out(r, of)])
     said = [f"{joined(of)}: {text}" for text, of in names.items()]
     if table.factor > 1:
-        said.append(f"The hypotheses were compared at {table.factor} samples averaged into one.")
+        said.append(f"The candidate effects were compared on averages of {table.factor} samples.")
     if table.search.integrating:
-        said.append(f"The axis integrates: effects are compared in {len(table.search.cut)} pieces, each by itself.")
+        said.append(
+            f"The model is an integrator: the effects are compared on {len(table.search.cut)} pieces of the "
+            "record, each with its own start."
+        )
     return said
 
 
@@ -463,8 +495,8 @@ def _loads(steps: Sequence[Step]) -> list[str]:
         f"{few(own[p])} on {where}" for p, where in zip(PARTS, ("the record", "validation data"), strict=True)
     )
     return [
-        "The axis integrates: its pole stays at 1, and its unknown constant load counts as a start state of each "
-        f"record. With the load of the model instead the free-run NRMSE is {shown}."
+        "The model is an integrator (a pole fixed at 1), so an unknown constant load is estimated for each record, "
+        f"like a start state. With the load of the model instead, the free-run NRMSE is {shown}."
     ]
 
 

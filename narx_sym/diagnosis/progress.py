@@ -7,8 +7,8 @@ from typing import Any
 
 from ..files.telling import fenced
 
-BASE, WAYS, ALONE = "fitting the base and its delay", "deriving how each effect would act", "trying each effect alone"
-PAIRS, JUDGE = "trying pairs of effects", "judging what was found"
+BASE, WAYS, ALONE = "fitting the base and its delay", "deriving the response to each effect", "trying each effect alone"
+PAIRS, JUDGE = "trying pairs of effects", "validating what was found"
 ROUND = (WAYS, ALONE, PAIRS, JUDGE)  # the stages of each step of a diagnosis, after the base
 
 

@@ -160,11 +160,11 @@ class Trial:
 
     @property
     def described(self) -> str:
-        """Which data the validation errors are of, in words."""
+        """Which data are used for validation, in words."""
         if self.given:
             return joined(dict.fromkeys(r.name for r in self.validation))
         if not self.tail:
-            return "the record itself, whose last part rests"
+            return "the record itself, because its last part does not move"
         (row, *others) = [int(np.count_nonzero(m)) for m in self.split.train]
         return "the last part of each record" if others else f"the last part of the record (from row {row})"
 

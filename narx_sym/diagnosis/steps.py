@@ -47,7 +47,10 @@ from .table.row import Row
 from .table.verdict import alike, nothing_named, removes, verdict
 
 PARTS = ("train", "validation")  # the diagnosed records, and those that no model is fitted to
-ONE_STEP = "All that the input does is one step, and every output is what some linear machine answers to it."
+ONE_STEP = (
+    "The input is a single step, and every output is also the response of some linear system to it, so no "
+    "effect can be named."
+)
 REPEATED, ESTIMATE, NO_FLOOR = "repeated periods", "estimate", "not estimated"  # kinds of floors: sure, not, in loops
 
 
@@ -260,9 +263,11 @@ class Step:
         """What is left though nothing is named, in words; an empty text where no effect of the catalogue lessens it."""
         if not self.nearest or self.verdict != "nothing_detectable":
             return ""
-        much = "of which no effect explains enough" if self.unexplained else "too little in these data"
+        much = "but no effect explains enough of it" if self.unexplained else "but it is too small in these data"
         nearest = " or ".join(self.told(*self.nearest))
-        return f"Something is left (p = {self.p_value:.2g}), {much} to be named: {nearest} would come nearest."
+        return (
+            f"A part of the error is unexplained (p = {self.p_value:.2g}), {much} to be named; {nearest} comes closest."
+        )
 
     @property
     def follows_nothing(self) -> bool:
@@ -291,60 +296,63 @@ class Step:
         sizes += f"({percent:g} % of the standard deviation of the output)"
         if self.verdict == "nothing_detectable":
             if self.follows_nothing:
-                return f"The base does not follow the output: what is missing cannot be told from it. {sizes}."
+                return f"The base model does not follow the output, so it cannot show which effect is missing. {sizes}."
             if self.one_step:
                 return f"{ONE_STEP} {sizes}."
-            shown = ", ".join(f"{words(name)} above {few(size, 2)}{unit}" for name, size in self.unseen[:3])
-            would = f"; these data would probably have shown {shown} rms" if shown else ""
+            shown = ", ".join(f"{words(name)} {few(size, 2)}{unit}" for name, size in self.unseen[:3])
+            would = f"; the smallest detectable effects are {shown} rms" if shown else ""
             if self.unexplained:
                 sizes += f"; the sensor's noise, if white, is about {few(self.sensor)}{unit}, {self.unexplained}"
             if self.trace or self.unexplained:
-                return f"{self.trace or 'No effect of the catalogue is seen in what is left.'} {sizes}{would}."
-            return f"Nothing is missing that these data can show. {sizes}{would}."
+                return f"{self.trace or 'No effect of the catalogue explains the remaining error.'} {sizes}{would}."
+            return f"No missing effect can be detected in these data. {sizes}{would}."
         if self.loop is not None and self.verdict == "closed_loop":
             said = [*(f"{v.record.name}: {v.sentence}." for v in self.valves), f"{self.loop.sentence}. {sizes}."]
             if self.loop.given and not self.valves:
-                said += ["Whether a valve sticks is told of an input in percent of its span, a fraction, or in mA."]
+                said += ["Valve stiction is only checked for an input in percent of its span, as a fraction, or in mA."]
             return " ".join(said)
         more = self.verdict in ("outside_library", "helps_but_incomplete") and self.floor_kind != REPEATED
         sizes += f"; the noise floor is {'at most' if more else 'about'} {few(self.floor)}{unit}"
         if self.sensor and self.sensor <= self.floor:  # what is more than a model leaves is no noise
-            alone = f"of the sensor alone {few(self.sensor)}{unit}"
-            sizes += f" ({alone if self.sensor < self.floor else 'all of it the noise of the sensor'})"
+            alone = f"sensor noise alone {few(self.sensor)}{unit}"
+            sizes += f" ({alone if self.sensor < self.floor else 'all of it sensor noise'})"
         if self.refused is not None:
             return f"{self.refusal(units)} {sizes}."
         if self.verdict == "outside_library":
-            removes = f"comes nearest, and removes {100 * self.nearest_share:.0f} % of the squared error"
+            removes = f"comes closest, and removes {100 * self.nearest_share:.0f} % of the squared error"
             near = (
-                f" Of what it knows, {self.told(self.nearest[0])[0]} {removes}: too little to be named."
+                f" Of its effects, {self.told(self.nearest[0])[0]} {removes}: too little to be named."
                 if self.nearest
                 else ""
             )
             look = "Look at where the model fails, and at the equivalent missing input."
-            return f"Something is missing that the catalogue does not know. {sizes}.{near} {look}"
+            return f"An effect is missing that is not in the catalogue. {sizes}.{near} {look}"
         if self.pair is not None:
             effects = self.told(*self.pair.effects)
             missing = f"{self.pair.counted} are probably missing" if len(effects) > 1 else "Probably missing"
             return (
                 f"{missing}: {joined(effects)}. {sizes}. Together they "
                 f"remove {100 * self.pair.share:.0f} % of the removable error in cross-validation"
-                f"{'' if self.pair.all else ', but not all that is missing'}.{_instead(self.pair)}"
+                f"{'' if self.pair.all else ', but something else is missing too'}.{_instead(self.pair)}"
             )
         best = self.candidates[0]
         share = f"{100 * best.share:.0f} % of the removable error in cross-validation"
         what, name = f"{best.described.rstrip('.')} ({best.effect})", self.told(best.effect)[0]
         others = ", ".join(self.told(*(e for e in self.confusion_set if e not in (best.effect, BASE))))
         if self.verdict == "helps_but_incomplete":
-            text = f"{what} explains {share}, but not all that is missing. {sizes}.{self.synonyms}"
-            text += f" As well it could be {others}." if others else ""
+            text = f"{what} explains {share}, but something else is missing too. {sizes}.{self.synonyms}"
+            text += f" It could also be {others}." if others else ""
             return f"{text} {self.experiment.sentence}" if self.experiment else text
         if self.verdict == "confused":
-            text = "One of these is probably missing, and these data cannot tell which: "
+            text = "One of these is probably missing, but these data cannot decide which: "
             text += f"{name}, {others}. {sizes}. "
             if BASE in self.confusion_set:
                 names = f"{name} or {others}" if others else name
-                sizes += f"; a linear base, with its memory, leaves {few(self.linear)}{unit}" if self.linear else ""
-                text = f"Perhaps missing: {names}; at one speed it and a base's memory are one signal. {sizes}. "
+                sizes += f"; a linear base model alone leaves {few(self.linear)}{unit}" if self.linear else ""
+                text = (
+                    f"Perhaps missing: {names}; at one speed it cannot be distinguished from the dynamics of a "
+                    f"linear base model. {sizes}. "
+                )
             text += f"Adding {best.effect} removes {share}.{self.synonyms}"
             return f"{text} {self.experiment.sentence}" if self.experiment else text
         sure = f" ({self.how_sure})" if self.how_sure else ""
@@ -366,7 +374,7 @@ class Step:
             return ""
         (one, before), (two, after) = self.moves(self.refused, units)
         names = joined(e.effect for e in newer(self.refused.model, self.base.model))
-        on = f"and on {self.trial.described} it {two} {after}: it is not added."
+        on = f"and on {self.trial.described} it {two} {after}, so nothing is added."
         return f"With {names} the error on the record {one} {before}, {on}"
 
     def moves(self, fitted: Fitted, units: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -427,7 +435,7 @@ def _instead(pair: Pair) -> str:
     listed = [" with ".join(rival) for rival in pair.rivals[:RIVALS]]
     more = f", or one of {len(pair.rivals) - RIVALS} more" if len(pair.rivals) > RIVALS else ""
     every = f"; {pair.sure[0]} is in all of them" if pair.sure else ""
-    return f" As well it could be {', or '.join(listed)}{more}{every}." if listed else ""
+    return f" It could also be {', or '.join(listed)}{more}{every}." if listed else ""
 
 
 def meaning(name: str, meanings: Mapping[str, str]) -> str:
@@ -516,7 +524,7 @@ def step(
         bare = next((table.own(r).model for r in found if not r.beyond(known) and table.holds(r)), None)
         made.decide(bare, table.seed, limits)
     made.others = partial(_others, table, best, base, known, made.candidates[0].p_value, lowest, made)
-    table.course.say(": deleting what became redundant")
+    table.course.say(": deleting redundant terms")
     made.chosen = prune(chosen, base)
     return made, best
 
@@ -573,7 +581,7 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
         jointly(table, known)
     at, alone = table.held(lambda: won([r for r in table.beside(known) if len(r.beyond(known)) <= 1], known))
     if alone is not None:
-        table.course.say(", and what the best one leaves")
+        table.course.say(", and what remains after the best one")
         slower(table, alone, at)
     told = 0.0 if alone is None else 1 - alone.held / at.held  # what one effect removes follows from the signals
     if max(told, table.screened(at).structure) > HELPS and (alone is None or not suffices(table, alone, at)):

@@ -19,7 +19,7 @@ from .numpy import lambdify as in_numpy
 
 
 def lambdify(thing: Any, engine: str = "numpy", parameters: bool = False) -> Callable[..., Any]:
-    """Turn one step of a model, a law or a recursion into a plain function, for each sample of arrays.
+    """Return one step of a model, a law or a recursion as a plain function; it accepts numbers and arrays.
 
     Parameters
     ----------

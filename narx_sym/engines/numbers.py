@@ -23,7 +23,7 @@ def floats(x: Any) -> np.ndarray:
         For what is no array of real numbers.
     """
     if np.iscomplexobj(x):
-        raise TypeError("complex numbers are no real ones")
+        raise TypeError("complex numbers are not allowed")
     if isinstance(x, np.ma.MaskedArray):
         return np.where(np.ma.getmaskarray(x), np.nan, np.asarray(x.data, dtype=np.float64))
     return np.asarray(x, dtype=np.float64)

@@ -69,7 +69,7 @@ def read_info(given: Any) -> Info:
         ("rates", all(v >= 0 for v in info.rates.values()), "must not be negative"),
         ("frequencies", all(v >= 0 for v in info.frequencies.values()), "must not be negative"),
         ("steps", all(v > 0 for v in info.steps.values()), "must be positive"),
-        ("band", info.band is None or (info.line and info.band >= 0), "must not be negative, and stands beside line"),
+        ("band", info.band is None or (info.line and info.band >= 0), "must not be negative, and needs line"),
         ("units", all(map(_is_label, info.units.values())), labels),
         ("roles", all(map(_is_label, info.roles.values())), labels),
         ("digits", 0 <= info.digits <= MAX_DIGITS, f"must be from 0 to {MAX_DIGITS}"),
@@ -91,7 +91,7 @@ def to_effects(listed: Sequence[EffectData], symbols: Mapping[str, Any]) -> list
     for one in listed:
         for name in (*one.coefficients.values(), *one.shape.values()):
             if name not in symbols:
-                raise ModelError(f"'effects' speaks of {name[:40]!r}, which is no parameter.")
+                raise ModelError(f"'effects' names {name[:40]!r}, which is not a parameter.")
         named = {n: {own: symbols[s] for own, s in getattr(one, n).items()} for n in ("coefficients", "shape")}
         found.append(AddedEffect(**{f.name: getattr(one, f.name) for f in fields(EffectData)} | named))
     return found

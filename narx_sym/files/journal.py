@@ -110,12 +110,21 @@ class Journal:
 
 @contextmanager
 def resuming(path: PathLike) -> Iterator[Journal]:
-    """Keep the results of long work in a file, and take those that are there already.
+    """Save intermediate results of long computations in a file, and reuse those that are already there.
 
     Raises
     ------
     DataError
-        Where the file is something else, was written by another version, or cannot be written.
+        If the file is no such file, was written by another version, or cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import narx_sym as ns
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "results.jsonl")
+    >>> with ns.resuming(path) as journal:  # ns.diagnose(...) in here continues where it was interrupted
+    ...     print(journal.found, "results were in the file")
+    0 results were in the file
     """
     journal = Journal(path)
     token = _active.set(journal)
@@ -200,7 +209,7 @@ def _feed(into: Any, thing: Any) -> None:  # noqa: C901, PLR0912
     elif isinstance(thing, (np.ndarray, np.generic)):
         array = np.asarray(thing)
         if array.dtype.kind == "O":
-            raise DataError("an array of objects cannot be told from another one; use numbers")
+            raise DataError("two arrays of objects cannot be compared; use numbers")
         into.update(f"<array {array.dtype.str} {array.shape}>".encode())
         into.update(np.ascontiguousarray(array).data)
     elif isinstance(thing, sp.Basic):
@@ -217,7 +226,7 @@ def _feed(into: Any, thing: Any) -> None:  # noqa: C901, PLR0912
         add(type(thing).__qualname__, {n: vars(thing)[n] for n in names if n not in cached})
     elif inspect.isfunction(thing):
         if thing.__closure__:
-            raise DataError(f"{thing.__qualname__} is a closure; give what it needs as arguments")
+            raise DataError(f"{thing.__qualname__} is a closure; pass the values that it needs as arguments")
         source = inspect.getsourcefile(thing)
         add(
             thing.__module__ if thing.__module__ != "__main__" else "",
@@ -231,7 +240,7 @@ def _feed(into: Any, thing: Any) -> None:  # noqa: C901, PLR0912
         add(*(part if not isinstance(part, type) else part.__qualname__ for part in thing.__reduce__()[:2]))
     else:
         raise DataError(
-            f"a {type(thing).__name__} cannot be told from another one; give numbers, texts, arrays or records"
+            f"two objects of the type {type(thing).__name__} cannot be compared; give numbers, texts, arrays or records"
         )
 
 
@@ -268,7 +277,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, Mapping) and all(isinstance(n, str) for n in value):
         return {"mapping": [[n, plain(v)] for n, v in value.items()]}
     raise DataError(
-        f"a result of type {type(value).__name__} cannot be kept; return numbers, texts, arrays or lists of them"
+        f"a result of type {type(value).__name__} cannot be saved; return numbers, texts, arrays or lists of them"
     )
 
 

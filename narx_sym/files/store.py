@@ -118,17 +118,45 @@ def to_text(model: Model) -> str:
 
 
 def save(model: Model, path: Any) -> None:
-    """Write a model file; it appears whole or not at all, and only where it can be read again, else ModelError."""
-    write_text(path, to_text(model))
+    """Write a model to a file (JSON) that `load` reads.
 
-
-def load(path: Any) -> Model:
-    """Read a model file.
+    The file is written completely or not at all.
 
     Raises
     ------
     ModelError
-        For a file that is missing, not JSON, of another schema, or with unknown, missing or wrong fields.
+        For a model that cannot be read again from its file.
+    DataError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import narx_sym as ns
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "model.json")
+    >>> ns.save(ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2]), path)
+    >>> path.exists()
+    True
+    """
+    write_text(path, to_text(model))
+
+
+def load(path: Any) -> Model:
+    """Read a model from a file that `save` or the command line has written.
+
+    Raises
+    ------
+    ModelError
+        For a file that is missing, is not JSON, has another schema, or has unknown, missing or wrong fields.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import narx_sym as ns
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "model.json")
+    >>> ns.save(ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2]), path)
+    >>> print(*ns.load(path).lines(numbers=True))
+    y[k] = 0.2*u[k-1] + 0.9*y[k-1]
     """
     source = Path(path)
     try:
@@ -200,7 +228,7 @@ def _check_data(file: ModelData) -> None:
     if not set(file.operating_point) <= {"u", "y"} or any(abs(v) > 1e15 for v in file.operating_point.values()):
         raise ModelError("'operating_point' must give numbers up to 1e15 for 'u' and 'y'.")
     if not 0 <= file.lead <= MAX_LEAD or (file.lead and file.input == "u"):
-        raise ModelError(f"'lead' must be a number from 0 to {MAX_LEAD}, and belongs to an inverse model (input 'y').")
+        raise ModelError(f"'lead' must be a number from 0 to {MAX_LEAD}, and only an inverse model (input 'y') has it.")
     if file.Ts is not None and file.Ts <= 0:
         raise ModelError("'Ts' must be a positive number of seconds.")
     if file.kind not in ("narx", "equation"):
@@ -212,7 +240,7 @@ def _narx(file: ModelData) -> Model:
     known = _signals(file)
     model = NARX([parse(term, signals=known) for term in file.terms], file.theta, **_options(file, parameters))
     if file.symbols and file.symbols != tuple(map(str, model.symbols)):
-        raise ModelError("'symbols' do not belong to 'terms': theta_1 ... theta_n, one per term.")
+        raise ModelError("'symbols' do not match 'terms': theta_1 ... theta_n, one per term.")
     return model
 
 
@@ -263,7 +291,7 @@ def _assumptions(model: Model) -> dict[str, dict[str, bool]]:
 def _parameters(names: Sequence[str], assumed: Mapping[str, Mapping[str, bool]]) -> list[Symbol]:
     """Return the parameters with what is assumed of them; real where nothing is said."""
     if not set(assumed) <= set(names) or not set().union(*assumed.values()) <= assumed_of:
-        raise ModelError("'assumptions' must speak of parameters, such as {'positive': true}.")
+        raise ModelError("'assumptions' must refer to parameters, such as {'positive': true}.")
     try:
         return [Symbol(n, **assumed.get(n, {"real": True})) for n in names]
     except InconsistentAssumptions:
@@ -272,7 +300,7 @@ def _parameters(names: Sequence[str], assumed: Mapping[str, Mapping[str, bool]])
 
 def _bounds(given: Mapping[str, tuple[float, float]], symbols: dict[str, Any]) -> dict[Any, tuple[float, float]]:
     if not set(given) <= set(symbols) or any(low >= high for low, high in given.values()):
-        raise ModelError("'bounds' must speak of parameters, the lower number first.")
+        raise ModelError("'bounds' must refer to parameters, the lower number first.")
     return {symbols[name]: pair for name, pair in given.items()}
 
 
@@ -292,7 +320,7 @@ def _check_constraints(model: Model) -> None:
     for equation in equations:
         gap = (equation.lhs - equation.rhs).xreplace(model.values)
         if gap.atoms(Indexed):
-            raise ModelError("'constraints' speak of the parameters only.")
+            raise ModelError("'constraints' must refer to parameters only.")
         try:
             size = abs(float(gap)) if model.values else 0.0
         except (TypeError, ValueError, OverflowError):
@@ -330,4 +358,6 @@ def _check_states(model: Model) -> None:
             if s.base not in known or lag(s) < 0:
                 raise ModelError(f"the initial value of {state.left} may contain measured signals up to now, not {s}.")
     if model.inner == x and not any(samples(e, x) for e in (model.F, *shown)):
-        raise ModelError("there is a state 'x', what effects at the output add to, but the output does not contain it.")
+        raise ModelError(
+            "there is a state 'x' (the output before the effects at the output), but the output does not contain it."
+        )

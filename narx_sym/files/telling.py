@@ -17,7 +17,7 @@ def fenced(what: str) -> Iterator[None]:
     try:
         yield
     except Exception:
-        LOG.debug("%s failed; the work goes on", what, exc_info=True)
+        LOG.debug("%s failed; the computation continues", what, exc_info=True)
 
 
 class Stderr:

@@ -80,7 +80,7 @@ def continuous(
     >>> import narx_sym as ns
     >>> lag = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2], Ts=0.1)
     >>> lag.continuous().text
-    'gain 2.00 unit of y/unit of u; time constant 0.949 s'
+    'gain 2.00 unit of y/(unit of u); time constant 0.949 s'
     """
     labels = said_first(model.info.units, units)
     names = {n: labels.get(n) or f"unit of {n}" for n in ("u", "y")}
@@ -92,16 +92,19 @@ def continuous(
     direction = 1 if linear.real(linear.B, model.values) > 0 else -1
     own, term, notes = effect_rows(model, linear, direction, coefficient_units(model, labels))
     if model.channels:
-        notes.append(f"beside the input act {', '.join(model.channels)}")
+        notes.append(f"further inputs: {', '.join(model.channels)}")
     plain = linear_rows(linear, way, direction, model.values)
     rows = [*own, *_directions(plain, own), *_offset(model, linear)]
     approximate = [way.reason] if way.reason else []
     if not linear.linear:
-        approximate.append("the core is not linear: this is its tangent at the operating point")
+        approximate.append("the model is nonlinear: this is its linearisation at the operating point")
     made = [quantity(row, linear, model, names, factor) for row in rows]
     early = linear.real(way.delay, model.values) < 0
     if early:
-        approximate.append("the input acts earlier than one that is held can: no dead time, but its hold is another")
+        approximate.append(
+            "the input acts earlier than a zero-order hold allows: no dead time is given; the true "
+            "hold is a different one"
+        )
     found = Continuous(
         equation_of(linear, way, rows, term, scale is not None), tuple(made), way.exact and linear.linear,
         tuple(dict.fromkeys([*(f"approximation: {reason}" for reason in approximate), *notes])),
@@ -139,7 +142,8 @@ def _given(scale: Mapping[str, Any] | str) -> tuple[float, str]:
     if isinstance(scale, Mapping):
         if set(scale) != {"u"}:
             raise ModelError(
-                f'A scale is that of the input: {{"u": (35.15, "N/V")}}, not of {", ".join(map(str, scale))}.'
+                f'A scale can only be given for the input, such as {{"u": (35.15, "N/V")}}, not for '
+                f"{', '.join(map(str, scale))}."
             )
         one = scale["u"]
     if isinstance(one, str):

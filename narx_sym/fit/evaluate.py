@@ -27,8 +27,8 @@ from .simulate import Records, arrays, by_parts, fitted, predict, segments, simu
 
 Array = np.ndarray
 PROTOCOL = (
-    "free run over the whole record at its own sampling rate, from start states estimated on that record; gaps start "
-    "anew; nothing else is fitted to it"
+    "free run over the whole record at its own sampling rate, from start states estimated on that record; a new run "
+    "starts after each gap; nothing else is fitted to it"
 )
 STEPS, SETTLED, STEP = 30, 1e-9, 1e-4  # of a start, in standard deviations of the output
 FEWEST, MOST, MOVED = 4, 17, 0.01  # digits on paper; share of its error by which a free run may move
@@ -141,7 +141,9 @@ def _one_start(
 
 
 def free_run(model: Model, record: Record, engine: str = "native", align: bool = False, loads: bool = True) -> Array:
-    """Simulate along a record from start states that are estimated on it, again after each gap.
+    """Simulate a model along a record, from start states that are estimated on this record.
+
+    After each gap a new run starts.
 
     Parameters
     ----------
@@ -151,19 +153,28 @@ def free_run(model: Model, record: Record, engine: str = "native", align: bool =
     align : bool
         Whether a constant offset of the sensor is estimated too.
     loads : bool
-        Whether the constant load of a model that integrates counts as a start state.
+        Whether an unknown constant load is estimated if the model is an integrator.
 
     Returns
     -------
-    (N,) array [unit of the output]; for an inverse model each part lacks its last `lead` samples. The first samples,
-    which the model looks back at, are the measured ones.
+    (N,) array [unit of the output]
+        The first samples, as many as the largest lag, are the measured ones. For an inverse model the last `lead`
+        samples of each piece are missing.
 
     Raises
     ------
     Diverged
-        Where the run leaves the finite numbers.
+        If the run diverges.
     ModelError
-        For a model without values, or a record without its channel.
+        If the model has no parameter values, or the record does not have one of its channels.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> record = ns.Record.from_arrays(u=[1, 1, 0, 0, 1], y=[0, 2, 3.2, 1.4, 0.8], Ts=0.1)
+    >>> model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.5, 2.0])
+    >>> ns.free_run(model, record).round(3)
+    array([0.   , 2.061, 3.031, 1.515, 0.758])
     """
     return by_parts(model, record, partial(_run, model, engine, align, loads))
 
@@ -179,18 +190,20 @@ def _run(model: Model, engine: str, align: bool, loads: bool, part: Record) -> A
 
 @dataclass(frozen=True)
 class Errors:
-    """One-step and free-run errors, always in pairs: one-step accuracy alone says nothing.
+    """One-step and free-run errors of a model; see `evaluate` for an example.
+
+    Judge a model by its free run: a model that repeats the last sample has a small one-step error too.
 
     Attributes
     ----------
     one_step_nrmse, free_run_nrmse : float
-        rms(y - model) over the standard deviation of y.
+        rms(y - model) / std(y): 0 is exact, 1 is no better than a constant.
     one_step_mape, free_run_mape : float
-        Mean absolute error in per cent of the range.
+        Mean absolute error in per cent of the range of y.
     free_run_rms : float
         rms of the free-run error [unit of the output].
     own_load_nrmse : float or None
-        The free-run NRMSE with the model's own constant load; None where the model does not integrate.
+        The free-run NRMSE with the model's own constant load; None if the model is not an integrator.
     """
 
     one_step_nrmse: float
@@ -207,19 +220,19 @@ class Errors:
 
 
 def evaluate(model: Model, records: Records, align: bool = False) -> Errors:
-    """Compare a model with measurements.
+    """Compute the one-step and free-run errors of a model on measurements.
 
-    The error of a model on a record is that of its free run over the whole record, at the record's own rate, from
-    start states that are estimated on that record; a gap starts a new run. Nothing else is fitted to the record. Of a
-    model that integrates an unknown constant load counts as a start state. What diverges has an infinite error.
+    The free run covers the whole record at its own sampling rate. Its start states are estimated on the record, and a
+    new run starts after each gap; nothing else is fitted. If the model is an integrator, an unknown constant load is
+    estimated too. A run that diverges has an infinite error.
 
     Parameters
     ----------
     model : Model with theta
     records : Record or list of Record
-        All samples count alike: over several records, or across a gap, the errors are those of the samples together.
+        The measurements, (N,) arrays in the user's units. All samples of all records have the same weight.
     align : bool
-        Whether a constant offset of the sensor is estimated beside the start states.
+        Whether a constant offset of the sensor is estimated too.
 
     Returns
     -------
@@ -228,9 +241,18 @@ def evaluate(model: Model, records: Records, align: bool = False) -> Errors:
     Raises
     ------
     DataError
-        For a constant output.
+        If the output is constant.
     ModelError
-        For a model without values or a record without its channel.
+        If the model has no parameter values, or a record does not have one of its channels.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> record = ns.Record.from_arrays(u=[1, 1, 0, 0, 1, 1], y=[0, 2, 3.2, 1.4, 0.8, 2.5], Ts=0.1)
+    >>> model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.5, 2.0])
+    >>> errors = ns.evaluate(model, record)
+    >>> round(errors.one_step_nrmse, 3), round(errors.free_run_nrmse, 3)
+    (0.122, 0.096)
     """
     fitted(model)
     listed = in_units(segments(records), model.info.units)
@@ -243,8 +265,8 @@ def evaluate(model: Model, records: Records, align: bool = False) -> Errors:
     target = np.concatenate([arrays(model, r)[model.output.name] for r in listed])
     if np.ptp(target) == 0:
         raise DataError(
-            f"record {listed[-1].name!r}: {model.output.name} is constant ({target[0]:.6g}): an error has nothing to "
-            "be compared with. Check the columns (--input, --output) and the rows (--rows)."
+            f"record {listed[-1].name!r}: {model.output.name} is constant ({target[0]:.6g}), so there is no relative "
+            "error. Check the columns (--input, --output) and the rows (--rows)."
         )
     one = _along(model, listed, predict)
     free = _along(model, listed, partial(free_run, align=align))

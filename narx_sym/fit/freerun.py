@@ -384,7 +384,9 @@ class FreeRun:
                     best = found(best.x, self.errors_of, lambda z, reach=reach: self.secants(z, reach, *bounds))
                 return best
         except LinAlgError:
-            raise FitError("The derivatives of the free run cannot be decomposed: it is hardly stable.") from None
+            raise FitError(
+                "The derivatives of the free run cannot be decomposed: the model is close to instability."
+            ) from None
 
     @cached_property
     def jumps(self) -> bool:

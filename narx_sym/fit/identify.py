@@ -96,42 +96,63 @@ def identify(  # noqa: PLR0913
     knots: int = KNOTS,
     creep: bool = False,
 ) -> Model:
-    """Identify a model.
+    """Identify a model from measurements: choose its structure and fit its parameters.
 
     Parameters
     ----------
     records : Record or list of Record
+        The measurements: u and y are (N,) arrays in the user's units.
     base : "narx", "linear", "static", "play", "bouc-wen" or "auto"
-        `narx`: the paper's pool with phi1, phi2 and Sigma_y = 1. `linear`: ARX, its orders and delay chosen in free
-        run. `static`: a polynomial of the input at the same instant. `play`: plays of several radii in parallel, a
-        curve and a lag (Prandtl-Ishlinskii). `bouc-wen`: the paper's actuator, bare or behind a lag. `auto`: the best
-        of them in free run on held-out samples, at a price per parameter; `info.selection.reason` says why. Each
-        carries an operating point.
-    n_y, n_u, degree, delay : int
-        Of the pool. A dead time that needs more than the shortest lags is found first (`dead_time`); else the delay is
-        1 (`narx`), 0 (`static`) or chosen with the orders (`linear`).
+        `narx`: a polynomial with phi1 and phi2, under Sigma_y = 1, as in the paper. `linear`: ARX, with orders and
+        delay chosen by the free-run error. `static`: a polynomial of the input at the same sample. `play`: plays of
+        several radii in parallel, a static curve and a lag (Prandtl-Ishlinskii). `bouc-wen`: the paper's actuator,
+        with or without a lag. `auto`: the best of them in cross-validation, with a penalty on the number of parameters.
+    n_y, n_u, degree : int
+        Largest lags of output and input [samples], and largest degree of the products (`narx`, `static`).
+    delay : int, optional
+        Delay of the input [samples]. Default: estimated if it is long (`dead_time`); else 1 (`narx`), 0 (`static`), or
+        chosen with the orders (`linear`).
     for_compensation : bool
-        Keep Assumption A1, so that a law can be derived, and prefer models whose law is stable on the data.
+        Use only terms for which a compensation law exists (Assumption A1), and prefer models with a stable law.
     rate_independent : bool
-        Keep the terms of first degree in phi1 only: the loop then does not depend on the speed of the input.
+        Use only terms of first degree in phi1: the loop does then not depend on the speed of the input.
     lags : mapping, optional
-        Own lags of "y", "u", "phi1", "phi2" in the narx base; in every base those of further channels, which take no
-        part unless they are named here: an int (0 ... n), a range or a list.
+        Lags of a further channel, such as {"temp": 2}; a channel that is not named is not used. With `narx` also those
+        of "y", "u", "phi1" and "phi2". An int n (0 ... n), a range or a list [samples].
     functions, criterion, n_terms, max_terms
-        See `pool.pool` and `select.select`.
+        See `pool` and `select`.
     method : "auto", "one_step", "free_run" or "els"
-        `auto` fits one step ahead, then in free run, and keeps the better free run.
+        How the parameters are fitted. `auto` fits one step ahead and in free run, and keeps the better free run.
     point : mapping or "auto"
-        The operating point; {} measures the signals from zero.
+        Operating point such as {"u": 1.0, "y": 2.0} [units of u and y]; {} measures the signals from zero.
     plays, knots : int
-        How many plays the play base has, and at how many places its curve may bend; `auto` tries several of both.
+        With `play`: number of plays, and of breakpoints of the curve.
     creep : bool
-        Whether a share of what they give comes late.
+        With `play`: whether creep (a slow part of the motion) is fitted too.
 
     Returns
     -------
-    Model, fitted; `info.selection` says what was chosen and why. FitError where nothing can be fitted, ModelError for
-    a base, a size or a channel that is none.
+    Model
+        Fitted; `info.selection` says what was chosen and why.
+
+    Raises
+    ------
+    FitError
+        If no model can be fitted.
+    ModelError
+        For an unknown base or channel, or an invalid size.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> volts = ns.plants.filtered_noise(N=500, Ts=0.01, cutoff=2.0, peak=5.0, seed=1)
+    >>> truth = ns.NARX.from_terms(["y[k-1]", "u[k-2]"], theta=[0.9, 0.2])
+    >>> record = ns.Record.from_arrays(volts, truth.simulate(volts, y0=0.0, u0=0.0), Ts=0.01)
+    >>> model = ns.identify(record, base="linear", point={})
+    >>> model.terms, model.theta.round(3)
+    ((y[k - 1], u[k - 2], 1), array([0.9, 0.2, 0. ]))
+    >>> model.delay, model.info.selection.base
+    (2, 'linear')
     """
     check_method(method)
     whole(n_y=n_y, n_u=n_u, degree=degree, delay=delay)
@@ -218,7 +239,7 @@ def _own_channels(
     if left_out:
         warnings.warn(
             f"The {base} base uses the input, the output and the channels in `lags` only; the channel {left_out[0]!r} "
-            f"takes no part (lags={{{left_out[0]!r}: 1}} gives it one).",
+            f"is not used (give lags={{{left_out[0]!r}: 1}} to use it).",
             stacklevel=3,
         )
     return own
@@ -230,7 +251,7 @@ def _remembering(
 ) -> Model:  # fmt: skip
     """Identify a base that remembers where the input turned."""
     if own:
-        raise ModelError(f"The {base} base has one input; the channel {next(iter(own))!r} cannot take part.")
+        raise ModelError(f"The {base} base has one input; the channel {next(iter(own))!r} cannot be used.")
     if base == "play":
         return judged(identify_play(records, origin, delays, **size), records)
     return judged(identify_bouc_wen(records, origin, delays), records)
@@ -241,7 +262,9 @@ def _delays(base: str, records: list[Record], given: int | None) -> Sequence[int
     if given is not None:
         longest = max(len(s) for r in records for s in r.segments())
         if given >= longest:
-            raise FitError(f"A delay of {given} samples leaves nothing: the longest stretch of a record has {longest}.")
+            raise FitError(
+                f"A delay of {given} samples is too long: the longest piece of a record has {longest} samples."
+            )
         return (given,)
     found = dead_time(records)
     if base in ("linear", "play", "bouc-wen"):
@@ -263,17 +286,41 @@ def identify_inverse(
     method: str = "auto",
     point: Mapping[Any, float] | str = "auto",
 ) -> Model:
-    """Identify the inverse relationship u from y (section 4.3 of the paper), whose law needs no inversion.
+    """Identify the inverse relationship, from y to u (section 4.3 of the paper); its law needs no inversion.
+
+    Noise on y acts on the input of this model: smooth a noisy y first (`Record.smoothed`).
 
     Parameters
     ----------
+    records : Record or list of Record
+        The measurements: u and y are (N,) arrays in the user's units.
     lead : int
-        tau_s >= tau_d + 1: y[k] in the model stands for the measured y[k + lead].
+        tau_s >= tau_d + 1 [samples]: y[k] in the model means the measured y[k + lead].
     n_y, n_u : int
-        Largest lags of the model's own output u and of its input y.
+        Largest lags of the model's output u and of its input y [samples].
+    degree, functions, criterion, n_terms, max_terms, method
+        As in `identify`.
 
-    Noise on y acts on the model's input here: smooth y first where it is noisy. ModelError for a lead below 1, FitError
-    as in `identify`.
+    Returns
+    -------
+    Model, fitted
+
+    Raises
+    ------
+    ModelError
+        For a lead below 1.
+    FitError
+        As in `identify`.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> volts = ns.plants.filtered_noise(N=500, Ts=0.01, cutoff=2.0, peak=5.0, seed=1)
+    >>> lag = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2])
+    >>> record = ns.Record.from_arrays(volts, lag.simulate(volts, y0=0.0, u0=0.0), Ts=0.01)
+    >>> inverse = ns.identify_inverse(record, degree=1, n_terms=2)
+    >>> inverse.input, inverse.output, inverse.lead
+    (y, u, 2)
     """
     listed = prepare(records)
     origin = operating_point(listed) if point == "auto" else around(point)
@@ -376,7 +423,7 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     if all(cancels(fits[s[2]]) for s in close) and calm:
         close = [s for s in calm if s[0] <= 1.02 * min(calm)[0]]
     _, _, i = min(close, key=lambda s: (cancels(fits[s[2]]), s[1], s[2]))
-    reason = f"smallest {what} model within 2 % of the best free run on held-out data ({best:.4g})"
+    reason = f"smallest {what} model within 2 % of the best free run on validation data ({best:.4g})"
     final = fit(tried[i], records, method=method)
     final = _selected(final, base=what, candidates=len(tried), reason=reason)
     final = _selected(final, stable_law=stable_law(final, records)) if for_compensation else final

@@ -135,7 +135,8 @@ def from_sysidentpy(fitted: Any, Ts: float | None = None) -> NARX:
         raise ModelError("The SysIdentPy model is not fitted.")
     if getattr(fitted, "estimate_parameter", True) is False:
         raise ModelError(
-            "SimulateNARMAX sorts the rows of a model and not the theta it was given: which belongs to which is lost. "
+            "SimulateNARMAX sorts the rows of a model but not the theta it was given, so theta no longer matches the "
+            "terms. "
             "Use NARX.from_terms with your terms and theta."
         )
     codes = np.asarray(fitted.final_model, dtype=int)
@@ -160,7 +161,7 @@ def _check_import(model: NARX, fitted: Any) -> None:
     ours = predict(model, Record.from_arrays(u_, y_, Ts=1.0))[depth:]
     gap = float(np.abs(ours - theirs).max())
     if not gap <= AGREES * max(1.0, float(np.abs(theirs).max())):
-        raise ModelError(f"SysIdentPy predicts otherwise than its own rows and theta say (by {gap:.3g}): not imported.")
+        raise ModelError(f"SysIdentPy's predictions differ from its own rows and theta (by {gap:.3g}): not imported.")
 
 
 def to_sysidentpy(model: Model) -> Any:
@@ -204,20 +205,20 @@ def _rows(model: Model) -> dict[tuple[int, ...], float]:
     """Return the coefficient of each product of older samples, by SysIdentPy's codes, largest code first."""
     if model.hidden:
         state = model.hidden[0].left
-        raise ModelError(f"SysIdentPy has no place for {text(state)}, which an effect remembers.")
+        raise ModelError(f"SysIdentPy cannot represent {text(state)}, which an effect remembers.")
     right = sp.expand(model.right.xreplace(model.values))
     read = sorted(samples(right), key=str)
     if not read:
-        raise ModelError("SysIdentPy has no place for a model without samples of the input or the output.")
+        raise ModelError("SysIdentPy cannot represent a model without samples of the input or the output.")
     first = {model.output: 1000, model.input: 2000}
     for one in read:
         if one.base not in first:
-            raise ModelError(f"SysIdentPy has no place for {text(one)}: models of one input only are written.")
+            raise ModelError(f"SysIdentPy cannot represent {text(one)}: models of one input only are written.")
         if lag(one) < 1:
-            raise ModelError(f"SysIdentPy has no place for {text(one)}: its terms begin one sample before k.")
+            raise ModelError(f"SysIdentPy cannot represent {text(one)}: its terms begin one sample before k.")
     for term in sp.Add.make_args(right):
         if not term.is_polynomial(*read):
-            raise ModelError(f"SysIdentPy has no place for the term {text(term)}: it is no product of samples.")
+            raise ModelError(f"SysIdentPy cannot represent the term {text(term)}: it is no product of samples.")
     found = {}
     for powers, value in sp.Poly(right, *read).terms():
         listed = [first[s.base] + lag(s) for s, n in zip(read, powers, strict=True) for _ in range(n)]

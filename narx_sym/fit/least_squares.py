@@ -298,7 +298,7 @@ def fit(
     steady_state: Any = None,
     weight: float = 1.0,
 ) -> Model:
-    """Estimate the parameters of a model: the fitted one is returned, the given one stays as it is.
+    """Estimate the parameters of a model and return the fitted model; the given model does not change.
 
     Parameters
     ----------

@@ -58,15 +58,19 @@ def part_of(record: Record, output: str) -> Record:
 
 
 def identify_outputs(records: Records, base: str = "linear", **options: Any) -> System:
-    """Identify a model for each output, with all inputs; the other outputs take part where the whole then runs better.
+    """Identify a model with several outputs: one model for each output, from all inputs.
+
+    An output is used as an input of another output's model if the free run of the whole system is then better.
 
     Parameters
     ----------
     records : Record or list of Record
         With several outputs: `ns.read(..., u=["u1", "u2"], y=["y1", "y2"])`, or channels with the roles "input" and
         "output".
-    base : of `identify`
-    options : of `identify`, for every output
+    base : str
+        As in `identify`, for every output.
+    options
+        Further arguments of `identify`, for every output.
 
     Returns
     -------
@@ -74,8 +78,21 @@ def identify_outputs(records: Records, base: str = "linear", **options: Any) -> 
 
     Raises
     ------
-    DataError, FitError
-        As `identify`, and where a record does not say its outputs.
+    DataError
+        If a record does not say which channels are outputs.
+    FitError
+        As in `identify`.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> u = ns.plants.filtered_noise(N=500, Ts=0.1, cutoff=1.0, peak=1.0, seed=1)
+    >>> first = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.8, 0.5]).simulate(u, y0=0.0, u0=0.0)
+    >>> second = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2]).simulate(first, y0=0.0, u0=0.0)
+    >>> both, roles = {"y1": first, "y2": second}, {"y1": "output", "y2": "output"}
+    >>> record = ns.Record.from_arrays(u, first, Ts=0.1, channels=both, roles=roles)
+    >>> ns.identify_outputs(record).outputs
+    ('y1', 'y2')
     """
     every = listed(records)
     names = outputs_of(every[0])
@@ -108,7 +125,7 @@ def identify_outputs(records: Records, base: str = "linear", **options: Any) -> 
 def simulate_system(
     system: System, inputs: Mapping[str, Any], y0: Mapping[str, Any] | None = None, engine: str = "native"
 ) -> dict[str, Array]:
-    """Free run of all outputs together from given first outputs.
+    """Simulate all outputs of a system (free run) from given first outputs.
 
     Parameters
     ----------
@@ -134,7 +151,7 @@ def simulate_system(
 
 
 def free_run_system(system: System, record: Record) -> dict[str, Array]:
-    """Run a system along a record, all outputs together, from start states that are estimated output by output.
+    """Simulate a system along a record, from start states that are estimated for each output.
 
     Gaps start anew.
 
@@ -162,7 +179,7 @@ def free_run_system(system: System, record: Record) -> dict[str, Array]:
 
 
 def evaluate_system(system: System, records: Records) -> dict[str, Errors]:
-    """Compare a system with measurements, output by output: one step ahead, and in the free run of all together.
+    """Compute the errors of a system on measurements for each output: one step ahead, and in free run of all outputs.
 
     Returns
     -------

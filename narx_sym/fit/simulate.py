@@ -135,7 +135,7 @@ def simulate(
     u0: float | None = None,
     warn: bool = True,
 ) -> Array:
-    """Free run: only the first outputs are given.
+    """Simulate the model (free run) from an input and the first outputs.
 
     Parameters
     ----------
@@ -304,7 +304,7 @@ def by_parts(model: Model, record: Record, run: Callable[[Record], Array]) -> Ar
 
 
 def predict(model: Model, record: Record) -> Array:
-    """One step ahead from measured outputs; the first samples, which have no past, are the measured ones.
+    """Predict one step ahead from measured outputs; the first samples, which have no past, are the measured ones.
 
     A record with gaps is predicted part by part.
 

@@ -221,7 +221,7 @@ def quasi_static(subject: Subject) -> Finding:
     lines.append(f"attracting where {shown(sets.attracting)}")
     if sets.turns:
         named = ", ".join(map(shown, sets.turns))
-        lines.append(f"with where the plays were when the input last turned: {named}")
+        lines.append(f"with the positions of the plays at the last reversal of the input: {named}")
     return Finding(lines, sets.latex().split(r" \\ ", 1))
 
 

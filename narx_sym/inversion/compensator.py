@@ -36,7 +36,9 @@ BESIDE = ("wanted", "hint", "share", "kick")  # behind the name of what a law co
 
 @dataclass(frozen=True)
 class Compensator(CompensatorDoors):
-    """A compensation law m[k] = ... that makes the model's output follow the reference r.
+    """A compensation law m[k] = ... : it computes the input with which the output of the model follows a reference r.
+
+    Derive it with `model.compensator()`, and run it with `law.run(r)`.
 
     Attributes
     ----------
@@ -44,11 +46,24 @@ class Compensator(CompensatorDoors):
     law : expression
         The right-hand side of m[k], in the user's units.
     A, B : expressions in q, f : expression
-        A(q) y[k] = B(q) u[k] + f(...), the grouping of the paper; None for an identified inverse and beyond A1.
+        A(q) y[k] = B(q) u[k] + f(...), as grouped in the paper; None for an identified inverse, and if Assumption A1
+        does not hold.
     staged : Staged, optional
-        Beyond A1: what the law is made of, from the output back to the input.
+        If A1 does not hold: the equations to solve, from the output back to the input.
     aside : pairs of names
-        Channels and states of the user's model that have a name of the law's own, and their names in `model` and here.
+        Channels and states of the model whose names the law needs for itself, and their new names.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.5, 2.0])
+    >>> law = model.compensator()
+    >>> print(*law.lines())
+    m[k] = -theta_1*r[k]/theta_2 + r[k+1]/theta_2
+    >>> law.residual()
+    0
+    >>> law.run([0.0, 1.0, 2.0, 2.0], m0=0.0)
+    array([0.5 , 0.75, 0.5 , 0.5 ])
     """
 
     model: Model
@@ -95,7 +110,7 @@ class Compensator(CompensatorDoors):
     def limited(
         self, limits: Sequence[float] | None = None, rate: float | None = None, share: float = 1.0
     ) -> Recursion:
-        """Return the law within the limits of the actuator, and damped, with the model beside it.
+        """Return the law with limits of the actuator and damping, together with the model.
 
         Where the actuator cannot follow, the law goes on from the model's own output instead of the reference's past.
 
@@ -112,7 +127,7 @@ class Compensator(CompensatorDoors):
         """
         low, high = allowed(limits, rate)
         if not 0 < share <= 1 or (share < 1 and self.model.input == y):
-            raise ModelError("A share is a number above 0, up to 1; an identified inverse is not damped.")
+            raise ModelError("share must be above 0 and at most 1; an identified inverse is not damped.")
 
         def clipped(asked: Any) -> Any:
             if share < 1:
@@ -132,7 +147,7 @@ class Compensator(CompensatorDoors):
         return in_order(self.beside(), self.symbols)
 
     def beside(self, clipped: Any = lambda asked: asked) -> Any:
-        """Return the law with the model beside it, in true time; see `narx_sym.inversion.stages.guarded`."""
+        """Return the law together with the model; see `narx_sym.inversion.stages.guarded`."""
         return guarded(self.staged or stages_of(self.model), clipped)
 
     @property
@@ -158,7 +173,7 @@ class Compensator(CompensatorDoors):
 
     @cached_property
     def checked(self) -> str:
-        """What is known about the branches, in words: a proof, or what a check in numbers found; see `check`."""
+        """Whether the solution is unique, in words: by proof or by a numerical check; see `check`."""
         return str(self.check())
 
     def expand(self) -> sp.Eq:
@@ -172,7 +187,7 @@ class Compensator(CompensatorDoors):
         return tuple(p for p in found if p is not None)
 
     def lines(self, numbers: bool = False) -> list[str]:
-        """Return each equation of the law as a text, in the order of the stages, then which roots they take."""
+        """Return each equation of the law as text, then which roots are taken."""
         values = self.model.values if numbers else {}
         return [*self._equations(values), *(p.held(values).sentence for p in self.polynomials)]
 
@@ -180,7 +195,7 @@ class Compensator(CompensatorDoors):
         return [f"{printing.text(left)} = {printing.text(right.xreplace(values))}" for left, right in self.updates]
 
     def residual(self) -> Any:
-        """Put the law into the model and subtract the reference: 0 where the inversion is exact.
+        """Substitute the law into the model and subtract the reference: 0 if the inversion is exact.
 
         Beyond A1 each branch is put into the equation of its stage.
         """
@@ -195,7 +210,7 @@ class Compensator(CompensatorDoors):
 
     @cached_property
     def internal(self) -> InternalDynamics:
-        """The law's own dynamics: whether it can run away although the model follows."""
+        """The internal dynamics of the law: they show whether it can diverge."""
         return internal_dynamics(self)
 
     def smooth(self, eps: Any = None, form: Any = "tanh") -> Compensator:
@@ -335,8 +350,8 @@ def compensator(model: Model, force: bool = False) -> Compensator:
     """
     if model.info.useless and not force:
         raise ModelError(
-            "The free run of this model is no better than a constant, so it makes no law: fit another model, or ask "
-            "for the law all the same with force=True (--force)."
+            "The free run of this model is no better than a constant, so no law is derived: fit another model, or "
+            "use force=True (--force)."
         )
     taken = {r.name, m.name}
     while True:  # at most twice: what a law computes beside m is called after its stages

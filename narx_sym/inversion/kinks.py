@@ -25,9 +25,9 @@ from .solution import ROUNDED, Branch, Solution, apart, number, rounding, tidy
 # A flat piece reaches one target only: this part of what a piece of its width beside it reaches does not make the
 # unknown jump over it.
 DEAD_BAND = sp.Float(1e-10)
-FALLING = "pieces on which the map runs the other way reach some targets again: they are not used"
+FALLING = "pieces with the opposite slope reach some targets a second time: they are not used"
 FURTHER = "pieces that are not used reach further targets"
-TURNING = "the outermost piece turns back far away: further solutions there are not used"
+TURNING = "the outermost piece reverses far away: further solutions there are not used"
 
 
 def solve_kinked(
@@ -97,7 +97,7 @@ def _joined(chain: _Chain, G: Any, kept: Sequence[Piece], flip: int) -> Solution
     if any(p.size is not None and p not in kept and not p.flat(chain.steepest) for p in chain.pieces):
         said.append(FALLING)
     if chain.aside(kept):
-        said.append("a flat piece beside a jump reaches one more target, or one again")
+        said.append("a flat piece next to a jump reaches one more target, or one target twice")
     if chain.beyond(kept, chain.pieces):
         said.append(FURTHER)
     if any(p.size and p.flat(chain.steepest) and not p.flat(chain.steepest, DIGITS) for p in chain.pieces):
@@ -213,7 +213,7 @@ class _Chain:
             if not within_jump and tidy(above + below - 2 * here) != 0:
                 size = sp.Abs(sp.expand(here - below)) + sp.Abs(sp.expand(above - here))
                 x = text(self.made["unknown"])
-                notes.append(f"{x} = {text(at)} alone gives {text(here)}: it is taken, whatever else gives that")
+                notes.append(f"{x} = {text(at)} gives {text(here)}: it is taken, even if other values give that too")
             found.append(Branch(sp.Abs(self.target - here) <= DEAD_BAND * size, at))
         return found, notes
 

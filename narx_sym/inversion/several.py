@@ -58,15 +58,16 @@ class SystemLaw(SystemLawDoors, InLatex):
 
 
 def compensators(system: System, inputs: tuple[str, ...] = ()) -> SystemLaw:
-    """Derive the law of a square system: y_i becomes r_i, u_j becomes m_j, and all m_j[k] are solved for together.
+    """Derive the law of a system with as many inputs as outputs.
 
-    Each output answers the newest input after its own delay: r_i[k+d_i] = F_i is one equation, in which every m_j[k]
-    may stand (Isidori, Nonlinear Control Systems, 1995, section 5.1: the decoupling matrix).
+    Each y_i becomes r_i and each u_j becomes m_j. Each output reacts to the inputs after its delay d_i, so
+    r_i[k+d_i] = F_i is one equation in all m_j[k]; these equations are solved together (Isidori, Nonlinear Control
+    Systems, 1995, section 5.1: the decoupling matrix).
 
     Parameters
     ----------
     inputs : names of the inputs that are solved for
-        All by default; others are measured, and must be named so that as many are left as there are outputs.
+        Default: all. The other inputs are measured. There must be as many names as outputs.
 
     Raises
     ------

@@ -93,8 +93,8 @@ def stages_of(model: Model, last: Callable[[Any], Any] = lambda unknown: shift(u
     everything = tuple(every[left.base] for left, _ in _in_turn(every.values()))
     early = delays[x] - delays[y] if delays.get(x) is not None else 0
     note = (
-        f"what is added to the output sees the input {early} sample(s) before the core does: the law inverts that, and "
-        "runs away unless it outweighs the core"
+        f"the effect at the output reacts to the input {early} sample(s) before the linear part does: the law "
+        "inverts this effect, and diverges unless the effect is larger than the linear part"
     )
     return Staged(tuple(solved), everything, delays[y], own, leads, note if early else "")
 
@@ -179,7 +179,7 @@ def _in_turn(updates: Iterable[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
             (b for b, e in waiting.items() if not any(s.base in waiting and not lag(s) for s in samples(e))), None
         )
         if ready is None:  # cannot happen for a model that can be computed
-            raise NotInvertible(f"{text(next(iter(waiting)))} and others need each other at the same time.")
+            raise NotInvertible(f"{text(next(iter(waiting)))} and others depend on each other at the same sample.")
         done.append((ready[k], waiting.pop(ready)))
     return done
 

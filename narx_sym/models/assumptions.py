@@ -112,7 +112,7 @@ def _one_linear_input(term: Any, s: Structure) -> str:
     if term != sample or sample.base not in (s.input, first) or sample == first[_k - s.delay]:
         return ""
     kept = text(first[_k - s.delay])
-    return f"of the linear input terms only {kept} is kept: beside the others ERR would not choose it"
+    return f"of the linear input terms only {kept} is kept: ERR would not choose it among the others"
 
 
 def _rate(term: Any, s: Structure) -> str:

@@ -44,7 +44,7 @@ PLACES = {*INNER_INPUTS, *INNER_OUTPUTS, rub, grip}
 
 
 def series(first: Any, second: Any) -> Model:
-    """Return the model of a second one that is driven by the output of a first one: `first >> second`.
+    """Connect two models in series (the output of the first is the input of the second): `first >> second`.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def series(first: Any, second: Any) -> Model:
 
 
 def parallel(first: Any, second: Any) -> Model:
-    """Return the model of two that have the same input and whose outputs add up: `first + second`.
+    """Connect two models in parallel (same input, sum of the outputs): `first + second`.
 
     Returns
     -------
@@ -99,9 +99,7 @@ def parallel(first: Any, second: Any) -> Model:
     one, two = _pair(first, second)
     a, b = one.model, two.model
     if a.input != b.input:
-        raise ModelError(
-            f"Side by side both models are driven by one input, not by {a.input.label} and {b.input.label}."
-        )
+        raise ModelError(f"In parallel both models have the same input, not {a.input.label} and {b.input.label}.")
     beside = signal(_fresh("y_1", {*own_names(a), *own_names(b)}))
     own = _Part.of(one, a.input, beside, {beside: one.rest})
     other = _Part.of(two, b.input, y, {})
@@ -122,7 +120,7 @@ def parallel(first: Any, second: Any) -> Model:
 
 
 def feedback(forward: Any, back: Any) -> Model:
-    """Return the model of a loop: the forward model is driven by the input minus what the other makes of the output.
+    """Return the model of a feedback loop: the input of the first model is the input minus the output of the second.
 
     Raises
     ------
@@ -146,7 +144,7 @@ def feedback(forward: Any, back: Any) -> Model:
         if any(s.base in late and not lag(s) for s in samples(state.right)):
             late.add(state.left.base)
     if any(s.base in late and not lag(s) for s in samples(own.right)):
-        raise ModelError("The output would act on itself at once: one of both models must delay by a sample.")
+        raise ModelError("Algebraic loop: one of the two models must have a delay of at least one sample.")
 
     def computed(expr: Any, of: Any) -> Any:
         """Read what the output reaches at once as it is computed: one sample later than it is."""
@@ -208,9 +206,9 @@ def _pair(*given: Any, main: int = 1) -> list[_Named]:
     a, b = (_block(one) if isinstance(one, Effect) else one for one in given)
     for one in (a, b):
         if not isinstance(one, Model) or one.output != y:
-            raise ModelError("Models from an input to y are put together, and effects of the catalogue.")
+            raise ModelError("Only models from an input to y and effects of the catalogue can be combined.")
     if a.Ts and b.Ts and a.Ts != b.Ts:
-        raise ModelError(f"The models have two sampling times, {a.Ts:g} s and {b.Ts:g} s.")
+        raise ModelError(f"The models have different sampling times, {a.Ts:g} s and {b.Ts:g} s.")
     taken = {u.name, y.name, *a.channels, *b.channels}
     made: list[_Named] = []
     symbols: set[str] = set()

@@ -254,7 +254,7 @@ def linear_part(model: Model) -> Linear:
         outputs, and one without a differential equation: a pole that alternates from sample to sample.
     """
     if model.lead or model.output.name != "y":
-        raise ModelError("An inverse model has no differential equation of its own: take that of the model.")
+        raise ModelError("An inverse model has no differential equation: use the model itself.")
     if model.theta is None or not model.Ts:
         missing = "parameter values" if model.theta is None else "a sampling time: give Ts"
         raise ModelError(f"The model has no {missing}; a differential equation needs both.")
@@ -264,8 +264,8 @@ def linear_part(model: Model) -> Linear:
     inner = [s for s in samples(core) if s.base.name in own]
     if inner:
         raise ModelError(
-            f"There is no linear part: the core of the model stands on a state of its own, {inner[0].base.name}. "
-            "A differential equation is derived from models whose core holds inputs and outputs alone."
+            f"There is no linear part: the model depends on the internal state {inner[0].base.name}. A differential "
+            "equation is only derived if the linear part contains nothing but inputs and outputs."
         )
     tangent = {s: derivative(core, s) for s in samples(core) if s.base in (model.input, model.output)}
     at_rest = {s: held(c, lambda _: sp.S.Zero) for s, c in tangent.items()}
@@ -283,8 +283,9 @@ def linear_part(model: Model) -> Linear:
     for s in delayed:
         if named[s] <= -FADES:
             raise ModelError(
-                f"There is no differential equation with the pole {float(named[s]):.4g}: it alternates from sample to "
-                "sample, which nothing in continuous time does. Fit fewer lags of the output, or a record at a higher "
+                f"There is no differential equation with the pole {float(named[s]):.4g}: it alternates from sample "
+                "to sample, which is impossible in continuous time. Fit fewer lags of the output, or a record at a "
+                "higher "
                 "rate."
             )
     constant = held(core, lambda _: sp.S.Zero)
@@ -308,7 +309,7 @@ def _poles(a: Sequence[Any]) -> tuple[list[Any], int]:
     try:
         found = sp.Poly(coefficients, z).nroots(n=PRECISION, maxsteps=500)
     except NoConvergence:
-        raise ModelError("The poles of the model cannot be told apart: fit fewer lags of the output.") from None
+        raise ModelError("The poles of the model cannot be distinguished: fit fewer lags of the output.") from None
     return sorted(found, key=lambda p: (float(abs(sp.log(p))) if p != 0 else float("inf"), -float(sp.im(p)))), ones
 
 
@@ -351,21 +352,25 @@ def transfer(linear: Linear, values: Mapping[Any, Any]) -> Transfer:
         return Transfer((mean + faded) * Ts, None, span == 1 and not linear.delayed, _several(span))
     simple = linear.integrators < 2 and len({complex(p) for p in linear.poles.values()}) == len(linear.poles)
     if linear.delayed:
-        said = "a pole that is not positive fades within a few samples, and stands as a delay"
+        said = "a pole that is not positive decays within a few samples and is treated as a delay"
         return Transfer((mean + faded - _held_lag(linear, simple)) * Ts, None, False, said)
     if first >= 1 and span <= n and simple:
         lead = _lead(linear, first) if n == 2 else None
-        return Transfer((first - 1) * Ts, lead, n <= 2, "" if n <= 2 else "the numerator's own dynamics are left out")
+        return Transfer(
+            (first - 1) * Ts, lead, n <= 2, "" if n <= 2 else "the zeros of the transfer function are left out"
+        )
     if n == 1 and first >= 1 and span == 2 and linear.lasting:  # a dead time between two samples
         (p,), share = linear.lasting, linear.b[first] / linear.B
         if 0 < linear.real(share, values) < 1:
             return Transfer((first - sp.log(1 - share * (1 - p)) / sp.log(p)) * Ts, None, True)
-    said = "the input acts at once, as a held input cannot" if first == 0 else _several(span)
+    said = "the input acts at once, which is impossible with a zero-order hold" if first == 0 else _several(span)
     return Transfer((mean - _held_lag(linear, simple)) * Ts, None, False, said)
 
 
 def _several(span: int) -> str:
-    return f"{span} samples of the input act, more than one that is held makes; they stand as a delay" * (span > 1)
+    return (f"{span} samples of the input act, more than a zero-order hold explains; they are treated as a delay") * (
+        span > 1
+    )
 
 
 def _residues(linear: Linear) -> dict[Any, tuple[Any, Any]]:

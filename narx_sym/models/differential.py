@@ -128,23 +128,29 @@ def _own(name: str, number: int, found: Equations, steps: bool = False) -> str:
 
 
 def from_equations(text: str, Ts: float | None = None) -> Model:
-    """Return the model that a text of equations describes, at its first parameter values.
+    """Make a model from equations of your own, given as text: derivatives or difference equations.
 
-    It is fitted (`model.fit(record, method="free_run")`), diagnosed and completed like an identified one.
+    The model can then be fitted (`model.fit(record, method="free_run")`), diagnosed and completed like an identified
+    one.
 
     Parameters
     ----------
     text : str
-        One equation, parameter or name per line, as in the description of this module.
+        One line for each equation (x'' = ..., x[k] = ..., y = ...), parameter (m ~ 90 in 10 ... 500: first value and
+        bounds), constant (g = 9.81), channel (temp = channel) or start value (h(0) = y). # begins a comment.
     Ts : float, optional
-        Sampling time [s]; differential equations need it.
+        Sampling time [s]; derivatives need it.
+
+    Returns
+    -------
+    Model, with the first values of the parameters
 
     Raises
     ------
     ParseError
-        For a line that cannot be read, or holds an unknown name.
+        For a line that cannot be read, or that has an unknown name.
     ModelError
-        Where the output `y` is missing, an equation is neither of differences nor of derivatives, or Ts is missing.
+        If the output `y` or Ts is missing, or derivatives and difference equations are mixed.
 
     Examples
     --------
@@ -166,7 +172,7 @@ def from_equations(text: str, Ts: float | None = None) -> Model:
         str(s) for right in (model.F, *(s.right for s in model.states)) for s in right.free_symbols
     }
     if unused:
-        raise ModelError(f"The parameter {min(unused)!r} stands in no equation.")
+        raise ModelError(f"The parameter {min(unused)!r} appears in no equation.")
     return model.replace(
         theta=list(said.parameters.values()), Ts=Ts, bounds={parameters[n]: b for n, b in said.bounds.items()}
     )
@@ -192,7 +198,7 @@ def _meant(
         for _ in range(len(inner) + 1):
             right = right.subs(inner)
         if right.free_symbols & inner.keys():
-            raise ModelError(f"The names in {name!r} are defined by one another.")
+            raise ModelError(f"The definitions of the names in {name!r} are circular.")
         found[name] = right
     return found
 

@@ -279,7 +279,7 @@ def extend(model: Model, variant: Variant) -> Extended:
         and a place that the model does not have.
     """
     if variant.where == "friction" and not rubs(model):
-        raise ModelError(f"{variant} acts in an elastic friction, and the model has none: add that first.")
+        raise ModelError(f"{variant} needs an elastic friction, and the model has none: add that first.")
     name = variant.id.replace(":", "_")
     names = {str(s) for s in model.symbols}
     signals = {*model.channels, variant.channel, *(s.left.base.name for s in model.states)}

@@ -25,43 +25,57 @@ BESIDE = ("theta", "standard_errors", "Ts", "constraints", "info", "effects", "b
 
 
 class Model(ModelDoors, printing.InLatex):
-    """A difference equation with named parameters, optionally fitted.
+    """A difference equation y[k] = F with named parameters, fitted or not.
+
+    A model never changes: `fit`, `add` and `replace` return a new one. Models that are linear in their parameters are
+    `NARX` models.
 
     Parameters
     ----------
     F : expression
-        The right-hand side of y[k] = F, in samples, phi1, phi2 and the parameter symbols.
+        The right-hand side, in samples, phi1, phi2 and the parameter symbols.
     symbols : sequence of Symbol
         The parameters, in the order of `theta`.
     theta : (n_theta,) numbers, optional
     output, input : IndexedBase
         y and u; exchanged in an inverse model.
     operating_point : mapping from u and y, or their names, to numbers, optional
-        The model's signals are measured from here: F speaks of y[k] - y0 and u[k] - u0. `expand` and every law are in
-        the user's own units. [units of y and u]
+        F contains the deviations y[k] - y0 and u[k] - u0 from this point [units of y and u]. `expand` and every law are
+        in the user's units.
     lead : int
-        For an inverse model: y[k] in F stands for the measured y[k + lead] (the paper's tau_s).
+        For an inverse model: y[k] in F means the measured y[k + lead] (the paper's tau_s).
     Ts : float, optional
         Sampling time [s].
+    constraints : sequence of equations, optional
+        Linear equations in the parameters that hold exactly, such as Sigma_y = 1.
     states : sequence of State, optional
-        Further equations before the output, in the shifted signals: what effects remember, the input `v` that they act
-        on, the output `x` that they add to.
-
+        Equations that are computed before the output, in deviations from the operating point: internal states of
+        effects, the input `v` after effects, the output `x` before effects.
     standard_errors : sequence of numbers, optional
-        Of theta, under white noise.
+        Of theta, for white noise.
     info : Info
-        How the model was fitted and what its records showed.
+        How the model was fitted, and the ranges and units of its records.
     effects : sequence of AddedEffect
-        What was added to it, in order.
+        The added effects, in order.
     bounds : mapping from parameters to (low, high)
-        Within which a free-run fit keeps them.
-
-    A model does not change: `fit`, `add` and `replace` return another one.
+        Bounds in a free-run fit.
 
     Raises
     ------
     ModelError
-        Where F contains something that is neither a signal nor a parameter, or theta has the wrong length.
+        If F contains something that is neither a signal nor a parameter, or theta has the wrong length.
+
+    Examples
+    --------
+    >>> import sympy as sp
+    >>> import narx_sym as ns
+    >>> from narx_sym import k, u, y
+    >>> a, b = sp.symbols("a b", real=True)
+    >>> model = ns.Model(a * y[k - 1] + sp.tanh(b * u[k - 1]), (a, b), [0.9, 0.2])
+    >>> print(*model.lines(numbers=True))
+    y[k] = tanh(0.2*u[k-1]) + 0.9*y[k-1]
+    >>> model.delay, model.theta
+    (1, array([0.9, 0.2]))
     """
 
     F: Any
@@ -125,7 +139,7 @@ class Model(ModelDoors, printing.InLatex):
             raise ModelError("theta and its errors must be lists of numbers, and Ts a number.") from None
         for what, numbers in (("values", theta), ("standard errors", standard_errors)):
             if numbers is not None and len(numbers) != len(self.symbols):
-                raise ModelError(f"The model has {len(self.symbols)} parameters; {len(numbers)} {what} were given.")
+                raise ModelError(f"The model has {len(self.symbols)} parameters, but {len(numbers)} {what} were given.")
         if theta is not None and not all(abs(v) < float("inf") for v in theta):
             raise ModelError("A parameter value is not a finite number.")
         if Ts is not None and not 0 < Ts < float("inf"):
@@ -213,7 +227,7 @@ class Model(ModelDoors, printing.InLatex):
 
     @property
     def memory(self) -> tuple[State, ...]:
-        """The states that effects remember, and those of the model's own."""
+        """The internal states of the model and its effects."""
         own = own_states(self)
         return tuple(s for s in self.states if (s.remembers or s.left.base.name in own) and s.left.base != x)
 
@@ -231,7 +245,7 @@ class Model(ModelDoors, printing.InLatex):
 
     @property
     def beside(self) -> Any:
-        """What the output adds to `x`."""
+        """The terms that the output equation adds to `x`."""
         return self.F - x[k]
 
     def in_user_units(self, expr: Any) -> Any:
@@ -240,7 +254,7 @@ class Model(ModelDoors, printing.InLatex):
         return renamed(expr, {s: s - point[s.base] for s in samples(expr) if s.base in point}) if point else expr
 
     def expand(self, numbers: bool = False) -> sp.Eq:
-        """Return the equation in the user's own units, in samples of y and u, and of what effects remember."""
+        """Return the equation in the user's units, in samples of y, u and the states of effects."""
         return sp.Eq(self.output[k], self.right.xreplace(self.values if numbers else {}), evaluate=False)
 
     @cached_property
@@ -258,7 +272,7 @@ class Model(ModelDoors, printing.InLatex):
 
     @cached_property
     def starts(self) -> dict[Any, Any]:
-        """What each further state starts from, in samples of the inputs and outputs in the user's units."""
+        """Start values of the states, in samples of inputs and outputs in the user's units."""
         return {base: self.in_user_units(e) for base, e in starts(self).items()}
 
     @property
@@ -276,7 +290,7 @@ class Model(ModelDoors, printing.InLatex):
 
     @cached_property
     def n_y(self) -> int:
-        """The largest lag of the output, in the core and in what acts on its motion."""
+        """The largest lag of the output, in the linear part and in effects on the motion."""
         moving = next((s.right for s in self.states if s.left.base == self.inner), self.F)
         return max([0, *lags(self.core, self.inner), *lags(moving, self.inner)])
 
@@ -287,7 +301,7 @@ class Model(ModelDoors, printing.InLatex):
 
     @cached_property
     def delay(self) -> int:
-        """The pure delay tau_d: the smallest lag of the input, through states that no effect brought too."""
+        """The delay tau_d: the smallest lag of the input [samples]."""
         return min(arrivals(self, expand_phi(self.core), (self.input,)), default=0)
 
     @cached_property
@@ -297,12 +311,12 @@ class Model(ModelDoors, printing.InLatex):
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """Names of the further measured sequences that enter."""
+        """Names of the further measured signals in the equations."""
         return tuple(b.name for b in self.recursion.inputs if b not in (self.input, self.output, t))
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of all that drives it: the input, and the channels beside it."""
+        """Names of the inputs: the input and the channels."""
         return (self.input.name, *self.channels)
 
     def latex(self, numbers: bool = False) -> str:
@@ -324,7 +338,7 @@ class Model(ModelDoors, printing.InLatex):
         return [*((s.left, pairs(s.right)) for s in self.states), (self.output[k], self.parts())]
 
     def lines(self, numbers: bool = False) -> list[str]:
-        """Return each equation in order, the output's last, as a text."""
+        """Return each equation as text; the equation of the output is the last."""
         values = self.printed if numbers else {}
         equations = [*((s.left, s.right) for s in self.states), (self.output[k], self.F)]
         return [f"{printing.text(left)} = {printing.text(right.xreplace(values))}" for left, right in equations]
@@ -375,9 +389,16 @@ def _content(model: Model) -> tuple[Any, ...]:
 
 
 class NARX(Model):
-    """A model linear in its parameters: y[k] = sum_i theta_i psi_i, the paper's Eq. (3).
+    """A model that is linear in its parameters: y[k] = sum_i theta_i psi_i, Eq. (3) of the paper.
 
-    `terms` are the regressors psi_i, in order; the rest as for `Model`.
+    `terms` are the regressors psi_i, in order; for the other parameters see `Model`. Terms as text: `NARX.from_terms`.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> model = ns.NARX.from_terms(["y[k-1]", "phi1[k-1]", "u[k-1]*y[k-1]"], theta=[1.0, 0.7, -0.1])
+    >>> model.sigma_y, model.theta
+    (theta_1, array([ 1. ,  0.7, -0.1]))
     """
 
     terms: tuple[Any, ...]

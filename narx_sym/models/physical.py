@@ -368,7 +368,7 @@ def rate_limit(subject: Subject) -> Found:
 
 def _before(subject: Subject, what: str) -> str:
     """Say where an effect stands that is no force."""
-    return {"input": f"u stands for what passes the {what}", "output": f"y stands before the {what}"}.get(
+    return {"input": f"u is the input after the {what}", "output": f"y is the output before the {what}"}.get(
         subject.added.where, ""
     )
 
@@ -378,7 +378,7 @@ def _around(model: Model, name: str) -> float:
 
 
 def _from(name: str, value: float) -> str:
-    return f"deflections are from {name}_0 = {value:.6g}" if value else ""
+    return f"deflections are measured from {name}_0 = {value:.6g}" if value else ""
 
 
 def _raw(subject: Subject) -> bool:
@@ -421,7 +421,7 @@ def effect_rows(
         found = RULES[kind](subject) if kind in RULES and not _incomplete(subject) else None
         if found is None:
             found = Found(
-                [], told=(), note=f"{kind.replace('_', ' ')} has no physical form here: its own parameters are told"
+                [], told=(), note=f"{kind.replace('_', ' ')} has no physical form here: its model parameters are given"
             )
         taken = {row.symbol for row in rows}
         if any(row.symbol in taken for row in found.rows):  # another effect has this name

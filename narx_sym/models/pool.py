@@ -44,7 +44,7 @@ def lagged(lags: Mapping[str, Any], named: Mapping[str, Any] | None = None) -> l
 
 @dataclass(frozen=True)
 class Pool(printing.InLatex):
-    """Candidate terms, and what was left out with the reason."""
+    """Candidate terms for `select`, and the excluded terms, each with the reason; see `pool` for an example."""
 
     terms: list[Any]
     excluded: list[assumptions.Violation]
@@ -80,38 +80,45 @@ def pool(
     constant: bool = False,
     inverse: bool = False,
 ) -> Pool:
-    """List the candidate terms: products up to `degree` of lagged outputs, inputs, phi1 and phi2.
+    """List the candidate terms of a NARX model: products up to `degree` of lagged outputs, inputs, phi1 and phi2.
 
     Parameters
     ----------
     n_y, n_u : int
-        Largest lags of the output and of the input side.
+        Largest lags of the output and of the input [samples].
     degree : int
-        The paper's l.
+        Largest degree of the products, the paper's l.
     delay : int
-        tau_d >= 0, the smallest lag of the input side.
+        tau_d >= 0, the smallest lag of the input [samples].
     rules : names of `assumptions.RULES`
-        Terms that violate one are excluded, with the reason kept.
+        Terms that violate a rule are excluded; `excluded` lists them with the reason.
     lags : mapping, optional
-        Own lags for "y", "u", "phi1", "phi2" or a channel: an int (0 ... n, of y 1 ... n), a range or a list.
+        Lags of "y", "u", "phi1", "phi2" or a channel, instead: an int n (0 ... n, for y 1 ... n), a range or a list.
     functions : names among abs, sin, cos, tanh, exp, sign
-        Applied to each lagged sample (abs also to phi1) as further factors.
+        Functions of each lagged sample (abs also of phi1) to use as further factors.
     phi : bool
-        Whether phi1 and phi2 are candidates at all.
+        Whether phi1 and phi2 are used.
     constant : bool
         Whether the constant 1 is a candidate.
     inverse : bool
-        Exchange y and u, as for the identified inverse.
+        Exchange y and u, for an identified inverse.
 
     Returns
     -------
     Pool
-        Free of terms that are identically equal to a combination of earlier ones.
+        Without terms that are equal to a combination of others.
 
     Raises
     ------
     ModelError
-        For sizes that are none, lags before the delay, an unknown function, and a reserved channel name.
+        For invalid sizes, lags below the delay, an unknown function, or a reserved channel name.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> candidates = ns.pool(n_y=1, n_u=1, degree=1)
+    >>> candidates.terms
+    [y[k - 1], phi1[k - 1], phi2[k - 1], u[k - 1]]
     """
     output, source = (u, y) if inverse else (y, u)
     first, second = differences(source)

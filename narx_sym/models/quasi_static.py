@@ -155,6 +155,6 @@ def _no_lost_differences(model: Model, F: Any) -> None:
         read = [lags(node, base) for base in (model.output, model.input)]
         if max(map(len, read)) > 1 and sp.expand(_static(node, model, 1)) == 0:
             raise ModelError(
-                f"The quasi-static solution is not derived for this model: {printing.text(node)} is a difference in "
-                "time other than phi1."
+                f"The quasi-static solution is not derived for this model: {printing.text(node)} is a time "
+                "difference other than phi1."
             )

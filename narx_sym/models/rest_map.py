@@ -118,7 +118,7 @@ def remembered(model: Model, but: Sequence[Any] = ()) -> str:
     held = [s for s in model.recurrent if s.left.base in read]
     if held:
         shown = ", ".join(printing.text(s.left) for s in held)
-        return f"more than outputs and inputs is remembered by {effects_of(model, states=held)} ({shown})"
+        return f"it has further memory in {effects_of(model, states=held)} ({shown})"
     return f"{effects_of(model, model.beside, model.hidden)} acts on the inner output x[k], which is not measured"
 
 
@@ -131,7 +131,7 @@ def closed(model: Model, what: str, timeless: bool = True, but: Sequence[Any] = 
     """
     why = remembered(model, but)
     if not why and timeless and samples(model.right, t):
-        why = f"{_moving(model)} changes with time, so that nothing is at rest"
+        why = f"{_moving(model)} changes with time, so there is no steady state"
     if why:
         raise ModelError(f"{what} not derived for this model: {why}.")
 

@@ -53,7 +53,7 @@ def rewritten(model: Model, name: str, text: str, channels: Iterable[str] = ()) 
         raise ModelError(f"There is no term with the parameter {name[:40]!r}; there are {', '.join(known) or 'none'}.")
     if not text.strip():
         if len(known) < 2:
-            raise ModelError("The last term cannot be taken out.")
+            raise ModelError("The last term cannot be removed.")
         if not name:
             raise ModelError("Write a term, such as u[k-2].")
         return _constrained(model, _less(model, _symbol(model, name)), name)
@@ -109,7 +109,7 @@ def _constrained(old: Model, made: Model, name: str) -> Model:
             raise ModelError("The constraint of the continuum (Sigma_y = 1) forces the parameter of this term to zero.")
         return made.replace(constraints=conditions)
     if any(str(s) == name for e in before for s in e.free_symbols):
-        raise ModelError(f"A constraint of this model speaks of {name}: its term stays as it is.")
+        raise ModelError(f"A constraint of this model contains {name}, so its term cannot be changed.")
     return made.replace(constraints=before)
 
 
@@ -174,7 +174,7 @@ def own_names(model: Model) -> list[str]:
 
 
 def smooth(model: Model, eps: Any = None, form: Any = "tanh") -> Any:
-    """Put a smooth function in the place of sign(phi1), before or after identification.
+    """Replace sign(phi1) by a smooth function, before or after identification.
 
     Parameters
     ----------

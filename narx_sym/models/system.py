@@ -24,29 +24,30 @@ from .rewrite import called
 
 @dataclass(frozen=True, eq=False)
 class System(SystemDoors, InLatex):
-    """Models with one output each that run together: what one of them reads by the name of another's output is that.
+    """A model with several outputs: one model for each output, connected by the names of the outputs.
 
     Parameters
     ----------
     parts : mapping from the name of an output to its Model
-        In a part `y` is its own output and `u` the first input; further inputs and the other outputs are channels.
+        In each model `y` is its own output and `u` the first input; the other outputs and inputs are channels.
 
     Raises
     ------
     ModelError
-        For no part, an inverse model, a name that means something else, two sampling times, and outputs that need one
-        another at one sample.
+        For no model, an inverse model, a reserved name, different sampling times, or an algebraic loop.
 
     Examples
     --------
     >>> import narx_sym as ns
-    >>> upper = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.1])
-    >>> lower = ns.NARX.from_terms(["y[k-1]", "h1[k-1]"], theta=[0.8, 0.2], channels=["h1"])
+    >>> upper = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.75, 0.5])
+    >>> lower = ns.NARX.from_terms(["y[k-1]", "h1[k-1]"], theta=[0.5, 0.5], channels=["h1"])
     >>> tanks = ns.System({"h1": upper, "h2": lower})
     >>> tanks.inputs, tanks.outputs
     (('u',), ('h1', 'h2'))
     >>> tanks.equilibria()
-    [{h1: 1.0*u, h2: 1.0*u}]
+    [{h1: 2.0*u, h2: 2.0*u}]
+    >>> tanks.simulate({"u": [1.0, 1.0, 1.0]}, {"h1": 0.0, "h2": 0.0})["h2"]
+    array([0.  , 0.  , 0.25])
     """
 
     parts: Mapping[str, Model]
@@ -61,7 +62,7 @@ class System(SystemDoors, InLatex):
             if not name.isidentifier() or name in RESERVED - {y.name} or (name == y.name and len(self.parts) > 1):
                 raise ModelError(f"The output {name!r} needs a plain name of its own, such as y1.")
         if len({part.Ts for part in self.parts.values() if part.Ts}) > 1:
-            raise ModelError("The parts of a system have one sampling time.")
+            raise ModelError("All parts of a system must have the same sampling time.")
         self.recursion  # noqa: B018  what cannot be computed in any order is said at once
 
     @property
@@ -71,7 +72,7 @@ class System(SystemDoors, InLatex):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The names of what drives it: `u` first where it is read."""
+        """The names of the inputs, `u` first."""
         read = [b.name for b in self.recursion.inputs]
         return tuple(sorted(read, key=lambda name: (name != u.name, name)))
 
@@ -81,7 +82,7 @@ class System(SystemDoors, InLatex):
         return next((part.Ts for part in self.parts.values() if part.Ts), None)
 
     def names(self, output: str) -> dict[Any, Any]:
-        """Return what the sequences and parameters of a part are called in the system."""
+        """Return the names that the signals and parameters of a part have in the system."""
         part = self.parts[output]
         own: dict[Any, Any] = {s: sp.Symbol(f"{s}_{output}", **s._assumptions_orig) for s in part.symbols}
         own |= {s.left.base: signal(f"{s.left.base.name}_{output}") for s in part.states}
@@ -89,9 +90,9 @@ class System(SystemDoors, InLatex):
 
     @cached_property
     def recursion(self) -> Recursion:
-        """All equations, each behind what it reads at the same sample.
+        """All equations, sorted so that each only needs earlier ones of the same sample.
 
-        ModelError where outputs need one another at one sample.
+        ModelError for an algebraic loop.
         """
         listed: list[tuple[Any, Any]] = []
         for output, part in self.parts.items():
@@ -102,7 +103,8 @@ class System(SystemDoors, InLatex):
             ready = [base for base, (_, right) in left.items() if not _at_once(right) & left.keys()]
             if not ready:
                 raise ModelError(
-                    f"{', '.join(b.name for b in left)} need one another at one sample: one must be later."
+                    f"Algebraic loop: {', '.join(b.name for b in left)} depend on one another at the same sample; "
+                    "one of them needs a delay."
                 )
             ordered.append(left.pop(ready[0]))
         return Recursion(tuple(ordered), self.symbols)
@@ -114,13 +116,13 @@ class System(SystemDoors, InLatex):
 
     @property
     def numbers(self) -> tuple[float, ...] | None:
-        """Their values, None where a part has none."""
+        """Values of the parameters, None if a part has none."""
         found = [part.numbers for part in self.parts.values()]
         return None if any(n is None for n in found) else tuple(v for n in found for v in n or ())
 
     @property
     def values(self) -> dict[Any, Any]:
-        """Symbol to value; empty where a part has none."""
+        """Values by symbol; empty if a part has none."""
         return {} if self.numbers is None else dict(zip(self.symbols, map(sp.Float, self.numbers), strict=True))
 
     @property
@@ -137,7 +139,7 @@ class System(SystemDoors, InLatex):
         return found
 
     def equilibria(self, numbers: bool = True) -> list[dict[Any, Any]]:
-        """Return every equilibrium as outputs (and states) in terms of the constant inputs.
+        """Return the steady states: outputs (and states) as functions of the constant inputs.
 
         Parameters
         ----------

@@ -218,7 +218,7 @@ def plot_before_after(diagnosis: Diagnosis, axes: Any = None, units: Units | Non
 
 
 def plot_where_it_fails(diagnosis: Diagnosis, units: Units | None = None) -> Any:
-    """Draw the error in the panels that tell most; see `narx_sym.report.plots.where_it_fails`."""
+    """Draw where the model fails, in the panels that explain most; see `narx_sym.report.plots.where_it_fails`."""
     return where_it_fails(diagnosis.misfit, units=said_first(diagnosis.units, units))
 
 

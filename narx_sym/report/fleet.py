@@ -58,7 +58,7 @@ def nothing(row: Row) -> str:
         return "not judged"
     if row["valve"]:
         return str(row["valve"])
-    return "nothing that the record shows" if row["finding"] == "nothing_detectable" else "nothing is named"
+    return "no detectable effect" if row["finding"] == "nothing_detectable" else "no effect is named"
 
 
 def _same_unit(rows: Sequence[Row]) -> str:

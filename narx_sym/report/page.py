@@ -138,7 +138,7 @@ def write_report(
     files: Sequence[PathLike] = (),
     settings: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write one self-contained HTML file; it appears whole or not at all.
+    """Write the report as one HTML file that needs no network.
 
     Parameters
     ----------

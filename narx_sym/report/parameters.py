@@ -21,12 +21,13 @@ from .words import Row, Units, begun, number, spaced
 
 MOVED = 3.0  # standard errors
 LETTERS = {  # what the catalogue calls by a letter alone
-    "hysteresis c": "size of the loop", "hysteresis b": "bend after a turn", "hysteresis g": "gamma over beta",
-    "hysteresis r": "widest play", "hysteresis d": "slope of the middle", "hysteresis h0": "offset of the middle",
-    "hysteresis c1": "slope after a turn", "hysteresis c2": "bend against the way",
-    "hysteresis c3": "bend with the way", "hysteresis a": "pole of the lag",
-    "stiction c": "size of the effect", "stiction r": "band while it slides",
-    "stiction e": "more until it breaks loose",
+    "hysteresis c": "size of the loop", "hysteresis b": "curvature after a reversal", "hysteresis g": "gamma over beta",
+    "hysteresis r": "widest play", "hysteresis d": "slope of the centre line", "hysteresis h0": "offset of the "
+    "centre line",
+    "hysteresis c1": "slope after a reversal", "hysteresis c2": "curvature against the motion",
+    "hysteresis c3": "curvature along the motion", "hysteresis a": "pole of the lag",
+    "stiction c": "size of the effect", "stiction r": "sliding band",
+    "stiction e": "additional breakaway band",
 }  # fmt: skip
 
 
@@ -164,6 +165,6 @@ def moved(rows: Iterable[Parameter]) -> str:
     gone = ["the constant" if r.term == "1" else r.term or r.name for r in rows if r.status == "deleted"]
     said = f"Moved by more than {MOVED:.0f} standard errors: {', '.join(changed)}. " if changed else ""
     who = "It" if len(changed) == 1 else "They"
-    said += f"{who} had been compensating for what was missing. " if changed else ""
-    why = "Deleted, because the effect and the orders that go with it make them redundant"
+    said += f"{who} had compensated for the missing effect. " if changed else ""
+    why = "Deleted, because the effect and its orders make them redundant"
     return said + (f"{why}: {', '.join(gone)}." if gone else "")

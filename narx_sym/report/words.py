@@ -21,28 +21,28 @@ Units = Mapping[str, str]
 Row = dict[str, Any]
 DIGITS = 4  # of the numbers in equations
 NEXT = {
-    "nothing_detectable": "Keep the model. Smaller effects show with less noise, a longer record or a wider input: "
-    "the sizes below say how small.",
-    "named": "Take the model with {best}, and compare it with a record of another day (--validate).",
+    "nothing_detectable": "Keep the model. To detect smaller effects, record with less noise, for longer, or with a "
+    "wider input: the detection limits below say how small.",
+    "named": "Use the model with {best}, and compare it with a record of another day (--validate).",
     "confused": "Run the proposed experiment, and diagnose both records together.",
-    "helps_but_incomplete": "Take {best} as a first step, look at where the model fails, and diagnose again with more "
+    "helps_but_incomplete": "Add {best} as a first step, look at where the model fails, and diagnose again with more "
     "effects.",
-    "closed_loop": "Record again with the controller in manual, and steps or a slow triangle as its output; an added "
-    "test signal at the controller's output helps too.",
-    "outside_library": "Look at where the model fails, and at the equivalent missing input there. An effect of "
-    "your own is one equation.",
+    "closed_loop": "Record again with the controller in manual mode, with steps or a slow triangle as input; a test "
+    "signal added to the controller's output helps too.",
+    "outside_library": "Look at where the model fails, and at the equivalent missing input there. You can add an "
+    "effect of your own as one equation.",
 }
 
 
 BADGES = {  # by `Step.finding`: what the headline says, in a few words
     "nothing_detectable": "nothing found",
-    "follows_nothing": "the base does not follow",
-    "one_step": "one step tells no effect",
-    "trace": "something left, too little",
-    "unexplained": "more left than noise",
+    "follows_nothing": "the base model does not follow",
+    "one_step": "a single step is not enough",
+    "trace": "a small unexplained error",
+    "unexplained": "more error than noise",
     "two_effects": "two effects together",
     "refused": "not confirmed by validation data",
-    "valve": "judged as a valve",
+    "valve": "checked as a valve",
     "perhaps_closed_loop": "perhaps in closed loop",
     "probably_closed_loop": "probably in closed loop",
     "named": "one explanation fits",
@@ -123,41 +123,45 @@ def headline(diagnosis: Diagnosis) -> str:
     first, said = diagnosis.steps[0], _headline(diagnosis)
     named = first.finding in ("named", "two_effects", "helps_but_incomplete")
     sine = named and all(one_sine(r.u, r.Ts) for r in first.base.split.records)
-    return f"{said.removesuffix('.')} (one sine cannot tell for sure)." if sine else said
+    return f"{said.removesuffix('.')} (uncertain: the input is a single sine)." if sine else said
 
 
 def _headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
     first = diagnosis.steps[0]
     if first.verdict == "nothing_detectable":
         if first.follows_nothing:
-            return "The base does not follow the output: what is missing cannot be told from it."
+            return "The base model does not follow the output, so it cannot show which effect is missing."
         if first.one_step:
-            return "From one step of the input no effect can be named."
+            return "No effect can be named from a single step of the input."
         if first.unexplained:
-            return "What is left is more than the sensor's noise, and no effect of the catalogue explains enough of it."
+            return (
+                "The remaining error is larger than the sensor noise, but no effect of the catalogue explains "
+                "enough of it."
+            )
         if first.trace:
-            return "Something is left, too little in these data to be named."
-        return "Nothing is missing that these data can show."
+            return "A small part of the error is unexplained, but too small in these data to name an effect."
+        return "No missing effect can be detected in these data."
     if first.verdict == "outside_library":
-        return "Something is missing that the catalogue does not know."
+        return "An effect is missing that is not in the catalogue."
     if first.verdict == "closed_loop":
         if first.valves:
             valve = worst_valve(first.valves)
-            none = "This record was taken in closed loop: nothing is named, and no valve is seen to stick."
+            none = "This record was taken in closed loop: no effect is named, and no valve is found to stick."
             return f"{begun(valve.verdict)}." if valve.found or valve.perhaps else none
         if first.loop is not None and first.loop.unseen:
-            return "Perhaps this record was taken in closed loop: nothing is named."
+            return "Perhaps this record was taken in closed loop: no effect is named."
         known = first.loop is not None and first.loop.given
-        return f"This record was {'' if known else 'probably '}taken in closed loop: nothing is named."
+        return f"This record was {'' if known else 'probably '}taken in closed loop: no effect is named."
     if first.refused is not None:
         moved = [e.effect for e in newer(first.refused.model, first.base.model)]
         record, validation = (verb for verb, _ in first.moves(first.refused, {}))
         return begun(
-            f"with {joined(map(spaced, moved))} the error {record} on the record and {validation} on validation data."
+            f"with {joined(map(spaced, moved))} the error {record} on the record and {validation} on validation "
+            "data, so nothing is added."
         )
     if first.pair is not None:
         others = ", or others that explain as much" if first.pair.rivals else ""
-        rest = "" if first.pair.all else "; they are not all"
+        rest = "" if first.pair.all else "; something else is missing too"
         names = list(map(spaced, first.told(*first.pair.effects)))
         missing = f"{first.pair.counted} are probably missing" if len(names) > 1 else "Probably missing"
         return f"{missing}: {joined(names)}{others}{rest}."
@@ -166,10 +170,10 @@ def _headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
         listed = [n for n in names if n != BASE] or [spaced(first.told(first.candidates[0].effect)[0])]
         return begun(f"{' or '.join(listed)} helps, but something else is missing too.")
     if BASE in names:
-        found = f"{' or '.join(n for n in names if n != BASE)} may be missing: one speed cannot tell."
+        found = f"{' or '.join(n for n in names if n != BASE)} may be missing; a record at one speed cannot decide."
         return begun(found)
     if first.verdict == "confused":
-        return begun(f"{', '.join(names[:-1])} or {names[-1]} is probably missing; these data cannot tell which.")
+        return begun(f"{', '.join(names[:-1])} or {names[-1]} is probably missing; these data cannot decide which.")
     return f"{begun(names[0])} is probably missing."
 
 
@@ -185,7 +189,8 @@ def what_next(diagnosis: Diagnosis) -> str:
         return _next(diagnosis)
     listed = ", ".join(aside[:NAMED]) + (f" and {len(aside) - NAMED} more" if len(aside) > NAMED else "")
     return (
-        f"{_next(diagnosis)} Columns that took no part: {listed}. Those that act on the machine are named as channels: "
+        f"{_next(diagnosis)} Columns that were not used: {listed}. If a column acts on the machine, use it as a "
+        "channel: "
         f"--channels {aside[0]}."
     )
 
@@ -197,35 +202,42 @@ def _next(diagnosis: Diagnosis) -> str:  # noqa: PLR0911
     if frozen := faults.get("frozen_sensor"):
         rows = "{}:{}".format(*frozen.rows)
         return (
-            f"Empty the output in the rows {rows} of '{frozen.record}', where it stays at one value, and diagnose "
+            f"Delete the output values in the rows {rows} of '{frozen.record}', where they stay constant, and diagnose "
             "again with --missing drop."
         )
     if "spikes" in faults:
-        return "Empty the cells of the samples that stand alone, and diagnose again with --missing drop."
+        return "Delete the values of the outliers, and diagnose again with --missing drop."
     if chosen.follows_nothing:
         return (
-            "Choose another base, or record with an input that moves the output: a constant does as well as this model."
+            "Choose another base model, or record with an input that moves the output: this model is no better than "
+            "a constant."
         )
     if chosen.one_step:
         return "Record steps of several sizes, up and down."
     if diagnosis.one_speed and chosen.verdict in UNNAMED:
-        return "Record at a second speed or stroke: at one speed a linear base may hide friction, slack or hysteresis."
+        return (
+            "Record at a second speed or stroke: at one speed a linear base model can imitate friction, slack or "
+            "hysteresis."
+        )
     if chosen.verdict == "nothing_detectable" and chosen.unexplained:
         return (
-            "Look at where the model fails, for what disturbs the machine, or for a signal that was not recorded: what "
-            "is left is no noise of the sensor, and no effect of the catalogue."
+            "Look at where the model fails, and search for a disturbance of the machine or a signal that was not "
+            "recorded: the remaining error is not sensor noise, and no effect of the catalogue explains it."
         )
     if chosen.trace:
-        return "Keep the model for now. A longer record, less noise or a wider input would tell what it is."
+        return "Keep the model for now. A longer record, less noise or a wider input would show what it is."
     if any(v.found or v.perhaps for v in chosen.valves):
         return (
-            "Put the controller in manual and move its output up and down in small steps: how far it goes before PV "
-            "follows is the band."
+            "Put the controller in manual mode and move its output up and down in small steps: the stiction band is "
+            "how far it moves before PV follows."
         )
     if chosen.refused is not None:
         return "Record more, over the range of both records, and diagnose all records together."
     if chosen.verdict == "confused" and not (chosen.experiment and chosen.experiment.clear):
-        return "Record with a wider range or faster moves, and diagnose both records together: here no input decides."
+        return (
+            "Record with a wider range or faster moves, and diagnose both records together: no tested input "
+            "within this range decides."
+        )
     verdict = chosen.verdict
     if verdict == "helps_but_incomplete" and diagnosis.exhausted:
         verdict = "outside_library" if diagnosis.steps[-1].verdict == "outside_library" else "named"
@@ -247,7 +259,7 @@ def floor(diagnosis: Diagnosis) -> dict[str, float]:
     if not has_floor(diagnosis):
         return {}
     left = first.verdict == "nothing_detectable" and first.unexplained
-    named = {"Noise of the sensor": first.sensor} if left else {"Noise floor": diagnosis.floor}
+    named = {"Sensor noise": first.sensor} if left else {"Noise floor": diagnosis.floor}
     return {what: size / first.base.problem.spread for what, size in named.items()}
 
 

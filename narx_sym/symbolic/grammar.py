@@ -106,7 +106,7 @@ def parse(text: str, signals: Iterable[str] = (), symbols: Iterable[Any] = ()) -
 
 
 def read_json(text: str) -> Any:
-    """Read JSON in which no name stands twice in an object and every number is finite.
+    """Read JSON in which no name appears twice in an object and every number is finite.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def read_json(text: str) -> Any:
         found = dict(pairs)
         if len(found) < len(pairs):
             names = [n for n, _ in pairs]
-            raise ValueError(f"the name {next(n for n in names if names.count(n) > 1)[:40]!r} stands twice")
+            raise ValueError(f"the name {next(n for n in names if names.count(n) > 1)[:40]!r} appears twice")
         return found
 
     def number(token: str) -> float:

@@ -124,7 +124,14 @@ def _latex_expr(expr: Any, **settings: Any) -> str:
 
 
 def latex(thing: Any) -> str:
-    """Return LaTeX of anything in the package: a model, a law, a condition, an expression, a list of these."""
+    r"""Return LaTeX of anything in the package: a model, a law, a condition, an expression, or a list of these.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> print(ns.latex(ns.phi1[ns.k - 1] * ns.y[ns.k - 2]))
+    \phi_{1,\,k-1} y_{k-2}
+    """
     if hasattr(thing, "latex") and callable(thing.latex):
         return str(thing.latex())
     if isinstance(thing, (list, tuple)) and not isinstance(thing, sp.Basic):
@@ -227,7 +234,14 @@ class _Shown(_Text):
 
 
 def text(expr: Any) -> str:
-    """Return a text that `parse` reads back to the same expression."""
+    """Return an expression as text, in the form that `NARX.from_terms` and model files use.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> ns.text(3 * ns.u[ns.k - 1] ** 2)
+    '3*u[k-1]**2'
+    """
     return str(_Text().doprint(expr))
 
 

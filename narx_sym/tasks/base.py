@@ -124,6 +124,6 @@ def check_pace(model: Model, Ts: float | None, what: str) -> None:
     if Ts is None or not model.Ts or same_pace(Ts, model.Ts) or not model.recursion.depth:
         return
     raise DataError(
-        f"{what} Ts = {Ts:g} s, the model was identified at {model.Ts:g} s, and at another rate it is another model: "
-        f"resample to {model.Ts:g} s, or fit a model to data at {Ts:g} s."
+        f"{what} Ts = {Ts:g} s, the model was identified at {model.Ts:g} s, and a model is only valid at its "
+        f"sampling time: resample to {model.Ts:g} s, or fit a model to data at {Ts:g} s."
     )

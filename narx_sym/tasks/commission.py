@@ -91,11 +91,12 @@ class Commissioning:
         less = f"{gain:.3g} times less than" if gain > GAINS else "no less than"
         beside = f", {less} {WITHOUT} ({self.plain})" if np.isfinite(gain) else ""
         text = f"Expected: an error of {self.expected:.3g}{of_y} rms{beside}; 95 % of the simulated runs"
-        left = f"What the model leaves unexplained, {self.unexplained:.3g}{of_y} rms, is part of it."
+        left = f"This includes {self.unexplained:.3g}{of_y} rms that the model does not explain."
         if 0 < CLEARLY * self.sensor < self.unexplained:  # it is drawn by chance, and may be none
             left += (
-                f" The sensor makes {self.sensor:.2g}{of_y} of that; what comes with the motion, as friction or slack "
-                "that the model lacks, may be larger on this reference: no bound holds for it."
+                f" The sensor causes {self.sensor:.2g}{of_y} of that. The rest comes with the motion, for example "
+                "from friction or slack that the model does not contain. It may be larger on this reference, and no "
+                "bound is known for it."
             )
         text += f" stay below {self.worst:.3g}{of_y}. {left}"
         text += f" The input changes by up to {self.steepest:.3g}{of_u} per sample."
@@ -115,7 +116,7 @@ def commission(
     seed: int = 0,
     validation: Records = (),
 ) -> Commissioning:
-    """Run a law over a reference, and its input through many models that the records allow as well.
+    """Predict the error of a law on the machine: simulate it on many models that fit the records.
 
     The parameter sets are those of a moving-block bootstrap (Kunsch 1989) of the records on which the model was
     fitted; to each run a piece of what the model leaves unexplained there is added, drawn in blocks too, from a
@@ -158,9 +159,7 @@ def commission(
     errors = rms(gaps)
     stays = np.isfinite(errors)
     if not stays.any():
-        raise ModelError(
-            "The model diverges under the input of the law for every parameter set that the records allow."
-        )
+        raise ModelError("The model diverges under the input of the law for every parameter set that fits the records.")
     # Of few sets the outermost are no bounds: this estimate is unbiased (Weibull 1939).
     low, high = np.quantile(gaps[stays], [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0, method="weibull")
     seen = describe(model, listed, model.info.method, bool(model.info.converged)).info
@@ -177,9 +176,9 @@ def commission(
     said = [*beyond(seen, "u", "input", [run.m], model.Ts), *beyond(seen, "y", "reference", [r], model.Ts)]
     said += filter(None, [caution(law, share).rstrip(".")])
     if not stays.all():
-        said.append(f"{np.sum(~stays)} of {draws} parameter sets that the records allow run away")
+        said.append(f"{np.sum(~stays)} of {draws} parameter sets that fit the records diverge")
     if found.at_limits > RESTS:
-        said.append(f"limits hold the input for {100 * found.at_limits:.0f} % of the time")
+        said.append(f"the input is at a limit for {100 * found.at_limits:.0f} % of the time")
     if worse > 1 - LEVEL:
         said.append(f"for {100 * worse:.0f} % of the parameter sets the error is larger than {WITHOUT}")
     return replace(found, against=tuple(text[0].upper() + text[1:] for text in said))
@@ -192,7 +191,7 @@ def _check(model: Model, draws: int) -> None:
         raise ModelError(f"At least 2 parameter sets must be drawn, not {draws}.")
     if model.channels or model.input != u:
         raise ModelError(
-            "Commissioning needs a law from a model of the output with one input; use Python for this one."
+            "Commissioning needs the law of a model with one input and one output; use Python for this model."
         )
 
 

@@ -71,8 +71,8 @@ def compare(model: Model, records: Sequence[Record], align: bool = False) -> Com
             notes.append(f"{name}: estimated offset of the sensor {', '.join(offsets)}")
         if found.own_load_nrmse is not None:
             notes.append(
-                f"{name}: the axis integrates, and its constant load is estimated on the record like a start state; "
-                f"with the load of the model the free-run NRMSE is {found.own_load_nrmse:.4g}"
+                f"{name}: the model is an integrator, so a constant load is estimated on the record, like a start "
+                f"state; with the load of the model the free-run NRMSE is {found.own_load_nrmse:.4g}"
             )
     misfit, why_not = where_it_fails(model, moved)
     return Compared(errors, misfit, [*notes, *filter(None, [why_not])])
@@ -91,7 +91,7 @@ def validated(model: Model, records: Sequence[Record], align: bool = False) -> l
 def where_it_fails(model: Model, records: Sequence[Record]) -> tuple[Misfit | None, str]:
     """Return where a model fails along the longest segment; None, and the reason, where that cannot be said."""
     if model.input != u:
-        return None, "where it fails is shown for models from u to y, not for inverse ones"
+        return None, "for inverse models it is not shown where the model fails"
     record = max((s for r in records for s in r.segments()), key=len)
     try:
         error = record.y - free_run(model, record)
@@ -99,7 +99,7 @@ def where_it_fails(model: Model, records: Sequence[Record]) -> tuple[Misfit | No
         floor = math.sqrt(math.fsum(x * x for x in noise) / len(noise)) if noise else None
         return misfit_of(model, record, error, floor), ""
     except NarxError as error:
-        return None, f"where it fails cannot be said: {error}"
+        return None, f"it cannot be shown where the model fails: {error}"
 
 
 def write_errors(found: Compared, path: Path) -> None:

@@ -104,7 +104,7 @@ def law_of(
     rests = rests_at(model, limits) if limits else None
     if limits and rests:
         ends = (f"{level:.4g} with {held:.4g}" for level, held in zip(rests, limits, strict=True))
-        notes.append(f"Held at a limit, the input lets the model rest at {' and at '.join(ends)}.")
+        notes.append(f"With the input at a limit, the steady state of the model is {' and at '.join(ends)}.")
     sources, lacking = _sources(law, limits=limits or "known", rate=rate, share=share, force=force)
     return Law(
         (first, *law.lines(numbers=True)),

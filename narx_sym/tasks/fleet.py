@@ -135,8 +135,8 @@ def _found(path: Path, group: str, columns: dict[str, str]) -> list[Entry]:
         raise DataError(f"--group {group!r} matches no path, such as {others[0]}.")
     if others:
         warnings.warn(
-            f"--group {group!r} does not match {len(others)} of {len(found)} paths, such as {others[0]}: their machine "
-            f"is called {UNKNOWN}",
+            f"--group {group!r} does not match {len(others)} of {len(found)} paths, such as {others[0]}: their "
+            f"machine is named {UNKNOWN}",
             stacklevel=3,
         )
     return found
@@ -217,7 +217,7 @@ def look(entry: Entry, settings: Settings) -> Row:
 
     def watch(_: str) -> None:
         if settings.budget and time.monotonic() - begin > settings.budget:
-            raise BudgetError(f"It took longer than its budget of {settings.budget:g} s.")
+            raise BudgetError(f"It took longer than the time limit of {settings.budget:g} s.")
 
     passing = False
     try:

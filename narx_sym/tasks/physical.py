@@ -35,7 +35,7 @@ def physical(
         if model.info.useless:
             raise ModelError("The free run of the model is no better than a constant.")
         if not linear_part(model).linear:
-            raise ModelError("The core of the model is not linear: `derive --continuous` gives its tangent.")
+            raise ModelError("The model is nonlinear: `derive --continuous` gives its linearisation.")
     except NarxError as error:
         return str(error)
     parts = [r[: int(np.count_nonzero(m))] for r, m in zip(split.records, split.train, strict=True)]

@@ -129,9 +129,11 @@ def drawn(Ts: float, points: Sequence[tuple[float, float]], seconds: float) -> R
     if not np.all(np.isfinite(points)):
         raise DataError("Times and levels of points must be finite.")
     for i in np.flatnonzero(np.diff(times) <= 0)[:1]:
-        raise DataError(f"Times must rise: behind the point at {times[i]:.6g} s stands one at {times[i + 1]:.6g} s.")
+        raise DataError(
+            f"Times must increase: the point at {times[i]:.6g} s is followed by one at {times[i + 1]:.6g} s."
+        )
     for time in times[(times < 0) | (times > seconds)][:1]:
-        raise DataError(f"The point at {time:.6g} s lies outside of the duration, 0 to {seconds:.6g} s.")
+        raise DataError(f"The point at {time:.6g} s lies outside the duration, 0 to {seconds:.6g} s.")
     return Reference(t, np.interp(t, times, levels), Ts)
 
 

@@ -265,7 +265,7 @@ def outcome(seed: int, effects: int = 2, late: int = 0, names: bool = False) -> 
         try:
             found = run.follow()
         except Diverged as error:
-            return "refused: it runs away" if "runs away" in str(error) else "diverges", name, N
+            return "refused: it runs away" if "law diverges" in str(error) else "diverges", name, N
         except NarxError:
             return "refused", name, N
         if word := false_word(run, found):

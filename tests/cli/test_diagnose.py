@@ -125,8 +125,8 @@ def test_names_the_hidden_effect(files, diagnosed):
     text, err = diagnosed
     assert "Diagnosing ..." in err
     for expected in (
-        "one explanation fits", "Probably missing: dead zone", "mm rms", "+ dead zone", "noise floor", "Where it fails",
-        "What could not have been seen", "dead zone *", "fit [%], validation", "Max(-0.",
+        "one explanation fits", "Probably missing: dead zone", "mm rms", "+ dead zone", "noise floor", "Where the model fails",
+        "Detection limits", "dead zone *", "fit [%], validation", "Max(-0.",
     ):  # fmt: skip
         assert expected in text, text
     for picture in ("p.png", "p_where.png"):
@@ -178,7 +178,7 @@ def test_the_command_to_go_on_with_reads_the_data_as_this_one_did(files, run, tm
 def test_what_was_done_with_the_data_and_every_unit_are_printed(files, run, stage_diagnosis, monkeypatch):
     first = stage_diagnosis.steps[0]
     slow = replace(first.experiment, name="steps of 0.5, moving at 62.6 per s")
-    kept = ["dead: read before", "The hypotheses were compared at 20 samples averaged into one."]
+    kept = ["dead: read before", "The candidate effects were compared on averages of 20 samples."]
     told = replace(stage_diagnosis, steps=[replace(first, experiment=slow)], data_notes=kept)
     monkeypatch.setattr("narx_sym.diagnosis.procedure.diagnose", lambda *_, **__: told)
     monkeypatch.setattr("narx_sym.tasks.base.what_to_know", lambda records: {"read before": [r.name for r in records]})
@@ -238,7 +238,7 @@ def test_saved_model_is_read_and_fits(files, diagnosed, run):
 def test_nothing_hidden_nothing_found(files, run, tmp_path):
     written = ["--json", tmp_path / "n.json", "--save", tmp_path / "m.json"]
     text, err = run.good("diagnose", files / "null.csv", "--rows", "0:700", *written)
-    assert "(nothing found)" in text.splitlines()[0] and "nothing was added" in err
+    assert "(nothing found)" in text.splitlines()[0] and "no effect was added" in err
     data = json.loads((tmp_path / "n.json").read_text())
     assert data["candidates"] == [] and data["confusion_set"] == [] and data["smallest_detectable"]
     assert "steps" not in data and ns.load(tmp_path / "m.json").info.nrmse.free_run < 0.02
@@ -295,7 +295,7 @@ def test_effects_in_words(run):
 def test_compare_says_where_it_fails(files, run, tmp_path):
     picture = tmp_path / "c.png"
     text, _ = run.good(f"compare {files}/linear.json {files}/dead.csv --plot {picture} --units V,mm")
-    assert "Where it fails" in text and "mean error" in text and "mm" in text
+    assert "Where the model fails" in text and "mean error" in text and "mm" in text
     assert picture.stat().st_size > 10_000 and (tmp_path / "c_where.png").stat().st_size > 10_000
 
 
@@ -321,10 +321,10 @@ def test_bad_usage(files, run, tmp_path):
         (tmp_path / "absent.csv",): "no such file",
         (data, "--effects", tmp_path / "broken.toml"): "'where' is missing",
         (data, "--effects", tmp_path / "absent.toml"): "no such file",
-        (data, "--json", data): "is read by this command",
+        (data, "--json", data): "this command reads this file",
         (data, "--json", tmp_path / "no" / "d.json"): "does not exist",
         (data, "--json", tmp_path / "a.json", "--save", tmp_path / "a.json"): "same file",
-        (data, "--plot", tmp_path / "p.xyz"): "pictures end in",
+        (data, "--plot", tmp_path / "p.xyz"): "unknown kind of picture",
     }.items():
         code, _, err = run("diagnose", *arguments)
         assert one_message(code, err), (arguments, code, err)
@@ -345,7 +345,7 @@ def test_an_input_that_was_run_is_not_overwritten(files, run, tmp_path):
         record = tmp_path / name
         record.write_bytes((files / "dead.csv").read_bytes())
         code, _, err = run("diagnose", record, "--base", files / "linear.json", "--json", tmp_path / "found.json")
-        assert one_message(code, err) and "is read by this command" in err
+        assert one_message(code, err) and "this command reads this file" in err
         assert record.read_bytes() == (files / "dead.csv").read_bytes() and not (tmp_path / "found.json").exists()
 
 

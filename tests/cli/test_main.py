@@ -139,7 +139,7 @@ def test_derive_gives_a_differential_equation_in_newtons(run, tmp_path):
     code, text, err = run(*asked)
     assert code == 0 and "mass 0.0094" in text and "V s²/m" in text and "95 %" not in text
     code, _, err = run("derive", tmp_path / "m.json", "--scale", "20N/V")
-    assert code == 2 and "belong to derive --continuous" in err
+    assert code == 2 and "need derive --continuous" in err
     code, _, err = run(*asked, "--scale", "20")
     assert code == 2 and "scale" in err and "Traceback" not in err
 
@@ -164,7 +164,7 @@ def test_compensate_exports_the_law(run, bench, tmp_path):
     law = ns.load(bench / "model.json").compensator()
     assert (tmp_path / "law.c").read_text() == law.export("c") and (tmp_path / "law.st").read_text() == law.export("st")
     code, _, err = run("compensate", bench / "model.json", "--st", bench / "model.json")
-    assert code == 2 and "is read by this command" in err
+    assert code == 2 and "this command reads this file" in err
 
 
 def test_a_law_without_source_is_refused_before_anything_is_written(run, tmp_path):
@@ -280,19 +280,19 @@ def test_bad_usage(run, bench, tmp_path):
         ("fit", bench / "data.csv", "--out", tmp_path / "m.json", "--rows", "a:b"): "--rows A:B",
         ("fit", bench / "data.csv", "--out", tmp_path / "m.json", "--delay", "500"): "--delay",
         ("fit", bench / "data.csv", "--out", tmp_path / "m.json", "--method", "foo"): "Unknown method 'foo'",
-        ("fit", bench / "data.csv", "--out", bench / "data.csv"): "is read by this command",
-        ("compensate", bench / "model.json", "--latex", bench / "model.json"): "is read by this command",
-        ("compare", bench / "model.json", bench / "data.csv", "--plot", bench / "data.csv"): "is read by this command",
+        ("fit", bench / "data.csv", "--out", bench / "data.csv"): "this command reads this file",
+        ("compensate", bench / "model.json", "--latex", bench / "model.json"): "this command reads this file",
+        ("compare", bench / "model.json", bench / "data.csv", "--plot", bench / "data.csv"): "this command reads this file",
         ("fit", bench / "data.csv", "--out", tmp_path / "m.json", "--rows", "0:50", "--n-u", "60", "--degree", "1"): "shorter than the largest lag",
         ("fit", bench / "data.csv", "--out", tmp_path / "m.json", "--n-u", "60"): "The pool would have",
         ("derive", tmp_path / "no.json"): "no such model",
-        ("compensate", bench / "model.json", "--reference", bench / "ref.csv"): "belong together",
-        ("compensate", bench / "model.json", "--rows", "3:9"): "--rows belongs to a run of the law",
-        ("compensate", bench / "model.json", "--clip"): "--clip belongs to a run of the law",
+        ("compensate", bench / "model.json", "--reference", bench / "ref.csv"): "--reference and --out together",
+        ("compensate", bench / "model.json", "--rows", "3:9"): "--rows needs a run of the law",
+        ("compensate", bench / "model.json", "--clip"): "--clip needs a run of the law",
         ("compensate", bench / "model.json", "--reference", bench / "ref.csv", "--out", tmp_path / "m.xlsx"): "ends in .csv",
         ("simulate", bench / "model.json", bench / "ref.csv", "--input", "r", "--out", tmp_path / "m.xlsx"): "ends in .csv",
         ("compensate", bench / "model.json", "--reference", bench / "ref.csv", "--column", "q", "--out", tmp_path / "m.csv"): "no column 'q'",
-        ("compare", bench / "model.json", bench / "data.csv", "--plot", tmp_path / "p.xyz"): "pictures end in",
+        ("compare", bench / "model.json", bench / "data.csv", "--plot", tmp_path / "p.xyz"): "unknown kind of picture",
         ("compare", bench / "model.json", bench / "data.csv", "--channels", "temp"): "no column 'temp'",
     }.items():  # fmt: skip
         code, _, err = run(*arguments)

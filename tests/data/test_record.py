@@ -414,8 +414,8 @@ def test_gaps_split_and_short_parts_are_dropped():
     np.testing.assert_array_equal(grid.apply(x), x[1:81])
     np.testing.assert_allclose(grid.t, t[1:81], atol=1e-12)
     notes = " ".join(grid.notes)
-    assert "line 2: a part of only 1 sample" in notes and "line 3: gap of 1 s" in notes
-    assert "line 83: a part of only 2 sample" in notes
+    assert "line 2: a piece of only 1 sample" in notes and "line 3: gap of 1 s" in notes
+    assert "line 83: a piece of only 2 sample" in notes
 
 
 def test_ten_steps_are_no_gap_and_eleven_are():
@@ -624,8 +624,8 @@ def test_a_setpoint_that_nobody_reads_is_noted(tmp_path):
     path = tmp_path / "loop.csv"
     path.write_text("t,u,y,load,Setpoint [mm]\n" + "".join(f"{k},{k % 3},{k % 5},{k % 7},1\n" for k in range(20)))
     found = read(path, channels="load")  # who names channels names all of them
-    assert list(found.channels) == ["load"] and "say so: --role Setpoint_mm=setpoint" in found.notes[-1]
-    assert not any("is not read" in note for note in read(path, channels="Setpoint_mm").notes)
+    assert list(found.channels) == ["load"] and "use --role Setpoint_mm=setpoint" in found.notes[-1]
+    assert not any("is not used" in note for note in read(path, channels="Setpoint_mm").notes)
     assert read(path).roles == {"Setpoint_mm": "setpoint"}  # one that never moves is one too
     ignored = read(path, roles={"Setpoint [mm]": "ignore"})
     assert not ignored.channels and not ignored.notes and ignored.aside == ("load",)
@@ -636,10 +636,10 @@ def test_a_setpoint_that_moves_is_that_of_the_controller(tmp_path):
     path.write_text("t,u,y,load,Setpoint [mm]\n" + "".join(f"{k},{k % 3},{k % 5},{k},{k // 5}\n" for k in range(20)))
     found = read(path)
     assert list(found.channels) == ["Setpoint_mm"] and found.units["Setpoint_mm"] == "mm"
-    assert "taken for the setpoint of a controller" in found.notes[-1] and "--open-loop" in found.notes[-1]
+    assert "assumed to be the setpoint of a controller" in found.notes[-1] and "--open-loop" in found.notes[-1]
     assert list(read(path, channels="load").channels) == ["load"]  # who names channels names all of them
     path.write_text(path.read_text().replace("19,1,4,19,3", "19,1,4,19,"))
-    assert not read(path).channels and "is not read" in read(path).notes[-1]
+    assert not read(path).channels and "is not used" in read(path).notes[-1]
 
 
 @pytest.mark.parametrize("begin", [0.0, 1.7e9, 1.7e9 + 0.4])

@@ -163,7 +163,7 @@ def test_roles_go_into_model_and_json(run, tmp_path):
     out = tmp_path / "m.json"
     fit = ("fit", path, "--base", "linear", "--n-y", 1, "--n-u", 1, "--delay", 1, "--out", out)
     code, _, err = run(*fit, "--channels", "all", "--role", "cmd=ignore")
-    assert code == 0 and "derivative of the output" in err and "takes no part (lags" not in err, err
+    assert code == 0 and "derivative of the output" in err and "is not used (give lags" not in err, err
     assert ns.load(out).info.roles == {"cmd": "ignore", "vel": "derivative-of-y"}
     code, _, err = run(*fit, "--role", "cmd=disturbance")
     assert code == 0 and "setpoint" not in err and ns.load(out).info.roles == {"cmd": "disturbance"}

@@ -171,9 +171,7 @@ def test_what_a_refit_absorbs_is_no_difference():
     one, two = static(), NARX([u[k], 1], [0.7, 0.1], Ts=TS)
     found = propose({"offset": one, "drift": two}, record, NOISE)
     assert found.separation < 1e-9 and not found.visible and not found.clear
-    assert found.sentence.startswith(
-        "No input that was tried within the present range and rate tells offset and drift apart"
-    )
+    assert found.sentence.startswith("No tested input within the present range and rate distinguishes offset and drift")
 
 
 def test_little_gain_is_said(loops):
@@ -201,7 +199,7 @@ def test_three_candidates_with_time_and_a_channel(loops):
     # The temperature is held: an offset, which each of the others has too.
     assert ("backlash", "channel:temperature") in found.together
     assert ("backlash", "hysteresis") not in found.together
-    assert "No input that was tried tells backlash and channel:temperature apart." in found.sentence
+    assert "No tested input distinguishes backlash and channel:temperature." in found.sentence
 
 
 def test_unstable_models_skip_signals_or_give_nothing():
@@ -254,7 +252,7 @@ def test_twice_the_range_is_looked_at_where_this_one_does_not_decide(tmp_path):
     kept(Limits.of([record], (-2, 2)), again.u)
     near = propose(models, record, 1e-4, limits=(-0.5, 0.5))
     assert np.abs(near.u).max() <= 0.5 and near.wider is None
-    assert "No input that was tried within -0.5 ... 0.5 at the present rate" in near.sentence
+    assert "No tested input within -0.5 ... 0.5 at the present rate" in near.sentence
 
 
 @pytest.mark.parametrize("limits", [(1.0, 1.0), (2.0, -2.0), (0.0, np.inf), (np.nan, 1.0)])

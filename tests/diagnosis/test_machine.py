@@ -120,8 +120,10 @@ def found(heater):
 
 def test_a_guess_is_told_and_excludes(found):
     (note,) = [n for n in found.data_notes if "machine" in n]
-    assert note.startswith("The machine is taken for a thermal machine, by its units W -> degC")
-    assert "--machine none" in note and note.endswith("Not considered for a thermal machine: coulomb friction.")
+    assert note.startswith("The machine is assumed to be a thermal machine, because of the units W -> degC")
+    assert "--machine none" in note and note.endswith(
+        "Not considered, because impossible in a thermal machine: coulomb friction."
+    )
     plain = found.to_dict()
     assert plain["machine"] == {"name": "thermal", "guessed": True, "excluded": ["coulomb_friction"]}
     assert plain["excluded"] == {"coulomb_friction": "impossible for a thermal machine"}
@@ -179,7 +181,7 @@ def test_the_command_says_the_guess_and_refuses_an_unknown_machine(heater, tmp_p
         return stop.value.code or 0, capsys.readouterr()
 
     code, said = run("--json", str(tmp_path / "d.json"))
-    assert code == 0 and "note: The machine is taken for a thermal machine" in said.err
+    assert code == 0 and "note: The machine is assumed to be a thermal machine" in said.err
     assert json.loads((tmp_path / "d.json").read_text())["machine"]["name"] == "thermal"
     code, said = run("--machine", "heater")
     assert code == 2 and "Unknown machine 'heater'" in said.err and "smart-material" in said.err

@@ -49,12 +49,12 @@ def one():
 def test_a_slack_may_be_the_memory_of_the_base(one):
     _, found = one
     assert found.verdict == "confused" and found.confusion_set[-1] == "base" and len(found.confusion_set) > 1
-    assert any("moves at one speed" in note and "a static base leaves" in note for note in found.data_notes)
-    assert "cannot tell" not in found.sentence() and "one signal" in found.sentence()
+    assert any("moves at one speed" in note and "A static base model" in note for note in found.data_notes)
+    assert "cannot tell" not in found.sentence() and "cannot be distinguished" in found.sentence()
     assert found.to_dict()["confusion_set"] == found.confusion_set
     assert found.ladder[1]["validation"] < 0.2 * found.ladder[0]["validation"]  # of the base without memory
     assert found.experiment.clear and found.experiment.separates[-1] == "base"
-    assert f"a linear base, with its memory, leaves {found.steps[0].linear:.3g}" in found.sentence()
+    assert f"a linear base model alone leaves {found.steps[0].linear:.3g}" in found.sentence()
     assert found.steps[0].linear < 4 * NOISE
 
 

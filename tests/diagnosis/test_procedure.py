@@ -57,7 +57,7 @@ def test_of_what_the_catalogue_does_not_know_the_nearest_is_told(play):
     found = ns.diagnose(base, record, catalogue=Catalogue({"drift": EFFECTS["drift"]}))
     step = found.steps[0]
     assert found.verdict == "outside_library" and step.nearest == ["drift"] and 0 < step.nearest_share < 0.2
-    assert f"drift comes nearest, and removes {100 * step.nearest_share:.0f} % of" in found.sentence()
+    assert f"drift comes closest, and removes {100 * step.nearest_share:.0f} % of" in found.sentence()
 
 
 @pytest.fixture(scope="module")

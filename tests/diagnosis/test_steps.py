@@ -29,8 +29,8 @@ def test_of_one_step_nothing_is_named():
     base = ns.identify(record, base="linear", n_y=2, n_u=1, delay=1)
     found = ns.diagnose(base, record, catalogue=only("rate_limit", "backlash", "saturation", "drift"))
     assert found.verdict == "nothing_detectable" and not found.steps[0].smallest_detectable
-    assert found.steps[0].finding == "one_step" and "All that the input does is one step" in found.sentence()
-    assert headline(found) == "From one step of the input no effect can be named."
+    assert found.steps[0].finding == "one_step" and "The input is a single step" in found.sentence()
+    assert headline(found) == "No effect can be named from a single step of the input."
     assert what_next(found) == "Record steps of several sizes, up and down."
 
 

@@ -1,7 +1,5 @@
 """One step as a plain function: it gives what a run gives, whichever engine computes it."""
 
-import doctest
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,7 +7,6 @@ import sympy as sp
 from sampling import some
 
 import narx_sym as ns
-from narx_sym.engines import lambdify as module
 from narx_sym.models.extend import extend, variants
 from narx_sym.symbolic.grammar import parse
 from narx_sym.symbolic.recursion import Recursion
@@ -109,8 +106,3 @@ def test_casadi_takes_its_own_symbols():
     made = step(*(at[i] for i in range(4)))
     slope = ca.Function("slope", [at], [ca.jacobian(made, at)])(np.array([1.0, 0.4, 0.2, -1.0]))
     assert float(slope[BASE.lambdify().arguments.index("y[k-1]")]) == pytest.approx(0.6)
-
-
-def test_the_example_in_the_text_runs():
-    found = doctest.testmod(module)
-    assert found.attempted > 5 and not found.failed

@@ -170,10 +170,10 @@ def test_targets_are_checked_before_any_work(tmp_path, run, monkeypatch):
     cases = {
         ("fit", tmp_path / "d.csv", "--out", tmp_path / "folder"): "is a folder; give a file name",
         ("fit", tmp_path / "d.csv", "--out", tmp_path / "no" / "m.json"): "no does not exist; make it first",
-        ("fit", tmp_path / "d.csv", "--out", tmp_path / "d.csv"): "is read by this command",
+        ("fit", tmp_path / "d.csv", "--out", tmp_path / "d.csv"): "this command reads this file",
         ("derive", tmp_path / "m.json", "--latex", tmp_path / "a.png", "--plot", tmp_path / "a.png"): "the same file",
         ("compensate", tmp_path / "m.json", "--c", tmp_path / "a", "--st", tmp_path / "a"): "the same file",
-        ("diagnose", tmp_path / "d.csv", "--resume", tmp_path / "d.csv"): "is read by this command",
+        ("diagnose", tmp_path / "d.csv", "--resume", tmp_path / "d.csv"): "this command reads this file",
         ("demo", "--out", tmp_path / "m.json"): "cannot be a folder here",
     }
     for given, words in cases.items():

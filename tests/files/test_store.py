@@ -171,7 +171,7 @@ BAD_STATES = {
     "an effect as text": ("'effects'", {"info": {"effects": ["backlash"]}}),
     "an effect's unknown field": ("'effects'", {"info": {"effects": [{"effect": "a", "coefficients": [], "b": 1}]}}),
     "an effect without a name": ("must be a text", {"info": {"effects": [{"effect": 1, "coefficients": []}]}}),
-    "coefficients that are none": ("no parameter", {"info": {"effects": [{"effect": "a", "coefficients": ["q"]}]}}),
+    "coefficients that are none": ("not a parameter", {"info": {"effects": [{"effect": "a", "coefficients": ["q"]}]}}),
 }  # fmt: skip
 
 
@@ -192,7 +192,7 @@ BAD_MODELS = {
     "broken continuum": ("", {"constraints": ["continuum"]}), "reversed ranges": ("", {"info": {"ranges": {"u": [1, -1]}}}),
     "nothing": ("JSON", b""), "no text": ("JSON", b"\xff" * 10), "too large": ("larger than", b"\0" * 3_000_000),
     "half": ("JSON", "{"), "a list": ("schema", "[]"), "deep": ("JSON", "[" * 100_000), "two models": ("JSON", TEXT + TEXT),
-    "no schema": ("schema", '{"terms": []}'), "field twice": ("stands twice", TEXT.replace("{", '{"theta": [9.0], ', 1)),
+    "no schema": ("schema", '{"terms": []}'), "field twice": ("appears twice", TEXT.replace("{", '{"theta": [9.0], ', 1)),
     "NaN": ("no number", TEXT.replace("0.5", "NaN")), "infinite": ("no number", TEXT.replace("0.5", "-Infinity")),
     "huge value": ("too large", TEXT.replace("0.5", "1e999")), "long value": ("JSON", TEXT.replace("0.5", "1" * 5000)),
     "half a letter": ("input", TEXT.replace('"u"', '"\\ud800"')), "two bytes a letter": ("JSON", TEXT.encode("utf-16")),

@@ -14,7 +14,7 @@ from narx_sym.files.telling import Stderr, fenced
 def test_an_error_behind_a_fence_is_only_heard(fences):
     with fenced("The bar"):
         raise TypeError("no bar")
-    assert fences == ["The bar failed; the work goes on"]
+    assert fences == ["The bar failed; the computation continues"]
     fences.clear()
 
 

@@ -78,7 +78,9 @@ def test_creep_is_found_and_inverted(tmp_path):
     truth = Shape((0.4, 0.9), (), 0, creep=True).model({}, [0.5, 1.0, 0.6, 0.4, 0.0, 0.1, 0.99])
     record = ns.Record.from_arrays(U, truth.simulate(U, U[0], warn=False) + 0.001 * RNG.standard_normal(N), Ts=TS)
     model = ns.identify(record, base="play", delay=0, plays=3, creep=True)
-    assert model.info.selection.reason.startswith(f"{len(plays(model))} of 3 plays have weight") and plays(model)
+    assert model.info.selection.reason.startswith(f"{len(plays(model))} of 3 plays have a nonzero weight") and plays(
+        model
+    )
     assert model.values[sp.Symbol("g", real=True)] == pytest.approx(0.1, abs=0.03)
     assert model.values[sp.Symbol("b", real=True)] == pytest.approx(0.99, abs=0.01)
     model.save(tmp_path / "m.json")
@@ -89,7 +91,7 @@ def test_creep_is_found_and_inverted(tmp_path):
 
 def test_refusals(found):
     record, _ = found
-    with pytest.raises(FitError, match="falls where the input rises"):
+    with pytest.raises(FitError, match="falls when the input rises"):
         ns.identify(ns.Record.from_arrays(U, -record.y, Ts=TS), base="play")
     with pytest.raises(ModelError, match="from 1 to 50 plays"):
         identify_play([record], {}, plays=0)

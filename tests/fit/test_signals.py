@@ -55,7 +55,7 @@ def test_identify_takes_the_channels_that_are_named():
 
 
 def test_a_base_without_them_says_so():
-    with pytest.warns(UserWarning, match="the channel 'w' takes no part"):
+    with pytest.warns(UserWarning, match="the channel 'w' is not used"):
         ns.identify(record(), base="linear", n_y=1, n_u=1, delay=1)
 
 

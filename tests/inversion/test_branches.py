@@ -86,7 +86,7 @@ def test_a_solution_solves(name):
     expr = CASES[name]
     found = solve(expr)
     assert found.closed_form and found.residual() == 0
-    assert [n for n in found.notes if "turns back far away" not in n] == []
+    assert [n for n in found.notes if "reverses far away" not in n] == []
     assert found.proved != (name == "falling hysteresis")  # 0.7 - 0.008 |m| changes its sign at last
     rng = np.random.default_rng(1)
     for _ in range(40):

@@ -75,7 +75,7 @@ def test_what_an_undamped_law_does():
 def test_it_is_said_with_its_reason():
     law = ringing(-0.97).compensator()
     assert law.check().points == 0
-    with pytest.warns(UserWarning, match="zero near -1.*So in each sample the input goes"):
+    with pytest.warns(UserWarning, match="zero near -1.*So the law is damped"):
         law.run(wave(), 0.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -171,7 +171,7 @@ def test_the_command_damps_and_says_so(tmp_path, monkeypatch, capsys):
         with pytest.raises(SystemExit) as stop:
             cli.main()
         assert stop.value.code == 0
-        assert ("So in each sample" in capsys.readouterr().out.replace("\n", " ")) == (share == "auto")
+        assert ("So the law is damped" in capsys.readouterr().out.replace("\n", " ")) == (share == "auto")
         m = np.loadtxt(tmp_path / "m.csv", delimiter=",", skiprows=1)[:, 2]
         swings[share] = np.abs(np.diff(m[50:150])).max()
     assert swings["auto"] < 0.3 > swings["0.4"] and swings["none"] > 1

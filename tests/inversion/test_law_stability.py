@@ -64,7 +64,7 @@ def test_a_damped_law_that_runs_away_is_refused():
     y, law = model.simulate(u, y0=0.0, u0=0.0), model.compensator()
     assert law.follow(y, m0=0.0).runs_away
     for clip in (False, True):
-        with pytest.raises(Diverged, match="runs away although it is damped"):
+        with pytest.raises(Diverged, match="diverges although it is damped"):
             law.run(y, m0=0.0, clip=clip)
 
 

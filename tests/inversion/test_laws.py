@@ -355,7 +355,7 @@ def test_limits_and_rate_hold_the_input_and_the_law_recovers():
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             driven = law.run(target, 0.3, **options)
-        assert [w for w in said if "limits of the actuator hold the input in" in str(w.message)]
+        assert [w for w in said if "the input is at a limit of the actuator in" in str(w.message)]
         low, high = options.get("limits", (-9, 9))
         assert low <= driven.min() and driven.max() <= high
         assert np.abs(np.diff(driven)).max() <= options.get("rate", 9) + 1e-12
@@ -377,7 +377,7 @@ def test_an_identified_inverse_has_limits_too():
     inverse = ns.NARX.from_terms(["u[k-1]", "breve_phi1[k-1]"], (1.0, 1.2), input="y", output="u", lead=2)
     law = inverse.compensator()
     target = np.sin(np.arange(90) / 9)
-    with pytest.warns(UserWarning, match="hold the input"):
+    with pytest.warns(UserWarning, match="at a limit"):
         driven = law.run(target, 0.0, limits=(-0.7, 0.8))
     assert driven.min() == -0.7 and driven.max() == 0.8
 
@@ -538,7 +538,7 @@ def test_compensate_with_limits(tmp_path, capsys, monkeypatch):
         return stop.value.code, *capsys.readouterr()
 
     code, out, err = command("--limits", "-0.8", "0.8", "--rate", "0.5", "--c", str(tmp_path / "law.c"))
-    assert code == 0 and "hold the input in" in err and "m[k] = Piecewise" in out.replace("\n", " ")
+    assert code == 0 and "at a limit of the actuator in" in err and "m[k] = Piecewise" in out.replace("\n", " ")
     assert "Checked: exactly one v[k]" in " ".join(out.split()) and "0.8" in (tmp_path / "law.c").read_text()
     driven = ns.read(tmp_path / "m.csv", u="m", y="r").u
     assert driven.max() <= 0.8 and np.abs(np.diff(driven)).max() <= 0.5 + 1e-9
@@ -573,8 +573,8 @@ def test_an_unstable_model_is_told(pole, unstable):
     [
         (("--limits", "1", "0"), "a lower and a higher number"),
         (("--rate", "-1"), "a rate is a positive number"),
-        (("--share", "3"), "A share is a number above 0, up to 1"),
-        (("--share", "0"), "A share is a number above 0, up to 1"),
+        (("--share", "3"), "share must be above 0 and at most 1"),
+        (("--share", "0"), "share must be above 0 and at most 1"),
     ],
 )
 def test_what_no_actuator_has_is_refused_without_a_reference_too(tmp_path, capsys, monkeypatch, options, why):
@@ -590,5 +590,5 @@ def test_what_no_actuator_has_is_refused_without_a_reference_too(tmp_path, capsy
 def test_an_input_before_the_start_is_within_the_limits():
     law, target = BASES["first order"].compensator(), np.linspace(0.0, 0.5, 40)
     assert law.run(target, 0.8, limits=(-1.0, 0.8)).max() <= 0.8
-    with pytest.raises(ns.errors.ModelError, match=r"m0 = 5, is outside of the limits -1 to 0\.8"):
+    with pytest.raises(ns.errors.ModelError, match=r"m0 = 5, is outside the limits -1 to 0\.8"):
         law.run(target, 5.0, limits=(-1.0, 0.8))

@@ -91,7 +91,9 @@ def test_a_channel_that_moves_the_start_is_no_error_of_zero():
     found = law.follow(target, 0.0, {"w": np.ones(40)})
     made = law.model.simulate(found.m, 0.0, {"w": np.ones(40)}, u0=0.0)
     assert np.array_equal(found.y, made) and found.error == pytest.approx(np.abs(made)[law.preview :].max())
-    assert found.missed[law.preview :].all() and not found.unreached.any() and "does not rest at the start" in found.why
+    assert (
+        found.missed[law.preview :].all() and not found.unreached.any() and "is not at rest at the start" in found.why
+    )
 
 
 @pytest.mark.parametrize("options", ({}, {"limits": (-9.0, 9.0)}, {"rate": 0.5}, {"share": 0.6}))
@@ -109,7 +111,7 @@ def test_what_is_reported_is_what_the_model_does_by_itself(base, options):
     assert (base == "continuum") == (found.aside == 0)
     if not options and found.aside:  # no sample is out of reach, and the report says what is missed
         assert not found.unreached.any() and found.error > 0.1 and np.array_equal(law.run(target, 5.0), found.m)
-        assert f"by {found.error:.3g} at most. The model does not rest at the start" in found.report[-1]
+        assert f"by {found.error:.3g} at most. The model is not at rest at the start" in found.report[-1]
 
 
 def test_nothing_is_proved_that_does_not_hold():

@@ -90,7 +90,7 @@ def test_the_operating_point_and_curve_and_lag_are_inverted_in_stages():
 def test_it_goes_on_from_where_a_limited_machine_is():
     law = SHAPED.compensator()
     reference = 3 * np.sin(np.arange(400) / 20)
-    with pytest.warns(UserWarning, match="limits of the actuator"):
+    with pytest.warns(UserWarning, match="limit of the actuator"):
         held = law.run(reference, 0.0, limits=(-0.9, 0.9))
     run = SHAPED.simulate(held, 0.0, u0=0.0, warn=False)
     free = np.abs(held) < 0.9 - 1e-9

@@ -416,14 +416,14 @@ def remembering(right=0):
 
 
 def test_what_remembers_is_named():
-    with pytest.raises(ModelError, match=r"slope .* more than outputs and inputs is remembered by the state h\[k\]"):
+    with pytest.raises(ModelError, match=r"slope .* it has further memory in the state h\[k\]"):
         jacobian(remembering())
     a_, b_ = remembering().symbols
     assert zero(rest_map(remembering()) - (a_ * ybar + ubar / (1 - b_)))  # what settles is where it settles
     named = remembering()
     effects = AddedEffect("offset", group="2"), AddedEffect("creep", group="1", coefficients={"b": named.symbols[1]})
     named = named.replace(effects=effects)
-    with pytest.raises(ModelError, match=r"more .* by the effect creep \(h\[k\]\)"):
+    with pytest.raises(ModelError, match=r"further memory in the effect creep \(h\[k\]\)"):
         quasi_static(named)
     with pytest.raises(ModelError, match="changes with time"):
         rest_map(remembering(t[k]))
@@ -433,7 +433,7 @@ def test_what_remembers_is_named():
 def test_what_changes_with_time_is_named():
     a_, b_ = sp.symbols("a_1 b_1", real=True)
     drifting = Model(a_ * y[k - 1] + b_ * t[k] + u[k], (a_, b_), (0.5, 0.1))
-    with pytest.raises(ModelError, match="the equation changes with time, so that nothing is at rest"):
+    with pytest.raises(ModelError, match="the equation changes with time, so there is no steady state"):
         rest_map(drifting)
     drifting = drifting.replace(
         effects=[AddedEffect("offset", coefficients={"c": a_}), AddedEffect("drift", coefficients={"c": b_})]
@@ -621,13 +621,13 @@ def test_plays_rest_where_the_input_has_left_them():
     verdict = property_1(model)
     assert verdict.holds and verdict.equilibria == "continuum"
     assert not property_1(model.replace(theta=[1.2, *model.theta[1:]])).holds
-    with pytest.raises(ModelError, match=r"assumptions .* remembered by the state z1\[k\]"):
+    with pytest.raises(ModelError, match=r"assumptions .* memory in the state z1\[k\]"):
         check(model)
 
 
 def test_several_states_remember():
     model = Shape((0.5, 1.0), (), 0, creep=True).model({}, [0.5, 1.0, 0.6, 0.4, 0.0, 0.1, 0.99])
-    with pytest.raises(ModelError, match=r"remembered by the state slow\[k\]"):
+    with pytest.raises(ModelError, match=r"memory in the state slow\[k\]"):
         quasi_static(model)
 
 

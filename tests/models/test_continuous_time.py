@@ -222,13 +222,13 @@ def test_what_is_no_differential_equation_is_refused() -> None:
     with pytest.raises(ns.ModelError, match="steady input does not act"):
         ns.NARX.from_terms(["y[k-1]", "phi1[k-1]"], theta=[0.7, 1.0], Ts=0.1).continuous()
     lag = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.7, 1.0], Ts=0.1)
-    with pytest.raises(ns.ModelError, match="a state of its own"):
+    with pytest.raises(ns.ModelError, match="depends on the internal state"):
         (lag >> lag).continuous()
     faded = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]"], theta=[0.6, 0.16, 1.0], Ts=0.1)  # poles 0.8 and -0.2
     with pytest.raises(ns.ModelError, match="alternates"):
         ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]"], theta=[0.2, 0.48, 1.0], Ts=0.1).continuous()  # 0.8 and -0.6
     found = faded.continuous()
-    assert "fades" in found.notes[0] and found["time constant"].value == pytest.approx(-0.1 / np.log(0.8))
+    assert "decays" in found.notes[0] and found["time constant"].value == pytest.approx(-0.1 / np.log(0.8))
 
 
 # -- scale and units -------------------------------------------------------------------------------------------

@@ -374,7 +374,7 @@ WRONG = {
     "power": ("power", {"z": "x[k]/s", "scan": {"s": {"of": "speed", "power": 9}}}),
     "name of a coefficient": ("another name", {"z": "x[k]/c1", "scan": {"c1": "speed"}}),
     "name of a sequence": ("another name", {"z": "x[k]/u", "scan": {"u": "speed"}}),
-    "unit of nothing": ("no shape parameter", {"unit": {"s": "V"}}),
+    "unit of nothing": ("not a shape parameter", {"unit": {"s": "V"}}),
     "sign": ("'sign'", {"sign": -1}),
     "sign as a text": ("'sign'", {"sign": "+"}),
     "centred": ("'centred'", {"centred": 1}),

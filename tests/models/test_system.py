@@ -111,7 +111,7 @@ def test_what_has_no_law_says_why():
         ns.System({"y1": both, "y2": both}).compensator()
     late = ns.NARX.from_terms(["u[k-1]", "y2[k]"], [0.9, 0.1], channels=["y2"])
     other = ns.NARX.from_terms(["u[k-1]", "y1[k]"], [0.9, 0.1], channels=["y1"])
-    with pytest.raises(ns.ModelError, match="need one another at one sample"):
+    with pytest.raises(ns.ModelError, match="depend on one another at the same sample"):
         ns.System({"y1": late, "y2": other})
 
 

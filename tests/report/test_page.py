@@ -92,7 +92,7 @@ def test_candidates_have_intervals_equations_and_sentences(stage_diagnosis, stag
     assert stage_parts["candidates"].count("<math") >= len(d.candidates)
     assert stage_parts["candidates"].count('class="candidate chosen"') == len(d.confusion_set)
     assert all(parameters.candidate_parameters(c, STAGE_UNITS) in stage_parts["candidates"] for c in d.candidates)
-    assert "What could not have been seen" in stage_parts["candidates"]
+    assert "Detection limits" in stage_parts["candidates"]
 
 
 def test_the_new_term_is_marked_and_deleted_parameters_are_listed(stage_diagnosis, stage_parts):

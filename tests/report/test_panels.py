@@ -25,7 +25,7 @@ from narx_sym.report.words import number
 CASES = {
     "verdict": ("falls from", 2),
     "try_it": ("Move a parameter", 0),
-    "compare": ("The free run gets the measured input and nothing else", 4),
+    "compare": ("The free run uses only the measured input", 4),
     "ladder": ("The noise floor is an estimate", 0),
     "where": ("of the missing input", 12),
     "candidates": ("of the removable error", 1),
@@ -122,7 +122,7 @@ def test_a_diagnosis_goes_to_another_process(stage_diagnosis):
 def test_what_helps_but_has_rivals_says_so_and_keeps_its_experiment(stage_diagnosis):
     first = replace(stage_diagnosis.steps[0], verdict="helps_but_incomplete")
     both, (one, other) = replace(stage_diagnosis, steps=[first]), first.confusion_set
-    assert f"As well it could be {other}." in first.sentence({}) and first.experiment.sentence in first.sentence({})
+    assert f"It could also be {other}." in first.sentence({}) and first.experiment.sentence in first.sentence({})
     assert words.headline(both).lower().startswith(f"{words.spaced(one)} or {words.spaced(other)} helps, but")
     (made,) = page.sections(both, STAGE_UNITS, keys=["verdict"])
     assert 'href="#experiment"' in made.html
@@ -140,7 +140,7 @@ def test_what_validation_data_do_not_confirm_is_the_verdict(stage_diagnosis):
     step = replace(first, chosen=None, refused=first.chosen, verdict="helps_but_incomplete")
     found = replace(stage_diagnosis, steps=[step])
     assert step.finding == "refused" and found.model is first.base.model and len(found.ladder) == 1
-    assert words.fall(found, STAGE_UNITS).endswith(": it is not added.")
+    assert words.fall(found, STAGE_UNITS).endswith(", so nothing is added.")
     assert words.headline(found).startswith("With backlash the error falls on the record and")
     assert step.to_dict(None)["refused"] and not first.to_dict(None)["refused"]
 
@@ -157,7 +157,7 @@ def test_what_explains_as_much_as_a_pair_is_told_with_it(stage_diagnosis):
     assert "As well" not in sentence and headline == "Two effects are probably missing: backlash and creep."
     assert sure == ("backlash", "creep")
     sentence, headline, sure = told(("backlash", "drift"), ("backlash",))
-    assert sentence.endswith(" As well it could be backlash with drift, or backlash; backlash is in all of them.")
+    assert sentence.endswith(" It could also be backlash with drift, or backlash; backlash is in all of them.")
     assert headline.endswith("backlash and creep, or others that explain as much.") and sure == ("backlash",)
     sentence, _, sure = told(*((name, "drift") for name in "abcd"))
     assert sentence.endswith("a with drift, or b with drift, or c with drift, or one of 1 more.") and not sure
@@ -167,17 +167,17 @@ def test_two_effects_that_leave_more_than_noise_are_not_all(stage_diagnosis):
     first = stage_diagnosis.steps[0]
     pair = Pair(("backlash", "creep"), first.chosen, 0.9, all=False)
     step = replace(first, pair=pair, verdict="helps_but_incomplete")
-    assert step.sentence({}).endswith(" in cross-validation, but not all that is missing.")
+    assert step.sentence({}).endswith(" in cross-validation, but something else is missing too.")
     headline = words.headline(replace(stage_diagnosis, steps=[step]))
-    assert headline == "Two effects are probably missing: backlash and creep; they are not all."
+    assert headline == "Two effects are probably missing: backlash and creep; something else is missing too."
 
 
 def test_no_noise_is_more_than_what_is_left(stage_diagnosis):
     """An estimate from differences is too large where a record is slow: then nothing is said of the sensor."""
     first = replace(stage_diagnosis.steps[0], floor=0.02)
     said = {sensor: replace(first, sensor=sensor) for sensor in (0.01, 0.02, 0.03)}
-    assert "of the sensor alone 0.01" in said[0.01].sentence({})
-    assert "all of it the noise of the sensor" in said[0.02].sentence({})
+    assert "sensor noise alone 0.01" in said[0.01].sentence({})
+    assert "all of it sensor noise" in said[0.02].sentence({})
     assert "the sensor" not in said[0.03].sentence({})
     spread = first.base.problem.spread
     assert said[0.03].to_dict(None)["base"]["nrmse"]["sensor_noise"] == pytest.approx(0.02 / spread)
@@ -198,7 +198,7 @@ def test_a_pair_is_not_what_data_cannot_tell_apart(stage_diagnosis):
     pair = Pair(tuple(first.confusion_set), first.chosen, 0.9)
     both = replace(stage_diagnosis, steps=[replace(first, pair=pair)])
     (made,) = page.sections(both, STAGE_UNITS, keys=["candidates"])
-    assert "Together two help most" in made.html and "tell" not in made.html.partition("<article")[0]
+    assert "These two effects together help most" in made.html and "tell" not in made.html.partition("<article")[0]
 
 
 def test_a_floor_that_is_not_estimated_is_neither_a_figure_nor_a_line(stage_diagnosis):
@@ -217,25 +217,32 @@ def test_few_digits_need_no_exponent(value, said):
 @pytest.mark.parametrize(
     "nothing, trace, unexplained, title, badge, advice",
     [
-        (False, "", "", "Nothing is missing", "nothing found", "Keep the model"),
+        (False, "", "", "No missing effect can be detected", "nothing found", "Keep the model"),
         (
             False,
             "Something is left",
             "",
-            "Something is left, too little",
-            "something left, too little",
+            "A small part of the error is unexplained",
+            "a small unexplained error",
             "A longer record",
         ),
         (
             False,
             "Something is left",
             "more",
-            "What is left is more",
-            "more left than noise",
-            "what disturbs the machine",
+            "The remaining error is larger",
+            "more error than noise",
+            "a disturbance of the machine",
         ),
-        (False, "", "more", "What is left is more", "more left than noise", "what disturbs the machine"),
-        (True, "", "more", "The base does not follow the output", "the base does not follow", "another base"),
+        (False, "", "more", "The remaining error is larger", "more error than noise", "a disturbance of the machine"),
+        (
+            True,
+            "",
+            "more",
+            "The base model does not follow the output",
+            "the base model does not follow",
+            "another base",
+        ),
     ],
 )
 def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge, advice):
@@ -246,7 +253,7 @@ def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge,
     step.finding = Step.finding.fget(step)
     found = SimpleNamespace(steps=[step], rungs=["base"], faults=[], one_speed=False, aside=("load",))
     assert words.headline(found).startswith(title) and advice in words.what_next(found)
-    assert ("took no part: load" in words.what_next(found)) == (badge != "nothing found")
+    assert ("not used: load" in words.what_next(found)) == (badge != "nothing found")
     assert words.BADGES[step.finding] == badge
 
 
@@ -295,5 +302,5 @@ def test_a_part_that_fails_takes_no_other_with_it(stage_diagnosis, monkeypatch, 
     monkeypatch.setitem(registry._PANELS, "ladder", replace(panels()["ladder"], tell=lambda material: 1 / 0))
     made = {s.key: s.html for s in page.sections(stage_diagnosis, STAGE_UNITS)}
     assert "could not be made" in made["ladder"] and CASES["verdict"][0] in made["verdict"]
-    assert fences == ["The part ladder of the report failed; the work goes on"]
+    assert fences == ["The part ladder of the report failed; the computation continues"]
     fences.clear()

@@ -1,7 +1,5 @@
 """Derivatives that users may ask for: by samples that phi1 hides, with signs, at every lag; and of runs."""
 
-import doctest
-
 import numpy as np
 import pytest
 import sympy as sp
@@ -9,7 +7,6 @@ from sampling import some
 
 import narx_sym as ns
 from narx_sym.engines.numpy import lambdify
-from narx_sym.symbolic import sensitivity
 from narx_sym.symbolic.signals import breve_phi1, breve_phi2, expand_phi, k, phi1, phi2, samples, u, y
 
 FACTORS = [u[k - 1], u[k - 2], y[k - 1], y[k - 3], phi1[k - 1], phi1[k - 2], phi2[k - 1], phi2[k - 2], breve_phi1[k - 1],
@@ -54,8 +51,3 @@ def test_a_run_moves_with_its_parameters_as_its_sensitivities_say():
         runs = [model.recursion.compile()({"u": wave}, model.theta + s * step, {"y": 0.0})["y"] for s in (1, -1)]
         assert np.allclose(found[moved[y].name], (runs[0] - runs[1]) / 2e-6, rtol=1e-5, atol=1e-7)
     assert ns.sensitivities(model.recursion)[0] == extended
-
-
-def test_the_examples_in_the_text_run():
-    found = doctest.testmod(sensitivity)
-    assert found.attempted > 5 and not found.failed

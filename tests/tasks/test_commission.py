@@ -121,8 +121,8 @@ def test_a_law_that_does_worse_than_a_constant_gain_is_no_go():
 @pytest.mark.parametrize(
     ("options", "scale", "word"),
     (
-        ({"limits": (-0.3, 0.3)}, 1, "Limits hold the input for"),
-        ({"rate": 1e-4}, 1, "Limits hold the input for"),
+        ({"limits": (-0.3, 0.3)}, 1, "The input is at a limit for"),
+        ({"rate": 1e-4}, 1, "The input is at a limit for"),
         ({}, 5, "The reference"),
     ),
 )
@@ -174,7 +174,7 @@ def test_a_law_with_a_channel_is_refused():
 def test_the_law_of_an_inverse_model_is_refused():
     record = log(0)
     model = ns.identify_inverse(record.smoothed(0.1), lead=1, n_terms=2)
-    with pytest.raises(ns.ModelError, match="model of the output"):
+    with pytest.raises(ns.ModelError, match="one input and one output"):
         model.compensator().commission(GOAL, record)
 
 
@@ -195,5 +195,5 @@ def test_residuals_are_as_large_as_the_noise_was():
 def test_what_no_sensor_makes_has_no_bound(found):
     """What a model lacks is drawn by chance, and may be none: it is said where the sensor makes clearly less."""
     assert found.sensor == pytest.approx(NOISE, rel=0.2) and "no bound" not in found.sentence()
-    assert "no bound holds for it" in replace(found, sensor=found.unexplained / 3).sentence()
+    assert "no bound is known for it" in replace(found, sensor=found.unexplained / 3).sentence()
     assert "no bound" not in replace(found, sensor=0.0).sentence()  # nothing is known of it

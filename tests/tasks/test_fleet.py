@@ -94,7 +94,7 @@ def test_the_page_and_the_csv_say_the_same(tmp_path):
     rows = [*grows, healthy, left, broken]
     page, table, *_ = write_fleet(rows, tmp_path / "plant.html", "reports/")
     text = page.read_text()
-    assert "3 of 5 records that were judged" in text and "V&lt;2&gt;" in text and "no column y" in text
+    assert "3 of 5 diagnosed records" in text and "V&lt;2&gt;" in text and "no column y" in text
     assert "polyline" in text
     assert "http" not in text.split("</style>")[1] and "<script" not in text
     read = list(csv.DictReader(table.open()))
@@ -102,7 +102,7 @@ def test_the_page_and_the_csv_say_the_same(tmp_path):
     assert heat(rows)["counts"] == {"V1": [3], "V3": [0], "V4": [0], "V<2>": [0]}
     assert heat(rows)["of"] == {"V1": 3, "V3": 0, "V4": 1, "V<2>": 1} and heat(rows)["left"]["V3"] == 1
     assert text.count(">0 of 1<") == 2 and '<td class="heat">-</td><td class="heat">1</td>' in text
-    assert text.count("nothing that the record shows") == 1 and "something left, too little" in text
+    assert text.count("no detectable effect") == 1 and "a small unexplained error" in text
     (trend,) = trends(rows)
     assert trend["values"] == pytest.approx([0.3, 0.4, 0.5])
 
@@ -132,9 +132,7 @@ def test_entries_from_patterns_and_lists(folder, tmp_path):
 
 
 def test_a_path_that_does_not_tell_its_machine_is_said(folder):
-    with pytest.warns(
-        UserWarning, match=r"does not match 1 of 3 paths, such as .*one.csv: their machine is called unk"
-    ):
+    with pytest.warns(UserWarning, match=r"does not match 1 of 3 paths, such as .*one.csv: their machine is named unk"):
         assert [e.tag for e in entries(folder, group=r"V(2)|one")] == ["unknown", "2", "2"]
     with pytest.raises(DataError, match=r"--group 'FV1' matches no path, such as .*one.csv"):
         entries(folder, group="FV1")
@@ -143,7 +141,7 @@ def test_a_path_that_does_not_tell_its_machine_is_said(folder):
 def test_a_budget_ends_one_record(folder, monkeypatch):
     (entry,) = [e for e in entries(folder) if e.file.stem == "one"]
     row = look(entry, Settings(base="static", budget=1e-9))
-    assert "budget" in row["problem"] and not row["missing"]
+    assert "time limit" in row["problem"] and not row["missing"]
 
 
 def test_what_is_no_fault_of_a_record_is_said_and_tried_again(folder, tmp_path, monkeypatch):
@@ -194,7 +192,7 @@ def test_records_that_were_done_are_counted_not_results(folder, tmp_path, run, m
     finally:
         (folder / "V1" / "three.csv").unlink()
     assert "kept: 3 of 4 records were done already" in err and "results" not in err
-    assert "of the std of y" in " ".join(text.split())
+    assert "fraction of std(y)" in " ".join(text.split())
 
 
 def test_the_command(folder, tmp_path, run, monkeypatch):
@@ -207,7 +205,7 @@ def test_the_command(folder, tmp_path, run, monkeypatch):
     assert code and "two results would go to the same file" in err and not (tmp_path / "p.csv").exists()
     before = (folder / "V1" / "one.csv").read_bytes()
     code, _, err = run("fleet", folder, "--out", folder / "V1" / "one.html", "--jobs", "1")
-    assert code and "is read by this command" in err and (folder / "V1" / "one.csv").read_bytes() == before
+    assert code and "this command reads this file" in err and (folder / "V1" / "one.csv").read_bytes() == before
 
 
 def test_parquet_where_its_writer_is_there(folder, tmp_path, run, monkeypatch):
@@ -237,14 +235,14 @@ def test_parquet_where_its_writer_is_there(folder, tmp_path, run, monkeypatch):
     listed = tmp_path / "all.csv"
     listed.write_text("file\nall.parquet\n")
     code, _, err = run("fleet", listed, "--out", tmp_path / "all.html", "--jobs", "1")
-    assert code and "is read by this command" in err and (tmp_path / "all.parquet").read_bytes() == before
+    assert code and "this command reads this file" in err and (tmp_path / "all.parquet").read_bytes() == before
 
 
 def test_what_was_not_judged_is_not_called_healthy(tmp_path):
     row = ROW | {"verdict": "closed_loop", "missing": [], "sizes": {}}
     page, *_ = write_fleet([row], tmp_path / "plant.html")
-    assert "0 of 0 records that were judged" in page.read_text() and heat([row])["left"] == {"V1": 1}
-    assert ">not judged</td>" in page.read_text() and "nothing that the record shows" not in page.read_text()
+    assert "0 of 0 diagnosed records" in page.read_text() and heat([row])["left"] == {"V1": 1}
+    assert ">not judged</td>" in page.read_text() and "no detectable effect" not in page.read_text()
 
 
 def test_of_a_valve_the_page_says_what_the_report_does(tmp_path):
@@ -254,7 +252,7 @@ def test_of_a_valve_the_page_says_what_the_report_does(tmp_path):
     perhaps = ROW | loop | {"tag": "V2", "missing": [], "valve": "the valve may stick"}
     assert sorted([perhaps, ROW, sticks], key=_worst)[0] is sticks
     page, table, *_ = write_fleet([sticks, perhaps], tmp_path / "plant.html")
-    assert "1 of 2 records that were judged" in page.read_text() and heat([sticks])["of"] == {"V1": 1}
+    assert "1 of 2 diagnosed records" in page.read_text() and heat([sticks])["of"] == {"V1": 1}
     assert "not judged</td>" not in page.read_text() and "the valve may stick" in page.read_text()
     assert "the valve may stick" in table.read_text() and f"{BAND}=4" in table.read_text()
 

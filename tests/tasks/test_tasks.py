@@ -123,7 +123,7 @@ def test_what_helps_on_the_record_and_not_on_validation_data_is_not_added():
     refused = step_of(LINEAR, CUBIC, [other])
     assert refused.chosen is None and refused.finding == "refused" and refused.verdict == "helps_but_incomplete"
     said = refused.sentence({"y": "um"})
-    assert "the error on the record falls from" in said and "it rises from" in said and "not added" in said
+    assert "the error on the record falls from" in said and "it rises from" in said and "nothing is added" in said
     added = step_of(LINEAR, CUBIC, [simulated(0.1)[300:]])
     assert added.chosen is not None and not added.refusal({})
 

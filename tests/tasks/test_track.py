@@ -50,7 +50,11 @@ def test_where_limits_let_a_model_rest(record, law):
     slope, offset = model.theta[1] / (1 - model.theta[0]), model.theta[2] / (1 - model.theta[0])
     assert rests_at(model, (-1.0, 3.0)) == pytest.approx((offset - slope, offset + 3 * slope), rel=1e-6)
     found = law_of(model, (-1.0, 3.0))
-    assert found.limits == (-1.0, 3.0) and found.rests == rests_at(model, (-1.0, 3.0)) and "rest at" in found.notes[-1]
+    assert (
+        found.limits == (-1.0, 3.0)
+        and found.rests == rests_at(model, (-1.0, 3.0))
+        and "the steady state of the model" in found.notes[-1]
+    )
     assert law_of(model).rests is None
     integrator = model.replace(theta=[1.0, 0.2, 0.0])
     assert rests_at(integrator, (-1.0, 3.0)) is None
@@ -79,8 +83,8 @@ def test_the_usual_reference_is_within_the_outputs(record):
         (lambda: staircase(TS, 0, 1, 4, 0.004), "A step would"),
         (lambda: drawn(TS, [], 1), "0 points"), (lambda: drawn(TS, [(k, 0) for k in range(MOST_POINTS + 1)], 1e3), "to 200"),
         (lambda: drawn(TS, [(0, 0), (0.5, float("inf"))], 1), "finite"), (lambda: drawn(TS, [(0, 0)], 1e9), "duration would"),
-        (lambda: drawn(TS, [(float("nan"), 0)], 1), "finite"), (lambda: drawn(TS, [(0, 1), (0, 2)], 1), "Times must rise"),
-        (lambda: drawn(TS, [(0.5, 1), (0.2, 2)], 1), "behind the point at 0.5 s"),
+        (lambda: drawn(TS, [(float("nan"), 0)], 1), "finite"), (lambda: drawn(TS, [(0, 1), (0, 2)], 1), "Times must increase"),
+        (lambda: drawn(TS, [(0.5, 1), (0.2, 2)], 1), "the point at 0.5 s is followed"),
         (lambda: drawn(TS, [(-0.1, 1)], 1), "at -0.1 s lies outside"), (lambda: drawn(TS, [(0, 1), (2, 1)], 1), "at 2 s"),
     ],
 )  # fmt: skip

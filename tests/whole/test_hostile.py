@@ -141,7 +141,7 @@ def test_what_would_take_for_ever_is_read_or_refused_soon():
 def test_ambiguous_files_of_effects(tmp_path):
     text = json.dumps({"effect": [EFFECTS[0]]})
     (tmp_path / "e.json").write_text(text.replace('"id"', '"id": "a", "id"'))
-    with pytest.raises(ModelError, match="stands twice"):
+    with pytest.raises(ModelError, match="appears twice"):
         load_effects(tmp_path / "e.json", Catalogue({}))
     (tmp_path / "e.toml").write_text('[[effect]]\nid = "a"\nid = "b"\n')
     with pytest.raises(ModelError, match="TOML"):

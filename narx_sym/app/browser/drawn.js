@@ -160,9 +160,9 @@ class Drawing {
     const {points, told: {y}, duration} = this, i = this.dots.indexOf(document.activeElement);
     const count = points.length === 1 ? "1 point" : points.length ? `${points.length} points` : "";
     const said = points[i] ? `Point ${i + 1} of ${points.length}: ${this.worded(points[i])}` : count;
-    const wrong = this.bad ? "The points below cannot be read as they stand: mend them there, or draw anew."
+    const wrong = this.bad ? "The points below cannot be read: correct them there, or draw new ones."
       : duration && points.some(([t]) => t > duration) ? "Not all points lie within the duration."
-        : points.some(([, r]) => r < y[0] || r > y[1]) ? "It leaves the identified range: beyond that nothing was measured." : "";
+        : points.some(([, r]) => r < y[0] || r > y[1]) ? "The reference leaves the identified range: nothing was measured there." : "";
     // A line of its own: what stands below must not move when a press takes the focus from a point.
     for (const [place, text] of [[this.words, said], [this.warned, wrong]]) if (place.textContent !== text) place.textContent = text;
   }

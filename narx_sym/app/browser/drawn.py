@@ -15,8 +15,8 @@ from .widgets import part, said
 
 SCRIPTS = (PICTURE, Path(__file__).with_name("drawn.js"))
 KEYS = (
-    "With keys: Tab goes from point to point, the arrows move one (with Shift by ten steps), Enter sets one behind it, "
-    "Delete takes it away, Ctrl+Z takes back, Escape leaves the picture."
+    "Keyboard: Tab selects the next point, the arrow keys move it (with Shift: ten steps), Enter adds a point after "
+    "it, Delete removes it, Ctrl+Z undoes the last change, Escape leaves the picture."
 )
 
 
@@ -35,8 +35,9 @@ def drawing(bench: Workbench) -> None:
     rests = law.rests if law is not None and law.rests else ()
     told = {"y": [low, high], "rests": rests, "label": headed("r", unit), "unit": unit}
     said(
-        "Draw in the picture: a line takes the place of the points in its time. A click sets a point; points can be "
-        f"dragged. Sampled every {record.Ts:.6g} s: straight between points, level before the first and after the last."
+        "Draw in the picture: a drawn line replaces the points in its time range. A click adds a point; points can "
+        f"be dragged. The reference is sampled every {record.Ts:.6g} s: linear between points, constant before the "
+        "first and after the last."
     ).classes("hint")
     part(markup(json.dumps(told), headed("r", unit), rests))
     said(KEYS).classes("hint").props("id=drawing-keys")
@@ -46,7 +47,7 @@ def markup(told: str, label: str, rests: Sequence[float]) -> str:
     """Return the place of the picture; `told` is what the script reads, as JSON."""
     alt = f"Reference {label} over the time in seconds, with the range of the output in which the model was identified"
     legend = {"reference": "reference", "range": "identified range of the output"}
-    legend |= {"limit": "where the law's limits of the input let the model rest"} if rests else {}
+    legend |= {"limit": "steady state of the model at the input limits"} if rests else {}
     keys = (
         f'<li><span class="key" style="{describe.key(role)}"></span>{escape(word)}</li>'
         for role, word in legend.items()
@@ -57,8 +58,8 @@ def markup(told: str, label: str, rests: Sequence[float]) -> str:
         '<div class="drawing-points" role="group" aria-label="Points of the reference" aria-describedby="drawing-keys">'
         "</div></div>"
         '<div class="drawing-foot"><p class="drawing-said"></p><p class="drawing-buttons">'
-        '<button type="button" data-do="back">Take back</button> '
-        '<button type="button" data-do="again">Do again</button>'
+        '<button type="button" data-do="back">Undo</button> '
+        '<button type="button" data-do="again">Redo</button>'
         '</p></div><p class="drawing-warned"></p><ul class="legend" aria-label="Colours of the picture">'
         f"{''.join(keys)}</ul></div>"
     )

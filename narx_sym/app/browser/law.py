@@ -29,14 +29,17 @@ class LawTab:
     def __init__(self, bench: Workbench):
         self.bench, self.current = bench, bench.current
         with section("Compensator"):
-            said("The law that makes the output follow a reference. Limits go into its source, and hold in its run.")
+            said(
+                "The law computes the input that makes the output follow a reference. The limits apply to its run "
+                "and to its source code."
+            )
             with ui.element("div").classes("fields"):
                 for name, title in LIMITS.items():
                     self.field(name, title)
                 ui.button("Open the compensator", on_click=self.open).props("no-caps outline")
             laws = Part(lambda: bench.law, self.law)
         with section("Run it over a reference"):
-            said("What the model makes of it with the law, and without: with the constant gain that suits it best.")
+            said("The output of the model with the law, and without it (with the best constant gain instead).")
             with ui.element("div").props('role=group aria-label="Reference"'):
                 kinds = ui.radio(KINDS, value=bench.wanted.kind, on_change=lambda event: self.choose(event.value))
                 kinds.props("inline")

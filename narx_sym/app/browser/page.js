@@ -15,7 +15,7 @@
       const answer = await fetch(target, { method: "POST", body: file });
       if (!answer.ok) refuse(await answer.text());
     } catch (error) {
-      refuse("The file did not arrive: is narx-sym still running?");
+      refuse("The upload failed: is narx-sym still running?");
     } finally {
       title.textContent = before;
     }

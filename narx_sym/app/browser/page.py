@@ -27,7 +27,7 @@ BASES = {
     "static": "Static: a polynomial of the input",
     "narx": "NARX: the paper's hysteresis terms",
 }
-KINDS = {"": "what the units tell", **MACHINES, NONE: "not known: every effect is considered"}
+KINDS = {"": "as the units suggest", **MACHINES, NONE: "not known: every effect is considered"}
 
 
 class Page:
@@ -44,7 +44,10 @@ class Page:
         ui.on("refused", lambda event: self.refused(str(event.args)))
         with ui.element("div").classes("head"):
             heading("narx_sym", 1)
-            said("See where a model fails, add what is missing, watch the error fall. Nothing leaves this machine.")
+            said(
+                "See where a model fails, add the missing effect, and compare the errors. Your data stay on this "
+                "machine."
+            )
         with ui.element("div").classes("main"):
             with ui.element("div").classes("dock"):  # in sight wherever the page is
                 self.parts = [
@@ -259,7 +262,7 @@ class Page:
         """Ask whether the diagnosis may go."""
         count = len(self.bench.history.states)
         with ui.dialog().props('persistent transition-duration=0 aria-label="Change the data?"') as asked, ui.card():
-            said(f"Other data or another machine: the diagnosis and its history ({count}) go.")
+            said(f"With other data or another machine the diagnosis and its history ({count}) are deleted.")
             with ui.element("div").classes("undo"):
                 ui.button("Keep them", on_click=lambda: asked.submit(False)).props("no-caps outline autofocus")
                 ui.button("Change the data", on_click=lambda: asked.submit(True)).props("no-caps outline")
@@ -285,7 +288,9 @@ class Page:
             with section("What was read"):
                 figure(bench.preview)
         elif bench.current is None:
-            said("Here stands what was read, and then what a simple model of it lacks.").classes("place")
+            said(
+                "This area will show what was read, and then which effects a simple model of it does not contain."
+            ).classes("place")
 
     def base(self) -> None:
         """Show the base, and the button that begins."""
@@ -293,7 +298,9 @@ class Page:
         with section("Base"):
             options = {**BASES, **({"file": f"Model file {bench.base_name}"} if bench.base_name else {})}
             value = bench.base if isinstance(bench.base, str) else "file"
-            title = f"{bench.revisions[0].name.capitalize()}; another one" if bench.revisions else "A simple model"
+            title = (
+                f"{bench.revisions[0].name.capitalize()}; choose another one" if bench.revisions else "A simple model"
+            )
             with details(title, open_=bench.current is None):
                 with ui.element("div").props('role=group aria-label="Kind of base"'):
                     self.kinds = ui.radio(options, value=value, on_change=lambda event: self.based(event.value))

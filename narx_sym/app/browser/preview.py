@@ -50,11 +50,13 @@ def ran(tracked: Tracked, units: Mapping[str, str]) -> Ran:
     """Draw a run of a law, and say how near the model comes."""
     unit = f" {units['y']}" if units.get("y") else ""
     said = [
-        f"{name} {number(rms)}{unit} rms, {number(most)}{unit} at most" if np.isfinite(rms) else f"{name} it runs away"
+        f"{name} {number(rms)}{unit} rms, {number(most)}{unit} at most"
+        if np.isfinite(rms)
+        else f"{name} the model diverges"
         for name, (rms, most) in tracked.errors.items()
     ]
     told = f"Error of the model's output against the reference: {'; '.join(said)}."
-    holds = f"{tracked.holds[0].upper()}{tracked.holds[1:]}." if tracked.holds else "No limit holds the input."
+    holds = f"{tracked.holds[0].upper()}{tracked.holds[1:]}." if tracked.holds else "The input stays within its limits."
     outputs = {"with the law": tracked.y, "without": tracked.plain.y}
     picture = plot_compensation(tracked.t, tracked.r, tracked.m, outputs, dict(units), tracked.limits)
     notes = [*tracked.notes]

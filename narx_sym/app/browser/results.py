@@ -37,7 +37,7 @@ def effects(bench: Workbench) -> None:
         return
     shares = {row["effect"]: f"{spaced(row['effect'])}: {removed(row)[0]}" for row in current.found.table()}
     with section("Add another effect"), ui.element("div").classes("other"):
-        said("With a number: its share of the removable error.").classes("hint")
+        said("The number is the fraction of the removable error that the effect removes.").classes("hint")
         others = {n: spaced(n) for n in others_of(bench, set(shares))}
         chosen = ui.select(shares | others, label="Effect").props("outlined dense options-dense").classes("field")
         Fault(chosen, bench, "effect")
@@ -68,10 +68,7 @@ def others_of(bench: Workbench, shown: set[str]) -> list[str]:
 def model(bench: Workbench) -> None:
     """Show the parameters, and the terms as text."""
     heading("Change a term", 3)
-    said(
-        "A term is changed by its text: sums, products, powers, and the functions sign, abs, sin, cos, tanh, exp, Max, "
-        "Min."
-    )
+    said("Edit a term as text: sums, products, powers, and the functions sign, abs, sin, cos, tanh, exp, Max, Min.")
     rows = {r["symbol"]: r for r in bench.revisions[-1].model.table()}
     titles = ["parameter", "value", "standard error", "term", ""]
     with ui.element("table").classes("grid"):
@@ -102,12 +99,12 @@ def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
     with ui.element("td"):
         small("Fit", f"Fit with this term of {whose}", lambda: bench.edit(name, field.value or ""))
         if name:
-            small("Take out", f"Take out the term of {name}", lambda: bench.edit(name, ""))
+            small("Remove", f"Remove the term of {name}", lambda: bench.edit(name, ""))
 
 
 def files(bench: Workbench) -> None:
     """Show the files to download."""
-    with section("Take it away"), ui.element("ul").classes("files"):
+    with section("Download"), ui.element("ul").classes("files"):
         for name, title in titles(bench.law, bench.run).items():
             with ui.element("li"):
                 link(name, title)

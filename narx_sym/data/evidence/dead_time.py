@@ -69,7 +69,7 @@ class DeadTime:
         """Say it in words; `Ts` in s."""
         shown = f"dead time {self.samples} samples ({self.samples * Ts:.4g} s)"
         others = [d for d in self.among if d != self.samples]
-        return f"{shown}, or as well {min(others)} to {max(others)}" if others else shown
+        return f"{shown}; {min(others)} to {max(others)} fit equally well" if others else shown
 
 
 def dead_time(records: Sequence[Record]) -> DeadTime:

@@ -74,26 +74,30 @@ class Feedback:
     @property
     def sentence(self) -> str:
         """What to know, and what to record instead."""
-        why = f": the output explains {100 * (1 - self.left):.0f} % of what is new in the input" if self.found else ""
+        why = (
+            (f": the output explains {100 * (1 - self.left):.0f} % of the unpredictable part of the input")
+            if self.found
+            else ""
+        )
         if self.unseen:
             return (
-                "Whether this record was taken in closed loop cannot be seen, as its setpoint never moves: nothing is "
-                "named. If the controller was in manual, leave the setpoint out (--role NAME=ignore)"
+                "The setpoint never moves, so this record does not show whether it was taken in closed loop: no "
+                "effect is named. If the controller was in manual mode, leave the setpoint out (--role NAME=ignore)"
             )
         if self.given and not self.rests:
             return (
-                f"This record was taken in closed loop, as its setpoint says{why}. What seems to be missing may be the "
-                "controller's: an effect is named only where hardly anything but the setpoint moves the input, and it "
-                "alone removes nearly all of the error"
+                f"This record has a setpoint and was taken in closed loop{why}. What seems to be missing may come "
+                "from the controller. So an effect is named only if the setpoint causes nearly all movement of the "
+                "input, and the effect alone removes nearly all of the error"
             )
         taken = "taken" if self.given else "probably taken"
         where = "with a setpoint that moves" if self.rests else "give the setpoint (--role NAME=setpoint)"
         if not self.given:
-            where += ". If no controller made the input from the output, say so (--open-loop)"
+            where += ". If there was no controller, use --open-loop"
         return (
             f"This record was {taken} in closed loop{why}. Disturbances reach the input through the "
-            "controller, so that what seems to be missing may be the controller's. Record again with the controller "
-            f"in manual and steps or a slow triangle as its output, or {where}"
+            "controller, so what seems to be missing may come from the controller. Record again with the controller "
+            f"in manual mode and steps or a slow triangle as input, or {where}"
         )
 
     @property
@@ -110,8 +114,8 @@ class Feedback:
     def outweighed(self) -> str:
         """What to know where an effect explains more than a controller's answers could imitate."""
         return (
-            f"This record was taken in closed loop; {100 * self.led:.0f} % of what moves the input follows from the "
-            "setpoint, so that disturbances that reach it through the controller imitate far less than is explained"
+            f"This record was taken in closed loop. The setpoint causes {100 * self.led:.0f} % of the movement of "
+            "the input, so disturbances that pass through the controller can imitate only a small part of the effect"
         )
 
 

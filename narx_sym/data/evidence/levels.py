@@ -50,10 +50,10 @@ def one_way(record: Record) -> list[str]:
     """Say where the input of a record never turns back, and whether it only moves at one speed."""
     if np.ptp(record.u) == 0 or "u" in turning([record]):
         return []
-    said = "the input never turns back: what remembers where it turned (hysteresis, slack) is a curve there"
+    said = "the input never reverses: hysteresis and slack cannot be distinguished from a static curve"
     moves = [steps for part in record.segments() if (steps := np.trim_zeros(np.diff(part.u))).size]
     ramps = moves and all(steps.size > 2 and _one_size(steps) for steps in moves)  # one or two steps are no ramp
-    return [f"{said}, and at one speed a curve of the input, a lag and a drift are one signal" if ramps else said]
+    return [f"{said}, and at one speed a static curve, a lag and a drift cannot be distinguished" if ramps else said]
 
 
 def one_step(records: Sequence[Record]) -> bool:
@@ -88,7 +88,7 @@ def at_levels(records: Sequence[Record], error: Callable[[Sequence[Record]], flo
     if not moved or not error(quiet) < error(known):
         return known, []
     return quiet, [
-        f"{r.name}: the input moves by {np.std(r.u - q.u):.2g} rms about two levels, and the output does not follow it "
-        "(noise on the input, or a saturation there): it is taken at the levels"
+        f"{r.name}: the input moves by {np.std(r.u - q.u):.2g} rms around two levels, but the output does not follow "
+        "it (noise on the input, or a saturation there): the two levels are used as the input"
         for r, q in moved
     ]

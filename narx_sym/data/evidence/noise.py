@@ -87,7 +87,7 @@ def unexplained(error: Array, sensor: float, Ts: float) -> str:
         return ""
     power = np.cumsum(np.abs(np.fft.rfft(error - error.mean())) ** 2)
     half = int(np.searchsorted(power, power[-1] / 2)) / (error.size * Ts)
-    return f"unexplained: {np.sqrt(size**2 - sensor**2):.3g} rms, half of it below {half:.3g} Hz"
+    return f"unexplained: {np.sqrt(size**2 - sensor**2):.3g} rms, half of its power below {half:.3g} Hz"
 
 
 def repeated(record: Record) -> int:

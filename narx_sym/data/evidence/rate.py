@@ -42,7 +42,7 @@ def left_out(record: Record, of: int) -> list[str]:
     """Say where only the longest pieces of a record, one of so many, are at the working rate; of 0, all of it is."""
     if not of or len(record.segments()) <= _pieces(of):
         return []
-    return [f"the hypotheses were compared along its {_pieces(of)} longest pieces without a gap"]
+    return [f"the candidate effects were compared on its {_pieces(of)} longest pieces without a gap"]
 
 
 def _pieces(records: int) -> int:
@@ -100,7 +100,7 @@ def _resampled(record: Record, Ts: float) -> Record:
     """Return a record with another sampling time [s], segment by segment."""
     pieces = [slice(a, b) for a, b in pairwise((0, *record.breaks, len(record)))]
     places = [np.arange(float(p.stop - p.start)) * (record.Ts / Ts) for p in pieces]
-    note = f"resampled from Ts = {record.Ts:.6g} s to {Ts:.6g} s, that of most samples"
+    note = f"resampled from Ts = {record.Ts:.6g} s to {Ts:.6g} s, the sampling time of most samples"
     grid = stepped(record.t, Ts, pieces, places, [*record.notes, note], True)
     return replace(
         record, u=grid.apply(record.u), y=grid.apply(record.y), t=grid.t, Ts=Ts, notes=grid.notes, breaks=grid.breaks,

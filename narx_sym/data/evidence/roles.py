@@ -66,14 +66,16 @@ def found_role(name: str, x: Array, u: Array, y: Array, units: Mapping[str, str]
     if enough:
         for role, words, (a, b), (digits_a, digits_b) in _relations(x, u, y):
             if _same(a, b, digits_a, digits_b):
-                return role, f"is the {words}, as its numbers show"
+                return role, f"is the {words}, as its values show"
     if is_setpoint(name):
-        return SETPOINT, "is taken for the setpoint of a controller that made the input, by its name"
+        return SETPOINT, "is assumed to be the setpoint of a controller, because of its name"
     if FURTHER.fullmatch(name):
-        return INPUT, "is taken for a further input of the machine, by its name"
+        return INPUT, "is assumed to be a further input of the machine, because of its name"
     rate = not RATES.isdisjoint(map(str.lower, PART.findall(name))) or _rate_unit(units.get(name), units.get("y"))
     if enough and rate and _integrates(x, y):
-        return DERIVATIVE, "is taken for the derivative of the output, by its name or unit and its integral"
+        return DERIVATIVE, (
+            "is assumed to be the derivative of the output, because of its name or unit, and its integral"
+        )
     return DISTURBANCE, ""
 
 
@@ -160,9 +162,15 @@ def column_roles(
             rows = slice(max(moves - 1, 0), min(moves + LONG, end))
             roles[name], why = found_role(name, x[rows], u[rows], y[rows], units)
             if why:
-                then = "where none did, tell the diagnosis (--open-loop), or" if roles[name] == SETPOINT else "else"
-                part = "a linear base has it, with lags of its own" if roles[name] == INPUT else "takes no part"
-                told.append(f"{GUESS.format(name)} {why}, and {part}; {then} say so: --role {name}={DISTURBANCE}")
+                then = (
+                    "if there was no controller, use --open-loop, or"
+                    if roles[name] == SETPOINT
+                    else ("if this is wrong,")
+                )
+                part = (
+                    "is an input of a linear base model, with its own lags" if roles[name] == INPUT else ("is not used")
+                )
+                told.append(f"{GUESS.format(name)} {why}, and {part}; {then} use --role {name}={DISTURBANCE}")
     return roles, told
 
 
@@ -170,7 +178,9 @@ def with_roles(record: Any, roles: Mapping[str, str] | None) -> Any:
     """Return a record in which some channels have these roles, whatever was guessed; DataError for no channel."""
     if stray := [n for n in check_roles(roles or {}) if n not in record.roles]:
         there = ", ".join(record.channels) or "none"
-        raise DataError(f"record '{record.name}': a role of {stray[0]!r}, which is no channel; there are {there}")
+        raise DataError(
+            f"record '{record.name}': there is no channel {stray[0]!r} to give a role to; there are {there}"
+        )
     guesses = tuple(f"{GUESS.format(name)} " for name in roles or {})
     notes = tuple(note for note in record.notes if not (guesses and note.startswith(guesses)))
     return replace(record, roles={**record.roles, **(roles or {})}, notes=notes)

@@ -84,7 +84,7 @@ class Sticking:
     def verdict(self) -> str:
         """Return the verdict in a few words."""
         return (
-            f"the valve {'probably sticks' if self.found else 'may stick' if self.perhaps else 'is not seen to stick'}"
+            f"the valve {'probably sticks' if self.found else 'may stick' if self.perhaps else 'is not found to stick'}"
         )
 
     @property
@@ -92,28 +92,33 @@ class Sticking:
         """Return the verdict and its reason."""
         if not self.band:
             return (
-                "The valve is not seen to stick: a process predicts the output about as well without a "
-                "sticking valve. That is no proof: a band of one or two percent of span is often not seen, and a wider "
-                "one of a level"
+                "The valve is not found to stick: a process model without stiction predicts the output about as "
+                "well. This is no proof: stiction of one or two percent of span is often not found, in level control "
+                "also more"
             )
         percent, jump = 100 * self.band / self.span, 100 * self.jump / self.span
         taken = "" if self.record.units.get("u") else ", as OP has no unit"
-        what = f"the valve holds until OP has come back by {percent:.2g} % of its span of {self.span:g}{taken}"
+        what = (
+            f"after a reversal the valve does not move until OP has changed by {percent:.2g} % of its span of "
+            f"{self.span:g}{taken}"
+        )
         what += f", then jumps by {jump:.2g} %" if self.jump else ""
-        why = f"behind it a process predicts the output with {100 * (1 - self.left):.2g} % less squared error"
+        why = (
+            f"with this valve a process model predicts the output with {100 * (1 - self.left):.2g} % less squared error"
+        )
         if self.found:
             return f"The valve probably sticks: {what}; {why}"
         if self.perhaps:
             return (
-                f"The valve may stick: {what}; {why}. But no setpoint was recorded that moves the loop, and a load "
-                "that steps or ramps looks alike: move the setpoint up and down by a few percent, and record it too"
+                f"The valve may stick: {what}; {why}. But no moving setpoint was recorded, and a load with steps or "
+                "ramps looks the same: move the setpoint up and down by a few percent, and record it too"
             )
-        swing = f"OP swings by {float(np.ptp(self.record.u)) / self.band:.2g} times as much"
+        swing = f"the range of OP is {float(np.ptp(self.record.u)) / self.band:.2g} times as large"
         if self.band < SPEC * self.span:
-            return f"The valve is not seen to stick by more than a valve may (1 % of span): {what}; {why}; {swing}"
+            return f"The valve is not found to stick by more than is acceptable (1 % of span): {what}; {why}; {swing}"
         return (
-            f"The valve is not seen to stick: {what}; {why}. But the setpoint hardly moves the loop, and "
-            f"{swing}: by the load, which then looks alike"
+            f"The valve is not found to stick: {what}; {why}. But the setpoint hardly moves the loop, and {swing}: "
+            "this comes from the load, which then looks the same as stiction"
         )
 
 

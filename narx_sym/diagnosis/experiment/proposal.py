@@ -94,14 +94,14 @@ class Experiment:
         between = f"{', '.join(most)} and {last}"
         which = "their outputs" if len(most) == 1 else "any two of their outputs"
         least = "" if len(most) == 1 else "at least "
-        which += " that can be told apart" if self.together else ""
+        which += " that can be distinguished" if self.together else ""
         where = f" ({self.file})" if self.file else ""
         noise = f", {self.ratio:.2g} times the noise" if np.isfinite(self.ratio) else ""
         if not self.visible:
             within = f"{self._range(self.limits)} at the present rate" if self.given else "the present range and rate"
             return (
-                f"No input that was tried within {within} tells {between} apart: after a refit they say the same "
-                f"even on the best of them ({self.name}).{self._further}"
+                f"No tested input within {within} distinguishes {between}: after a refit their outputs are the same "
+                f"even for the best input ({self.name}).{self._further}"
             )
         first = float(self.u[0]) if abs(self.u[0]) > 1e-9 * np.ptp(self.u) else 0.0
         rest = with_unit(first, self.units.get("u", ""))
@@ -114,13 +114,13 @@ class Experiment:
         if not self.clear:
             how = "no better" if self.separation <= self.present else "hardly better"
             said += (
-                f" This is {how} than the present record ({self._y(self.present)}), and no input that was tried is: a "
-                f"wider range or faster moves may decide.{self._further}"
+                f" This is {how} than the present record ({self._y(self.present)}), and no tested input is: a wider "
+                f"range or faster moves may decide.{self._further}"
             )
         elif self.ratio < 1:
             said += " Repeat it and average: one sample's noise is larger than the difference."
         for a, b in self.together:
-            said += f" No input that was tried tells {words(a)} and {words(b)} apart."
+            said += f" No tested input distinguishes {words(a)} and {words(b)}."
         return said
 
     def _range(self, limits: tuple[float, float]) -> str:

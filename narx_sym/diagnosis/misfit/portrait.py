@@ -181,7 +181,7 @@ def _views(u: Array, y: Array | None, t: Array, channels: Mapping[str, Array], T
         values[speed], labels[speed], kinds[speed] = motion.slope / Ts, f"rate of the {word}", f"{name}/s"
         far = np.maximum((motion.smooth - motion.smooth[motion.last]) * motion.sign, 0)
         values[turned] = np.where(motion.after >= 0, far, np.nan)
-        found.append(since(turned, f"way of the {word} since it turned", name, values[turned], motion.sign))
+        found.append(since(turned, f"travel of the {word} since its reversal", name, values[turned], motion.sign))
         if name == "u":
             found.append(beside("u", "input u, rising and falling", u, motion.slope > 0, 2))
     found += [along(n, labels.get(n, n), kinds[n], x) for n, x in values.items() if n in labels or n == "time"]

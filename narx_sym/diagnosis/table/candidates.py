@@ -40,34 +40,35 @@ TARGETS = {
 
 @dataclass(repr=False)
 class Candidate:
-    """One effect that may be missing.
+    """One effect that may be missing; see `diagnose` for an example.
 
     Attributes
     ----------
     effect : str
-        Its id.
+        Name of the effect, a key of `EFFECTS`.
     variant : Variant
-        At the rate of what is shown.
+        Its form and place, at the sampling rate of `shown`.
     row : Row
-        Its place in the table.
+        Its fit at the working rate.
     share : float
-        Of the removable error on held-out blocks.
+        Fraction of the removable error that it removes in cross-validation.
     interval : (low, high)
-        95 % interval of the share, by bootstrap over the blocks.
+        95 % interval of `share`, by bootstrap over the blocks.
     p_value : float
-        Corrected for everything that was tried.
+        Corrected for the number of effects that were tried.
     probability : float
-        That this effect, of those of the catalogue and nothing, is what the base lacks: see `verdict.probabilities`.
-        None beside two effects that only together explain the error.
+        Probability that this effect is the missing one, among the effects of the catalogue and none: see
+        `verdict.probabilities`. None if two effects only explain the error together.
     nrmse : dict
-        `cross_validated` and `base_cross_validated`: free-run errors of the effect and of the base on held-out blocks
-        at the working rate, over the standard deviation of the output. Where the data may mean this effect, also
-        `train` and `validation`: those of `evaluate` on the diagnosed records and on the validation records.
+        `cross_validated` and `base_cross_validated`: free-run errors with the effect and of the base model, in
+        cross-validation at the working rate, over the standard deviation of the output. If the effect may be the
+        missing one, also `train` and `validation`: errors of `evaluate` on the diagnosed records and on the validation
+        records.
     shown : Fitted
-        The model at the record's own rate where the data may mean this effect, else that of the table; before anything
-        that became redundant was deleted.
+        The fitted model, before redundant terms are deleted. At the sampling rate of the record if the effect may be
+        the missing one, else at the working rate.
     averaged : int
-        How many samples of the record are one there.
+        Number of samples that are averaged into one at the working rate.
     """
 
     effect: str
@@ -134,7 +135,7 @@ class Candidate:
         if self.final is not None:
             return self.final
         if self.fit is None:
-            raise FitError(f"{self.variant} has no stable fit at the record's own rate.")
+            raise FitError(f"{self.variant} has no stable fit at the sampling rate of the record.")
         return self.fit() if self.trial is None else self.trial.final(self.fit())
 
     @property

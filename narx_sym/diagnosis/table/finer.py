@@ -72,7 +72,7 @@ class Finer:
             if fits and min(map(self.averaged, fits)) < row.held * np.exp(ALIKE):
                 break
         if not fits:
-            raise FitError(f"{row.hypothesis} has no stable fit at the record's own rate.")
+            raise FitError(f"{row.hypothesis} has no stable fit at the sampling rate of the record.")
         return min(fits, key=self.averaged)
 
     def averaged(self, made: Fitted) -> float:

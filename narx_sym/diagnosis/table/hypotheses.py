@@ -38,7 +38,7 @@ class Core:
     def __str__(self) -> str:
         if self.given:
             return "the given model"
-        return f"{'integrating ' if self.integrating else ''}core ({self.n_y}, {self.n_u}) after {self.delay}"
+        return f"{'integrating ' if self.integrating else ''}linear part ({self.n_y}, {self.n_u}) after {self.delay}"
 
     def holds(self, other: Core) -> bool:
         """Whether its orders are no smaller than those of another."""

@@ -70,4 +70,4 @@ def without_offsets(
         moved.append(replace(record, y=y))
     most = float(np.abs(offsets).max())
     where = "between the records" if len(records) > 1 else "across the gaps"
-    return moved, [f"Offsets {where}, of up to {most:.3g}, explain more than an effect would: they are taken off."]
+    return moved, [f"Offsets {where}, of up to {most:.3g}, explain more than an effect would: they are removed."]

@@ -80,9 +80,12 @@ def choose_base(
     ordered = {one.base: one for one in sorted(found, key=lambda one: -one.score)}  # the best size of each
     best, *others = sorted(ordered.values(), key=lambda one: one.score)
     model = identified(best.base, list(records), best.size)
-    why = f"{best} parameters has the best free run of {len(ordered)} bases on held-out samples, at a price of {PRICE}"
+    why = (
+        f"{best} parameters has the best free run of {len(ordered)} base models in cross-validation, with a "
+        f"penalty of {PRICE}"
+    )
     why += " in ln(mean square) for each parameter"
-    why += f", beside {', '.join(map(str, others))}" if others else ""
+    why += f", compared with {', '.join(map(str, others))}" if others else ""
     reason = f"{why}; {model.info.selection.reason}"
     return model.replace(
         info=replace(model.info, selection=replace(model.info.selection, base=best.base, reason=reason))

@@ -25,8 +25,8 @@ def judged(model: Model, records: Sequence[Record]) -> Model:
     error = free_run_error(model)
     if model.info.useless:
         warnings.warn(
-            f"The free run is no better than a constant (NRMSE {error:.3g}): do not use this model. Another base, "
-            "delay or input column may fit; noise on the input of an inverse model has this effect too.",
+            f"The free run is no better than a constant (NRMSE {error:.3g}): do not use this model. Try another "
+            "base, delay or input column. For an inverse model, noise on its input can be the cause.",
             stacklevel=3,
         )
     elif error >= LITTLE:
@@ -37,7 +37,7 @@ def judged(model: Model, records: Sequence[Record]) -> Model:
             said = f"no better than a constant (NRMSE {own:.3g})"
             warnings.warn(f"Along the record {record.name!r} the free run is {said}.", stacklevel=3)
     if model.info.selection.stable_law is False:
-        warnings.warn("The compensation law of this model is unstable on these data: it may run away.", stacklevel=3)
+        warnings.warn("The compensation law of this model is unstable on these data: it may diverge.", stacklevel=3)
     growth = periodic_growth(model)
     if growth > 1:
         warnings.warn(

@@ -131,7 +131,10 @@ def identify_play(
     model = _fitted(guess, parts, origin)
     own = {s.left.base for s in plays_of(radii)}
     weighty = sum(s.left.base in own for s in model.memory)  # creep remembers too
-    reason = f"{weighty} of {plays} plays have weight; the smallest delay within 2 % of the best of {len(delays)}"
+    reason = (
+        f"{weighty} of {plays} plays have a nonzero weight; the delay is the smallest within 2 % of the best of "
+        f"{len(delays)}"
+    )
     chosen = Selection("play", len(delays) * len(LAGS), len(model.symbols), reason)
     return model.replace(info=replace(model.info, selection=chosen))
 
@@ -161,7 +164,9 @@ def _guess(
     found = nnls(np.vstack([np.hstack([columns, one, -one]), ridge]), np.concatenate([target, np.zeros(n - 1)]))[0]
     weights, constant = found[:n], float(found[n] - found[n + 1])
     if weights.sum() <= 0:
-        raise FitError("The output falls where the input rises: a play model rises. Change the sign of the input.")
+        raise FitError(
+            "The output falls when the input rises, but a play model can only rise. Change the sign of the input."
+        )
     low, high = float(target.min()) - constant, float(target.max()) - constant
     bends = tuple(float(f"{low + (high - low) * i / (knots + 1):.4g}") for i in range(1, knots + 1))
     weights = np.maximum(weights, NOTHING * weights.sum())

@@ -183,28 +183,30 @@ def select(
     accept: Callable[[Model], bool] | None = None,
     first: Sequence[Any] = (),
 ) -> Selection:
-    """Choose the terms of a NARX model.
+    """Choose the terms of a NARX model by the error reduction ratio (ERR), and fit it.
 
     Parameters
     ----------
     pool : Pool
+        The candidate terms, from `pool`.
     records : Record or list of Record
-        Several records are selected on together.
+        The terms are chosen on all records together.
     continuum : bool
-        Whether Sigma_y = 1 is imposed (on the selection and on the fit).
+        Whether Sigma_y = 1 is imposed, on the selection and on the fit.
     criterion : "free_run", "aic", "bic" or "knee"
-        `free_run`: the fewest terms whose free-run error is within 10 % of the best on the path, judged on
-        `validation` (the records themselves by default). `knee`: the last pick that still lowers AIC by at least 5 %
-        of what the first picks lowered it by on average. On noise-free data AIC and BIC never turn up.
+        How many terms to keep. `free_run`: the smallest number whose free-run error is within 10 % of the best, on
+        `validation` (default: the records themselves). `knee`: stop where AIC falls by less than 5 % of what the first
+        term lowered it by. Without noise AIC and BIC do not reach a minimum.
     n_terms : int, optional
-        Take this many picks instead.
+        Number of terms, instead of a criterion.
     method : "one_step", "free_run", "els" or "auto"
-        How each model is fitted; `auto` compares both.
+        How each model is fitted; `auto` compares one-step and free-run fits.
     frame : Model, optional
-        Carries operating point and lead.
+        A model with the operating point and the lead to use.
     accept : function of a fitted model, optional
-        With the criterion `free_run`, models that it refuses are chosen only where it refuses all.
-    first : candidates that are picked before the others
+        With the criterion `free_run`: models for which it returns False are only chosen if there is no other.
+    first : list of terms
+        Terms that are chosen before all others.
 
     Returns
     -------
@@ -213,7 +215,17 @@ def select(
     Raises
     ------
     FitError
-        For an unknown criterion or method, a target that is zero, and where every model on the path diverges.
+        For an unknown criterion or method, a target that is zero, or if every model diverges.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> u = ns.plants.filtered_noise(N=300, Ts=0.01, cutoff=5.0, peak=1.0, seed=1)
+    >>> truth = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2])
+    >>> record = ns.Record.from_arrays(u, truth.simulate(u, y0=0.0, u0=0.0), Ts=0.01)
+    >>> chosen = ns.select(ns.pool(n_y=1, n_u=2, degree=1, phi=False), record, continuum=False, n_terms=2)
+    >>> chosen.model.terms
+    (y[k - 1], u[k - 1])
     """
     check_method(method)
     output, source = pool.structure.output, pool.structure.input
@@ -283,6 +295,6 @@ def _by_free_run(
     result.chosen, _, _, result.model = min((t for t in good if t[1] <= 1.1 * best), key=lambda t: (t[0], t[1]))
     result.reason = f"fewest terms within 10 % of the best free-run error on the path ({best:.4g})"
     if len(good) < len(tried):
-        result.reason += "; models whose law would run away were passed over"
+        result.reason += "; models with an unstable law were skipped"
     elif accept is not None and not good[0][2]:
         result.reason += "; the law of every model on the path is unstable on these data"

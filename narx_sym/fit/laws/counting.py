@@ -64,7 +64,7 @@ class Check:
 
 
 def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Mapping[str, Any] | None = None) -> Check:
-    """Say whether each stage of a law has exactly one solution: by proof, else by counting along a run.
+    """Check whether each stage of a law has exactly one solution: by proof, else by counting along a run.
 
     Parameters
     ----------

@@ -80,16 +80,16 @@ class Damping:
             f"{grows} (the model has a zero near -1)"
         )
         if self.share == 1:
-            return f"{said}. No part of the way that it asks for cures it: limit the input's rate."
+            return f"{said}. Damping does not help: limit the rate of the input."
         return (
-            f"{said}. So in each sample the input goes {self.share:.3g} of the way that the law asks for: on a "
-            f"slow ramp a disturbance is then forgotten in {self.damped} samples. (--share none, share=None: the whole "
-            "way)"
+            f"{said}. So the law is damped: in each sample the fraction {self.share:.3g} of the computed change is "
+            f"applied. On a slow ramp a disturbance then decays in {self.damped} samples. (No damping: --share none, "
+            "share=None)"
         )
 
 
 def share_of(law: Compensator, share: Share | str = "auto") -> float:
-    """Return the share of a law: the given one, a number or its text, that of `damping` for "auto", 1 for None."""
+    """Return the damping factor of a law: the given number, that of `damping` for "auto", 1 for None."""
     if share is None:
         return 1.0
     if share == "auto":
@@ -99,12 +99,12 @@ def share_of(law: Compensator, share: Share | str = "auto") -> float:
     except ValueError:
         part = float("nan")
     if not 0 < part <= 1:
-        raise ModelError(f"A share is a number above 0, up to 1, not {share!r}.")
+        raise ModelError(f"share must be above 0 and at most 1, not {share!r}.")
     return part
 
 
 def damping(law: Compensator) -> Damping:
-    """Return whether a law rings around slow motion, and the share with which it forgets disturbances fastest."""
+    """Return whether a law rings, and the damping with which disturbances decay fastest."""
     if law.model.input == y or law.model.theta is None:
         return Damping(0.0)
     if law.model not in _known:
@@ -143,7 +143,7 @@ def growth(
 def disturbance(
     law: Compensator, reference: Any, m0: Any = None, channels: Mapping[str, Any] | None = None, at: int = 0
 ) -> Array:
-    """Return what a small disturbance of the input becomes along a run of a law, of any kind, as it is without damping.
+    """Return how a small disturbance of the input grows or decays along a run of a law, without damping.
 
     The law's own dynamics where there is no polynomial for them: of laws with branches and states. The law goes on from
     the model's output, as it does on a machine.

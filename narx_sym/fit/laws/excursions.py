@@ -72,7 +72,10 @@ class Excursion:
         lasting = ""
         if self.kept is not None:
             left = f"{self.kept:.3g}" if self.kept > FORGOTTEN else f"less than {FORGOTTEN:g}"
-            lasting = f"the law integrates: of an error of 1 in m at the start {left} is left at the end; beside that "
+            lasting = (
+                f"the law is an integrator: of an error of 1 in m at the start {left} is left at the end; "
+                "apart from this "
+            )
         it = "it" if lasting else "the law"
         if not self.unstable:
             return f"{lasting}{it} {self._forgets()}"
@@ -80,12 +83,10 @@ class Excursion:
         stays = (
             f"over the whole run it shrinks ({self.rate:.3g} times per sample on average): a transient excursion"
             if self.rate < 1
-            else "over the whole run it does not shrink: the law can run away"
+            else "over the whole run it does not shrink: the law can diverge"
         )
         if self.first is None:
-            where = (
-                f"does not forget its own errors, with no internal eigenvalue beyond 1 ({self.largest:.3g} at most):"
-            )
+            where = f"is not stable although no internal eigenvalue exceeds 1 ({self.largest:.3g} at most):"
         else:
             when = f"sample {self.first}" + (f" (t = {self.first * Ts:.4g} s)" if Ts else "")
             where = (
@@ -96,11 +97,11 @@ class Excursion:
 
     def _forgets(self) -> str:
         if np.isnan(self.rate):
-            return "was not moved: how it reacts to its own errors is not known"
+            return "was not moved, so its reaction to its own errors is unknown"
         left = self.rate**self.radius.size
-        told = [f"one grows up to {self.growth:.3g} times before it shrinks"] * (self.growth > 1 + ROUNDING)
-        told += [f"of one at the start {left:.3g} is left at the end"] * (left > FORGOTTEN)
-        return "forgets its own errors all along the run" + (f" ({'; '.join(told)})" if told else "")
+        told = [f"an error grows up to {self.growth:.3g} times before it decays"] * (self.growth > 1 + ROUNDING)
+        told += [f"of an error at the start {left:.3g} is left at the end"] * (left > FORGOTTEN)
+        return "is stable along the whole run: its own errors decay" + (f" ({'; '.join(told)})" if told else "")
 
 
 def radius(internal: InternalDynamics, m: Any, r: Any, s: float | None = None) -> Array:
@@ -309,7 +310,7 @@ def law_warnings(law: Compensator, r: Array, m: Array, m0: float | None = None, 
     if "u" in ranges and (out := leaves(law.model.info, "u", "compensated input", [m])):
         if excess(m, *ranges["u"]) > 10:
             advice = "check m0 and the reference, or give the limits of the input"
-            raise Diverged(f"The law runs away: {out}; {unstable or advice}.")
+            raise Diverged(f"The law diverges: {out}; {unstable or advice}.")
         found.append(out)
     return [*found, unstable] if visit is not None and visit.noteworthy else found
 

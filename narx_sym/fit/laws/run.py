@@ -85,19 +85,19 @@ class Following:
     def why(self) -> str:
         """Say what led to the first miss; empty where nothing is known."""
         if self.runs_away:
-            times = f"{self.grown:.1g} times" if self.grown < np.inf else "beyond all numbers"
-            where = " along the one of them that comes furthest" if self.tried else ""
+            times = f"{self.grown:.1g} times" if self.grown < np.inf else "without limit"
+            where = " along the best of them" if self.tried else ""
             other = f"{self.tried} other choices between several inputs were tried. " if self.tried else ""
-            return f"{other}The law runs away: a disturbance of its input grows {times} until then{where}"
+            return f"{other}The law diverges: until then a disturbance of its input grows {times}{where}"
         if self.tried:
             return (
-                f"{self.tried} other choices between several inputs that are right for a sample were tried up to "
-                "there: each of them misses some sample later"
+                f"{self.tried} other choices between several possible inputs were tried up to this sample: each of "
+                "them misses the reference later"
             )
         if self.aside:
             return (
-                "The model does not rest at the start: it has moved by "
-                f"{self.aside:.3g} when the first command arrives, which the law does not know"
+                f"The model is not at rest at the start: it moves by {self.aside:.3g} before the first command "
+                "arrives, and the law does not know this"
             )
         return ""
 
@@ -106,14 +106,14 @@ class Following:
         """Say in how many samples limits hold the input; empty where they never do."""
         if not self.held.any():
             return ""
-        return f"the limits of the actuator hold the input in {self.held.mean():.1%} of the samples"
+        return f"the input is at a limit of the actuator in {self.held.mean():.1%} of the samples"
 
     @property
     def report(self) -> list[str]:
         """What is held and missed, in words; empty where nothing is."""
         found = [self.holds] if self.holds else []
         if self.share < 1:
-            where = f"damped, the model stays within {self.error:.3g} of the reference"
+            where = f"with damping the model stays within {self.error:.3g} of the reference"
             found.append(f"{where}. {self.why}" if self.runs_away else where)
         elif self.missed.any():
             found.append(
@@ -122,8 +122,8 @@ class Following:
             )
         elif self.tried:
             found.append(
-                "where several inputs are right for a sample the law went back to earlier choices, the reference being "
-                "known; computed sample by sample on a machine it misses some"
+                "where several inputs are possible, the law revised earlier choices, because it knows the whole "
+                "reference; computed sample by sample on a machine it would miss some samples"
             )
         return found
 
@@ -138,7 +138,7 @@ def run_law(
     clip: bool = False,
     share: Share = "auto",
 ) -> Array:
-    """Compute the compensated input over a reference.
+    """Compute the compensated input for a reference.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def run_law(
 def exported(
     law: Compensator, limits: Sequence[float] | None = None, rate: float | None = None, share: Share = "auto"
 ) -> Recursion:
-    """Return what a machine computes from sample to sample; arguments as for `run_law`.
+    """Return the equations that a controller computes in each sample; arguments as for `run_law`.
 
     It is the law alone where that reaches every reference; else the model is beside it. A root that is proved to be
     alone is found in a fixed number of steps, with the present values of the parameters in the place of their symbols.
@@ -216,9 +216,9 @@ def told(
     known = law_warnings(law, target, found.m, start, found.share < 1)
     if found.runs_away and found.share < 1 and limits is None and rate is None:
         raise Diverged(
-            f"The law runs away although it is damped: a disturbance of its input grows {found.grown:.1g} times, and "
-            f"the model leaves the reference by {found.error:.3g}. Give limits of the input, a slower reference, or "
-            "another share (--share).",
+            f"The law diverges although it is damped: a disturbance of its input grows {found.grown:.1g} times, and "
+            f"the error of the model reaches {found.error:.3g}. Give limits of the input, a slower reference, or "
+            "stronger damping (a smaller --share).",
             int(np.argmax(found.missed)),
             found.m,
         )
@@ -238,7 +238,7 @@ def follow(
     share: Share = "auto",
     back: bool = True,
 ) -> Following:
-    """Compute the compensated input and what the model then does; parameters and errors as for `run_law`.
+    """Compute the compensated input and the output of the model; parameters and errors as for `run_law`.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def follow(
         raise ModelError("The input before the start, m0, is not finite.")
     low, high = allowed(limits, rate)
     if not low <= start <= high:
-        raise ModelError(f"The input before the start, m0 = {start:.6g}, is outside of the limits {low:g} to {high:g}.")
+        raise ModelError(f"The input before the start, m0 = {start:.6g}, is outside the limits {low:g} to {high:g}.")
     part, channels = share_of(law, share), law.named(named(channels))
     # The model runs beside the law, from the first output on: what acts on it then is made up for.
     beside = law.model.input != y or limits is not None or rate is not None
@@ -312,8 +312,10 @@ def _unstable(model: Model, found: Following, target: Array, start: float, chann
         grown = float(np.nan_to_num(np.abs(there - found.y), nan=np.inf).max() / aside)
     if grown < RUNS_AWAY:
         return []
-    times = f"{grown:.1g} times" if grown < np.inf else "beyond all numbers"
-    return [f"the model is unstable: an error of its start grows {times}, and no input computed ahead holds it"]
+    times = f"{grown:.1g} times" if grown < np.inf else "without limit"
+    return [
+        f"the model is unstable: an error of its start grows {times}, and no input computed in advance can correct it"
+    ]
 
 
 def _values(
@@ -342,7 +344,7 @@ def _values(
             "Likely causes: zeros of the model outside the unit circle, an input before the start that does not fit, "
             "or a reference that the model cannot follow."
         )
-        said = f"The law runs away: its input m diverges, and is not finite at sample {diverged.at - depth}"
+        said = f"The law diverges: its input m is not finite at sample {diverged.at - depth}"
         raise Diverged(f"{said} (before it: {before}). {causes}", diverged.at, diverged.trajectory) from None
     return values, tried, furthest
 
@@ -354,7 +356,7 @@ def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachab
     stages = law.staged.stages if law.staged else ()
     why = f"{found.why}. " if found.why else ""
     if flat := any(s.flat for s in law.open_stages()):
-        why += "Before that a flat piece left a choice: other inputs give the same there, and lead elsewhere. "
+        why += "Before that, several inputs gave the same output (a flat piece); another choice leads to other inputs. "
     known = "; ".join(dict.fromkeys(s.proof for s in stages if s.reach != (-sp.oo, sp.oo) or s.needs or s.notes))
     sure = (
         not flat
@@ -368,7 +370,7 @@ def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachab
     return Unreachable(
         f"{said} at sample {at}: r = {target[at]:.6g}, the model gives {limit} "
         f"{found.y[at]:.6g} there{f' ({known})' if known else ''}. {int(found.missed.sum())} of {target.size} samples "
-        f"are missed, by {found.error:.3g} at most. {why}Shrink or shift the reference, or come as near as possible "
-        "with clip=True (--clip).",
+        f"are missed, by {found.error:.3g} at most. {why}Shrink or shift the reference, or use clip=True (--clip) to "
+        "come as close as possible.",
         at,
     )

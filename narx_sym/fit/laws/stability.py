@@ -50,7 +50,7 @@ class Stability:
 
 
 def stability(law: Compensator) -> Stability:
-    """Return what is known of the stability of a law as it runs by default, damped where it rings."""
+    """Return whether a law is stable with its default damping, and for which range this is known."""
     if law.model not in _known:
         known = law.model.info.ranges.items()
         ranges = tuple((name, float(low), float(high)) for name, (low, high) in known if name in ("u", "y"))
@@ -72,7 +72,7 @@ def refuse_unstable(law: Compensator) -> None:
     """Raise ModelError for a law that is unstable."""
     found = stability(law)
     if found.stable is False:
-        raise ModelError(f"The law is not exported. {found} Export it all the same with force=True (--force).")
+        raise ModelError(f"The law is not exported. {found} To export it nevertheless, use force=True (--force).")
 
 
 def _judged(law: Compensator) -> tuple[bool | None, str] | tuple[bool, str, float]:
@@ -90,7 +90,7 @@ def _judged(law: Compensator) -> tuple[bool | None, str] | tuple[bool, str, floa
         if passed is not None and min(passed.shares.values()) == 1:
             return False, f"its own dynamics repel in all of the known range, with poles up to {passed.largest:.4g}"
     if not {model.input.name, model.output.name} <= model.info.ranges.keys() or model.input == y:
-        return None, "the model knows no range of its signals to try it over"
+        return None, "the model has no known signal ranges to test it on"
     return _tried(law, damped.share)
 
 
@@ -100,15 +100,15 @@ def _tried(law: Compensator, share: float) -> tuple[bool, str, float]:
     try:
         late, most, apart = _grown(law, share)
     except NarxError:
-        return False, f"{how} the law runs away", np.inf
+        return False, f"{how} the law diverges", np.inf
     if not np.isfinite(most):
-        return False, f"{how} the law runs away", np.inf
+        return False, f"{how} the law diverges", np.inf
     if late >= DOUBLES:
-        return False, f"{how} a disturbance of its input goes on growing, to {most:.3g} times its size", apart
+        return False, f"{how} a disturbance of its input continues to grow, to {most:.3g} times its size", apart
     if most * TINY >= 1:  # larger than the range: it grows no more where it is as large as it can get
         return False, f"{how} a disturbance of its input grows to {most:.3g} times its size", apart
     if share == 1 and apart > OTHER and law.staged and all(stage.proved for stage in law.staged.stages):
-        return False, f"{how} its input leaves the only one that makes the output, by {apart:.3g} of its range", apart
+        return False, f"{how} its input deviates from the only correct input by {apart:.3g} of its range", apart
     said = f"{how} a disturbance of its input grows to {max(1.0, most):.3g} times its size at most"
     return True, said, apart
 

@@ -25,14 +25,14 @@ LONGEST = 100_000  # samples in which a model comes to rest, or does not
 
 
 def law_start(law: Compensator, output: float, m0: float | None = None) -> dict[str, float]:
-    """Return the values before the start, at rest, by name: what the recursion and the C source begin with."""
+    """Return the start values of the recursion and the C source by name (a steady state)."""
     begin = rest_input(law, float(output)) if m0 is None else float(m0)
     rest = rest_states(law.model, begin, float(output))
     return {"m": begin, "r": float(output), law.model.output.name: float(output)} | rest
 
 
 def rest_input(law: Compensator, output: float, limits: Sequence[float] | None = None) -> float:
-    """Return the input to start from: the one at which the model rests with an output, inside the limits.
+    """Return the input for which an output is a steady state of the model, within the limits.
 
     Where it rests with every input (a continuum of equilibria), or with none, it is the recorded start, moved along the
     line through the data; inside the recorded inputs.

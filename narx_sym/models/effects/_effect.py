@@ -22,13 +22,13 @@ from . import _derived
 
 # Where an effect may act, in words: from the input to what is measured.
 PLACES = {
-    "input": "at the input", "force": "beside the input", "inside": "inside", "motion": "on the motion",
+    "input": "at the input", "force": "as a force at the input", "inside": "inside", "motion": "on the motion",
     "friction": "in the friction", "output": "at the output", "sensor": "at the sensor",
 }  # fmt: skip
 # Kinds of machine, in words: an effect says in which it is impossible, and what it is called there.
 MACHINES = {
     "thermal": "a thermal machine", "tank": "a tank", "drive": "a drive",
-    "motion-force": "a part that is moved and gives a force", "smart-material": "a smart material",
+    "motion-force": "a moved part with a measured force", "smart-material": "a smart material",
     "soft": "a soft actuator", "propeller": "a propeller", "valve": "a process valve", "structure": "a structure",
     "circuit": "a circuit", "battery": "a battery", "process": "a flow process", "pendulum": "a pendulum",
 }  # fmt: skip
@@ -46,15 +46,32 @@ COEFFICIENT = re.compile(r"c[0-9]*")  # the names of coefficients
 
 @dataclass(frozen=True)
 class Scan:
-    """Where the search for a shape parameter starts: `values` times a scale of the driving signal.
+    """Start values of a shape parameter in the fit of an effect: `values` times a scale of the driving signal.
 
-    `of` is "amplitude" (half the range of the driver), "depth" (how far the driver falls below the operating point),
-    "speed" (rms step of the driver), "stroke" (half the way that a driver which is a speed covers), "time" (log-spaced
-    between a few samples and a fraction of the record), "ratio" (a plain number of either sign), "gain" (slope of the
-    line through the data), "peaks" (of the residual's periodogram) or "steps" (whole samples, not refined).
-    The fit may leave the grid upwards by the factor `beyond`, and downwards by four, or to the same size below zero
-    where it is `signed`. What is `per_channel` is that over the size of the channel. Its unit follows from that, unless
-    `unit` says another one; "samples" make a number of steps a time, which grows with the rate of the record.
+    Attributes
+    ----------
+    of : str
+        The scale: "amplitude" (half the range of the driving signal), "depth" (how far it falls below the operating
+        point), "speed" (rms step from sample to sample), "stroke" (half the distance between reversals, if the signal
+        is a speed), "time" (from a few samples to a fraction of the record, on a log scale), "ratio" (no scale), "gain"
+        (slope of the line through the data), "peaks" (of the residual's periodogram) or "steps" (whole samples, not
+        refined).
+    values : tuple of float
+        The start values over the scale.
+    beyond : float
+        The fit may exceed the largest start value by this factor, and go below the smallest by a factor of four; if
+        `signed`, down to the same size below zero.
+    per_channel : bool
+        Whether the scale is divided by the size of the channel.
+    unit : str
+        Unit of the parameter. Default: that of the scale. A number of steps with the unit "samples" is a time: it is
+        adapted to the sampling rate of the record.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> ns.Scan("amplitude", (0.2, 0.5, 1.0)).values
+    (0.2, 0.5, 1.0)
     """
 
     of: str
@@ -249,7 +266,9 @@ class Effect(EffectDoors):
             for place, by in self.places.items()
         ]
         units = [f"{p} in {self.unit[p]}" for p in self.shape if self.unit.get(p)]
-        return "; ".join([*places, *units, *(["asked where its other forms leave something"] if self.closer else [])])
+        return "; ".join(
+            [*places, *units, *(["tried only if an error remains with its other forms"] if self.closer else [])]
+        )
 
     def __repr__(self) -> str:
         return f"Effect({self.id}{', ' + self.form if self.form else ''})"
@@ -283,6 +302,9 @@ class Catalogue(dict[str, list[Effect]]):
 
     machine: str = ""
     excluded: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Catalogue({len(self)} effects)"
 
     def all(self) -> list[Effect]:
         """Return every form of every effect."""
@@ -352,26 +374,48 @@ def effect(  # noqa: PLR0913
     means: dict[str, str] | None = None,
     register: bool = True,
 ) -> Callable[[Callable[..., Any]], Effect]:
-    """Turn a function into an effect and put it into the catalogue.
+    """Turn a function that returns an equation into an effect, and put it into the catalogue.
+
+    The first argument of the function is the driving signal x, the others are shape parameters. What it returns is
+    multiplied by a coefficient c, with c = 0 meaning "no effect". Its docstring is the sentence that users read.
 
     Parameters
     ----------
-    where : place, list of places, or mapping from places to drivers
-    driver : drivers at every place, where `where` is no mapping
-    scan : a Scan for every shape parameter of the function
-    share : the lowest and the highest coefficient that mean this effect: `ANY`, `POSITIVE` or `WHOLE`
-    sentence : what it is, in plain words; by default the docstring
-    closer : whether it is asked only where the other forms of the effect leave something
-    never : names of machines where it is impossible, as in "thermal tank"; by default those of its first form
-    only : names of the only machines where it is tried
-    means : what it is called in some machines, as in {"tank": "overflow"}; by default as its first form
+    where : str, list of str, or mapping from places to drivers
+        Where the effect may act: keys of `effects.PLACES`, such as "input" or "output".
+    driver : str
+        Driving signal ("u", "y", "uy", "t", "channel") at every place, if `where` is not a mapping.
+    scan : mapping
+        A Scan for every shape parameter of the function.
+    share : (low, high)
+        Smallest and largest coefficient for which this is still the effect: `ANY`, `POSITIVE` or `WHOLE`.
+    sentence : str
+        What the effect is, in plain words. Default: the docstring of the function.
+    closer : bool
+        Whether it is only tried if an error remains with the other forms of the effect.
+    never : str
+        Machines where it is impossible, such as "thermal tank". Default: as in the first form of the effect.
+    only : str
+        The only machines where it is tried.
+    means : mapping
+        Its name in some machines, such as {"tank": "overflow"}. Default: as in the first form of the effect.
     register : bool
-        False keeps it out of the catalogue.
+        False: do not put it into the catalogue.
 
     Raises
     ------
     ModelError
-        For an unknown place, a shape parameter without a scan rule, or one that is called like a coefficient.
+        For an unknown place, a shape parameter without a scan rule, or one that has the name of a coefficient.
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> @ns.effect("input", scan={"s": ns.Scan("amplitude", (0.2, 0.5, 1.0))}, source="own notes", register=False)
+    ... def soft_start(x, s):
+    ...     "The amplifier gives less around zero."
+    ...     return -x[ns.k] * s**2 / (s**2 + x[ns.k] ** 2)
+    >>> soft_start.id, soft_start.shape
+    ('soft_start', ('s',))
     """
 
     def listed(x: Any) -> tuple[str, ...]:

@@ -139,7 +139,7 @@ def _built(name: str, data: Mapping[str, Any]) -> Effect:  # noqa: C901, PLR0912
     units = _table(data, "unit")
     for p, unit in units.items():
         if p not in scan:
-            raise ModelError(f"'unit' speaks of {p[:40]!r}, which is no shape parameter.")
+            raise ModelError(f"'unit' names {p[:40]!r}, which is not a shape parameter.")
         scan[p] = replace(scan[p], unit=_text(unit, "unit"))
     sign, centred = data.get("sign", 0), data.get("centred", False)
     if type(sign) is not int or sign not in (0, 1):
@@ -166,10 +166,10 @@ def _built(name: str, data: Mapping[str, Any]) -> Effect:  # noqa: C901, PLR0912
 
 
 def load_effects(path: Any, catalogue: Catalogue = EFFECTS) -> list[Effect]:
-    """Read effects from a TOML or JSON file and put them into a catalogue: all of them, or none.
+    r"""Read effects from a TOML or JSON file and put them into a catalogue. If one is wrong, none is added.
 
-    Equations are texts in samples of `x` (the driving signal), `u`, `y`, `t` (time in s), `channel`, of the effect's
-    own states, in its shape parameters, the sampling time `Ts` and numbers::
+    Equations are texts. They may contain samples of `x` (the driving signal), `u`, `y`, `t` (time in s), `channel` and
+    the effect's own states, its shape parameters, the sampling time `Ts`, and numbers::
 
         [[effect]]
         id = "my_stick_slip"
@@ -184,14 +184,21 @@ def load_effects(path: Any, catalogue: Catalogue = EFFECTS) -> list[Effect]:
         [[effect]]
         id = "my_play"
         where = "input"
-        z = ["p[k] - x[k]"]         # one coefficient each
+        z = ["p[k] - x[k]"]         # one coefficient for each
         states = [{ state = "p", update = "Max(x[k] - w, Min(x[k] + w, p[k-1]))", initial = "x[k]" }]
         scan = { w = "amplitude" }  # the usual values
         sign = 1                    # only a positive coefficient means this effect
         sentence = "Slack before the input."
 
-    In JSON the same stands in a list called "effect". A shape parameter that is scanned in "steps" may be a lag:
-    `x[k-n]`. Where its unit is "samples" it is a time, and grows with the rate of the record.
+    A JSON file has the same fields in a list called "effect". A shape parameter with a scan of "steps" may be a lag:
+    `x[k-n]`. If its unit is "samples", it is adapted to the sampling rate of the record.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    catalogue : Catalogue
+        Where the effects are added.
 
     Returns
     -------
@@ -200,7 +207,17 @@ def load_effects(path: Any, catalogue: Catalogue = EFFECTS) -> list[Effect]:
     Raises
     ------
     ModelError
-        For a file that cannot be read, a wrong field or equation, or an effect that the catalogue has already.
+        For a file that cannot be read, a wrong field or equation, or an effect that is in the catalogue already.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import narx_sym as ns
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "mine.toml")
+    >>> lines = "[[effect]];id = 'my_bend';where = 'input';driver = 'u';z = 'x[k]**5';sentence = 'A bend.'"
+    >>> _ = path.write_text(lines.replace(";", "\n"))
+    >>> ns.load_effects(path, ns.effects.Catalogue())
+    [Effect(my_bend)]
     """
     source = Path(path)
     try:

@@ -34,7 +34,7 @@ def inertia(x: Any, n: Any) -> Any:
 
 @effect("input", scan={"d": STEPS}, share=WHOLE, source="Ljung 1999")
 def input_delay(x: Any, d: Any) -> Any:
-    """A dead time: the input acts later than the model says."""
+    """A dead time: the input acts later than in the model."""
     return x[k - d] - x[k]
 
 
@@ -68,13 +68,13 @@ def no_faster(x: Any, down: Any, up: Any) -> Form:
 
 @limit_of_speed(("r",))
 def rate_limit(x: Any, r: Any) -> Form:
-    """A limit of speed: the actuator follows its input no faster than it can, as a motor at full speed."""
+    """A speed limit: the actuator cannot follow fast inputs, like a motor at full speed."""
     return no_faster(x, r, r)
 
 
 @limit_of_speed(("r", "e"), "two speeds")
 def two_rate_limits(x: Any, r: Any, e: Any) -> Form:
-    """A limit of speed: the actuator follows its input no faster than it can, as a motor at full speed."""
+    """A speed limit: the actuator cannot follow fast inputs, like a motor at full speed."""
     return no_faster(x, e, r)
 
 
@@ -85,7 +85,7 @@ def two_rate_limits(x: Any, r: Any, e: Any) -> Form:
     means={"thermal": "a difference in speed between heating and cooling"},
 )
 def uneven_speed(x: Any) -> Any:
-    """Another speed up than down: it opens faster than it closes, or the other way round."""
+    """Different speeds in the two directions: it opens faster than it closes, or the other way round."""
     return sp.Min(x[k], 0)
 
 
@@ -107,9 +107,9 @@ def creep(x: Any, tau: Any, Ts: Any) -> Form:
     {"output": "u"},
     source="Plett 2004 (open-circuit voltage over the charge)",
     only="battery",
-    means={"battery": "a bent open-circuit voltage"},
+    means={"battery": "a nonlinear open-circuit voltage"},
 )
 def charge_curve(x: Any, Ts: Any) -> Form:
-    """A voltage that is bent over the charge: the open-circuit voltage over the integral of the current."""
+    """A nonlinear charge curve: the open-circuit voltage depends nonlinearly on the integral of the current."""
     q = signal("q")
     return Form((q[k], q[k] ** 2, q[k] ** 3), (State(q[k], q[k - 1] + Ts * x[k], 0),))

@@ -202,7 +202,7 @@ def held(d: Any, before: Any, r: Any, e: Any) -> tuple[Any, State]:
     means={"drive": "friction", "pendulum": "friction", "valve": "stiction", "soft": "hysteresis"},
 )
 def stiction(x: Any, y: Any, r: Any, e: Any) -> Form:
-    """Friction that holds: to break loose takes more than to go on, so that it moves by sticking and slipping."""
+    """Stick-slip friction: the force to start moving is larger than the force to keep moving."""
     left, holds = held(x[k], y[k - 1] - y[k - 2], r, e)
     return Form((left - x[k],), (holds,))
 
@@ -216,7 +216,7 @@ def stiction(x: Any, y: Any, r: Any, e: Any) -> Form:
     source="Stribeck 1902; implicit Euler step (Moreau 1988)",
 )
 def stiction_of_speed(x: Any, y: Any, r: Any, e: Any) -> Form:
-    """Friction that holds: to break loose takes more than to go on, so that it moves by sticking and slipping."""
+    """Stick-slip friction: the force to start moving is larger than the force to keep moving."""
     reached = y[k - 1] + x[k]  # by the core, if nothing held it
     left, holds = held(reached, y[k - 1], r, e)
     return Form((left - reached,), (holds,))
@@ -232,7 +232,7 @@ def stiction_of_speed(x: Any, y: Any, r: Any, e: Any) -> Form:
     never="thermal smart-material circuit battery",  # of a flow process the valve may stick
 )
 def valve_stiction(x: Any, r: Any, e: Any) -> Form:
-    """Friction that holds: to break loose takes more than to go on, so that it moves by sticking and slipping."""
+    """Stick-slip friction: the force to start moving is larger than the force to keep moving."""
     p = signal("p")  # a play whose slack is wider while it rests
     left, holds = held(x[k] - p[k - 1], p[k - 1] - p[k - 2], r, e)
     return Form((p[k] - x[k],), (holds, State(p[k], p[k - 1] + left, x[k])))

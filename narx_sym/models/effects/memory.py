@@ -64,7 +64,7 @@ def bouc_wen(form: str, ratio: Scan, n: int, source: str, closer: bool = False) 
         },
     )  # fmt: skip
     def hysteresis(x: Any, b: Any, g: Any) -> Form:
-        """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
+        """Rate-independent hysteresis: the rising and the falling branch differ at any speed."""
         h = signal("h")
         d, before = step(x), h[k - 1]
         bent = sp.Abs(d) * before * sp.Abs(before) ** (n - 1) + g * d * sp.Abs(before) ** n
@@ -100,7 +100,7 @@ def quarter_steps(x: Any) -> list[Any]:
     source="Noel & Schoukens 2016 (benchmark); midpoint rule in four sub-steps",
 )
 def hysteretic_force(x: Any, b: Any, g: Any) -> Form:
-    """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
+    """Rate-independent hysteresis: the rising and the falling branch differ at any speed."""
     h = signal("h")
     qs = [signal(f"q{i}") for i in (1, 2, 3)] + [h]
     ds = [signal(f"d{i}") for i in (1, 2, 3, 4)]
@@ -124,7 +124,7 @@ def hysteretic_force(x: Any, b: Any, g: Any) -> Form:
     source="Prandtl 1928, Ishlinskii 1944",
 )
 def play_superposition(x: Any, r: Any) -> Form:
-    """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
+    """Rate-independent hysteresis: the rising and the falling branch differ at any speed."""
     ps = [signal(f"p{i}") for i in range(1, PLAYS + 1)]
     states = tuple(play(x, p, r * sp.Rational(i, PLAYS + 1)) for i, p in enumerate(ps, 1))
     return Form(tuple(p[k] - x[k] for p in ps), states)
@@ -138,7 +138,7 @@ def play_superposition(x: Any, r: Any) -> Form:
     source="Rakotondrabe 2011; Martins & Aguirre 2016, Eq. System",
 )
 def actuator_hysteresis(u: Any, y: Any, d: Any) -> list[Any]:
-    """Rate-independent memory: going up and coming down take different ways, whatever the speed."""
+    """Rate-independent hysteresis: the rising and the falling branch differ at any speed."""
     h = d * u[k - 1] - y[k - 1]
     phi1 = step(u)
     return [phi1, sp.Abs(phi1) * h, phi1 * sp.Abs(h)]

@@ -29,7 +29,7 @@ def limited(form: str, limits: tuple[str, ...] = ("r",)) -> Any:
     return effect(
         {"sensor": "y"}, scan=dict.fromkeys(limits, EDGE), share=WHOLE, id="output_limit", form=form,
         source="Tao & Kokotovic 1996", means={"circuit": "clipping"},
-        sentence="What is shown ends at a limit: that of the sensor, or where a contact is lost.",
+        sentence="The measured output ends at a limit: that of the sensor, or where a contact is lost.",
     )  # fmt: skip
 
 

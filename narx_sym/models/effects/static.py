@@ -28,7 +28,7 @@ REACHED = Scan("amplitude", (0.15, 0.3, 0.5, 0.7, 0.9), beyond=1.1)  # a stop be
     means={"tank": "a pump threshold", "propeller": "a threshold"},
 )
 def dead_zone(x: Any, r: Any) -> Any:
-    """Dead zone: small inputs do nothing."""
+    """Dead zone: small inputs have no effect."""
     return -clip(x[k], r)
 
 
@@ -42,7 +42,7 @@ def dead_zone(x: Any, r: Any) -> Any:
     centred=True,
 )
 def two_slopes(x: Any, r: Any, g: Any) -> Any:
-    """Dead zone: small inputs do nothing."""
+    """Dead zone: small inputs have no effect."""
     # The gain is 1 beyond r and g below -r; between them 1 - c.
     return sp.Max(x[k] - r, 0) + g * sp.Min(x[k] + r, 0) - x[k]
 
@@ -57,7 +57,7 @@ def two_slopes(x: Any, r: Any, g: Any) -> Any:
     means={"smart-material": "saturation", "circuit": "clipping", "valve": "an end of the stroke"},
 )
 def saturation(x: Any, r: Any) -> Any:
-    """Saturation: large inputs do less and less."""
+    """Saturation: the effect of large inputs grows less and less."""
     return r * sp.tanh(x[k] / r) - x[k]
 
 
@@ -71,7 +71,7 @@ def saturation(x: Any, r: Any) -> Any:
     centred=True,
 )
 def hard_saturation(x: Any, r: Any) -> Any:
-    """Saturation: large inputs do less and less."""
+    """Saturation: the effect of large inputs grows less and less."""
     return clip(x[k], r) - x[k]
 
 
@@ -85,13 +85,13 @@ def hard_saturation(x: Any, r: Any) -> Any:
     centred=True,
 )
 def unequal_saturation(x: Any, r: Any, e: Any) -> Any:
-    """Saturation: large inputs do less and less."""
+    """Saturation: the effect of large inputs grows less and less."""
     return within(x[k], -e, r) - x[k]
 
 
 @effect("input", source="Billings 2013", centred=True)
 def asymmetric_gain(x: Any) -> Any:
-    """Another gain above a level of the input, zero or where the machine works, than below it."""
+    """Two gains: one above a level of the input (zero or the operating point), another below it."""
     return sp.Abs(x[k])
 
 
@@ -108,13 +108,13 @@ def quadratic_gain(x: Any) -> Any:
     means={"thermal": CURVED_POWER, "smart-material": "saturation", "circuit": "clipping"},
 )
 def cubic_gain(x: Any) -> Any:
-    """A gain that depends on the size of the input, alike in both directions."""
+    """A gain that depends on the size of the input, in the same way in both directions."""
     return x[k] ** 3
 
 
 @effect(("inside", "force"), driver="y", source="Duffing 1918", means=LOSSES | {"pendulum": "gravity"})
 def hardening_spring(x: Any) -> Any:
-    """A spring that stiffens (or softens) with the deflection, alike in both directions."""
+    """A spring that stiffens (or softens) with the deflection, in the same way in both directions."""
     return x[k] ** 3
 
 
@@ -126,9 +126,7 @@ def quadratic_spring(x: Any) -> Any:
 
 def stop(form: str, limits: tuple[str, ...] = ("r",), place: str = "inside", share: Any = POSITIVE) -> Any:
     """Declare one form of an end stop, with the names of its limits."""
-    sentence = (
-        "An end stop, or a spring on one side: beyond a position something pushes back (in a tank: what overflows)."
-    )
+    sentence = "An end stop, or a spring on one side: beyond a position a force pushes back (in a tank: the overflow)."
     return effect(
         {place: "y"}, scan=dict.fromkeys(limits, REACHED), share=share, id="end_stop", form=form, sentence=sentence,
         source="Shaw & Holmes 1983", never="smart-material propeller battery",
@@ -183,7 +181,7 @@ def rigid_stops(x: Any, y: Any, r: Any, e: Any) -> Any:
     means=LOSSES,
 )
 def sqrt_outflow(x: Any, a: Any) -> Any:
-    """An outflow with the square root of the level, as from a tank: the lower the level, the slower it falls."""
+    """An outflow proportional to the square root of the level, as from a tank: a low level falls more slowly."""
     level = sp.Max(x[k] + a, 0)  # above the outlet, which lies a below the operating point: there it is balanced
     return sp.sqrt(a / sp.Float(1.01)) - level / sp.sqrt(level + a / 100)
 
@@ -196,7 +194,7 @@ def bilinear_gain(u: Any, y: Any) -> Any:
 
 @effect("inside", driver="y", source="Huygens 1673 (the angle in rad)", centred=True, only="pendulum")
 def gravity(x: Any) -> Any:
-    """Gravity of a pendulum: the torque goes with the sine of the angle."""
+    """Gravity of a pendulum: the torque is proportional to the sine of the angle."""
     return sp.sin(x[k])
 
 
@@ -210,7 +208,7 @@ def gravity(x: Any) -> Any:
     form="in degrees",
 )
 def gravity_in_degrees(x: Any) -> Any:
-    """Gravity of a pendulum: the torque goes with the sine of the angle."""
+    """Gravity of a pendulum: the torque is proportional to the sine of the angle."""
     return sp.sin(sp.pi / 180 * x[k])
 
 
@@ -221,6 +219,6 @@ def gravity_in_degrees(x: Any) -> Any:
     only="tank valve process",
 )
 def orifice(u: Any, y: Any, r: Any) -> Any:
-    """A flow with the square root of a pressure difference, that of input and output, as through an orifice."""
+    """A flow proportional to the square root of the pressure difference between input and output, as in an orifice."""
     p = u[k] - y[k - 1]
     return p / sp.sqrt(sp.Abs(p) + r)

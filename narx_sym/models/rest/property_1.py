@@ -63,10 +63,10 @@ def property_1(model: Model) -> Verdict:
     outputs and inputs. At a kink all sides count. Further channels are held at zero.
     """
     if model.symbols and not model.values:
-        raise ModelError("Property 1 is a verdict on numbers: fit the model or give theta first.")
+        raise ModelError("Property 1 can only be checked with numbers: fit the model or give theta first.")
     local = Local(model)
     if plays(model):
-        return _along(local, "a play rests wherever the input has left it", lambda piece: piece)
+        return _along(local, "a play stays where the input has left it", lambda piece: piece)
     excess = resting(model)
     excess = sp.expand(excess.xreplace({s: sp.S.Zero for s in excess.free_symbols - {ybar, ubar}}))
     if excess == 0:

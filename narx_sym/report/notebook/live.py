@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def live(diagnosis: Diagnosis, units: Mapping[str, str] | None = None) -> Live:
-    """Return the first screen of the report, and what moves with it, for a notebook.
+    """Return the interactive part of the report for a notebook.
 
     It needs `pip install "narx-sym[notebook]"`.
 

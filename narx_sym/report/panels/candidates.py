@@ -18,7 +18,7 @@ def picture(diagnosis: Diagnosis) -> Picture:
     """Return the share of the removable error that each candidate removes."""
     rows = diagnosis.table()
     listed = "; ".join("{} {} ({})".format(words_of(r["effect"]), *words.removed(r)) for r in rows)
-    alt = f"Share of the removable error that each candidate removes, with 95 % intervals: {listed}."
+    alt = f"Fraction of the removable error that each candidate removes, with 95 % intervals: {listed}."
     keys = ("effect", "where", "share", "low", "high", "nrmse", "in_confusion_set", "parameters")
     columns = {key: [r[key] for r in rows] for key in keys}
     size = (4.6, max(2.8, 1.7 + 0.42 * len(rows)))

@@ -42,7 +42,7 @@ def pictures(material: Material) -> list[Picture]:
     return [] if sets is None else [sets]
 
 
-@panel("What follows from the model", order=70, draws=pictures)
+@panel("Derived from the model", order=70, draws=pictures)
 def derived(material: Material) -> dict[str, Any]:
     """Tell every analysis, and the law with numbers and their units."""
     parts = every(material.subject)

@@ -25,12 +25,14 @@ def pictures(material: Material) -> list[Picture]:
     first = traces(TIME, e.t, u_name, {"": ("input", e.u)}, height=0.8)
     second = traces(TIME, e.t, y_name, told, height=0.8)
     alt = f"Input over {e.duration:.3g} s: {e.name}."
-    said = f"What the candidates say differs by {e.separation:.2g} {units.get('y', '')} rms or more after a refit."
+    said = (
+        f"Predictions of the candidates differs by {e.separation:.2g} {units.get('y', '')} rms or more after a refit."
+    )
     keep = np.unique(np.concatenate([thin(y, POINTS // 2) for y in e.outputs.values()]))
     columns = {"t": e.t[keep], **{n: y[keep] for n, y in e.outputs.items()}}
     return [
         Picture("next_input", "Input", alt, [first], {"t": e.t, "u": e.u}, WIDE),
-        Picture("next_outputs", "What the candidates say", said, [second], columns, WIDE),
+        Picture("next_outputs", "Predictions of the candidates", said, [second], columns, WIDE),
     ]
 
 

@@ -44,8 +44,8 @@ def run(c: Comparison, units: Units, width: int) -> Picture:
 def portrait(found: Portrait, units: Units) -> Picture:
     """Return what is missing against what explains it, and below it what is left once the last of `laws` was added."""
     name = found.view.label
-    alt = f"Missing input against {name}, which explains {words.percent(found.view.share)} of it"
-    alt += "".join(f"; with {n} {words.percent(found.left(n).share)} of what is left" for n in list(found.laws)[-1:])
+    alt = f"Missing input against {name}, which explains {words.percent(found.view.share)} of its variance"
+    alt += "".join(f"; with {n} {words.percent(found.left(n).share)} of the rest" for n in list(found.laws)[-1:])
     columns = {"from": found.view.low, "to": found.view.high, "mean": found.view.mean, "band": found.view.error}
     columns |= {f"law of {n}": found.of(n).mean for n in found.laws}
     return Picture("portrait", explains(found), f"{alt}.", portrait_panels(found, units), columns, SIZE)
@@ -54,7 +54,7 @@ def portrait(found: Portrait, units: Units) -> Picture:
 def explains(found: Portrait) -> str:
     """Say what explains what is missing."""
     share, most = words.percent(found.view.share), words.number(found.bandwidth, 2)
-    return f"Portrait of what is missing: {found.view.label} explains {share}, up to {most} Hz. Shaded: chance."
+    return f"Missing input: {found.view.label} explains {share}, up to {most} Hz. Shaded: possible by chance."
 
 
 def pictures(material: Material) -> list[Picture]:

@@ -99,7 +99,7 @@ def _plain_numbers(axis: Any) -> None:
 def plot_candidates(
     diagnosis: Any, path: str | Path | None = None, units: dict[str, str] | None = None, ax: Any = None
 ) -> Any:
-    """Draw the share of the removable error that each candidate removes, with its 95 % interval.
+    """Draw the fraction of the removable error that each candidate removes, with its 95 % interval.
 
     Parameters
     ----------
@@ -115,11 +115,11 @@ def plot_candidates(
         _, ax = new_axes(figsize=(8, _height(diagnosis)))
     low = max(-0.5, min(0.0, 1.1 * min(r["low"] for r in rows)))
     high = max(1.0, min(1.2, max(r["high"] for r in rows)))
-    best = "these data cannot tell them apart" if len(diagnosis.confusion_set) > 1 else "the best"
-    best = "of the two that help together" if diagnosis.steps[0].pair else best
+    best = "these data cannot distinguish them" if len(diagnosis.confusion_set) > 1 else "the best"
+    best = "one of the two effects together" if diagnosis.steps[0].pair else best
     for inside, colour, hatch, word in (
         (True, ORANGE, "", best),
-        (False, SKY, "//", "others: less, or with more parameters"),
+        (False, SKY, "//", "others: less improvement, or more parameters"),
     ):  # fmt: skip
         chosen = [i for i, r in enumerate(rows) if r["in_confusion_set"] == inside]
         if chosen:
@@ -145,7 +145,7 @@ def plot_candidates(
             for r in rows
         ],
     )
-    ax.set_xlabel("share of the removable error, cross-validated")
+    ax.set_xlabel("fraction of the removable error, cross-validated")
     place = {"loc": "lower left", "bbox_to_anchor": (-0.3, 1)}
     ax.legend(fontsize=8, frameon=False, **place)
     if path is not None:

@@ -141,7 +141,7 @@ def plot_commissioning(found: Commissioning, units: dict[str, str] | None = None
     verdict, unit = "Go" if found.go else "No go", f" {units['y']}" if units.get("y") else ""
     title = f"{verdict}: error {found.expected:.3g}{unit} rms, a constant gain {found.without:.3g}{unit}"
     way = np.concatenate([time, time[::-1]]), np.concatenate([found.low, found.high[::-1]])
-    band = Line(*way, "95 % of what the records allow", "range")
+    band = Line(*way, "95 % of the models that fit the records", "range")
     return draw(
         new_axes(figsize=(10, 7.5))[1],
         Panel(t, headed("reference", units.get("y")), [Line(time, found.r, role="reference")], title, along=True),

@@ -71,7 +71,7 @@ function say() {
   element("try-rms").textContent = first < 0 ? united(all) : `Unstable from ${number(time[first])} s`;
   const part = told.held.length ? `; its shaded part ${united(held)}` : "";
   element("try-said").textContent = first < 0 ? `rms error, ${percentOf(all / told.spread)} of the output's standard deviation${part}`
-    : "on: there the run leaves the finite numbers";
+    : "on: the run diverges there";
   told.models[m].parameters.forEach((p, i) => {
     if (said[m][i] === shown.theta[i]) return;
     said[m][i] = shown.theta[i];
@@ -299,7 +299,7 @@ function follow() {
   asked.period.setAttribute("aria-valuetext", element("try-period-said").textContent);
   element("try-law-said").textContent = bad ? "The law has no finite input for this reference."
     : `The input goes from ${shownAt(low)} to ${shownAt(high)}; `
-      + (beyond ? `${percentOf(beyond / (one.n - lead))} of it beyond what was measured.` : "all of it within what was measured.");
+      + (beyond ? `${percentOf(beyond / (one.n - lead))} of it outside the measured range.` : "all of it within the measured range.");
   hero.dataset.law = JSON.stringify({amplitude, period, theta, low, high, beyond});
 }
 
