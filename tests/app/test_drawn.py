@@ -57,7 +57,7 @@ def test_the_first_drawing_lies_within_the_outputs_and_may_run(bench):
         ("", "There are 0 points"), ("0 1\n2", "Point 2 must be a time and a level"), ("0 1 2", "Point 1 must be"),
         ("0 1\n1 two", "level of point 2 must be a number"), ("nan 1", "time of point 1 must be a number"),
         ("0 inf", "level of point 1 must be a number"), ("0 1e999", "level of point 1 must be a number"),
-        ("0 1\n1 2\n1 3", "Times must increase"), ("1 1\n0 2", "Times must increase"), ("-1 0", "outside of the duration"),
+        ("0 1\n1 2\n1 3", "Times must increase"), ("1 1\n0 2", "Times must increase"), ("-1 0", "outside the duration"),
         ("0 1\n9 1", "The point at 9 s lies outside the duration, 0 to 8 s."), ("<b>0</b>", "Point 1 must be"),
         ("\n".join(f"{k / 100} 0" for k in range(MOST_POINTS + 1)), f"from 1 to {MOST_POINTS}"),
         ("0 " + "1" * 100_000, "must be a number"),

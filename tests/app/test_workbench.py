@@ -295,7 +295,7 @@ def test_a_column_called_like_markup_is_a_channel_with_a_plain_name(bench, data)
 def test_nothing_begins_before_what_it_needs(bench):
     for do, why in (
         (bench.diagnose, "data"), (lambda: bench.add("backlash"), "Diagnose"), (lambda: bench.edit("", "1"), "Diagnose"),
-        (bench.undo, "no step"), (bench.redo, "no step"), (bench.open_law, "Diagnose"), (lambda: bench.choose(u="u"), "Drop a data file"),
+        (bench.undo, "nothing to undo"), (bench.redo, "nothing to redo"), (bench.open_law, "Diagnose"), (lambda: bench.choose(u="u"), "Drop a data file"),
         (lambda: bench.choose_base("cubic"), "Unknown base"),
     ):  # fmt: skip
         do()

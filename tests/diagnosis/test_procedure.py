@@ -231,7 +231,7 @@ def test_an_effect_is_seen_at_the_promised_size_and_not_at_half_of_it():
     less = diagnosed(size / 2)
     assert less.verdict == "nothing_detectable"
     # Too little to be named, and not called nothing: the one that it is comes nearest.
-    assert less.steps[0].nearest[0] == "quadratic_gain" and "too little" in less.sentence()
+    assert less.steps[0].nearest[0] == "quadratic_gain" and "too small" in less.sentence()
     assert not diagnosed(0.0).steps[0].nearest
 
 

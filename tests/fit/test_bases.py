@@ -50,7 +50,7 @@ def test_a_play_base_follows_a_stage_of_plays(found):
     line = np.polyval(np.polyfit(record.u, record.y, 1), record.u)
     assert model.info.nrmse.free_run < 0.02 < 0.1 * np.std(record.y - line) / np.std(record.y)
     assert all(value >= 0 for s, value in model.values.items() if str(s).startswith("p_"))
-    assert "smallest delay" in model.info.selection.reason and model.delay == 0
+    assert "the delay is the smallest" in model.info.selection.reason and model.delay == 0
     assert np.all(np.isfinite(model.standard_errors))  # though the start of a narrow play moves nothing
 
 
@@ -152,7 +152,10 @@ def test_auto_takes_the_best_free_run_on_blocks_that_no_fit_saw_at_a_price():
 
     model = choose_base([record], identified)
     assert model.info.selection.base == "static" and len(model.symbols) == 1
-    assert model.info.selection.reason.startswith("static 0.0") and "beside linear 0.0" in model.info.selection.reason
+    assert (
+        model.info.selection.reason.startswith("static 0.0")
+        and "compared with linear 0.0" in model.info.selection.reason
+    )
     assert seen[0] == ("static", [150, 300, 150]) and seen[-1] == ("static", [N])
     with pytest.raises(FitError, match="does not follow"):
         choose_base([record], lambda base, records, size: identified("narx", records, size))

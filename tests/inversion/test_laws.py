@@ -483,7 +483,7 @@ def test_what_still_has_no_law():
         if o.effect.form == "Bouc-Wen" and o.driver == "u" and o.where == "output"
     )
     added = extend(BASES["first order"], early).model.replace(theta=[0.8, 0.3, 0.1, 0.7, 0.9])
-    assert "1 sample(s) before the core" in added.compensator().checked
+    assert "1 sample(s) before the linear part" in added.compensator().checked
 
 
 # ---------------------------------------------------------------- hidden effects on the plant

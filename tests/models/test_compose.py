@@ -152,8 +152,8 @@ def test_what_does_not_fit_is_refused():
     for make, said in (
         (lambda: a >> a.replace(Ts=0.02), "different sampling times"),
         (lambda: a >> 3, "can be combined"),
-        (lambda: a + ns.NARX.from_terms(["y[k-1]", "v2[k-1]"], [0.5, 1.0], input="v2"), "one input"),
-        (lambda: a.feedback(a), "at once"),
+        (lambda: a + ns.NARX.from_terms(["y[k-1]", "v2[k-1]"], [0.5, 1.0], input="v2"), "same input"),
+        (lambda: a.feedback(a), "Algebraic loop"),
         (lambda: a >> ns.NARX.from_terms(["u[k-1]", "y[k-1]"], [0.5, 1.0], input="y", output="u"), "can be combined"),
     ):
         with pytest.raises(ModelError, match=said):

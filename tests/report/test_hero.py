@@ -389,7 +389,7 @@ def test_the_law_follows_a_dragged_reference(opened, told, stage_diagnosis):
     assert check()["amplitude"] == 0
     opened.locator("#try-amplitude").press("End")
     opened.locator("#try-period").press("Home")
-    assert check()["beyond"] > 0 and "beyond what was measured" in opened.inner_text("#try-law-said")
+    assert check()["beyond"] > 0 and "outside the measured range" in opened.inner_text("#try-law-said")
     drag(opened, one["model"], [3, -5])
     assert check()["theta"] != first["theta"]
 

@@ -168,7 +168,9 @@ def column_roles(
                     else ("if this is wrong,")
                 )
                 part = (
-                    "is an input of a linear base model, with its own lags" if roles[name] == INPUT else ("is not used")
+                    "is an input of a linear base model, with its own lags"
+                    if roles[name] == INPUT
+                    else "is not used as an input"
                 )
                 told.append(f"{GUESS.format(name)} {why}, and {part}; {then} use --role {name}={DISTURBANCE}")
     return roles, told

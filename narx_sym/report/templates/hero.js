@@ -299,7 +299,7 @@ function follow() {
   asked.period.setAttribute("aria-valuetext", element("try-period-said").textContent);
   element("try-law-said").textContent = bad ? "The law has no finite input for this reference."
     : `The input goes from ${shownAt(low)} to ${shownAt(high)}; `
-      + (beyond ? `${percentOf(beyond / (one.n - lead))} of it outside the measured range.` : "all of it within the measured range.");
+      + (beyond ? `${percentOf(beyond / (one.n - lead))} of it is outside the measured range.` : "all of it is within the measured range.");
   hero.dataset.law = JSON.stringify({amplitude, period, theta, low, high, beyond});
 }
 
