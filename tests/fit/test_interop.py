@@ -318,8 +318,8 @@ def test_a_model_runs_in_sysidentpy_as_here(name):
     (
         (["y[k-1]", "phi2[k-1]*u[k-1]"], "the term .*sign"),
         (["y[k-1]", "Abs(u[k-1])"], "the term .*abs"),
-        (["y[k-1]", "u[k]"], r"place for u\[k\]"),
-        (["y[k-1]", "temp[k-1]"], r"place for temp\[k-1\]: models of one input"),
+        (["y[k-1]", "u[k]"], r"cannot represent u\[k\]"),
+        (["y[k-1]", "temp[k-1]"], r"cannot represent temp\[k-1\]: models of one input"),
         (["1"], "without samples"),
         (["y[k-1]", "u[k-500]"], "above 499"),
     ),

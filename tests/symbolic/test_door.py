@@ -21,7 +21,7 @@ def test_a_method_is_the_function_with_the_object_put_in() -> None:
     assert ns.Model.simulate is simulate
     assert model().simulate.__func__ is simulate
     assert list(inspect.signature(model().simulate).parameters) == list(inspect.signature(simulate).parameters)[1:]
-    assert "Free run" in pydoc.render_doc(model().simulate)
+    assert "free run" in pydoc.render_doc(model().simulate)
     assert model().simulate([1.0, 1.0, 1.0], 0.0).tolist() == [0.0, 1.0, 1.5]
 
 
