@@ -133,8 +133,8 @@ def test_a_gain_that_turns_is_followed(to, tmp_path):
 def test_it_is_said_on_top_of_the_source():
     for to in ("c", "st", "js", "plcopen"):
         text = " ".join(BENT.compensator().export(to).replace("*", " ").split())
-        assert "as near as it can and goes on from there" in text and "takes one at once" not in text
-        assert "as near as it can" not in LINEAR.compensator().export(to)
+        assert "as close as it can and continues from there" in text and "takes one at once" not in text
+        assert "as close as it can" not in LINEAR.compensator().export(to)
     several = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-1]**2", "u[k-2]"], [0.6, 0.5, 0.15, 0.3]).compensator()
     assert "takes one at once" in several.export("c")
 
