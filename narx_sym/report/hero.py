@@ -2,21 +2,22 @@
 
 `told` makes the JSON, `templates/hero.js` shows it; there is no other drawing of a diagnosis on a page with scripts.
 
-models : list, a switch each: the base, what was added, and what may be added instead
-    name, effect ("" for the base), errors {"train", "validation"} each {"rms", "nrmse"} of `evaluate`; `run`, its
-    samples where the page cannot run it, else `start`, `inputs` (indices of `signals`, null for the time) and
-    `parameters`, the sliders (see `sliders`); `skip`, samples at the beginning without an error
-chosen, add : which switch is on at first, and which one "Add" throws (null where nothing is named)
-floor, spread : noise and standard deviation of the output [unit of y]
-n, whole, t0, Ts, signals : samples that are shown and those there are, their times, the signals (see `packed`): output
-    first, then the input
-stretch, worst, held, aside : [first, behind the last] of what is looked at first, of where the base is worst, and of
-    the validation data; [low, high, role] of what is shaded over time
-rate : samples to either side of a rate of the output: the loop is then input over rate; 0 where it is output over input
-axes, units : labels of u, y, the error and the rate; units of u and y
-portrait : null or {axes, x, left, at, means, laws, band, high}: the missing force at the samples, by switch; means and
-    laws at the centres of cells; half the width of what chance makes of the means; and how far the axis goes
-law : null or what the page needs to run the law (see `reference`)
+- models: a list, one switch each: the base, what was added, and what may be added instead. name, effect ("" for the
+  base), errors {"train", "validation"} each {"rms", "nrmse"} of `evaluate`; `run`, its samples where the page cannot
+  run it, else `start`, `inputs` (indices of `signals`, null for the time) and `parameters`, the sliders (see
+  `sliders`); `skip`, samples at the beginning without an error
+- chosen, add: which switch is on at first, and which one "Add" throws (null where nothing is named)
+- floor, spread: noise and standard deviation of the output [unit of y]
+- n, whole, t0, Ts, signals: samples that are shown and those there are, their times, the signals (see `packed`):
+  output first, then the input
+- stretch, worst, held, aside: [first, behind the last] of what is looked at first, of where the base is worst, and of
+  the validation data; [low, high, role] of what is shaded over time
+- rate: samples to either side of a rate of the output: the loop is then input over rate; 0 where it is output over
+  input
+- axes, units: labels of u, y, the error and the rate; units of u and y
+- portrait: null or {axes, x, left, at, means, laws, band, high}: the missing force at the samples, by switch; means
+  and laws at the centres of cells; half the width of what chance makes of the means; and how far the axis goes
+- law: null or what the page needs to run the law (see `reference`)
 """
 
 from __future__ import annotations
