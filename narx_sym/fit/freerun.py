@@ -57,7 +57,7 @@ def starts(model: Model) -> list[Start]:
     return [*(Start((model.inner,), i) for i in outputs), *(Start(tuple(g)) for g in groups.values())]
 
 
-def integrates(model: Model) -> bool:
+def has_integrator(model: Model) -> bool:
     """Whether a pole of a model is 1: the slopes of its core by older outputs add up to it.
 
     By a constraint, or as it is written.
@@ -77,7 +77,7 @@ def load_of(model: Model) -> Any:
     core = expand_phi(model.core, model.input)
     beside = ((s, sp.diff(core, s)) for s in model.symbols)
     load = next((s for s, slope in beside if slope != 0 and not samples(slope) and not slope.has(s)), None)
-    return load if load is not None and integrates(model) else None
+    return load if load is not None and has_integrator(model) else None
 
 
 def determined(z: Array, size: Array) -> bool:

@@ -89,7 +89,7 @@ def swung(friction, N=2000, h=0.02):
 
 
 @ALL
-def test_a_pendulum_without_friction_is_told_that_friction_is_missing(catalogue):
+def test_a_pendulum_without_friction_is_told_that_friction_is_missing(catalogue, tmp_path):
     record = swung(friction=0.5)
     own = ns.from_equations(PENDULUM, record.Ts).fit(record, method="free_run")
     found = ns.diagnose(own, record, catalogue=catalogue)
@@ -97,6 +97,9 @@ def test_a_pendulum_without_friction_is_told_that_friction_is_missing(catalogue)
     assert found.errors["completed"]["validation"] < 0.2 * found.errors["baseline"]["validation"]
     values = {str(s): float(v) for s, v in found.model.values.items()}
     assert values["w"] == pytest.approx(9, rel=0.03) and values["d"] == pytest.approx(0.3, rel=0.1)
+    found.report(tmp_path / "own.html", {"u": "N m", "y": "rad"})
+    page = (tmp_path / "own.html").read_text(encoding="utf-8")
+    assert "could not be made" not in page and "0.500 N m" in page  # the friction that was simulated
 
 
 @ALL
@@ -155,12 +158,12 @@ def test_bounds_hold_in_a_fit():
 
 
 def test_the_load_of_an_axis_that_integrates_is_known():
-    from narx_sym.fit.freerun import integrates, load_of
+    from narx_sym.fit.freerun import has_integrator, load_of
 
     axis = ns.from_equations("x'' = (u - d*x' + o)/m\ny = x\nm ~ 2\nd ~ 3\no ~ 0", 0.01)
-    assert integrates(axis) and load_of(axis) == sp.Symbol("o", real=True)
+    assert has_integrator(axis) and load_of(axis) == sp.Symbol("o", real=True)
     swings = ns.from_equations(MASS.format(m=1, d=0.4, s=9), 0.01)
-    assert not integrates(swings) and load_of(swings) is None
+    assert not has_integrator(swings) and load_of(swings) is None
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from ...data.record import Record
 from ...errors import FitError
 from ...fit.bases.integrating import DRIVEN, at_one, lasting, slowest, slowest_seen
 from ...fit.bases.judged import LITTLE
-from ...fit.freerun import integrates
+from ...fit.freerun import has_integrator
 from ...fit.identify import FEWEST
 from ...models.effects import Effect
 from ...models.extend import Variant, rubs
@@ -56,7 +56,7 @@ class Search:
         self.idle: dict[Row, bool] = {}  # see `finer.idle`
         self.tried: set[str] = set()  # effects whose Taylor polynomials do not stand for them
         self.withheld: list[Row] = []
-        self.integrating = self.family == "given" and integrates(given)
+        self.integrating = self.family == "given" and has_integrator(given)
         self.swings = self.leaks = False
         self.modes: float = np.inf
         self.tunes = True  # whether delays are free

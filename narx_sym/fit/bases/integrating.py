@@ -10,9 +10,10 @@ import numpy as np
 from ...data.evidence.several import rests
 from ...data.record import Record
 from ...engines.algebra import filtered
-from ...models.model import Model
+from ...models.model import NARX, Model
 from ...symbolic.signals import lag, u, y
 from ..evaluate import evaluate
+from ..freerun import has_integrator
 
 Array = np.ndarray
 ROUNDED = 1e-6  # of a pole: less is rounding
@@ -89,7 +90,12 @@ def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: floa
 
 
 def integrates(model: Model, records: Sequence[Record]) -> bool:
-    """Whether the input drives a linear model through a pole that the records cannot tell from 1."""
+    """Whether the input drives a linear model through a pole that the records cannot tell from 1.
+
+    A model of other equations integrates where these say so.
+    """
+    if not isinstance(model, NARX):
+        return has_integrator(model)
     a, b = _coefficients(model, y), _coefficients(model, u)
     slow, first = slowest_seen(records), int(np.argmax(b != 0))
     if not at_one(a, slow):
