@@ -77,7 +77,8 @@ def initial_values(model: Model, data: Mapping[str, Array], depth: int, engine: 
     found = {model.output.name: np.asarray(data[model.output.name][:depth])}
     for state in model.states:
         # Without values nothing is known about an effect: it is taken as absent.
-        begin = model.starts[state.left.base] if model.values else model.in_user_units(state.initial)
+        known = model.numbers is not None
+        begin = model.starts[state.left.base] if known else model.in_user_units(state.initial)
         expression = begin.xreplace(model.values)
         read, value = reader((expression,))
         if expression.free_symbols - {b for s in read for b in s.free_symbols}:
@@ -105,7 +106,7 @@ def _driven(
     while more := {b for b, read in reads.items() if read & held} - held:
         held |= more
     free = [(left, right) for left, right in model.recursion.updates if left.base in reads and left.base not in held]
-    if not free or not model.values:
+    if not free or model.numbers is None:
         return {}
     recursion = Recursion(tuple(free), model.symbols)
     wanted = [b.name for b in recursion.inputs]

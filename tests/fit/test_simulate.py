@@ -116,3 +116,20 @@ def test_units_that_are_far_apart_are_no_divergence():
     record = ns.Record.from_arrays(1e9 * u, 1e-9 * model.simulate(u, 0.0), 0.01)
     errors = ns.evaluate(model, record)
     assert 1e15 < errors.free_run_nrmse < 1e20 and np.isfinite(errors.one_step_mape)
+
+
+def test_a_model_of_numbers_alone_begins_like_the_one_with_parameters():
+    """What the inputs drive is run up to the first sample, whether its numbers have names or not."""
+    from printed import printed
+
+    from narx_sym.fit.simulate import arrays, initial_values
+    from narx_sym.models.extend import extend, variants
+
+    base = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], Ts=0.1)
+    slack = next(v for v in variants(base) if v.id == "backlash" and v.where == "input" and v.effect.full)
+    made = extend(base, slack).model
+    model = made.replace(theta=[0.3] * len(made.symbols))
+    u = np.cumsum(np.random.default_rng(0).standard_normal(80))
+    data = arrays(model, ns.Record.from_arrays(u, u, Ts=0.1))
+    one, other = (initial_values(m, data, 2) for m in (model, printed(model)))
+    assert one.keys() == other.keys() and all(np.array_equal(one[n], other[n]) for n in one)
