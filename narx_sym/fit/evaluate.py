@@ -268,14 +268,14 @@ def evaluate(model: Model, records: Records, align: bool = False) -> Errors:
             f"record {listed[-1].name!r}: {model.output.name} is constant ({target[0]:.6g}), so there is no relative "
             "error. Check the columns (--input, --output) and the rows (--rows)."
         )
-    one = _along(model, listed, predict)
-    free = _along(model, listed, partial(free_run, align=align))
-    own = _along(model, listed, partial(free_run, align=align, loads=False)) if load_of(model) is not None else None
-    pairs = [_measure(target, run) for run in (one, free)]
+    one = along(model, listed, predict)
+    free = along(model, listed, partial(free_run, align=align))
+    own = along(model, listed, partial(free_run, align=align, loads=False)) if load_of(model) is not None else None
+    pairs = [measure(target, run) for run in (one, free)]
     with np.errstate(over="ignore"):
         rms = float(np.sqrt(np.mean((target - free) ** 2)))
     return Errors(
-        pairs[0][0], pairs[1][0], pairs[0][1], pairs[1][1], rms, None if own is None else _measure(target, own)[0]
+        pairs[0][0], pairs[1][0], pairs[0][1], pairs[1][1], rms, None if own is None else measure(target, own)[0]
     )
 
 
@@ -286,18 +286,18 @@ def digits(model: Model, records: Records) -> int:
     paper a load is a constant like others.
     """
     listed, as_printed = in_units(segments(records), model.info.units), partial(free_run, loads=False)
-    run = _along(model, listed, as_printed)
+    run = along(model, listed, as_printed)
     error = run - np.concatenate([arrays(model, r)[model.output.name] for r in listed])
     if not np.all(np.isfinite(run)):
         return FEWEST
     for count in range(FEWEST, MOST):
         rounded = model.replace(theta=[float(f"{v:.{count}g}") for v in fitted(model)])
-        if np.sum((_along(rounded, listed, as_printed) - run) ** 2) <= MOVED**2 * np.sum(error**2):
+        if np.sum((along(rounded, listed, as_printed) - run) ** 2) <= MOVED**2 * np.sum(error**2):
             return count
     return MOST
 
 
-def _along(model: Model, listed: Sequence[Record], run: object) -> Array:
+def along(model: Model, listed: Sequence[Record], run: object) -> Array:
     """Return the runs along contiguous records, one array; infinite where one diverges."""
     found = []
     for record in listed:
@@ -308,7 +308,7 @@ def _along(model: Model, listed: Sequence[Record], run: object) -> Array:
     return np.concatenate(found)
 
 
-def _measure(target: Array, run: Array) -> tuple[float, float]:
+def measure(target: Array, run: Array) -> tuple[float, float]:
     """Return NRMSE and MAPE of a run."""
     with np.errstate(over="ignore"):
         return (nrmse(target, run), mape(target, run)) if np.isfinite(run).all() else (np.inf, np.inf)

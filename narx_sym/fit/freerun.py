@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import expand_phi, k, lag, lags, samples
 from .constraints import Elimination
 from .ensemble import costs
-from .simulate import Records, arrays, initial_values, segments
+from .simulate import Records, arrays, initial_values, parts, segments
 
 Array = np.ndarray
 MANY = 16  # more parameters than this: one banded solve instead of one compiled equation each
@@ -62,13 +61,17 @@ def has_integrator(model: Model) -> bool:
 
     By a constraint, or as it is written.
     """
-    core = expand_phi(model.core, model.input)
-    total = sp.Add(*(derivative(core, model.inner[k - i]) for i in lags(core, model.inner)))
+    listed = tuple(c for c in model.constraints if not isinstance(c, str))
+    return _sums_to_one(expand_phi(model.core, model.input), model.inner, listed, not isinstance(model, NARX))
+
+
+@lru_cache(maxsize=64)
+def _sums_to_one(core: Any, inner: Any, constraints: tuple[Any, ...], simplify: bool) -> bool:
+    total = sp.Add(*(derivative(core, inner[k - i]) for i in lags(core, inner)))
     if samples(total):
         return False
-    listed = (c for c in model.constraints if not isinstance(c, str))
-    equations = [sp.expand(c.lhs - c.rhs if isinstance(c, sp.Equality) else c) for c in listed]
-    equations += [] if isinstance(model, NARX) else [sp.simplify(total) - total]
+    equations = [sp.expand(c.lhs - c.rhs if isinstance(c, sp.Equality) else c) for c in constraints]
+    equations += [sp.simplify(total) - total] if simplify else []
     return any(0 in (sp.expand(e - total + 1), sp.expand(e + total - 1)) for e in equations)
 
 
@@ -501,10 +504,8 @@ def _near(problem: FreeRun, theta0: Array, max_steps: int) -> Array:
     A piece stays near the measured output where a whole run from wrong parameters does not (multiple shooting: Bock
     1983).
     """
-    parts = segments(problem.records)
-    counts = [min(PIECES, max(1, len(p) // (10 * problem.depth))) for p in parts]
-    edges = [np.linspace(0, len(p), count + 1).astype(int).tolist() for p, count in zip(parts, counts, strict=True)]
-    pieces = [p[a:b] for p, at in zip(parts, edges, strict=True) for a, b in pairwise(at)]
+    whole, least = segments(problem.records), 10 * problem.depth
+    pieces = [r[s] for r in whole for s in parts(len(r), min(PIECES, max(1, len(r) // least)))]
     try:
         near = FreeRun(problem.model, pieces, problem.equations).solve(theta0, max_steps)[0]
     except FitError:

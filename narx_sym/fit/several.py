@@ -11,19 +11,18 @@ from typing import Any
 import numpy as np
 
 from ..data.evidence.roles import OUTPUT
-from ..data.metrics import mape, nrmse
 from ..data.record import Record
-from ..data.units import listed
+from ..data.units import in_units, listed
 from ..engines.compile import compile
 from ..errors import DataError, FitError, ModelError
 from ..inversion.several import SystemLaw
 from ..models.model import Model
 from ..models.system import System
 from .bases.choice import PRICE
-from .evaluate import Errors, estimated, evaluate
+from .evaluate import Errors, along, estimated, measure
 from .freerun import FreeRun
 from .identify import HELD_OUT, identify
-from .simulate import Records, fitted
+from .simulate import Records, fitted, predict, segments
 
 Array = np.ndarray
 COUPLED = 2  # lags of the other outputs that a part may read
@@ -116,8 +115,8 @@ def identify_outputs(records: Records, base: str = "linear", **options: Any) -> 
     systems = [System(dict(zip(names, some, strict=True))) for some in product(*choices)]
 
     def cost(system: System) -> float:
-        errors = evaluate_system(system, held)
-        return sum(2 * np.log(max(e.free_run_nrmse, 1e-12)) for e in errors.values()) + PRICE * len(system.symbols)
+        errors = (measure(target, run)[0] for target, run in _whole_runs(system, held).values())
+        return sum(2 * np.log(max(e, 1e-12)) for e in errors) + PRICE * len(system.symbols)
 
     return min(systems, key=cost) if len(systems) > 1 else systems[0]
 
@@ -145,7 +144,10 @@ def simulate_system(
     """
     if system.numbers is None:
         raise ModelError("The system has no parameter values: fit it or give theta.")
-    begin = {base.name: 0.0 for base in system.recursion.states} | {str(n): v for n, v in (y0 or {}).items()}
+    begin: dict[str, Any] = dict.fromkeys((base.name for base in system.recursion.states), 0.0)
+    if stray := [n for n in y0 or {} if str(n) not in begin]:
+        raise ModelError(f"There is no output {str(stray[0])!r} to start; there are {', '.join(begin)}.")
+    begin |= {str(n): v for n, v in (y0 or {}).items()}
     run = compile(system.recursion, engine)(inputs, list(system.numbers), begin)
     return {name: run[name] for name in system.outputs}
 
@@ -185,18 +187,21 @@ def evaluate_system(system: System, records: Records) -> dict[str, Errors]:
     -------
     dict from the names of the outputs to Errors
     """
-    every: Sequence[Record] = listed(records)
-    runs = [free_run_system(system, r) for r in every]
-    found = {}
-    for name, model in system.parts.items():
-        parts = [part_of(r, name) for r in every]
-        alone = evaluate(model, parts)
-        target, run = np.concatenate([p.y for p in parts]), np.concatenate([one[name] for one in runs])
-        fine = bool(np.isfinite(run).all())
-        errors = (nrmse(target, run), mape(target, run), float(np.sqrt(np.mean((target - run) ** 2))))
-        whole = errors if fine else (np.inf, np.inf, np.inf)
-        found[name] = Errors(alone.one_step_nrmse, whole[0], alone.one_step_mape, whole[1], whole[2])
+    every, found = listed(records), {}
+    for name, (target, run) in _whole_runs(system, every).items():
+        model, own = system.parts[name], segments([part_of(r, name) for r in every])
+        ahead = measure(target, along(model, in_units(own, model.info.units), predict))
+        free = measure(target, run)
+        rms = float(np.sqrt(np.mean((target - run) ** 2))) if np.isfinite(run).all() else np.inf
+        found[name] = Errors(ahead[0], free[0], ahead[1], free[1], rms)
     return found
+
+
+def _whole_runs(system: System, every: Sequence[Record]) -> dict[str, tuple[Array, Array]]:
+    """Return each measured output, and its free run beside those of the others, along all records."""
+    runs = [free_run_system(system, r) for r in every]
+    measured = {name: np.concatenate([r.channels[name] for r in every]) for name in system.outputs}
+    return {name: (x, np.concatenate([one[name] for one in runs])) for name, x in measured.items()}
 
 
 def run_law(

@@ -34,6 +34,11 @@ def segments(records: Records) -> list[Record]:
     return [s for record in listed(records) for s in record.segments()]
 
 
+def parts(length: int, count: int) -> list[slice]:
+    """Return the slices that cut so many samples into equal pieces."""
+    return [slice(a, b) for a, b in pairwise(np.linspace(0, length, count + 1).astype(int).tolist())]
+
+
 def centre(x: Array) -> float:
     """Return where a signal is measured from: zero where zero lies well inside its range, else its mean."""
     low, high = float(x.min()), float(x.max())

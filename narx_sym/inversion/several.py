@@ -10,6 +10,7 @@ import sympy as sp
 
 from ..errors import NotInvertible
 from ..models.system import System
+from ..symbolic.identities import vanishes
 from ..symbolic.printing import InLatex
 from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import derivative
@@ -45,9 +46,9 @@ class SystemLaw(SystemLawDoors, InLatex):
 
     def residual(self) -> Any:
         """Put the law into the system and subtract the references: 0 where the inversion is exact."""
-        law = {left: right for left, right in self.updates}
-        gaps = (sp.simplify(gap.xreplace(law)) for gap in self.asked)
-        return next((gap for gap in gaps if gap != 0), sp.S.Zero)
+        law = dict(self.updates)
+        gaps = (sp.expand(gap.xreplace(law)) for gap in self.asked)
+        return next((gap for gap in gaps if gap != 0 and not vanishes(gap)), sp.S.Zero)
 
     def latex(self, numbers: bool = False) -> str:
         """LaTeX of the law, with symbols or with numbers."""
@@ -104,5 +105,5 @@ def compensators(system: System, inputs: tuple[str, ...] = ()) -> SystemLaw:
         raise NotInvertible("The newest inputs do not reach the outputs independently: their gains have determinant 0.")
     rest = sp.Matrix([gap.xreplace(dict.fromkeys(newest, sp.S.Zero)) for gap in asked])
     solved = gains.adjugate() * rest / determinant
-    updates = tuple((m, sp.Add(*sp.Add.make_args(sp.expand(e)))) for m, e in zip(newest, solved, strict=True))
+    updates = tuple((m, sp.expand(e)) for m, e in zip(newest, solved, strict=True))
     return SystemLaw(system, delays, updates, tuple(asked))

@@ -19,7 +19,7 @@ from ...data.record import Record
 from ...engines.algebra import add_grams, step
 from ...fit.constraints import constraint_equations
 from ...fit.freerun import FreeRun, determined
-from ...fit.simulate import segments
+from ...fit.simulate import parts, segments
 from ...models.effects import Form
 from ...models.extend import Variant, equations
 from ...models.model import Model
@@ -31,11 +31,6 @@ from .span import Span
 from .starts.arx import later, start_beside
 
 Array = np.ndarray
-
-
-def parts(length: int, count: int) -> list[slice]:
-    """Return a record in equal pieces."""
-    return [slice(a, b) for a, b in itertools.pairwise(np.linspace(0, length, count + 1).astype(int).tolist())]
 
 
 class Frame:

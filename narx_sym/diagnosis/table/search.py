@@ -14,11 +14,12 @@ from ...fit.bases.integrating import DRIVEN, at_one, lasting, slowest, slowest_s
 from ...fit.bases.judged import LITTLE
 from ...fit.freerun import has_integrator
 from ...fit.identify import FEWEST
+from ...fit.simulate import parts
 from ...models.effects import Effect
 from ...models.extend import Variant, rubs
 from ...models.model import Model
 from ..settings import BLOCKS, BRIEF, CLOSER, FIRST, FORGOTTEN, FULL, GAIN, HIGHER, LOOK, LOOKS, NEAR, STEPS
-from .frame import Frame, parts
+from .frame import Frame
 from .hypotheses import Core, Hypothesis, family_of, ladder, written
 from .row import Row
 from .starts.arx import arx_start
