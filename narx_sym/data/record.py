@@ -330,7 +330,7 @@ def read(
     Record 'stage': N = 3, Ts = 0.1 s, 0.2 s, u in [0, 1] V, y in [0, 0.9] um
     """
     if not (isinstance(u, str) and isinstance(y, str)):
-        return _read_several(path, u, y, t, Ts, rows, channels, missing, units, roles)
+        return _read_several(u, y, channels, roles, path, t=t, Ts=Ts, rows=rows, missing=missing, units=units)
     if missing not in ("refuse", "drop"):
         raise DataError(f"missing values are refused or dropped (--missing refuse or drop), not {missing!r}")
     said = check_roles(roles or {})
@@ -357,18 +357,19 @@ def read(
     )  # fmt: skip
 
 
-def _read_several(path: PathLike, u: Any, y: Any, t: Any, Ts: Any, rows: Any, channels: Any, *rest: Any) -> Record:
+def _read_several(u: Any, y: Any, channels: Any, roles: Mapping[str, str] | None, path: PathLike, **how: Any) -> Record:
     """Read a record with several inputs or outputs: see `read`."""
-    (u, *inputs), (y, *outputs) = ([name] if isinstance(name, str) else [*name] for name in (u, y))
-    missing, units, roles = rest
+    named = [[n] if isinstance(n, str) else list(n) if isinstance(n, (list, tuple)) else [] for n in (u, y)]
+    if not all(names and all(isinstance(n, str) for n in names) for names in named):
+        raise DataError(f"{path}: inputs and outputs are the name of a column, or a list of them, not {u!r} and {y!r}")
+    (u, *inputs), (y, *outputs) = named
     said = {**dict.fromkeys(inputs, INPUT), **dict.fromkeys(outputs, OUTPUT), **(roles or {})}
-    made = read(path, u, y, t, Ts, rows, [*names_of(channels), *inputs, *outputs], missing, units, said)
+    made = read(path, u, y, channels=[*names_of(channels), *inputs, *outputs], roles=said, **how)
     if not outputs:
         return made
     first = channel_name(y)
     units = {**made.units, **({first: made.units["y"]} if "y" in made.units else {})}
-    every = {first: made.y, **made.channels}
-    return replace(made, channels=every, roles={**made.roles, first: OUTPUT}, units=units)
+    return replace(made, channels={first: made.y, **made.channels}, roles={**made.roles, first: OUTPUT}, units=units)
 
 
 def read_signal(

@@ -25,7 +25,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import sympy as sp
@@ -36,7 +36,7 @@ from ..symbolic.grammar import parse
 from ..symbolic.recursion import State
 from ..symbolic.signals import RESERVED, k, signal, t, u, y
 from .added import own_group
-from .model import Model
+from .model import Model, sampling_time
 
 MAX_LINES, MAX_STATES = 200, 12
 NEAR = 1e-8  # of a sampling time: less is the rounding of a clock
@@ -96,7 +96,7 @@ def read_lines(text: str) -> Equations:
         if kind == "(0)":
             found.starts[name] = right
         elif kind == "[k]":
-            found.steps[name if name == y.name else _own(name, number, found, steps=True)] = right
+            found.steps[_own(name, number, found, steps=True)] = right
         elif kind:
             _own(name, number, found)
             for order in range(len(kind)):
@@ -104,7 +104,7 @@ def read_lines(text: str) -> Equations:
         elif right == "channel":
             found.channels.append(_own(name, number, found))
         else:
-            found.named[name if name == y.name else _own(name, number, found)] = right
+            found.named[_own(name, number, found)] = right
     return found
 
 
@@ -121,7 +121,7 @@ def _parameter(name: str, value: str, low: str | None, high: str | None, number:
 def _own(name: str, number: int, found: Equations, steps: bool = False) -> str:
     """Return a name that a line gives, once, and to nothing that has a meaning already."""
     taken = {*found.parameters, *found.channels, *found.named, *found.slopes, *found.steps}
-    if name in {*taken, *NAMES, *MEANT} or (steps and name in RESERVED):
+    if name in {*taken, *NAMES, *MEANT} or (steps and name in RESERVED - {y.name}):
         why = "is given twice" if name in taken else "means something else"
         raise ParseError(f"Line {number}: the name {name!r} {why}; choose another one.")
     return name
@@ -159,6 +159,13 @@ def from_equations(text: str, Ts: float | None = None) -> Model:
     >>> print(tank.symbols, tank.theta)
     (q, a) [2. 1.]
     """
+    if not isinstance(text, str):
+        raise ParseError(f"The equations are a text with one per line, not {type(text).__name__}.")
+    return _made(text, sampling_time(Ts))
+
+
+@lru_cache(maxsize=16)
+def _made(text: str, Ts: float | None) -> Model:
     said = read_lines(text)
     parameters = {name: sp.Symbol(name, real=True) for name in said.parameters}
     if said.slopes and said.steps:
@@ -224,7 +231,7 @@ def _differences(said: Equations, parameters: Mapping[str, Any]) -> Model:
 
 def _sampled(said: Equations, parameters: Mapping[str, Any], Ts: float | None) -> Model:
     """Return the model of differential equations at a sampling time."""
-    if not Ts:
+    if Ts is None:
         raise ModelError("Differential equations need a sampling time: from_equations(text, Ts=record.Ts).")
     inputs = {n: sp.Symbol(n, real=True) for n in (u.name, t.name, *said.channels)}
     x = {n: sp.Symbol(n, real=True) for n in said.slopes}
@@ -270,10 +277,13 @@ def _eliminated(C: Any, held: Held, forced: Sequence[Callable[[int], Any]], cent
                 factor, signals = part.as_independent(sp.Indexed, as_Add=False)
                 read = signals.xreplace({y[k - i]: y[k - 1]}) if middle else signals
                 weights[read] = weights.get(read, 0) + b * factor
-    simple = {read: held.written(weight) for read, weight in weights.items()}
-    return sp.Add(
-        *(w.xreplace({f: sp.S.One for f in w.atoms(sp.Float) if f == 1}) * read for read, w in simple.items())
-    )
+    return sp.Add(*(_with_numbers(held.written(weight)) * read for read, weight in weights.items()))
+
+
+def _with_numbers(weight: Any) -> Any:
+    """Return a coefficient in which functions and roots of numbers are numbers: model files hold no others."""
+    known = (f for f in weight.atoms(sp.Function, sp.Pow) if f.is_number and not f.is_Rational)
+    return weight.xreplace({f: sp.Float(float(f)) for f in known})
 
 
 def exact(Ts: float) -> Any:

@@ -24,6 +24,18 @@ EQUATIONS = ("F", "symbols", "output", "input", "operating_point", "lead", "stat
 BESIDE = ("theta", "standard_errors", "Ts", "constraints", "info", "effects", "bounds")  # what changes no equation
 
 
+def sampling_time(Ts: Any) -> float | None:
+    """Return a sampling time [s] as a number; ModelError where it is none, or not positive."""
+    try:
+        known = None if Ts is None else float(Ts)
+    except (TypeError, ValueError):
+        known = 0.0
+    if known is not None and not 0 < known < float("inf"):
+        said = f"{known:g}" if isinstance(Ts, (int, float)) else repr(Ts)
+        raise ModelError(f"The sampling time Ts must be a positive number [s], not {said}.")
+    return known
+
+
 class Model(ModelDoors, printing.InLatex):
     """A difference equation y[k] = F with named parameters, fitted or not.
 
@@ -142,8 +154,7 @@ class Model(ModelDoors, printing.InLatex):
                 raise ModelError(f"The model has {len(self.symbols)} parameters, but {len(numbers)} {what} were given.")
         if theta is not None and not all(abs(v) < float("inf") for v in theta):
             raise ModelError("A parameter value is not a finite number.")
-        if Ts is not None and not 0 < Ts < float("inf"):
-            raise ModelError(f"The sampling time Ts must be a positive number [s], not {Ts:g}.")
+        Ts = sampling_time(Ts)
         if any(c is sp.false for c in constraints):
             raise ModelError("A constraint is false for every value of the parameters.")
         vars(self).update(

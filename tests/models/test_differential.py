@@ -144,7 +144,8 @@ def test_two_tanks_are_told_that_one_overflows(brim, catalogue, monkeypatch):
 
 
 def test_a_model_of_ones_own_is_saved_with_its_bounds(tmp_path):
-    for text in (MASS.format(m=1, d=0.4, s=9), PENDULUM, TANKS):
+    known = "y' = (K*u - y)/T\nT = 0.7\nK ~ 3 in 0 ... 9"  # what is known of an exponential is a number
+    for text in (MASS.format(m=1, d=0.4, s=9), PENDULUM, TANKS, known):
         model = ns.from_equations(text, 0.05)
         ns.save(model, tmp_path / "own.json")
         again = ns.load(tmp_path / "own.json")
@@ -176,6 +177,8 @@ def test_the_load_of_an_axis_that_integrates_is_known():
         ("x' = u - x", "need the output"),
         ("y = u", "need the output"),
         ("y' = u - y\ny[k] = u[k-1]", "given twice|not both"),
+        ("y' = u - y\ny = 3*u", "Line 2: the name 'y' is given twice"),
+        (3, "text with one per line, not int"),
         ("y' = u - p\np = q\nq = p", "circular"),
         ("y' = u - y\nz(0) = 1", "no state"),
         ("y' = u - y\na ~ 1", "appears in no equation"),
@@ -189,9 +192,10 @@ def test_what_cannot_be_read_is_said(text, said):
         ns.from_equations(text, 0.1)
 
 
-def test_derivatives_need_a_sampling_time():
+@pytest.mark.parametrize("Ts", [None, 0, -1.0, float("nan"), float("inf"), "soon"])
+def test_derivatives_need_a_sampling_time(Ts):
     with pytest.raises(ns.ModelError, match="sampling time"):
-        ns.from_equations("y' = u - y")
+        ns.from_equations("y' = u - y", Ts)
 
 
 def test_a_measured_channel_takes_part():

@@ -37,6 +37,13 @@ def test_several_columns_are_read_with_their_roles(record):
     assert np.array_equal(record.channels["h1"], record.y)
 
 
+@pytest.mark.parametrize("u, y", [([], ["h1"]), ("v1", []), (3, ["h1"]), ([1], "h1"), (None, ["h1"])])
+def test_columns_are_named_by_texts(tmp_path, u, y):
+    (tmp_path / "a.csv").write_text("t,v1,h1\n0,1,2\n1,2,3\n", encoding="utf-8")
+    with pytest.raises(ns.DataError, match="the name of a column, or a list of them"):
+        ns.read(tmp_path / "a.csv", u=u, y=y)
+
+
 def test_several_outputs_are_identified_and_run_together(record):
     system = ns.identify_outputs(record)
     assert system.outputs == ("h1", "h2") and system.inputs == ("u", "v2")
@@ -73,6 +80,11 @@ def test_a_system_runs_like_its_equations_by_hand():
     for engine in ("native", "python", "casadi"):
         runs = bilinear().simulate({"u": u, "u2": u2}, engine=engine)
         assert np.allclose(runs["y1"], y1, atol=1e-12) and np.allclose(runs["y2"], y2, atol=1e-12)
+
+
+def test_a_start_of_no_output_is_refused():
+    with pytest.raises(ns.ModelError, match="no output 'y3' to start; there are y1, y2"):
+        bilinear().simulate({"u": np.zeros(5), "u2": np.zeros(5)}, {"y3": 1.0})
 
 
 def test_equilibria_and_sensitivities_are_derived():
