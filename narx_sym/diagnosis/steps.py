@@ -36,9 +36,7 @@ from .table.candidates import (
     closer,
     jointly,
     new_effect,
-    slower,
     suffices,
-    turned,
     won,
 )
 from .table.exchange import exchanged, instead
@@ -580,13 +578,9 @@ def _filled(table: Table, known: Row) -> tuple[Row, Row | None]:
         table.singles(known)
         jointly(table, known)
     at, alone = table.held(lambda: won([r for r in table.beside(known) if len(r.beyond(known)) <= 1], known))
-    if alone is not None:
-        table.course.say(", and what remains after the best one")
-        slower(table, alone, at)
     told = 0.0 if alone is None else 1 - alone.held / at.held  # what one effect removes follows from the signals
     if max(told, table.screened(at).structure) > HELPS and (alone is None or not suffices(table, alone, at)):
         table.pairs(known)  # two effects may hide each other
-        turned(table, known)
         exchanged(table, known)
     at, best = table.held(lambda: won(table.beside(known), known))
     if best is not None and closer(table, best, at):

@@ -32,8 +32,8 @@ from narx_sym.diagnosis.table.rounds import Table
 from narx_sym.diagnosis.table.search import Search
 
 MOVES = {
-    steps: ("jointly", "slower", "closer", "turned", "exchanged", "instead", "prune"),
-    Table: ("singles", "pairs", "_bare", "_nearer", "_instead", "complete", "screened", "checked"),
+    steps: ("jointly", "closer", "exchanged", "instead", "prune"),
+    Table: ("singles", "pairs", "_instead", "complete", "screened", "checked"),
     Search: ("bases",),
 }
 GROUPS = ("in", "off", "null", "pair", "measured")

@@ -13,7 +13,6 @@ from scipy.signal import lfilter
 import narx_sym as ns
 from narx_sym.data.evidence.rate import MOST, left_out, working
 from narx_sym.diagnosis.progress import BASE, ROUND, Course
-from narx_sym.diagnosis.table.candidates import turned
 from narx_sym.diagnosis.table.exchange import instead
 from narx_sym.diagnosis.table.frame import Frame
 from narx_sym.diagnosis.table.hypotheses import Core, Hypothesis, written
@@ -21,7 +20,7 @@ from narx_sym.diagnosis.table.rounds import Table
 from narx_sym.diagnosis.table.row import Row
 from narx_sym.diagnosis.table.search import Search
 from narx_sym.diagnosis.table.starts.arx import arx_start, gains, start_beside
-from narx_sym.diagnosis.table.starts.restart import faster, restarted
+from narx_sym.diagnosis.table.starts.restart import restarted
 from narx_sym.diagnosis.table.verdict import ALIKE, PER_EFFECT
 from narx_sym.fit.bases.integrating import at_one, drives, slowest
 from narx_sym.fit.evaluate import free_run
@@ -499,27 +498,6 @@ def of(id, form, where, driver="u"):
     return next(Variant(e, where, driver) for e in EFFECTS[id] if e.form == form)
 
 
-def test_a_further_lag_takes_the_place_of_a_dead_time():
-    """A saturation before two lags: beside one lag with a dead time it is found, but not the second lag."""
-    rng, noise = np.random.default_rng(2), 0.01
-    swing = u - u.mean()
-    driven = lagged(lagged(2 * np.tanh(swing / 2), 0.85, 0.15), 0.85, 0.15)
-    record = ns.Record.from_arrays(swing, driven - driven.mean() + noise * rng.standard_normal(N), Ts)
-    search = Search(small(record), [record])
-    soft = of("saturation", "soft", "input")
-    search.limits[soft] = {p: (1e-3, 10.0) for p in soft.shape}
-    frame = search.frame((soft,), False)
-    start = frame.placed(Core(1, 1, 4), np.array([0.85, 0.15, 0.0]))
-    start[frame.added[0][0]], start[frame.added[0][1]] = 0.5, 1.0
-    row = search.fitted(Hypothesis(Core(1, 1, 4), (soft,)), start, 40)
-    assert np.sqrt(row.fitted) * np.std(record.y) > 1.5 * noise
-    assert [(c.n_y, c.n_u) for c in search.next_to(row.size)] == [(1, 2), (2, 1)]
-    larger = search.finish(search.enlarged(row, Core(2, 1)))
-    assert np.sqrt(larger.fitted) * np.std(record.y) == pytest.approx(noise, rel=0.1)
-    assert larger.price < row.judged().price and larger.hypothesis.core.delay == 2
-    assert search.next_to(Core(given=True)) == []
-
-
 def test_an_effect_is_placed_after_a_closer_look():
     """A brief look likes one place better; fitted with every core the other one is."""
     worse, better = (
@@ -543,26 +521,6 @@ def test_a_superposition_with_weights_of_both_signs_costs_two(linear, weights, c
     values[frame.added[0][0][:3]] = weights
     row = Row(Hypothesis(Core(1, 1), (plays,)), frame, values, 0.1, 4)
     assert (row.count, row.charged) == (1, charged)
-
-
-@pytest.mark.parametrize("zeros", [[], [0.985], [0.5, 0.985]])
-def test_what_filters_begins_where_the_core_has_no_slow_pole(linear, zeros):
-    """A core has the slow lag of a creep itself; of the same gain without it, the creep takes it over."""
-    gain = of("quadratic_gain", "", "input")
-    frame, core = Frame(linear[1], LARGEST, (gain,), [linear[0]]), Core(2, len(zeros) + 1)
-    a, b = -np.poly([0.99, 0.8])[1:], 0.3 * np.poly(zeros) * np.ones(1)
-    x = frame.placed(core, np.concatenate([a, b, [0.1]]))
-    x[frame.added[0][0]] = 0.2
-    fewer = faster(Row(Hypothesis(core, (gain,)), frame, x, 0.1, frame.parameters(core)))
-    small = fewer.hypothesis.core
-    assert (small.n_y, small.n_u) == (1, max(1, len(zeros))) and fewer.a == pytest.approx([0.8])
-    *left, constant = fewer.values[frame.used(small)][1 : small.n_u + 2]
-    assert sum(left) / 0.2 == pytest.approx(b.sum() / (1 - a.sum()))  # the gain at rest
-    assert constant / 0.2 == pytest.approx(0.1 / (1 - a.sum()))
-    assert fewer.values[frame.added[0][0]] == pytest.approx([0.2])  # bends the input, before any lag
-    assert np.isfinite(fewer.fitted)
-    swinging = np.concatenate([-np.poly([0.9 + 0.1j, 0.9 - 0.1j])[1:].real, b, [0.0]])
-    assert faster(Row(Hypothesis(core, (gain,)), frame, frame.placed(core, swinging), 0.1, 4)) is None
 
 
 def test_what_only_filters_is_one_of_few_beside_another_effect(linear):
@@ -595,34 +553,6 @@ def test_no_winner_costs_clearly_more_at_the_own_rate_than_another():
         assert not Table._needed(table, rows[best], None)
 
 
-def test_two_effects_at_the_input_are_asked_in_both_orders():
-    def row(price, *ids):
-        effects = tuple(SimpleNamespace(id=i, where="output" if i == "c" else "input") for i in ids)
-        made = SimpleNamespace(ids=ids, price=price, parameters=len(ids), beyond=lambda known: effects)
-        made.hypothesis = SimpleNamespace(effects=effects)
-        return made
-
-    a, b, c = row(1.0, "a"), row(2.0, "b"), row(1.5, "c")
-    rows, asked = [row(0.5, "a", "b"), a, b, c, row(0.7, "a", "c"), row(0.8, "a", "d"), row(3.0, "b")], []
-    search = SimpleNamespace(added=lambda row, variant, like, worth: asked.append((row, variant, like, worth)))
-    table = SimpleNamespace(rows=rows, search=search, beside=lambda known: rows)
-    turned(table, None)  # a lag is no effect at the input, and d does not stand alone
-    assert asked == [(b, a.hypothesis.effects[0], a, 0.5 + PER_EFFECT)]
-    rows.append(row(0.6, "b", "a"))
-    turned(table, None)
-    assert len(asked) == 1
-
-
-def test_a_single_sine_grows_no_core():
-    new = [SimpleNamespace(effect=None, where="input")]
-    row = SimpleNamespace(price=0.0, size=None, beyond=lambda base: new, ids=("a",), parameters=1)
-    asked = []
-    search = SimpleNamespace(next_to=lambda size: 1 / 0, near=lambda row, sizes, forms: asked.append(sizes) or [])
-    catalogue = SimpleNamespace(at_limit=lambda effect, where: [])
-    table = SimpleNamespace(one_sine=True, search=search, beside=lambda base: [row], catalogue=catalogue)
-    assert not Table._nearer(table, row, None) and asked == [[]]
-
-
 def test_what_is_missing_beside_a_winner_is_missing_at_the_own_rate():
     """A mean over several samples leaves what no effect removes: it is asked where it would decide."""
     base, near, far = (SimpleNamespace(held=h) for h in (1.0, 0.001, 0.2))
@@ -650,45 +580,6 @@ def test_what_costs_less_at_the_own_rate_is_a_rival():
     assert Table.unsure(table, [best, dear], rows) == [best, dear]
     cheaper = []
     assert Table.unsure(table, [best], rows) == [best]
-
-
-def test_what_wins_is_fitted_at_its_limit_too():
-    """Stiction of a valve without a jump is a play: from where it stands, and only where that is cheaper."""
-    rng = np.random.default_rng(5)
-    u = np.cumsum(rng.standard_normal(800)) / 10
-    y = lfilter([0, 0.2], [1, -0.8], truths.play(u, 0.4))
-    record = ns.Record.from_arrays(u, y + 0.01 * y.std() * rng.standard_normal(800), 0.01)
-    search = Search(small(record), [record], [(1, 1)])
-    (base,) = search.bases([1])
-    (valve,) = (e for e in EFFECTS["stiction"] if e.form == "of a valve")
-    (play,) = EFFECTS.at_limit(valve, "input")
-    assert play.id == "backlash" and not EFFECTS.at_limit(play, "input")
-    variant = Variant(valve, "input", "u")
-    search.limits[variant] = {"r": (0.01, 2.0), "e": (1e-4, 2.0)}
-    row = search.finish(search.look([base], variant, [(0.3, 0.01)])[0])
-    (made,) = search.near(row, [], [(0, play)])
-    assert made.ids == ("backlash",) and made.parameters == row.parameters - 1
-    assert made.before_judged < row.before_judged
-    assert made.values[made.frame.added[0][1]] == pytest.approx(0.4, abs=0.02)
-    assert search.near(row, [], [(0, play)]) == []
-
-
-def test_friction_that_its_channel_does_not_move_is_one_without_a_channel():
-    rng = np.random.default_rng(9)
-    u = np.repeat(rng.uniform(-1, 1, 60), 8)
-    y, x = np.zeros(u.size), lfilter([0, 0.3], [1, -0.7], u)
-    for i in range(1, u.size):
-        moved = x[i] - y[i - 1]
-        y[i] = y[i - 1] + moved - np.clip(moved, -0.1, 0.1)
-    record = ns.Record.from_arrays(u, y, 0.01, channels={"load": rng.uniform(1, 2, u.size)})
-    search = Search(small(record), [record], [(1, 1)])
-    (base,) = search.bases([1])
-    (pressed,) = (e for e in EFFECTS["channel_friction"] if e.form == "holding")
-    (bare,) = EFFECTS.at_limit(pressed, "motion")
-    variant = Variant(pressed, "motion", "y", "load")
-    search.limits[variant] = {"r": (0.01, 2.0), "q": (1e-4, 2.0)}
-    row = search.look([base], variant, [(0.1, 0.01)])[0]
-    assert row.ids == ("channel_friction:load",) and search.at_limit(row, bare).ids == ("coulomb_friction",)
 
 
 def one_of_a_table(price, *ids):

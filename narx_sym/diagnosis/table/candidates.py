@@ -18,13 +18,11 @@ from ...models.model import Model
 from ...symbolic import printing
 from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import passed
-from ..bases import BASE, joined
+from ..bases import BASE
 from ..refit import Fitted, Trial
-from ..settings import ALIKE, DRAWS, LEFT, PER_EFFECT, TOGETHER
+from ..settings import ALIKE, DRAWS, LEFT, TOGETHER
 from .finer import idle
-from .hypotheses import filters
 from .row import Row
-from .starts.restart import faster
 from .verdict import alike, cheapest, explained, probabilities, removes, verdict, winner
 
 if TYPE_CHECKING:
@@ -284,25 +282,6 @@ def closer(table: Table, best: Row, base: Row) -> bool:
     return table.asked(Catalogue({added.id: forms}), bases, best, ", in closer forms", base.price, base)
 
 
-def slower(table: Table, best: Row, base: Row) -> None:
-    """Fit what only filters beside an effect that wins alone, with every core.
-
-    The lags of the core stand for it, so that neither its direction nor what is left shows it.
-    """
-    if best.hypothesis.core.given or not best.hypothesis.core.n_y:
-        return
-    forms = {name: [e for e in of if filters(e)] for name, of in table.catalogue.items() if name not in best.ids}
-    few = Catalogue({name: of for name, of in forms.items() if of})
-    table.asked(few, [best], best, f", with {joined(few)}", best.price, base, best)
-    bare = faster(best)
-    if bare is None:
-        return
-    # Beside the core that has it all no derivative leads to the smaller one; one lag in place of a pole is the same.
-    rows = [r for r in table.rows if r.ids[:-1] == best.ids and r.ids[-1] in few and len(r.states) > 1]
-    for row in cheapest(rows, by=lambda r: r.before_judged):
-        table.search.added(bare, row.hypothesis.effects[-1], row, best.price)
-
-
 def jointly(table: Table, known: Row) -> None:
     """Fit all channels at once, each a further input of every core, and then fewer while that costs less.
 
@@ -327,17 +306,6 @@ def jointly(table: Table, known: Row) -> None:
         fewer = [row for out in kept for row in fitted(rows, [v for v in kept if v != out])]
         cheaper = [r for r in fewer if r.price < best[0].price]
         best = [min(cheaper, key=lambda r: r.price)] if cheaper else []
-
-
-def turned(table: Table, known: Row) -> None:
-    """Fit pairs at the input in the other order too: a gain before a limit is not one behind it."""
-    rows = [r for r in table.beside(known) if all(v.where == "input" for v in r.beyond(known))]
-    alone = {r.ids[-1]: r for r in cheapest([r for r in rows if len(r.beyond(known)) == 1])}
-    pairs = dict.fromkeys(tuple(v.id for v in r.beyond(known)) for r in rows if len(r.beyond(known)) == 2)
-    worth = cheapest(table.rows)[0].price + PER_EFFECT
-    for first, second in pairs:
-        if first in alone and second in alone and (second, first) not in pairs:
-            table.search.added(alone[second], alone[first].hypothesis.effects[-1], alone[first], worth)
 
 
 def candidates_of(table: Table, known: Row, best: Row, found: Sequence[Row], lowest: float) -> list[Candidate]:

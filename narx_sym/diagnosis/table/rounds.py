@@ -12,7 +12,7 @@ import numpy as np
 
 from ...data.evidence.levels import one_step, turning
 from ...data.evidence.rate import MOST, working
-from ...data.record import Record, one_sine
+from ...data.record import Record
 from ...errors import FitError
 from ...fit.identify import OPEN
 from ...models.effects import Catalogue
@@ -60,14 +60,12 @@ class Table:
         self.search.tried = set(catalogue)
         self._screened: dict[Fitted, Scored] = {}
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
-        self._tried: dict[tuple[Variant, ...], set[Core]] = {}  # cores that were fitted with these effects alone
         self._lost: set[tuple[tuple[Variant, ...], Core]] = set()  # cores of effects that left the table
         self._fitted: dict[Row, Fitted] = {}
         self._own: dict[Row, Fitted] = {}
         steps = quantum**2 / 12 / (float(np.var(np.concatenate([r.y for r in self.records]))) or 1.0)
         self.rounding = max(ROUNDING**2, steps * float(np.exp(ALIKE)))
         self.turning, self.one_step = turning(self.records), one_step(self.records)
-        self.one_sine = all(one_sine(r.u, r.Ts) for r in self.records)  # of a core it shows a gain and a phase alone
         if delay is None:
             near = range(max(0, given.delay - 1), given.delay + 2) if self.factor == 1 else [given.delay // self.factor]
             tried = {0, 1, 2, 3, *near}
@@ -300,13 +298,10 @@ class Table:
         """Return the first base and winner that can both be held at both rates; others leave the table.
 
         So does a winner that is not worth its price at the records' own rate, that raises the error on samples that
-        were held out there, or where fewer effects clearly cost less. The core of what is cheaper than the base, with
-        its delay, stands in the table without the effects too: what a delay explains they do not.
+        were held out there, or where fewer effects clearly cost less.
         """
         while True:
             base, best = choose()
-            if best is not None and (self._bare(base) or self._nearer(best, base)):
-                continue
             lost = [r for r in (base, best) if r is not None and not self.holds(r)]
             if not lost and best is not None and not self._shows(best, base):
                 lost = [best]
@@ -345,36 +340,6 @@ class Table:
         best = found[0]
         missed = (r for r in rivals(rows, best, 2 * PER_EFFECT) if self.holds(r) and self.worth(r, best))
         return found if len(found) > 1 else [best, *missed]
-
-    def _bare(self, base: Row) -> bool:
-        """Put the cores of what is cheaper than a base into the table with its effects alone; whether any came."""
-        effects = base.hypothesis.effects
-        alone = [r for r in self.rows if r.hypothesis.effects == effects and not r.hypothesis.core.given]
-        cheaper = {r.hypothesis.core: r for r in self.beside(base) if r.price < base.price}
-        tried = {r.hypothesis.core for r in alone} | self._tried.setdefault(effects, set())
-        found = []
-        for core, row in cheaper.items():
-            if alone and not core.given and core not in tried:
-                self._tried[effects].add(core)
-                x, n = alone[0].values.copy(), alone[0].frame.n_core
-                x[:n] = row.values[:n]
-                found.append(self.search.fitted(replace(alone[0].hypothesis, core=core), x, STEPS))
-        self.rows.extend(r.judged() for r in found if r is not None)
-        return any(r is not None for r in found)
-
-    def _nearer(self, best: Row, base: Row) -> bool:
-        """Fit what is near a winner, and near what may be taken for it, from where that stands.
-
-        False where nothing came of it, or all was tried.
-        """
-        found = []
-        for row in (r for r in cheapest(self.beside(base)) if r.beyond(base) and r.price <= best.price + PER_EFFECT):
-            new = enumerate(row.beyond(base), -len(row.beyond(base)))
-            forms = [(i, e) for i, v in new for e in self.catalogue.at_limit(v.effect, v.where)]
-            found += self.search.near(row, [] if self.one_sine else self.search.next_to(row.size), forms)
-        for row in found:
-            self.search.finish(row)
-        return bool(found)
 
     def worth(self, row: Row, base: Row, by: float = 0.0) -> bool:
         """Whether a row costs less than another, `by` so much, at the records' own rate, on all but sealed samples."""

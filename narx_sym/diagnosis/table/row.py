@@ -83,7 +83,7 @@ class Row:
         """How many effects it has, with what its core does like one."""
         return len(self.hypothesis.effects) + self.more
 
-    @property
+    @cached_property
     def charged(self) -> float:
         """How many effects it pays for: a sum of like parts with weights of both signs is two, one against another.
 

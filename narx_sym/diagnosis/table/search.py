@@ -15,7 +15,6 @@ from ...fit.bases.judged import LITTLE
 from ...fit.freerun import has_integrator
 from ...fit.identify import FEWEST
 from ...fit.simulate import parts
-from ...models.effects import Effect
 from ...models.extend import Variant, rubs
 from ...models.model import Model
 from ..settings import BLOCKS, BRIEF, CLOSER, FIRST, FORGOTTEN, FULL, GAIN, HIGHER, LOOK, LOOKS, NEAR, STEPS
@@ -23,7 +22,7 @@ from .frame import Frame
 from .hypotheses import Core, Hypothesis, family_of, ladder, written
 from .row import Row
 from .starts.arx import arx_start
-from .starts.restart import beginnings, slower, whole
+from .starts.restart import beginnings, whole
 from .verdict import price
 
 Array = np.ndarray
@@ -53,7 +52,6 @@ class Search:
         self.frames: dict[Any, Frame] = {}
         self.rows: list[Row] = []
         self.higher: list[tuple[int, int]] = []
-        self._near: set[tuple[Hypothesis, Core | tuple[int, Effect]]] = set()  # fitted from where a hypothesis stands
         self.idle: dict[Row, bool] = {}  # see `finer.idle`
         self.tried: set[str] = set()  # effects whose Taylor polynomials do not stand for them
         self.withheld: list[Row] = []
@@ -361,51 +359,6 @@ class Search:
         """Fit an effect beside what a row has, from the shape that it has last in another row, to the end."""
         made = self._beside(row, variant, like.values[like.frame.added[-1][1]].tolist(), NEAR)
         return made and self.finish(made, worth=worth)
-
-    def next_to(self, size: Core) -> list[Core]:
-        """Return the open cores that hold one of this size, and no other that does."""
-        cores = self.cores([0])
-        return [c for c in cores if c != size and c.holds(size) and size.next_to(c, cores)]
-
-    def near(self, row: Row, sizes: Iterable[Core], forms: Iterable[tuple[int, Effect]]) -> list[Row]:
-        """Fit larger cores, and what effects of a row are at their limits, from where it stands: what is cheaper.
-
-        A core that was fitted without an effect begins where it imitates the effect, a dead time imitates a lag, and an
-        effect with more freedom finds its way where its limit does not. Nothing is tried twice.
-        """
-        ordered = sorted((c for c in sizes if self._first(row, c)), key=lambda c: (c.n_y, c.n_u))
-        found = [self.enlarged(row, c) for c in ordered]
-        found += [self.at_limit(row, form, i) for i, form in forms if self._first(row, (i, form))]
-        closer = (whole(r, self._keeps, row.before_judged) for r in found if r is not None)
-        return [r for r in closer if r.before_judged < row.before_judged]
-
-    def _first(self, row: Row, to: Core | tuple[int, Effect]) -> bool:
-        first = (row.hypothesis, to) not in self._near
-        self._near.add((row.hypothesis, to))
-        return first
-
-    def enlarged(self, row: Row, size: Core) -> Row | None:
-        """Fit a larger core from where a row stands; a lag more is none yet, or stands for a part of the dead time."""
-        core, found = row.hypothesis.core, []
-        for less in range(core.delay + 1 if self.tunes and size.n_y > core.n_y and not core.integrating else 1):
-            other = replace(row.hypothesis, core=replace(size, delay=core.delay - less))
-            found.append(self.fitted(other, slower(row, less / (1 + less)), NEAR, gain=BRIEF))
-        return min((r for r in found if r is not None), key=lambda r: r.fitted, default=None)
-
-    def at_limit(self, row: Row, effect: Effect, i: int = -1) -> Row | None:
-        """Fit what the effect i of a row is at the limit of its shape, from where the row stands."""
-        effects = list(row.hypothesis.effects)
-        old = effects[i]
-        effects[i] = new = replace(old, effect=effect, channel=old.channel if "channel" in effect.arguments else None)
-        self.limits.setdefault(new, {p: self.limits[old][p] for p in new.shape})
-        hypothesis = replace(row.hypothesis, effects=tuple(effects))
-        frame = self.frame(hypothesis.effects, row.hypothesis.core.given)
-        x = np.zeros(frame.size)
-        x[: frame.n_core] = row.values[: frame.n_core]
-        for was, now, had, has in zip(row.frame.added, frame.added, row.hypothesis.effects, effects, strict=True):
-            shape = dict(zip(had.shape, row.values[was[1]], strict=True))
-            x[now[0]], x[now[1]] = row.values[was[0]], [shape[p] for p in has.shape]
-        return self.fitted(hypothesis, x, NEAR, gain=BRIEF)
 
     def tuned(self, row: Row, steps: int = STEPS) -> Row:
         """Move the delay of a row while that helps."""

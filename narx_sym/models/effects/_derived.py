@@ -5,8 +5,9 @@ Equations are compared in numbers, at points at which every sample has a value o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
+from itertools import takewhile
 from math import inf, nan
 from random import Random
 from typing import Any
@@ -19,6 +20,7 @@ POINTS, EXACT = 12, 1e-9  # where equations are compared; what is no difference 
 FAR = {0.0: 1e-12, inf: 1e9}  # in the place of a limit
 WITHIN, BEYOND = 0.3, 3.0  # of a limit
 MIDDLE = 0.7  # a shape parameter
+X = sp.Symbol("x", real=True)  # the present sample of what drives an effect
 
 
 def at_limit(one: Any, others: Iterable[Any]) -> tuple[str, float, str] | tuple[()]:
@@ -28,26 +30,23 @@ def at_limit(one: Any, others: Iterable[Any]) -> tuple[str, float, str] | tuple[
         alike = other.id != one.id and other.standing == one.standing and {*other.places} & {*one.places}
         if len(gone) != 1 or not alike or tuple(p for p in one.shape if p != gone[0]) != other.shape:
             continue
-        wanted = _values(other, {})
         for value, near in FAR.items():
-            found = _values(one, {gone[0]: near})
-            same = len(found) == len(wanted) and all(abs(a - b) < EXACT for a, b in zip(found, wanted, strict=True))
-            if same and any(abs(a) > EXACT for a in wanted):
+            same = list(takewhile(_equal, zip(_values(one, {gone[0]: near}), _values(other, {}), strict=True)))
+            if len(same) == POINTS and any(abs(value) > EXACT for _, wanted in same for value in wanted):
                 return gone[0], value, other.id
     return ()
 
 
 def taylor(one: Any, others: Iterable[Any]) -> tuple[int, str] | tuple[()]:
     """Return the degree n of an effect x[k]^n, and which other one begins with minus that in its Taylor series."""
-    x = sp.Dummy("x", real=True)
-    z = _alone(one, x)
-    if z is None or not (z.is_Pow and z.base == x and z.exp > 1):
+    z = _alone(one)
+    if z is None or not (z.is_Pow and z.base == X and z.exp > 1):
         return ()
     for other in others:
-        series = _alone(other, x) if other.id != one.id and {*other.places} & {*one.places} else None
+        series = _alone(other) if other.id != one.id and {*other.places} & {*one.places} else None
         if series is None or not series.atoms(sp.tanh, sp.sin) or series.has(sp.Abs, sp.Max, sp.Min, sp.sign):
             continue
-        orders = (series.diff(x, n).xreplace({x: sp.S.Zero}) for n in range(1, int(z.exp) + 1))
+        orders = (series.diff(X, n).xreplace({X: sp.S.Zero}) for n in range(1, int(z.exp) + 1))
         first = next(((n, c) for n, c in enumerate(orders, 1) if c != 0), (0, sp.S.Zero))
         if first[0] == z.exp and first[1].is_negative:
             return int(z.exp), other.id
@@ -79,12 +78,13 @@ def alike(form: Any) -> bool:
     ) == len(own)
 
 
-def _alone(one: Any, x: Any) -> Any:
+@lru_cache(maxsize=512)
+def _alone(one: Any) -> Any:
     """Return what an effect contributes as a function of the present sample of its driver alone; None else."""
     if "steps" in {s.of for s in one.scan.values()}:
         return None
     form = one.equations(Ts=sp.Float(0.01))
-    z = form.z[0].xreplace({signal("x")[k]: x})
+    z = form.z[0].xreplace({signal("x")[k]: X})
     return z if len(form.z) == 1 and not form.states and not samples(z) else None
 
 
@@ -111,12 +111,17 @@ def _number(expr: Any, known: Mapping[str, float], level: float | None = None, p
     return float(value) if value.is_number and value.is_extended_real else nan
 
 
-def _values(one: Any, given: Mapping[str, float]) -> list[float]:
-    """Return what an effect contributes at every point."""
-    form, found = one.equations(**_shape(one, given)), []
+def _values(one: Any, given: Mapping[str, float]) -> Iterator[list[float]]:
+    """Give what an effect contributes at each point."""
+    form = one.equations(**_shape(one, given))
     for point in range(POINTS):
         known: dict[str, float] = {}
         for state in form.states:
             known[str(state.left.base)] = _number(state.right, known, None, point)
-        found += [_number(z, known, None, point) for z in form.z]
-    return found
+        yield [_number(z, known, None, point) for z in form.z]
+
+
+def _equal(pair: tuple[list[float], list[float]]) -> bool:
+    """Whether two effects contribute the same at a point."""
+    found, wanted = pair
+    return len(found) == len(wanted) and all(abs(a - b) < EXACT for a, b in zip(found, wanted, strict=True))

@@ -192,7 +192,7 @@ class Effect(EffectDoors):
         """Whether it stands behind a lag of its own, which is no more than a part of it."""
         return len(self.shape) > 1 and any(s.of == "time" for s in self.scan.values())
 
-    @property
+    @cached_property
     def weights(self) -> bool:
         """Whether its coefficients are weights of like parts: with both signs it is two, one against the other."""
         return _derived.alike(self.equations(**dict.fromkeys(self.steps, 1)))
@@ -212,17 +212,17 @@ class Effect(EffectDoors):
         """(degree, id) where it takes away as the Taylor polynomial of another effect, but turns back; or nothing."""
         return _derived.taylor(self, EFFECTS.all())
 
-    @property
+    @cached_property
     def steps(self) -> tuple[str, ...]:
         """Names of the shape parameters that are numbers of samples."""
         return tuple(p for p, s in self.scan.items() if s.of == "steps")
 
-    @property
+    @cached_property
     def arguments(self) -> tuple[str, ...]:
         """Names of the arguments, in order."""
         return tuple(inspect.signature(self.function).parameters)
 
-    @property
+    @cached_property
     def shape(self) -> tuple[str, ...]:
         """Names of the shape parameters, in order."""
         return tuple(a for a in self.arguments if a not in SEQUENCES and a != "Ts")
@@ -314,14 +314,6 @@ class Catalogue(dict[str, list[Effect]]):
         """Add a form; the same form twice replaces the first."""
         forms = self.setdefault(one.id, [])
         forms[:] = [f for f in forms if f.form != one.form] + [one]
-
-    def at_limit(self, one: Effect, where: str) -> list[Effect]:
-        """Return what an effect is at the limit of its shape, in that place; none where it has no limit."""
-        if not one.limit:
-            return []
-        kept = tuple(p for p in one.shape if p != one.limit[0])
-        forms = self.get(one.limit[2], [])
-        return [f for f in forms if f.shape == kept and where in f.places and f.standing == one.standing]
 
     def without(self, *ids: str) -> Catalogue:
         """Return a catalogue that lacks some effects.

@@ -10,7 +10,6 @@ import numpy as np
 
 from ....data.record import Record
 from ....engines.algebra import filtered
-from ....fit.bases.integrating import poles
 from ....symbolic.signals import samples
 from ...settings import HALF, MOVES, PER_PARAMETER, TURNS
 from ..frame import Frame
@@ -196,40 +195,6 @@ def _placed(frame: Frame, x: Array, core: Core, records: Sequence[Record], guess
         linear, errors = start_beside(records, core, guess[: core.n_y])
         points.append(frame.problem.begun(frame.put(x, core, linear), errors))
     return points
-
-
-def slower(row: Row, pole: float) -> Array:
-    """Return where a row stands with one more pole in front of its core, of the same gain."""
-    x, core = row.values.copy(), row.hypothesis.core
-    if pole:
-        x[: core.n_y + 1] = -np.convolve(np.append(1.0, -row.a), [1.0, -pole])[1:]
-        x[row.frame.used(core)[core.n_y :][: core.n_u + 1]] *= 1 - pole
-        for variant, (cs, _) in zip(row.hypothesis.effects, row.frame.added, strict=True):
-            x[cs] *= 1 - pole if variant.where in MACHINE else 1.0
-    return x
-
-
-def faster(row: Row) -> Row | None:
-    """Return a row without the slowest pole of its core and the zero next to it, of the same gain.
-
-    None where no pole decays without swinging: an effect that filters takes over what is slow.
-    """
-    core, frame = row.hypothesis.core, row.frame
-    A, B = polynomial(row.a), row.values[frame.used(core)][core.n_y :][: core.n_u]
-    slow = max((p.real for p in poles(row.a) if p.imag == 0 and 0 < p.real < 1), default=None)
-    if core.given or core.integrating or slow is None or not B[0] or not B.sum():
-        return None
-    others, zeros = (np.roots(x) for x in (A, B))
-    others, zeros = (np.delete(x, np.argmin(np.abs(x - slow))) if x.size else x for x in (others, zeros))
-    a, b = (np.atleast_1d(np.poly(x)).real for x in (others, zeros))
-    share = a.sum() / A.sum()
-    x, small = row.values.copy(), replace(core, n_y=core.n_y - 1, n_u=max(1, core.n_u - 1))
-    constant = x[frame.used(core)][core.n_y + core.n_u]
-    x[: frame.used(core)[core.n_y + core.n_u]] = 0.0
-    x = frame.put(x, small, np.concatenate([-a[1:], b * share * B.sum() / b.sum(), [share * constant]]))
-    for variant, (cs, _) in zip(row.hypothesis.effects, frame.added, strict=True):
-        x[cs] *= share if variant.where in MACHINE else 1.0
-    return Row(replace(row.hypothesis, core=small), frame, x, frame.error(x, small), frame.parameters(small))
 
 
 def whole(row: Row, keeps: Callable[[Row], bool], worth: float) -> Row:
