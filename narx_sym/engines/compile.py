@@ -98,13 +98,13 @@ class Compiled:
 
         plain, numbers = lifted(recursion)
 
-        def make() -> tuple[Any, Any, bytes]:
+        def make() -> tuple[Any, bytes]:
             plan = Plan.of(plain)
-            return Layout.of(plan).plain, *coded(plan)
+            return Layout.of(plan).plain, coded(plan)
 
-        told, engine = kept(written(plain), make)
+        told, code = kept(written(plain), make)
         layout = replace(Layout.read(told), parameters=len(recursion.parameters))
-        run = bound(engine, len(layout.states) + len(layout.inputs), numbers)
+        run = bound(code, len(layout.states) + len(layout.inputs), numbers)
         return cls(layout, run, "native", recursion)
 
     def __call__(
@@ -257,21 +257,21 @@ def _compiled(recursion: Recursion, engine: str) -> Compiled:
     return Compiled.kept(recursion)
 
 
-def kept(recipe: str, make: Callable[[], tuple[Any, Any, bytes]]) -> tuple[Any, Any]:
-    """Return plain data and the engine of machine code; from an earlier process if it was kept.
+def kept(recipe: str, make: Callable[[], tuple[Any, bytes]]) -> tuple[Any, Any]:
+    """Return plain data and loaded machine code; from an earlier process if it was kept.
 
-    `make` returns both and the code itself; `recipe` tells all that they are made from.
+    `make` returns both; `recipe` tells all that they are made from.
     """
     from .machine.emitter import loaded, processor
 
     key = "\n".join((processor(), _rules(), sp.__version__, recipe))
     content = cache.kept(key)
-    if content is not None:
-        header, _, code = content.partition(b"\n")
-        return json.loads(header), loaded(code)
-    told, engine, code = make()
-    cache.keep(key, json.dumps(told).encode() + b"\n" + code)
-    return told, engine
+    if content is None:
+        told, code = make()
+        content = json.dumps(told).encode() + b"\n" + code
+        cache.keep(key, content)
+    header, _, code = content.partition(b"\n")
+    return json.loads(header), loaded(code, "run")
 
 
 def written(recursion: Recursion) -> str:

@@ -52,13 +52,13 @@ class Tangents:
     width, directions : int
     """
 
-    def __init__(self, told: Any, engine: Any, directions: int, numbers: Array):
+    def __init__(self, told: Any, code: Any, directions: int, numbers: Array):
         from .machine.native import bound
 
         layout, self.keys, self.width = told
         self.layout, self.directions = Layout.read(layout), directions
         count = len(self.layout.states) + len(self.layout.inputs)
-        self.compiled = Compiled(self.layout, bound(engine, count + 2, numbers), "native")
+        self.compiled = Compiled(self.layout, bound(code, count + 2, numbers), "native")
 
     def over(self, inputs: Mapping[str, Array], initial: Mapping[str, Any], begin: Begin) -> Walk:
         """Return the run over some samples.
@@ -123,13 +123,13 @@ def with_slopes(recursion: Recursion, groups: tuple[tuple[Any, ...], ...], outpu
     directions = len(parameters) + len(groups)
     plain, numbers = lifted(recursion)
 
-    def make() -> tuple[Any, Any, bytes]:
+    def make() -> tuple[Any, bytes]:
         from .machine.lanes import Lanes
         from .machine.native import coded
 
         at = recursion.states.index(output)
         lanes = Lanes.of(plain, Tangent.of(plain, parameters), groups, at)
-        return (Layout.of(lanes.plan).plain, lanes.keys, lanes.width), *coded(lanes.plan, lanes)
+        return (Layout.of(lanes.plan).plain, lanes.keys, lanes.width), coded(lanes.plan, lanes)
 
     found = kept(f"with slopes of {output.name} {len(groups)} {written(plain)}", make)
     return Tangents(*found, directions, numbers)

@@ -173,12 +173,12 @@ def _emit_banded(module: ir.Module) -> None:
 @once
 def _loaded() -> tuple[Any, Any, Any, Any]:
     """Return the machine code, to be kept alive, and its functions."""
-    engine = kept_machine_code(emit())
+    code = kept_machine_code(emit(), "gram", "solve", "banded")
     pointer, whole = ctypes.c_void_p, ctypes.c_int64
-    gram = ctypes.CFUNCTYPE(None, *[pointer] * 3, *[whole] * 4)(engine.get_function_address("gram"))
-    solve = ctypes.CFUNCTYPE(whole, *[pointer] * 4, whole, ctypes.c_double)(engine.get_function_address("solve"))
-    banded = ctypes.CFUNCTYPE(None, *[pointer] * 2, *[whole] * 3)(engine.get_function_address("banded"))
-    return engine, gram, solve, banded
+    gram = ctypes.CFUNCTYPE(None, *[pointer] * 3, *[whole] * 4)(code["gram"])
+    solve = ctypes.CFUNCTYPE(whole, *[pointer] * 4, whole, ctypes.c_double)(code["solve"])
+    banded = ctypes.CFUNCTYPE(None, *[pointer] * 2, *[whole] * 3)(code["banded"])
+    return code, gram, solve, banded
 
 
 def add_grams(J: Array, blocks: Sequence[tuple[int, slice]], out: Array) -> None:

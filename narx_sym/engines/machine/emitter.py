@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from functools import cache as once
+from itertools import count
 from typing import Any
 
 import llvmlite
@@ -178,19 +179,18 @@ def fused() -> bool:
     )
 
 
-def _machine() -> Any:
-    """Return a description of this processor; an engine takes it over."""
+@once
+def _target() -> Any:
+    """Return a description of this processor."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     host = llvm.Target.from_default_triple()
     return host.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3, reloc="pic"
     )
 
 
-_target = once(_machine)
-
-
+@once
 def processor() -> str:
     """Return what machine code depends on beside what it is made from, as text."""
     llvm.initialize_native_target()
@@ -198,8 +198,8 @@ def processor() -> str:
     return "\n".join((*made_by, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()))
 
 
-def machine_code(module: ir.Module, straight: bool = False) -> tuple[Any, bytes]:
-    """Load a module; return its engine, to be kept alive while its functions are used, and its code.
+def machine_code(module: ir.Module, straight: bool = False) -> bytes:
+    """Return the machine code of a module.
 
     Code that is `straight` already, with its common parts taken out and nothing left to do for several samples at once,
     is not optimised once more: that took half of the time to make it or more, and what came out ran as fast (2 % of a
@@ -211,27 +211,31 @@ def machine_code(module: ir.Module, straight: bool = False) -> tuple[Any, bytes]
         options = llvm.create_pipeline_tuning_options(speed_level=3)
         passes = llvm.create_pass_builder(_target(), options)
         passes.getModulePassManager().run(parsed, passes)
-    engine = llvm.create_mcjit_compiler(parsed, _machine())
-    made: list[bytes] = []
-    engine.set_object_cache(notify_func=lambda _, code: made.append(code))
-    engine.finalize_object()
-    return engine, made[0]
+    return bytes(_target().emit_object(parsed))
 
 
-def kept_machine_code(module: ir.Module) -> Any:
-    """Return the engine of a module whose code is kept between processes, under the text of the module."""
+def kept_machine_code(module: ir.Module, *names: str) -> Any:
+    """Return the functions of a module by name, of code that is kept between processes under the module's text."""
     key = f"{processor()}\n{module}"
     code = cache.kept(key)
-    if code is not None:
-        return loaded(code)
-    engine, code = machine_code(module)
-    cache.keep(key, code)
-    return engine
+    if code is None:
+        code = machine_code(module)
+        cache.keep(key, code)
+    return loaded(code, *names)
 
 
-def loaded(code: bytes) -> Any:
-    """Load machine code that was made before; return its engine."""
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
-    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-    engine.finalize_object()
-    return engine
+_numbered = count()
+
+
+@once
+def _loader() -> Any:
+    _target()  # initialises what a loader needs
+    return llvm.create_lljit_compiler()
+
+
+def loaded(code: bytes, *names: str) -> Any:
+    """Load machine code; return the addresses of functions by name, to be kept alive while they are used."""
+    library = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
+    for name in names:
+        library.export_symbol(name)
+    return library.link(_loader(), f"code {next(_numbered)}")

@@ -10,7 +10,7 @@ import numpy as np
 from llvmlite import ir
 
 from ..plan import Plan
-from .emitter import BOOL, DOUBLE, INT, Emitter, loop, machine_code, multiply_add
+from .emitter import BOOL, DOUBLE, INT, Emitter, loaded, loop, machine_code, multiply_add
 from .lanes import Lanes
 
 MAX_CARRIED = 8  # older samples of a state are read from memory
@@ -185,8 +185,8 @@ def _emit_steps(plan: Plan, lanes: Lanes | None = None) -> ir.Module:
     return f.module
 
 
-def coded(plan: Plan, lanes: Lanes | None = None) -> tuple[Any, bytes]:
-    """Return the engine and the machine code of a plan, of its tangents too where they are given.
+def coded(plan: Plan, lanes: Lanes | None = None) -> bytes:
+    """Return the machine code of a plan, of its tangents too where they are given.
 
     The loop over k is written in blocks where the algebra allows it, else step by step: that code is straight.
     """
@@ -196,13 +196,13 @@ def coded(plan: Plan, lanes: Lanes | None = None) -> tuple[Any, bytes]:
 
 def build(plan: Plan) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) for a plan."""
-    return bound(coded(plan)[0], len(plan.signals), np.zeros(0))
+    return bound(loaded(coded(plan), "run"), len(plan.signals), np.zeros(0))
 
 
-def bound(engine: Any, count: int, numbers: np.ndarray) -> Callable[..., int]:
+def bound(code: Any, count: int, numbers: np.ndarray) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) of loaded machine code over so many arrays; `numbers` follow theta."""
     signature = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * (count + 1), ctypes.c_int64, ctypes.c_int64)
-    function = signature(engine.get_function_address("run"))
+    function = signature(code["run"])
 
     def given(theta: np.ndarray) -> np.ndarray:
         return np.concatenate([theta, numbers]) if numbers.size else theta
@@ -221,5 +221,5 @@ def bound(engine: Any, count: int, numbers: np.ndarray) -> Callable[..., int]:
 
         return move
 
-    run.engine, run.over = engine, over  # type: ignore[attr-defined]  # keeps the machine code alive
+    run.code, run.over = code, over  # type: ignore[attr-defined]  # keeps the machine code alive
     return run
