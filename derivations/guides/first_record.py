@@ -39,8 +39,8 @@ def shell(line):
 
 # %% [markdown]
 # ## Fit
-# `fit` selects the terms by the error reduction ratio, imposes Sigma_y = 1, fits one step ahead and in free run, and
-# keeps the better free run. Leave out a start transient (`--rows 20:`): it can change what is selected.
+# `fit` selects the terms by the error reduction ratio, imposes Sigma_y = 1, and fits one step ahead and
+# from there in free run. Leave out a start transient (`--rows 20:`): it can change what is selected.
 # `--for-compensation` only uses terms for which a law exists (Assumption A1), and skips models with an unstable law.
 
 # %%

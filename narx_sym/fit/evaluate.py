@@ -279,6 +279,13 @@ def evaluate(model: Model, records: Records, align: bool = False) -> Errors:
     )
 
 
+def free_run_nrmse(model: Model, records: Records) -> float:
+    """Compute the free-run error of `evaluate` alone."""
+    listed = in_units(segments(records), model.info.units)
+    target = np.concatenate([arrays(model, r)[model.output.name] for r in listed])
+    return measure(target, along(model, listed, free_run))[0]
+
+
 def digits(model: Model, records: Records) -> int:
     """Return how many significant digits of its parameters a model needs on paper, at least four.
 

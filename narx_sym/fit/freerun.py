@@ -77,10 +77,13 @@ def _sums_to_one(core: Any, inner: Any, constraints: tuple[Any, ...], simplify: 
 
 def load_of(model: Model) -> Any:
     """Return the constant of a model that integrates: an unknown load, which may differ between records; else None."""
-    core = expand_phi(model.core, model.input)
-    beside = ((s, sp.diff(core, s)) for s in model.symbols)
-    load = next((s for s, slope in beside if slope != 0 and not samples(slope) and not slope.has(s)), None)
-    return load if load is not None and has_integrator(model) else None
+    return _constant(expand_phi(model.core, model.input), model.symbols) if has_integrator(model) else None
+
+
+@lru_cache(maxsize=64)
+def _constant(core: Any, symbols: tuple[Any, ...]) -> Any:
+    beside = ((s, sp.diff(core, s)) for s in symbols)
+    return next((s for s, slope in beside if slope != 0 and not samples(slope) and not slope.has(s)), None)
 
 
 def determined(z: Array, size: Array) -> bool:
@@ -363,8 +366,10 @@ class FreeRun:
         if not start.size:
             raise FitError("There is nothing to fit: the model has no free parameter and no unknown start.")
         if not np.all(np.isfinite(self.run(start)[0])):
+            one_step = "fit one step ahead with fewer terms first, or give theta."
+            own = "give start values nearer to the machine, or narrower bounds."
             raise FitError(
-                "The free run of the start values diverges: fit one step ahead with fewer terms first, or give theta."
+                f"The free run of the start values diverges: {one_step if isinstance(self.model, NARX) else own}"
             )
         bounds = self.bounds(limits or {})
 
@@ -444,11 +449,12 @@ class FreeRun:
         """Return the standard errors of the parameters at a minimum, under white noise; NaN where undetermined."""
         # A start that moves nothing, as of a play that the input soon takes along, leaves the others determined.
         moves = np.any(found.jac != 0, axis=0) | (np.arange(found.x.size) < self.free)
-        R = qr(found.jac[:, moves], mode="economic")[1]
+        with one_blas_thread():
+            R = qr(found.jac[:, moves], mode="economic")[1]
         freedom = max(1, self.edges[-1] - found.x.size)
         Z = self.elimination.Z
         try:
-            with np.errstate(all="ignore"):
+            with np.errstate(all="ignore"), one_blas_thread():
                 inverse = solve_triangular(R, np.eye(R.shape[0]))
                 whole = 2 * found.cost / freedom * inverse @ inverse.T
                 found_errors = np.sqrt(np.maximum(np.diag(Z @ whole[: self.free, : self.free] @ Z.T), 0.0))

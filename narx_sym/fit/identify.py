@@ -30,9 +30,9 @@ from .bases.integrating import grows, hardly_decays, integrates
 from .bases.judged import judged
 from .bases.play import KNOTS, PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
-from .evaluate import evaluate
+from .evaluate import free_run_nrmse
 from .laws.excursions import law_radius
-from .least_squares import check_method, fit
+from .least_squares import check_method, estimate, fit
 from .simulate import Records, centre, segments
 
 Array = np.ndarray
@@ -122,7 +122,7 @@ def identify(  # noqa: PLR0913
     functions, criterion, n_terms, max_terms
         See `pool` and `select`.
     method : "auto", "one_step", "free_run" or "els"
-        How the parameters are fitted. `auto` fits one step ahead and in free run, and keeps the better free run.
+        How the parameters are fitted. `auto` fits one step ahead, and from there in free run.
     point : mapping or "auto"
         Operating point such as {"u": 1.0, "y": 2.0} [units of u and y]; {} measures the signals from zero.
     plays, knots : int
@@ -397,8 +397,8 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
     for model in tried:  # grows by those that integrate
         fits.append(model)
         try:
-            fitted = fits[-1] = fit(model, train, method=method, max_steps=PATH_STEPS, warn=False)
-            score = evaluate(fitted, held).free_run_nrmse
+            fitted = fits[-1] = estimate(model, train, method=method, max_steps=PATH_STEPS)[0]
+            score = free_run_nrmse(fitted, held)
         except FitError:
             continue
         row = (score, len(model.symbols) - len(model.constraints), len(fits) - 1)

@@ -182,8 +182,9 @@ def solve_factor(R: Array, rows: int, names: Sequence[str]) -> tuple[Array, Arra
             "The regressors are linearly dependent on these data: the input does not excite the model enough, "
             "or a term repeats others. Use fewer terms or a richer input."
         )
-    z = solve_triangular(square, R[:p, p]) / scale
-    inverse = solve_triangular(square, np.eye(p)) / scale[:, None]
+    with one_blas_thread():
+        z = solve_triangular(square, R[:p, p]) / scale
+        inverse = solve_triangular(square, np.eye(p)) / scale[:, None]
     variance = R[p, p] ** 2 / (rows - p)
     return z, variance * inverse @ inverse.T
 
@@ -308,8 +309,8 @@ def fit(
     constraints : sequence of Eq in the model's symbols and of "continuum", or "continuum" alone, optional
         "continuum" stands for all conditions under which every output may rest. By default what the model carries.
     method : "one_step", "free_run", "els" or "auto"
-        `auto` fits one step ahead, then in free run, and keeps the better free run. `els` is one step ahead with a
-        moving average of the noise.
+        `auto` fits one step ahead, and from there in free run where that does not diverge. `els` is one step ahead
+        with a moving average of the noise.
     starts, seed : int
         Of the free-run fit: how many start values are refined (see `freerun.free_run_fit`).
     warn : bool
@@ -334,31 +335,48 @@ def fit(
     check_method(method)
     points = check_steady_state(model, steady_state, weight, method)
     records = in_units(segments(records), model.info.units)
-    if method == "auto":
-        better = _better_fit(model, records, constraints, max_steps, starts, seed)
-        return unfinished(described(better, records)) if warn else better
+    made, method, converged = estimate(model, records, constraints, method, max_steps, starts, seed, points, weight)
+    made = describe(made, records, method, converged)
+    return unfinished(described(made, records)) if warn else made
+
+
+def estimate(
+    model: Model,
+    records: Sequence[Record],
+    constraints: Sequence[Any] | str | None = None,
+    method: str = "auto",
+    max_steps: int = 60,
+    starts: int = 1,
+    seed: int = 0,
+    points: Array | None = None,
+    weight: float = 1.0,
+) -> tuple[Model, str, bool]:
+    """Estimate parameters as `fit` does: the model without its description, how it was fitted, whether it converged."""
     check_excitation(*records)
     equations = constraint_equations(model, constraints)
     converged = True
-    if method in ("one_step", "els") or model.theta is None:
+    auto = method == "auto" and isinstance(model, NARX)
+    if method in ("one_step", "els") or auto or model.theta is None:
         if not isinstance(model, NARX):
             raise FitError("This model is not linear in its parameters: give start values and use method='free_run'.")
         if method == "els":
             theta, errors, converged = extended(model, records, equations)
         else:
             theta, errors = one_step(model, records, equations, points, weight)
-    if method == "free_run":
-        begin = theta if model.theta is None else model.theta
-        theta, errors, converged = free_run_fit(model, records, equations, begin, max_steps, starts, seed)
+    if method in ("free_run", "auto"):
+        begin = theta if auto or model.theta is None else model.theta
+        try:
+            theta, errors, converged = free_run_fit(model, records, equations, begin, max_steps, starts, seed)
+            method = "free_run"
+        except FitError:
+            if not auto:
+                raise
+            method = "one_step"
     if not np.all(np.isfinite(theta)):
         raise FitError("The estimate is not finite; check the data ranges.")
-    made = model.replace(
-        theta=theta.tolist(),
-        standard_errors=errors,
-        constraints=model.constraints if constraints is None else equations,
-    )
-    made = describe(made, records, method, converged)
-    return unfinished(described(made, records)) if warn else made
+    known = model.constraints if constraints is None else equations
+    made = model.replace(theta=theta.tolist(), standard_errors=errors, constraints=known, Ts=records[0].Ts)
+    return made, method, converged
 
 
 def unfinished(model: Model) -> Model:
@@ -375,20 +393,6 @@ def unfinished(model: Model) -> Model:
 def free_run_error(model: Model) -> float:
     """Return the free-run NRMSE on the records that a model was fitted on."""
     return model.info.nrmse.free_run if model.info.nrmse else float("inf")
-
-
-def _better_fit(
-    model: Model, records: Records, constraints: Sequence[Any] | str | None, max_steps: int, starts: int, seed: int
-) -> Model:
-    """Fit one step ahead and in free run, and return the better free run; a failed free-run fit counts for nothing."""
-    if not isinstance(model, NARX):
-        return fit(model, records, constraints, "free_run", max_steps, starts, seed, warn=False)
-    one = fit(model, records, constraints, warn=False)
-    try:
-        free = fit(one, records, constraints, "free_run", max_steps, starts, seed, warn=False)
-    except FitError:
-        return one
-    return one if free_run_error(free) > free_run_error(one) else free
 
 
 def described(model: Model, records: Records) -> Model:
@@ -421,7 +425,7 @@ def describe(model: Model, records: Records, method: str, converged: bool) -> Mo
         roles=dict(parts[0].roles),
         **seen(signals, Ts),
     )
-    return model.replace(Ts=Ts, info=info)
+    return model.replace(info=info)
 
 
 def _step(pieces: Sequence[Array]) -> float:

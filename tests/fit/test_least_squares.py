@@ -327,15 +327,8 @@ def test_auto_keeps_the_better_free_run():
     assert auto.constraints == one.constraints and auto.theta[0] == 1
 
 
-def test_auto_keeps_one_step_where_the_free_run_is_worse_or_diverges():
+def test_auto_keeps_one_step_where_the_free_run_diverges():
     random = np.random.default_rng(0)
-    wild = Record.from_arrays(random.standard_normal(400), np.cumsum(random.standard_cauchy(400)), Ts=1)
-    model = NARX.from_terms(["y[k-1]", "y[k-1]**3*u[k-1]", "y[k-1]**2"])
-    one = model.fit(wild)
-    assert model.fit(wild, method="free_run").info.nrmse.free_run > one.info.nrmse.free_run
-    auto = model.fit(wild, method="auto")
-    assert auto.theta.tolist() == one.theta.tolist() and auto.standard_errors == one.standard_errors
-    assert auto.info == one.info
     # An unstable plant, measured under feedback: its free run diverges.
     source, out = np.zeros(3_000), np.zeros(3_000)
     for i in range(1, 3_000):

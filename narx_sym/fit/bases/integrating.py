@@ -12,7 +12,7 @@ from ...data.record import Record
 from ...engines.algebra import filtered
 from ...models.model import NARX, Model
 from ...symbolic.signals import lag, u, y
-from ..evaluate import evaluate
+from ..evaluate import free_run_nrmse
 from ..freerun import has_integrator
 
 Array = np.ndarray
@@ -102,7 +102,7 @@ def integrates(model: Model, records: Sequence[Record]) -> bool:
         return False
     if rests(records):  # nothing else makes what they do
         return True
-    error = evaluate(model, records).free_run_nrmse * np.std(np.concatenate([r.y for r in records]))
+    error = free_run_nrmse(model, records) * np.std(np.concatenate([r.y for r in records]))
     return drives(a, b.size - first, first, records, slow, error**2)
 
 

@@ -12,7 +12,7 @@ from ...data.record import Record
 from ...errors import Diverged
 from ...models.info import USELESS
 from ...models.model import Model
-from ..evaluate import evaluate
+from ..evaluate import free_run_nrmse
 from ..least_squares import described, free_run_error
 from ..simulate import simulate
 
@@ -33,7 +33,7 @@ def judged(model: Model, records: Sequence[Record]) -> Model:
         warnings.warn(f"The free run explains little of the output (NRMSE {error:.3g}).", stacklevel=3)
     several = len(records) > 1 and not model.info.useless  # offsets between them may hide it
     for record in moving(records, model.output.name) if several else ():
-        if (own := evaluate(model, record).free_run_nrmse) >= USELESS:
+        if (own := free_run_nrmse(model, record)) >= USELESS:
             said = f"no better than a constant (NRMSE {own:.3g})"
             warnings.warn(f"Along the record {record.name!r} the free run is {said}.", stacklevel=3)
     if model.info.selection.stable_law is False:

@@ -17,7 +17,7 @@ from ...errors import FitError
 from ...models.model import NARX, Model
 from ...models.pool import Pool
 from ...symbolic.signals import expand_phi, k, samples
-from ..evaluate import evaluate
+from ..evaluate import free_run_nrmse
 from ..least_squares import check_method, factor, fit, free_run_error
 from ..simulate import Records, arrays, segments, shifted
 
@@ -284,7 +284,7 @@ def _by_free_run(
             except FitError:
                 continue
             own = free_run_error(model)  # the fit has judged itself on its own records
-            error = own if validation is None else evaluate(model, validation).free_run_nrmse
+            error = own if validation is None else free_run_nrmse(model, validation)
             if np.isfinite(error):
                 tried.append((n, error, accept is None or accept(model), model))
         result.free_run_nrmse.append(min([e for m, e, _, _ in tried if m == n], default=float("inf")))
