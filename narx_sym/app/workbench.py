@@ -244,10 +244,11 @@ class Workbench(Compensation):
             self._begin(lambda made: self._put([made], base, name), work, base, (record,), record.units)
 
     def add(self, effect: str) -> None:
-        """Begin to add an effect to the model."""
+        """Begin to add an effect to the model, or two that only together explain the error."""
         with Said(self) as said:
             with said.field("effect"):
-                find(effect)
+                for one in effect.split(" + "):  # of two that are found together
+                    find(one)
             said.stop()
             self._climb(added, effect)
 

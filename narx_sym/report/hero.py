@@ -96,7 +96,7 @@ def models(material: Material) -> list[Tried]:
         alone = ((one.effect, fitted_of(one)) for one in first.candidates)  # fitted when it is their turn
         for effect, offered in chain(pair, alone):
             if offered is not None and (errors := first.figures(offered))["train"] < least:
-                yield f"{there} + {effect}".strip(), effect.partition(" + ")[0], offered, errors
+                yield f"{there} + {effect}".strip(), effect, offered, errors
 
     for name, effect, fitted, errors in listed():
         if name not in known:  # effects of a pair are offered alone too

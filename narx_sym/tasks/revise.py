@@ -11,6 +11,7 @@ from ..diagnosis.add import Addition
 from ..diagnosis.procedure import Diagnosis, diagnose
 from ..diagnosis.progress import ROUND, Told, inside
 from ..diagnosis.refit import Fitted, prune
+from ..diagnosis.table.candidates import Candidate, Pair
 from ..errors import FitError
 from ..models.effects import EFFECTS
 from ..models.model import Model
@@ -32,7 +33,7 @@ class Revision:
         Of this model: `found.steps[0].base` is the model as it is shown.
     model : Model
     effect : str
-        The effect that was added; "" for a base or an edited term.
+        The effect that was added, or two as "one + other"; "" for a base or an edited term.
     notes : tuple of str
     """
 
@@ -64,14 +65,15 @@ def begin(base: str | Model, records: Sequence[Record], progress: Progress, **kn
 
 
 def with_effect(before: Revision, effect: str, records: Sequence[Record], progress: Progress, **known: Any) -> Revision:
-    """Add an effect: a candidate of the diagnosis as it was fitted there, or any other of the catalogue."""
+    """Add an effect as the diagnosis fitted it, or two that it found together; or any other of the catalogue."""
     step = before.found.steps[0]
-    candidate = next((c for c in step.candidates if c.effect == effect), None)
+    offered: list[Candidate | Pair] = [*([step.pair] if step.pair is not None else []), *step.candidates]
+    candidate = next((c for c in offered if c.effect == effect), None)
     progress(Told(f"adding {effect}", 1, STAGES))
     if candidate is None:
         addition = Addition(before.base.model, effect, None, EFFECTS)
         model = addition.fit(list(records), progress=lambda now: progress(Told(f"adding it: {now}", 1, STAGES)))
-    elif step.chosen is not None and step.added == [effect]:
+    elif step.chosen is not None and " + ".join(step.added) == effect:
         model = step.chosen.model
     else:
         model = prune(candidate.fitted, before.base).model

@@ -15,6 +15,7 @@ from scipy.signal import lfilter
 import narx_sym as ns
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.report.comparison import Comparison
+from narx_sym.tasks import revise
 
 FIRST, N, WORST = 500, 3000, 1.5  # error after adding two effects, over the true noise
 SHORT = 1500  # samples of the few diagnoses that are quick
@@ -169,6 +170,15 @@ def test_a_pair_is_found_together(pair):
     assert first.pair.mean_square < 0.75 * alone**2
     assert np.sqrt(first.chosen.mean_square(first.base.split.held)) < WORST * noise
     assert {e.effect for e in d.model.effects} == {"saturation", "creep"}
+
+
+@pytest.mark.bench
+def test_a_pair_is_added_as_it_was_found(pair, monkeypatch):
+    d, _ = pair
+    monkeypatch.setattr(revise, "revised", lambda name, model, *rest, **known: (name, model))
+    before = revise.Revision("base", d, d.base)
+    name, model = revise.with_effect(before, d.steps[0].pair.effect, d.steps[0].trial.records, lambda told: None)
+    assert name == f"+ {d.best.effect}" and model == d.steps[0].chosen.model
 
 
 @pytest.mark.bench
