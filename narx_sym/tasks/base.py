@@ -83,7 +83,8 @@ def equations_in(base: str | Path) -> str:
 
 def fit_equations(text: str, records: Sequence[Record]) -> Model:
     """Return the model of a text of equations, fitted in free run to records."""
-    return from_equations(text, records[0].Ts).fit(records, method="free_run")
+    listed = prepare(records)
+    return from_equations(text, listed[0].Ts).fit(listed, method="free_run")
 
 
 def check_kind(kind: str) -> str:

@@ -7,6 +7,7 @@ from sampling import more, only
 from scipy.linalg import expm
 
 import narx_sym as ns
+from narx_sym.tasks.base import fit_equations
 
 MASS = "x'' = (g*u - d*x' - s*x + o)/m\ny = x\ng = 2\nm ~ {m} in 0.1 ... 10\nd ~ {d}\ns ~ {s}\no ~ 0.5"
 PENDULUM = "phi'' = -w*sin(phi) - d*phi' + b*u\ny = phi\nw ~ 8 in 1 ... 100\nb ~ 1.2\nd ~ 0.5 in 0.001 ... 10"
@@ -206,3 +207,11 @@ def test_a_measured_channel_takes_part():
     record = ns.Record.from_arrays(u, y, Ts=0.1, channels={"load": load})
     start = model.replace(theta=[1.0, 1.0, 0.0])
     assert start.fit(record, method="free_run").theta == pytest.approx([2, 0.5, 0.3], rel=1e-5)
+
+
+@pytest.mark.parametrize("samples, said", [(8, "too few"), (40, "give start values nearer to the machine")])
+def test_equations_that_cannot_be_fitted_say_what_to_do(samples, said):
+    u = np.sin(np.arange(samples))
+    record = ns.Record.from_arrays(u, 0.1 * np.cos(np.arange(samples)), 10.0)
+    with pytest.raises(ns.FitError, match=said):
+        fit_equations("y' = a*y**3 + u\na ~ 9", [record])
