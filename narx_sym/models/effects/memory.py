@@ -85,11 +85,15 @@ sharp_hysteresis = bouc_wen(
 
 def quarter_steps(x: Any) -> list[Any]:
     """Return the four quarters of the last step of a sequence along the cubic through its last four samples."""
-    t = sp.Symbol("t")
-    nodes = [(-i, x[k - i]) for i in range(4)]
-    path = sum(value * sp.prod([(t - j) / (i - j) for j, _ in nodes if j != i]) for i, value in nodes)
-    at = [path.subs(t, sp.Rational(i, 4) - 1) for i in range(5)]
-    return [sp.expand(after - before) for before, after in pairwise(at)]
+    times = [sp.Rational(i, 4) - 1 for i in range(5)]
+
+    def weight(i: int, t: Any) -> Any:
+        return sp.prod([(t + j) / sp.Integer(j - i) for j in range(4) if j != i])
+
+    return [
+        sp.Add(*((weight(i, after) - weight(i, before)) * x[k - i] for i in range(4)))
+        for before, after in pairwise(times)
+    ]
 
 
 @effect(
