@@ -7,7 +7,6 @@ The records, and which names are right, are those of `sensitivity.py`. *Error*: 
 
 from __future__ import annotations
 
-import argparse
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -17,9 +16,9 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from sensitivity import RECORDS, publish, read, records_of
+from common import asked, diagnosed, publish
+from sensitivity import RECORDS, read, records_of
 
-import narx_sym as ns
 from narx_sym.diagnosis.steps import won
 from narx_sym.diagnosis.table import rounds, verdict
 from narx_sym.diagnosis.table.frame import Frame
@@ -75,18 +74,14 @@ def without(part: str) -> Iterator[None]:
 def outcome(record: Any, accept: set[str]) -> tuple[Any, float, float]:
     """Diagnose a record: what is read off its table, the held-out NRMSE of it, and CPU seconds."""
     begin = time.process_time()
-    found = ns.diagnose(ns.identify(record, base="linear"), record)
+    found = diagnosed(record)
     rows = [r for r in found.hypotheses if r.blocks.size]
     known, best = won(rows, min((r for r in rows if not r.ids), key=lambda r: (r.more, r.price)))
     return read(rows, accept), float(np.sqrt((best or known).held)), time.process_time() - begin
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default="", help="names of records, comma-separated")
-    parser.add_argument("--parts", default="", help="what is taken out, comma-separated")
-    parser.add_argument("--markdown", type=Path)
-    options = parser.parse_args()
+    options = asked(__doc__, only="", parts="", markdown=Path)
     warnings.simplefilter("ignore")
     chosen = [p for p in PARTS if not options.parts or p in options.parts.split(",")]
     records = records_of(options.only)
@@ -101,7 +96,7 @@ def main() -> None:
         counts = f"{sum(r.right for r in said)} | {sum(r.in_set for r in said)} | {error:.3g} | {seconds:.0f}"
         lines.append(f"| {part} | " + " | ".join(cells) + f" | {counts} |")
         print(lines[-1], flush=True)
-    publish(lines, options.markdown)
+    publish("\n".join(lines), options.markdown)
 
 
 if __name__ == "__main__":

@@ -1,20 +1,17 @@
 """Does the fit after `add` end in the best minimum? Random bases, effects and places against many random starts.
 
-    python tests/bench/add_starts.py [COUNT] [FIRST SEED]
+    python tests/bench/add_starts.py [--count 100] [--first 0]
 
 Each case: a random base with a random effect of the catalogue in a random place makes a record with 0.4 % noise; the base
 is fitted without the effect, the effect is added and fitted; beside it the best of 20 fits from random starts about the
 truth. Printed: the share of cases that end more than 5 % above the best start, and each of them.
 """
 
-import sys
 import time
 import warnings
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from common import asked
 
 import narx_sym as ns
 from narx_sym.diagnosis.add import Addition
@@ -98,10 +95,11 @@ def case(seed):
     return str(variant), error, best_start(model, record, rng)
 
 
-def main(count=100, first=0):
+def main():
+    options = asked(__doc__, count=100, first=0)
     warnings.simplefilter("ignore")
     done, above, begin = 0, [], time.perf_counter()
-    for seed in range(int(first), int(first) + int(count)):
+    for seed in range(options.first, options.first + options.count):
         found = case(seed)
         if found is None:
             continue
@@ -117,4 +115,4 @@ def main(count=100, first=0):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

@@ -16,20 +16,16 @@ that output itself. Nothing is tuned.
 
 from __future__ import annotations
 
-import argparse
 import re
-import sys
 import warnings
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
+from common import asked
 
 import narx_sym as ns
 from narx_sym.errors import Diverged, NarxError, NotInvertible, Unreachable
@@ -311,14 +307,7 @@ def _nudged(run: Run) -> float:
 
 def main() -> int:
     """Attack, and print what was found."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--models", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--effects", type=int, default=2, help="at most")
-    parser.add_argument("--late", type=int, default=0, help="samples of dead time more, at most")
-    parser.add_argument("--names", action="store_true", help="channels called as the package calls something")
-    options = parser.parse_args()
+    options = asked(__doc__, models=500, seed=0, jobs=2, effects=2, late=0, names=False)
     seeds = range(options.seed, options.seed + options.models)
     tally: Counter[str] = Counter()
     pool = ProcessPoolExecutor(options.jobs) if options.jobs > 1 else None

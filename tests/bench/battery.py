@@ -21,15 +21,10 @@ error after adding is that of the first step's model; the oracle is told the eff
 
 from __future__ import annotations
 
-import os
-import sys
-
-if __name__ == "__main__":  # before NumPy loads its BLAS; the workers inherit it
-    os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
-
-import argparse
 import hashlib
 import json
+import os
+import sys
 import traceback
 import warnings
 from collections import Counter
@@ -40,10 +35,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
+import common
 import numpy as np
 import truths
+from common import ROOT, asked, publish, seeds_of
 
 import narx_sym as ns
 from narx_sym.diagnosis.progress import BASE, ROUND, Course
@@ -89,7 +84,7 @@ def oracle(step: Step, model: ns.Model, record: ns.Record, right: frozenset[str]
 def judge(task: str, spec: Row, compare: bool) -> Row:
     """Run one case and say what came out; errors are rms on held-out samples [unit of y]."""
     case = truths.case(**spec)
-    record = ns.Record.from_arrays(case.u, case.y, case.Ts, channels=case.channels, name=case.name)
+    record = common.record_of(case)
     right = frozenset().union(*case.accept)
     begin = perf_counter()
     model = ns.identify(record, base="linear")
@@ -186,7 +181,7 @@ def done(path: Path) -> dict[str, Row]:
 
 def fingerprint() -> str:
     """Return a checksum of the package and the truths: results of other code are not of this version."""
-    files = sorted([*(HERE.parents[1] / "narx_sym").rglob("*.py"), HERE / "truths.py", HERE / "battery.py"])
+    files = sorted([*(ROOT / "narx_sym").rglob("*.py"), HERE / "truths.py", HERE / "battery.py"])
     return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()[:12]
 
 
@@ -449,42 +444,25 @@ def line(row: Row) -> str:
 # ---- command --------------------------------------------------------------------------------------------------------
 
 
-def seeds_of(text: str) -> range:
-    """Read "first:last+1" or one seed."""
-    first, _, stop = text.partition(":")
-    return range(int(first), int(stop) if stop else int(first) + 1)
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     judged = f"{truths.JUDGE.start}:{truths.JUDGE.stop}"
-    parser.add_argument("--seeds", default=judged, help="of the groups in, off and pair")
-    parser.add_argument("--null-seeds", default=judged, help="of the group null")
-    parser.add_argument("--removed-seeds", default="", help=f"of the group removed (the first {REMOVED} of --seeds)")
-    parser.add_argument("--groups", default=",".join(GROUPS))
-    parser.add_argument("--kinds", default="", help="only these kinds, comma-separated")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--out", type=Path, default=Path("battery.json"), help="one JSON line per case")
-    parser.add_argument("--baselines", action="store_true", help="also the methods of baselines.py, on in and off")
-    parser.add_argument("--markdown", type=Path, help="write the table there")
-    parser.add_argument("--list", action="store_true", help="show every case that went wrong")
-    options = parser.parse_args()
+    options = asked(
+        __doc__, seeds=judged, null_seeds=judged, removed_seeds="", groups=",".join(GROUPS), kinds="", jobs=2,
+        out=Path("battery.json"), baselines=False, markdown=Path, list=False,
+    )  # fmt: skip
     groups = options.groups.split(",")
     unknown = [g for g in groups if g not in GROUPS]
     if unknown:
-        parser.error(f"there is no group {unknown[0]!r}; there are {', '.join(GROUPS)}")
+        raise SystemExit(f"there is no group {unknown[0]!r}; there are {', '.join(GROUPS)}")
     seeds = seeds_of(options.seeds)
     removed = seeds_of(options.removed_seeds) if options.removed_seeds else seeds[:REMOVED]
     kinds = set(filter(None, options.kinds.split(",")))
     wanted = list(tasks(groups, seeds, seeds_of(options.null_seeds), removed, kinds))
     if not wanted:
-        parser.error("no case of these groups has these kinds and seeds")
+        raise SystemExit("no case of these groups has these kinds and seeds")
     warnings.simplefilter("ignore")  # of joblib, when it restarts a worker that has grown
     rows = run_all(wanted, options.out, options.baselines, options.jobs)
-    table = figures(rows).text() + "\n" + reliability(rows)
-    if options.markdown:
-        options.markdown.write_text(table)
-    print(table)
+    publish(figures(rows).text() + "\n" + reliability(rows), options.markdown)
     for row in rows:
         if "failed" in row or (options.list and not right(row)):
             print(line(row))

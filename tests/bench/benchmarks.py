@@ -1,6 +1,6 @@
 """Official benchmarks of nonlinearbenchmark.org: the linear base, what `diagnose` adds to it by itself, and published figures.
 
-    python tests/bench/benchmarks.py [--only emps,tanks] [--effects 1,3] [--out FILE.md]
+    python tests/bench/benchmarks.py [--only emps tanks] [--effects 1 3] [--out FILE.md]
 
 Fitted on the official estimation data only, with default settings throughout; nothing was chosen by the test data. What is
 added is judged by the model that `narx-sym diagnose` saves, which is the base where nothing better was found. The figure is
@@ -14,7 +14,6 @@ is downloaded. About ten minutes for the three sets beside this project.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -22,10 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 import numpy as np
+from common import asked, publish
 from places import SHARED
 
 import narx_sym as ns
@@ -323,11 +320,7 @@ def table(benchmark: Benchmark, found: Sequence[Row], tests: Sequence[str]) -> s
 
 def main() -> None:
     """Run the benchmarks and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--only", type=lambda s: s.split(","), default=list(BENCHMARKS))
-    parser.add_argument("--effects", type=lambda s: [int(n) for n in s.split(",")], default=list(EFFECTS))
-    parser.add_argument("--out", type=Path)
-    options = parser.parse_args()
+    options = asked(__doc__, only=list(BENCHMARKS), effects=EFFECTS, out=Path)
     warnings.simplefilter("ignore")
     tables = []
     for name in options.only:
@@ -337,10 +330,7 @@ def main() -> None:
             found.append(row)
             print(name, row, file=sys.stderr, flush=True)
         tables.append(table(benchmark, found, benchmark.tests))
-    page = "\n".join([HEAD, *tables])
-    print(page)
-    if options.out:
-        options.out.write_text(page, encoding="utf-8")
+    publish("\n".join([HEAD, *tables]), options.out)
 
 
 if __name__ == "__main__":

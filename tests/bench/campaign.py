@@ -11,24 +11,15 @@ decides by itself is counted beside. Nothing is tuned.
 
 from __future__ import annotations
 
-import os
-import sys
-
-if __name__ == "__main__":  # before NumPy loads its BLAS; the workers inherit it
-    os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
-
-import argparse
 import warnings
 from collections import Counter
 from dataclasses import dataclass
 from itertools import count
-from pathlib import Path
 from typing import Any
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 import truths
+from common import asked
 from joblib import Parallel, delayed
 
 import narx_sym as ns
@@ -123,13 +114,7 @@ def told(kind: str, seed: int, experiments: int, reach: float) -> dict[str, Any]
 
 def main() -> int:
     """Print each confused case as it ends, then how many end which way."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--experiments", type=int, default=2)
-    parser.add_argument("--reach", type=float, default=1.0)
-    options = parser.parse_args()
+    options = asked(__doc__, cases=40, seed=0, jobs=2, experiments=2, reach=1.0)
     ends, others = Counter[str](), Counter[str]()
     tried, confused = 0, 0
     drawn = ((kind, seed) for seed in count(options.seed) for kind in KINDS)

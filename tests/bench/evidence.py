@@ -1,6 +1,6 @@
 """What a record says before any model, against simulated plants: feedback, valves, noise.
 
-    python tests/bench/evidence.py feedback|valves|imitated|noise [--seed 0] [--plants 25]
+    python tests/bench/evidence.py --part feedback|valves|imitated|noise [--seed 0] [--plants 25]
 
 Plants of first and second order and resonant ones, with time constants of 1 to 30 samples; noise of 1 % on the output.
 Nothing here comes from the package but what is asked.
@@ -8,16 +8,15 @@ Nothing here comes from the package but what is asked.
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from common import asked, diagnosed
 from scipy.signal import butter, lfilter
 
-from narx_sym import diagnose, identify
 from narx_sym.data.evidence.feedback import feedback
 from narx_sym.data.evidence.noise import repeated, sensor_noise
 from narx_sym.data.evidence.stiction import sticking
@@ -193,7 +192,7 @@ def imitated(seed: int, plants: int) -> None:
             continue
         bare = Record(record.u, record.y, record.t, record.Ts)
         with patch("narx_sym.diagnosis.procedure.closed_loop", lambda records: None):
-            found = diagnose(identify(bare, base="linear"), bare)
+            found = diagnosed(bare)
         least = {n: min((r.held for r in found.hypotheses if len(r.ids) == n), default=np.inf) for n in (0, 1)}
         left = min(1.0, least[1] / least[0])
         shares.append(left)
@@ -343,11 +342,7 @@ PARTS: dict[str, Callable[[int, int], Any]] = {
 
 def main() -> int:
     """Run one part."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=list(PARTS))
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--plants", type=int, default=25)
-    options = parser.parse_args()
+    options = asked(__doc__, part="feedback", seed=0, plants=25)
     PARTS[options.part](options.seed, options.plants)
     return 0
 

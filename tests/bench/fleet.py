@@ -13,7 +13,6 @@ are diagnosed from a list, and what comes out is printed by loop.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import signal
@@ -27,13 +26,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import common
 import numpy as np
+from common import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
-
-from narx_sym.files.atomic import write_csv  # noqa: E402
-from narx_sym.files.journal import alive  # noqa: E402
+from narx_sym.files.atomic import write_csv
+from narx_sym.files.journal import alive
 
 PAUSE = 0.05  # seconds between looks at the journal
 TABLES = ("fleet.csv", "fleet.parquet", "fleet.html")
@@ -201,15 +199,7 @@ def loops(folder: Path, records: Path, *options: str) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--records", type=int, default=500)
-    parser.add_argument("--base", default="linear")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--loops", type=Path)
-    parser.add_argument(
-        "--runs", default="one,two,dask", help="which ways, comma-separated; the others are compared with the first"
-    )
-    asked = parser.parse_args()
+    asked = common.asked(__doc__, records=500, base="linear", seed=0, loops=Path, runs="one,two,dask")
     with tempfile.TemporaryDirectory() as name:
         folder, options = Path(name), ("--base", asked.base, "--max-effects", "1")
         if asked.loops:

@@ -15,21 +15,15 @@ or the steps of an encoder, where a part that is held stays at exactly one value
 
 from __future__ import annotations
 
-import argparse
-import sys
 import warnings
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+import truths
+from common import asked, diagnosed
 from joblib import Parallel, delayed
 from scipy import signal
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
-sys.path.insert(0, str(Path(__file__).parent))
-
-import truths
 
 import narx_sym as ns
 from narx_sym.data.sensor import sensor_faults
@@ -71,8 +65,7 @@ def judged(machine: str, kind: str, F: float, seed: int, noise: float) -> dict[s
     u = driven(kind, rng)
     y = truths.rubbing(u, TS, F=F, **values)[:, column]
     y = y + noise * y.std() * rng.standard_normal(N)
-    record = ns.Record.from_arrays(u, y, TS)
-    found = ns.diagnose(ns.identify(record, base="linear"), record)
+    found = diagnosed(ns.Record.from_arrays(u, y, TS))
     told = found.confusion_set
     first = set(told[:1])
     if F:
@@ -122,12 +115,7 @@ def sensors(seed: int) -> None:
 
 def main() -> None:
     """Run all machines and print what was told, and counts."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--noise", type=float, default=0.005, help="over the standard deviation of the output")
-    parser.add_argument("--sensors", action="store_true", help="ask only what is said of the sensors")
-    given = parser.parse_args()
+    given = asked(__doc__, seed=1, jobs=2, noise=0.005, sensors=False)
     if given.sensors:
         return sensors(given.seed)
     cases = [(m, i, F) for m in MACHINES for i in INPUTS for F in SIZES]

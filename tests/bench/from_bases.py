@@ -1,6 +1,6 @@
 """The bench test from any base: identify, diagnose, add what is named, and track with the law of what was made.
 
-    python tests/bench/from_bases.py [--seeds 20] [--first 100] [--bases narx,linear,auto] [--samples 50000] [--jobs 1]
+    python tests/bench/from_bases.py [--seeds 20] [--first 100] [--bases narx,linear,auto] [--samples 50000]
 
 Each record is noise of the paper's kind, scaled to a peak of 75 V, on an actuator with Bouc-Wen hysteresis: half of the
 records as they are drawn, half of those whose other peak is below 50 V. The law then drives the actuator along the
@@ -9,16 +9,12 @@ paper's sine of 40 V. Nothing is tuned.
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
 import warnings
-from pathlib import Path
 from typing import Any
 
+import common
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import narx_sym as ns
 from narx_sym import plants
@@ -59,12 +55,7 @@ def tracked(seed: int, base: str, samples: int) -> tuple[int, str, str, float, s
 
 def main() -> int:
     """Run, and print a line each."""
-    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    ask.add_argument("--seeds", type=int, default=20)
-    ask.add_argument("--first", type=int, default=100)
-    ask.add_argument("--bases", default="narx,linear,auto")
-    ask.add_argument("--samples", type=int, default=50_000)
-    asked = ask.parse_args()
+    asked = common.asked(__doc__, seeds=20, first=100, bases="narx,linear,auto", samples=50_000)
     calls: list[Any] = [
         (seed, base, asked.samples)
         for base in asked.bases.split(",")

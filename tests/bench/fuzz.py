@@ -10,7 +10,6 @@ seed that gives them again. Several runs with different seeds add up. About 40 m
 
 from __future__ import annotations
 
-import argparse
 import resource
 import signal
 import sys
@@ -18,8 +17,7 @@ import time
 from pathlib import Path
 from random import Random
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from common import asked
 from hostile import Judge
 from sympy.core.cache import clear_cache
 
@@ -37,13 +35,7 @@ def late(*_: object) -> None:
 
 def main() -> int:
     """Run and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=0, help="of the first input; the others count on")
-    parser.add_argument("--parts", type=int, nargs=3, default=(70, 15, 15), help="terms, effects, models")
-    parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--memory", type=int, default=1024)
-    options = parser.parse_args()
+    options = asked(__doc__, count=1_000_000, seed=0, parts=(70, 15, 15), seconds=10.0, memory=1024)
     judge = Judge()
     signal.signal(signal.SIGALRM, late)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

@@ -22,6 +22,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from common import asked, diagnosed, record_of, seeds_of
 
 KINDS = ("in", "off", "null")
 LAST_DIGITS = 1e-9
@@ -32,24 +33,20 @@ def records(seeds: range, real: bool) -> Iterator[tuple[str, Any]]:
     import sensitivity
     import truths
 
-    import narx_sym as ns
-
     for kind in KINDS:
         for spec in truths.battery(kind, seeds):
             case = truths.case(**spec)
-            yield case.name, ns.Record.from_arrays(case.u, case.y, case.Ts, channels=case.channels)
+            yield case.name, record_of(case)
     yield from sensitivity.records_of("").items() if real else ()
 
 
 def told(name: str, record: Any, jitter: bool) -> dict[str, Any]:
     """Diagnose a record and return what is compared."""
-    import narx_sym as ns
-
     if jitter:
         rng = np.random.default_rng(1)
         signals = (x + LAST_DIGITS * np.std(x) * rng.standard_normal(x.size) for x in (record.u, record.y))
         record = replace(record, **dict(zip("uy", signals, strict=True)))
-    found = ns.diagnose(ns.identify(record, base="linear"), record)
+    found = diagnosed(record)
     return {
         "name": name, "verdict": found.verdict, "set": sorted(found.confusion_set),
         "steps": [s.added for s in found.steps],
@@ -90,16 +87,10 @@ def compared(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", default="9880:9881")
-    parser.add_argument("--real", action="store_true", help="the measured records too")
-    parser.add_argument("--kernels", nargs="+", default=["Haswell", "SkylakeX", "Zen"])
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--one", type=int, choices=(0, 1), help=argparse.SUPPRESS)
-    options = parser.parse_args()
+    options = asked(__doc__, seeds="9880:9881", real=False, kernels=("Haswell", "SkylakeX", "Zen"), jobs=2, one=int)
     if options.one is not None:
         warnings.simplefilter("ignore")
-        for name, record in records(range(*map(int, options.seeds.split(":"))), options.real):
+        for name, record in records(seeds_of(options.seeds), options.real):
             print(json.dumps(told(name, record, bool(options.one))), flush=True)
         return
     first = options.kernels[0]
@@ -118,5 +109,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
     main()

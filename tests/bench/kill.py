@@ -10,7 +10,6 @@ as the uninterrupted one. A kill that came after the end is drawn again.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import random
@@ -21,8 +20,7 @@ import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+from common import ROOT, asked
 
 SAVE = """
 import sys
@@ -211,10 +209,7 @@ def resumes(program: str, kills: int, pick: random.Random, what: str) -> list[st
 
 def main() -> int:
     """Kill, look, and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kills", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
+    options = asked(__doc__, kills=50, seed=0)
     pick = random.Random(options.seed)
     saved, swept = options.kills // 2, options.kills // 3
     faults = saves(saved, pick)

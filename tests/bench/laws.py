@@ -11,11 +11,13 @@ minutes on two cores.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sympy as sp
-from paper_tables import SINE, TS, N, command, direct, excitations, parallel, show  # sets the path to the package first
+from common import asked, parallel, publish
+from paper_tables import SINE, TS, N, direct, excitations, show
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
@@ -177,4 +179,5 @@ def report(seeds: int, jobs: int) -> str:
 
 
 if __name__ == "__main__":
-    command(__doc__, report)
+    options = asked(__doc__, seeds=20, jobs=2, out=Path)
+    publish(report(options.seeds, options.jobs), options.out)

@@ -1,4 +1,4 @@
-"""Models that remember, on the measured piezo stage and on a simulated one: `python tests/bench/memory.py [piezo|stage|speed]`.
+"""Models that remember, on the measured piezo stage and on a simulated one: `python tests/bench/memory.py [--parts piezo stage speed]`.
 
 piezo: fitted on one full-range sine, judged on varying amplitudes with the offset of the other record estimated on its
 first second; every linear model up to orders 3 and delays 3 in the same table. stage: ten plays, creep and a resonance
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
-import sys
 import tempfile
 import time
 import warnings
@@ -18,10 +17,9 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from scipy.integrate import solve_ivp
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from common import asked
 from places import SHARED
+from scipy.integrate import solve_ivp
 
 import narx_sym as ns
 from narx_sym.errors import FitError
@@ -159,5 +157,5 @@ void run(const double *u, double *y, const double *p, const double *r, double a,
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
     what = {"piezo": piezo, "stage": simulated, "speed": speed}
-    for name in sys.argv[1:] or what:
+    for name in asked(__doc__, parts=list(what)).parts:
         what[name]()

@@ -9,9 +9,7 @@ time, without that of the moves it asks for. Cases that the file has already are
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 import time
 import warnings
 from collections import Counter
@@ -19,13 +17,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 import truths
+from common import asked, diagnosed, record_of, seeds_of
 from sensitivity import RECORDS, records_of
 
-import narx_sym as ns
 from narx_sym.diagnosis import steps
 from narx_sym.diagnosis.steps import won
 from narx_sym.diagnosis.table.rounds import Table
@@ -123,8 +118,7 @@ def cases(groups: list[str], seeds: range) -> Iterator[tuple[str, str, Any, list
             continue
         for spec in truths.battery(group, seeds):
             one = truths.case(**spec)
-            record = ns.Record.from_arrays(one.u, one.y, one.Ts, channels=one.channels, name=one.name)
-            yield group, one.name, record, [sorted(ids) for ids in one.accept]
+            yield group, one.name, record_of(one), [sorted(ids) for ids in one.accept]
 
 
 def right(told: list[str], accept: list[list[str]]) -> bool:
@@ -135,7 +129,7 @@ def right(told: list[str], accept: list[list[str]]) -> bool:
 def judged(watch: Watch, group: str, name: str, record: Any, accept: list[list[str]]) -> Row:
     """Diagnose one case, and read its tables without each move."""
     watch.begin()
-    found = ns.diagnose(ns.identify(record, base="linear"), record, max_effects=3 if group == "pair" else 1)
+    found = diagnosed(record, max_effects=3 if group == "pair" else 1)
     watch.lap()
     read = []
     for known, rows in watch.tables:
@@ -163,16 +157,12 @@ def table(rows: list[Row]) -> Iterator[str]:
 
 def main() -> None:
     """Run what the file lacks, and print the table."""
-    ask = argparse.ArgumentParser()
-    ask.add_argument("--groups", default=",".join(GROUPS))
-    ask.add_argument("--seeds", default="8200:8201")
-    ask.add_argument("--out", type=Path, required=True)
-    args = ask.parse_args()
+    args = asked(__doc__, groups=",".join(GROUPS), seeds="8200:8201", out=Path)
     watch = Watch()
     patch(watch)
     rows = [json.loads(line) for line in args.out.read_text().splitlines()] if args.out.exists() else []
     had = {(r["group"], r["name"]) for r in rows}
-    for group, name, *case in cases(args.groups.split(","), range(*map(int, args.seeds.split(":")))):
+    for group, name, *case in cases(args.groups.split(","), seeds_of(args.seeds)):
         if (group, name) not in had:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")

@@ -8,7 +8,6 @@ that reach the line run, quick ones first, until one fails. `--again mutants.jso
 more, on all tests of the module's own files, and takes over the others. Needs `coverage`.
 """
 
-import argparse
 import ast
 import copy
 import importlib.abc
@@ -25,7 +24,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+import common
+from common import ROOT
+
 MODULES = ("fit/least_squares", "models/analysis", "inversion/compensator", "symbolic/sensitivity")
 TESTS = (
     "fit/test_least_squares models/test_analysis inversion/test_compensator whole/test_paper inversion/test_stability "
@@ -228,16 +229,9 @@ def verdict_of(module: str, tree: ast.AST, tests: list[str]) -> str:
 
 
 def main() -> None:
-    ask = argparse.ArgumentParser(description=__doc__)
-    ask.add_argument("--modules", nargs="*", default=list(MODULES))
-    ask.add_argument("--count", type=int, default=60, help="Mutants per module, at most.")
-    ask.add_argument("--seed", type=int, default=7)
-    ask.add_argument("--again", type=Path, help="Results of an earlier run.")
-    ask.add_argument("--out", type=Path)
-    asked = ask.parse_args()
+    asked = common.asked(__doc__, modules=MODULES, count=60, seed=7, again=Path, out=Path)
     earlier = json.loads(asked.again.read_text(encoding="utf-8")) if asked.again else []
     os.chdir(ROOT)
-    sys.path.insert(0, str(ROOT))
     for name in LOADED.split():
         importlib.import_module(name)
     known, results = {"seconds": {}, "lines": {}} if asked.again else reached(), []

@@ -1,21 +1,19 @@
 """One number by every way: what a diagnosis shows, and what a user gets who repeats it.
 
-python tests/bench/one_number.py [PART OF A NAME]    the table of the book over the measured records
+python tests/bench/one_number.py [--only PART_OF_A_NAME]    the table of the book over the measured records
 """
 
 import json
-import sys
 import tempfile
 import time
 import warnings
 from pathlib import Path
 
 import numpy as np
-from typer.testing import CliRunner
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from common import asked
 from places import SHARED
 from printed import printed
+from typer.testing import CliRunner
 
 import narx_sym as ns
 from narx_sym.cli import main as cli
@@ -103,7 +101,8 @@ def row(name, rows, base, tests):
     ]  # fmt: skip
 
 
-def main(only=""):
+def main():
+    only = asked(__doc__, only="").only
     warnings.simplefilter("ignore")
     print("| record | added | base |", " | ".join(WAYS), "| last part | another day (rms) | ways | s |")
     print("|" + "---|" * (len(WAYS) + 7))
@@ -116,4 +115,4 @@ def main(only=""):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

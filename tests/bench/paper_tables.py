@@ -8,22 +8,14 @@ over 70 ... 80 V. Nothing is tuned: the structures are the paper's, the fits run
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
-from rich.progress import track
-from scipy.stats import spearmanr
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
+from common import asked, parallel, publish
 from paper import BENCH, BENCH_INVERSE
+from scipy.stats import spearmanr
 
 from narx_sym import NARX, Record, assumptions, free_run, mape, nsavi, plants, pool, select
 from narx_sym.errors import Diverged, NotInvertible
@@ -37,7 +29,6 @@ MODELS = {  # key: name, paper's validation MAPE, tracking MAPE, NSAVI
     "direct free-run": ("M, free-run fit", 0.398, 0.322, 1.13),
     "inverse": ("inverse, constrained LS", 0.413, 0.425, 1.14),
     "black box": ("black box, same pool, 6 terms", 1.494, 1.819, 1.15),
-    "black box knee": ("black box, same pool, knee of AIC", 1.494, 1.819, 1.15),
     "u y only": ("black box, u and y only, 6 terms", 1.494, 1.819, 1.15),
 }
 TARGETS = {  # largest median
@@ -108,7 +99,6 @@ class Outcome:
     laws: dict[str, Array | str]
     same_structure: bool
     sigma_y: float
-    knee_terms: int
 
 
 def realisation(u: Array, y: Array, validation: Record) -> Outcome:
@@ -121,7 +111,6 @@ def realisation(u: Array, y: Array, validation: Record) -> Outcome:
     }
     box = black_box_pool()
     models["black box"] = select(box, record, continuum=False, n_terms=6).model
-    models["black box knee"] = select(box, record, continuum=False, criterion="knee").model
     plain = pool(n_y=1, n_u=2, degree=3, delay=1, rules=("A1(i)",), phi=False)
     models["u y only"] = select(plain, record, continuum=False, n_terms=6).model
     chosen = models["black box"]
@@ -131,7 +120,6 @@ def realisation(u: Array, y: Array, validation: Record) -> Outcome:
         {name: compensated(m) for name, m in models.items()},
         set(chosen.terms) == set(direct().terms),
         float(dict(zip(chosen.terms, chosen.theta, strict=True)).get(direct().terms[0], 0.0)),
-        len(models["black box knee"].terms),
     )
 
 
@@ -149,12 +137,6 @@ def structure(records: list[Record]) -> tuple[bool, bool]:
     wanted = direct().terms
     as_set = set(picks) == set(wanted[1:])
     return as_set, picks == list(wanted[1:])
-
-
-def parallel(function: Callable[..., Any], calls: list[tuple[Any, ...]], jobs: int, what: str) -> list[Any]:
-    """Run the calls through joblib under a progress bar."""
-    work = Parallel(n_jobs=jobs, return_as="generator")(delayed(function)(*c) for c in calls)
-    return list(track(work, description=what, total=len(calls)))
 
 
 # -- tables ----------------------------------------------------------------------------------------------------
@@ -282,13 +264,12 @@ def report(seeds: int, jobs: int) -> str:
 def black_box_notes(outcomes: list[Outcome]) -> list[str]:
     """Say what the black box became."""
     sigma = [o.sigma_y for o in outcomes]
-    knees = [o.knee_terms for o in outcomes]
     same = sum(o.same_structure for o in outcomes)
     return [
         "The paper does not print its black-box model. Here: no Assumption 1, no constraint, A1 kept; "
-        "the number of terms is six as in M, or the knee of AIC.",
+        "the number of terms is six as in M.",
         f"The six-term black box has the structure of M in {same} of {len(outcomes)} seeds; "
-        f"its theta_1 is {min(sigma):.6f} ... {max(sigma):.6f}. The knee keeps {min(knees)} ... {max(knees)} terms.",
+        f"its theta_1 is {min(sigma):.6f} ... {max(sigma):.6f}.",
         "",
     ]
 
@@ -351,18 +332,6 @@ def spread_table(u: Array, peaks: Array, outcomes: list[Outcome]) -> list[str]:
     return [*lines, ""]
 
 
-def command(description: str | None, report: Callable[[int, int], str]) -> None:
-    """Read the options and print the tables."""
-    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, help="also write the markdown here")
-    options = parser.parse_args()
-    text = report(options.seeds, options.jobs)
-    print(text)
-    if options.out:
-        options.out.write_text(text + "\n", encoding="utf-8")
-
-
 if __name__ == "__main__":
-    command(__doc__, report)
+    options = asked(__doc__, seeds=20, jobs=2, out=Path)
+    publish(report(options.seeds, options.jobs), options.out)

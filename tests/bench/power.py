@@ -8,12 +8,12 @@ hidden in the same machine, with other noise, and diagnosed again. Seen is what 
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from statistics import median
 
 import numpy as np
 import truths
+from common import asked, diagnosed
 
 import narx_sym as ns
 
@@ -34,24 +34,19 @@ def machine(kind: str, seed: int, size: float, samples: int, other: int) -> ns.R
     return ns.Record.from_arrays(made.u, made.y + noise, made.Ts)
 
 
-def diagnosed(record: ns.Record) -> ns.Diagnosis:
-    """Identify a linear base and diagnose it."""
-    return ns.diagnose(ns.identify(record, base="linear"), record, channels=[])
-
-
 def seen(kind: str, seed: int, samples: int, times: float) -> tuple[float, str, bool] | None:
     """Return the promised size (of the output's standard deviation), the verdict at `times` of it, whether it is in the set.
 
     None where nothing is promised, or the machine without the effect is not "nothing_detectable".
     """
     empty = machine(kind, seed, NOTHING, samples, 0)
-    first = diagnosed(empty).steps[0]
+    first = diagnosed(empty, channels=[]).steps[0]
     promised = first.smallest_detectable.get(kind)
     if promised is None or kind in first.absorbed or first.verdict != "nothing_detectable":
         return None
     size = promised / float(np.std(empty.y))
     try:
-        found = diagnosed(machine(kind, seed, times * size, samples, 1))
+        found = diagnosed(machine(kind, seed, times * size, samples, 1), channels=[])
     except RuntimeError:  # no strength of the effect moves the output so much
         return None
     return size, found.verdict, kind in found.confusion_set
@@ -59,13 +54,7 @@ def seen(kind: str, seed: int, samples: int, times: float) -> tuple[float, str, 
 
 def main() -> int:
     """Print, per effect, the promised size and the share of records that show it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--records", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=400)
-    parser.add_argument("--samples", type=int, default=1500)
-    parser.add_argument("--times", type=float, default=1.0)
-    parser.add_argument("--effects", nargs="+", default=EFFECTS)
-    options = parser.parse_args()
+    options = asked(__doc__, records=20, seed=400, samples=1500, times=1.0, effects=EFFECTS)
     warnings.simplefilter("ignore")
     every: list[bool] = []
     print("| effect | records | promised, median | seen | in the set |\n|---|---|---|---|---|")

@@ -9,7 +9,6 @@ that decide what is tried. A name is right where the source of the record says s
 
 from __future__ import annotations
 
-import argparse
 import sys
 import warnings
 from collections.abc import Iterator
@@ -18,9 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
+from common import asked, diagnosed, publish
 from places import SHARED
 
 import narx_sym as ns
@@ -79,14 +76,6 @@ def records_of(only: str) -> dict[str, Any]:
     }
 
 
-def publish(lines: list[str], path: Path | None) -> None:
-    """Print a table, and write it where a file is named."""
-    text = "\n".join(lines) + "\n"
-    if path:
-        path.write_text(text)
-    print(text)
-
-
 def changes() -> Iterator[tuple[str, float]]:
     """Yield each constant with each value; ENOUGH is a share: what it leaves is halved and doubled."""
     yield "as it is", 0.0
@@ -119,7 +108,7 @@ def searched(records: dict[str, Any]) -> Iterator[str]:
     for module, name in SEARCHED:
         for factor in (0.5, 2.0):
             with changed(module, name, factor) as value:
-                found = {n: ns.diagnose(ns.identify(r, base="linear"), r) for n, r in records.items()}
+                found = {n: diagnosed(r) for n, r in records.items()}
                 said = {n: read(f.hypotheses, RECORDS[n][2]) for n, f in found.items()}
             cells = [f"{s.named} ({found[n].verdict})" for n, s in said.items()]
             counts = f"{sum(s.right for s in said.values())} | {sum(s.in_set for s in said.values())}"
@@ -129,17 +118,13 @@ def searched(records: dict[str, Any]) -> Iterator[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default="", help="names of records, comma-separated")
-    parser.add_argument("--search", action="store_true", help="the constants that decide what is tried")
-    parser.add_argument("--markdown", type=Path)
-    options = parser.parse_args()
+    options = asked(__doc__, only="", search=False, markdown=Path)
     warnings.simplefilter("ignore")
     tables = {}
     records = records_of(options.only)
     for name, record in records.items():
         accept = RECORDS[name][2]
-        found = ns.diagnose(ns.identify(record, base="linear"), record)
+        found = diagnosed(record)
         tables[name] = ([row.judged() for row in found.hypotheses], accept)  # at other prices others may be worth it
         print(name, found.verdict, found.confusion_set, read(*tables[name]), f"{found.seconds:.0f} s", flush=True)
     lines = ["| constant | value | " + " | ".join(tables) + " | right | in the set |", "|---" * (len(tables) + 4) + "|"]
@@ -154,7 +139,7 @@ def main() -> None:
             setattr(verdict, name, before)
         counts = f"{sum(s.right for s in said)} | {sum(s.in_set for s in said)}"
         lines.append(f"| {name} | {value:g} | " + " | ".join(s.named for s in said) + f" | {counts} |")
-    publish(lines, options.markdown)
+    publish("\n".join(lines), options.markdown)
 
 
 if __name__ == "__main__":

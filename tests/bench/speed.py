@@ -8,19 +8,14 @@ ratios: the times belong to the machine. All tools get one BLAS thread.
 
 from __future__ import annotations
 
-import os
-import sys
-
-os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy loads its BLAS
-os.environ["NARX_SYM_CACHE"] = "off"  # what is compiled is compiled anew, unless a row says otherwise
-
-import argparse
 import ctypes
 import json
+import os
 import platform
 import resource
 import shutil
 import subprocess
+import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
@@ -30,11 +25,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 import numpy as np
 import sympy as sp
+from common import ROOT, asked, publish
 from paper import BENCH
 from paper_tables import TS, direct
 from scipy.linalg.blas import dsyrk
@@ -47,7 +40,8 @@ from narx_sym.fit.least_squares import factor
 from narx_sym.symbolic.sensitivity import sensitivities
 from narx_sym.symbolic.signals import k, u, y
 
-ROOT, N = Path(__file__).resolve().parents[2], 50_000
+os.environ["NARX_SYM_CACHE"] = "off"  # what is compiled is compiled anew, unless a row says otherwise
+N = 50_000
 THETA = np.array(BENCH.theta)
 Array = np.ndarray
 
@@ -459,21 +453,13 @@ def _long_double_gradient(record: Record) -> tuple[Any, Array]:
 
 
 def selection_times(rounds: int) -> dict[str, Array]:
-    """Time a selection from 220 candidates, its parts, and dsyrk of the same matrix."""
+    """Time a selection from 220 candidates, and dsyrk of the same matrix."""
     frame, terms, record = NARX([y[k - 1]]), candidates(220), measured()
-    data = {"u": record.u, "y": record.y}
-    columns = Columns([*terms, y[k]])
-    matrix = columns(data)
-    R, rows = factor(columns, [data])
-    edges = range(columns.depth, N, 2048)
+    matrix = Columns([*terms, y[k]])({"u": record.u, "y": record.y})
     return interleaved(
         rounds,
         whole=lambda: path_of(frame, terms, y[k], record, 15),
         dsyrk=lambda: dsyrk(1.0, matrix, trans=1),
-        columns=lambda: Columns([*terms, y[k]]),
-        pool=lambda: sum(columns.block(data, a, min(a + 2048, N)).size for a in edges),
-        factor=lambda: factor(columns, [data]),
-        picks=lambda: err_path(R, rows, 15),
     )
 
 
@@ -481,11 +467,6 @@ def selection(report: Report, quick: bool) -> None:
     found = selection_times(3 if quick else 9)
     size = "selection, 50 000 x 220, 15 terms"
     report.compare(size, found["whole"], found["dsyrk"], "dsyrk", "ms", 1e3, most=5)
-    for name, text in (
-        ("columns", "planning the product tree"), ("factor", "evaluation and streamed QR"),
-        ("pool", "of which evaluation of the pool"), ("picks", "15 picks on R"),
-    ):  # fmt: skip
-        report.compare(f"- {text}", found[name], found["dsyrk"], "dsyrk", "ms", 1e3)
     _selectors(report, selector_times(2 if quick else 5), size)
     _ill_conditioned(report)
 
@@ -777,12 +758,7 @@ def child(name: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer rounds, no test of memory")
-    parser.add_argument("--out", help="also write the table to this file")
-    parser.add_argument("--only", help=f"some of {', '.join(PARTS)}")
-    parser.add_argument("--child", choices=CHILDREN, help=argparse.SUPPRESS)
-    options = parser.parse_args()
+    options = asked(__doc__, quick=False, out=Path, only="", child="")
     warnings.simplefilter("ignore")
     if options.child:
         print(json.dumps(CHILDREN[options.child]()))
@@ -796,10 +772,7 @@ def main() -> None:
         f"{platform.machine()}, {cores} cores, Python {platform.python_version()}, NumPy {np.__version__}. "
         "Each ratio is a median over rounds in which both sides ran in turn, with one BLAS thread."
     )
-    text = report.markdown()
-    print(text)
-    if options.out:
-        Path(options.out).write_text(text, encoding="utf-8")
+    publish(report.markdown(), options.out)
 
 
 if __name__ == "__main__":

@@ -7,17 +7,13 @@ Constrained least squares on the paper's structures, as in the derivations P10, 
 
 from __future__ import annotations
 
-import argparse
-import sys
 import warnings
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 import numpy as np
 import sympy as sp
+from common import asked, publish
 from paper import VALVE, VALVE_INVERSE
 from paper_tables import TS, N, direct, inverse
 
@@ -192,16 +188,9 @@ TABLES = {"time": time_table, "shapes": shape_table, "valve": valve_table}
 
 def main() -> None:
     """Read the options and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--only", nargs="+", choices=sorted(TABLES), default=list(TABLES))
-    parser.add_argument("--out", type=Path, help="also write the markdown here")
-    options = parser.parse_args()
-    text = "\n".join(line for name in options.only for line in TABLES[name](options.seeds, options.jobs))
-    print(text)
-    if options.out:
-        options.out.write_text(text + "\n", encoding="utf-8")
+    options = asked(__doc__, seeds=10, jobs=2, only=list(TABLES), out=Path)
+    lines = [line for name in options.only for line in TABLES[name](options.seeds, options.jobs)]
+    publish("\n".join(lines), options.out)
 
 
 if __name__ == "__main__":

@@ -5,21 +5,15 @@
 Prints the table of the README; each part can be left out with a count of 0. Seeds are fixed.
 """
 
-import argparse
-import sys
 from collections.abc import Iterator
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
+import common
 import numpy as np
+from drawn import inputs_of, recursions, runs
 from hypothesis import HealthCheck, Phase, assume, given, settings
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
-
-from drawn import inputs_of, recursions, runs  # noqa: E402
-from truth import (  # noqa: E402
+from truth import (
     NAMES,
     classical,
     complex_step,
@@ -32,16 +26,16 @@ from truth import (  # noqa: E402
     triangle,
 )
 
-from narx_sym.data.metrics import nrmse  # noqa: E402
-from narx_sym.data.record import Record  # noqa: E402
-from narx_sym.engines.columns import Columns  # noqa: E402
-from narx_sym.engines.compile import compile  # noqa: E402
-from narx_sym.fit.bases.select import err_path  # noqa: E402
-from narx_sym.fit.least_squares import one_step  # noqa: E402
-from narx_sym.models.model import NARX  # noqa: E402
-from narx_sym.symbolic.recursion import Recursion  # noqa: E402
-from narx_sym.symbolic.sensitivity import sensitivities  # noqa: E402
-from narx_sym.symbolic.signals import expand_phi, k, y  # noqa: E402
+from narx_sym.data.metrics import nrmse
+from narx_sym.data.record import Record
+from narx_sym.engines.columns import Columns
+from narx_sym.engines.compile import compile
+from narx_sym.fit.bases.select import err_path
+from narx_sym.fit.least_squares import one_step
+from narx_sym.models.model import NARX
+from narx_sym.symbolic.recursion import Recursion
+from narx_sym.symbolic.sensitivity import sensitivities
+from narx_sym.symbolic.signals import expand_phi, k, y
 
 
 def runner(count: int) -> Any:
@@ -186,11 +180,7 @@ def coverage(method: str, name: str, draws: int, n: int = 200) -> tuple[list[flo
 
 
 def main() -> None:
-    ask = argparse.ArgumentParser(description=__doc__)
-    ask.add_argument("--engines", type=int, default=3000)
-    ask.add_argument("--models", type=int, default=1000)
-    ask.add_argument("--draws", type=int, default=2000)
-    asked = ask.parse_args()
+    asked = common.asked(__doc__, engines=3000, models=1000, draws=2000)
     for line in nist():
         print(line, flush=True)
     if asked.models:

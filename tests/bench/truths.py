@@ -930,22 +930,3 @@ def battery(group: str, seeds: Iterable[int]) -> Iterator[dict[str, Any]]:
                 "level": (0.01, 0.005)[(m // 2) % 2],
                 "Ts": (0.01, 0.01, 0.01, 0.005)[(m // 3) % 4],
             }
-
-
-def main() -> None:
-    """Print cost, size and what a refit leaves of it, for every kind."""
-    import time
-
-    for group, kinds in GROUPS.items():
-        for kind in kinds:
-            rows = []
-            for excitation in EXCITATIONS:
-                start = time.perf_counter()
-                c = case(group, kind, DEV[0], excitation)
-                rows.append((time.perf_counter() - start, c.size, c.info["left"]))
-            text = "  ".join(f"{s:5.2f} s {100 * size:5.1f} % {100 * left:5.1f} %" for s, size, left in rows)
-            print(f"{group:5}{kind:45}{text}")
-
-
-if __name__ == "__main__":
-    main()
