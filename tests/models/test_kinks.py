@@ -64,13 +64,6 @@ def test_friction_is_not_decided_by_its_linearisation():
     assert verdict.holds is None and verdict.diverging is None and "not decided" in verdict.reason
 
 
-def test_a_kink_beside_the_equilibrium_does_not_count():
-    """The model rests at -1 and 3, its kink is at 1; the slopes there are 0.5 and 1.5."""
-    verdict = property_1(NARX.from_terms(["y[k-1]", "abs(y[k-1] - 1)", "1"], [1.0, 0.5, -1.0]))
-    assert verdict.equilibria == [pytest.approx(-1), pytest.approx(3)]
-    assert verdict.reason.startswith("2 equilibria for a constant input, 1 non-diverging;")
-
-
 def test_no_grid_of_outputs_hides_what_repels():
     terms = ["y[k-1]", "y[k-2]", "cos(8*pi*y[k-1])*y[k-1]", "cos(8*pi*y[k-1])*y[k-2]"]
     verdict = property_1(NARX.from_terms(terms, [0.9, 0.1, -1.5, 1.5]))

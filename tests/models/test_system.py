@@ -142,17 +142,3 @@ def test_a_two_mass_drive_from_its_equations_runs_like_the_differential_equation
     runs = system.simulate({"u": np.sin(2 * t)})
     assert np.abs(runs["x1"] - truth[0]).max() < 0.01 * np.ptp(truth[0])
     assert np.abs(runs["x2"] - truth[2]).max() < 0.01 * np.ptp(truth[2])
-
-
-@pytest.mark.parametrize("seed", [0, 5])
-def test_two_inputs_with_their_own_poles_and_dead_times_are_found(seed):
-    from scipy.signal import lfilter
-
-    rng = np.random.default_rng(seed)
-    inputs, y = [np.repeat(rng.standard_normal(N), h)[:N] for h in rng.integers(3, 20, 2)], np.zeros(N)
-    for x in inputs:
-        p, d, g = rng.uniform(0.5, 0.97), int(rng.integers(1, 25)), rng.uniform(0.5, 2) * rng.choice([-1, 1])
-        y += lfilter([g * (1 - p)], [1, -p], np.concatenate([np.zeros(d), x])[:N])
-    y += 0.01 * np.std(y) * rng.standard_normal(N)
-    record = ns.Record.from_arrays(inputs[0], y, Ts=0.1, channels={"u2": inputs[1]}, roles={"u2": "input"})
-    assert ns.evaluate(ns.identify(record, base="linear"), record).free_run_nrmse < 0.011
