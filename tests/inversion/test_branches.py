@@ -13,9 +13,9 @@ import narx_sym as ns
 from narx_sym.engines.python import root
 from narx_sym.errors import NotInvertible
 from narx_sym.inversion.branches import solve_for
-from narx_sym.inversion.solution import Branch, Root, Solution, number
+from narx_sym.inversion.solution import Branch, Root, Solution
 from narx_sym.models.effects import clip
-from narx_sym.symbolic.signals import k, m, r, samples, signal, u, v, y
+from narx_sym.symbolic.signals import k, m, samples, signal, u, v, y
 
 a, b, c, d, w, h = sp.symbols("a b c d width h", real=True)
 p = signal("p")
@@ -48,21 +48,6 @@ def value_of(found, known):
 
 
 # ---------------------------------------------------------------- in closed form
-
-
-def test_the_physical_model_by_branches():
-    """m[k] = m[k-1] + dr/(a + b s h + c |h|) with s the sign of dr (PAPER_NOTES)."""
-    step, memory = m[k] - m[k - 1], d * m[k - 1] - r[k - 1]
-    found = solve(r[k - 1] + a * step + b * sp.Abs(step) * memory + c * step * sp.Abs(memory), target=r[k])
-    assert found.how == "branches" and found.closed_form and found.residual() == 0
-    falling, rising = found.branches
-    for branch, s in ((falling, -1), (rising, 1)):
-        expected = m[k - 1] + (r[k] - r[k - 1]) / (a + b * s * memory + c * sp.Abs(memory))
-        assert sp.simplify(branch.solution - expected) == 0
-    assert falling.condition == (r[k] < r[k - 1]) and rising.condition == sp.true
-    slopes = [a - b * memory + c * sp.Abs(memory), a + b * memory + c * sp.Abs(memory)]
-    assert [sp.expand(n.lhs - s) for n, s in zip(found.needs, slopes, strict=True)] == [0, 0]
-    assert "exactly one m[k] for every r[k] where" in found.proof
 
 
 CASES = {
@@ -116,20 +101,6 @@ def test_random_increasing_maps(weights, kinks, where, wanted, size):
         assert found.residual() == 0 or abs(evaluate(found.residual(), held | {v[k]: target, LAST: 0.0})) < 1e-9
 
 
-def test_plays_of_any_order():
-    plays = [signal(f"p{i}") for i in (1, 2, 3)]
-    moved = [sp.Max(m[k] - w * i, sp.Min(m[k] + w * i, q[k - 1])) - m[k] for i, q in enumerate(plays, 1)]
-    expr = m[k] + sum(c / 2 * z for z in moved)
-    found = solve(expr)
-    assert found.how == "nodes" and found.closed_form
-    rng = np.random.default_rng(2)
-    for _ in range(15):
-        known = NUMBERS | {q[k - 1]: rng.uniform(-0.5, 0.5) for q in plays} | {LAST: 0.0}
-        wanted = rng.uniform(-2, 2)
-        target = evaluate(expr, known | {m[k]: wanted})
-        assert value_of(found, known | {v[k]: target}) == pytest.approx(wanted, abs=1e-9)
-
-
 def test_a_quadratic_gain_keeps_its_side():
     found = solve(m[k] + c * m[k] ** 2)
     assert found.how == "quadratic" and found.reach == (-1 / (4 * c), sp.oo) and found.residual() == 0
@@ -177,16 +148,6 @@ def test_a_full_dead_zone_stays_and_a_full_play_jumps():
     assert value_of(slack, known | {v[k]: 1.1}) == pytest.approx(1.4)
     assert value_of(slack, known | {v[k]: 1.0}) == pytest.approx(1.3)
     assert value_of(slack, known | {v[k]: 0.9}) == pytest.approx(0.6)  # the slack is jumped over
-
-
-def test_a_little_more_than_full_jumps_too():
-    more = dict(NUMBERS) | {c: 1.05}
-    found = solve(CASES["play"], more)
-    assert len(found.notes) == 2 and found.notes[0].startswith("two solutions while") and "not used" in found.notes[1]
-    for target in np.linspace(0.2, 1.8, 33):
-        for last in (0.7, 1.3):
-            got = value_of(found, more | {p[k - 1]: 1.0, LAST: last, v[k]: target})
-            assert evaluate(CASES["play"], more | {p[k - 1]: 1.0, m[k]: got}) == pytest.approx(target, abs=1e-12)
 
 
 def test_a_saturation_says_what_it_reaches():
@@ -261,12 +222,6 @@ def test_the_nearest_root_or_the_least_gap():
     assert abs(root(lambda x: math.tanh(x) - 2, 0.0, -5.0, 5.0)) == 5.0
     assert root(lambda x: math.exp(x) - 1e300, 0.0, -1e9, 1e9) == pytest.approx(math.log(1e300))  # where exp overflows
     assert math.isnan(root(lambda x: math.nan, 0.0, -5.0, 5.0))
-
-
-def test_numbers_in_which_samples_cancel():
-    assert number((p[k - 1] + w) - (p[k - 1] - w), {w: sp.Float(0.3)}) == pytest.approx(0.6)
-    assert number(p[k - 1] + w, NUMBERS) is None and number(sp.zoo, {}) is None
-    assert samples(solve(CASES["dead zone"]).value) == [v[k]]
 
 
 @pytest.mark.parametrize(

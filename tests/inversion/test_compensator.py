@@ -3,18 +3,16 @@
 import numpy as np
 import pytest
 import sympy as sp
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from paper import BENCH
 from sampling import more, some
 
 from narx_sym.engines.compile import compile
 from narx_sym.errors import Diverged, ModelError, NotInvertible, Unreachable
 from narx_sym.inversion.compensator import compensator
-from narx_sym.inversion.grouping import offending, polynomials, q
+from narx_sym.inversion.grouping import polynomials, q
 from narx_sym.models.info import Info
-from narx_sym.models.model import NARX, Model
-from narx_sym.symbolic.signals import expand_phi, k, lag, m, phi1, phi2, r, samples, shift, u, y
+from narx_sym.models.model import NARX
+from narx_sym.symbolic.signals import k, lag, m, r, samples, u, y
 
 
 def reference(n=200, size=2.0):
@@ -57,47 +55,6 @@ def test_a_law_for_each_delay(delay):
     assert error.size == 200 - delay and error.max() < 1e-9
 
 
-def test_the_papers_law_symbol_by_symbol():
-    model = BENCH.published()
-    t, law = model.symbols, model.compensator()
-    assert sp.expand(law.law - BENCH.law) == 0
-    assert law.residual() == 0 and law.preview == 1
-    assert follow(model, 20 * np.sin(0.01 * np.arange(600)), m0=0.0).max() < 1e-9
-    assert not law.expand().rhs.free_symbols & set(t)
-
-
-@more
-@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
-@given(
-    delay=st.integers(0, 3),
-    gain=st.floats(0.5, 2),
-    linear=st.lists(st.floats(-0.4, 0.4), min_size=2, max_size=2),
-    chosen=st.lists(st.integers(0, 8), min_size=1, max_size=4, unique=True),
-    weights=st.lists(st.floats(-1, 1), min_size=4, max_size=4),
-    newest=st.sampled_from((u, phi1)),
-)
-def test_random_invertible_models_round_trip(delay, gain, linear, chosen, weights, newest):
-    d = delay + 1
-    others = [
-        u[k - d], phi2[k - d] * phi1[k - d], phi2[k - d] * y[k - 1], sp.tanh(u[k - d]) * y[k - 2], sp.sin(y[k - 1]), sp.Abs(u[k - d - 1]),
-        phi1[k - d - 1] * sp.cos(u[k - d]), sp.Max(u[k - d], y[k - 2]), sp.sign(u[k - d]) * sp.tanh(u[k - d - 1] ** 2),
-    ]  # fmt: skip
-    terms = [y[k - 1], y[k - 2], newest[k - delay], *(others[i] for i in chosen)]
-    # Small gains keep the law's own dynamics contracting; phi1 in it integrates.
-    bound = 0.1 * gain / len(chosen) * (0.2 if newest == phi1 else 1)
-    theta = [*linear, gain, *(bound * w for w in weights[: len(chosen)])]
-    model = NARX(terms, theta)
-    law = model.compensator()
-    assert law.preview == delay
-    error = follow(model, reference(60, 1.0))
-    assert error.max() < 1e-9
-    followed = shift(
-        expand_phi(model.F).xreplace({s: {u: m, y: r}[s.base][s.indices[0]] for s in samples(expand_phi(model.F))}),
-        delay,
-    )
-    assert sp.expand(followed.xreplace({m[k]: law.law}) - r[k + delay]) == 0
-
-
 @pytest.mark.parametrize("terms, theta", [(BENCH.terms, BENCH.theta), pytest.param(delayed(2), DELAYED, marks=more)])
 def test_a_law_in_the_users_units(terms, theta):
     y0, u0 = -96.0, 1.8
@@ -109,14 +66,6 @@ def test_a_law_in_the_users_units(terms, theta):
     assert follow(moved, target + y0, 0.3 + u0).max() < 1e-9
     rounded = sp.nsimplify(moved.compensator().residual(), rational=True)
     assert sp.expand(rounded.subs(dict(zip(moved.symbols, (2, 3, 5, 7, 11, 13, 17, 19, 23), strict=False)))) == 0
-
-
-def test_further_parameters_and_models_that_are_not_linear_in_them():
-    a, d = sp.symbols("a d", real=True)
-    h = d * u[k - 1] - y[k - 1]
-    model = Model(y[k - 1] + a * u[k] + sp.exp(-(d**2)) * phi1[k - 1] * sp.Abs(h), [a, d], [0.7, 1.6])
-    assert model.compensator().residual() == 0 and model.compensator().preview == 0
-    assert follow(model, reference(size=0.5)).max() < 1e-9
 
 
 # ---------------------------------------------------------------- no law
@@ -146,19 +95,6 @@ def test_not_invertible_names_the_term_and_the_assumption(terms, theta, words):
     with pytest.raises(NotInvertible, match=words) as error:
         compensator(NARX.from_terms(terms, theta))
     assert "A1" in str(error.value)
-
-
-def test_example_1_of_the_paper_is_not_invertible():
-    terms = ["y[k-1]", "phi1[k-1]*u[k-1]", "phi2[k-1]", "phi1[k-1]"]
-    model = NARX.from_terms(terms)
-    assert [term for term, _ in offending(model)] == [phi1[k - 1] * u[k - 1], phi2[k - 1]]
-    with pytest.raises(NotInvertible):
-        model.compensator()
-
-
-def test_a_product_that_does_not_contain_the_newest_input_is_no_obstacle():
-    model = NARX.from_terms(["u[k-1]", "phi2[k-2]*phi1[k-2]*u[k-3]", "exp(u[k-2])*y[k-1]"])
-    assert offending(model) == [] and model.compensator().residual() == 0
 
 
 # ---------------------------------------------------------------- A, B, f
@@ -194,15 +130,6 @@ def test_the_grouping_is_the_equation(terms, point):
         t for t in sp.Add.make_args(sp.expand(f)) if sp.Mul(*(x for x in t.args if x.has(sp.Indexed))) in samples(t)
     ]
     assert linear == [] or point
-
-
-def test_the_grouping_of_the_papers_model():
-    model = BENCH.model()
-    t, law = model.symbols, model.compensator()
-    assert sp.expand(law.A - (1 - t[0] / q)) == 0
-    assert sp.expand(law.B - t[1] * (1 / q - q**-2)) == 0
-    assert sp.expand(law.f - expand_phi(sum(c * x for c, x in zip(t[2:], model.terms[2:], strict=True)))) == 0
-    assert law.A.subs(q, 1) == 1 - model.sigma_y
 
 
 # ---------------------------------------------------------------- the identified inverse
@@ -277,30 +204,6 @@ def test_a_law_prints_its_numbers():
 
 
 # ---------------------------------------------------------------- limits, starts, what is empty
-
-
-def test_limits_must_leave_room():
-    law = NARX.from_terms(["y[k-1]", "phi1[k-1]"], [1.0, 0.5]).compensator()
-    for limits in ((1, 1), (2, 1), (1, float("nan"))):
-        with pytest.raises(ModelError, match="lower and a higher"):
-            law.limited(limits)
-    for rate in (0, -1.0, float("inf"), float("nan")):
-        with pytest.raises(ModelError, match="positive"):
-            law.limited((0, 1), rate)
-    assert law.limited((0, 1), 0.5).depth >= 1
-
-
-def test_the_start_is_on_the_line_or_where_it_is_asked():
-    model = NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0])
-    model = model.replace(info=Info(line=(1.0, 2.0)))
-    law = model.compensator()
-    assert law.start(5.0)["m"] == law.rest_input(5.0) == 2.0 and law.start(5.0)["r"] == law.start(5.0)["y"] == 5.0
-    assert law.start(5.0, 0.0)["m"] == 0.0 and law.start(5.0, 7)["m"] == 7.0
-
-
-def test_a_law_in_one_piece_has_no_branches():
-    law = NARX.from_terms(["y[k-1]", "phi1[k-1]"], [1.0, 0.5]).compensator()
-    assert law.branches == () and law.closed_form and law.staged is None and law.preview == 1
 
 
 def lines(latex):

@@ -9,7 +9,6 @@ import pytest
 from paper import BENCH, VALVE
 
 import narx_sym as ns
-from narx_sym.cli import main as cli
 from narx_sym.errors import Diverged, ModelError
 from narx_sym.models.info import Info
 
@@ -147,31 +146,14 @@ def test_of_a_continuum_the_recorded_start_is_taken():
     assert quietly(law, np.full(30, 0.0)) == pytest.approx(np.zeros(30), abs=1e-9)
 
 
-def test_a_file_without_a_start_is_read(tmp_path):
-    model = ringing(-0.5)
-    ns.save(model, tmp_path / "m.json")
-    assert ns.load(tmp_path / "m.json").info.start == (0.0, 0.0)
-    text = (tmp_path / "m.json").read_text().replace('"start"', '"gone"')
-    with pytest.raises(ModelError, match="info"):
-        (tmp_path / "bad.json").write_text(text)
-        ns.load(tmp_path / "bad.json")
-    ns.save(model.replace(info=Info(line=(1.0, 0.5))), tmp_path / "old.json")
-    old = ns.load(tmp_path / "old.json")
-    assert old.info.start is None and old.compensator().rest_input(2.0) == 2.0
-
-
-def test_the_command_damps_and_says_so(tmp_path, monkeypatch, capsys):
+def test_the_command_damps_and_says_so(run, tmp_path):
     ns.save(ringing(-0.97), tmp_path / "m.json")
     np.savetxt(tmp_path / "r.csv", np.c_[np.arange(1500) * Ts, wave()], header="t,r", delimiter=",", comments="")
     swings = {}
     for share in ("auto", "none", "0.4"):
-        command = ["narx-sym", "compensate", tmp_path / "m.json", "--reference", tmp_path / "r.csv"]
-        command += ["--out", tmp_path / "m.csv", "--m0", 5, "--share", share]
-        monkeypatch.setattr("sys.argv", list(map(str, command)))
-        with pytest.raises(SystemExit) as stop:
-            cli.main()
-        assert stop.value.code == 0
-        assert ("So the law is damped" in capsys.readouterr().out.replace("\n", " ")) == (share == "auto")
+        given = ("--reference", tmp_path / "r.csv", "--out", tmp_path / "m.csv", "--m0", 5, "--share", share)
+        text, _ = run.good("compensate", tmp_path / "m.json", *given)
+        assert ("So the law is damped" in text.replace("\n", " ")) == (share == "auto")
         m = np.loadtxt(tmp_path / "m.csv", delimiter=",", skiprows=1)[:, 2]
         swings[share] = np.abs(np.diff(m[50:150])).max()
     assert swings["auto"] < 0.3 > swings["0.4"] and swings["none"] > 1

@@ -128,39 +128,6 @@ def test_nothing_is_proved_that_does_not_hold():
     assert "not proved" in falling.checked and not falling.check().proved and not falling.check().good
 
 
-@pytest.mark.long
-def test_what_is_proved_holds_by_brute_force():
-    """Wherever algebra says "exactly one", a search over inputs finds one crossing."""
-    rng, grid = np.random.default_rng(3), np.sinh(np.linspace(-12, 12, 8001))
-    judged = 0
-    for name in ("first order", "second order", "delayed", "continuum"):
-        for variant in variants(bases()[name], ["temp"]):
-            law = _law(with_effect(bases()[name], variant, rng))
-            for stage in law.staged.stages if law is not None and law.staged else ():
-                if not stage.proved or stage.needs:
-                    continue
-                gap = (stage.expr - stage.target).xreplace(law.model.values)
-                plain = {s: sp.Symbol(f"s{i}", real=True) for i, s in enumerate(sorted(gap.atoms(sp.Indexed), key=str))}
-                function = sp.lambdify(list(plain.values()), gap.xreplace(plain), modules="numpy")
-                for _ in range(8):
-                    at = {s: grid if s == stage.unknown else rng.uniform(-1, 1) for s in plain}
-                    values = {s: x for s, x in at.items() if s != stage.unknown}
-                    low, high = (float(sp.sympify(e).xreplace(law.model.values).xreplace(values)) for e in stage.reach)
-                    if not low < at[stage.target] < high:
-                        continue
-                    found = np.broadcast_to(function(*at.values()), grid.shape)
-                    assert (np.signbit(found[1:]) != np.signbit(found[:-1])).sum() == 1, (str(variant), stage.proof)
-                    judged += 1
-    assert judged > 200
-
-
-def _law(model):
-    try:
-        return model.compensator()
-    except ns.errors.NotInvertible:
-        return None
-
-
 def test_no_pair_of_roots_is_jumped_over():
     """A search by widening steps saw the same sign on both sides of two roots."""
     import narx_sym.engines.roots as bounds
