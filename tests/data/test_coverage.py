@@ -194,10 +194,6 @@ def test_it_is_in_the_model_file_and_files_without_it_load(model, tmp_path):
                 ns.load(path)
 
 
-def test_a_smooth_model_has_seen_the_same(model):
-    assert model.smooth(0.1).info.rates == model.info.rates
-
-
 def test_the_commands_say_it_on_stderr(model, linear, tmp_path, run, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ns.save(model, "m.json")
@@ -257,13 +253,3 @@ def test_auto_warns_where_it_keeps_an_unfinished_free_run():
     assert not said(fit, model, record, method="auto", max_steps=2, warn=False)
     whole, silent = told(model.fit, record, method="auto")
     assert not silent and whole.info.converged is True
-
-
-def test_the_mark_is_in_the_model_file(tmp_path):
-    record = model_of(sine())[1]
-    model = ns.NARX.from_terms(TERMS, [1.0, 0.1, 0.4])
-    with pytest.warns(UserWarning, match="stopped before"):
-        short = fit(model, record, ["continuum"], "free_run", max_steps=1)
-    ns.save(short, tmp_path / "m.json")
-    assert ns.load(tmp_path / "m.json").info.converged is False
-    assert not said(fit, model, record, ["continuum"], "free_run", max_steps=1, warn=False)

@@ -121,15 +121,6 @@ def test_where_nothing_follows_the_frozen_rows_go_first():
     assert "Delete the output values in the rows 301:2700" in what_next(ns.diagnose(base, record))
 
 
-@pytest.mark.long
-def test_a_diagnosis_says_it():
-    record = ns.Record.from_arrays(u, 0.05 * np.round(y / 0.05), Ts)
-    found = ns.diagnose(ns.identify(record, base="linear", n_y=1, n_u=1), record)
-    assert [f.effect for f in found.faults] == ["quantisation"]
-    assert "steps of 0.05" in found.sentence()
-    assert found.to_dict()["sensor"][0]["size"] == pytest.approx(0.05)
-
-
 def test_a_sensor_that_freezes_is_told_from_friction_that_holds():
     rng = np.random.default_rng(2)
     wave = np.sin(np.arange(2000) / 60)
