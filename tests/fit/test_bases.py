@@ -1,7 +1,5 @@
 """Bases that remember where the input turned."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import sympy as sp
@@ -9,7 +7,7 @@ from places import SHARED, needs_shared
 
 import narx_sym as ns
 from narx_sym.errors import FitError, ModelError
-from narx_sym.fit.bases.choice import _split, choose_base
+from narx_sym.fit.bases.choice import choose_base
 from narx_sym.fit.bases.play import Shape, branch_after, identify_play
 from narx_sym.models.rest_map import plays
 from narx_sym.symbolic.signals import k, u
@@ -182,35 +180,3 @@ def test_a_block_in_which_nothing_moves_stops_no_base():
         return ns.NARX.from_terms(["u[k]"], [0.5], Ts=TS)
 
     assert choose_base([ns.Record.from_arrays(still, 0.5 * still, Ts=TS)], identified).info.selection.base == "static"
-
-
-def test_what_is_held_out_stands_behind_what_was_measured_before():
-    """Where the input turned before is known: a base that remembers it is asked without having to guess."""
-    rows = np.arange(N, dtype=float)
-    whole = ns.Record.from_arrays(rows, rows, Ts=TS)
-    _, held = _split([whole])
-    assert [(r.u[0], r.u[first], r.u[-1]) for r, first in held] == [(0, 150, 299), (450, 600, 749)]
-    _, held = _split([replace(whole, breaks=(5, 100, 140, 640, 742))])  # nothing is run across a break
-    parts = [(r.u[0], r.u[first], r.u[-1]) for r, first in held]
-    assert parts == [(140, 150, 299), (560, 600, 639), (640, 640, 741)]  # and 8 rows judge nothing
-
-
-@needs_shared
-@pytest.mark.long
-def test_auto_takes_as_many_plays_as_pay_where_a_real_piezo_sees_one_sine():
-    model = ns.identify(ns.read(SHARED / "piezo_dbo" / "train_1Hz_full_range.csv"), base="auto")
-    assert model.info.selection.base == "play" and len(model.symbols) < 12
-
-
-@needs_shared
-@pytest.mark.long
-def test_auto_takes_plays_where_a_real_piezo_turns_inside_its_range():
-    record = ns.read(SHARED / "piezo_dbo" / "test_varying_amplitude.csv", rows=slice(20, 5000))
-    assert ns.identify(record, base="auto").info.selection.base == "play"
-
-
-@pytest.mark.long
-def test_auto_picks_bouc_wen_on_the_papers_bench():
-    volts = ns.plants.filtered_noise(N=5000, Ts=0.01, cutoff=0.5, peak=75.0, seed=5)
-    record = ns.Record.from_arrays(volts, ns.plants.bouc_wen(volts, Ts=0.01), Ts=0.01)
-    assert ns.identify(record, base="auto").info.selection.base == "bouc-wen"

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 import sympy as sp
-from places import SHARED, needs_shared
 
 import narx_sym as ns
 from narx_sym.errors import Diverged
@@ -154,20 +153,3 @@ def test_compare_prints_the_number_of_evaluate(run, tmp_path):
     first, second = json.loads((tmp_path / "c.json").read_text())["errors"]
     assert code == 0 and "estimated offset of the sensor" in err and second["record"].endswith("(validation)")
     assert first["free_run_nrmse"] == ns.evaluate(BENT, measured, align=True).free_run_nrmse < row["free_run_nrmse"]
-
-
-@needs_shared
-def test_most_of_the_error_on_the_real_piezo_is_an_offset():
-    """The six terms as identified from the full-range sine; most of their error on varying amplitudes is a drift."""
-    terms = ["phi1[k-1]", "phi1[k-2]*phi2[k-2]*u[k-2]", "phi1[k-2]*phi2[k-2]*y[k-1]", "phi1[k-2]*u[k-2]*y[k-1]"]
-    theta = [9.0028, 12.5264, -0.775817, 0.0728965, -0.0318365, 1.0]
-    train, test = (
-        ns.read(SHARED / "piezo_dbo" / name, rows=rows)
-        for name, rows in (
-            ("train_1Hz_full_range.csv", slice(20, None)),
-            ("test_varying_amplitude.csv", slice(20, 5000)),
-        )
-    )
-    point = ns.fit.identify.operating_point(train)
-    model = ns.NARX.from_terms([*terms, "phi1[k-2]*y[k-1]", "y[k-1]"], theta, operating_point=point, Ts=train.Ts)
-    assert ns.evaluate(model, test, align=True).free_run_nrmse <= 0.032 < ns.evaluate(model, test).free_run_nrmse

@@ -9,11 +9,9 @@ import sympy as sp
 from exported import SUBJECTS, valued
 
 import narx_sym as ns
-from narx_sym.codegen.export import written
 from narx_sym.errors import ModelError
 from narx_sym.fit.interop import from_sysidentpy
 from narx_sym.symbolic.printing import text
-from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.signals import k, signal, u, y
 
 needs_control = pytest.mark.skipif(
@@ -67,33 +65,12 @@ def test_the_order_of_the_state():
     assert law.rest_state(r=1.0).tolist() == [1, 1, 1]
 
 
-def test_the_state_can_be_differentiated():
-    """What a controller needs: the sensitivity of the next output to the input."""
-    import casadi as ca
-
-    step = ns.NARX.from_terms(["y[k-1]", "u[k]", "y[k-1]*u[k]"], [0.5, 1.0, 0.25]).export("casadi")
-    state, inputs = ca.SX.sym("x", 1), ca.SX.sym("u", 1)
-    slope = ca.Function("slope", [state, inputs], [ca.jacobian(step(state, inputs)[1], inputs)])
-    assert float(slope(2.0, 3.0)) == 1.5
-
-
 def test_rest_says_what_it_needs():
     model = SUBJECTS["backlash"].thing
     with pytest.raises(ModelError, match="needs u"):
         model.rest_state(y=1.0)
     with pytest.raises(ModelError, match="There is no z"):
         model.rest_state(u=1.0, y=1.0, z=3.0)
-
-
-def test_a_step_needs_numbers_and_a_plain_name():
-    model = ns.NARX.from_terms(["y[k-1]", "u[k]"])
-    with pytest.raises(ModelError, match="No value was given for theta_1"):
-        model.export("casadi")
-    model = model.replace(theta=[0.5, 1.0])
-    with pytest.raises(ModelError, match="name of a CasADi function"):
-        model.export("casadi", "my model")
-    with pytest.raises(ModelError, match="time index"):
-        written("casadi", Recursion(((y[k], y[k - 1] + k * u[k]),)), {})
 
 
 # ---------------------------------------------------------------- python-control
@@ -204,31 +181,6 @@ def test_an_imported_model_runs_like_the_original(options):
 
 
 @needs_sysidentpy
-def test_the_terms_keep_their_theta():
-    """Rows are in the order of selection, and so is theta: the truth comes back term by term."""
-    X, Y = measured()
-    model = from_sysidentpy(frols(X, Y))
-    found = {text(t): v for t, v in zip(model.terms, model.theta, strict=True)}
-    truth = {
-        "y[k-1]": 0.5, "y[k-2]": -0.1, "u[k-2]": 0.8, "u[k-1]*y[k-1]": 0.3, "u[k-3]**2": 0.2, "y[k-3]**3": -0.1, "1": 0.05,
-    }  # fmt: skip
-    assert all(found[t] == pytest.approx(v, abs=3e-3) for t, v in truth.items())
-
-
-@needs_sysidentpy
-@pytest.mark.parametrize("name", ("AOLS", "OSF"))
-def test_its_other_selections_are_imported_too(name):
-    import sysidentpy.model_structure_selection as selections
-    from sysidentpy.basis_function import Polynomial
-
-    X, Y = measured()
-    theirs = getattr(selections, name)(ylag=2, xlag=2, basis_function=Polynomial(degree=2)).fit(X=X, y=Y)
-    model = from_sysidentpy(theirs)
-    one = theirs.predict(X=X, y=Y, steps_ahead=1).ravel()
-    assert np.abs(model.predict(ns.Record.from_arrays(X, Y, Ts=1.0)) - one)[2:].max() <= 1e-9
-
-
-@needs_sysidentpy
 def test_what_cannot_be_imported_is_said():
     from sysidentpy.basis_function import Fourier, Polynomial
     from sysidentpy.model_structure_selection import FROLS
@@ -336,14 +288,6 @@ def test_a_state_has_no_place_in_sysidentpy():
         SUBJECTS["backlash"].thing.to_sysidentpy()
     with pytest.raises(ModelError, match="no parameter values"):
         ns.NARX.from_terms(["y[k-1]", "u[k-1]"]).to_sysidentpy()
-
-
-@needs_sysidentpy
-def test_the_largest_lag_that_sysidentpy_runs():
-    model = ns.NARX.from_terms(["y[k-1]", "u[k-499]"], [0.5, 1.0])
-    source = np.random.default_rng(2).uniform(-1, 1, 700)
-    free = model.to_sysidentpy().predict(X=source[:, None], y=np.zeros((700, 1))).ravel()
-    assert np.abs(free - model.simulate(source, np.zeros(499))).max() <= 1e-9
 
 
 def test_without_sysidentpy_the_command_is_named(monkeypatch):

@@ -5,19 +5,15 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import sympy as sp
-from drawn import assert_agree, inputs_of, recursions, runs
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from sampling import more
 from truth import NAMES, complex_step, digits, exact_constrained, exact_least_squares, smooth_models, strd
 
 from narx_sym.data.record import Record
 from narx_sym.engines.columns import Columns
 from narx_sym.engines.compile import compile
 from narx_sym.errors import FitError
-from narx_sym.fit import freerun
 from narx_sym.fit.constraints import Elimination
-from narx_sym.fit.freerun import FreeRun
 from narx_sym.fit.least_squares import CORRECTED, factor, one_step, refined, solve_factor
 from narx_sym.models.model import NARX
 from narx_sym.symbolic.recursion import Recursion
@@ -149,34 +145,7 @@ def test_sensitivities_equal_complex_steps_for_random_models(made):
 # ---------------------------------------------------------------- engines
 
 
-@pytest.mark.long
-@settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
-@given(recursions(small=True))
-def test_engines_agree_on_many_small_recursions(made):
-    recursion, n, seed = made
-    assume(recursion.inputs)
-    results = runs(recursion, inputs_of(n, seed), (0.05, -0.07), dict.fromkeys(recursion.states, 0.3))
-    ties = [x[recursion.depth :] for name, x in results["python"].items() if name.startswith("tie")]
-    assume(all(np.abs(x).min() > 1e-9 for x in ties))
-    assert_agree(results)
-
-
 # ---------------------------------------------------------------- standard errors
-
-
-@more
-def test_intervals_of_a_free_run_fit_cover_the_truth():
-    terms, truth = ["y[k-1]", "u[k-1]"], np.array([0.8, 0.5])
-    random = np.random.default_rng(11)
-    inside = []
-    for _ in range(150):
-        source = random.standard_normal(80)
-        clean = NARX.from_terms(terms, truth).simulate(source, 0.0)
-        record = Record.from_arrays(source, clean + 0.2 * random.standard_normal(80), Ts=1.0)
-        model = NARX.from_terms(terms, truth).fit(record, method="free_run")
-        inside.append(np.abs(model.theta - truth) < 1.99 * np.array(model.standard_errors))
-    coverage = np.mean(inside, axis=0)  # of 150 draws: three and a half deviations are 0.062
-    assert np.all((coverage > 0.888) & (coverage < 1)), coverage
 
 
 def test_the_unit_of_a_constraint_does_not_matter():
@@ -188,20 +157,3 @@ def test_the_unit_of_a_constraint_does_not_matter():
         assert both.Z.shape == (3, 1)
         theta = both.t0 + both.Z @ [0.7]
         assert theta[0] + 2 * theta[1] == pytest.approx(3) and theta[1] + theta[2] == pytest.approx(1)
-
-
-def test_slopes_of_many_parameters_are_those_of_few_and_printed_once(monkeypatch):
-    """One banded solve per run, or one equation per parameter: the same derivatives."""
-    older = [f"y[k-{i}]" for i in range(1, 9)] + [f"u[k-{i}]" for i in range(1, 7)]
-    model = NARX.from_terms([*older, "y[k-1]**2", "y[k-2]*u[k-1]", "phi1[k-1]*y[k-1]", "phi2[k-1]*phi1[k-1]*y[k-2]"])
-    rng = np.random.default_rng(0)
-    theta = [0.3, 0.2, -0.1, 0.1, 0.05, 0.02, 0.01, 0.01, *rng.normal(size=6), 0.02, 0.03, 0.02, 0.01]
-    record = Record.from_arrays(rng.uniform(-1, 1, 300), rng.normal(size=300), Ts=1.0)
-    many, few = (FreeRun(model, record, []) for _ in range(2))
-    assert len(theta) > freerun.MANY
-    r, S = (x.copy() for x in many.run(many.start(theta)))
-    monkeypatch.setattr(freerun, "MANY", 100)
-    assert r == pytest.approx(few.run(few.start(theta))[0], abs=1e-12)
-    assert S == pytest.approx(few.run(few.start(theta))[1], rel=1e-9, abs=1e-12)
-    monkeypatch.setattr(sp, "lambdify", None)
-    assert not np.array_equal(many.run(1.01 * many.start(theta))[0], r)

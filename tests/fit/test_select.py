@@ -12,7 +12,7 @@ from narx_sym import plants
 from narx_sym.data.record import Record
 from narx_sym.engines.columns import Columns
 from narx_sym.errors import FitError
-from narx_sym.fit.bases.select import candidates_of, err_path, path_of, select
+from narx_sym.fit.bases.select import err_path, path_of, select
 from narx_sym.fit.evaluate import evaluate
 from narx_sym.models.assumptions import COMPENSATION, CONTINUUM
 from narx_sym.models.model import NARX
@@ -161,13 +161,6 @@ def test_records_are_selected_on_as_if_stacked():
         breaks=(400, 3_400),
     )
     assert path_of(frame, candidates, y[k], merged, 8).order == path.order
-
-
-def test_the_target_under_a_continuum():
-    terms = [y[k - 1], y[k - 2], u[k - 1], phi1[k - 1] * y[k - 1]]
-    assert candidates_of(terms, False, y) == (terms, y[k], [])
-    candidates, target, always = candidates_of(terms, True, y)
-    assert candidates == [y[k - 2] - y[k - 1], *terms[2:]] and target == y[k] - y[k - 1] and always == [y[k - 1]]
 
 
 @pytest.mark.parametrize("criterion", ("free_run", "aic", "bic", "knee"))

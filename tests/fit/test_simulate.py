@@ -1,7 +1,6 @@
 """Free run and one-step prediction along records: gaps, starts."""
 
 import numpy as np
-import pytest
 
 import narx_sym as ns
 from narx_sym.data.record import Record
@@ -53,33 +52,6 @@ def valued(base, variant, size=0.2):
     values = dict(zip(base.symbols, base.theta, strict=True)) | dict.fromkeys(added.coefficients, size)
     values |= {s: SIZES.get(p, 0.25) for s, p in zip(added.shape, variant.shape, strict=True)}
     return added.model.replace(theta=[values[s] for s in added.model.symbols])
-
-
-@pytest.mark.parametrize("base", (LINEAR, CONTINUUM), ids=("linear", "continuum"))
-@pytest.mark.long
-def test_a_free_run_makes_its_own_data_again(base):
-    """Every effect in every place, from rest: the start is that of the model, not that of its base."""
-    still, n = 20, 120
-    i = np.maximum(np.arange(n) - 8.0, 0.0)
-    wave = base.operating_point.get(u, 0.0) + np.sin(i / 5) + 0.4 * np.sin(i / 2.3)
-    temp = 0.5 + np.cos(np.arange(n + still) / 30)
-    temp[: still + 8] = temp[0]
-    tried = 0
-    for variant in variants(base, ["temp"]):
-        model = valued(base, variant, -0.02 if variant.where in ("inside", "force") else 0.2)  # they hold it back
-        channels = {"temp": temp} if model.channels else {}
-        driven = np.concatenate([np.full(still, wave[0]), wave])
-        rest = base.operating_point.get(y, 0.0)
-        made = model.simulate(driven, rest, channels, u0=wave[0], engine="python")
-        if np.abs(made).max() > 1e3 or (np.ptp(made[:still]) > 1e-9 and any(s.remembers for s in model.memory)):
-            continue  # what is remembered at a start that moves is not in the record
-        record = Record(driven, made, 0.01 * np.arange(n + still), 0.01, channels)
-        for part in (record, record[still - 6 :]):
-            again = model.simulate(part.u, part.y[: max(1, model.recursion.depth)], {**part.channels, "t": part.t})
-            assert np.abs(again - part.y).max() < 1e-9 * max(1.0, np.abs(made).max()), str(variant)
-            assert np.abs(free_run(model, part) - part.y).max() < 1e-9 * max(1.0, np.abs(made).max()), str(variant)
-        tried += 1
-    assert tried > 25
 
 
 def test_creep_of_more_than_the_whole_rests():
