@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from drawn import recursions
-from exported import AWKWARD, SUBJECTS, Subject, valued
+from exported import AWKWARD, SUBJECTS, Subject
 from hypothesis import HealthCheck, assume, given, reject, settings
 from languages import arguments, built, needs_gcc, run, self_tested, stepped
 from sampling import some
@@ -16,7 +16,6 @@ from narx_sym.codegen.export import written
 from narx_sym.errors import Diverged, ModelError
 from narx_sym.models.info import Info
 from narx_sym.symbolic.recursion import Recursion
-from narx_sym.symbolic.sensitivity import sensitivities
 from narx_sym.symbolic.signals import k, signal, u, y
 
 N = 50_000
@@ -90,14 +89,6 @@ def test_nothing_of_a_name_reaches_the_code():
     assert source.isascii() and "system" not in re.sub(r"x_system\w*", "", code(source))
     names = set(re.findall(r"[A-Za-z_]\w*", code(source).split("#ifdef")[0]))
     assert all(len(n) <= 63 for n in names) and not {"EOF", "NULL", "__DATE__", "INFINITY"} & names
-
-
-@needs_gcc
-def test_a_channel_from_a_file_cannot_bring_code(tmp_path):
-    linear = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5], Ts=0.01)
-    source = valued(linear, 'channel:*/ x; system("touch pwned"); /*').export("c", "m")
-    assert "touch" not in code(source).replace("x_system_touch_pwned", "")
-    assert self_tested(tmp_path, source, "m")[0] == "passed" and not (tmp_path / "pwned").exists()
 
 
 def test_only_the_libraries_that_are_used():
@@ -194,23 +185,6 @@ def test_the_last_state_is_returned_unless_another_is_named():
     assert written("c", pair, {}, output="p") == written("c", pair, {}, output=p)
     with pytest.raises(ModelError, match="does not compute z"):
         written("c", pair, {}, output="z")
-
-
-@needs_gcc
-def test_sensitivities_behind_the_output(tmp_path):
-    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5])
-    extended, _ = sensitivities(model.recursion)
-    wave = np.sin(np.arange(100) / 9)
-    source = written("c", extended, model.values, "s", output=y)
-    found = stepped(tmp_path, source, "s", {"u": wave[:-1]}, [0.0] * len(arguments(source, "s_init")))
-    assert np.allclose(found, model.simulate(wave, 0.0)[1:], rtol=0, atol=1e-12)
-
-
-def test_hidden_states_start_by_themselves():
-    """Whoever calls init gives what he can measure; what effects remember follows."""
-    source = SUBJECTS["effects"].export("c", "x1")
-    assert set(arguments(source, "x1_init")) <= {"y", "u", "t", "temp", "load"}
-    assert arguments(source, "x1_step") == ["load", "t", "temp", "u"]
 
 
 @needs_gcc

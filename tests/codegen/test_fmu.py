@@ -268,14 +268,6 @@ def test_law_and_plant_joined_by_an_ordinary_master(name, fmi, tmp_path):
     assert np.ptp(found) > 0.5 and np.abs(found - r[:n]).max() <= 1e-9
 
 
-@BOTH
-def test_what_answers_at_once_is_read_one_sample_late(fmi, tmp_path):
-    model = ns.NARX.from_terms(["y[k-1]", "u[k]", "u[k-1]"], [0.5, 1.0, -0.4], Ts=TS)
-    put(model, tmp_path / "x.fmu", fmi=fmi)
-    run, expected = ordinary(tmp_path / "x.fmu", u=WAVE), model.simulate(np.insert(WAVE, 0, 0.0), 0.0)[1:]
-    assert np.abs(run[1:] - expected).max() <= 1e-9 and run[0] == run[1]
-
-
 @by_turns("drift", "ageing")
 def test_the_clock_of_a_law_is_as_far_ahead_as_it_reads(name, fmi, tmp_path):
     """The law against a drift reads t[k+1], the one against ageing t[k]."""
@@ -287,22 +279,6 @@ def test_the_clock_of_a_law_is_as_far_ahead_as_it_reads(name, fmi, tmp_path):
         one.begin(**{a: v for a, v in rest.items() if a in fmu.references})
         found = one.run(TS, r=REFERENCE[1:])[1:]
     assert np.abs(found - expected[:-1]).max() <= 1e-9
-
-
-@BOTH
-def test_a_law_starts_anew_after_a_reset(fmi, tmp_path):
-    law = PLANTS["dead time"].compensator()
-    with opened(law.export(TARGETS[fmi]), tmp_path) as fmu:
-        one = fmu.instance()
-        runs = []
-        for _ in range(2):
-            one.begin(r=0.4, r_rest=0.4, m_rest=0.3)
-            runs.append(one.run(TS, r=REFERENCE))
-            one.reset()
-        assert np.array_equal(*runs) and np.ptp(runs[0]) > 0.5
-        one.begin(r=0.4, r_rest=0.4, m_rest=0.3)
-        one.set(r=REFERENCE[5])
-        assert one.get("m") == runs[0][0]  # until the next step
 
 
 @BOTH
@@ -351,13 +327,6 @@ def test_a_source_that_does_not_stand_alone_has_prefixed_names(tmp_path):
         subprocess.run(["cc", "-std=c99", "-c", *flags, "x.c", "-o", "x.o"], cwd=tmp_path, check=True)
         names = subprocess.run(["nm", "x.o"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
         assert f"T fmi_fmi{fmi[0]}DoStep" in names and f"T fmi{fmi[0]}DoStep" not in names
-
-
-def test_the_source_inside_tests_itself(tmp_path):
-    put(MODEL, tmp_path / "x.fmu")
-    (tmp_path / "x.c").write_bytes(content(tmp_path / "x.fmu", "sources/model.c"))
-    subprocess.run(["cc", "-std=c99", "-DMODEL_SELF_TEST", "x.c", "-o", "x", "-lm"], cwd=tmp_path, check=True)
-    assert "passed" in subprocess.run([tmp_path / "x"], capture_output=True, text=True, check=True).stdout
 
 
 def test_where_a_model_rests_without_a_word():

@@ -5,14 +5,14 @@ import pytest
 import sympy as sp
 from exported import of, valued
 from languages import REFERENCE, RUN, TS, arguments, law_over, needs_gcc, run, stepped
-from sampling import matrix, more, some
+from sampling import matrix, some
 
 import narx_sym as ns
 from narx_sym.codegen import registry
 from narx_sym.codegen.export import written
 from narx_sym.engines.compile import compile
 from narx_sym.errors import ModelError
-from narx_sym.symbolic.recursion import Recursion, State
+from narx_sym.symbolic.recursion import Recursion
 from narx_sym.symbolic.signals import k, r, signal, u, y
 
 N = 300
@@ -202,16 +202,6 @@ def test_names_of_the_user_stay_apart():
     start = {n: v for n, v in start.items() if n in map(str, exported.states)}
     found = compile(exported, "native")(given, law.theta, start)
     assert np.abs(found["m"][exported.depth :][: expected.size] - expected).max() < 1e-9
-
-
-@more
-def test_a_state_may_start_from_a_parameter(tmp_path):
-    w, (a, b, c) = signal("w"), sp.symbols("a b c", real=True)
-    state = State(w[k], w[k - 1] / 2 + u[k - 1] / 9, initial=c * u[k])
-    own = a * y[k - 1] + b * u[k - 1] + b * sp.tanh(u[k - 1]) + w[k]
-    model = ns.Model(own, (a, b, c), [0.5, 0.5, 2 / 9], states=[state], Ts=TS)
-    assert not model.compensator().closed_form
-    follows("c", model, tmp_path, share=None)
 
 
 # -- a law of a model that knows its records ---------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 import sympy as sp
-from exported import AWKWARD, SUBJECTS, valued
+from exported import AWKWARD, SUBJECTS
 from iec import IDENTIFIER, KEYWORDS, Block
 from languages import run
 from sampling import some
@@ -97,21 +97,6 @@ def test_restart():
     assert first == [1.1, 2.55]
     again = [block.scan(U=1.0, Y_REST=0.2, RESTART=True), block.scan(U=2.0, RESTART=False)]
     assert again == first
-
-
-@needs_blark
-def test_single_precision():
-    source = written("st", Recursion(((y[k], (u[k] ** 2 + 1) ** sp.Rational(3, 7)),)), {}, "x1", single=True)
-    assert "LREAL" not in source and "REAL#0.428" in source
-    Block(source)
-
-
-@needs_blark
-def test_a_channel_from_a_file_cannot_bring_code():
-    linear = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.5], Ts=0.01)
-    source = valued(linear, "channel:*) u := 9.0; (*").export("st")
-    block = Block(source)
-    assert "9.0" not in source.split("*)")[1] and block.inputs[0] == "U_9_0"
 
 
 @needs_blark

@@ -1,13 +1,7 @@
 """Linear algebra of fits as machine code: equal to NumPy's, and the same bits under every kernel of OpenBLAS."""
 
-import os
-import platform
-import subprocess
-import sys
-
 import numpy as np
 import pytest
-from sampling import more
 
 from narx_sym.engines import algebra
 from narx_sym.engines.compile import has_llvm
@@ -15,34 +9,6 @@ from narx_sym.engines.numpy import banded as by_lapack
 
 RNG = np.random.default_rng(4)
 SIZES = (1, 2, 3, 4, 5, 7, 8, 9, 12, 13, 17, 31, 60)
-FITS = """
-import numpy as np
-import narx_sym as ns
-from narx_sym.diagnosis.table.frame import BLOCKS, Frame
-from narx_sym.diagnosis.table.hypotheses import Core
-from narx_sym.models.effects import EFFECTS
-from narx_sym.models.extend import Variant
-
-rng = np.random.default_rng(2)
-u = np.repeat(rng.normal(size=45), 20)
-z, y = np.zeros(u.size), np.zeros(u.size)
-for i in range(1, u.size):
-    z[i] = min(max(z[i - 1], u[i] - 0.4), u[i] + 0.4)
-    y[i] = 0.7 * y[i - 1] + 0.1 * z[i] + 0.1 * z[i - 1] + 0.02 * rng.normal()
-record = ns.Record.from_arrays(u, y, 0.01)
-base = ns.identify(record, base="linear", n_y=1, n_u=1, delay=1)
-play = next(Variant(e, "input", "u") for e in EFFECTS["backlash"])
-for core, effects in ((Core(2, 2), [play]), (Core(2, 2, integrating=True), [play]), (Core(9, 9), [])):
-    frame = Frame(base, core, effects, [record])
-    for shape in (0.1, 1.0):
-        x = np.zeros(frame.size)
-        x[:2], x[core.n_y] = (0.5, 0.5) if core.integrating else (0.5, 0.1), 0.2
-        for (cs, where) in frame.added:
-            x[cs], x[where] = 0.5, shape
-        found, cost = frame.fit(x, core, 12, np.arange(BLOCKS) % 4 > 0)
-        assert np.isfinite(cost)
-        print(*(float(v).hex() for v in (*found, cost)))
-"""
 
 
 @pytest.mark.parametrize("n", SIZES)
@@ -95,24 +61,6 @@ def test_without_llvm_numpy_does_it(monkeypatch):
     assert algebra.step(H, g) == pytest.approx([-1.0, -0.5, -0.25])
     assert algebra.step(np.zeros((3, 3)), g) is None
     assert algebra.banded([1], [np.ones(3)], np.ones((3, 1)))[:, 0] == pytest.approx([1.0, 2.0, 3.0])
-
-
-@more
-@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="other kernels")
-@pytest.mark.skipif(not has_llvm(), reason="llvmlite is not installed")
-def test_a_fit_with_kinks_is_the_same_under_other_kernels():
-    """The oldest kernel runs on every such machine; the other one is the machine's own."""
-    runs = []
-    for kernel in ({"OPENBLAS_CORETYPE": "Nehalem"}, {}):
-        own = {name: value for name, value in os.environ.items() if name != "OPENBLAS_CORETYPE"}
-        runs.append(
-            subprocess.Popen(
-                [sys.executable, "-c", FITS], env={**own, **kernel}, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-            )
-        )
-    told = [run.communicate(timeout=120) for run in runs]
-    assert all(run.returncode == 0 for run in runs), told
-    assert told[0][0] == told[1][0] and len(told[0][0].splitlines()) == 6
 
 
 @np.errstate(all="raise")

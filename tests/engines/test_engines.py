@@ -114,16 +114,6 @@ def test_sensitivities_run_the_same_in_all_engines():
     assert len(results["native"]) == 8
 
 
-def test_a_chain_of_states_uses_lag_zero_in_order():
-    p, q, s = STATES
-    recursion = Recursion(((p[k], u[k] + 1), (q[k], 2 * p[k] + q[k - 1]), (s[k], q[k] * p[k] - p[k - 1] + s[k - 2])))
-    results = runs(recursion, {"u": [0.0, 1, 2, 3]}, (), {"p": 1, "q_1": 0, "x": 0})
-    assert_agree(results)
-    assert results["native"]["p"].tolist() == [1, 1, 3, 4]
-    assert results["native"]["q_1"].tolist() == [0, 0, 6, 14]
-    assert results["native"]["x"].tolist() == [0, 0, 17, 53]
-
-
 @pytest.mark.parametrize("order", (9, 30, 100))
 def test_long_lags(order):
     recursion = Recursion(((y[k], 0.5 * y[k - order] + 0.2 * y[k - 1] + u[k - order]),))
@@ -161,12 +151,6 @@ def test_a_lead_sees_the_future_and_holds_the_last_value():
     recursion = Recursion(((y[k], u[k + 2] - u[k]),))
     for found in runs(recursion, {"u": [1.0, 2, 4, 8]}).values():
         assert found["y"].tolist() == [3, 6, 4, 0]
-
-
-def test_start_begins_later_and_keeps_the_given_values():
-    recursion = Recursion(((y[k], y[k - 1] + u[k]),))
-    for found in runs(recursion, {"u": np.ones(6)}, (), {"y": [5.0, 6, 7]}, start=3).values():
-        assert found["y"].tolist() == [5, 6, 7, 8, 9, 10]
 
 
 @pytest.mark.parametrize(
@@ -244,13 +228,6 @@ def test_divergence_is_found_at_the_same_sample(right, at):
         assert abs(found["native"] - at) <= 1
 
 
-def test_divergence_of_a_later_state_stops_the_whole_recursion():
-    p, q, _ = STATES
-    recursion = Recursion(((p[k], p[k - 1] / 2), (q[k], q[k - 1] ** 3 + p[k])))
-    found = {first_bad(recursion, {}, {"p": 1.0, "q_1": 2.0}, e) for e in ENGINES}
-    assert len(found) == 1 and 0 < found.pop() < 40
-
-
 @pytest.mark.parametrize("engine", ENGINES)
 def test_bad_arguments(engine):
     run = compile(Recursion(((y[k], A * y[k - 1] + u[k - 2] + V[k]),), (A,)), engine)
@@ -278,21 +255,13 @@ def test_bad_arguments(engine):
     assert empty({"u": []})["y"].size == 0
 
 
-def test_unknown_engine():
-    with pytest.raises(ModelError, match="native, casadi, python"):
-        compile(Recursion(((y[k], u[k]),)), "fortran")
-
-
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_node_without_a_rule_is_refused_by_its_name(engine):
     unknown = sp.Function("mystery")
     with pytest.raises(ModelError, match="mystery"):
         compile(Recursion(((y[k], unknown(u[k])),)), engine)({"u": [1.0, 2]})
-
-
-def test_casadi_refuses_an_unknown_node_by_its_type():
-    with pytest.raises(ModelError, match="no rule for gamma"):
-        to_casadi(Recursion(((y[k], sp.gamma(u[k])),)))
+    with pytest.raises(ModelError, match="native, casadi, python"):
+        compile(Recursion(((y[k], u[k]),)), "fortran")
 
 
 # ---------------------------------------------------------------- one object per recursion, fallback
@@ -318,19 +287,6 @@ def test_without_llvmlite_native_falls_back_to_python(monkeypatch):
 
 
 # ---------------------------------------------------------------- the plan
-
-
-def test_the_papers_model_is_collected_in_its_newest_output():
-    model = BENCH.model()
-    plan = Plan.of(model.recursion)
-    ((constant, slope),) = plan.collected
-    newest = plan.sample[0, 1]
-    assert not constant.has(newest) and not slope.has(newest)
-    assert sp.expand(constant + slope * newest - plan.updates[0]) == 0
-    back = {symbol: plan.signals[s][k - i] for (s, i), symbol in plan.sample.items()}
-    t = model.symbols
-    step, sign = u[k - 2] - u[k - 3], sp.sign(u[k - 2] - u[k - 3])
-    assert sp.expand(slope.xreplace(back) - (t[0] + t[3] * sign * step + t[5] * step * u[k - 2])) == 0
 
 
 @pytest.mark.parametrize("right, order", ((y[k - 1] ** 3 + u[k], 3), ((y[k - 1] + u[k]) ** 4, 4), ((y[k - 1] + u[k]) ** 5, 0),
@@ -377,15 +333,6 @@ def test_columns_equal_the_products_written_by_hand(powers):
         np.testing.assert_allclose(found[:, column], values, rtol=1e-13, atol=1e-300)
     blocks = [columns.block(data, a, min(a + 7, 30)) for a in range(columns.depth, 30, 7)]
     assert np.array_equal(np.vstack(blocks), found)
-
-
-def test_conditions_on_parameters_and_signals_together():
-    a = sp.Symbol("a", real=True)
-    for joint in (sp.And, sp.Or):
-        choice = sp.Piecewise((1, joint(a > 0, u[k] > 0)), (u[k - 1], joint(u[k] < 0, a < 1, u[k - 1] > 0)), (2, True))
-        for right in (choice, choice + y[k - 1] / 2):
-            results = runs(Recursion(((y[k], right),), (a,)), {"u": inputs_of(40)["u"]}, [0.5], {"y": 0.1})
-            assert_agree(results)
 
 
 @pytest.mark.parametrize("length", (3, 14))

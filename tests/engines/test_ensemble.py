@@ -3,14 +3,12 @@
 import subprocess
 import sys
 
-import joblib
 import numpy as np
 import pytest
 from paper import BENCH
 
 import narx_sym as ns
 from narx_sym.errors import ModelError
-from narx_sym.files.parallel import sweep
 from narx_sym.fit import ensemble, freerun
 from narx_sym.fit.bootstrap import block_bootstrap, correlation_length
 from narx_sym.fit.freerun import FreeRun
@@ -130,16 +128,6 @@ def test_banded_jacobian_equals_forward_sensitivities(record, name, monkeypatch)
         assert np.allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(a).max())
 
 
-def test_long_parameter_vectors_are_fitted(record):
-    pool = ns.pool(n_y=1, n_u=2, degree=3, rules=ns.assumptions.CONTINUUM)
-    model = ns.NARX(pool.terms[:24], constraints=("continuum",))
-    assert len(model.symbols) > freerun.MANY
-    model = model.fit(record)
-    before = model.info.nrmse.free_run
-    model = model.fit(record, method="free_run", max_steps=5)
-    assert model.info.nrmse.free_run < before
-
-
 def test_multi_start_leaves_a_bad_start(record):
     """A start at which the only slope is wrong by far ends in a worse minimum or fails; the cloud does not."""
     import sympy as sp
@@ -182,29 +170,6 @@ def test_correlation_length():
         y[i] = 0.9 * y[i - 1] + x[i]
     assert correlation_length(x) == 1
     assert correlation_length(y) == pytest.approx(1 / -np.log(0.9), abs=2)
-
-
-def validation_error(seed):
-    """One cell of a sweep: simulate the plant, identify, validate."""
-    u = ns.plants.filtered_noise(N=2000, Ts=0.01, cutoff=0.5, peak=70.0, seed=seed)
-    record = ns.Record.from_arrays(u, ns.plants.bouc_wen(u, Ts=0.01), Ts=0.01)
-    model = BENCH.model().fit(record, ["continuum"])
-    return float(ns.evaluate(model, record).free_run_nrmse)
-
-
-@pytest.mark.long
-def test_a_sweep_on_a_cluster_equals_the_serial_one():
-    distributed = pytest.importorskip("distributed")
-    calls = [(seed,) for seed in range(4)]
-    serial = sweep(validation_error, calls)
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
-        ) as cluster,
-        distributed.Client(cluster),
-        joblib.parallel_config("dask"),
-    ):
-        assert sweep(validation_error, calls) == serial
 
 
 def test_start_up_loads_little():
