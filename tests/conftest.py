@@ -15,6 +15,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # the cores are taken: threads of linea
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # every process that a test starts would compile the package again
 
+import live
 from places import ROOT
 from sampling import only
 
@@ -130,3 +131,14 @@ def stage_parts(stage_report):
     """Return the parts of the demo's report by their keys, each from its title on."""
     page = stage_report.read_text(encoding="utf-8")
     return dict(re.findall(r'<section id="(\w+)" .*?(<h[12].*?)</section>', page, re.DOTALL))
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A headless Chromium."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        made = driver.chromium.launch(executable_path=live.CHROMIUM, args=live.FLAGS)
+        yield made
+        made.close()

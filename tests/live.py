@@ -145,3 +145,12 @@ def why_no_browser():
     if missing:
         return f"not installed: {', '.join(missing)}"
     return "" if shutil.which(CHROMIUM) else f"there is no {CHROMIUM} (Debian's package chromium)"
+
+
+def wrong(page, server):
+    """Return a list that gets what a page of a server complains about, and what it asks other machines for."""
+    found, own = [], (server.url, server.url.replace("http", "ws"), "data:", "blob:")
+    page.on("console", lambda m: found.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda error: found.append(str(error)))
+    page.on("request", lambda r: None if r.url.startswith(own) else found.append(f"asked for {r.url}"))
+    return found

@@ -91,33 +91,26 @@ def server(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def page(server):
+def page(server, browser):
     """The Law tab of a diagnosed page; it is stepped on by the tests below, and must not complain of anything."""
-    from playwright.sync_api import sync_playwright
-
     u, y = live.hidden(N=400)
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=live.CHROMIUM, args=live.FLAGS, headless=True)
-        made, wrong = browser.new_page(viewport={"width": 1280, "height": 900}), []
-        made.set_default_timeout(240_000)
-        made.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else None)
-        made.on("pageerror", lambda error: wrong.append(str(error)))
-        own = (server.url, server.url.replace("http", "ws"), "data:", "blob:")
-        made.on("request", lambda r: None if r.url.startswith(own) else wrong.append(f"asked for {r.url}"))
-        made.goto(server.url)
-        upload = {"name": "stage.csv", "mimeType": "text/csv", "buffer": live.csv("t,u [V],y [mm]", u=u, y=y)}
-        made.set_input_files("#data-file", files=[upload])
-        made.get_by_text("Read: 400 samples").wait_for()
-        upload = {"name": "base.json", "mimeType": "application/json", "buffer": live.linear_model(u, y)}
-        made.set_input_files("#model-file", files=[upload])
-        made.get_by_text("Model file base.json").wait_for()
-        made.get_by_role("button", name="Diagnose").click()
-        made.locator("#found").wait_for()
-        made.get_by_role("tab", name="Law").click()
-        made.get_by_role("radio", name="Drawn").click()
-        made.get_by_role("slider", name="Point 1 of 5").wait_for()
-        yield made
-        browser.close()
+    made = browser.new_page(viewport={"width": 1280, "height": 900})
+    wrong = live.wrong(made, server)
+    made.set_default_timeout(240_000)
+    made.goto(server.url)
+    upload = {"name": "stage.csv", "mimeType": "text/csv", "buffer": live.csv("t,u [V],y [mm]", u=u, y=y)}
+    made.set_input_files("#data-file", files=[upload])
+    made.get_by_text("Read: 400 samples").wait_for()
+    upload = {"name": "base.json", "mimeType": "application/json", "buffer": live.linear_model(u, y)}
+    made.set_input_files("#model-file", files=[upload])
+    made.get_by_text("Model file base.json").wait_for()
+    made.get_by_role("button", name="Diagnose").click()
+    made.locator("#found").wait_for()
+    made.get_by_role("tab", name="Law").click()
+    made.get_by_role("radio", name="Drawn").click()
+    made.get_by_role("slider", name="Point 1 of 5").wait_for()
+    yield made
+    made.close()
     assert wrong == []
 
 

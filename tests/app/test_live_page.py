@@ -114,26 +114,12 @@ def test_the_script_of_drawing_is_this_servers_own(server):
 # -- the browser ---------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as driver:
-        made = driver.chromium.launch(executable_path=live.CHROMIUM, args=live.FLAGS, headless=True)
-        yield made
-        made.close()
-
-
 @pytest.fixture
 def page(browser, server):
     """A page that keeps what it complains about, and what it asks other machines for."""
     made = browser.new_page(viewport={"width": 1280, "height": 900})
     made.set_default_timeout(PATIENCE)
-    made.wrong = []
-    made.on("console", lambda m: made.wrong.append(m.text) if m.type in ("error", "warning") else None)
-    made.on("pageerror", lambda error: made.wrong.append(str(error)))
-    own = (server.url, server.url.replace("http", "ws"), "data:", "blob:")
-    made.on("request", lambda r: None if r.url.startswith(own) else made.wrong.append(f"asked for {r.url}"))
+    made.wrong = live.wrong(made, server)
     made.goto(server.url)
     made.get_by_role("heading", name="Data").wait_for()
     yield made

@@ -15,7 +15,6 @@ from sampling import only
 
 import narx_sym as ns
 from narx_sym.app import command, workbench
-from narx_sym.app.choice import guessed, shortened
 from narx_sym.app.guard import Guard
 from narx_sym.app.workbench import Workbench
 from narx_sym.app.worker import Outcome, Worker
@@ -177,20 +176,9 @@ def test_a_file_that_is_no_data_is_one_message(bench, data, name, content, why):
     bench.upload("good.csv", live.csv(u=data[0], y=data[1]))
     bench.upload(name, content)
     assert re.search(why, bench.error) and str(bench.folder) not in bench.error and "\n" not in bench.error
-
-
-def test_a_refused_file_leaves_the_data_as_they_were(bench, data):
-    bench.upload("good.csv", live.csv(u=data[0], y=data[1]))
-    bench.upload("bad.exe", b"x")
-    bench.upload("bad.csv", b"")
-    assert bench.error and bench.file == "good.csv" and bench.record is not None and bench.path.exists()
-    assert len(list(bench.folder.iterdir())) == 1
-
-
-def test_the_example(bench):
-    bench.example()
-    assert not bench.error and len(bench.record) == 2000 and bench.choice.units["y"] == "mm"
-    assert "[mm]" in bench.preview
+    assert list(bench.folder.iterdir()) == [bench.path.parent]
+    if "least" not in why:  # that is a file of data, of too few: else those of before stay
+        assert bench.file == "good.csv" and bench.record is not None
 
 
 def test_a_file_of_the_user_stays(bench, data, tmp_path):
@@ -198,8 +186,9 @@ def test_a_file_of_the_user_stays(bench, data, tmp_path):
     own.write_bytes(live.csv(u=data[0], y=data[1]))
     bench.open(own)
     bench.example()
+    assert not bench.error and len(bench.record) == 2000 and "[mm]" in bench.preview
     bench.close()
-    assert own.exists() and not bench.error
+    assert own.exists()
 
 
 @pytest.mark.parametrize(
@@ -351,23 +340,6 @@ def test_a_term_given_as_text_is_fitted(climbed):
 
 
 @pytest.mark.long
-def test_cancel_ends_the_work_and_leaves_everything(climbed):
-    revisions, law = list(climbed.revisions), climbed.law
-    climbed.add("hysteresis")
-    assert climbed.busy
-    while climbed.worker.progress == "starting":
-        climbed.poll()
-        time.sleep(0.01)
-    pid = climbed.worker._process.pid
-    climbed.add("backlash")
-    assert "under way" in climbed.error and climbed.busy
-    climbed.cancel()
-    assert gone(pid) and not climbed.busy
-    climbed.poll()
-    assert climbed.revisions == revisions and climbed.law is law
-
-
-@pytest.mark.long
 def test_the_law_and_its_limits(climbed):
     climbed.open_law(low="-3", high="3", rate="0.5")
     climbed.wait()
@@ -381,30 +353,6 @@ def test_the_law_and_its_limits(climbed):
     ):  # fmt: skip
         climbed.open_law(**dict(zip(("low", "high", "rate"), fields, strict=True)))
         assert set(climbed.faults) == wrong and not climbed.busy
-
-
-@pytest.mark.long
-def test_the_law_runs_over_a_reference_and_the_run_belongs_to_its_model(climbed):
-    climbed.run_law(kind="sine", low="-1", high="1", rate="", frequency="0.5", seconds="4")
-    climbed.wait()
-    run = climbed.run
-    assert not climbed.error and run.tracked.r.size == 400 and "hold the input" in run.sentence
-    assert "mm rms" in run.sentence and "[mm]" in run.figure and run.tracked.limits == (-1, 1)
-    name, text = climbed.download("law_run.csv")
-    assert name == "stage_law_run.csv" and text.startswith("t [s],r [mm],m [V],y [mm]\n0,") and text.count("\n") == 401
-    climbed.undo()
-    climbed.wait()  # the pictures of that step have the unit of before
-    assert climbed.run is None
-    with pytest.raises(ns.errors.ModelError):
-        climbed.download("law_run.csv")
-    climbed.redo()
-    climbed.wait()
-    assert climbed.run is run
-    climbed.choose(units={"u": "V", "y": "um"})
-    climbed.wait()
-    assert "um rms" in climbed.run.sentence and "[um]" in climbed.run.figure
-    climbed.choose(units={"u": "V", "y": "mm"})
-    climbed.wait()
 
 
 @pytest.mark.long
@@ -443,33 +391,11 @@ def test_references_of_every_kind(climbed):
     climbed.wanted = before
 
 
-@pytest.mark.long
-def test_downloads(climbed, tmp_path):
-    from narx_sym.files.store import load
-
-    name, content = climbed.download("model.json")
-    (tmp_path / name).write_text(content)
-    model = load(tmp_path / name)
-    assert name == "stage_model.json" and model.effects[0].effect == "dead_zone"
-    assert r"\begin{document}" in climbed.download("model.tex")[1] and "double" in climbed.download("model.c")[1]
-    report = climbed.download("report.html")[1]
-    assert "dead zone" in report and "stage" in report and str(climbed.folder) not in report
-    for kind in ("../../etc/passwd", "model", ""):
-        with pytest.raises(ns.errors.ModelError):
-            climbed.download(kind)
-
-
 def test_why_there_is_no_law():
     from narx_sym.tasks.compensate import law_of
 
     model = ns.NARX.from_terms(["y[k-1]"], [0.5])
     assert "no input" in law_of(model).why_not
-
-
-def test_small_things():
-    assert shortened("C:\\x\\a.csv") == "a.csv" and shortened("\n\0") == "file"
-    assert (lambda c: (c.t, c.u, c.y))(guessed(["Time", "Input", "Output"])) == ("Time", "Input", "Output")
-    assert (lambda c: (c.t, c.u, c.y))(guessed(["a", "b"])) == ("", "a", "b")
 
 
 def test_an_effect_of_the_catalogue_is_pickled_by_name():

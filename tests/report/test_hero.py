@@ -26,16 +26,6 @@ READY = "() => document.getElementById('hero').dataset.rms"
 
 
 @pytest.fixture(scope="module")
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as p:
-        opened = p.chromium.launch(executable_path=live.CHROMIUM, args=live.FLAGS)
-        yield opened
-        opened.close()
-
-
-@pytest.fixture(scope="module")
 def opened_once(browser, stage_report):
     """Open the report; afterwards nothing must have been complained of, or asked for."""
     said, asked = [], []

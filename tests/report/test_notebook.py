@@ -32,27 +32,23 @@ def widget(stage_diagnosis):
 
 
 @pytest.mark.skipif(bool(live.why_no_browser()), reason=live.why_no_browser() or "-")
-def test_a_slider_moves_the_model_in_python(widget, stage_diagnosis):
-    from playwright.sync_api import sync_playwright
-
+def test_a_slider_moves_the_model_in_python(widget, stage_diagnosis, browser):
     said = []
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=live.CHROMIUM, args=live.FLAGS)
-        page = browser.new_page(viewport={"width": 1000, "height": 800})
-        page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
-        page.on("pageerror", lambda e: said.append(str(e)))
-        page.evaluate(SHOW, [widget._esm, widget.page])
-        page.wait_for_function("() => window.kept.rms > 0")
-        best = page.evaluate("() => window.kept")
-        page.frames[1].click("#hero-add")
-        added = "before => window.kept.chosen === 1 && window.kept.rms < before"  # a page that is busy says it in turn
-        page.wait_for_function(added, arg=best["rms"])
-        best = page.evaluate("() => ({...window.kept})")
-        page.frames[1].evaluate(DRAG, 100)
-        page.wait_for_function("before => window.kept.rms !== before", arg=best["rms"])
-        moved = page.evaluate("() => window.kept")
-        height = page.evaluate("() => document.querySelector('iframe').clientHeight")
-        browser.close()
+    page = browser.new_page(viewport={"width": 1000, "height": 800})
+    page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda e: said.append(str(e)))
+    page.evaluate(SHOW, [widget._esm, widget.page])
+    page.wait_for_function("() => window.kept.rms > 0")
+    best = page.evaluate("() => window.kept")
+    page.frames[1].click("#hero-add")
+    added = "before => window.kept.chosen === 1 && window.kept.rms < before"  # a page that is busy says it in turn
+    page.wait_for_function(added, arg=best["rms"])
+    best = page.evaluate("() => ({...window.kept})")
+    page.frames[1].evaluate(DRAG, 100)
+    page.wait_for_function("before => window.kept.rms !== before", arg=best["rms"])
+    moved = page.evaluate("() => window.kept")
+    height = page.evaluate("() => document.querySelector('iframe').clientHeight")
+    page.close()
     assert not said and height > 400
     for kept in (best, moved):
         widget.chosen, widget.theta, widget.rms = kept["chosen"], kept["theta"], kept["rms"]

@@ -214,35 +214,19 @@ def test_few_digits_need_no_exponent(value, said):
     assert few(value, 2) == said
 
 
+LEFT = "The remaining error is larger", "more error than noise", "a disturbance of the machine"
+SMALL = "A small part of the error is unexplained", "a small unexplained error", "A longer record"
+NONE = "The base model does not follow the output", "the base model does not follow", "another base"
+
+
 @pytest.mark.parametrize(
     "nothing, trace, unexplained, title, badge, advice",
     [
         (False, "", "", "No missing effect can be detected", "nothing found", "Keep the model"),
-        (
-            False,
-            "Something is left",
-            "",
-            "A small part of the error is unexplained",
-            "a small unexplained error",
-            "A longer record",
-        ),
-        (
-            False,
-            "Something is left",
-            "more",
-            "The remaining error is larger",
-            "more error than noise",
-            "a disturbance of the machine",
-        ),
-        (False, "", "more", "The remaining error is larger", "more error than noise", "a disturbance of the machine"),
-        (
-            True,
-            "",
-            "more",
-            "The base model does not follow the output",
-            "the base model does not follow",
-            "another base",
-        ),
+        (False, "Something is left", "", *SMALL),
+        (False, "Something is left", "more", *LEFT),
+        (False, "", "more", *LEFT),
+        (True, "", "more", *NONE),
     ],
 )
 def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge, advice):
@@ -258,15 +242,11 @@ def test_nothing_found_is_four_things(nothing, trace, unexplained, title, badge,
 
 
 @pytest.mark.parametrize(
-    "valves, loop, badge",
-    [
-        ([], SimpleNamespace(given=True, unseen=False), "taken in closed loop"),
-        ([], SimpleNamespace(given=False, unseen=False), "probably in closed loop"),
-        ([], SimpleNamespace(given=False, unseen=True), "perhaps in closed loop"),
-    ],
+    "given, unseen, word", [(True, False, "taken"), (False, False, "probably"), (False, True, "perhaps")]
 )
-def test_the_badge_of_a_loop_is_no_surer_than_its_headline(valves, loop, badge):
-    step = SimpleNamespace(verdict="closed_loop", confusion_set=[], valves=valves, loop=loop, pair=None, refused=None)
+def test_the_badge_of_a_loop_is_no_surer_than_its_headline(given, unseen, word):
+    loop, badge = SimpleNamespace(given=given, unseen=unseen), f"{word} in closed loop"
+    step = SimpleNamespace(verdict="closed_loop", confusion_set=[], valves=[], loop=loop, pair=None, refused=None)
     step.finding = Step.finding.fget(step)
     said = words.headline(SimpleNamespace(steps=[step]))
     assert words.BADGES[step.finding] == badge and badge.split()[0].removesuffix("en") in said.lower()
