@@ -331,14 +331,6 @@ def test_bad_usage(files, run, tmp_path):
         assert expected in " ".join(err.split()), (arguments, err)
 
 
-def test_help(run):
-    for command in ("diagnose", "add", "effects"):
-        code, text, _ = run(command, "--help")
-        assert code == 0 and "Usage" in text
-    code, text, _ = run("diagnose", "--help")
-    assert "seconds" in text
-
-
 def test_an_input_that_was_run_is_not_overwritten(files, run, tmp_path):
     """The next input goes to next.csv beside the JSON, unless that is the record."""
     for name in ("next.csv", "next_wider.csv"):
@@ -347,11 +339,6 @@ def test_an_input_that_was_run_is_not_overwritten(files, run, tmp_path):
         code, _, err = run("diagnose", record, "--base", files / "linear.json", "--json", tmp_path / "found.json")
         assert one_message(code, err) and "this command reads this file" in err
         assert record.read_bytes() == (files / "dead.csv").read_bytes() and not (tmp_path / "found.json").exists()
-
-
-def test_limits_of_an_experiment_are_checked_first(files, run):
-    code, _, err = run("diagnose", files / "dead.csv", "--limits", "2", "-2")
-    assert one_message(code, err) and "the smaller one first" in err and "Identifying" not in err
 
 
 def test_equations_of_ones_own_are_a_base(run, tmp_path):

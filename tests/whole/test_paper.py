@@ -70,13 +70,6 @@ def test_example_1_constraint():
     assert S == sp.Matrix([[1, 0, 0, 0, 0]]) and c == sp.Matrix([1])
 
 
-def test_constraint_with_more_than_one_element_equal_to_one():
-    model = ns.NARX.from_terms(["y[k-1]", "phi1[k-1]", "y[k-2]"])
-    S, c = constraint_matrix(continuum_conditions(model), model.symbols)
-    assert S == sp.Matrix([[1, 0, 1]]) and c == sp.Matrix([1])
-    assert model.sigma_y == theta_1 + theta_3
-
-
 def test_example_1_quasi_static():
     """Eq. (190919a)."""
     sets = EXAMPLE_1.model().quasi_static()
@@ -187,13 +180,6 @@ def test_bench_inverse_quasi_static():
 
 
 # -- P6: constant input ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("printed", [BENCH, BENCH_INVERSE])
-def test_at_rest_the_model_stays_symbolically(printed):
-    model = printed.model()
-    assert same(rest_map(model).xreplace({theta_1: sp.S.One}), ybar)
-    assert [sp.simplify(c.lhs - c.rhs) for c in continuum_conditions(model)] == [theta_1 - 1]
 
 
 def volts_frozen_at(level, direction, Ts=1e-3):
