@@ -1,6 +1,6 @@
 """Mutation testing: small faults are put into a module, one at a time, and the tests must notice.
 
-    python tests/bench/mutants.py [--modules estimate analysis] [--count 60] [--seed 7] [--out mutants.json]
+    python tests/bench/mutants.py [--modules fit/least_squares models/analysis] [--count 60] [--seed 7] [--out mutants.json]
 
 First the tests run once, and which test reaches which line is kept. Then each mutant runs in a fork of this process that
 has the other packages loaded already: its module is compiled from the changed tree (no file is touched), and the tests
@@ -30,7 +30,7 @@ from common import ROOT
 MODULES = ("fit/least_squares", "models/analysis", "inversion/compensator", "symbolic/sensitivity")
 TESTS = (
     "fit/test_least_squares models/test_analysis inversion/test_compensator whole/test_paper inversion/test_stability "
-    "data/test_coverage fit/test_select symbolic/test_smoothing "
+    "data/test_coverage fit/test_select symbolic/test_smoothing symbolic/test_sensitivity "
     "fit/test_numerical_truth::^(?!.*engines) fit/test_interop::casadi|rest|state|loop engines/test_engines::sensitivities "
     "inversion/test_laws::^(?!.*(random|every|completed)) models/test_extend::static|sigma_y|remembers|inner|by_hand|initial|law|time|rest"
 )  # after :: a pattern of the names of tests
@@ -38,7 +38,7 @@ OWN = {
     "fit/least_squares": "data/test_coverage fit/test_least_squares fit/test_numerical_truth::^(?!.*(engines|complex|cover))",
     "models/analysis": "models/test_analysis",
     "inversion/compensator": "inversion/test_compensator::^(?!.*random)",
-    "symbolic/sensitivity": "fit/test_least_squares::sensitivities|direction",
+    "symbolic/sensitivity": "symbolic/test_sensitivity fit/test_least_squares::direction fit/test_numerical_truth::complex",
 }
 SECONDS = 150  # for a mutant; an endless loop counts as noticed
 UNNOTICED = ("passed", "not reached")
@@ -204,7 +204,8 @@ class Reached:
     def pytest_sessionfinish(self) -> None:
         self.cover.stop()
         data = self.cover.get_data()
-        lines = {Path(f).stem: data.contexts_by_lineno(f) for f in data.measured_files()}
+        files = {f: Path(f).relative_to(ROOT / "narx_sym").with_suffix("").as_posix() for f in data.measured_files()}
+        lines = {module: data.contexts_by_lineno(f) for f, module in files.items()}
         Path(self.file).write_text(json.dumps({"seconds": self.seconds, "lines": lines}), encoding="utf-8")
 
 

@@ -457,9 +457,7 @@ def selection_times(rounds: int) -> dict[str, Array]:
     frame, terms, record = NARX([y[k - 1]]), candidates(220), measured()
     matrix = Columns([*terms, y[k]])({"u": record.u, "y": record.y})
     return interleaved(
-        rounds,
-        whole=lambda: path_of(frame, terms, y[k], record, 15),
-        dsyrk=lambda: dsyrk(1.0, matrix, trans=1),
+        rounds, whole=lambda: path_of(frame, terms, y[k], record, 15), dsyrk=lambda: dsyrk(1.0, matrix, trans=1)
     )
 
 
