@@ -30,15 +30,16 @@ from common import ROOT
 MODULES = ("fit/least_squares", "models/analysis", "inversion/compensator", "symbolic/sensitivity")
 TESTS = (
     "fit/test_least_squares models/test_analysis inversion/test_compensator whole/test_paper inversion/test_stability "
-    "data/test_coverage fit/test_select symbolic/test_smoothing symbolic/test_sensitivity "
+    "data/test_coverage fit/test_select symbolic/test_smoothing symbolic/test_sensitivity fit/test_steady_state "
+    "models/test_pool models/test_equilibria inversion/test_damping inversion/test_law_stability "
     "fit/test_numerical_truth::^(?!.*engines) fit/test_interop::casadi|rest|state|loop engines/test_engines::sensitivities "
     "inversion/test_laws::^(?!.*(random|every|completed)) models/test_extend::static|sigma_y|remembers|inner|by_hand|initial|law|time|rest"
 )  # after :: a pattern of the names of tests
 OWN = {
     "fit/least_squares": "data/test_coverage fit/test_least_squares fit/test_numerical_truth::^(?!.*(engines|complex|cover))",
-    "models/analysis": "models/test_analysis",
+    "models/analysis": "models/test_analysis models/test_pool models/test_equilibria",
     "inversion/compensator": "inversion/test_compensator::^(?!.*random)",
-    "symbolic/sensitivity": "symbolic/test_sensitivity fit/test_least_squares::direction fit/test_numerical_truth::complex",
+    "symbolic/sensitivity": "symbolic/test_sensitivity fit/test_numerical_truth::complex",
 }
 SECONDS = 150  # for a mutant; an endless loop counts as noticed
 UNNOTICED = ("passed", "not reached")
