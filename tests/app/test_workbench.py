@@ -15,6 +15,7 @@ from sampling import only
 
 import narx_sym as ns
 from narx_sym.app import command, workbench
+from narx_sym.app.choice import guessed, shortened
 from narx_sym.app.guard import Guard
 from narx_sym.app.workbench import Workbench
 from narx_sym.app.worker import Outcome, Worker
@@ -396,6 +397,12 @@ def test_why_there_is_no_law():
 
     model = ns.NARX.from_terms(["y[k-1]"], [0.5])
     assert "no input" in law_of(model).why_not
+
+
+def test_small_things():
+    assert shortened("C:\\x\\a.csv") == "a.csv" and shortened("\n\0") == "file"
+    assert (lambda c: (c.t, c.u, c.y))(guessed(["Time", "Input", "Output"])) == ("Time", "Input", "Output")
+    assert (lambda c: (c.t, c.u, c.y))(guessed(["a", "b"])) == ("", "a", "b")
 
 
 def test_an_effect_of_the_catalogue_is_pickled_by_name():

@@ -2,7 +2,6 @@
 
 import re
 
-import numpy as np
 import pytest
 from exported import SUBJECTS
 from iec import Block
@@ -135,15 +134,3 @@ def test_a_block_may_be_called_as_what_tests_it():
     for _ in range(60):
         program.scan()
     assert program.values[next(n for n in program.values if n.startswith("PASSED"))] is True
-
-
-def test_law_on_the_command_line(run, tmp_path):
-    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.8, 0.4], Ts=0.01)
-    model.save(tmp_path / "model.json")
-    code, text, err = run("compensate", tmp_path / "model.json", "--export", tmp_path / "law.xml")
-    assert code == 0 and not err and "PLCopen XML written" in text
-    block = Block(texts((tmp_path / "law.xml").read_text())["law"])
-    r = np.sin(np.arange(100) / 20)
-    expected = model.compensator().run(r, 0.0)  # from rest at the first sample of the reference
-    found = [block.scan(**{block.inputs[0]: x}) for x in [0.0, *r[1:].tolist()]][1:]
-    assert np.abs(np.array(found) - expected[:99]).max() <= 1e-12 and np.ptp(expected) > 1

@@ -100,6 +100,13 @@ def test_restart():
 
 
 @needs_blark
+def test_single_precision():
+    source = written("st", Recursion(((y[k], (u[k] ** 2 + 1) ** sp.Rational(3, 7)),)), {}, "x1", single=True)
+    assert "LREAL" not in source and "REAL#0.428" in source
+    Block(source)
+
+
+@needs_blark
 @pytest.mark.parametrize("name", ("tanh", "sinh"))
 def test_small_arguments_keep_their_digits(name):
     """To the last digits of doubles, at any size and on both sides of where the formula changes."""

@@ -117,6 +117,7 @@ def test_degrees_have_an_offset():
 
 @settings(max_examples=40, deadline=None)
 @given(st.text(min_size=1, max_size=60))
+@example("1")
 @example("A1")
 @example("A2")
 def test_any_label_is_a_unit_and_is_printed_as_it_is_written(label):

@@ -20,9 +20,7 @@ from narx_sym.models.analysis import continuum
 from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
 from narx_sym.models.model import NARX, Model
-from narx_sym.symbolic.recursion import Recursion
-from narx_sym.symbolic.sensitivity import sensitivities
-from narx_sym.symbolic.signals import k, signal, u, y
+from narx_sym.symbolic.signals import k, u, y
 
 MIXED = ("y[k-1]", "y[k-2]", "u[k-1]", "phi1[k-1]", "phi2[k-1]*u[k-2]")
 
@@ -293,26 +291,6 @@ def test_auto_keeps_one_step_where_the_free_run_diverges():
 
 
 C, D = sp.symbols("c d", real=True)
-
-
-def test_a_direction_holds_the_states_that_it_moves_and_no_others():
-    p, q = signal("p"), signal("q")
-    chain = ((p[k], C * p[k - 1] + u[k]), (q[k], D * q[k - 1] + u[k - 1]), (y[k], y[k - 1] / 2 + p[k] * q[k - 1] + C))
-    recursion = Recursion(chain, (C, D))
-    extended, directions = sensitivities(recursion, initial=True)
-    assert [set(d) for d in directions] == [{p, y}, {q, y}, {p, y}]  # True: the start of the first state alone
-    equations = dict(extended.updates)
-    by_c, by_d, by_start = directions
-    assert len(equations) == 3 + 6
-    assert equations[by_c[p][k]] == C * by_c[p][k - 1] + p[k - 1]
-    assert equations[by_c[y][k]] == by_c[y][k - 1] / 2 + q[k - 1] * by_c[p][k] + 1
-    assert equations[by_d[q][k]] == D * by_d[q][k - 1] + q[k - 1]
-    assert equations[by_d[y][k]] == by_d[y][k - 1] / 2 + p[k] * by_d[q][k - 1]
-    assert equations[by_start[p][k]] == C * by_start[p][k - 1]
-    _, (none, both) = sensitivities(recursion, [], [(y,), (q, p)])
-    assert set(none) == {y} and set(both) == {p, q, y}
-    _, (nothing,) = sensitivities(Recursion(((y[k], y[k - 1] / 2 + u[k]), (p[k], C * u[k])), (C,)), [C])
-    assert set(nothing) == {p}
 
 
 # ---------------------------------------------------------------- simulate and predict

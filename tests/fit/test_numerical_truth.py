@@ -142,12 +142,6 @@ def test_sensitivities_equal_complex_steps_for_random_models(made):
         assert gap <= 1e-12 * max(1e-3, np.abs(expected).max())
 
 
-# ---------------------------------------------------------------- engines
-
-
-# ---------------------------------------------------------------- standard errors
-
-
 def test_the_unit_of_a_constraint_does_not_matter():
     """An equation with coefficients of 1e-13 is the same equation."""
     a, b, c = sp.symbols("a b c", real=True)

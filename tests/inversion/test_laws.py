@@ -190,6 +190,12 @@ def test_full_effects_are_jumped_over(effect, size):
     assert np.abs(np.diff(driven[-50:])).max() < 1e-6  # at rest the input rests: rounding does not make it jump
 
 
+def test_a_pure_delay_is_a_preview():
+    model = with_effect(BASES["first order"], ("input_delay", "input", "u", ""), 1.0)
+    law = model.compensator()
+    assert law.preview == 2 and followed(model, law, reference(model)) < 1e-9
+
+
 def test_the_start_is_at_rest():
     """With creep the inner output is not the output."""
     model = with_effect(BASES["continuum"], ("creep", "output", "y", ""), 0.25)

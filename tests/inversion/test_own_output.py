@@ -70,20 +70,6 @@ def test_a_law_does_the_same_in_every_language(seed):
     assert outcome(seed)[0] == "follows"
 
 
-def test_a_delay_leaves_no_offset():
-    """The first outputs are made before the law acts: it goes on from what they are, not from what they should be."""
-    for terms, theta in (
-        (["y[k-1]", "phi1[k-2]"], [1.0, 0.5]),
-        (["y[k-1]", "phi1[k-3]", "phi1[k-4]*y[k-1]"], [1.0, 0.7, 0.1]),
-    ):
-        law = ns.NARX.from_terms(terms, theta).compensator()
-        target = np.sin(np.arange(80) / 9)
-        driven = law.run(target, 0.0)
-        out = law.model.simulate(driven, 0.0, u0=0.0)
-        assert np.abs(out - target)[law.preview :].max() < 1e-9
-        assert law.follow(target, 0.0).y[law.preview :] == pytest.approx(out[law.preview :], abs=1e-9)
-
-
 def test_a_channel_that_moves_the_start_is_no_error_of_zero():
     """It moves the output before the first command, which a law that starts from rest does not know."""
     law = ns.NARX.from_terms(["y[k-1]", "phi1[k-3]", "w[k-1]"], [1.0, 0.5, 0.1], channels=["w"]).compensator()

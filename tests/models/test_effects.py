@@ -184,6 +184,8 @@ def test_a_shape_parameter_without_a_scan_rule_is_refused():
         def misplaced(x):
             return x[k]
 
+    with pytest.raises(ModelError, match="like a coefficient"):
+        effect("input", scan={"c1": Scan("amplitude", (1.0,))}, id="own", register=False)(lambda x, c1: c1 * x[k])
     assert not {"unscanned", "misplaced"} & set(EFFECTS)
 
 

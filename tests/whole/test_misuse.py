@@ -4,9 +4,11 @@ import ast
 
 import numpy as np
 import pytest
+from paper import BENCH
 from places import PACKAGE
 
 import narx_sym as ns
+from narx_sym.data.evidence.stiction import sticking
 from narx_sym.errors import NarxError
 
 N, TS = 200, 0.01
@@ -83,6 +85,12 @@ WRONG = {
     "input as text": (lambda: MODEL.simulate("abc", 0.0), "must be numbers"),
     "complex input": (lambda: MODEL.simulate(U + 1j, 0.0), "must be numbers"),
     "no draws": (lambda: LAW.commission(Y, RECORD, draws=0), "At least 2 parameter sets"),
+    "two columns": (lambda: MODEL.simulate(np.ones((5, 2)), 0.0), "shape"),
+    "limits exchanged": (lambda: ns.diagnose(MODEL, RECORD, limits=(2, -2)), "the smaller one first"),
+    "property 1 without numbers": (lambda: ns.analysis.property_1(BENCH.model()), "fit the model or give theta"),
+    "sets without numbers": (lambda: BENCH.model().quasi_static().evaluate([1.0, 2.0]), "no parameter values"),
+    "eigenvalues without numbers": (lambda: BENCH.model().compensator().internal.radius(1, 1), "theta_"),
+    "an output of a controller without a span": (lambda: sticking(ns.Record.from_arrays(U - 60, Y, TS)), "span"),
     "no window": (lambda: RECORD.smoothed(float("nan")), "window"),
 }
 
