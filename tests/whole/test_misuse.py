@@ -52,7 +52,7 @@ def test_an_operating_point_may_be_given_by_name():
     by_name, by_sequence = (MODEL.replace(operating_point=p) for p in ({"u": 1.0, "y": 2.0}, {ns.u: 1.0, ns.y: 2.0}))
     assert by_name.operating_point == by_sequence.operating_point == {ns.u: 1.0, ns.y: 2.0}
     assert by_name.expand() == by_sequence.expand() != MODEL.expand()
-    found = ns.identify(RECORD, base="linear", point={"u": 0.1, "y": 0.2})
+    found = ns.identify(RECORD, base="linear", n_y=1, n_u=1, delay=1, point={"u": 0.1, "y": 0.2})
     assert found.operating_point == {ns.u: 0.1, ns.y: 0.2}
 
 
