@@ -31,7 +31,7 @@ MODULES = ("fit/least_squares", "models/analysis", "inversion/compensator", "sym
 TESTS = (
     "fit/test_least_squares models/test_analysis inversion/test_compensator whole/test_paper inversion/test_stability "
     "data/test_coverage fit/test_select symbolic/test_smoothing symbolic/test_sensitivity fit/test_steady_state "
-    "models/test_pool models/test_equilibria inversion/test_damping inversion/test_law_stability "
+    "models/test_pool models/test_equilibria inversion/test_damping inversion/test_law_stability inversion/test_polynomials "
     "fit/test_numerical_truth::^(?!.*engines) fit/test_interop::casadi|rest|state|loop engines/test_engines::sensitivities "
     "inversion/test_laws::^(?!.*(random|every|completed)) models/test_extend::static|sigma_y|remembers|inner|by_hand|initial|law|time|rest"
 )  # after :: a pattern of the names of tests

@@ -218,6 +218,8 @@ def test_check_names_each_term_that_breaks_an_assumption():
     assert {v.rule for v in NARX.from_terms(terms).check(ASSUMPTION_1)} == set(ASSUMPTION_1)
     assert [(v.rule, v.term) for v in NARX.from_terms(["y[k-1]"]).check()] == [("A2(i)", None)]
     assert [v.rule for v in NARX.from_terms(["y[k-1]", "u[k-1]"]).check(None)] == ["rest", "A1(ii)"]
+    known = NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 1.0])  # another sum than 1: it rests in one place anyway
+    assert [v.rule for v in known.check()] == ["A1(ii)"]
     assert "n_u = 1 is not larger than tau_d = 1" in str(NARX.from_terms(["y[k-1]", "u[k-1]"]).check()[-1])
     paper = ["y[k-1]", "phi1[k-1]", "phi2[k-2]*phi1[k-2]*u[k-2]", "phi1[k-2]*u[k-2]**2"]
     assert NARX.from_terms(paper).check() == []
