@@ -5,6 +5,7 @@ import pytest
 
 import narx_sym as ns
 from narx_sym.errors import Diverged, ModelError
+from narx_sym.fit.laws import damping, stability
 from narx_sym.fit.laws.stability import strays
 from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
@@ -66,6 +67,19 @@ def test_a_damped_law_that_runs_away_is_refused():
     for clip in (False, True):
         with pytest.raises(Diverged, match="diverges although it is damped"):
             law.run(y, m0=0.0, clip=clip)
+
+
+@pytest.mark.parametrize("kept", (damping, stability))
+def test_what_is_kept_for_an_equal_model_may_go_with_it(kept, monkeypatch):
+    """The model that was there first is the key, and may be collected before its entry is read again."""
+
+    class Going(dict):
+        def __setitem__(self, key, value):
+            pass
+
+    monkeypatch.setattr(kept, "_known", Going())
+    law = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.7, 0.5, 0.2], Ts=TS).compensator()
+    assert law.stability().stable and law.damping().share == 1
 
 
 def test_a_model_that_is_no_better_than_a_constant_makes_no_law():

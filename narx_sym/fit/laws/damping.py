@@ -107,9 +107,10 @@ def damping(law: Compensator) -> Damping:
     """Return whether a law rings, and the damping with which disturbances decay fastest."""
     if law.model.input == y or law.model.theta is None:
         return Damping(0.0)
-    if law.model not in _known:
-        _known[law.model] = _measured(law)
-    return _known[law.model]
+    found = _known.get(law.model)  # once: an equal model that is the key may be collected between two looks
+    if found is None:
+        _known[law.model] = found = _measured(law)
+    return found
 
 
 def _measured(law: Compensator) -> Damping:

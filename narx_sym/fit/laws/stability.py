@@ -51,12 +51,13 @@ class Stability:
 
 def stability(law: Compensator) -> Stability:
     """Return whether a law is stable with its default damping, and for which range this is known."""
-    if law.model not in _known:
+    found = _known.get(law.model)  # once: an equal model that is the key may be collected between two looks
+    if found is None:
         known = law.model.info.ranges.items()
         ranges = tuple((name, float(low), float(high)) for name, (low, high) in known if name in ("u", "y"))
         stable, why, *apart = _judged(law)
-        _known[law.model] = Stability(stable, why, ranges, *apart)
-    return _known[law.model]
+        _known[law.model] = found = Stability(stable, why, ranges, *apart)
+    return found
 
 
 def strays(law: Compensator) -> bool:
