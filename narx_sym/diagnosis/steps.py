@@ -469,7 +469,7 @@ def step(
     Two effects that only together explain the error are added together. `limits` is how far the input of the next
     experiment may go. In a `loop` an effect is named where it alone removes nearly all of the error: what a disturbance
     makes of the input imitates effects too, but in no healthy loop that the setpoint moves did one do so
-    (tests/bench/evidence.py imitated).
+    (tests/bench/evidence.py --part imitated).
     """
     known, best = _filled(table, known)
     table.course.reach(JUDGE)
