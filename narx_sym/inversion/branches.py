@@ -89,13 +89,6 @@ def solve_for(
     return found or _searched(G, w, target, values, limits, made)
 
 
-def searched(stage: Solution, values: Mapping[Any, Any], limits: tuple[Any, Any]) -> Any:
-    """Return the solution of a stage that is nearest to its last value, by a root finder that looks between limits."""
-    w = sp.Dummy("w", real=True)
-    made = {"unknown": stage.unknown, "target": stage.target, "expr": stage.expr, "last": stage.last}
-    return _searched(stage.expr.xreplace({stage.unknown: w}), w, stage.target, values, limits, made).value
-
-
 def _searched(
     G: Any, w: Any, target: Any, values: Mapping[Any, Any], limits: tuple[Any, Any], made: dict[str, Any]
 ) -> Solution:

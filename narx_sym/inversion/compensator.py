@@ -31,7 +31,7 @@ from .solution import Branch, Polynomial
 from .stability import InternalDynamics, internal_dynamics
 from .stages import Staged, guarded, in_order, stages_of, wanted
 
-BESIDE = ("wanted", "hint", "share", "kick")  # behind the name of what a law computes: what a run needs beside it
+BESIDE = ("wanted", "taken", "share", "kick")  # behind the name of what a law computes: what a run needs beside it
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -50,6 +51,12 @@ class Staged:
     own: Mapping[Any, Any]
     leads: Mapping[Any, int]
     note: str = ""
+
+    @cached_property
+    def whole(self) -> Solution:
+        """All stages as one equation in m[k], which is not solved."""
+        expr = _inlined(self.own, _graph(self.own).delays(m), shift(self.own[y], self.delay), m[k])
+        return Solution(m[k], r[k + self.delay], swap(expr, {y: r}), m[k - 1], "root finder", ())
 
 
 def stages_of(model: Model, last: Callable[[Any], Any] = lambda unknown: shift(unknown, -1)) -> Staged:

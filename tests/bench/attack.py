@@ -29,9 +29,9 @@ from common import asked
 
 import narx_sym as ns
 from narx_sym.errors import Diverged, NarxError, NotInvertible, Unreachable
-from narx_sym.fit.laws.crossings import around, gaps
-from narx_sym.fit.laws.damping import growth
+from narx_sym.fit.laws.crossings import around, gap_along
 from narx_sym.fit.laws.run import RUNS_AWAY
+from narx_sym.fit.laws.trial import growth
 from narx_sym.models.effects import Effect
 from narx_sym.models.extend import Variant, extend, variants
 from narx_sym.symbolic.signals import u, y
@@ -233,7 +233,7 @@ def false_word(run: Run, found: Any) -> str:
         if not stage.proved or stage.needs:
             continue
         reached = found.values[stage.unknown.base.name][:n]
-        gap = gaps(law, stage, found.values, run.y, at, around(reached, 2.0)[None, :])
+        gap = gap_along(law, stage, found.values, run.y, at)(around(reached, 2.0)[None, :])
         for row in gap:
             signs = np.sign(row[np.abs(row) > CLEAR * np.abs(row).max()])
             if np.count_nonzero(signs[1:] != signs[:-1]) > 1:

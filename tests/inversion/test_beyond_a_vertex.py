@@ -6,9 +6,9 @@ from sampling import some
 
 import narx_sym as ns
 from narx_sym.engines.compile import compile
-from narx_sym.fit.laws.damping import growth
 from narx_sym.fit.laws.driven import driven
 from narx_sym.fit.laws.run import RUNS_AWAY
+from narx_sym.fit.laws.trial import growth
 
 N = 140
 FORMS = {

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import NarxError
 from ...inversion.compensator import Compensator
 from ..simulate import vector
-from .crossings import around, crossings, gaps
+from .crossings import around, crossings, gap_along
 from .damping import damping
 from .run import follow
 
@@ -95,7 +95,8 @@ def check(law: Compensator, reference: Any = None, m0: Any = None, channels: Map
     several = np.zeros(chosen.size, dtype=bool)
     for stage in stages:
         reached = found.values[stage.unknown.base.name][:n]
-        several |= crossings(gaps(law, stage, found.values, target, chosen, around(reached)[None, :])).sum(axis=1) > 1
+        gap = gap_along(law, stage, found.values, target, chosen)
+        several |= crossings(gap(around(reached)[None, :])).sum(axis=1) > 1
     none = found.unreached[chosen + ahead]
     several &= ~none
     first = {

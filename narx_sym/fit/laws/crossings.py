@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import sympy as sp
@@ -14,6 +14,7 @@ from ...symbolic.signals import lag, r, samples
 
 Array = np.ndarray
 GRID = 801  # points of a grid
+HALVES = 60  # of a cell of the grid
 STILL = 1e-9  # of its size: what moves less rests
 FAR, OUTSIDE = 100.0, 100  # of a grid's width, how far a search goes on to each side, and its points there
 
@@ -38,26 +39,30 @@ def crossings(gap: Array) -> Array:
     return side[:, 1:] != side[:, :-1]
 
 
-def gaps(
-    law: Compensator,
-    stage: Solution,
-    values: Mapping[str, Array],
-    target: Array,
-    at: Array,
-    points: Array,
-    front: int = 0,
-) -> Array:
-    """Return what is left of a stage's equation at some values of its unknown.
+def bisected(gap: Callable[[Array], Array], low: Array, high: Array) -> Array:
+    """Return where a gap changes its sign between two ends, (K,), to the last digit."""
+    ends = np.stack([low, high])
+    above = gap(ends[0][:, None])[:, 0] > 0
+    for _ in range(HALVES):
+        middle = ends.mean(axis=0)
+        first = (gap(middle[:, None])[:, 0] > 0) == above
+        ends = np.where([first, ~first], middle, ends)
+    return np.asarray(ends.mean(axis=0))
+
+
+def gap_along(
+    law: Compensator, stage: Solution, values: Mapping[str, Array], target: Array, at: Array, front: int = 0
+) -> Callable[[Array], Array]:
+    """Return what is left of a stage's equation as a function of values of its unknown.
 
     Parameters
     ----------
     values : what a run has computed, with `front` samples before the first one
     at : (K,) array of samples
-    points : (1 or K, G) array, values of the unknown
 
     Returns
     -------
-    (K, G) array
+    function of a (1 or K, G) array that returns a (K, G) array
     """
     assert law.staged is not None
     leads = {left.base: -lag(left) for left, _ in law.beside()}
@@ -72,11 +77,10 @@ def gaps(
         if s == stage.target:
             return values[f"{s.base.name}_wanted"][at + front]
         column = values[s.base.name]
-        place = at + front - lag(s) - leads.get(s.base, 0)
-        return column[np.clip(place, 0, column.size - 1)]
+        return column[np.clip(at + front - lag(s) - leads.get(s.base, 0), 0, column.size - 1)]
 
     plain = [sp.Symbol(f"s{i}", real=True) for i in range(len(names) + 1)]
     gap = (stage.expr - stage.target).xreplace(law.model.values)
-    gap = gap.xreplace(dict(zip([*names, stage.unknown], plain, strict=True)))
+    function = lambdify([gap.xreplace(dict(zip([*names, stage.unknown], plain, strict=True)))], plain)
     columns = [along(s)[:, None] for s in names]
-    return np.broadcast_to(lambdify([gap], plain)(*columns, points)[0], (at.size, points.shape[1]))
+    return lambda points: np.broadcast_to(function(*columns, points)[0], (at.size, points.shape[1]))

@@ -15,16 +15,16 @@ from ...errors import Diverged, ModelError, Unreachable
 from ...inversion.compensator import Compensator, allowed, ends
 from ...inversion.halving import halved
 from ...inversion.kinks import FURTHER, TURNING
-from ...inversion.stages import in_order
 from ...models.model import Model
 from ...symbolic.recursion import Recursion
-from ...symbolic.signals import k, m, y
+from ...symbolic.signals import y
 from ..simulate import fitted, named, simulate, vector
-from .damping import Share, damping, growth, share_of
+from .backtracking import INEXACT, corrected
+from .damping import Share, damping, share_of
 from .driven import driven
 from .excursions import law_warnings, run_away
-from .lookback import INEXACT, right
 from .start import rest_input
+from .trial import growth
 
 Array = np.ndarray
 MISSED = 1e-6  # of the reference's range: more than this off is missed
@@ -56,7 +56,7 @@ class Following:
         Of the change that it asks for, the input goes this part in a sample; 1 where the law is not damped.
     tried : int
         How many other choices between several inputs were tried, where the first one missed; see
-        `narx_sym.fit.laws.lookback`.
+        `narx_sym.fit.laws.backtracking`.
     grown : float
         Where something is not reached: by how much a disturbance of the input grows until then, or along that of the
         other choices that came furthest, whichever is more.
@@ -244,7 +244,7 @@ def follow(
     ----------
     back : bool
         Whether a law without limits and damping goes back to an earlier choice where it misses the reference, which a
-        machine cannot; see `narx_sym.fit.laws.lookback`.
+        machine cannot; see `narx_sym.fit.laws.backtracking`.
     """
     fitted(law.model)
     target, limits = vector(reference, "reference", least=2), ends(limits)
@@ -278,8 +278,7 @@ def follow(
     off = own > INEXACT * size if free else unreached
     grown = growth(law, target, start, channels or {}, int(np.argmax(off))) if free and off.any() else 0.0
     if part < 1:  # damped for slow motion: along this reference it may run away all the same
-        made = lambda clipped: in_order(law.beside(lambda a: clipped(m[k - 1] + part * (a - m[k - 1]))), law.symbols)  # noqa: E731
-        grown = growth(law, target, start, channels or {}, n - 1, made)
+        grown = growth(law, target, start, channels or {}, n - 1, share=part)
     grown = max(grown, furthest)
     moved = float(np.abs(reached - target[0])[: max(1, ahead)].max()) if ahead else 0.0
     return Following(
@@ -327,14 +326,14 @@ def _values(
     beside: bool,
     free: bool,
 ) -> tuple[dict[str, Array], int, float]:
-    """Run a law; a free one goes back where it misses. Return also what `narx_sym.fit.laws.lookback.right` says."""
+    """Run a law; a free one goes back where it misses. Return also what `backtracking.corrected` says."""
     diverged, values, tried, furthest = None, None, 0, 0.0
     try:
         values = driven(law, compiled, target, start, channels, beside)
     except Diverged as error:
         diverged = error
     if free:
-        values, tried, furthest = right(law, target, start, channels, values)
+        values, tried, furthest = corrected(law, target, start, channels, values)
     if values is None:
         assert diverged is not None
         depth = compiled.recursion.depth

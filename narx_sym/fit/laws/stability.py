@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -12,12 +11,12 @@ from ...errors import ModelError, NarxError
 from ...inversion.compensator import Compensator
 from ...models.model import Model
 from ...symbolic.signals import y
-from ..simulate import rest_output, simulate
-from .damping import TINY, damping, nudged, run_nudged
+from ..simulate import rest_output
+from .damping import damping
 from .excursions import DOUBLES, law_radius_at, operating_range
+from .trial import TINY, Trial
 
-Array = np.ndarray
-TRIAL, PERIODS, INSIDE = 800, 2, 0.9  # samples of a trial, its periods, the part of the known range that it passes
+LENGTH, PERIODS, INSIDE = 800, 2, 0.9  # samples of a trial, its periods, the part of the known range that it passes
 OTHER = 1e-3  # of the input's range: what is as far away is another input
 _known: WeakKeyDictionary[Model, Stability] = WeakKeyDictionary()
 
@@ -116,24 +115,15 @@ def _tried(law: Compensator, share: float) -> tuple[bool, str, float]:
 
 def _grown(law: Compensator, share: float) -> tuple[float, float, float]:
     """Return by how much a disturbance grows from the middle of a trial to its end, and at most; and `apart`."""
-    u, run = _trial(law)
-    plain, size = run(share, 0.0), float(np.ptp(u))
-    away = np.abs(run(share, TINY * size) - plain)[TRIAL // 4 :] / (TINY * size)
+    low, high = law.model.info.ranges[law.model.input.name]
+    wave = np.sin(2 * np.pi * PERIODS * np.arange(LENGTH) / LENGTH)
+    u, at = (low + high) / 2 + INSIDE * (high - low) / 2 * wave, LENGTH // 4
+    trial, size = Trial.of_input(law, u, rest_output(law.model, u[0])), float(np.ptp(u))
+    plain = trial.inputs(share=share)
+    away = np.abs(trial.inputs(share=share, kick=TINY * size, at=at) - plain)[at:] / (TINY * size)
     away = np.nan_to_num(away, nan=np.inf, posinf=np.inf)
     middle, end = (float(part.max()) for part in np.array_split(away, 3)[1:])
-    seen = TRIAL - law.preview  # later the reference is held
-    gap = np.abs((plain if share == 1 else run(1.0, 0.0)) - u)[:seen]
+    seen = LENGTH - law.preview  # later the reference is held
+    gap = np.abs((plain if share == 1 else trial.inputs()) - u)[:seen]
     apart = float(np.nan_to_num(gap, nan=np.inf, posinf=np.inf).max()) / size
     return end / max(1.0, middle) if np.isfinite(end) else np.inf, float(away.max()), apart
-
-
-def _trial(law: Compensator) -> tuple[Array, Callable[[float, float], Array]]:
-    """Return a slow sine, and what the law makes of the model's answer, by its share and the size of a disturbance."""
-    model = law.model
-    low, high = model.info.ranges[model.input.name]
-    wave = np.sin(2 * np.pi * PERIODS * np.arange(TRIAL) / TRIAL)
-    u = (low + high) / 2 + INSIDE * (high - low) / 2 * wave
-    channels = {name: np.zeros(TRIAL) for name in model.channels}
-    target = simulate(model, u, rest_output(model, u[0]), channels or None, u0=float(u[0]), warn=False)
-    compiled = nudged(law)
-    return u, lambda share, size: run_nudged(law, compiled, target, float(u[0]), channels, share, size, TRIAL // 4)

@@ -1,0 +1,323 @@
+"""Of several inputs that are right for a sample a law takes one; where that leaves none later, it goes back.
+
+The run returns to where another input gave the same output, the latest first, takes that one, and runs on from there
+(backtracking; of the runs at hand the one that came furthest is changed next). A machine cannot do so: what it meets is
+not known to it beforehand.
+
+On a flat piece there are such inputs without number. First the last few inputs are moved together from what the law
+took, as few as can be, until the model gives the reference there:
+
+    sum_k (y[k] - r[k])^2 = 0
+
+by Levenberg-Marquardt, whose steps are the shortest ones: the sample of a flat piece has no slope in its own input, so
+that there it is the later samples that move it. Where the way leads over an edge, single inputs are tried at which the
+run that follows changes: to one side it misses at another sample than to the other, or there from above instead of from
+below. A later sample lies on an edge then, where a flat piece begins, and leaves a choice of its own: so friction goes
+on slipping.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import count, pairwise
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ...errors import Diverged
+from ...inversion.compensator import Compensator
+from ...inversion.solution import Solution
+from ...inversion.stages import limits_of
+from ...symbolic.signals import m, samples
+from ..simulate import simulate
+from .crossings import OUTSIDE, around, beyond, bisected, crossings, gap_along
+from .driven import FREE
+from .trial import Trial, growth
+
+Array = np.ndarray
+TRIES, BACK = 200, 100  # runs; how far back of a miss an input is changed
+AHEAD, MOVES = 32, np.geomspace(1e-5, 30.0, 28)  # beyond a miss a try is followed; of what the input has been: tries
+LONGER = 4  # the next stretch of a run is so many times as long
+WIDER = 1.0  # of what the input has been: solutions further beyond are looked for in steps that grow
+INEXACT, OTHER = 1e-9, 1e-7  # of the largest reference: what is missed; of the largest input: what is another one
+STRETCHES = (2, 4, 8, 16, 32, 64, 128)  # samples up to a miss that are moved together: the fewest that do
+STEPS, EXACT = 60, 1e-15  # of a search by least squares; where it ends
+DIFFERENCES = (None, 1e-6)  # steps of an input, as SciPy has them: near its kinks first, then far above rounding
+
+
+def open_stages(law: Compensator) -> list[Solution]:
+    """Return the stages that may leave a choice on which later samples depend."""
+    return [s for s in (law.staged.stages if law.staged else ()) if (s.needs or not s.proved) and _lasts(law, s)]
+
+
+def _lasts(law: Compensator, stage: Solution) -> bool:
+    """Whether more of the model than the samples that stages solve for is made from what a stage takes, or leads to."""
+    assert law.staged is not None
+    later = law.staged.stages[law.staged.stages.index(stage) :]
+    own = {law.model.input if one.unknown.base == m else one.unknown.base for one in later}
+    made = {(left, s) for left, right in law.model.recursion.updates for s in samples(right) if s.base in own}
+    return len(made) > len(own)
+
+
+def corrected(
+    law: Compensator, target: Array, start: float, channels: Mapping[str, Any], values: dict[str, Array] | None
+) -> tuple[dict[str, Array] | None, int, float]:
+    """Return a run that misses nothing, if a law has one, and how many other inputs were tried.
+
+    Where none was found, also by how much a disturbance of the input grows along the run that came furthest.
+
+    Parameters
+    ----------
+    values : what the law's own run computed; None where it diverged
+    """
+    if not open_stages(law):
+        return values, 0, 0.0
+    runs = Backtracking(law, target, start, channels)
+    if values is not None:
+        values = runs.own(values)
+        if runs.missed(values["y"]) is None:
+            return values, 0, 0.0
+        if (found := runs.moved()) is not None and runs.missed(runs.own(found)["y"]) is None:
+            return found, runs.tried, 0.0
+    found = runs.best()
+    return (values, runs.tried, runs.grown()) if found is None else (found, runs.tried, 0.0)
+
+
+@dataclass
+class _Path:
+    """A run with some given inputs, right up to a sample, and the other inputs on its way."""
+
+    values: dict[str, Array]
+    taken: Array
+    begin: int  # the first sample that may still be changed
+    missed: int | None
+    tried: int = 0
+    ways: Iterator[tuple[int, float]] | None = None
+
+
+class Backtracking:
+    """The runs of a law over one reference, some of whose inputs are given.
+
+    Attributes
+    ----------
+    tried : int
+        How many other inputs were tried.
+    """
+
+    def __init__(self, law: Compensator, target: Array, start: float, channels: Mapping[str, Any]):
+        self.law, self.target, self.start, self.channels = law, target, start, channels
+        assert law.staged is not None
+        self.level = [s.flat and s.alone for s in open_stages(law)]  # all that is open is the place on a flat piece
+        self.flat = any(s.flat for s in open_stages(law))
+        self.delay, self.tried = law.staged.delay, 0
+        self.n = target.size - self.delay
+        self.size = INEXACT * float(np.abs(target).max())
+        self.prepared = Trial(law, target, start, channels).prepared()
+        self.depth = self.prepared.depth
+        self.furthest: _Path | None = None
+
+    def missed(self, reached: Array) -> int | None:
+        """Return the first input whose output is not the reference."""
+        n = min(reached.size, self.n)
+        wrong = np.flatnonzero(~(np.abs(reached[:n] - self.target[self.delay :][:n]) <= self.size))
+        return int(wrong[0]) if wrong.size else None
+
+    def own(self, values: dict[str, Array]) -> dict[str, Array]:
+        """Put what the model makes of the input by itself in the place of what it makes beside the law.
+
+        The last digits are others, and a sign of a step may turn with them. Where the model does not rest until the
+        first input arrives, nothing is changed.
+        """
+        command = values["m"][: self.target.size]
+        if not np.isfinite(command).all():
+            return values
+        first = float(self.target[0])
+        try:
+            made = simulate(self.law.model, command, first, self.channels, u0=self.start, warn=False)
+        except Diverged as error:
+            depth = max(1, self.law.model.recursion.depth)
+            made = np.concatenate([np.asarray(error.trajectory)[depth : error.at], np.full(command.size, np.nan)])
+            made = made[: command.size]
+        rests = np.all(np.abs(made[: self.delay] - first) <= self.size)
+        return values | {"y": np.concatenate([made[self.delay :], values["y"][self.n :]])} if rests else values
+
+    def _run(self, taken: Array, values: Mapping[str, Array], begin: int, end: int) -> dict[str, Array]:
+        """Run on with some inputs from one sample until another; FREE where the law's own is taken."""
+        return self.prepared.run({"m_taken": (taken, FREE)}, values, begin, end + self.delay)
+
+    def _shown(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        return self.prepared.shown({**values, "m_wanted": values["m"]})
+
+    # -- inputs on flat pieces, moved together -----------------------------------------------------------------
+
+    def moved(self) -> dict[str, Array] | None:
+        """Return a run whose inputs before a miss on flat pieces are moved together; None where that does not do."""
+        if not self.flat:
+            return None
+        taken, before, tried = np.full(self.target.size, FREE), -1, 0
+        values = self._run(taken, {}, 0, self.n)
+        while (missed := self.missed(values["y"][self.depth :])) is not None:
+            begins = dict.fromkeys(max(0, missed + 1 - size) for size in STRETCHES)
+            found = ((b, x) for b in begins if (x := self._together(values, b, missed + 1)) is not None)
+            begin, inputs = next(found, (0, None))
+            if inputs is None or missed <= before:
+                return None
+            taken[begin : missed + 1], before, tried = inputs, missed, tried + 1
+            values = self._run(taken, values, begin, self.n)
+        self.tried = tried
+        return self._shown(values)
+
+    def _together(self, values: Mapping[str, Array], begin: int, end: int) -> Array | None:
+        """Return inputs of a stretch with which nothing is missed in it, (end - begin,); None where none were found."""
+        made, depth = self.prepared, self.depth
+        ahead = made.compiled.recursion.lead
+        given = {name: column[begin : depth + end + ahead] for name, column in made.given.items()}
+        initial = {name: column[begin : begin + depth] for name, column in values.items()}
+        wanted = self.target[self.delay :][begin:end]
+
+        def gap(inputs: Array) -> Array:
+            taken = np.concatenate([np.full(depth, FREE), inputs, np.full(ahead, FREE)])
+            run = made.compiled({**given, "m_taken": taken}, made.theta, initial, start=depth, on_divergence="nan")
+            return np.nan_to_num(run["y"][depth : depth + end - begin] - wanted, nan=FREE**0.25, posinf=FREE**0.25)
+
+        tried = [values["m"][depth + begin : depth + end]]
+        for step in DIFFERENCES:
+            options = {"diff_step": step, "max_nfev": STEPS, "xtol": EXACT, "ftol": EXACT, "gtol": EXACT}
+            tried.append(least_squares(gap, tried[-1], method="lm", **options).x)
+        best = min(tried, key=lambda inputs: np.abs(gap(inputs)).max())
+        return best if np.abs(gap(best)).max() <= self.size else None
+
+    # -- one other input at a time -----------------------------------------------------------------------------
+
+    def best(self) -> dict[str, Array] | None:
+        """Return every sequence of a run that misses nothing; None where none was found."""
+        order, self.tried = count(), 0
+        first = self._path({}, np.full(self.target.size, FREE), 0, self.n)
+        waiting = [(0, next(order), first)]
+        while waiting and self.tried < TRIES:
+            path = heapq.heappop(waiting)[2]
+            if path.missed is None:
+                return self._shown(path.values)
+            path.ways = path.ways or self._ways(path)
+            way = next(path.ways, None)
+            if way is None:
+                continue
+            at, value = way
+            taken = path.taken.copy()
+            taken[at] = value
+            other = self._path(path.values, taken, at)
+            new = not self._alike(path, other)
+            self.tried += new
+            path.tried += new
+            for one in (path, other) if new else (path,):
+                came = self.n if one.missed is None else one.missed
+                heapq.heappush(waiting, (one.tried - came, next(order), one))
+        return None
+
+    def grown(self) -> float:
+        """Return by how much a disturbance of the input grows along the run that came furthest, where one was tried."""
+        path = self.furthest
+        if path is None or not self.tried:
+            return 0.0
+        return growth(self.law, self.target, self.start, self.channels, path.missed or 0, taken=path.taken)
+
+    def _path(self, values: Mapping[str, Array], taken: Array, begin: int, stretch: int = 1) -> _Path:
+        """Run on from a sample of a run, in stretches that grow, until it misses."""
+        changed, now, missed = begin + bool(values), dict(values), None
+        while begin < self.n and missed is None:
+            end = min(self.n, begin + stretch)
+            now = self._run(taken, now, begin, end)
+            missed, begin, stretch = self.missed(now["y"][self.depth : self.depth + end]), end, LONGER * stretch
+        if missed is None:
+            missed = self.missed(self.own(self._shown(now))["y"])
+        path = _Path(now, taken, changed, missed)
+        if self.furthest is None or (missed or 0) > (self.furthest.missed or 0):
+            self.furthest = path
+        return path
+
+    def _alike(self, path: _Path, other: _Path) -> bool:
+        """Whether another run comes to the same miss from the same state: what is changed before it is forgotten."""
+        if path.missed != other.missed or path.missed is None:
+            return False
+        layout = self.prepared.compiled.layout
+        for name in (layout.states[i] for i in layout.remembered):
+            one, two = (p.values[name][path.missed : path.missed + self.depth] for p in (path, other))
+            size = np.nanmax(np.abs(path.values[name]), initial=1e-300)
+            if not (np.abs(one - two) <= INEXACT * size).all():
+                return False
+        return True
+
+    def _ways(self, path: _Path) -> Iterator[tuple[int, float]]:
+        """Return other inputs on the way to a miss, the latest first: the sample, and the input."""
+        assert path.missed is not None
+        at = np.arange(max(path.begin, path.missed - BACK), path.missed + 1)
+        others = self._others(path, at) if at.size and not all(self.level) else {}
+        for place in map(int, at[::-1]):
+            yield from ((place, x) for _, x in sorted(others.get(place, ())))
+            if any(self.level):
+                yield from self._turned(path, place)
+
+    def _others(self, path: _Path, at: Array) -> dict[int, list[tuple[float, float]]]:
+        """Return further inputs that give the wanted output, by sample: how far they are, and where."""
+        depth, law = self.depth, self.law
+        assert law.staged is not None
+        columns = {n: c[: depth + at[-1] + 1] for n, c in {**path.values, **self.prepared.given}.items()}
+        inputs = columns["m"][depth - 1 :]  # from the value before the first one on
+        last, taken, near = inputs[at], inputs[at + 1], around(inputs[:-1] if inputs.size > 1 else inputs, WIDER)
+        low, high = limits_of(law.model, m)
+        grid = np.clip(beyond(near), min(low, near[0]), max(high, near[-1]))
+        # The last value is where a step turns, so often where the gap has a kink: between a pair of roots.
+        points = np.sort(np.column_stack([np.broadcast_to(grid, (at.size, grid.size)), last]), axis=1)
+        gap = gap_along(law, law.staged.whole, columns, self.target, at, depth)(points)
+        small = INEXACT * np.abs(gap[:, OUTSIDE:-OUTSIDE]).max(axis=1, keepdims=True)
+        rests = np.abs(gap) <= small
+        # Along a flat piece rounding has signs of its own.
+        rows, cells = np.nonzero(crossings(gap) & ~(rests[:, 1:] & rests[:, :-1]))
+        of_rows = gap_along(law, law.staged.whole, columns, self.target, at[rows], depth)
+        places = bisected(of_rows, points[rows, cells], points[rows, cells + 1])
+        still = np.flatnonzero((rests & (points == last[:, None])).any(axis=1))
+        rows, places = np.concatenate([rows, still]), np.concatenate([places, last[still]])
+        away = np.abs(places - taken[rows])
+        other = (away > OTHER * np.abs(inputs).max()) | (at[rows] == path.missed)
+        found: dict[int, list[tuple[float, float]]] = {}
+        for row, far, place in zip(rows[other], away[other], places[other], strict=True):
+            found.setdefault(int(at[row]), []).append((float(far), float(place)))
+        return found
+
+    def _turned(self, path: _Path, at: int) -> Iterator[tuple[int, float]]:
+        """Return the inputs on a flat piece at which what follows changes: a later sample comes onto an edge there.
+
+        Beside them the run misses at another sample, or to the other side. What comes furthest is first.
+        """
+        assert path.missed is not None
+        end = min(self.n, path.missed + AHEAD)
+        column = path.values["m"][: self.depth + path.missed + 1]
+        here, size = float(column[self.depth + at]), float(np.ptp(column)) or abs(float(column[-1])) or 1.0
+
+        def came(where: float) -> tuple[int, bool]:
+            taken = path.taken.copy()
+            taken[at] = where
+            y = self._run(taken, path.values, at, end)["y"][self.depth : self.depth + end]
+            missed = self.missed(y)
+            return (end, False) if missed is None else (missed, bool(y[missed] > self.target[self.delay + missed]))
+
+        ends = [(x, came(x)) for x in here + size * np.concatenate([-MOVES[::-1], [0.0], MOVES])]
+        found = [turn for one, other in pairwise(ends) for turn in _between(came, one, other)]
+        yield from ((at, x) for _, _, x in sorted((-n, abs(x - here), x) for n, x in found))
+
+
+def _between(came: Callable[[float], tuple[int, bool]], one: Any, other: Any) -> Iterator[tuple[int, float]]:
+    """Return where a run comes to another sample between two values: how far at most, and the value."""
+    if one[1] == other[1]:
+        return
+    middle = (one[0] + other[0]) / 2
+    if one[0] < middle < other[0]:
+        half = middle, came(middle)
+        yield from _between(came, one, half)
+        yield from _between(came, half, other)
+    elif one[1][0] != other[1][0]:
+        x, (n, _) = max(one, other, key=lambda end: end[1][0])
+        yield n, float(x)

@@ -1,0 +1,132 @@
+"""Experiments with a law beside its model: one recursion whose input can be given, damped, and disturbed once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ...engines.compile import Compiled, compile
+from ...errors import ModelError
+from ...inversion.compensator import Compensator
+from ...inversion.stages import in_order
+from ...models.model import Model
+from ...symbolic.signals import k, m, signal, y
+from ..simulate import fitted, named, simulate, vector
+from .driven import FREE, Prepared, driven
+
+Array = np.ndarray
+TINY, PLACES = 1e-9, 4  # of the input's range: a disturbance; where along a run it is put
+TAKEN, SHARE, KICK = (signal(f"m_{what}") for what in ("taken", "share", "kick"))
+
+
+def testable(law: Compensator) -> Compiled:
+    """Return a law beside its model whose input is `m_taken` where that is given.
+
+    Else it goes the part `m_share` of each change that the law asks for; `m_kick` is added to both.
+    """
+
+    def moved(asked: Any) -> Any:
+        damped = asked - (1 - SHARE[k]) * (asked - m[k - 1])  # with a share of 1 not a digit changes
+        return sp.Piecewise((TAKEN[k], TAKEN[k] < FREE), (damped, True)) + KICK[k]
+
+    return compile(in_order(law.beside(moved), law.symbols))
+
+
+def own_output(model: Model, u: Array, first: float) -> Array:
+    """Return what a model makes of an input that rested before, its channels at zero, (N,)."""
+    return simulate(model, u, first, {name: np.zeros(u.size) for name in model.channels}, u0=float(u[0]), warn=False)
+
+
+class Trial:
+    """The runs of such a law over one reference: parameters as for `narx_sym.fit.laws.driven.driven`."""
+
+    def __init__(
+        self,
+        law: Compensator,
+        target: Array,
+        start: float,
+        channels: Mapping[str, Any],
+        compiled: Compiled | None = None,
+    ):
+        self.compiled, self.n = compiled or testable(law), target.size
+        self.law, self.target, self.start, self.channels = law, target, start, channels
+
+    @classmethod
+    def of_input(cls, law: Compensator, u: Array, first: float) -> Trial:
+        """Return the runs that should make an input again: along what the model makes of it, from a first output."""
+        channels = {name: np.zeros(u.size) for name in law.model.channels}
+        return cls(law, own_output(law.model, u, first), float(u[0]), channels)
+
+    def given(self, share: float = 1.0, taken: Array | None = None, kick: float = 0.0, at: int = 0) -> dict[str, Array]:
+        """Return the further inputs: the damping factor, inputs that are given, and a disturbance at one sample."""
+        free = np.full(self.n, FREE) if taken is None else taken
+        return {"m_share": np.full(self.n, share), "m_taken": free, "m_kick": kick * (np.arange(self.n) == at)}
+
+    def inputs(self, **options: Any) -> Array:
+        """Return the input along the reference, (N,); NaN from where it diverges. Options as for `given`."""
+        channels = {**self.channels, **self.given(**options)}
+        with np.errstate(all="ignore"):
+            found = driven(self.law, self.compiled, self.target, self.start, channels, on_divergence="nan")
+        return np.asarray(found["m"][: self.n])
+
+    def prepared(self) -> Prepared:
+        """Prepare runs that go on from one another."""
+        return Prepared.of(self.law, self.compiled, self.target, self.start, {**self.channels, **self.given()})
+
+    def error_growth(self, places: Sequence[int], end: int, **options: Any) -> list[Array]:
+        """Return what a small disturbance at each of some samples becomes until another one, as multiples of it."""
+        base = self.inputs(**options)[: end + 1]
+        kick = TINY * max(float(np.ptp(np.nan_to_num(base[: max(end, 1)]))), abs(self.start), TINY)
+        found = (np.abs(self.inputs(kick=kick, at=one, **options)[: end + 1] - base)[one:] / kick for one in places)
+        return [np.nan_to_num(x, nan=np.inf, posinf=np.inf) for x in found]
+
+
+def growth(
+    law: Compensator, target: Array, start: float, channels: Mapping[str, Any], end: int, **options: Any
+) -> float:
+    """Return by how much a small disturbance of the input grows along a run, at most, until a sample.
+
+    Options as for `Trial.given`.
+    """
+    places = sorted({end * part // PLACES for part in range(PLACES)})
+    found = Trial(law, target, start, channels).error_growth(places, end, **options)
+    return max(float(one.max(initial=0.0)) for one in found)
+
+
+def disturbance(
+    law: Compensator, reference: Any, m0: Any = None, channels: Mapping[str, Any] | None = None, at: int = 0
+) -> Array:
+    """Return how a small disturbance of the input grows or decays along a run of a law, without damping.
+
+    The law's own dynamics where there is no polynomial for them: of laws with branches and states. The law goes on from
+    the model's output, as it does on a machine.
+
+    Parameters
+    ----------
+    reference : (N,) array [unit of y]
+    m0 : number, optional
+        The input before the start [unit of u]; by default as for `Compensator.run`.
+    channels : mapping of names to (N,) arrays
+    at : the sample that is disturbed
+
+    Returns
+    -------
+    (N - at,) array
+        Its size from there on, as a multiple of what it was; infinite where it is beyond all numbers.
+
+    Raises
+    ------
+    ModelError
+        For a law without values, an identified inverse, and a sample outside of the reference.
+    """
+    target = vector(reference, "reference", least=2)
+    fitted(law.model)
+    if law.model.input == y or not 0 <= at < target.size:
+        raise ModelError(
+            f"A disturbance is one of a law that is derived from a model, at one of {target.size} samples."
+        )
+    start = law.rest_input(float(target[0]), None) if m0 is None else float(m0)
+    return Trial(law, target, start, law.named(named(channels))).error_growth([at], target.size - 1)[0]
