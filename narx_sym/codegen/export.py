@@ -13,7 +13,7 @@ import sympy as sp
 
 from ..engines.compile import compile
 from ..errors import ModelError
-from ..inversion.branches import EDGE
+from ..inversion.solve import EDGE
 from ..symbolic.functions import TABLE
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import samples

@@ -31,7 +31,7 @@ from .bases.judged import judged
 from .bases.play import KNOTS, PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
 from .evaluate import free_run_nrmse
-from .laws.excursions import law_radius
+from .laws.internal import law_radius
 from .least_squares import check_method, estimate, fit
 from .simulate import Records, centre, segments
 

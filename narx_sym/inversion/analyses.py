@@ -5,7 +5,7 @@ Each analysis is one function with `@analysis`; the order and both headings stan
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -22,11 +22,15 @@ from .compensator import Compensator, compensator
 
 @dataclass(frozen=True)
 class Finding:
-    """What an analysis found: lines of plain text, equations in LaTeX, a sentence before them; each may be missing."""
+    """What an analysis found: lines of plain text, equations in LaTeX, a sentence before them, or why there is nothing.
+
+    Each may be missing.
+    """
 
     lines: list[str] = field(default_factory=list)
     equations: list[str] = field(default_factory=list)
     first: str = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,16 +102,14 @@ class Derived:
     reason: str = ""
 
 
-def _tried(one: Analysis, subject: Subject) -> Finding | str:
-    """Return what is found, or the reason why there is nothing."""
-    try:
-        return one.find(subject)
-    except (ModelError, NotInvertible) as error:
-        return str(error)
-
-
-def _in_order() -> list[Analysis]:
-    return sorted(ANALYSES.values(), key=lambda one: one.order)
+def _told(subject: Subject, where: str) -> Iterator[tuple[str, Finding]]:
+    """Go through what is told under a heading or a title, in order; a reason why there is nothing is a line, too."""
+    for one in sorted(ANALYSES.values(), key=lambda one: one.order):
+        if head := getattr(one, where):
+            try:
+                yield head, one.find(subject)
+            except (ModelError, NotInvertible) as error:
+                yield head, Finding([str(error)], reason=str(error))
 
 
 def summary(model: Model) -> list[tuple[str, list[str]]]:
@@ -115,25 +117,17 @@ def summary(model: Model) -> list[tuple[str, list[str]]]:
 
     Where something is not derived, its lines say why.
     """
-    subject, listed = Subject(model), []
-    for one in _in_order():
-        if one.heading:
-            found = _tried(one, subject)
-            listed.append((one.heading, [found] if isinstance(found, str) else found.lines))
-    return [(heading, lines) for heading, lines in listed if lines]
+    return [(heading, found.lines) for heading, found in _told(Subject(model), "heading") if found.lines]
 
 
 def derived(subject: Subject) -> list[Derived]:
     """Return what is derived from a model, in the order of the paper; what cannot be derived has its reason, once."""
     listed: list[Derived] = []
-    for one in _in_order():
-        if one.title:
-            found = _tried(one, subject)
-            if not isinstance(found, str):
-                shown = [SAID.get(e, e) for e in found.equations]
-                listed += [Derived(one.title, shown, found.first)] if shown else []
-            elif found not in [other.reason for other in listed]:
-                listed.append(Derived(one.title, reason=found))
+    for title, found in _told(subject, "title"):
+        if found.equations:
+            listed.append(Derived(title, [SAID.get(e, e) for e in found.equations], found.first))
+        elif found.reason and found.reason not in [other.reason for other in listed]:
+            listed.append(Derived(title, reason=found.reason))
     return listed
 
 

@@ -1,7 +1,7 @@
 """Section 4 of the paper: compensation laws by algebraic inversion, and from an identified inverse.
 
 A law is a recursion for m[k] in past m and (future) r; putting it back into the model gives r[k + tau_d] identically.
-Models beyond Assumption A1 are inverted in stages (`stages`), each of them by branches (`branches`); where m[k] stands
+Models beyond Assumption A1 are inverted in stages (`stages`), each of them by branches (`solve`); where m[k] stands
 in powers it is a root of a polynomial (arXiv 2011.12246; `solution.Polynomial` says which).
 """
 
@@ -276,21 +276,14 @@ class Compensator(CompensatorDoors):
 
     def _grouped(self, expr: Any) -> list[tuple[Any, Any]]:
         """(coefficient, term) pairs; differences stay in brackets as the model's own terms have them."""
-        pairs = []
-        for part in sp.Add.make_args(expr):
-            held = [f for f in sp.Mul.make_args(part) if not f.has(sp.Indexed)]
-            coefficient = sp.Mul(*held)
-            pairs.append((coefficient, sp.Mul(*(f for f in sp.Mul.make_args(part) if f.has(sp.Indexed)))))
-        # References first, then past inputs, then the nonlinear terms: the order of the paper.
-        return sorted(
-            pairs,
-            key=lambda p: (
-                len(samples(p[1])) > 1,
-                not p[1].has(r),
-                lag(min(samples(p[1]), key=lag)) if samples(p[1]) else 9,
-                len(str(p[1])),
-            ),
-        )
+        pairs = [part.as_independent(sp.Indexed, as_Add=False) for part in sp.Add.make_args(expr)]
+
+        def place(pair: tuple[Any, Any]) -> tuple[Any, ...]:
+            # References first, then past inputs, then the nonlinear terms: the order of the paper.
+            read = samples(pair[1])
+            return len(read) > 1, not pair[1].has(r), min(map(lag, read), default=9), len(str(pair[1]))
+
+        return sorted(pairs, key=place)
 
     def _repr_latex_(self) -> str:
         return f"$\\displaystyle {self.latex()}$"
@@ -383,12 +376,11 @@ def _derived(model: Model) -> Compensator:
         if model.states:  # an added effect takes the newest input away: a pure delay
             return _beyond(model)
         raise NotInvertible(f"The coefficient of {printing.text(latest)} is zero: the input does not act (A1(i)).")
-    rest = _drop(right, latest)
-    law = sp.Add(
-        *(p / gain for p in (r[k + delay], *(-x for x in sp.Add.make_args(_renamed(rest, delay, model.input)))))
-    )
-    A, B, f = polynomials(model)
-    return Compensator(model, law, A, B, f)
+    # It is linear in the newest input: nothing else changes where that is set to zero.
+    parts = [p.xreplace({latest: sp.S.Zero}) if p.has(latest) else p for p in sp.Add.make_args(right)]
+    rest = shift(swap(sp.Add(*parts), {model.input: m, y: r}), delay)
+    law = sp.Add(*(p / gain for p in (r[k + delay], *(-x for x in sp.Add.make_args(rest)))))
+    return Compensator(model, law, *polynomials(model))
 
 
 def _beyond(model: Model) -> Compensator:
@@ -398,12 +390,3 @@ def _beyond(model: Model) -> Compensator:
     except NotInvertible as error:
         raise NotInvertible(why_not(model, str(error))) from None
     return Compensator(model, dict(staged.updates)[m[k]], staged=staged)
-
-
-def _drop(right: Any, latest: Any) -> Any:
-    """Set the newest input to zero where it stands (it is linear, so nothing else changes)."""
-    return sp.Add(*(p.xreplace({latest: sp.S.Zero}) if p.has(latest) else p for p in sp.Add.make_args(right)))
-
-
-def _renamed(rest: Any, delay: int, source: Any) -> Any:
-    return shift(swap(rest, {source: m, y: r}), delay)

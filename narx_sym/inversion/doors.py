@@ -30,9 +30,9 @@ class CompensatorDoors:
 class InternalDynamicsDoors:
     """Each line is one function of the room that does it; it takes the internal dynamics first."""
 
-    radius = door("fit.laws.excursions", "radius")
-    repelling = door("fit.laws.excursions", "repelling")
-    along = door("fit.laws.excursions", "excursion")
+    radius = door("fit.laws.internal", "radius")
+    repelling = door("fit.laws.internal", "repelling")
+    along = door("fit.laws.internal", "excursion")
 
 
 class SystemLawDoors:

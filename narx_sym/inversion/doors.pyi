@@ -7,9 +7,9 @@ from narx_sym.fit.laws.backtracking import open_stages as _fit_laws_backtracking
 from narx_sym.fit.laws.counting import check as _fit_laws_counting_check
 from narx_sym.fit.laws.damping import damping as _fit_laws_damping_damping
 from narx_sym.fit.laws.damping import share_of as _fit_laws_damping_share_of
-from narx_sym.fit.laws.excursions import excursion as _fit_laws_excursions_excursion
-from narx_sym.fit.laws.excursions import radius as _fit_laws_excursions_radius
-from narx_sym.fit.laws.excursions import repelling as _fit_laws_excursions_repelling
+from narx_sym.fit.laws.internal import excursion as _fit_laws_internal_excursion
+from narx_sym.fit.laws.internal import radius as _fit_laws_internal_radius
+from narx_sym.fit.laws.internal import repelling as _fit_laws_internal_repelling
 from narx_sym.fit.laws.run import exported as _fit_laws_run_exported
 from narx_sym.fit.laws.run import follow as _fit_laws_run_follow
 from narx_sym.fit.laws.run import run_law as _fit_laws_run_run_law
@@ -45,9 +45,9 @@ class CompensatorDoors:
     _repr_html_ = _report_notebook_shown_law_html
 
 class InternalDynamicsDoors:
-    radius = _fit_laws_excursions_radius
-    repelling = _fit_laws_excursions_repelling
-    along = _fit_laws_excursions_excursion
+    radius = _fit_laws_internal_radius
+    repelling = _fit_laws_internal_repelling
+    along = _fit_laws_internal_excursion
 
 class SystemLawDoors:
     run = _fit_several_run_law

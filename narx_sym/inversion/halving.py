@@ -18,7 +18,7 @@ from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import k, signal
 from .compensator import Compensator
-from .shape import bounds
+from .monotone import bounds
 from .solution import Root, Solution
 from .stages import wanted
 

@@ -22,7 +22,7 @@ import sympy as sp
 from ..symbolic.functions import KINKED
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import signal
-from .shape import FLAT
+from .breakpoints import FLAT
 from .solution import Branch, Solution, number
 
 FEWEST = 2  # one play alone has few kinks: its branches say more

@@ -7,7 +7,7 @@ remember, is computed forward.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -21,9 +21,9 @@ from ..symbolic.graph import Graph
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import INNER_INPUTS, INNER_OUTPUTS, held, k, lag, m, r, samples, shift, signal, swap, x, y
-from .branches import FAR, solve_for
-from .shape import JUMPS
+from .breakpoints import JUMPS
 from .solution import Solution, resting, summed
+from .solve import FAR, solve_for
 
 Updates = tuple[tuple[Any, Any], ...]
 WIDER = 3.0  # how many ranges beyond the identified ones a root finder looks
@@ -59,7 +59,7 @@ class Staged:
         return Solution(m[k], r[k + self.delay], swap(expr, {y: r}), m[k - 1], "root finder", ())
 
 
-def stages_of(model: Model, last: Callable[[Any], Any] = lambda unknown: shift(unknown, -1)) -> Staged:
+def stages_of(model: Model) -> Staged:
     """Derive the stages of a model.
 
     Raises
@@ -83,8 +83,7 @@ def stages_of(model: Model, last: Callable[[Any], Any] = lambda unknown: shift(u
         expr = swap(_inlined(own, delays, shift(own[upper], delay), unknown), {y: r})
         target = r[k + delay] if upper == y else upper[k + delay]
         found = solve_for(
-            expr, unknown, target, last(unknown), values, limits_of(model, lower), _rest(model),
-            together, above,
+            expr, unknown, target, shift(unknown, -1), values, limits_of(model, lower), _rest(model), together, above,
         )  # fmt: skip
         if turns and upper != y and found.closed_form:
             found = replace(found, branches=(resting(unknown, target, expr, found.last, above), *found.branches))

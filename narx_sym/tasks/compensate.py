@@ -18,7 +18,7 @@ from ..diagnosis.progress import Told
 from ..engines.compile import compile
 from ..errors import Diverged, ModelError, NarxError, NotInvertible
 from ..fit.laws.damping import Share
-from ..fit.laws.excursions import operating_range
+from ..fit.laws.internal import operating_range
 from ..fit.laws.run import told
 from ..fit.laws.start import rests_at, rests_with
 from ..fit.simulate import simulate, vector

@@ -15,7 +15,7 @@ from sampling import some
 from narx_sym.codegen.export import written
 from narx_sym.engines.columns import Columns
 from narx_sym.engines.compile import ENGINES, compile
-from narx_sym.inversion.branches import solve_for
+from narx_sym.inversion.solve import solve_for
 from narx_sym.models.pool import pool
 from narx_sym.symbolic.functions import NAMES, TABLE, Elementary, X, Y, arguments_of, row_of
 from narx_sym.symbolic.grammar import parse

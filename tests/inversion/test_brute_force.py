@@ -8,8 +8,8 @@ import sympy as sp
 from sampling import some
 
 import narx_sym as ns
-from narx_sym.inversion.branches import solve_for
-from narx_sym.inversion.kinks import FURTHER
+from narx_sym.inversion.piecewise import FURTHER
+from narx_sym.inversion.solve import solve_for
 from narx_sym.models.extend import extend, variants
 from narx_sym.symbolic.signals import k, m, u, v, y
 

@@ -9,8 +9,8 @@ import narx_sym as ns
 from narx_sym.engines.compile import compile
 from narx_sym.inversion.analyses import Subject, document
 from narx_sym.inversion.analyses import law as told
-from narx_sym.inversion.branches import solve_for
 from narx_sym.inversion.solution import Polynomial
+from narx_sym.inversion.solve import solve_for
 from narx_sym.symbolic.signals import k, m, r, u, v, y
 
 theta = sp.symbols("theta1:6", real=True)

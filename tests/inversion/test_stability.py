@@ -10,7 +10,7 @@ from paper import BENCH, BENCH_INVERSE, VALVE
 import narx_sym as ns
 from narx_sym import plots
 from narx_sym.errors import Diverged, ModelError, NarxError
-from narx_sym.fit.laws.excursions import operating_range
+from narx_sym.fit.laws.internal import operating_range
 from narx_sym.inversion.stability import direction, heading, mbar, rbar
 from narx_sym.models.analysis import z
 from narx_sym.models.info import Info

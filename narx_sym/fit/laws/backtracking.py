@@ -27,15 +27,13 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from ...errors import Diverged
 from ...inversion.compensator import Compensator
 from ...inversion.solution import Solution
 from ...inversion.stages import limits_of
 from ...symbolic.signals import m, samples
-from ..simulate import simulate
 from .crossings import OUTSIDE, around, beyond, bisected, crossings, gap_along
 from .driven import FREE
-from .trial import Trial, growth
+from .trial import Trial, alone, growth
 
 Array = np.ndarray
 TRIES, BACK = 200, 100  # runs; how far back of a miss an input is changed
@@ -117,7 +115,7 @@ class Backtracking:
         self.size = INEXACT * float(np.abs(target).max())
         self.prepared = Trial(law, target, start, channels).prepared()
         self.depth = self.prepared.depth
-        self.furthest: _Path | None = None
+        self.known: list[_Path] = []  # the runs so far that came to states of their own
 
     def missed(self, reached: Array) -> int | None:
         """Return the first input whose output is not the reference."""
@@ -135,12 +133,7 @@ class Backtracking:
         if not np.isfinite(command).all():
             return values
         first = float(self.target[0])
-        try:
-            made = simulate(self.law.model, command, first, self.channels, u0=self.start, warn=False)
-        except Diverged as error:
-            depth = max(1, self.law.model.recursion.depth)
-            made = np.concatenate([np.asarray(error.trajectory)[depth : error.at], np.full(command.size, np.nan)])
-            made = made[: command.size]
+        made = alone(self.law.model, command, first, self.start, self.channels)
         rests = np.all(np.abs(made[: self.delay] - first) <= self.size)
         return values | {"y": np.concatenate([made[self.delay :], values["y"][self.n :]])} if rests else values
 
@@ -196,6 +189,7 @@ class Backtracking:
         """Return every sequence of a run that misses nothing; None where none was found."""
         order, self.tried = count(), 0
         first = self._path({}, np.full(self.target.size, FREE), 0, self.n)
+        self.known = [first]
         waiting = [(0, next(order), first)]
         while waiting and self.tried < TRIES:
             path = heapq.heappop(waiting)[2]
@@ -209,9 +203,10 @@ class Backtracking:
             taken = path.taken.copy()
             taken[at] = value
             other = self._path(path.values, taken, at)
-            new = not self._alike(path, other)
+            new = not any(self._alike(one, other) for one in self.known)
             self.tried += new
             path.tried += new
+            self.known += [other] * new
             for one in (path, other) if new else (path,):
                 came = self.n if one.missed is None else one.missed
                 heapq.heappush(waiting, (one.tried - came, next(order), one))
@@ -219,9 +214,9 @@ class Backtracking:
 
     def grown(self) -> float:
         """Return by how much a disturbance of the input grows along the run that came furthest, where one was tried."""
-        path = self.furthest
-        if path is None or not self.tried:
+        if not self.tried:
             return 0.0
+        path = max(self.known, key=lambda one: one.missed or 0)
         return growth(self.law, self.target, self.start, self.channels, path.missed or 0, taken=path.taken)
 
     def _path(self, values: Mapping[str, Array], taken: Array, begin: int, stretch: int = 1) -> _Path:
@@ -233,13 +228,10 @@ class Backtracking:
             missed, begin, stretch = self.missed(now["y"][self.depth : self.depth + end]), end, LONGER * stretch
         if missed is None:
             missed = self.missed(self.own(self._shown(now))["y"])
-        path = _Path(now, taken, changed, missed)
-        if self.furthest is None or (missed or 0) > (self.furthest.missed or 0):
-            self.furthest = path
-        return path
+        return _Path(now, taken, changed, missed)
 
     def _alike(self, path: _Path, other: _Path) -> bool:
-        """Whether another run comes to the same miss from the same state: what is changed before it is forgotten."""
+        """Whether two runs come to the same miss from the same state: what was changed before it is forgotten."""
         if path.missed != other.missed or path.missed is None:
             return False
         layout = self.prepared.compiled.layout

@@ -15,7 +15,6 @@ from .crossings import around, crossings, gap_along
 from .damping import damping
 from .run import follow
 
-Array = np.ndarray
 POINTS, TRIAL = 200, 400  # where solutions are counted, along a sine of this length
 
 

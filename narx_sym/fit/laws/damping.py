@@ -22,7 +22,7 @@ from ...inversion.compensator import Compensator
 from ...models.model import Model
 from ...symbolic.signals import y
 from ..simulate import rest_output
-from .excursions import DOUBLES
+from .internal import DOUBLES
 from .trial import Trial, own_output
 
 Array = np.ndarray

@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ...engines.compile import Compiled, compile
+from ...engines.compile import compile
 from ...errors import Diverged, ModelError, Unreachable
 from ...inversion.compensator import Compensator, allowed, ends
 from ...inversion.halving import halved
-from ...inversion.kinks import FURTHER, TURNING
+from ...inversion.piecewise import FURTHER, TURNING
 from ...models.model import Model
 from ...symbolic.recursion import Recursion
 from ...symbolic.signals import y
-from ..simulate import fitted, named, simulate, vector
+from ..simulate import fitted, named, vector
 from .backtracking import INEXACT, corrected
 from .damping import Share, damping, share_of
 from .driven import driven
-from .excursions import law_warnings, run_away
+from .internal import law_warnings, run_away
 from .start import rest_input
-from .trial import growth
+from .trial import alone, growth
 
 Array = np.ndarray
 MISSED = 1e-6  # of the reference's range: more than this off is missed
@@ -225,7 +225,7 @@ def told(
     if found.unreached.any() and limits is None and rate is None and found.share == 1 and not clip:
         raise _unreachable(law, found, target)
     rings = [damping(law).sentence] if share == "auto" and found.share < 1 else []
-    return found, [*rings, *found.report, *_unstable(law.model, found, target, start, channels or {}), *known]
+    return found, [*rings, *found.report, *_unstable(law.model, found, target, start, channels), *known]
 
 
 def follow(
@@ -260,7 +260,16 @@ def follow(
     beside = law.model.input != y or limits is not None or rate is not None
     compiled = compile(law.limited(limits, rate, part) if beside else law.recursion)
     free = back and beside and law.model.input != y and limits is None and rate is None and part == 1
-    values, tried, furthest = _values(law, compiled, target, start, channels or {}, beside, free)
+    values, tried, furthest, diverged = None, 0, 0.0, None
+    try:
+        values = driven(law, compiled, target, start, channels, beside)
+    except Diverged as error:
+        diverged = error
+    if free:
+        values, tried, furthest = corrected(law, target, start, channels, values)
+    if values is None:
+        assert diverged is not None
+        raise _diverged(law, target, start, diverged, compiled.recursion.depth) from None
     command = values["m"][:n]
     last = np.concatenate([[start], command[:-1]])
     asked = values.get("m_wanted", values["m"])[:n]
@@ -271,14 +280,14 @@ def follow(
         return Following(command, target, held, none, none, 0.0, values)
     ahead, size = law.staged.delay if law.staged else law.preview, float(np.abs(target).max())
     least = MISSED * max(float(np.ptp(target)), 1e-3 * size) + 1e-12 * (1.0 + size)
-    reached = _alone(law.model, command, target[0], start, channels or {})
+    reached = alone(law.model, command, target[0], start, channels)
     seen = np.concatenate([np.full(ahead, target[0]), values["y"]])[:n]
     gap, own = (np.where(np.arange(n) < ahead, 0.0, np.abs(x - target)) for x in (reached, seen))
     missed, unreached = gap > least, own > least
     off = own > INEXACT * size if free else unreached
-    grown = growth(law, target, start, channels or {}, int(np.argmax(off))) if free and off.any() else 0.0
+    grown = growth(law, target, start, channels, int(np.argmax(off))) if free and off.any() else 0.0
     if part < 1:  # damped for slow motion: along this reference it may run away all the same
-        grown = growth(law, target, start, channels or {}, n - 1, share=part)
+        grown = growth(law, target, start, channels, n - 1, share=part)
     grown = max(grown, furthest)
     moved = float(np.abs(reached - target[0])[: max(1, ahead)].max()) if ahead else 0.0
     return Following(
@@ -287,27 +296,13 @@ def follow(
     )  # fmt: skip
 
 
-def _alone(model: Model, command: Array, first: float, start: float, channels: Mapping[str, Any]) -> Array:
-    """Return what the model gives by itself under an input, (N,): no law takes it back to its reference.
-
-    Before, input and output were `start` and `first`, at rest or not; infinite from where it runs away.
-    """
-    try:
-        return simulate(model, command, first, channels, u0=start, warn=False)
-    except Diverged as error:
-        found = np.full(command.size, np.inf)
-        known = np.asarray(error.trajectory)[-command.size :][: max(0, error.at)]
-        found[: known.size] = known
-        return found
-
-
 def _unstable(model: Model, found: Following, target: Array, start: float, channels: Mapping[str, Any]) -> list[str]:
     """Say where the model itself runs away from where the law has it: no input alone holds it there."""
     if model.input == y:
         return []
     aside = ASIDE * (float(np.ptp(target)) or 1.0)
     with np.errstate(all="ignore"):
-        there = _alone(model, found.m, target[0] + aside, start, channels)
+        there = alone(model, found.m, target[0] + aside, start, channels)
         grown = float(np.nan_to_num(np.abs(there - found.y), nan=np.inf).max() / aside)
     if grown < RUNS_AWAY:
         return []
@@ -317,35 +312,16 @@ def _unstable(model: Model, found: Following, target: Array, start: float, chann
     ]
 
 
-def _values(
-    law: Compensator,
-    compiled: Compiled,
-    target: Array,
-    start: float,
-    channels: Mapping[str, Any],
-    beside: bool,
-    free: bool,
-) -> tuple[dict[str, Array], int, float]:
-    """Run a law; a free one goes back where it misses. Return also what `backtracking.corrected` says."""
-    diverged, values, tried, furthest = None, None, 0, 0.0
-    try:
-        values = driven(law, compiled, target, start, channels, beside)
-    except Diverged as error:
-        diverged = error
-    if free:
-        values, tried, furthest = corrected(law, target, start, channels, values)
-    if values is None:
-        assert diverged is not None
-        depth = compiled.recursion.depth
-        path = np.asarray(diverged.trajectory)[depth : max(depth, diverged.at)]
-        before = ", ".join(f"{v:.3g}" for v in path[-3:])
-        causes = " ".join(run_away(law, target, path[:-1], start)) or (
-            "Likely causes: zeros of the model outside the unit circle, an input before the start that does not fit, "
-            "or a reference that the model cannot follow."
-        )
-        said = f"The law diverges: its input m is not finite at sample {diverged.at - depth}"
-        raise Diverged(f"{said} (before it: {before}). {causes}", diverged.at, diverged.trajectory) from None
-    return values, tried, furthest
+def _diverged(law: Compensator, target: Array, start: float, error: Diverged, depth: int) -> Diverged:
+    """Say what may have made a law diverge, after `depth` samples before the start."""
+    path = np.asarray(error.trajectory)[depth : max(depth, error.at)]
+    before = ", ".join(f"{v:.3g}" for v in path[-3:])
+    causes = " ".join(run_away(law, target, path[:-1], start)) or (
+        "Likely causes: zeros of the model outside the unit circle, an input before the start that does not fit, or a "
+        "reference that the model cannot follow."
+    )
+    said = f"The law diverges: its input m is not finite at sample {error.at - depth}"
+    return Diverged(f"{said} (before it: {before}). {causes}", error.at, error.trajectory)
 
 
 def _unreachable(law: Compensator, found: Following, target: Array) -> Unreachable:

@@ -13,7 +13,7 @@ from ...models.model import Model
 from ...symbolic.signals import y
 from ..simulate import rest_output
 from .damping import damping
-from .excursions import DOUBLES, law_radius_at, operating_range
+from .internal import DOUBLES, law_radius_at, operating_range
 from .trial import TINY, Trial
 
 LENGTH, PERIODS, INSIDE = 800, 2, 0.9  # samples of a trial, its periods, the part of the known range that it passes

@@ -9,7 +9,7 @@ import numpy as np
 import sympy as sp
 
 from ...engines.compile import Compiled, compile
-from ...errors import ModelError
+from ...errors import Diverged, ModelError
 from ...inversion.compensator import Compensator
 from ...inversion.stages import in_order
 from ...models.model import Model
@@ -38,6 +38,19 @@ def testable(law: Compensator) -> Compiled:
 def own_output(model: Model, u: Array, first: float) -> Array:
     """Return what a model makes of an input that rested before, its channels at zero, (N,)."""
     return simulate(model, u, first, {name: np.zeros(u.size) for name in model.channels}, u0=float(u[0]), warn=False)
+
+
+def alone(model: Model, u: Array, first: float, start: float, channels: Mapping[str, Any]) -> Array:
+    """Return what a model gives by itself under an input, (N,): no law takes it back to its reference.
+
+    Before, input and output were `start` and `first`, at rest or not; infinite from where it runs away.
+    """
+    try:
+        return simulate(model, u, first, channels, u0=start, warn=False)
+    except Diverged as error:
+        found, known = np.full(u.size, np.inf), np.asarray(error.trajectory)[-u.size :][: max(0, error.at)]
+        found[: known.size] = known
+        return found
 
 
 class Trial:

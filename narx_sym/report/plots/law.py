@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data.units import said_first
 from ...errors import NarxError
-from ...fit.laws.excursions import radius
+from ...fit.laws.internal import radius
 from ...inversion.compensator import Compensator
 from ...inversion.stability import direction
 from ..figures.still import RED, label, new_axes

@@ -12,7 +12,7 @@ from sampling import more
 import narx_sym as ns
 from narx_sym.errors import Unreachable
 from narx_sym.fit.laws.backtracking import open_stages
-from narx_sym.inversion.branches import solve_for
+from narx_sym.inversion.solve import solve_for
 from narx_sym.models.extend import variants
 from narx_sym.models.info import Info
 from narx_sym.symbolic.signals import k, m, r

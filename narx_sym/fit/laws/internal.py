@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -15,15 +16,17 @@ from ...errors import Diverged, ModelError
 from ...inversion.compensator import Compensator
 from ...inversion.stability import InternalDynamics, direction, heading, mbar, rbar
 from ...models.rest.equilibria import z
+from ...symbolic.identities import added
 from ...symbolic.signals import lag, samples, signal
 from ..coverage import beyond, excess, leaves
 from ..simulate import Records, segments
-from .disturbances import disturbed, kept
 
 Array = np.ndarray
 DOUBLES = 2.0  # a disturbance that grows less than this before it shrinks again is not worth a warning
 ROUNDING, FORGOTTEN = 1e-6, 1e-2  # of a disturbance: what is no growth, and what is left of one that is forgotten
 GRID = 81
+SMALLEST, FAR = 1e-12, 1e100  # of a factor, so that its logarithm is finite; beyond which nothing is followed
+LOOKED = 5_000_000  # products at most
 M, R = signal("m"), signal("r")
 
 
@@ -288,6 +291,77 @@ def operating_range(law: Compensator) -> OperatingRange | None:
     top = int(np.argmax(worst))
     shares = {way: float(np.mean(x > 1)) for way, x in found.items()}
     return OperatingRange(shares, float(worst[top]), (float(m_grid[top]), float(r_grid[top])))
+
+
+# -- what becomes of a disturbance: the product of the Jacobians along a run, not of their eigenvalues --------------
+
+
+def disturbed(slopes: Array) -> tuple[float, float]:
+    """Follow disturbances through d[k] = slopes[0, k] d[k-1] + slopes[1, k] d[k-2] + ...
+
+    Parameters
+    ----------
+    slopes : (n, N) array
+
+    Returns
+    -------
+    growth : float
+        The largest factor by which one grows that begins at any sample, before it has shrunk to a hundredth.
+    rate : float
+        The factor per sample by which the whole product grows; NaN without samples.
+    """
+    n, N = slopes.shape
+    slopes = np.nan_to_num(slopes, nan=0.0, posinf=FAR, neginf=-FAR)
+    if not N:
+        return 1.0, math.nan
+    if not n:
+        return 1.0, 0.0
+    one = np.log(np.maximum(np.abs(slopes[0]), SMALLEST))
+    logs = one if n == 1 else _followed(slopes, [1.0] + [0.0] * (n - 1))[0]
+    heights = np.concatenate([[0.0], np.cumsum(logs)])
+    grown = float(np.max(heights - np.minimum.accumulate(heights)))
+    if n > 1:
+        # A tangent turns with the run at its start; what is compared is its own size, wherever that begins.
+        grown = max(_impulses(slopes), grown if heights[-1] > 0 else 0.0)
+    return float(np.exp(min(grown, 700.0))), float(np.exp(np.mean(logs)))
+
+
+def _followed(slopes: Array, d: list[float]) -> tuple[Array, float]:
+    """Return the logarithm of the growth of one disturbance in each sample, and what is left of that in m at last."""
+    logs, left = [], 1.0
+    for row in np.nan_to_num(slopes, nan=0.0, posinf=FAR, neginf=-FAR).T.tolist():
+        d = [added(a * x for a, x in zip(row, d, strict=True)), *d[:-1]]
+        size = max(max(map(abs, d)), SMALLEST**20)
+        logs.append(math.log(size))
+        d = [x / size for x in d]
+        left = abs(d[0])
+    return np.array(logs), left
+
+
+def _impulses(slopes: Array) -> float:
+    """Return the logarithm of the largest response to a unit error of m at any sample, while it has not died out."""
+    n, N = slopes.shape
+    d = np.zeros((n, N))
+    d[0] = 1.0  # column s: the error at sample s, then what has become of it
+    starts, largest = np.arange(N), 1.0
+    for step in range(1, min(N, max(LOOKED // N, 100))):
+        inside = starts + step < N
+        d, starts = d[:, inside], starts[inside]
+        new = np.einsum("ij,ij->j", slopes[:, starts + step], d)
+        d = np.vstack([new, d[:-1]])
+        size = np.abs(d).max(axis=0)
+        largest = max(largest, float(np.abs(new).max(initial=0.0)))
+        living = (size > FORGOTTEN) & (size < FAR)
+        d, starts = d[:, living], starts[living]
+        if not starts.size:
+            break
+    return math.log(largest)
+
+
+def kept(slopes: Array) -> float:
+    """Return what a lasting error of 1 in m has become at the end."""
+    logs, left = _followed(slopes, [1.0] * len(slopes))
+    return float(left * np.exp(min(logs.sum(), 700.0)))
 
 
 # -- what is known about a run of a law ------------------------------------------------------------------------

@@ -12,8 +12,8 @@ from sampling import some
 import narx_sym as ns
 from narx_sym.engines.python import root
 from narx_sym.errors import NotInvertible
-from narx_sym.inversion.branches import solve_for
 from narx_sym.inversion.solution import Branch, Root, Solution
+from narx_sym.inversion.solve import solve_for
 from narx_sym.models.effects import clip
 from narx_sym.symbolic.signals import k, m, samples, signal, u, v, y
 

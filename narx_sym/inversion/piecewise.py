@@ -19,12 +19,26 @@ from ..symbolic.functions import within
 from ..symbolic.identities import added
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
-from .shape import DIGITS, FLAT, Piece, Undecided, at_point, breaks_of, keeps_sign, ordered, pieces_of, smooth_part
-from .solution import ROUNDED, Branch, Solution, apart, number, rounding, tidy
+from ..symbolic.signals import signal
+from .breakpoints import (
+    DIGITS,
+    FLAT,
+    Piece,
+    Undecided,
+    at_point,
+    breakpoints,
+    far_out,
+    ordered,
+    pieces_of,
+    smooth_part,
+)
+from .monotone import keeps_sign, rising
+from .solution import ROUNDED, Branch, Solution, apart, number, resting, rounding, tidy
 
 # A flat piece reaches one target only: this part of what a piece of its width beside it reaches does not make the
 # unknown jump over it.
 DEAD_BAND = sp.Float(1e-10)
+Said = tuple[list[Branch], list[str], list[str]]  # branches, what is chosen, and which targets are flat
 FALLING = "pieces with the opposite slope reach some targets a second time: they are not used"
 FURTHER = "pieces that are not used reach further targets"
 TURNING = "the outermost piece reverses far away: further solutions there are not used"
@@ -42,9 +56,9 @@ def solve_kinked(
     if smooth_part(derivative(slope, w)).has(w):
         return None
     try:
-        pieces = pieces_of(G, w, ordered(breaks_of(G, w, values), values), values)
+        pieces = pieces_of(G, w, ordered(breakpoints(G, w, values), values), values)
     except Undecided:
-        return None  # see `nodes`
+        return None  # see `solve_unordered`
     steepest = max((abs(p.size) for p in pieces if p.size is not None), default=0.0)
     known = [p for p in pieces if p.size is not None and not p.flat(steepest)]
     # A decreasing map is an increasing one seen from below.
@@ -80,31 +94,36 @@ def _upwards(known: Sequence[Piece]) -> float:
 
 def _joined(chain: _Chain, G: Any, kept: Sequence[Piece], flip: int) -> Solution:
     """Return the solution that a chain of pieces makes, with the direction that they have at rest."""
-    w, values = chain.w, chain.values
-    branches, notes, level, found = chain.solved(kept)
-    reach = [end if at is None else at for at, end in zip(found[::flip], (-sp.oo, sp.oo), strict=True)]
+    w, values, steepest, pieces = chain.w, chain.values, chain.steepest, chain.pieces
     alone, said = chain.resting(G)
-    ends, flat = chain.flat_ends(kept)
+    ends = (kept[0], kept[0].left, -1), (kept[-1], kept[-1].right, 1)
+    reach = [side * flip * sp.oo if at is None else chain.level(piece, at) for piece, at, side in ends][::flip]
+    beyond = [chain.end(*end) for end in ends]
+    joints = [chain.joint(lower, upper) for lower, upper in pairwise(kept)]
     # A curve may begin flat at a kink: it still rises beyond.
     slopes = [s for p in kept if p.size is None for s in p.slopes(w) if not (s == 0 and p.curve != 0)]
     needs = dict.fromkeys(sp.Gt(flip * s, 0) for s in slopes if not (number(s, values) or 0.0) * flip > 0)
-    for end, bend in ((kept[0], -flip), (kept[-1], flip)):  # a curve without an end must not turn back
-        bent = number(bend * end.curve, values) if None in (end.left, end.right) else 0.0
+    for end, _, side in ends:  # a curve without an end must not turn back
+        bent = number(side * flip * end.curve, values) if None in (end.left, end.right) else 0.0
         if bent is None:
-            needs[sp.Ge(bend * end.curve, 0)] = None
+            needs[sp.Ge(side * flip * end.curve, 0)] = None
         elif bent < 0:
             said.append(TURNING)
-    if any(p.size is not None and p not in kept and not p.flat(chain.steepest) for p in chain.pieces):
+    outer = zip(ends, (pieces[: pieces.index(kept[0])], pieces[pieces.index(kept[-1]) + 1 :]), strict=True)
+    if any(p.size is not None and p not in kept and not p.flat(steepest) for p in pieces):
         said.append(FALLING)
-    if chain.aside(kept):
+    elif any(p.flat(steepest) and p not in chain.plateau(*end) for end, beside in outer for p in beside):
         said.append("a flat piece next to a jump reaches one more target, or one target twice")
-    if chain.beyond(kept, chain.pieces):
+    if chain.beyond(kept, pieces):
         said.append(FURTHER)
-    if any(p.size and p.flat(chain.steepest) and not p.flat(chain.steepest, DIGITS) for p in chain.pieces):
+    if any(p.size and p.flat(steepest) and not p.flat(steepest, DIGITS) for p in pieces):
         said.append(f"a slope of less than {FLAT:.0e} of what is added up in it counts as flat")
+    found = (*beyond, *joints)
+    branches = (*alone, *(b for one in found for b in one[0]), chain.branch(sp.true, kept[-1]))
+    notes, flat = dict.fromkeys([*(n for one in found for n in one[1]), *said]), (f for one in found for f in one[2])
     return Solution(
-        how="branches", branches=(*alone, *ends, *branches), reach=tuple(reach), needs=tuple(needs),
-        notes=tuple(dict.fromkeys([*notes, *said])), flat=(*level, *flat), **chain.made,
+        how="branches", branches=branches, reach=tuple(reach), needs=tuple(needs), notes=tuple(notes), flat=tuple(flat),
+        **chain.made,
     )  # fmt: skip
 
 
@@ -120,7 +139,7 @@ class _Chain:
     values: Mapping[Any, Any]
     made: Mapping[str, Any]
     flip: Any
-    pieces: Sequence[Piece]
+    pieces: list[Piece]
     steepest: float
     beside: Any
 
@@ -140,58 +159,34 @@ class _Chain:
         solution = piece.solve(self.target, self.w, self.flip)
         return Branch(condition, solution, piece.expr.xreplace({self.w: self.made["unknown"]}))
 
-    def solved(self, kept: Sequence[Piece]) -> tuple[list[Branch], list[str], list[str], list[Any]]:
-        """Return the branches in order, what is chosen where there is a choice, what is flat, and what is reached."""
-        branches: list[Branch] = []
-        notes: list[str] = []
-        level: list[str] = []
-        reach: list[Any] = [None, None]
-        if kept[0].left is not None:  # nothing lies below
-            reach[0] = self.level(kept[0], kept[0].left)
-            branches.append(Branch(self.T < self.edge(kept[0], kept[0].left), kept[0].left))
-        for lower, upper in pairwise(kept):
-            more, said, flat = self.joint(lower, upper)
-            branches, notes, level = [*branches, *more], [*notes, *said], [*level, *flat]
-        if kept[-1].right is None:
-            branches.append(self.branch(sp.true, kept[-1]))
-        else:
-            reach[1] = self.level(kept[-1], kept[-1].right)
-            top = self.edge(kept[-1], kept[-1].right)
-            branches += [self.branch(self.T <= top, kept[-1]), Branch(sp.true, kept[-1].right)]
-        return branches, notes, level, reach
+    def end(self, piece: Piece, at: Any, side: int) -> Said:
+        """Return what holds beyond an end of the chain, and which targets flat pieces there give for many values.
 
-    def flat_ends(self, kept: Sequence[Piece]) -> tuple[list[Branch], tuple[str, ...]]:
-        """Return the branches of flat pieces at the ends of the chain, and which targets they give for many values.
-
-        Such a target, and what lies beyond it, takes the value on the piece that is nearest to the last one.
+        Such a target, and what lies beyond it, takes the value on the pieces that is nearest to the last one.
         """
-        branches, said = [], []
-        last = self.made["last"]
-        for piece, at, side in ((kept[0], kept[0].left, -1), (kept[-1], kept[-1].right, 1)):
-            flat = self.plateau(piece, at, side)
-            if flat is None:
-                continue
-            level, away = self.level(piece, at), flat.left if side < 0 else flat.right
-            if away is None:
-                nearest = sp.Min(last, at) if side < 0 else sp.Max(last, at)
-                where = f"up to {text(at)}" if side < 0 else f"from {text(at)} on"
-            else:
-                low, high = (away, at) if side < 0 else (at, away)
-                nearest, where = within(last, low, high), f"from {text(low)} to {text(high)}"
-            band = rounding(self.target - level, self.beside)
-            gap = self.T - self.edge(piece, at)
-            branches.append(Branch(gap <= band if side < 0 else gap >= -band, nearest))
-            said.append(self.given(where, level))
-        return branches, tuple(said)
+        if at is None:
+            return [], [], []
+        edge, last, flat = self.edge(piece, at), self.made["last"], self.plateau(piece, at, side)
+        if not flat:
+            return [Branch(self.T < edge if side < 0 else self.T > edge, at)], [], []
+        level, away = self.level(piece, at), flat[-1].left if side < 0 else flat[-1].right
+        if away is None:
+            nearest = sp.Min(last, at) if side < 0 else sp.Max(last, at)
+            where = f"up to {text(at)}" if side < 0 else f"from {text(at)} on"
+        else:
+            low, high = (away, at) if side < 0 else (at, away)
+            nearest, where = within(last, low, high), f"from {text(low)} to {text(high)}"
+        band, gap = rounding(self.target - level, self.beside), self.T - edge
+        return [Branch(gap <= band if side < 0 else gap >= -band, nearest)], [], [self.given(where, level)]
 
-    def plateau(self, piece: Piece, at: Any, side: int) -> Piece | None:
-        """Return the last of the flat pieces that go on outwards from an end of the chain, on its level."""
-        found, places = None, [*self.pieces] if side > 0 else [*self.pieces][::-1]
-        for one in places[places.index(piece) + 1 :] if at is not None else ():
+    def plateau(self, piece: Piece, at: Any, side: int) -> list[Piece]:
+        """Return the flat pieces that go on outwards from an end of the chain, on its level."""
+        found, outwards = [], self.pieces[::side]
+        for one in outwards[outwards.index(piece) + 1 :]:
             near = one.left if side > 0 else one.right
             if not one.flat(self.steepest) or apart(self.level(one, near), self.level(piece, at), self.values) != 0:
                 break
-            found = one
+            found.append(one)
         return found
 
     def resting(self, G: Any) -> tuple[list[Branch], list[str]]:
@@ -217,7 +212,7 @@ class _Chain:
             found.append(Branch(sp.Abs(self.target - here) <= DEAD_BAND * size, at))
         return found, notes
 
-    def joint(self, lower: Piece, upper: Piece) -> tuple[list[Branch], list[str], list[str]]:
+    def joint(self, lower: Piece, upper: Piece) -> Said:
         """Return the branches up to the second of two neighbours: they meet, or a flat piece or a jump is between."""
         T, last, a, b = self.T, self.made["last"], lower.right, upper.left
         top, bottom = self.edge(lower, a), self.edge(upper, b)
@@ -254,9 +249,8 @@ class _Chain:
             if p.flat(self.steepest)
         )
 
-    def between(self, lower: Piece, upper: Piece) -> Sequence[Piece]:
-        places = list(self.pieces)
-        return places[places.index(lower) + 1 : places.index(upper)]
+    def between(self, lower: Piece, upper: Piece) -> list[Piece]:
+        return self.pieces[self.pieces.index(lower) + 1 : self.pieces.index(upper)]
 
     def hidden(self, kept: Sequence[Piece]) -> bool:
         """Whether a piece reaches a target that the chain of those that are kept leaves out between its ends."""
@@ -269,17 +263,6 @@ class _Chain:
             if apart or (top + room < bottom and any(within_gap)):
                 return True
         return self.beyond(kept, kept)
-
-    def aside(self, kept: Sequence[Piece]) -> bool:
-        """Whether a flat piece beside the chain of those that are kept has a level of its own."""
-        places = list(self.pieces)
-        first, last = places.index(kept[0]), places.index(kept[-1])
-        beside = [(p, q, q.left) for p, q in pairwise(places[: first + 1])]
-        beside += [(q, p, p.right) for p, q in pairwise(places[last:])]
-        return any(
-            p.flat(self.steepest) and apart(self.level(p, at), self.level(q, at), self.values) != 0
-            for p, q, at in beside
-        )
 
     def beyond(self, kept: Sequence[Piece], others: Sequence[Piece]) -> bool:
         """Whether one of other pieces reaches targets below or above the chain of those that are kept."""
@@ -326,3 +309,69 @@ def _direction(slope: Any, rest: Any, values: Mapping[Any, Any]) -> int:
     """Return the sign of a slope at rest."""
     value = number(rest(slope), values)
     return 0 if not value else 1 if value > 0 else -1
+
+
+# -- breakpoints whose order depends on samples ----------------------------------------------------------------
+
+
+def solve_unordered(G: Any, w: Any, target: Any, values: Mapping[Any, Any], made: dict[str, Any]) -> Solution | None:
+    """Solve an equation that rises, or falls, whatever the order of its breakpoints: a line between the nearest two.
+
+    Their levels lie below and above the target; the line is that through two points between them. A jump at one of them
+    is met where the line leaves the stretch. (A sum of plays is inverted so; Krejci & Kuhnen 2001 sort the thresholds
+    instead.)
+    """
+    if smooth_part(derivative(G, w)).has(w):
+        return None
+    try:
+        breaks, outer = breakpoints(G, w, values), [far_out(G, w, side, values) for side in (-1, 1)]
+    except Undecided:
+        return None
+    sizes = [p.size for p in outer if p.size is not None]
+    if len(sizes) < 2 or not any(sizes):
+        return None
+    flip = 1 if max(sizes, key=abs) > 0 else -1
+    known = rising(flip * G, w, values)
+    if known is None:
+        return None
+    flat, jumps = known
+    T, last, index, name = flip * target, made["last"], made["unknown"].indices[0], made["unknown"].base.name
+    steps: list[tuple[str, Any]] = []
+
+    def step(what: str, expr: Any) -> Any:
+        steps.append((f"{name}_{what}", expr))
+        return signal(f"{name}_{what}")[index]
+
+    def level(what: str, at: Any) -> Any:
+        return step(what, flip * G.xreplace({w: at}))
+
+    def best(what: str, start: Any, better: Any) -> Any:
+        """Go through the breakpoints and keep the better one: Max of many arguments is slow in SymPy."""
+        kept = start
+        for i, (p, at) in enumerate(listed, 1):
+            if p != kept:
+                kept = step(f"{what}{i}", sp.Piecewise((p, better(p, at, kept)), (kept, True)))
+        return kept
+
+    listed = [(p := step(f"kink{i}", b), level(f"level{i}", p)) for i, b in enumerate(breaks, 1)]
+    first = best("first", listed[0][0], lambda p, at, kept: p < kept)
+    end = best("last", listed[0][0], lambda p, at, kept: p > kept)
+    below = best("below", first, lambda p, at, kept: sp.And(at <= T, p > kept))
+    above = best("above", end, lambda p, at, kept: sp.And(at >= T, p < kept))
+    one, other = (step(what, (2 * a + b) / 3) for what, a, b in (("one", below, above), ("other", above, below)))
+    low, high = level("lower", one), level("upper", other)
+    steepest, beyond = max(map(abs, sizes)), []
+    for piece, at, limit in zip(outer, (first, end), (sp.Min, sp.Max), strict=True):
+        beyond.append(limit(last if piece.flat(steepest) else piece.solve(target, w), at))  # no end, or a jump there
+    branches = (
+        *([resting(**made)] if jumps or flat else []),
+        Branch(T < level("bottom", first), beyond[0]),
+        Branch(T > level("top", end), beyond[1]),
+        Branch(sp.Or(above <= below, high <= low), within(last, below, above)),
+        Branch(sp.true, within(one + (other - one) * (T - low) / (high - low), below, above)),
+    )
+    x = text(made["unknown"])
+    notes = [f"no {x} within a jump of the sign: it stays at the jump"] if jumps else []
+    notes += ["an end is flat: nothing is reached beyond its level"] * any(p.flat(steepest) for p in outer)
+    several = (f"many {x} may give one {text(target)}, where it is flat",) if flat else ()
+    return Solution(how="nodes", branches=branches, steps=tuple(steps), notes=tuple(notes), flat=several, **made)

@@ -12,10 +12,10 @@ from ..symbolic.functions import CLASSES, KINKED, X
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import renamed, samples
-from .kinks import solve_kinked
-from .nodes import solve_nodes
+from .breakpoints import breakpoints
+from .monotone import steepness
+from .piecewise import solve_kinked, solve_unordered
 from .plays import solve_plays
-from .shape import places, steepness
 from .solution import STILL, Branch, Root, Solution, number, summed
 
 FAR, EVERYWHERE = 1e9, 1e300  # where a search for roots ends, and one for a root that is proved to be there
@@ -80,9 +80,10 @@ def solve_for(
     if kinks:
         if slope == 0:
             raise NotInvertible(f"{text(unknown)} acts only through its sign: most targets cannot be reached.")
-        found = solve_plays(G, w, target, values, made, together or {})
         found = (
-            found or solve_kinked(G, w, target, values, rest, made, beside) or solve_nodes(G, w, target, values, made)
+            solve_plays(G, w, target, values, made, together or {})
+            or solve_kinked(G, w, target, values, rest, made, beside)
+            or solve_unordered(G, w, target, values, made)
         )
     else:
         found = _quadratic(G, w, target, values, made) or _inverse_function(G, w, target, values, made)
@@ -100,7 +101,7 @@ def _searched(
     more: tuple[Any, ...] = ()
     if all(isinstance(n, SEARCHED) for n in gap.atoms(sp.Function, sp.Piecewise, sp.Max, sp.Min) if n.has(w)):
         size = summed(gap).xreplace({w: made["last"]})
-        more = (size, *places(G, w, values))
+        more = (size, *breakpoints(G, w, values, known=True))
     root = Root(gap, w, made["last"], *map(sp.sympify, limits), *more)
     return Solution(how="root finder", branches=(Branch(sp.true, root),), **made)
 

@@ -1,9 +1,8 @@
-"""What an expression is along the whole line of one unknown: its pieces between kinks, and bounds of its slope."""
+"""The pieces of an expression in one unknown, between the breakpoints that its kinks and jumps make."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -13,19 +12,12 @@ import sympy as sp
 from ..symbolic.functions import CLASSES, KINKED, X
 from ..symbolic.identities import added
 from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import samples
 from .solution import ROUNDED, apart, number, size_of
 
-Bounds = tuple[float, float]
-WHOLE: Bounds = (-math.inf, math.inf)
 JUMPS = (sp.sign, sp.Heaviside, sp.Piecewise)
-CONTINUOUS = (sp.tanh, sp.atan, sp.exp, sp.sin, sp.cos, sp.sinh, sp.asinh, sp.Abs, sp.Max, sp.Min)
 MANY = 64  # shapes that nested kinks may take
 FLAT = 1e-9  # a slope this much smaller than what is added up in it counts as flat
 DIGITS = 4e-15  # of the steepest slope: one below it is of rounding, where numbers were added up before
-
-
-# -- pieces between kinks --------------------------------------------------------------------------------------
 
 
 class Undecided(Exception):  # noqa: N818
@@ -55,8 +47,8 @@ def nodes_of(G: Any, w: Any) -> list[Any]:
     return sorted((n for n in G.atoms(*KINKED) if n.has(w)), key=sp.default_sort_key)
 
 
-def switching_of(node: Any, w: Any, values: Mapping[Any, Any]) -> list[tuple[Any, float]]:
-    """Return where a node may have a kink, and the sign of the slope of what it looks at."""
+def switching_of(node: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
+    """Return where a node may have a kink."""
     if CLASSES[type(node)].extreme:
         sides = [_forms(a, w) for a in node.args]
         forms = [f - g for i, one in enumerate(sides) for other in sides[i + 1 :] for f in one for g in other]
@@ -69,7 +61,7 @@ def switching_of(node: Any, w: Any, values: Mapping[Any, Any]) -> list[tuple[Any
         if slope != 0 and size is None:
             raise Undecided
         if size:
-            found.append((sp.expand(-sp.expand(f).xreplace({w: sp.S.Zero}) / slope), 1.0 if size > 0 else -1.0))
+            found.append(sp.expand(-sp.expand(f).xreplace({w: sp.S.Zero}) / slope))
     return found
 
 
@@ -78,24 +70,21 @@ def same(one: Any, other: Any, values: Mapping[Any, Any]) -> bool:
     return apart(one, other, values) == 0
 
 
-def breaks_of(G: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
-    """Return where a piecewise affine expression may have kinks."""
-    found: list[Any] = []
-    for node in nodes_of(G, w):
-        for at, _ in switching_of(node, w, values):
-            if not any(same(at, b, values) for b in found):
-                found.append(at)
-    return found
+def breakpoints(G: Any, w: Any, values: Mapping[Any, Any], known: bool = False) -> list[Any]:
+    """Return where an expression may have kinks; `known` leaves those out that are no affine function's zero.
 
-
-def places(G: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
-    """Return the kinks of any expression whose place is known: those that look at something affine in w."""
+    Raises
+    ------
+    Undecided
+        Where there is such a one.
+    """
     found: list[Any] = []
     for node in nodes_of(G, w):
         try:
-            found += [at for at, _ in switching_of(node, w, values) if not any(same(at, b, values) for b in found)]
+            found += [at for at in switching_of(node, w, values) if not any(same(at, b, values) for b in found)]
         except Undecided:
-            continue
+            if not known:
+                raise
     return found
 
 
@@ -110,29 +99,48 @@ def ordered(breaks: Sequence[Any], values: Mapping[Any, Any]) -> list[Any]:
     return [b for _, b in sorted(zip(places, breaks, strict=True), key=lambda p: p[0])]
 
 
-def at_point(expr: Any, w: Any, point: Any, values: Mapping[Any, Any]) -> Any:
-    """Return the smooth expression that one with kinks is at a point; at a kink itself a sign is zero."""
+def smooth_form(expr: Any, w: Any, side_of: Callable[[Any], float]) -> Any:
+    """Return the smooth expression that one with kinks is where a function says the sign of what each looks at."""
     if expr == w or not expr.has(w):
         return expr
-    row = CLASSES.get(type(expr))
+    arguments, row = [smooth_form(a, w, side_of) for a in expr.args], CLASSES.get(type(expr))
     if row and row.sides:
-        inner = at_point(expr.args[0], w, point, values)
-        value = apart(inner.xreplace({w: point}), sp.S.Zero, values)
-        if value is None:
-            raise Undecided
-        size = added(size_of(part.xreplace({w: point}), values) for part in sp.Add.make_args(inner))
-        return row.sides[value > 0].xreplace({X: inner}) if abs(value) > ROUNDED * size else sp.S.Zero
-    arguments = [at_point(a, w, point, values) for a in expr.args]
+        side = side_of(arguments[0])
+        return row.sides[side > 0].xreplace({X: arguments[0]}) if side else sp.S.Zero
     if row and row.extreme:
         best = arguments[0]
         for other in arguments[1:]:
-            value = number((other - best).xreplace({w: point}), values)
-            if value is None:
-                raise Undecided
-            if (value > 0) == (row.extreme == ">"):
-                best = other
+            best = other if (side_of(other - best) > 0) == (row.extreme == ">") else best
         return best
     return expr.func(*arguments)
+
+
+def at_point(expr: Any, w: Any, point: Any, values: Mapping[Any, Any]) -> Any:
+    """Return the smooth expression that one with kinks is at a point; at a kink itself a sign is zero."""
+
+    def side_of(e: Any) -> float:
+        value = apart(e.xreplace({w: point}), sp.S.Zero, values)
+        if value is None:
+            raise Undecided
+        size = added(size_of(part.xreplace({w: point}), values) for part in sp.Add.make_args(e))
+        return value if abs(value) > ROUNDED * size else 0.0
+
+    return smooth_form(expr, w, side_of)
+
+
+def far_out(expr: Any, w: Any, side: int, values: Mapping[Any, Any]) -> Piece:
+    """Return the affine piece that an expression with kinks is far to the left (-1) or to the right (1)."""
+
+    def side_of(e: Any) -> float:
+        slope = number(derivative(e, w), values)
+        value = side * slope if slope else number(e, values)
+        if slope is None or value is None:
+            raise Undecided
+        return value
+
+    form = smooth_form(expr, w, side_of)
+    slope = sp.expand(derivative(form, w))
+    return Piece(form, slope, number(slope, values), None, None, made_of=size_of(slope, values))
 
 
 @dataclass(frozen=True)
@@ -232,129 +240,3 @@ def _size(piece: Piece, w: Any, values: Mapping[Any, Any]) -> float | None:
 def smooth_part(expr: Any) -> Any:
     """Return an expression with constants in the place of its kinks."""
     return expr.replace(lambda e: isinstance(e, KINKED), lambda e: sp.Dummy(real=True))
-
-
-# -- bounds of the slope ---------------------------------------------------------------------------------------
-
-
-def steepness(G: Any, w: Any, values: Mapping[Any, Any]) -> float | None:
-    """Return a number that the slope of G in w is never nearer to zero than, or None where there is none to be proved.
-
-    With such a number a continuous G reaches every target exactly once: it rises, or falls, without bound.
-    """
-    if not _continuous(G, w, values):
-        return None
-    slope = derivative(G, w)
-    low, high = bounds(slope, w, values)
-    least = max(low, -high)
-    return least if least > FLAT * added(min(map(abs, part)) for part in parts_of(slope, w, values)) else None
-
-
-def parts_of(expr: Any, w: Any, values: Mapping[Any, Any]) -> list[Bounds]:
-    """Return the finite bounds of what is added up in an expression."""
-    found = [bounds(part, w, values) for part in sp.Add.make_args(sp.expand(expr))]
-    return [part for part in found if math.isfinite(min(map(abs, part)))]
-
-
-def _continuous(G: Any, w: Any, values: Mapping[Any, Any]) -> bool:
-    """Whether nothing in G can jump or have a pole along the whole line of w."""
-    for n in G.atoms(sp.Function, sp.Piecewise, sp.Pow, sp.Max, sp.Min):
-        if not n.has(w):
-            continue
-        if isinstance(n, sp.Pow):
-            low, high = bounds(n.base, w, values) if n.base.has(w) else (1.0, 1.0)
-            whole = n.exp.is_Integer and n.exp >= 1
-            if n.exp.has(w) or not (whole or low > 0 or (n.exp.is_Integer and high < 0)):
-                return False
-        elif type(n) not in CONTINUOUS:
-            return False
-    return True
-
-
-def bounds(e: Any, w: Any, values: Mapping[Any, Any]) -> Bounds:
-    """Return bounds of an expression over all real w; infinite where they depend on samples."""
-    if e == w:
-        return WHOLE
-    if not e.has(w):
-        value = number(e, values)
-        if value is not None:
-            return value, value
-        return _function(e, [bounds(a, w, values) for a in e.args]) if isinstance(e, sp.Function) else WHOLE
-    parts = [bounds(a, w, values) for a in e.args] if not isinstance(e, sp.Piecewise) else []
-    if e.is_Add:
-        return added(p[0] for p in parts), added(p[1] for p in parts)
-    if e.is_Mul:
-        return _product(parts)
-    if e.is_Pow:
-        return _power(parts[0], e.exp)
-    if isinstance(e, sp.Piecewise):
-        cases = [bounds(c.expr, w, values) for c in e.args]
-        return min(c[0] for c in cases), max(c[1] for c in cases)
-    return _function(e, parts)
-
-
-def _product(parts: list[Bounds]) -> Bounds:
-    low, high = 1.0, 1.0
-    for one in parts:
-        ends = [0.0 if a == 0 or b == 0 else a * b for a in (low, high) for b in one]
-        low, high = min(ends), max(ends)
-    return low, high
-
-
-def _power(base: Bounds, exponent: Any) -> Bounds:
-    if not exponent.is_Integer or exponent < 1:
-        return (0.0, math.inf) if base[0] >= 0 else WHOLE
-    n = int(exponent)
-    ends = sorted(_raised(b, n) for b in base)
-    if n % 2 == 0 and base[0] < 0 < base[1]:
-        ends[0] = 0.0
-    return ends[0], ends[1]
-
-
-def _raised(x: float, n: int) -> float:
-    try:
-        return x**n
-    except OverflowError:
-        return math.inf if x > 0 or n % 2 == 0 else -math.inf
-
-
-RISING: dict[Any, Any] = {
-    sp.tanh: math.tanh, sp.atan: math.atan, sp.exp: lambda x: math.inf if x > 700 else math.exp(x),
-    sp.sign: lambda x: math.copysign(1.0, x) if x else 0.0, sp.Heaviside: lambda x: float(x > 0),
-}  # fmt: skip
-
-
-def _function(e: Any, parts: list[Bounds]) -> Bounds:
-    if type(e) in RISING:
-        low, high = (RISING[type(e)](p) for p in parts[0])
-        return low, high
-    if isinstance(e, sp.Abs):
-        low, high = parts[0]
-        return (0.0 if low < 0 < high else min(abs(low), abs(high))), max(abs(low), abs(high))
-    if isinstance(e, (sp.Max, sp.Min)):
-        best = max if isinstance(e, sp.Max) else min
-        return best(p[0] for p in parts), best(p[1] for p in parts)
-    return (-1.0, 1.0) if isinstance(e, (sp.sin, sp.cos)) else WHOLE
-
-
-def keeps_sign(slope: Any, values: Mapping[Any, Any]) -> bool:
-    """Whether a slope has the same sign for all samples: where it is made of one quantity, piece by piece."""
-    z = sp.Dummy(real=True)
-    looked_at = [n.args[0] for n in slope.atoms(sp.Abs) if samples(n.args[0])]
-    if not looked_at:
-        return False
-    s = samples(looked_at[0])[0]
-    rest = looked_at[0].xreplace({s: sp.S.Zero})
-    alone = sp.expand(slope.xreplace({s: (z - rest) / derivative(looked_at[0], s)}))
-    if samples(alone) or smooth_part(derivative(alone, z)).has(z):
-        return False
-    try:
-        pieces = pieces_of(alone, z, ordered(breaks_of(alone, z, values), values), values)
-    except Undecided:
-        return False
-    levels = [number(p.expr.xreplace({z: at}), values) for p in pieces for at in (p.left, p.right) if at is not None]
-    outwards = [number(side * p.slope, values) for side, p in ((-1, pieces[0]), (1, pieces[-1]))]
-    known = [e for e in (*levels, *outwards) if e is not None]
-    if len(known) < len(levels) + 2 or 0 in levels:
-        return False
-    return min(known) >= 0 or max(known) <= 0
