@@ -113,7 +113,7 @@ class Backtracking:
         self.delay, self.tried = law.staged.delay, 0
         self.n = target.size - self.delay
         self.size = INEXACT * float(np.abs(target).max())
-        self.prepared = Trial(law, target, start, channels).prepared()
+        self.prepared = Trial(law, target, start, channels).prepared
         self.depth = self.prepared.depth
         self.known: list[_Path] = []  # the runs so far that came to states of their own
 

@@ -139,7 +139,7 @@ class _Ramp:
             if abs(first - before) <= RESTED * (1.0 + abs(first)):
                 break
         self.trial = Trial.of_input(law, self.ramp, first)
-        self.depth = self.trial.compiled.recursion.depth
+        self.depth = self.trial.prepared.depth
 
     def after(self, share: float) -> Array:
         """Return what a disturbance of 1 becomes, sample by sample; NaN from where it is beyond all numbers."""

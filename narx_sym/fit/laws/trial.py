@@ -15,7 +15,7 @@ from ...inversion.stages import in_order
 from ...models.model import Model
 from ...symbolic.signals import k, m, signal, y
 from ..simulate import fitted, named, simulate, vector
-from .driven import FREE, Prepared, driven
+from .driven import FREE, Prepared
 
 Array = np.ndarray
 TINY, PLACES = 1e-9, 4  # of the input's range: a disturbance; where along a run it is put
@@ -56,16 +56,10 @@ def alone(model: Model, u: Array, first: float, start: float, channels: Mapping[
 class Trial:
     """The runs of such a law over one reference: parameters as for `narx_sym.fit.laws.driven.driven`."""
 
-    def __init__(
-        self,
-        law: Compensator,
-        target: Array,
-        start: float,
-        channels: Mapping[str, Any],
-        compiled: Compiled | None = None,
-    ):
-        self.compiled, self.n = compiled or testable(law), target.size
-        self.law, self.target, self.start, self.channels = law, target, start, channels
+    def __init__(self, law: Compensator, target: Array, start: float, channels: Mapping[str, Any]):
+        self.start, self.n = start, target.size
+        free = {"m_share": np.ones(self.n), "m_taken": np.full(self.n, FREE), "m_kick": np.zeros(self.n)}
+        self.prepared = Prepared.of(law, testable(law), target, start, {**channels, **free})
 
     @classmethod
     def of_input(cls, law: Compensator, u: Array, first: float) -> Trial:
@@ -73,27 +67,29 @@ class Trial:
         channels = {name: np.zeros(u.size) for name in law.model.channels}
         return cls(law, own_output(law.model, u, first), float(u[0]), channels)
 
-    def given(self, share: float = 1.0, taken: Array | None = None, kick: float = 0.0, at: int = 0) -> dict[str, Array]:
-        """Return the further inputs: the damping factor, inputs that are given, and a disturbance at one sample."""
-        free = np.full(self.n, FREE) if taken is None else taken
-        return {"m_share": np.full(self.n, share), "m_taken": free, "m_kick": kick * (np.arange(self.n) == at)}
+    def inputs(
+        self, share: float = 1.0, taken: Array | None = None, kick: float = 0.0, at: int = 0, end: int | None = None
+    ) -> Array:
+        """Return the input along the reference, until a sample; NaN from where it diverges.
 
-    def inputs(self, **options: Any) -> Array:
-        """Return the input along the reference, (N,); NaN from where it diverges. Options as for `given`."""
-        channels = {**self.channels, **self.given(**options)}
+        Parameters
+        ----------
+        share : of each change that is asked for, the input goes this part
+        taken : (N,) array, inputs that are given; FREE where none is
+        kick, at : a disturbance, and the sample at which it is added
+        """
+        n = self.n if end is None else end + 1
+        more = {"m_share": np.full(self.n, share), "m_kick": kick * (np.arange(self.n) == at)}
+        more |= {} if taken is None else {"m_taken": taken}
         with np.errstate(all="ignore"):
-            found = driven(self.law, self.compiled, self.target, self.start, channels, on_divergence="nan")
-        return np.asarray(found["m"][: self.n])
-
-    def prepared(self) -> Prepared:
-        """Prepare runs that go on from one another."""
-        return Prepared.of(self.law, self.compiled, self.target, self.start, {**self.channels, **self.given()})
+            found = self.prepared.run({name: (c, float(c[0])) for name, c in more.items()}, {}, 0, n)
+        return np.asarray(found["m"][self.prepared.depth :][:n])
 
     def error_growth(self, places: Sequence[int], end: int, **options: Any) -> list[Array]:
         """Return what a small disturbance at each of some samples becomes until another one, as multiples of it."""
-        base = self.inputs(**options)[: end + 1]
+        base = self.inputs(**options, end=end)
         kick = TINY * max(float(np.ptp(np.nan_to_num(base[: max(end, 1)]))), abs(self.start), TINY)
-        found = (np.abs(self.inputs(kick=kick, at=one, **options)[: end + 1] - base)[one:] / kick for one in places)
+        found = (np.abs(self.inputs(kick=kick, at=one, end=end, **options) - base)[one:] / kick for one in places)
         return [np.nan_to_num(x, nan=np.inf, posinf=np.inf) for x in found]
 
 
@@ -102,7 +98,7 @@ def growth(
 ) -> float:
     """Return by how much a small disturbance of the input grows along a run, at most, until a sample.
 
-    Options as for `Trial.given`.
+    Options as for `Trial.inputs`.
     """
     places = sorted({end * part // PLACES for part in range(PLACES)})
     found = Trial(law, target, start, channels).error_growth(places, end, **options)
