@@ -10,6 +10,7 @@ import re
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from .tables import PathLike, Table, check_bytes, readable
 from .units import bare, headed, is_unit
 
 LONGEST_HEADER = 1_000_000  # characters
+SHORT = 5_000_000  # bytes of a table that NumPy reads before pandas were loaded
 FIRST_LINES = 200  # in which numbers must begin, for names below other lines to be seen
 EXCEL = re.compile(r'"?sep=."?', re.IGNORECASE)  # its first line, which says the separator
 NUMBER = re.compile(r"[+-]?(\d*[.,]?\d+|\d+[.,])([eE][+-]?\d+)?")
@@ -54,8 +56,6 @@ def load(path: PathLike, wanted: Collection[str] | None = None) -> Table:
 
 def _load_text(name: str, wanted: Collection[str] | None) -> Table:
     """Text with a header line; separator, decimal sign and encoding are found out."""
-    import pandas as pd
-
     raw, notes = _decode(Path(name).read_bytes(), name)
     raw = re.sub(rb"(?m)^[ \t\f\v]+$", b"", raw)  # lines of blanks are empty
     first, top, start = _header(name, raw, notes)
@@ -86,20 +86,19 @@ def _load_text(name: str, wanted: Collection[str] | None) -> Table:
     full = np.flatnonzero(np.diff(np.append(edges, len(body) + 1)) > 1)  # the lines that are not empty
     decimal = "," if sep != "," and re.search(rb"(?:^|[;\t ])[ \"]*[+-]?\d*,\d", body, re.M) else "."
     numbers = first + data + full
-    frame = _frame(name, body, sep, decimal, len(header))
-    if len(frame) != full.size:
-        raise DataError(f"{name}: {full.size} lines of data give {len(frame)} rows; check the quotes")
-    beyond = frame.iloc[:, len(header) :].notna().to_numpy()
-    for row in np.flatnonzero(beyond.any(axis=1))[:1]:
-        fields = len(header) + int(np.flatnonzero(beyond[row])[-1]) + 1
+    found = _columns(name, body, sep, decimal, len(header))
+    if len(found[0]) != full.size:
+        raise DataError(f"{name}: {full.size} lines of data give {len(found[0])} rows; check the quotes")
+    beyond = np.array([x == x for x in found[len(header) :]]).reshape(-1, full.size)  # what is missing is no equal
+    for row in np.flatnonzero(beyond.any(axis=0))[:1]:
+        fields = len(header) + int(np.flatnonzero(beyond[:, row])[-1]) + 1
         raise DataError(
             f"{name}: line {numbers[row]} has {fields} values but the header has {len(header)} names; "
             "correct the line (a decimal comma needs semicolons between the columns)"
         )
     columns: dict[str, Any] = {}
-    for i, h in enumerate(header):
-        numeric = pd.api.types.is_numeric_dtype(frame[i].dtype)
-        columns.setdefault(h, frame[i].to_numpy(dtype=None if numeric else object))
+    for h, x in zip(header, found, strict=False):
+        columns.setdefault(h, x)
     repeated = frozenset(h for h, count in Counter(header).items() if count > 1)
     return Table(name, columns, numbers, first + at, notes, repeated, decimal, units=units)
 
@@ -228,17 +227,26 @@ def _separator(lines: Sequence[str]) -> str:
     return " " if len(header.split()) > 1 and len(lines) > 1 and len(lines[1].split()) > 1 else ","
 
 
-def _frame(name: str, body: bytes, sep: str, decimal: str, width: int) -> Any:
-    """Return the lines of data as a frame, as wide as the widest line: what stands beyond the header is seen there."""
-    import pandas as pd
+def _columns(name: str, body: bytes, sep: str, decimal: str, width: int) -> list[Any]:
+    """Return the columns of the lines of data, as wide as the widest line: what stands beyond the header is seen there.
 
+    NumPy reads a table of numbers alone, and pandas any other: it takes as long to load as a short table to read.
+    """
     first = re.search(rb"[^\n]+", body)
     if first is None:
-        return pd.DataFrame(columns=range(width), dtype=float)
+        return [np.zeros(0)] * width
+    if len(body) < SHORT and (decimal == "." or b"." not in body):
+        with suppress(ValueError):
+            plain = body.replace(b",", b".") if decimal == "," else body
+            table = np.loadtxt(io.BytesIO(plain), delimiter=None if sep == " " else sep, comments=None, ndmin=2)
+            if table.shape[1] >= width:
+                return list(np.ascontiguousarray(table.T))
+    import pandas as pd
+
     width = max(width, len(_fields(first[0].decode(), sep)))
     while True:
         try:
-            return pd.read_csv(
+            frame = pd.read_csv(
                 io.BytesIO(body),
                 sep=r"\s+" if sep == " " else sep,
                 decimal=decimal,
@@ -248,11 +256,14 @@ def _frame(name: str, body: bytes, sep: str, decimal: str, width: int) -> Any:
                 skipinitialspace=True,
                 low_memory=False,
             )
+            break
         except (pd.errors.ParserError, ValueError) as error:
             wider = re.search(r"saw (\d+)", str(error))
             if wider is None:
                 raise DataError(f"{name}: cannot be read as a table ({error}); check the quotes") from None
             width = int(wider[1])
+    numeric = pd.api.types.is_numeric_dtype
+    return [frame[i].to_numpy(dtype=None if numeric(frame[i].dtype) else object) for i in frame.columns]
 
 
 def _load_npz(name: str, wanted: Collection[str] | None) -> Table:
