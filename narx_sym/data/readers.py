@@ -89,7 +89,7 @@ def _load_text(name: str, wanted: Collection[str] | None) -> Table:
     found = _columns(name, body, sep, decimal, len(header))
     if len(found[0]) != full.size:
         raise DataError(f"{name}: {full.size} lines of data give {len(found[0])} rows; check the quotes")
-    beyond = np.array([x == x for x in found[len(header) :]]).reshape(-1, full.size)  # what is missing is no equal
+    beyond = np.reshape([x == x for x in found[len(header) :]], (-1 if full.size else 0, full.size))  # NaN is unequal
     for row in np.flatnonzero(beyond.any(axis=0))[:1]:
         fields = len(header) + int(np.flatnonzero(beyond[:, row])[-1]) + 1
         raise DataError(
