@@ -16,7 +16,8 @@ in, off, removed and pair are of visible cases. A case that raises an exception 
 error after adding is that of the first step's model; the oracle is told the effect and fits it the same way.
 
 `--out` gets one JSON line per case as it is done. What is in it already is not run again: delete it to start anew.
-`--baselines` ranks the effects of in and off with other toolkits too (see `baselines.py`), from the same fitted base.
+`--golden tests/bench/golden.jsonl --seeds 8302:8303 --null-seeds 8302:8303` lists the cases that are told otherwise than
+in that file. `--baselines` ranks the effects of in and off with other toolkits too (see `baselines.py`), from the same fitted base.
 """
 
 from __future__ import annotations
@@ -431,6 +432,11 @@ def right(row: Row) -> bool:
     return both(row) if row["task"] == "pair" else bool(ids(row, 1) & truth(row))
 
 
+def summary(row: Row) -> tuple[str, list[Any]]:
+    """Return the name of a case and what was said of it: verdict, first effect with its place, and the set."""
+    return row["name"], [row["verdict"], *row["top"][:1], *sorted(row["set"])]
+
+
 def line(row: Row) -> str:
     """Return one case in one line."""
     if "failed" in row:
@@ -448,7 +454,7 @@ def main() -> None:
     judged = f"{truths.JUDGE.start}:{truths.JUDGE.stop}"
     options = asked(
         __doc__, seeds=judged, null_seeds=judged, removed_seeds="", groups=",".join(GROUPS), kinds="", jobs=2,
-        out=Path("battery.json"), baselines=False, markdown=Path, list=False,
+        out=Path("battery.json"), baselines=False, markdown=Path, list=False, golden=Path,
     )  # fmt: skip
     groups = options.groups.split(",")
     unknown = [g for g in groups if g not in GROUPS]
@@ -466,6 +472,13 @@ def main() -> None:
     for row in rows:
         if "failed" in row or (options.list and not right(row)):
             print(line(row))
+    if options.golden is not None:
+        known = [json.loads(text) for text in options.golden.read_text(encoding="utf-8").splitlines()]
+        now = {name: said for name, said in map(summary, rows)}
+        differ = [(name, said, now[name]) for name, said in known if name in now and now[name] != said]
+        print(f"{len(differ)} of {len(known)} cases are told otherwise than in {options.golden}")
+        for name, *said in differ:
+            print(f"  {name}: " + " -> ".join(map(str, said)))
 
 
 if __name__ == "__main__":
