@@ -35,7 +35,7 @@ def commission(
     """Predict the tracking error of a law on the machine (Monte Carlo over models that fit the data): go or no go."""
     from ..data.record import read_signal
     from ..data.units import said_first
-    from ..files.store import load
+    from ..files.store import load_model
     from ..report.plots import plot_commissioning
     from ..tasks.base import check_pace
     from ..tasks.commission import commission as run
@@ -43,7 +43,7 @@ def commission(
 
     opt.check_format(plot)
     opt.check_targets([plot, json], model_file, reference, *data, *(validate or []))
-    model = load(model_file)
+    model = load_model(model_file)
     measured = how.records(data, model)
     judging = how.validating(validate, measured)
     names = said_first(model.info.units, measured[0].units)

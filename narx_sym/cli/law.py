@@ -11,10 +11,12 @@ import typer
 from ..errors import DataError
 from . import options as opt
 from .printing import console, table, working
+from .several import refuse
 
 if TYPE_CHECKING:
     from ..inversion.compensator import Compensator
     from ..models.model import Model
+    from ..models.system import System
 
 
 def compensate(
@@ -64,7 +66,7 @@ def compensate(
     from ..codegen.units import coefficients_latex
     from ..data.units import said_first
     from ..files.atomic import check_columns, write_bytes, write_text
-    from ..files.store import load
+    from ..files.store import load_model
     from ..inversion.compensator import allowed
     from ..symbolic.printing import boxed
 
@@ -76,7 +78,7 @@ def compensate(
     opt.check_targets([latex, *(path for _, path in sources), out], model_file, reference)
     check_columns(out)
     _check_run(reference, out, {"column": column, "m0": m0, "clip": clip or None, "ts": ts, "rows": rows})
-    model = load(model_file)
+    model = load_model(model_file)
     names = said_first(model.info.units, opt.unit_names(units))
     goal, how = None, {"Ts": ts, "t": t, "rows": rows}
     if reference:
@@ -162,7 +164,7 @@ def _follow(
     say(f"Written to {out}")
 
 
-def _signal(model: Model, file: Path, column: str | None, what: str, **how: Any) -> tuple[Any, Any]:
+def _signal(model: Model | System, file: Path, column: str | None, what: str, **how: Any) -> tuple[Any, Any]:
     """Read samples and time stamps [s] of a signal; where it has no time, it is at the rate of the model."""
     from ..data.record import read_signal
     from ..tasks.base import check_pace
@@ -188,8 +190,13 @@ def simulate(
     model_file: opt.ModelFile,
     input_file: Annotated[Path, typer.Argument(metavar="INPUT.csv", help="CSV with the input.")],
     out: Annotated[Path, typer.Option("--out", help="CSV for the simulated output.")],
-    u: Annotated[str | None, typer.Option("--input", help="Column of the input (default: u, or the only one).")] = None,
-    y0: Annotated[float | None, typer.Option("--y0", help="Output at the start.")] = None,
+    u: Annotated[
+        str | None,
+        typer.Option(
+            "--input", help="Column of the input (default: u, or the only one); of several, separated by commas."
+        ),
+    ] = None,
+    y0: Annotated[str | None, typer.Option("--y0", help="Output at the start; of several, separated by commas.")] = None,
     u0: Annotated[float | None, typer.Option("--u0", help="Input before the start, at rest with the output.")] = None,
     t: opt.Time = "t",
     ts: opt.Ts = None,
@@ -198,16 +205,54 @@ def simulate(
     """Simulate a model: its free run for an input from a file."""
     from ..files.atomic import check_columns, write_csv
     from ..files.store import load
+    from ..models.system import System
 
     opt.check_targets([out], model_file, input_file)
     check_columns(out)
     model = load(model_file)
-    own = model.input.name
     how = {"Ts": ts, "t": t, "rows": rows}
+    begin = _numbers(y0, "--y0")
+    if isinstance(model, System):
+        refuse(f"{model_file}, which has several outputs,", {"--u0": u0})
+        _simulate_system(model, input_file, u, begin, out, how)
+        return
+    if len(begin or ()) > 1:
+        raise DataError(f"--y0 {y0}: the model has one output.")
+    own = model.input.name
     values, stamps = _signal(model, input_file, u, "input", prefer=own, unit=model.info.units.get(own, ""), **how)
     beside = _channels(model, input_file, "INPUT.csv", **how)
     name = model.output.name
-    simulated = model.simulate(values, y0, beside, u0=u0)
+    simulated = model.simulate(values, begin and begin[0], beside, u0=u0)
     write_csv(out, {"t": stamps, own: values, name: simulated, **beside})
     low, high = float(simulated.min()), float(simulated.max())
     console().print(f"{len(values)} samples, {name} in [{low:.4g}, {high:.4g}], written to {out}")
+
+
+def _numbers(text: str | None, option: str) -> list[float] | None:
+    """Return numbers that are separated by commas."""
+    try:
+        return None if text is None else [float(part) for part in text.split(",")]
+    except ValueError:
+        raise DataError(f"{option} {text}: give a number, or one of each output, separated by commas.") from None
+
+
+def _simulate_system(
+    system: System, file: Path, columns: str | None, y0: list[float] | None, out: Path, how: dict[str, Any]
+) -> None:
+    """Simulate all outputs for inputs from a file."""
+    from ..files.atomic import write_csv
+
+    named = columns.split(",") if columns else list(system.inputs)
+    begin = y0 or [0.0] * len(system.outputs)
+    for option, found, wanted in (("--input", named, system.inputs), ("--y0", begin, system.outputs)):
+        if len(found) != len(wanted):
+            raise DataError(f"{option}: give one for each of {', '.join(wanted)}, separated by commas.")
+    read = [
+        _signal(system, file, column, "input", unit=system.units.get(name, ""), **how)
+        for name, column in zip(system.inputs, named, strict=True)
+    ]
+    inputs = {name: x for name, (x, _) in zip(system.inputs, read, strict=True)}
+    runs = system.simulate(inputs, dict(zip(system.outputs, begin, strict=True)))
+    write_csv(out, {"t": read[0][1], **inputs, **runs})
+    ranges = "; ".join(f"{name} in [{x.min():.4g}, {x.max():.4g}]" for name, x in runs.items())
+    console().print(f"{read[0][0].size} samples, {ranges}, written to {out}")

@@ -18,6 +18,7 @@ from ..files.telling import Stderr
 from . import commission, diagnose, effects, fleet, law, stop
 from . import options as opt
 from .printing import console, note, print_errors, print_fails, print_model, say_written, table, working
+from .several import compare_system, derive_system, fit_system, refuse
 
 app = typer.Typer(
     help="Hysteretic actuators as symbolic NARX models: identify, derive, compensate, compare, diagnose.",
@@ -36,8 +37,12 @@ def fit(
     data: opt.DataFiles,
     out: Annotated[Path, typer.Option("--out", help="Where to write the model.")],
     base: Annotated[
-        str, typer.Option(help="Kind of model: narx, linear, static, play, bouc-wen, auto, or a file with equations.")
-    ] = "narx",
+        str | None,
+        typer.Option(
+            help="Kind of model: narx, linear, static, play, bouc-wen, auto, or a file with equations (default: narx; of "
+            "several inputs or outputs, linear)."
+        ),
+    ] = None,
     n_y: Annotated[int, typer.Option("--n-y", min=0, max=20, help="Largest lag of the output.")] = 1,
     n_u: Annotated[int, typer.Option("--n-u", min=0, max=200, help="Largest lag of the input.")] = 2,
     degree: Annotated[int, typer.Option(min=1, max=6, help="Largest degree of the polynomial terms.")] = 3,
@@ -71,16 +76,25 @@ def fit(
 
     opt.check_targets([out], *data, *(validate or []), steady_state)
     check_method(method)
+    base = base or ("linear" if "," in how.u + how.y else "narx")
     method = opt.check_rest(steady_state, weight, method, base)
     own = equations_in(base)
     if base not in BASES and not own:
         raise DataError(f"Unknown base {base!r}: --base is one of {', '.join(BASES)}, or a file with equations.")
     if how.u == how.y:
         raise DataError(f"Input and output are the same column {how.u!r}; choose with --input and --output.")
+    if how.several:
+        refuse("--output with several columns", {"--steady-state": steady_state, "--base FILE": own, "--creep": creep})
     named = from_equations(own, 1.0).channels if own else ()
     measured = how.records(data, more=named)
     judging = how.validating(validate, measured, named)
     points = opt.rest_points(steady_state, how, measured[0].units) if steady_state else None
+    if how.several:
+        fit_system(
+            measured, judging, out, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, method=method,
+            for_compensation=for_compensation,
+        )  # fmt: skip
+        return
     with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
         model = fit_equations(own, measured) if own else identify(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
@@ -128,11 +142,16 @@ def derive(
     from ..files.atomic import write_text
     from ..files.store import load
     from ..inversion.analyses import document, summary
+    from ..models.system import System
 
     opt.check_targets([latex, plot, json], model_file, *(data or []))
     if not continuous and (scale or data or json):
         raise DataError("--scale, --data and --json need derive --continuous.")
     model = load(model_file)
+    if isinstance(model, System):
+        refuse(f"{model_file}, which has several outputs,", {"--continuous": continuous, "--plot": plot})
+        derive_system(model, latex)
+        return
     if continuous:
         if plot:
             raise DataError("--plot draws quasi-static sets: leave out --continuous.")
@@ -206,12 +225,17 @@ def compare(
     """
     from ..data.units import said_first
     from ..files.store import load
+    from ..models.system import System
     from ..tasks import compare as task
 
     target = None if no_plot else plot
     where = target and opt.where_beside(target)
     opt.check_targets([target, where, json], model_file, *data, *(validate or []))
     model = load(model_file)
+    if isinstance(model, System):
+        refuse(f"{model_file}, which has several outputs,", {"--reference": reference, "--align": align})
+        compare_system(model, how, data, validate, json)
+        return
     named = [*filter(None, [reference]), *model.channels]
     measured = how.records(data, model, named)
     with working("Simulating"):

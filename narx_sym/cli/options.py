@@ -27,8 +27,8 @@ DataFiles = Annotated[
     typer.Argument(metavar="DATA...", help="Data file: CSV with a header, .npz, .mat, .parquet, .mf4 or .tdms."),
 ]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model file written by narx-sym.")]
-Input = Annotated[str, typer.Option("--input", help="Column of the input.")]
-Output = Annotated[str, typer.Option("--output", help="Column of the output.")]
+Input = Annotated[str, typer.Option("--input", help="Column of the input; of several, names separated by commas.")]
+Output = Annotated[str, typer.Option("--output", help="Column of the output; of several, names separated by commas.")]
 Time = Annotated[str, typer.Option("--time", help="Column of the time, in s.")]
 Ts = Annotated[float | None, typer.Option("--ts", help="Sampling time in s; overrides the time column.")]
 Channels = Annotated[str, typer.Option("--channels", help="Further columns to use: names separated by commas, or all.")]
@@ -124,7 +124,12 @@ class Reading:
     missing: Missing = "refuse"
     units: Units = ""
 
-    def records(self, files: list[Path], model: Model | None = None, more: Iterable[str] = ()) -> list[Record]:
+    @property
+    def several(self) -> bool:
+        """Whether several outputs are asked for: the model is then a `System`."""
+        return "," in self.y
+
+    def records(self, files: list[Path], model: Any = None, more: Iterable[str] = ()) -> list[Record]:
         """Read data files in the units of a model, or of the first; say what was changed and what to know.
 
         What a channel is says the user, else the model, else what is found in the file. `more` are the names of
@@ -138,8 +143,9 @@ class Reading:
 
         said, own = unit_names(self.units), roles_of(self.role)
         columns = ",".join(dict.fromkeys(filter(None, [*self.channels.split(","), *more])))
+        signals = [names.split(",") if "," in names else names for names in (self.u, self.y)]
         read_in = [
-            read(file, self.u, self.y, self.t, self.ts, self.rows, columns, self.missing, said, own) for file in files
+            read(file, *signals, self.t, self.ts, self.rows, columns, self.missing, said, own) for file in files
         ]
         if model:
             known = {n: role for n, role in model.info.roles.items() if n not in map(channel_name, own)}

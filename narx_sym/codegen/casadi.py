@@ -12,4 +12,4 @@ def function(request: Request) -> Any:
     """Return f(state, inputs) -> (next, output): `narx_sym.codegen.export.written`."""
     from ..engines.casadi import transition  # CasADi takes long to load
 
-    return transition(request.recursion, request.values, request.name, request.returned)
+    return transition(request.recursion, request.values, request.name, *(request.outputs or [request.returned]))

@@ -39,6 +39,7 @@ def written(
     units: Mapping[str, str] | None = None,
     coefficients: Coefficients = lambda equations: (),
     notes: Sequence[str] = (),
+    outputs: Sequence[Any] = (),
 ) -> Any:
     """Return a recursion for another place.
 
@@ -62,6 +63,7 @@ def written(
     units : mapping such as {"u": "V", "y": "um"}
     coefficients : function from equations to rows (coefficients as a text, their unit), for the comment on top
     notes : further sentences for the comment on top; the first of them stands above the equations
+    outputs : states that a step returns together where a target can; by default `output` alone
 
     Raises
     ------
@@ -82,7 +84,7 @@ def written(
             [*_notes(recursion, returned, Ts, units or {}), *notes[1:]],
             lambda sampled: _example(recursion, numbers, returned, starts, ranges or {}, single, sampled),
             False, Ts, ranges or {}, rest or {}, units or {}, coefficients,
-            notes[0] if notes else "",
+            notes[0] if notes else "", tuple(_returned(recursion, one) for one in outputs),
         )
     )  # fmt: skip
 

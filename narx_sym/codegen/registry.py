@@ -60,6 +60,7 @@ class Request:
     Ts : sampling time [s], None where nobody said it
     ranges, rest, units : mappings from names of signals to (low, high), a number at rest, a unit
     coefficients : function from equations to rows (coefficients as a text, their unit), for the comment on top
+    outputs : all states that are asked for, `returned` among them; none for that alone
     """
 
     recursion: Recursion
@@ -77,6 +78,7 @@ class Request:
     units: Mapping[str, str] = field(default_factory=dict)
     coefficients: Coefficients = lambda equations: ()
     heading: str = ""
+    outputs: Sequence[Any] = ()
 
     @property
     def settles(self) -> bool:

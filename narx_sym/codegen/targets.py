@@ -8,6 +8,8 @@ from typing import Any, Literal
 
 from ..inversion.compensator import Compensator
 from ..models.model import Model
+from ..models.rewrite import called
+from ..models.system import System
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import k, m, r, y
 from .export import written
@@ -46,6 +48,34 @@ def export_model(
     return written(
         to, model.recursion, model.values, name, single, model.output, model.starts, model.usual, model.Ts,
         _rest(model), labels, partial(model.units_told, units=labels),
+    )  # fmt: skip
+
+
+def export_system(
+    system: System, to: str, name: str = "system", single: bool = False, units: Mapping[str, str] | None = None
+) -> Any:
+    """Export the free run of all outputs of a system, as `export_model` does for one.
+
+    Parameters
+    ----------
+    to : str
+        "c": a step returns the first output, the others are in the struct, such as `past->y2[0]`. "casadi": a
+        `Function` (state, inputs) -> (next, output) with all outputs in order.
+
+    Raises
+    ------
+    ModelError
+        For another target, and as in `export_model`.
+    """
+    if to not in ("c", "casadi"):
+        raise ModelError(f"A system is exported to c and casadi; for {to} export each of its parts.")
+    initial: dict[Any, Any] = {}
+    for output, part in system.parts.items():
+        names = system.names(output)
+        initial |= {names.get(b, b): called(e, names) for b, e in part.starts.items()}
+    return written(
+        to, system.recursion, system.values, name, single, system.outputs[0], initial, Ts=system.Ts,
+        units={**system.units, **(units or {})}, outputs=system.outputs,
     )  # fmt: skip
 
 

@@ -113,8 +113,8 @@ def step(plan: Plan) -> tuple[Any, list[tuple[int, int]], list[tuple[int, int]]]
     return function, past, used
 
 
-def transition(recursion: Recursion, values: Mapping[Any, Any], name: str, returned: Any) -> Any:
-    """Return f(state, inputs) -> (next, output) with numbers, over `recursion.past` and `recursion.given`."""
+def transition(recursion: Recursion, values: Mapping[Any, Any], name: str, *returned: Any) -> Any:
+    """Return f(state, inputs) -> (next, outputs) with numbers, over `recursion.past` and `recursion.given`."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name):
         raise ModelError(f"{name!r} cannot be the name of a CasADi function.")
     plan = Plan.of(recursion.subs(values))
@@ -129,7 +129,7 @@ def transition(recursion: Recursion, values: Mapping[Any, Any], name: str, retur
         at[plan.signals[s][k]] = known[plan.sample[s, 0]] = convert(right, known)
     following = [at[s.base[s.indices[0] + 1]] for s in recursion.past]
     return ca.Function(
-        name, [state, inputs], [ca.vertcat(*following), at[returned[k]]], ["state", "inputs"], ["next", "output"]
+        name, [state, inputs], [ca.vertcat(*following), ca.vertcat(*(at[b[k]] for b in returned))], ["state", "inputs"], ["next", "output"]
     )
 
 

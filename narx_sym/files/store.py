@@ -20,6 +20,7 @@ from ..errors import ModelError, NarxError
 from ..models.model import NARX, Model
 from ..models.rest.equilibria import continuum_conditions
 from ..models.rest_map import rest_map
+from ..models.system import System
 from ..symbolic.functions import NAMES
 from ..symbolic.grammar import SIGNALS, expanded_terms, parse, read_json
 from ..symbolic.printing import text
@@ -29,7 +30,7 @@ from .atomic import write_text
 from .info import EffectData, effect_to_dict, info_to_dict, newer_schema, or_none, read_info, to_effects
 from .plain import read
 
-SCHEMA, MAX_BYTES, MAX_STATES, MAX_NAME, MAX_LEAD = 2, 2_000_000, 200, 100, 1000
+SCHEMA, MAX_BYTES, MAX_STATES, MAX_NAME, MAX_LEAD, MAX_OUTPUTS = 2, 2_000_000, 200, 100, 1000, 50
 MAX_TEXT = 60_000  # characters of all equations
 MAX_WRITTEN, MAX_TERMS = 20_000, 20_000  # nodes of the output's equation; terms of its rest map, multiplied out
 # `x`, `v`, `free`, `sensed` and `acting` are names of states: see `narx_sym.symbolic.signals`.
@@ -71,8 +72,22 @@ class ModelData:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
-def to_dict(model: Model) -> dict[str, Any]:
+@dataclass(frozen=True)
+class SystemData:
+    """The content of the file of a model with several outputs: a model each, in order."""
+
+    schema: int
+    kind: str
+    outputs: tuple[str, ...]
+    parts: tuple[Any, ...]
+
+
+def to_dict(model: Model | System) -> dict[str, Any]:
     """Return the model as plain data."""
+    if isinstance(model, System):
+        _check_names(model.outputs, "output", set())
+        parts = [to_dict(part) for part in model.parts.values()]
+        return {"schema": SCHEMA, "kind": "system", "outputs": list(model.outputs), "parts": parts}
     linear = isinstance(model, NARX)
     names = {"parameter": list(map(str, model.symbols)), "channel": list(model.channels)}
     for what, listed in (names | {"state": [s.left.base.name for s in model.states]}).items():
@@ -101,7 +116,7 @@ def to_dict(model: Model) -> dict[str, Any]:
     }
 
 
-def to_text(model: Model) -> str:
+def to_text(model: Model | System) -> str:
     """Return the content of a model file, which `load` surely reads.
 
     Raises
@@ -117,7 +132,7 @@ def to_text(model: Model) -> str:
     return written
 
 
-def save(model: Model, path: Any) -> None:
+def save(model: Model | System, path: Any) -> None:
     """Write a model to a file (JSON) that `load` reads.
 
     The file is written completely or not at all.
@@ -141,8 +156,19 @@ def save(model: Model, path: Any) -> None:
     write_text(path, to_text(model))
 
 
-def load(path: Any) -> Model:
-    """Read a model from a file that `save` or the command line has written.
+def load_model(path: Any) -> Model:
+    """Read a model with one output, as `load` does; refuse a `System`."""
+    made = load(path)
+    if isinstance(made, System):
+        raise ModelError(
+            f"{path}: this is a model with the outputs {', '.join(made.outputs)}; this needs one output. In Python, "
+            "ns.load(...).parts has the model of each output, which ns.save writes."
+        )
+    return made
+
+
+def load(path: Any) -> Any:
+    """Read a model, or a `System` of models, from a file that `save` or the command line has written.
 
     Raises
     ------
@@ -179,8 +205,20 @@ def load(path: Any) -> Model:
         raise ModelError(f"{path}: {error}") from None
 
 
-def from_dict(data: Any) -> Model:
+def from_dict(data: Any) -> Model | System:
     """Build a model from plain data; everything is checked before it is used."""
+    if isinstance(data, dict) and data.get("kind") == "system":
+        found: SystemData = read(SystemData, data)
+        if found.schema != SCHEMA:
+            raise ModelError(f"schema {str(data['schema'])[:40]!r} is not known; this version reads schema {SCHEMA}.")
+        if len(found.parts) != len(found.outputs) or len(found.parts) > MAX_OUTPUTS:
+            raise ModelError(f"'parts' must have one model for each of 'outputs', and at most {MAX_OUTPUTS}.")
+        _check_names(found.outputs, "output", set())
+        return System(dict(zip(found.outputs, map(_model_of, found.parts), strict=True)))
+    return _model_of(data)
+
+
+def _model_of(data: Any) -> Model:
     if not isinstance(data, dict) or "schema" not in data:
         raise ModelError("not a model file: the field 'schema' is missing.")
     if type(data["schema"]) is not int or data["schema"] not in (1, SCHEMA):

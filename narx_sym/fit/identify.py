@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -17,16 +17,17 @@ from ..data.evidence.roles import INPUT, acting
 from ..data.evidence.several import moving, rests
 from ..data.record import Record, check_excitation
 from ..data.units import in_units
+from ..engines.algebra import filtered, smallest
 from ..errors import FitError, ModelError, NotInvertible
 from ..inversion.compensator import compensator
 from ..models import assumptions
 from ..models.info import around, whole
 from ..models.model import NARX, Model
 from ..models.pool import lagged, pool
-from ..symbolic.signals import k, phi1, u, y
+from ..symbolic.signals import k, lag, phi1, samples, signal, u, y
 from .bases.bouc_wen import identify_bouc_wen
 from .bases.choice import choose_base
-from .bases.integrating import grows, hardly_decays, integrates
+from .bases.integrating import grows, hardly_decays, integrates, slowest
 from .bases.judged import judged
 from .bases.play import KNOTS, PLAYS, identify_play
 from .bases.select import PATH_STEPS, Selection, select
@@ -41,6 +42,7 @@ OPEN = ("linear", "static")  # a diagnosis chooses their orders again
 HELD_OUT = 0.3
 CANCELS, CALM = 5.0, 2.0
 LONGEST = 200  # dead time of a further input that is looked for [samples]
+TURNS, CLOSEST, NEAR, DEPENDENT = 4, 4, 6, 1e-12  # of the search of the orders of several inputs
 FEWEST = 20  # samples; below this a structure cannot be told from chance
 
 
@@ -168,7 +170,8 @@ def identify(  # noqa: PLR0913
             "rate_independent": rate_independent, "method": method, "point": point, "creep": creep,
         }  # fmt: skip
         return choose_base(listed, lambda name, some, size: identify(some, base=name, **options, **size))
-    delays = _delays(base, listed, delay)
+    inputs = [name for name in inputs if name not in own]
+    delays = _delays(base, listed, delay) if delay is not None or not inputs else ()
     if base == "narx":
         (delay,) = delays
         n_u = max(n_u, delay + 1)  # Assumption A1(ii): some input terms must be older than the delay
@@ -189,10 +192,9 @@ def identify(  # noqa: PLR0913
             model = _selected(model, stable_law=stable_law(model, listed))
         return judged(model, listed)
     if base == "linear":
-        if inputs := [name for name in inputs if name not in own]:
-            found = _input_lags(["u", *inputs], listed)
-            own |= {name: found[name] for name in inputs}
-            delays = delays if delay is not None else range(max(0, found["u"][0] - 1), found["u"][0] + 2)
+        if inputs:
+            found = _input_lags(["u", *inputs], listed) | ({} if delay is None else {"u": range(delay, delay + 2)})
+            return _own_orders(listed, origin, found, own, method, for_compensation, {"u"} if delay is not None else ())
         return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)
     if base in ("play", "bouc-wen"):
         return _remembering(base, listed, origin, delays, {"plays": plays, "knots": knots, "creep": creep}, own)
@@ -459,6 +461,84 @@ def _linear(
         for a, b, d in product(range(0, max(2, n_y) + 1), range(1, max(2, n_u) + 1), delays)
     ]
     return _choose(candidates, records, "linear", method, for_compensation)
+
+
+def _own_orders(
+    records: list[Record], origin: Mapping[Any, float], lags: dict[str, range], own: Mapping[str, Any], method: str,
+    for_compensation: bool, known: Collection[str],
+) -> Model:  # fmt: skip
+    """ARX of several inputs, each with its own first lag and number of lags.
+
+    First all have the same number; then the order, an end of the lags of one input, or all its lags change while that
+    costs less. The `CLOSEST` ones are fitted and judged as those of one input are. The first lags of `known` inputs stay.
+    """
+    beside, (u0, y0) = lagged(own), (origin.get(base, 0.0) for base in (u, y))
+    parts = [replace(s, u=s.u - u0, y=s.y - y0) for r in records for s in r.segments()]
+    others = [(x.base.name, range(lag(x), lag(x) + 1)) for term in beside for x in samples(term)]
+    most, last = len(lags) + 2, max(some[-1] for some in lags.values())
+    first = max(last + most, min(last + LONGEST // 5, min(map(len, parts)) // 4))
+    costs: dict[tuple[int, tuple[tuple[str, range], ...]], tuple[float, Array]] = {}
+
+    def cost(way: tuple[int, dict[str, range]]) -> float:
+        key = way[0], tuple(way[1].items())
+        if key not in costs:
+            near = costs.get((best[0], tuple(best[1].items())), (0.0, np.zeros(0)))[1][: best[0]]
+            costs[key] = _output_error(parts, way[0], [*key[1], *others], first, near)
+        return costs[key][0]
+
+    sizes = product(range(most), range(1, most))
+    best: tuple[int, dict[str, range]] = (0, {})
+    best = min(((n, {x: range(i[0], i[0] + b) for x, i in lags.items()}) for n, b in sizes), key=cost)
+    while True:
+        n, lags = best
+        moved = [
+            (n, lags | {name: range(some[0] + a, some[-1] + 1 + b)})
+            for name, some in lags.items()
+            for a, b in ((-1, 0), (1, 0), (0, 1), (0, -1), *((d, d) for d in range(-NEAR, NEAR + 1) if d))
+            if 0 <= some[0] + a <= some[-1] + b <= first and not (a and name in known)
+        ]
+        best = min([best, *moved, *((i, lags) for i in (n - 1, n + 1) if 0 <= i <= most)], key=cost)
+        if best == (n, lags):
+            break
+    candidates = []
+    for n, chosen in sorted(costs, key=lambda way: costs[way][0])[:CLOSEST]:
+        inputs = [signal(name)[k - i] for name, some in chosen for i in some]
+        terms = [*(y[k - i] for i in range(1, n + 1)), *inputs, *beside, S.One]
+        theta = costs[n, chosen][1]
+        candidates.append(NARX(terms, theta if np.isfinite(theta).all() else None, operating_point=origin))
+    return _choose(candidates, records, "linear", method, for_compensation)
+
+
+def _output_error(
+    parts: Sequence[Record], n: int, lags: Sequence[tuple[str, range]], first: int, near: Array
+) -> tuple[float, Array]:
+    """Return ln(mean square) of the free run of an ARX, with a price for its parameters, and these: a, b, constant.
+
+    By Steiglitz & McBride (1965), least squares filtered by the denominator of the turn before; given that, the rest of
+    the free run, with where each part starts, is least squares. The price is that of Schwarz (1978).
+    """
+    a = near if near.size == n else np.zeros(n)
+    paid = n + sum(len(some) for _, some in lags)
+    best, found, targets, columns = np.inf, np.full(paid + 1, np.nan), [s.y[first:] for s in parts], []
+    for i, s in enumerate(parts):
+        inputs = [s.signals[name][first - j : len(s) - j] for name, some in lags for j in some]
+        begun = np.zeros((len(s) - first, n * len(parts)))
+        begun[:n, n * i : n * (i + 1)] = np.eye(n)[: len(begun)]
+        columns.append(np.column_stack([*inputs, np.ones(len(begun)), begun]))
+    measured = np.concatenate(targets)
+    for turn in range(TURNS + 1 if n else 1):
+        A = np.append(1.0, -a)
+        X = np.concatenate([filtered(A, x) for x in columns])
+        if turn or near.size == n or not n:
+            b = smallest(X, measured, DEPENDENT)
+            left = float(np.mean((measured - X @ b) ** 2))
+            best, found = min((best, found), (left, np.append(a, b)[: paid + 1]), key=lambda one: one[0])
+        Y = [filtered(A, x) for x in targets]
+        older = [np.concatenate([np.append(np.zeros(j), x)[: x.size] for x in Y]) for j in range(1, n + 1)]
+        a = smallest(np.column_stack([*older, X]), np.concatenate(Y), DEPENDENT)[:n]
+        if not np.isfinite(a).all() or slowest(a) >= 1:
+            break
+    return float(np.log(best) + np.log(measured.size) / measured.size * paid), found
 
 
 def _static(

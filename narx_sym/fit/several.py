@@ -155,14 +155,14 @@ def simulate_system(
 def free_run_system(system: System, record: Record) -> dict[str, Array]:
     """Simulate a system along a record, from start states that are estimated for each output.
 
-    Gaps start anew.
+    Gaps start anew. A record in other units is converted to those of the system.
 
     Returns
     -------
     dict from the names of the outputs to (N,) arrays
     """
     pieces: dict[str, list[Array]] = {name: [] for name in system.outputs}
-    for part in record.segments():
+    for part in in_own_units(system, record).segments():
         begin: dict[str, Array] = {}
         depth = max(1, system.recursion.depth)
         for name, model in system.parts.items():
@@ -187,10 +187,10 @@ def evaluate_system(system: System, records: Records) -> dict[str, Errors]:
     -------
     dict from the names of the outputs to Errors
     """
-    every, found = listed(records), {}
+    every, found = [in_own_units(system, r) for r in listed(records)], {}
     for name, (target, run) in _whole_runs(system, every).items():
         model, own = system.parts[name], segments([part_of(r, name) for r in every])
-        ahead = measure(target, along(model, in_units(own, model.info.units), predict))
+        ahead = measure(target, along(model, own, predict))
         free = measure(target, run)
         rms = float(np.sqrt(np.mean((target - run) ** 2))) if np.isfinite(run).all() else np.inf
         found[name] = Errors(ahead[0], free[0], ahead[1], free[1], rms)
@@ -202,6 +202,15 @@ def _whole_runs(system: System, every: Sequence[Record]) -> dict[str, tuple[Arra
     runs = [free_run_system(system, r) for r in every]
     measured = {name: np.concatenate([r.channels[name] for r in every]) for name in system.outputs}
     return {name: (x, np.concatenate([one[name] for one in runs])) for name, x in measured.items()}
+
+
+def in_own_units(system: System, record: Record) -> Record:
+    """Return a record in the units of a system; its `y` is one of the outputs."""
+    units = system.units
+    first = next((n for n in outputs_of(record) if np.array_equal(record.channels[n], record.y)), "")
+    if first in record.units:
+        record = replace(record, units={**record.units, "y": record.units[first]})
+    return in_units([record], units | ({"y": units[first]} if first in units else {}))[0]
 
 
 def run_law(

@@ -39,4 +39,5 @@ class SystemLawDoors:
     """Each line is one function of the room that does it; it takes the law first."""
 
     run = door("fit.several", "run_law")
+    stability = door("fit.laws.stability", "system_stability")
     lambdify = door("engines.lambdify", "lambdify")

@@ -15,6 +15,7 @@ from narx_sym.fit.laws.run import follow as _fit_laws_run_follow
 from narx_sym.fit.laws.run import run_law as _fit_laws_run_run_law
 from narx_sym.fit.laws.stability import refuse_unstable as _fit_laws_stability_refuse_unstable
 from narx_sym.fit.laws.stability import stability as _fit_laws_stability_stability
+from narx_sym.fit.laws.stability import system_stability as _fit_laws_stability_system_stability
 from narx_sym.fit.laws.start import law_start as _fit_laws_start_law_start
 from narx_sym.fit.laws.start import rest_expression as _fit_laws_start_rest_expression
 from narx_sym.fit.laws.start import rest_input as _fit_laws_start_rest_input
@@ -51,4 +52,5 @@ class InternalDynamicsDoors:
 
 class SystemLawDoors:
     run = _fit_several_run_law
+    stability = _fit_laws_stability_system_stability
     lambdify = _engines_lambdify_lambdify

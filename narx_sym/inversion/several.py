@@ -11,7 +11,7 @@ import sympy as sp
 from ..errors import NotInvertible
 from ..models.system import System
 from ..symbolic.identities import vanishes
-from ..symbolic.printing import InLatex
+from ..symbolic.printing import InLatex, shown
 from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import k, lag, samples, shift, signal, swap
@@ -54,8 +54,13 @@ class SystemLaw(SystemLawDoors, InLatex):
         """LaTeX of the law, with symbols or with numbers."""
         return (self.recursion.subs(self.system.values) if numbers else self.recursion).latex()
 
+    def lines(self, numbers: bool = False) -> list[str]:
+        """Return each equation as text, with symbols or with numbers."""
+        values = self.system.values if numbers else {}
+        return [f"{shown(left)} = {shown(right.xreplace(values))}" for left, right in self.updates]
+
     def __repr__(self) -> str:
-        return f"SystemLaw({self.recursion.subs(self.system.values)!r})"
+        return f"SystemLaw({'; '.join([str(self.stability()).rstrip('.'), *self.lines(numbers=True)])})"
 
 
 def compensators(system: System, inputs: tuple[str, ...] = ()) -> SystemLaw:

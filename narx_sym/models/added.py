@@ -95,7 +95,8 @@ def starts(model: Any) -> dict[Any, Any]:
     kept = {s.left.base for s in model.states if s.left.base != x and (s in model.recurrent or s.remembers)}
     first = {s.left.base: s.initial for s in model.states}
     found: dict[Any, Any] = {}
-    makes = ((model.input, v), (model.input, passed), (model.output, x))
+    makes = [(model.input, v), (model.input, passed), (model.output, x)]
+    makes += [(signal(n), signal(f"{b.name}_{n}")) for n in model.channels for b in (v, passed)]
 
     def known(expr: Any) -> Any:
         """Put in what the states start from."""

@@ -38,6 +38,8 @@ class SystemDoors:
     """Each line is one function of the room that does it; it takes the system first."""
 
     lambdify = door("engines.lambdify", "lambdify")
+    save = door("files.store", "save")
+    export = door("codegen.targets", "export_system")
     sensitivities = door("symbolic.sensitivity", "sensitivities")
     compensator = door("inversion.several", "compensators")
     simulate = door("fit.several", "simulate_system")

@@ -2,6 +2,7 @@
 from typing import Any
 
 from narx_sym.codegen.targets import export_model as _codegen_targets_export_model
+from narx_sym.codegen.targets import export_system as _codegen_targets_export_system
 from narx_sym.codegen.units import coefficient_units as _codegen_units_coefficient_units
 from narx_sym.codegen.units import units_told as _codegen_units_units_told
 from narx_sym.diagnosis.add import add as _diagnosis_add_add
@@ -65,6 +66,8 @@ class ModelDoors:
 
 class SystemDoors:
     lambdify = _engines_lambdify_lambdify
+    save = _files_store_save
+    export = _codegen_targets_export_system
     sensitivities = _symbolic_sensitivity_sensitivities
     compensator = _inversion_several_compensators
     simulate = _fit_several_simulate_system

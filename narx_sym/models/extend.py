@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import sympy as sp
@@ -12,6 +12,7 @@ import sympy as sp
 from ..errors import ModelError
 from ..symbolic.recursion import State
 from ..symbolic.signals import (
+    INNER_INPUTS,
     RESERVED,
     acting,
     channel_name,
@@ -35,7 +36,7 @@ from .added import AddedEffect, outside, own_states
 from .effects import EFFECTS, PLACES, Catalogue, Effect, Form
 from .info import Info
 from .model import Model
-from .rest.equilibria import continuum_conditions
+from .rewrite import called, relabelled, written_constraints
 
 MANY = 20  # coefficients of one effect
 
@@ -57,6 +58,7 @@ class Variant:
         Whether the input is measured from zero instead of the operating point.
     fixed : pairs of a shape parameter in whole samples and its value
     aside : names that its states leave to the channels of the records
+    at : the further input at which it acts, which its driver `u` then means; "" for the model's own
     """
 
     effect: Effect
@@ -67,6 +69,7 @@ class Variant:
     raw: bool = False
     fixed: tuple[tuple[str, int], ...] = ()
     aside: tuple[str, ...] = ()
+    at: str = ""
 
     @property
     def id(self) -> str:
@@ -96,7 +99,8 @@ class Variant:
 
     def __str__(self) -> str:
         parts = [self.effect.form, PLACES[self.where]]
-        parts += [f"driven by {self.driver}"] if self.driver not in ("uy", "t", "channel", "friction") else []
+        driver = self.at or self.driver
+        parts += [f"driven by {driver}"] if driver not in ("uy", "t", "channel", "friction") else []
         parts += [f"{n} = {i}" for n, i in self.fixed]
         parts += [f"{self.lag} samples later"] if self.lag else []
         parts += ["from zero"] if self.raw else []
@@ -106,8 +110,40 @@ class Variant:
 def variants(
     model: Model, channels: Iterable[str] = (), catalogue: Catalogue = EFFECTS, closer: bool = False
 ) -> Iterator[Variant]:
-    """Yield every way in which the catalogue's effects may act on a model, in their usual forms or in `closer` ones."""
-    named, forced, own = tuple(channels), _forced(model), own_states(model)
+    """Yield every way in which the catalogue's effects may act on a model, in their usual forms or in `closer` ones.
+
+    What follows an input, or acts there, may do so at each; a further input is no channel that adds to the model.
+    """
+    channels = tuple(channels)
+    further = [n for n in model.channels if model.info.roles.get(n) == "input"]
+    for made in _variants(model, channels, catalogue, closer):
+        if not (made.channel in further and made.driver == "channel" and made.where != "input"):
+            yield made
+    for name in further:
+        for made in _variants(exchanged(model, name), [n for n in channels if n != name], catalogue, closer):
+            if made.where == "input" or made.driver in ("u", "uy"):
+                yield replace(made, at=name, aside=channels)
+
+
+@lru_cache(maxsize=64)
+def exchanged(model: Model, name: str) -> Model:
+    """Return a model whose input has changed places with a channel, with all that effects make of the two."""
+    names = _exchange(model, name)
+    plain = model.replace(
+        F=expand_phi(model.F, model.input), symbols=model.symbols, theta=model.numbers,
+        states=[s.map(lambda e: expand_phi(e, model.input)) for s in model.states],
+    )  # fmt: skip
+    point = {b: v for b, v in model.operating_point.items() if b != model.input}
+    return relabelled(plain, names).replace(operating_point=point)
+
+
+def _exchange(model: Model, name: str) -> dict[Any, Any]:
+    pairs = {model.input: signal(name), **{b: signal(f"{b.name}_{name}") for b in INNER_INPUTS}}
+    return pairs | {b: a for a, b in pairs.items()}
+
+
+def _variants(model: Model, named: Sequence[str], catalogue: Catalogue, closer: bool) -> Iterator[Variant]:
+    named, forced, own = tuple(named), _forced(model), own_states(model)
     for one in (e for e in catalogue.all() if e.closer == closer):
         stepped = [[(p, i) for i in map(int, s.values)] for p, s in one.scan.items() if s.of == "steps"]
         choices: list[tuple[tuple[str, int], ...]] = [()]
@@ -201,6 +237,13 @@ def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[
     """
     if model.output != y:
         raise ModelError("Effects are added to a model whose output is y; this is an inverse model.")
+    if variant.at:
+        names = _exchange(model, variant.at)
+        moved = [names.get(b, b) for b in taken]
+        form = equations(exchanged(model, variant.at), replace(variant, at=""), suffix, moved)
+        return Form(
+            tuple(called(z, names) for z in form.z), tuple(s.map(lambda e: called(e, names)) for s in form.states)
+        )
     _check_channels(model, variant)
     values: dict[str, Any] = {p: sp.Symbol(f"{p}_{suffix}" if suffix else p, real=True) for p in variant.shape}
     form = variant.effect.equations(Ts=model.Ts or 1.0, **values, **dict(variant.fixed))
@@ -278,6 +321,11 @@ def extend(model: Model, variant: Variant) -> Extended:
         For an inverse model, a channel whose name means something else, a shape parameter called like a coefficient,
         and a place that the model does not have.
     """
+    if variant.at:
+        made, names = extend(exchanged(model, variant.at), replace(variant, at="")), _exchange(model, variant.at)
+        back = exchanged(made.model, variant.at).replace(operating_point=model.operating_point)
+        effects = (*model.effects, replace(made.model.effects[-1], driver=variant.at))
+        return replace(made, model=back.replace(effects=effects), z=tuple(called(z, names) for z in made.z))
     if variant.where == "friction" and not rubs(model):
         raise ModelError(f"{variant} needs an elastic friction, and the model has none: add that first.")
     name = variant.id.replace(":", "_")
@@ -304,14 +352,9 @@ def extend(model: Model, variant: Variant) -> Extended:
     )  # fmt: skip
     made = model.replace(
         F=F, symbols=(*model.symbols, *cs, *shapes), states=states, constraints=written_constraints(model),
-        theta=None, info=Info(units=model.info.units), effects=(*model.effects, added),
+        theta=None, info=Info(units=model.info.units, roles=model.info.roles), effects=(*model.effects, added),
     )  # fmt: skip
     return Extended(made, cs, shapes, form.z)
-
-
-def written_constraints(model: Model) -> list[Any]:
-    """Return a model's constraints as equations: those of the continuum are the core's, whatever is added to it."""
-    return [e for c in model.constraints for e in (continuum_conditions(model) if c == "continuum" else [c])]
 
 
 def _placed(model: Model, variant: Variant, own: Sequence[State], total: Any) -> tuple[list[State], Any]:

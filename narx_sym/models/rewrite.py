@@ -17,10 +17,14 @@ from ..symbolic.recursion import State
 from ..symbolic.signals import k, pairs, renamed, samples, signal
 from ..symbolic.smoothing import smoothed, widths
 from .added import outside
-from .extend import written_constraints
 from .info import Info
 from .model import NARX, Model
 from .rest.equilibria import continuum_conditions
+
+
+def written_constraints(model: Model) -> list[Any]:
+    """Return a model's constraints as equations: those of the continuum are the core's, whatever is added to it."""
+    return [e for c in model.constraints for e in (continuum_conditions(model) if c == "continuum" else [c])]
 
 
 def written_terms(model: Model) -> dict[str, str]:

@@ -81,6 +81,20 @@ class System(SystemDoors, InLatex):
         """Sampling time [s]."""
         return next((part.Ts for part in self.parts.values() if part.Ts), None)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the inputs and outputs by name, where they are known."""
+        return self._known("units")
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest value of the inputs and outputs in the records, by name."""
+        return self._known("ranges")
+
+    def _known(self, what: str) -> dict[str, Any]:
+        parts = [(output, getattr(part.info, what)) for output, part in self.parts.items()]
+        return {output if n == y.name else n: value for output, known in parts for n, value in known.items()}
+
     def names(self, output: str) -> dict[Any, Any]:
         """Return the names that the signals and parameters of a part have in the system."""
         part = self.parts[output]

@@ -13,10 +13,11 @@ from ..data.sensor import sensor_faults
 from ..data.timegrid import same_pace
 from ..diagnosis.bases import joined
 from ..errors import DataError, ModelError, NarxError
-from ..files.store import MAX_BYTES, load
+from ..files.store import MAX_BYTES, load_model
 from ..fit.identify import BASES, OPEN, identify, prepare
 from ..models.differential import from_equations
 from ..models.model import Model
+from ..models.system import System
 from ..symbolic.signals import u
 
 
@@ -45,7 +46,7 @@ def read_base(path: str | Path, shown: str = "") -> Model:
     """
     shown = shown or str(path)
     try:
-        model = load(path)
+        model = load_model(path)
     except NarxError as error:
         raise ModelError(str(error).replace(str(path), shown)) from None
     if model.input != u:
@@ -108,7 +109,7 @@ def identify_base(kind: str, records: Sequence[Record], delay: int | None = None
         return identify(bare, base=kind, delay=delay)
 
 
-def check_pace(model: Model, Ts: float | None, what: str) -> None:
+def check_pace(model: Model | System, Ts: float | None, what: str) -> None:
     """Refuse data with another sampling time [s] than the model: at another rate it is another model, and another law.
 
     A model of the same sample alone, y[k] from u[k], is the same at every rate.

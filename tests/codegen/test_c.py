@@ -13,10 +13,11 @@ from sampling import some
 
 import narx_sym as ns
 from narx_sym.codegen.export import written
+from narx_sym.codegen.layout import newest
 from narx_sym.errors import Diverged, ModelError
 from narx_sym.models.info import Info
 from narx_sym.symbolic.recursion import Recursion
-from narx_sym.symbolic.signals import k, signal, u, y
+from narx_sym.symbolic.signals import k, lag, signal, u, y
 
 N = 50_000
 p = signal("p")
@@ -209,3 +210,33 @@ def test_correct_code_passes_where_rounding_grows(tmp_path):
             continue
         for text, end in ((source, "passed"), (source.replace("0.3", "0.30001"), "FAILED")):
             assert self_tested(tmp_path, text, name)[0] == end
+
+
+@needs_gcc
+def test_both_outputs_run_in_c_and_casadi_as_here(tmp_path):
+    first = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u2[k-1]*y[k-1]"], [0.8, 0.5, 0.1], channels=["u2"])
+    second = ns.NARX.from_terms(["y[k-1]", "u2[k-2]", "y1[k-1]"], [0.7, 0.4, 0.2], channels=["u2", "y1"])
+    system, rng = ns.System({"y1": first, "y2": second}), np.random.default_rng(5)
+    u, u2 = 0.5 * rng.standard_normal((2, 300))
+    depth = system.recursion.depth
+    still = {n: np.concatenate([np.full(depth, x[0]), x]) for n, x in (("u", u), ("u2", u2))}
+    runs = system.simulate(still, {"y1": 0.3, "y2": 0.3})
+    source = system.export("c", "plant")
+    rest = [still[n][0] if n in still else 0.3 for n in arguments(source, "plant_init")]
+    late = {n: still[n][depth - i :][:300] for n, i in ((b.name, i) for b, i in newest(system.recursion).items())}
+    found = [
+        stepped(tmp_path, source.replace("return y1;", f"return {what};"), "plant", late, rest)
+        for what in ("y1", "past->y2[0]")
+    ]
+    state = [0.3 if s.base.name[0] == "y" else still[s.base.name][0] for s in system.recursion.past]
+    step = system.export("casadi")
+    both = []
+    for i in range(300):
+        given = [still[s.base.name][depth + i - lag(s)] for s in system.recursion.given]
+        state, out = step(state, given)
+        both.append(np.asarray(out).ravel())
+    for j, name in enumerate(("y1", "y2")):
+        assert np.abs(found[j] - runs[name][depth:]).max() < 1e-12
+        assert np.abs(np.array(both)[:, j] - runs[name][depth:]).max() < 1e-12
+    with pytest.raises(ns.ModelError, match="exported to c and casadi"):
+        system.export("st")

@@ -1,5 +1,8 @@
 """Several inputs and outputs: read, identified, run together, at rest, and inverted."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -142,3 +145,36 @@ def test_a_two_mass_drive_from_its_equations_runs_like_the_differential_equation
     runs = system.simulate({"u": np.sin(2 * t)})
     assert np.abs(runs["x1"] - truth[0]).max() < 0.01 * np.ptp(truth[0])
     assert np.abs(runs["x2"] - truth[2]).max() < 0.01 * np.ptp(truth[2])
+
+
+def test_a_system_is_saved_and_read_again(tmp_path):
+    path = tmp_path / "system.json"
+    bilinear().save(path)
+    assert ns.load(path).outputs == ("y1", "y2") and ns.load(path).latex(True) == bilinear().latex(True)
+    data = json.loads(path.read_text(encoding="utf-8"))
+    for broken in ({"outputs": ["y1"]}, {"outputs": ["y1", "y1"]}, {"parts": [data, data]}, {"schema": 3}, {"more": 1}):
+        path.write_text(json.dumps(data | broken), encoding="utf-8")
+        with pytest.raises(ns.ModelError, match=r"system\.json: "):
+            ns.load(path)
+
+
+def test_a_record_in_other_units_is_converted(record):
+    def labelled(scale, label):
+        channels = {n: x * (scale if n in ("h1", "h2") else 1.0) for n, x in record.channels.items()}
+        units = dict.fromkeys(("y", "h1", "h2"), label)
+        return replace(record, y=scale * record.y, channels=channels, units=units)
+
+    system = ns.identify_outputs(labelled(1.0, "m"))
+    assert system.units["h2"] == "m"
+    plain, other = system.free_run(labelled(1.0, "m")), system.free_run(labelled(1000.0, "mm"))
+    assert all(np.allclose(plain[n], other[n], rtol=1e-6, atol=1e-9) for n in plain)
+    errors = [system.evaluate(labelled(*of))["h2"].free_run_nrmse for of in ((1.0, "m"), (1000.0, "mm"))]
+    assert errors[1] == pytest.approx(errors[0], rel=1e-6)
+
+
+def test_a_law_of_a_system_says_first_whether_it_is_stable(record):
+    assert repr(bilinear().compensator()).startswith("SystemLaw(Stable: its own dynamics have poles up to ")
+    growing = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.8, 0.5, 1.0])
+    law = ns.System({"y1": growing}).compensator()
+    assert law.stability().stable is False and "poles up to 2" in str(law.stability())
+    assert "Known range: u from" in str(ns.identify_outputs(record).compensator().stability())

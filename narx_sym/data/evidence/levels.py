@@ -41,9 +41,9 @@ def turns(x: Array) -> bool:
 
 
 def turning(records: Sequence[Record]) -> set[str]:
-    """Return which of u and y turn back within a segment."""
-    parts = [part for r in records for part in r.segments()]
-    return {name for name in ("u", "y") if any(turns(getattr(part, name)) for part in parts)}
+    """Return which of u, y and the channels turn back within a segment."""
+    parts = [part.signals for r in records for part in r.segments()]
+    return {name for part in parts for name, x in part.items() if turns(x)}
 
 
 def one_way(record: Record) -> list[str]:

@@ -76,7 +76,7 @@ class Linearised:
         residual, slopes = problem.run(unknowns)
         self.residual = -residual * problem.spread  # measured minus simulated
         self.own = slopes * problem.spread
-        self._pushed: dict[tuple[str, str], Any] = {}
+        self._pushed: dict[tuple[str, str, str], Any] = {}
         self._known: dict[Any, list[Array]] = {}
         self.runs: list[dict[str, Array]] = []
         for i, (data, record) in enumerate(zip(problem.data, segments(problem.records), strict=True)):
@@ -90,6 +90,9 @@ class Linearised:
                 seen.setdefault(f"{name}_free", seen[name])
             if "v" in seen:  # what acts at the input next is driven by what the first effect there lets through
                 seen.setdefault("passed", seen["v"])
+            for name in self.model.channels:
+                if f"v_{name}" in seen:
+                    seen.setdefault(f"passed_{name}", seen[f"v_{name}"])
         self.values = dict(zip(self.model.symbols, map(float, theta), strict=True))
 
     def contributions(self, form: Form, values: Mapping[Any, float]) -> list[Array]:
@@ -99,16 +102,16 @@ class Linearised:
             self._known[key] = [contribution(form, values, seen) for seen in self.seen]
         return list(self._known[key])
 
-    def moved(self, where: str, z: Sequence[Array], state: str = "") -> Array:
+    def moved(self, where: str, z: Sequence[Array], state: str = "", at: str = "") -> Array:
         """Return the directions of the free run, (rows, coefficients), that contributions at a place cause.
 
-        `state` is the state of the model's own that they join, if they do not join the output.
+        `state` is the state of the model's own that they join, if they do not join the output; `at` a further input.
         """
         if where == "sensor" or (where == "output" and not any(s.left.base == sensed for s in self.model.states)):
             return np.concatenate([part[self.problem.depth :] for part in z])
-        if (where, state) not in self._pushed:
-            self._pushed[where, state] = self._response(where, state)
-        recursion, name = self._pushed[where, state]
+        if (where, state, at) not in self._pushed:
+            self._pushed[where, state, at] = self._response(where, state, at)
+        recursion, name = self._pushed[where, state, at]
         if name is None:
             return np.zeros((self.problem.edges[-1], z[0].shape[1]))
         compiled = compile(recursion)
@@ -125,12 +128,12 @@ class Linearised:
             parts.append(found[self.problem.depth :])
         return np.concatenate(parts)
 
-    def _response(self, where: str, state: str) -> tuple[Recursion, str | None]:
+    def _response(self, where: str, state: str, at: str) -> tuple[Recursion, str | None]:
         """Derive how the output moves when a given sequence is injected; the run itself is an input of it.
 
         The name is None where nothing moves: at the input of a core that has lost it.
         """
-        added = extend(self.model, Variant(injection, where, state or "channel", PUSH))
+        added = extend(self.model, Variant(injection, where, state or "channel", PUSH, at=at))
         (c,) = added.coefficients
         full, (direction,) = sensitivities(added.model.recursion, [c])
         own = len(added.model.recursion.updates)
@@ -150,7 +153,7 @@ class Linearised:
     def scale(self, scan: Scan, variant: Variant) -> list[float]:
         """Return the grid of one shape parameter."""
         drivers = {n: n for n in own_states(self.model)} | {"y": self.model.inner.name}
-        driver = drivers.get(variant.driver, self.model.input.name)
+        driver = drivers.get(variant.driver, variant.at or self.model.input.name)
         offset = origin(self.model, variant.driver) if variant.raw else 0.0
         x = np.concatenate([seen[driver] for seen in self.seen]) + offset
         Ts, n = self.model.Ts or 1.0, max(len(r) for r in (s[driver] for s in self.seen))
@@ -263,7 +266,7 @@ class Linearised:
             symbols = [sp.Symbol(p, real=True) for p in variant.shape]
             for point in self.grid(variant):
                 z = self.contributions(form, dict(zip(symbols, point, strict=True)))
-                block = self.moved(variant.where, z, variant.driver if variant.driver in own else "")
+                block = self.moved(variant.where, z, variant.driver if variant.driver in own else "", variant.at)
                 if not 0 < np.abs(block).max(initial=0.0) < LARGEST:  # nothing, or what runs away
                     continue
                 line = picked and self.is_line(point[0])

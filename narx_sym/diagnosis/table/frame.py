@@ -247,7 +247,11 @@ class Frame:
             self._form = equations(model, self.effects[-1])
         names = [sp.Symbol(p, real=True) for p in self.effects[-1].shape]
         values = dict(zip(names, map(float, shape), strict=True))
-        moved = ({**r.channels, "t": r.t, "u": r.u, "v": r.u, "passed": r.u} for r in records)
+        moved = (
+            {f"{b}{n and '_'}{n}": x for n, x in {**r.channels, "": r.u}.items() for b in ("v", "passed")}
+            | {**r.channels, "t": r.t, "u": r.u}
+            for r in records
+        )
         outputs = (dict.fromkeys(("y", *(b.name for b in INNER_OUTPUTS)), y) for y in seen or [r.y for r in records])
         return [contribution(self._form, values, {**a, **b}) for a, b in zip(moved, outputs, strict=True)]
 

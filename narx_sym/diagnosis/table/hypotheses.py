@@ -127,7 +127,8 @@ def linear_in_signals(model: Model, variant: Variant) -> bool:
     """Whether an effect only adds lags of the input and the output, or a constant: an open core has them itself."""
     form = equations(model, variant)
     seen = [x for z in form.z for x in samples(z)]
-    if form.states or variant.shape or any(x.base.name not in ("u", "v", "x", "y") for x in seen):
+    own = {"u", "v", "x", "y", variant.at, f"v_{variant.at}"}
+    if form.states or variant.shape or any(x.base.name not in own for x in seen):
         return False
     return all(not sp.diff(z.xreplace({x: sp.Symbol("s")}), sp.Symbol("s")).free_symbols for z in form.z for x in seen)
 
@@ -141,16 +142,18 @@ def filters(effect: Effect) -> bool:
 
 
 def ways(
-    model: Model, given: bool, channels: Sequence[str], catalogue: Catalogue, closer: bool = False
+    model: Model, given: bool, channels: Sequence[str], catalogue: Catalogue, closer: bool = False, lags: bool = False
 ) -> list[Variant]:
     """Return every way in which a catalogue's effects may act; what an open core has itself is none.
 
-    The model has the largest core: beside a smaller one, as without memory, some are none.
+    The model has the largest core: beside a smaller one, as without memory, some are none. `lags`: whether those of a
+    given core were chosen, so that it has itself what only adds some.
     """
     listed = variants(model, channels, catalogue, closer)
-    if given:
+    if given and not lags:
         return list(listed)
-    return [v for v in dict.fromkeys(replace(v, lag=0) for v in listed) if not linear_in_signals(model, v)]
+    ordered = listed if given else dict.fromkeys(replace(v, lag=0) for v in listed)
+    return [v for v in ordered if not linear_in_signals(model, v)]
 
 
 def ladder(family: str, integrating: bool, delays: Sequence[int]) -> list[Core]:

@@ -58,6 +58,7 @@ class Table:
         work, self.factor = working(self.records) if family_of(given) in OPEN else (self.records, 1)
         self.search = Search(given if self.factor == 1 else given.replace(Ts=work[0].Ts), work)
         self.search.tried = set(catalogue)
+        self.chosen = given.info.selection.base in OPEN  # a core that is given with chosen lags
         self._screened: dict[Fitted, Scored] = {}
         self._cores: dict[tuple[tuple[Variant, ...], bool], list[Row]] = {}  # fitted beside every core
         self._lost: set[tuple[tuple[Variant, ...], Core]] = set()  # cores of effects that left the table
@@ -150,15 +151,17 @@ class Table:
             if at is None:
                 continue
             scored = self.screened(at)
-            taken = {(v.id, v.where) for v in base.hypothesis.effects}  # elsewhere the same effect may act again
+            taken = {(v.id, v.where, v.at) for v in base.hypothesis.effects}  # elsewhere the same effect may act again
             largest = max((r.hypothesis for r in bases), key=lambda h: (h.core.n_y, h.core.n_u))
-            listed = ways(written(largest, self.search.given), given, self.channels, self.catalogue)
+            listed = ways(
+                written(largest, self.search.given), given, self.channels, self.catalogue, lags=self.chosen
+            )
             worth = shortlist(scored, "given" if given else self.search.family)
             # Where they act, and in which form, a direction does not tell; nor of what has none at this core.
             ids = dict.fromkeys(v.id for v in worth)
             seen = {d.variant.id for d in scored.directions}
             ids |= dict.fromkeys(v.id for v in listed if v.id not in seen)
-            new = [v for v in listed if v.id in ids and (v.id, v.where) not in taken and self._may_show(v)]
+            new = [v for v in listed if v.id in ids and (v.id, v.where, v.at) not in taken and self._may_show(v)]
             first = {name: i for i, name in enumerate(ids)}  # what explains most
             tried = {v: worth.get(v) or scored.line.grid(v) for v in sorted(new, key=lambda v: first[v.id])}
             tell = partial(self._tell, base, ", with other orders" if turn else "", turn, len(kinds))
@@ -172,7 +175,7 @@ class Table:
         given = best.hypothesis.core.given
         bare = written(replace(best.hypothesis, effects=bases[0].hypothesis.effects), self.search.given)
         line, tell = self.screened(best).line, partial(self._tell, base, said, 0, 1)
-        listed = ways(bare, given, self.channels, few, closer=any(e.closer for e in few.all()))
+        listed = ways(bare, given, self.channels, few, any(e.closer for e in few.all()), self.chosen)
         shapes = {v: line.grid(v) for v in listed if self._may_show(v)}
         self._fit(self.every_core(bases), shapes, line, tell, worth, first)
         return bool(shapes)
@@ -221,7 +224,8 @@ class Table:
 
     def _may_show(self, variant: Variant) -> bool:
         """Whether these data can show an effect: what remembers where its driver turned needs a turn."""
-        return not variant.effect.turning or not self.turning.isdisjoint(variant.driver)
+        driver = {variant.at} if variant.at else variant.driver
+        return not variant.effect.turning or not self.turning.isdisjoint(driver)
 
     def _fit(
         self, bases: Sequence[Row], shapes: Mapping[Variant, Any], line: Linearised, tell: Callable[[int, int], None],

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import sympy as sp
 
 from ...errors import ModelError, NarxError
 from ...inversion.compensator import Compensator
+from ...inversion.several import SystemLaw
 from ...models.model import Model
-from ...symbolic.signals import y
+from ...models.system import System
+from ...symbolic.sensitivity import derivative
+from ...symbolic.signals import k, samples, y
 from ..simulate import rest_output
 from .damping import damping
 from .internal import DOUBLES, law_radius_at, operating_range
 from .trial import TINY, Trial
 
 LENGTH, PERIODS, INSIDE = 800, 2, 0.9  # samples of a trial, its periods, the part of the known range that it passes
+ROUNDING = 1e-9  # of a pole on the unit circle
 OTHER = 1e-3  # of the input's range: what is as far away is another input
 _known: WeakKeyDictionary[Model, Stability] = WeakKeyDictionary()
 
@@ -57,6 +65,46 @@ def stability(law: Compensator) -> Stability:
         stable, why, *apart = _judged(law)
         _known[law.model] = found = Stability(stable, why, ranges, *apart)
     return found
+
+
+def system_stability(law: SystemLaw) -> Stability:
+    """Return whether the law of a system is stable: by the poles of its own dynamics, at rest over the known range.
+
+    Where the poles are not the same everywhere, the inputs rest at the ends and the middle of their known ranges.
+    """
+    system, known = law.system, law.system.ranges
+    ranges = tuple((n, *map(float, known[n])) for n in (*system.inputs, *system.outputs) if n in known)
+    if system.numbers is None:
+        return Stability(None, "the parameters have no values", ranges)
+    bases, depth = [left.base for left, _ in law.updates], law.recursion.depth
+    rights = [right.xreplace(system.values) for _, right in law.updates]
+    slopes = sp.Matrix([[derivative(e, b[k - i]) for i in range(1, depth + 1) for b in bases] for e in rights])
+    points: list[dict[str, Any]] = [{}]
+    if any(samples(e) for e in slopes):
+        if not set(system.inputs) <= known.keys():
+            return Stability(None, "the model has no known signal ranges to test it on", ranges)
+        each = [(low, (low + high) / 2, high) for low, high in (known[n] for n in system.inputs)]
+        points = [at for some in product(*each) for at in _at_rest(system, dict(zip(system.inputs, some, strict=True)))]
+    sizes = []
+    for at in points:
+        top = np.array(slopes.xreplace({s: at[s.base.name] for e in slopes for s in samples(e)}), dtype=float)
+        top = np.pad(top, ((0, 0), (0, len(bases) if not depth else 0)))
+        companion = np.vstack([top, np.eye(top.shape[1])[: top.shape[1] - len(bases)]])
+        sizes.append(float(np.abs(np.linalg.eigvals(companion)).max(initial=0.0)))
+    if not sizes:
+        return Stability(None, "the model rests nowhere in the known range", ranges)
+    stable = True if max(sizes) <= 1 + ROUNDING else False if min(sizes) > 1 + ROUNDING else None
+    between = f"from {min(sizes):.4g} " if stable is None else ""
+    over = " at rest over the known range" if points[0] else ""
+    return Stability(stable, f"its own dynamics have poles {between}up to {max(sizes):.4g}{over}", ranges)
+
+
+def _at_rest(system: System, inputs: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Return where a system rests with given inputs: values by the names of a law's signals; none where it is complex."""
+    given = {sp.Symbol(n, real=True): v for n, v in inputs.items()}
+    held = [{str(s): sp.sympify(e).xreplace(given).evalf() for s, e in rest.items()} for rest in system.equilibria()]
+    real = [{**inputs, **rest} for rest in held if all(e.is_Float for e in rest.values())]
+    return [{f"{prefix}{n}": v for n, v in at.items() for prefix in ("", "m_", "r_")} for at in real]
 
 
 def strays(law: Compensator) -> bool:
