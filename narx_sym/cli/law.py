@@ -196,7 +196,9 @@ def simulate(
             "--input", help="Column of the input (default: u, or the only one); of several, separated by commas."
         ),
     ] = None,
-    y0: Annotated[str | None, typer.Option("--y0", help="Output at the start; of several, separated by commas.")] = None,
+    y0: Annotated[
+        str | None, typer.Option("--y0", help="Output at the start; of several, separated by commas.")
+    ] = None,
     u0: Annotated[float | None, typer.Option("--u0", help="Input before the start, at rest with the output.")] = None,
     t: opt.Time = "t",
     ts: opt.Ts = None,

@@ -39,8 +39,8 @@ def fit(
     base: Annotated[
         str | None,
         typer.Option(
-            help="Kind of model: narx, linear, static, play, bouc-wen, auto, or a file with equations (default: narx; of "
-            "several inputs or outputs, linear)."
+            help="Kind of model: narx, linear, static, play, bouc-wen, auto, or a file with equations (default: "
+            "narx, or linear if there are several inputs or outputs)."
         ),
     ] = None,
     n_y: Annotated[int, typer.Option("--n-y", min=0, max=20, help="Largest lag of the output.")] = 1,

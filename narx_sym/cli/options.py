@@ -20,7 +20,6 @@ from .printing import note
 if TYPE_CHECKING:
     from ..data.record import Record
     from ..models.effects import Catalogue
-    from ..models.model import Model
 
 DataFiles = Annotated[
     list[Path],
@@ -143,10 +142,8 @@ class Reading:
 
         said, own = unit_names(self.units), roles_of(self.role)
         columns = ",".join(dict.fromkeys(filter(None, [*self.channels.split(","), *more])))
-        signals = [names.split(",") if "," in names else names for names in (self.u, self.y)]
-        read_in = [
-            read(file, *signals, self.t, self.ts, self.rows, columns, self.missing, said, own) for file in files
-        ]
+        u, y = (names.split(",") if "," in names else names for names in (self.u, self.y))
+        read_in = [read(file, u, y, self.t, self.ts, self.rows, columns, self.missing, said, own) for file in files]
         if model:
             known = {n: role for n, role in model.info.roles.items() if n not in map(channel_name, own)}
             read_in = [with_roles(r, {n: known[n] for n in r.channels if n in known}) for r in read_in]

@@ -39,7 +39,6 @@ def written(
     units: Mapping[str, str] | None = None,
     coefficients: Coefficients = lambda equations: (),
     notes: Sequence[str] = (),
-    outputs: Sequence[Any] = (),
 ) -> Any:
     """Return a recursion for another place.
 
@@ -52,7 +51,8 @@ def written(
     single : bool
         Single precision instead of double.
     output : IndexedBase or its name, optional
-        The state that a step returns; the last by default. (Sensitivities stand behind a model's output: name it.)
+        The state that a step returns; the last by default. (Sensitivities stand behind a model's output: name it.) Of
+        several in a tuple, which CasADi returns together, it is the first.
     initial : mapping from states to expressions, optional
         What a state is at rest, in samples of other sequences; the rest values of all other states are arguments.
     ranges : mapping from names to (low, high), optional
@@ -63,7 +63,6 @@ def written(
     units : mapping such as {"u": "V", "y": "um"}
     coefficients : function from equations to rows (coefficients as a text, their unit), for the comment on top
     notes : further sentences for the comment on top; the first of them stands above the equations
-    outputs : states that a step returns together where a target can; by default `output` alone
 
     Raises
     ------
@@ -77,14 +76,15 @@ def written(
     if missing:
         raise ModelError(f"No value was given for {', '.join(map(str, missing))}.")
     numbers = {p: sp.Float(values[p]) for p in recursion.parameters}
-    returned, starts = _returned(recursion, output), _starts(recursion, initial or {})
+    outputs = tuple(_returned(recursion, one) for one in (output if isinstance(output, tuple) else (output,)))
+    returned, starts = outputs[0], _starts(recursion, initial or {})
     return one.write(
         Request(
             recursion, numbers, name, single, returned, starts,
             [*_notes(recursion, returned, Ts, units or {}), *notes[1:]],
             lambda sampled: _example(recursion, numbers, returned, starts, ranges or {}, single, sampled),
             False, Ts, ranges or {}, rest or {}, units or {}, coefficients,
-            notes[0] if notes else "", tuple(_returned(recursion, one) for one in outputs),
+            notes[0] if notes else "", outputs,
         )
     )  # fmt: skip
 

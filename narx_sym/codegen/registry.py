@@ -60,7 +60,7 @@ class Request:
     Ts : sampling time [s], None where nobody said it
     ranges, rest, units : mappings from names of signals to (low, high), a number at rest, a unit
     coefficients : function from equations to rows (coefficients as a text, their unit), for the comment on top
-    outputs : all states that are asked for, `returned` among them; none for that alone
+    outputs : all states that are asked for, `returned` first
     """
 
     recursion: Recursion

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
 
+from ..errors import ModelError
 from ..inversion.compensator import Compensator
 from ..models.model import Model
 from ..models.rewrite import called
@@ -74,8 +75,8 @@ def export_system(
         names = system.names(output)
         initial |= {names.get(b, b): called(e, names) for b, e in part.starts.items()}
     return written(
-        to, system.recursion, system.values, name, single, system.outputs[0], initial, Ts=system.Ts,
-        units={**system.units, **(units or {})}, outputs=system.outputs,
+        to, system.recursion, system.values, name, single, system.outputs, initial, Ts=system.Ts,
+        units={**system.units, **(units or {})},
     )  # fmt: skip
 
 

@@ -128,8 +128,9 @@ def transition(recursion: Recursion, values: Mapping[Any, Any], name: str, *retu
     for s, right in enumerate(plan.updates):
         at[plan.signals[s][k]] = known[plan.sample[s, 0]] = convert(right, known)
     following = [at[s.base[s.indices[0] + 1]] for s in recursion.past]
+    outputs = ca.vertcat(*(at[b[k]] for b in returned))
     return ca.Function(
-        name, [state, inputs], [ca.vertcat(*following), ca.vertcat(*(at[b[k]] for b in returned))], ["state", "inputs"], ["next", "output"]
+        name, [state, inputs], [ca.vertcat(*following), outputs], ["state", "inputs"], ["next", "output"]
     )
 
 

@@ -17,8 +17,9 @@ from ..data.evidence.roles import INPUT, acting
 from ..data.evidence.several import moving, rests
 from ..data.record import Record, check_excitation
 from ..data.units import in_units
-from ..engines.algebra import filtered, smallest
+from ..engines.algebra import filtered, smallest, triangle
 from ..errors import FitError, ModelError, NotInvertible
+from ..files.parallel import one_blas_thread
 from ..inversion.compensator import compensator
 from ..models import assumptions
 from ..models.info import around, whole
@@ -193,8 +194,10 @@ def identify(  # noqa: PLR0913
         return judged(model, listed)
     if base == "linear":
         if inputs:
-            found = _input_lags(["u", *inputs], listed) | ({} if delay is None else {"u": range(delay, delay + 2)})
-            return _own_orders(listed, origin, found, own, method, for_compensation, {"u"} if delay is not None else ())
+            with one_blas_thread():
+                found = _input_lags(["u", *inputs], listed) | ({} if delay is None else {"u": range(delay, delay + 2)})
+                near = _own_orders(listed, origin, found, own, {"u"} if delay is not None else ())
+            return _choose(near, listed, "linear", method, for_compensation)
         return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)
     if base in ("play", "bouc-wen"):
         return _remembering(base, listed, origin, delays, {"plays": plays, "knots": knots, "creep": creep}, own)
@@ -221,13 +224,20 @@ def _input_lags(names: Sequence[str], records: list[Record]) -> dict[str, range]
         older = [[np.roll(s.y, i)[most + 1 :] for i in range(3)] for s in parts]
         blocks = [np.column_stack([*a, np.ones(a[0].size), *b]) for a, b in zip(older, beside, strict=True)]
         fixed, left = np.concatenate(blocks), []
+        Q = np.linalg.qr(fixed[:, 1:])[0]
+        target = fixed[:, 0] - Q @ (Q.T @ fixed[:, 0])
         for d in range(most):
             own = np.concatenate([np.column_stack(columns(s, name, range(d, d + 2))) for s in parts])
-            X = np.column_stack([fixed[:, 1:], own])
-            left.append(float(np.sum((fixed[:, 0] - X @ np.linalg.lstsq(X, fixed[:, 0], rcond=None)[0]) ** 2)))
+            left.append(_least_squares(own - Q @ (Q.T @ own), target)[1])
         first = int(np.argmin(left))
         found[name] = range(first, first + 2)
     return found
+
+
+def _least_squares(X: Array, target: Array) -> tuple[Array, float]:
+    """Return the smallest least-squares solution, and the sum of squares that it leaves: by one triangle."""
+    R = triangle(np.column_stack([X, target]))
+    return smallest(R[:-1, :-1], R[:-1, -1], DEPENDENT), float(R[-1, -1] ** 2)
 
 
 def _own_channels(
@@ -464,13 +474,13 @@ def _linear(
 
 
 def _own_orders(
-    records: list[Record], origin: Mapping[Any, float], lags: dict[str, range], own: Mapping[str, Any], method: str,
-    for_compensation: bool, known: Collection[str],
-) -> Model:  # fmt: skip
-    """ARX of several inputs, each with its own first lag and number of lags.
+    records: list[Record], origin: Mapping[Any, float], lags: dict[str, range], own: Mapping[str, Any],
+    known: Collection[str],
+) -> list[NARX]:  # fmt: skip
+    """Return the `CLOSEST` ARX models of several inputs, each with its own first lag and number of lags.
 
     First all have the same number; then the order, an end of the lags of one input, or all its lags change while that
-    costs less. The `CLOSEST` ones are fitted and judged as those of one input are. The first lags of `known` inputs stay.
+    costs less. The first lags of `known` inputs stay.
     """
     beside, (u0, y0) = lagged(own), (origin.get(base, 0.0) for base in (u, y))
     parts = [replace(s, u=s.u - u0, y=s.y - y0) for r in records for s in r.segments()]
@@ -497,6 +507,7 @@ def _own_orders(
             for a, b in ((-1, 0), (1, 0), (0, 1), (0, -1), *((d, d) for d in range(-NEAR, NEAR + 1) if d))
             if 0 <= some[0] + a <= some[-1] + b <= first and not (a and name in known)
         ]
+        moved += [(n, {x: i for x, i in lags.items() if x != name}) for name in lags if name != "u"]  # it does not act
         best = min([best, *moved, *((i, lags) for i in (n - 1, n + 1) if 0 <= i <= most)], key=cost)
         if best == (n, lags):
             break
@@ -504,9 +515,9 @@ def _own_orders(
     for n, chosen in sorted(costs, key=lambda way: costs[way][0])[:CLOSEST]:
         inputs = [signal(name)[k - i] for name, some in chosen for i in some]
         terms = [*(y[k - i] for i in range(1, n + 1)), *inputs, *beside, S.One]
-        theta = costs[n, chosen][1]
+        theta = costs[n, chosen][1].tolist()
         candidates.append(NARX(terms, theta if np.isfinite(theta).all() else None, operating_point=origin))
-    return _choose(candidates, records, "linear", method, for_compensation)
+    return candidates
 
 
 def _output_error(
@@ -530,15 +541,14 @@ def _output_error(
         A = np.append(1.0, -a)
         X = np.concatenate([filtered(A, x) for x in columns])
         if turn or near.size == n or not n:
-            b = smallest(X, measured, DEPENDENT)
-            left = float(np.mean((measured - X @ b) ** 2))
+            b, left = _least_squares(X, measured)
             best, found = min((best, found), (left, np.append(a, b)[: paid + 1]), key=lambda one: one[0])
         Y = [filtered(A, x) for x in targets]
         older = [np.concatenate([np.append(np.zeros(j), x)[: x.size] for x in Y]) for j in range(1, n + 1)]
-        a = smallest(np.column_stack([*older, X]), np.concatenate(Y), DEPENDENT)[:n]
+        a = _least_squares(np.column_stack([*older, X]), np.concatenate(Y))[0][:n]
         if not np.isfinite(a).all() or slowest(a) >= 1:
             break
-    return float(np.log(best) + np.log(measured.size) / measured.size * paid), found
+    return float(np.log(best / measured.size) + np.log(measured.size) / measured.size * paid), found
 
 
 def _static(

@@ -238,12 +238,11 @@ def equations(model: Model, variant: Variant, suffix: str = "", taken: Iterable[
     if model.output != y:
         raise ModelError("Effects are added to a model whose output is y; this is an inverse model.")
     if variant.at:
-        names = _exchange(model, variant.at)
-        moved = [names.get(b, b) for b in taken]
+        exchange = _exchange(model, variant.at)
+        moved = [exchange.get(b, b) for b in taken]
         form = equations(exchanged(model, variant.at), replace(variant, at=""), suffix, moved)
-        return Form(
-            tuple(called(z, names) for z in form.z), tuple(s.map(lambda e: called(e, names)) for s in form.states)
-        )
+        states = tuple(s.map(lambda e: called(e, exchange)) for s in form.states)
+        return Form(tuple(called(z, exchange) for z in form.z), states)
     _check_channels(model, variant)
     values: dict[str, Any] = {p: sp.Symbol(f"{p}_{suffix}" if suffix else p, real=True) for p in variant.shape}
     form = variant.effect.equations(Ts=model.Ts or 1.0, **values, **dict(variant.fixed))
@@ -322,10 +321,10 @@ def extend(model: Model, variant: Variant) -> Extended:
         and a place that the model does not have.
     """
     if variant.at:
-        made, names = extend(exchanged(model, variant.at), replace(variant, at="")), _exchange(model, variant.at)
-        back = exchanged(made.model, variant.at).replace(operating_point=model.operating_point)
-        effects = (*model.effects, replace(made.model.effects[-1], driver=variant.at))
-        return replace(made, model=back.replace(effects=effects), z=tuple(called(z, names) for z in made.z))
+        new, exchange = extend(exchanged(model, variant.at), replace(variant, at="")), _exchange(model, variant.at)
+        back = exchanged(new.model, variant.at).replace(operating_point=model.operating_point)
+        effects = (*model.effects, replace(new.model.effects[-1], driver=variant.at))
+        return replace(new, model=back.replace(effects=effects), z=tuple(called(z, exchange) for z in new.z))
     if variant.where == "friction" and not rubs(model):
         raise ModelError(f"{variant} needs an elastic friction, and the model has none: add that first.")
     name = variant.id.replace(":", "_")

@@ -311,3 +311,37 @@ def test_what_numpy_warns_of_is_no_note(capsys):
     _noted("overflow encountered in square", RuntimeWarning)
     _noted("The free run explains little.", UserWarning)
     assert capsys.readouterr().err == "note: The free run explains little.\n"
+
+
+def test_a_machine_with_several_outputs_goes_its_whole_way(run, tmp_path):
+    rng, n = np.random.default_rng(4), 600
+    v1, v2 = (np.repeat(rng.standard_normal(n), hold)[:n] for hold in (9, 14))
+    h = np.zeros((n, 2))
+    for i in range(2, n):
+        h[i] = 0.9 * h[i - 1] + [0.3 * v1[i - 1] + 0.1 * v2[i - 2], 0.4 * v2[i - 1] - 0.2 * v1[i - 2]]
+    h += 0.01 * h.std(0) * rng.standard_normal(h.shape)
+    data, model, out = (tmp_path / name for name in ("d.csv", "m.json", "y.csv"))
+    rows = np.column_stack([0.1 * np.arange(n), v1, v2, h])
+    np.savetxt(data, rows, delimiter=",", header="t,v1,v2,h1,h2", comments="")
+    named = ("--input", "v1,v2", "--output", "h1,h2")
+    text, _ = run.good("fit", data, *named, "--out", model)
+    assert r"\mathrm{h2}_{k}" in text and "d: h2" in text
+    assert ns.load(model).outputs == ("h1", "h2") and ns.load(model).inputs == ("u", "v2")
+    text, _ = run.good("derive", model, "--latex", tmp_path / "m.tex")
+    assert "Stable: its own dynamics" in text and "m_v2[k] = " in text
+    assert "Steady state" in (tmp_path / "m.tex").read_text()
+    run.good("compare", model, data, "--input", "v1,v2", "--json", tmp_path / "e.json")
+    errors = json.loads((tmp_path / "e.json").read_text())["errors"]
+    assert [e["record"] for e in errors] == ["d: h1", "d: h2"] and all(e["free_run_nrmse"] < 0.02 for e in errors)
+    run.good("simulate", model, data, "--input", "v1,v2", "--y0", "0,0", "--out", out)
+    assert ns.metrics.nrmse(h[99:, 1], ns.read(out, u="u", y="h2").y[99:]) < 0.02
+    for command, said in (
+        (("compensate", model), "this needs one output"),
+        (("diagnose", data, "--base", model), "this needs one output"),
+        (("derive", model, "--continuous"), "--continuous needs a model with one output"),
+        (("simulate", model, data, "--input", "v1", "--out", out), "--input: give one for each of u, v2"),
+        (("simulate", model, data, "--y0", "a,b", "--out", out), "--y0 a,b: give a number"),
+        (("fit", data, *named, "--out", model, "--creep"), "--creep needs a model with one output"),
+    ):
+        code, _, err = run(*command)
+        assert code == 2 and said in err, err

@@ -222,7 +222,7 @@ def test_both_outputs_run_in_c_and_casadi_as_here(tmp_path):
     still = {n: np.concatenate([np.full(depth, x[0]), x]) for n, x in (("u", u), ("u2", u2))}
     runs = system.simulate(still, {"y1": 0.3, "y2": 0.3})
     source = system.export("c", "plant")
-    rest = [still[n][0] if n in still else 0.3 for n in arguments(source, "plant_init")]
+    rest = [float(still[n][0]) if n in still else 0.3 for n in arguments(source, "plant_init")]
     late = {n: still[n][depth - i :][:300] for n, i in ((b.name, i) for b, i in newest(system.recursion).items())}
     found = [
         stepped(tmp_path, source.replace("return y1;", f"return {what};"), "plant", late, rest)

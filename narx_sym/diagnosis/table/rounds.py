@@ -153,9 +153,7 @@ class Table:
             scored = self.screened(at)
             taken = {(v.id, v.where, v.at) for v in base.hypothesis.effects}  # elsewhere the same effect may act again
             largest = max((r.hypothesis for r in bases), key=lambda h: (h.core.n_y, h.core.n_u))
-            listed = ways(
-                written(largest, self.search.given), given, self.channels, self.catalogue, lags=self.chosen
-            )
+            listed = ways(written(largest, self.search.given), given, self.channels, self.catalogue, lags=self.chosen)
             worth = shortlist(scored, "given" if given else self.search.family)
             # Where they act, and in which form, a direction does not tell; nor of what has none at this core.
             ids = dict.fromkeys(v.id for v in worth)

@@ -179,9 +179,7 @@ class Row:
             if variant.effect.series:
                 degree, other = variant.effect.series
                 middle = 0.0 if variant.raw or variant.at else float(model.operating_point.get(model.input, 0.0))
-                most = max(
-                    float(np.max(np.abs(r.signals[variant.at or "u"] - middle))) for r in self.frame.segments
-                )
+                most = max(float(np.max(np.abs(r.signals[variant.at or "u"] - middle))) for r in self.frame.segments)
                 if -1 < degree * float(self.values[cs[0]]) * most ** (degree - 1) < 0:
                     found.add(other)
         return found

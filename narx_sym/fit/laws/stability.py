@@ -73,7 +73,7 @@ def system_stability(law: SystemLaw) -> Stability:
     Where the poles are not the same everywhere, the inputs rest at the ends and the middle of their known ranges.
     """
     system, known = law.system, law.system.ranges
-    ranges = tuple((n, *map(float, known[n])) for n in (*system.inputs, *system.outputs) if n in known)
+    ranges = tuple((n, float(known[n][0]), float(known[n][1])) for n in (*system.inputs, *system.outputs) if n in known)
     if system.numbers is None:
         return Stability(None, "the parameters have no values", ranges)
     bases, depth = [left.base for left, _ in law.updates], law.recursion.depth
@@ -100,7 +100,7 @@ def system_stability(law: SystemLaw) -> Stability:
 
 
 def _at_rest(system: System, inputs: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return where a system rests with given inputs: values by the names of a law's signals; none where it is complex."""
+    """Return where a system rests with given inputs: values by the names of a law's signals; no complex ones."""
     given = {sp.Symbol(n, real=True): v for n, v in inputs.items()}
     held = [{str(s): sp.sympify(e).xreplace(given).evalf() for s, e in rest.items()} for rest in system.equilibria()]
     real = [{**inputs, **rest} for rest in held if all(e.is_Float for e in rest.values())]
