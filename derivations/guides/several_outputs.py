@@ -73,7 +73,8 @@ print(f"drive: within {100 * swung:.2f} %")
 # %% [markdown]
 # ## From measurements
 # `ns.read("plant.csv", u=["valve1", "valve2"], y=["level1", "level2"])` reads a record like this one. Each input gets
-# its own dead time, and the outputs are coupled if this improves the free run of the whole system.
+# its own number of lags and dead time, and the outputs are coupled if this improves the free run of the whole system.
+# On the command line: `narx-sym fit plant.csv --input valve1,valve2 --output level1,level2 --out plant.json`.
 
 # %%
 rng = np.random.default_rng(0)
@@ -89,7 +90,8 @@ print({name: round(errors.free_run_nrmse, 4) for name, errors in found.evaluate(
 
 # %% [markdown]
 # Each part is a normal model, for `ns.diagnose` and `compensator` too. A law can use some of the inputs,
-# `compensator(inputs=("u",))`; the others are measured.
+# `compensator(inputs=("u",))`; the others are measured. A diagnosis offers every effect at each input, and
+# `found.export("c")` steps all outputs.
 
 # %%
 assert law.residual() == 0 and missed < 1e-9

@@ -694,3 +694,28 @@ def test_replace_keeps_everything_else():
         base.replace(F=base.F, theta=[1.0, 2.0])
     with pytest.raises(ModelError, match="not a finite number"):
         base.replace(theta=[1.0, 2.0, np.nan, 0.0])
+
+
+def test_an_effect_may_act_at_a_further_input(tmp_path):
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u2[k-3]"], [0.8, 0.5, 0.4], channels=["u2"])
+    base = base.replace(operating_point={"u": 0.3, "y": 1.0}, info=Info(roles={"u2": "input"}, units={"u2": "V"}))
+    listed = [v for v in variants(base, ["u2"]) if v.at == "u2"]
+    assert {v.where for v in listed} >= {"input", "output", "inside"} and "driven by u2" in str(listed[0])
+    assert not any(v.id == "channel:u2" for v in variants(base, ["u2"]))
+    chosen = [next(v for v in listed if v.id == n and v.where == "input") for n in ("dead_zone", "backlash")]
+    model = base
+    for variant in chosen:  # a slack behind a dead zone
+        model = extend(model, variant).model
+    values = {"c_dead_zone": 1.0, "r_dead_zone": 0.2, "c_backlash": 1.0, "r_backlash": 0.1}
+    model = model.replace(theta=[*base.theta, *(values[str(s)] for s in model.symbols[3:])])
+    ns.save(model, tmp_path / "m.json")
+    u, u2 = np.random.default_rng(0).standard_normal((2, 80))
+    v, slack, y = np.sign(u2) * np.maximum(np.abs(u2) - 0.2, 0), np.zeros(80), np.full(80, 0.5)
+    slack[0] = v[0]
+    for i in range(1, 80):
+        slack[i] = min(max(slack[i - 1], v[i] - 0.1), v[i] + 0.1)
+    for i in range(3, 80):
+        y[i] = 1.0 + 0.8 * (y[i - 1] - 1.0) + 0.5 * (u[i - 1] - 0.3) + 0.4 * slack[i - 3]
+    for made in (model, ns.load(tmp_path / "m.json")):
+        assert np.allclose(made.simulate(u, 0.5, {"u2": u2}, warn=False)[60:], y[60:], atol=1e-4)
+        assert made.effects[-1].driver == "u2" and "v_u2[k-3]" in made.lines()[-1]
