@@ -403,13 +403,20 @@ def _validation(records: list[Record]) -> tuple[list[Record], list[Record]]:
 
 
 def _choose(candidates: list[NARX], records: list[Record], what: str, method: str, for_compensation: bool) -> Model:
-    """Fit each candidate on one part, judge it in free run on the other, refit the best on all."""
+    """Fit each candidate on one part, judge it in free run on the other, refit the best on all.
+
+    One that has values is fitted in free run from these.
+    """
+
+    def how(model: Model) -> str:
+        return "free_run" if method == "auto" and model.theta is not None else method
+
     train, held = _validation(records)
     tried, fits, scored, imitating = list[Model](candidates), list[Model](), [], []
     for model in tried:  # grows by those that integrate
         fits.append(model)
         try:
-            fitted = fits[-1] = estimate(model, train, method=method, max_steps=PATH_STEPS)[0]
+            fitted = fits[-1] = estimate(model, train, method=how(model), max_steps=PATH_STEPS)[0]
             score = free_run_nrmse(fitted, held)
         except FitError:
             continue
@@ -418,7 +425,7 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
             if not integrates(fitted, train):  # a pole at 1 that no input drives: the start of each run is an offset
                 imitating += [row] * bool(np.isfinite(score))
                 continue
-            tried.append(model.replace(constraints=[Eq(model.sigma_y, 1)]))
+            tried.append(model.replace(constraints=[Eq(model.sigma_y, 1)], theta=None))
             if grows(fitted):  # no machine does by itself: with the pole at 1 it stands for an integrator
                 continue
         if np.isfinite(score):
@@ -436,7 +443,7 @@ def _choose(candidates: list[NARX], records: list[Record], what: str, method: st
         close = [s for s in calm if s[0] <= 1.02 * min(calm)[0]]
     _, _, i = min(close, key=lambda s: (cancels(fits[s[2]]), s[1], s[2]))
     reason = f"smallest {what} model within 2 % of the best free run on validation data ({best:.4g})"
-    final = fit(tried[i], records, method=method)
+    final = fit(tried[i], records, method=how(tried[i]))
     final = _selected(final, base=what, candidates=len(tried), reason=reason)
     final = _selected(final, stable_law=stable_law(final, records)) if for_compensation else final
     return judged(final, records)
@@ -511,13 +518,13 @@ def _own_orders(
         best = min([best, *moved, *((i, lags) for i in (n - 1, n + 1) if 0 <= i <= most)], key=cost)
         if best == (n, lags):
             break
-    candidates = []
+    candidates: list[NARX] = []
     for n, chosen in sorted(costs, key=lambda way: costs[way][0])[:CLOSEST]:
         inputs = [signal(name)[k - i] for name, some in chosen for i in some]
         terms = [*(y[k - i] for i in range(1, n + 1)), *inputs, *beside, S.One]
         theta = costs[n, chosen][1].tolist()
         candidates.append(NARX(terms, theta if np.isfinite(theta).all() else None, operating_point=origin))
-    return candidates
+    return [*candidates, NARX(candidates[0].terms, operating_point=origin)]
 
 
 def _output_error(

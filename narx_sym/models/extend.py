@@ -112,12 +112,12 @@ def variants(
 ) -> Iterator[Variant]:
     """Yield every way in which the catalogue's effects may act on a model, in their usual forms or in `closer` ones.
 
-    What follows an input, or acts there, may do so at each; a further input is no channel that adds to the model.
+    What follows an input, or acts there, may do so at each; a further input is no channel but for the gain of another.
     """
     channels = tuple(channels)
     further = [n for n in model.channels if model.info.roles.get(n) == "input"]
     for made in _variants(model, channels, catalogue, closer):
-        if not (made.channel in further and made.driver == "channel" and made.where != "input"):
+        if not (made.channel in further and made.where != "input"):
             yield made
     for name in further:
         for made in _variants(exchanged(model, name), [n for n in channels if n != name], catalogue, closer):
