@@ -96,3 +96,4 @@ print({name: round(errors.free_run_nrmse, 4) for name, errors in found.evaluate(
 # %%
 assert law.residual() == 0 and missed < 1e-9
 assert off < 0.01 and swung < 0.01
+assert all(errors.free_run_nrmse < 0.011 for errors in found.evaluate(record).values())

@@ -155,7 +155,8 @@ def simulate_system(
 def free_run_system(system: System, record: Record) -> dict[str, Array]:
     """Simulate a system along a record, from start states that are estimated for each output.
 
-    Gaps start anew. A record in other units is converted to those of the system.
+    Gaps start anew; the first samples, as many as the largest lag, are the measured ones. A record in other
+    units is converted to those of the system.
 
     Returns
     -------
@@ -176,6 +177,7 @@ def free_run_system(system: System, record: Record) -> dict[str, Array]:
         given = {n: x for n, x in part.signals.items() if n in system.inputs}
         runs = compile(system.recursion)(given, list(system.numbers or ()), begin, on_divergence="nan", start=depth)
         for name in system.outputs:
+            runs[name][: system.recursion.depth] = part.channels[name][: system.recursion.depth]
             pieces[name].append(runs[name])
     return {name: np.concatenate(found) for name, found in pieces.items()}
 
