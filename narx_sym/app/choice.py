@@ -55,11 +55,11 @@ class Wanted:
 
     Attributes
     ----------
-    kind : "measured", "sine", "staircase", "drawn" or "file"
+    kind : "measured", "sine", "staircase", "points" or "file"
     low, high, rate : limits of the input and of its change per sample
     first : seconds of the measurement
-    offset, amplitude, frequency, seconds, steps, hold : of sine and staircase; the seconds of a drawn one too
-    points : of a drawn one, a time and a level in each line
+    offset, amplitude, frequency, seconds, steps, hold : of sine and staircase; the seconds of points too
+    points : a time and a level in each line
     column : of the file
     file, path : the file's name to show, and where it is
     """
@@ -112,7 +112,7 @@ class Wanted:
             if self.path is None:
                 raise DataError("Drop a file with the reference first.")
             return partial(from_file, self.path, self.file, self.column.strip() or None, unit)
-        if self.kind == "drawn":
+        if self.kind == "points":
             return self._drawn(said, record.Ts)
         make, names = (sine, ("frequency", "seconds")) if self.kind == "sine" else (staircase, ("steps", "hold"))
         given = [self._given(said, name, record.Ts) for name in ("offset", "amplitude", *names)]
@@ -291,7 +291,7 @@ def measured(said: Said, path: Path, shown: str, table: Table, choice: Choice) -
     with said.field("rows", shown):
         if rows:
             table.cut(rows)
-    said.read.add("channels")
+    said.read |= {"channels", "unit u", "unit y"}
     said.stop()
     channels = [n for n in choice.channels if n not in (choice.u, choice.y, choice.t)]
     try:

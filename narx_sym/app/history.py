@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ..models.model import Model
@@ -21,16 +20,13 @@ class State:
     ----------
     revisions : the models so far, with their diagnoses; the last one is shown
     base, base_name : the base that was chosen
-    units : those of the pictures
-    law : of the last model, where it was asked for
-    run : of that law, where it was asked for
+    law, run : of the last model, where they were asked for
     notes : what was said of it
     """
 
     revisions: tuple[Shown, ...]
     base: str | Model
     base_name: str
-    units: Mapping[str, str]
     law: Law | None = None
     run: Ran | None = None
     notes: tuple[str, ...] = ()
@@ -64,17 +60,3 @@ class History:
         """Take a new state; what was undone before is forgotten, and the first where there are too many."""
         self.states = [*self.states[: self.at + 1], state][-MOST:]
         self.at = len(self.states) - 1
-
-    def update(self, state: State) -> None:
-        """Replace the state that is shown: the same models, told otherwise."""
-        self.states[self.at] = state
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is a state before."""
-        return self.at > 0
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether something was undone."""
-        return self.at + 1 < len(self.states)

@@ -10,7 +10,7 @@ from ..data.record import Record
 from ..diagnosis.progress import Told, inside
 from ..inversion.compensator import compensator
 from ..models.model import Model
-from ..tasks.compensate import Law, Tracked, law_of, track
+from ..tasks.compensate import Law, law_of, track
 from ..tasks.reference import Reference
 from ..tasks.revise import STAGES, Progress, Revision, begin, with_effect, with_term
 from .browser.preview import Ran, ran
@@ -39,35 +39,18 @@ def edited(
     return _drawn(before, partial(with_term, model, name, what, records, **known), units, progress)
 
 
-def derived(model: Model, limits: tuple[float, float] | None, rate: float | None, progress: Progress) -> Law:
-    """Derive the compensation law, with its source."""
-    return law_of(model, limits, rate, progress=progress)
-
-
 def followed(
     model: Model, make: Callable[[], Reference], limits: tuple[float, float] | None, rate: float | None, units: Units,
     progress: Progress,
-) -> Ran:  # fmt: skip
-    """Run the law of a model over a reference."""
-    progress(Told("making the reference"))
-    reference = make()
-    progress(Told("deriving the compensation law"))
-    law = compensator(model)
+) -> tuple[Law, Ran | None]:  # fmt: skip
+    """Derive the law of a model with its source, and run it over a reference, where there is one."""
+    reference, law = make(), law_of(model, limits, rate, progress=progress)
+    if law.why_not:
+        return law, None
     progress(Told(f"running the law over {reference.r.size} samples"))
-    found = track(law, reference, limits, rate)
+    found = track(compensator(model), reference, limits, rate)
     progress(Told("drawing"))
-    return ran(found, units)
-
-
-def relabelled(
-    every: Sequence[Revision], run: Tracked | None, records: Sequence[Record], units: Units, progress: Progress
-) -> tuple[list[Shown], Ran | None]:
-    """Show all revisions again, and a run of the law, with other units."""
-    found = []
-    for i, made in enumerate(every):
-        progress(Told("drawing", done=i + 1, of=len(every), part=i / len(every)))
-        found.append(shown(every[:i], made, units))
-    return found, None if run is None else ran(run, units)
+    return law, ran(found, units)
 
 
 def _drawn(before: Sequence[Revision], make: Callable[[Progress], Revision], units: Units, progress: Progress) -> Shown:

@@ -160,8 +160,6 @@ def _files(app: Any, sessions: Sessions) -> None:
     from fastapi.concurrency import run_in_threadpool
     from fastapi.responses import PlainTextResponse, Response
 
-    from .browser.drawn import script
-
     def bench_of(request: Request) -> Workbench:
         try:
             return sessions.benches[request.path_params["key"]]
@@ -193,11 +191,7 @@ def _files(app: Any, sessions: Sessions) -> None:
     def frame(request: Request) -> Response:
         return Response(FRAME.read_text(encoding="utf-8"), media_type="text/javascript")
 
-    def drawn(request: Request) -> Response:
-        return Response(script(), media_type="text/javascript")
-
     app.add_route("/live.js", frame, methods=["GET"])
-    app.add_route("/drawn.js", drawn, methods=["GET"])
     app.add_route("/at/{key}/live", first, methods=["GET"])
     takers = {"data": Workbench.upload, "model": Workbench.upload_model, "reference": Workbench.upload_reference}
     for name, take in takers.items():

@@ -73,7 +73,7 @@ class Shown(Revision):
 
 def shown(before: Sequence[Revision], made: Revision, units: Mapping[str, str]) -> Shown:
     """Show the whole way to a revision, and what it still lacks."""
-    way, last = Story.of([*before, made]), Story.of([made])
+    way, last = Story.of([*before, made]), made.found
     own = {f.name: getattr(made, f.name) for f in fields(Revision)}
     told = page(material(way, units, later=last), framed=True)
-    return Shown(**own, page=told, headline=words.headline(last))
+    return Shown(**own, page=told, headline=words.headline_with(way, last))

@@ -36,14 +36,14 @@ from .choice import (
     in_the_page,
     kept,
     kept_text,
+    limits_of,
     measured,
     shortened,
     suits,
 )  # fmt: skip
-from .compensation import Compensation
 from .downloads import report_of, written
 from .history import History, State
-from .jobs import added, diagnosed, edited, relabelled
+from .jobs import added, diagnosed, edited, followed
 from .story import Shown
 from .worker import Worker
 
@@ -52,7 +52,7 @@ BUSY = "A computation is running: wait for it, or cancel it."
 PAUSE = 0.05  # seconds between looks at the process, where nothing else waits
 
 
-class Workbench(Compensation):
+class Workbench:
     """Every state that the page shows, and what may be done in it. Nothing here knows of a browser.
 
     Long work goes to a process: `poll` takes over what it made, `wait` waits for that, `cancel` ends it. Whatever fails
@@ -153,14 +153,10 @@ class Workbench(Compensation):
             raise refused
 
     def choose(self, **changed: Any) -> None:
-        """Change the choice of columns and rows, and read the record; units are labels, which change nothing else."""
+        """Change the choice of columns, rows and units, and read the record."""
         with self._reading, Said(self) as said:
             for name, value in changed.items():
                 setattr(self.choice, name, value)
-            if set(changed) == {"units"} and self.record is not None:
-                said.read |= {"unit u", "unit y"}
-                self._label()
-                return
             if self.path is None or self.table is None:
                 raise DataError("Drop a data file first.")
             try:
@@ -183,22 +179,6 @@ class Workbench(Compensation):
             if record is not None:
                 self.wanted = Wanted.of(record, self.wanted)
             self.notes = tuple(what_to_know([record])) if record is not None else ()
-
-    def _label(self) -> None:
-        """Show everything with other units."""
-        record = self._measured
-        self.preview = signals_svg(record, record.units)
-        if self.revisions and not self.worker.busy:
-            bare, run = tuple(r.bare() for r in self.revisions), self.run and self.run.tracked
-            self._begin(lambda made: self._relabelled(*made), relabelled, bare, run, (record,), record.units)
-
-    def _relabelled(self, revisions: list[Shown], run: Ran | None) -> None:
-        self.revisions, self.run = revisions, run
-        self._update(revisions=tuple(revisions), run=run, units=self._measured.units)
-
-    def _update(self, **changed: Any) -> None:
-        """Change the state that is shown: the same models, told otherwise."""
-        self.history.update(replace(self.history.states[self.history.at], **changed))
 
     def example(self) -> None:
         """Take simulated measurements of a stage behind a gear with play."""
@@ -297,8 +277,8 @@ class Workbench(Compensation):
         return replace(self.record, units=said_first(self.record.units, self.choice.units))
 
     def _put(self, revisions: list[Shown], base: str | Model, base_name: str) -> None:
-        units, notes = self._measured.units, revisions[-1].notes
-        self.history.put(State(tuple(revisions), base, base_name, units, notes=notes))
+        notes = revisions[-1].notes
+        self.history.put(State(tuple(revisions), base, base_name, notes=notes))
         self.revisions, self.law, self.run, self.notes = revisions, None, None, notes
         self.faults = {}  # their fields are made anew
 
@@ -311,7 +291,7 @@ class Workbench(Compensation):
         self.go(self.history.at + 1)
 
     def go(self, index: int) -> None:
-        """Show a state of the history as it was; where the units have changed since, it is drawn again."""
+        """Show a state of the history as it was."""
         with Said(self):
             if not 0 <= index < len(self.history.states):
                 raise ModelError(f"There is nothing to {'undo' if index < 0 else 'redo'}.")
@@ -321,8 +301,32 @@ class Workbench(Compensation):
             self.base, self.base_name = state.base, state.base_name
             self.revisions, self.law, self.run = list(state.revisions), state.law, state.run
             self.notes, self.faults = state.notes, {}
-            if state.units != self._measured.units:
-                self._label()
+
+    # -- the law -----------------------------------------------------------------------------------------------
+
+    def upload_reference(self, name: str, content: bytes) -> None:
+        """Take a file with a reference."""
+        with Said(self):
+            path, shown = kept_text(self.folder, name, content, self.limit)
+            dropped(self.folder, self.wanted.path)
+            self.wanted = replace(self.wanted, kind="file", file=shown, path=path)
+
+    def run_law(self, **wanted: Any) -> None:
+        """Begin to derive the compensation law and to run it; `wanted` changes the fields of the same names.
+
+        Limits of the input and of its change per sample go into the source of the law too.
+        """
+        with Said(self) as said:
+            self.wanted = now = replace(self.wanted, **wanted)
+            model, record = self._last.model, self._measured
+            limits = limits_of(said, now.low, now.high, now.rate)
+            make = now.made(said, record, record.units.get("y", ""))
+            self._begin(lambda made: self._show_run(*made), followed, model, make, *limits, record.units)
+
+    def _show_run(self, law: Law, run: Ran | None) -> None:
+        self.law, self.run = law, run
+        states = self.history
+        states.states[states.at] = replace(states.states[states.at], law=law, run=run)
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
@@ -330,14 +334,9 @@ class Workbench(Compensation):
         return [{"name": r.name, **r.errors} for r in self.revisions]
 
     @property
-    def unit(self) -> str:
-        """The unit of the output, in words where it is not known."""
-        return self._measured.units.get("y") or "(unit of y)"
-
-    @property
-    def floor(self) -> float:
-        """The noise floor, the lowest that any revision tells [unit of y]."""
-        return min(r.found.steps[0].floor for r in self.revisions)
+    def known(self) -> dict[str, str]:
+        """The units of input and output, in words where they are not known."""
+        return {name: self._measured.units.get(name) or f"unit of {name}" for name in "uy"}
 
     @property
     def terms(self) -> dict[str, str]:

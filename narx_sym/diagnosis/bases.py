@@ -1,5 +1,6 @@
 """The base in words: the user's own terms, in a confusion set."""
 
+import re
 from collections.abc import Iterable
 
 BASE = "base"
@@ -13,7 +14,7 @@ def few(value: float, digits: int = 3) -> str:
 def spaced(name: str) -> str:
     """Return the id of an effect as words; a channel is called as the user calls it."""
     effect, colon, channel = name.partition(":")
-    return effect.replace("_", " ") + colon + channel
+    return re.sub(r"\b(coulomb|stribeck)\b", lambda found: found[0].title(), effect.replace("_", " ")) + colon + channel
 
 
 def words(name: str) -> str:

@@ -230,7 +230,8 @@ class Step:
         found: dict[str, list[str]] = {}
         for name in names:
             found.setdefault(meaning(name, self.meanings), []).append(name)
-        return [words if ids == [words] else f"{words} ({joined(ids)})" for words, ids in found.items()]
+        alone = {words: ids[0] for words, ids in found.items() if len(ids) == 1 and ids[0].endswith(words)}
+        return [alone.get(words) or f"{words} ({joined(ids)})" for words, ids in found.items()]
 
     @property
     def synonyms(self) -> str:

@@ -48,7 +48,7 @@ from ..symbolic.signals import r, t, y
 from .comparison import Comparison, spans
 from .figures import describe
 from .parameters import called, parameters, shape_units
-from .plots.portrait import height, joined, labels, places
+from .plots.portrait import chance, height, joined, labels, places
 from .words import PARTS, has_floor
 
 if TYPE_CHECKING:
@@ -259,7 +259,8 @@ def _switch(material: Material, one: Tried, i: int, n: int, names: list[str]) ->
 
 def _first(material: Material, listed: Sequence[Tried], there: int) -> int | None:
     """Return which switch "Add" throws: that of the last model, else the first of what may be added."""
-    named = material.lacking.steps[0].confusion_set or material.lacking.steps[0].chosen is not None
+    first = material.lacking.steps[0]
+    named = first.refused is None and (first.confusion_set or first.chosen is not None)
     last = min(len(material.diagnosis.ladder) - 1, LONGEST_WAY)
     return (last if last >= there else there) if named and len(listed) > there else None
 
@@ -272,13 +273,12 @@ def _portrait(material: Material, listed: Sequence[Tried]) -> dict[str, Any] | N
     seen = [view, *(found.left(one.name) for one in listed[1:])]
     x, left = places(found), [found.missing - law for law in laws]
     some = slice(None, None, -(-x.size // MOST_DOTS))
-    order = np.argsort(view.centres, kind="stable")
     return {
         "axes": labels(found, material.units), "high": height(found),
         "x": _listed(x[some]), "left": [_listed((one - one.mean())[some]) for one in left],
         "at": _listed(joined(view, view.mean)[0]), "means": [_listed(joined(view, one.mean)[1]) for one in seen],
         "laws": [_listed(joined(view, found.of(one.name).mean)[1]) for one in listed[1:]],
-        "band": [_listed(view.centres[order]), _listed(np.nan_to_num(view.error[order]))],
+        "band": [_listed(one) for one in chance(view)],
     }  # fmt: skip
 
 
@@ -307,6 +307,7 @@ def data(material: Material) -> str:
 
 def keys(material: Material) -> list[tuple[str, str, str]]:
     """Return the words of the pictures, each with its role and the CSS of its key."""
-    found = {"measured": "measured", "before": "base", "after": "with what is switched on"}
+    found = {"measured": "measured", "before": "base"}
+    found |= {"after": "with the selected effect"} if material.once(models)[1:] else {}
     found |= {area.role: area.name for area in material.compared.aside}
     return [(word, role, describe.key(role)) for role, word in found.items()]

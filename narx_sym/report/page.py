@@ -48,7 +48,7 @@ def templates() -> Any:
         lstrip_blocks=True,
     )
     made.filters |= {
-        "spaced": words.spaced, "number": words.number, "percent": words.percent, "plus_minus": words.plus_minus,
+        **{one.__name__: one for one in (words.spaced, words.begun, words.number, words.percent, words.plus_minus)},
         "math": lambda text: Markup(from_latex(text, words.DIGITS)), "download": download,
     }  # fmt: skip
     return made
@@ -125,8 +125,8 @@ def page(of: Material, framed: bool = False, keys: Sequence[str] | None = None) 
         script, data = hero.script(of), hero.data(of)
     return str(
         templates().get_template("page.html").render(
-            sections=parts, name=", ".join(names), headline=words.headline(of.lacking), colours=describe.stylesheet(),
-            style=style(), framed=framed, script=script, data=data,
+            sections=parts, name=", ".join(names), headline=words.headline_with(of.diagnosis, of.lacking),
+            colours=describe.stylesheet(), style=style(), framed=framed, script=script, data=data,
         )
     )  # fmt: skip
 

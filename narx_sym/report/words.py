@@ -23,7 +23,9 @@ DIGITS = 4  # of the numbers in equations
 NEXT = {
     "nothing_detectable": "Keep the model. To detect smaller effects, record with less noise, for longer, or with a "
     "wider input: the detection limits below say how small.",
-    "named": "Use the model with {best}, and compare it with a record of another day (--validate).",
+    "named": "Use the model with {best}, and confirm it on a record of another day.",
+    "one_sine": "Record a second frequency or amplitude, and diagnose both records together: with a single sine, "
+    "effects of speed and effects with memory draw similar loops.",
     "confused": "Run the proposed experiment, and diagnose both records together.",
     "helps_but_incomplete": "Add {best} as a first step, look at where the model fails, and diagnose again with more "
     "effects.",
@@ -57,10 +59,18 @@ AT_FLOOR = 1.1  # times the noise floor: an error up to here is called at the fl
 
 
 def badge(diagnosis: Diagnosis) -> str:
-    """Return the headline in a few words, and how sure it is where one effect is named."""
+    """Return the headline in a few words, and how sure it is where effects are named."""
     first = diagnosis.steps[0]
-    sure = first.how_sure if first.finding == "named" else ""
-    return ", ".join(filter(None, (BADGES[first.finding], sure)))
+    said = [BADGES[first.finding], first.how_sure if first.finding == "named" else ""]
+    if (pair := first.pair) is not None and first.finding == "two_effects":
+        said += ["others explain as much"] * bool(pair.rivals) + ["something else is missing too"] * (not pair.all)
+    if first.finding in ("named", "two_effects", "helps_but_incomplete"):
+        said += ["uncertain because the input is a single sine"] * _one_sine(first)
+    return ", ".join(filter(None, said))
+
+
+def _one_sine(step: Step) -> bool:
+    return all(one_sine(r.u, r.Ts) for r in step.base.split.records)
 
 
 def begun(text: str) -> str:
@@ -118,15 +128,8 @@ def _with_units(e: Experiment, units: Units) -> Experiment:
     return replace(e, name=name, units=dict(units))
 
 
-def headline(diagnosis: Diagnosis) -> str:
-    """Say in a few words what was found, and where one sine is all that it was told from."""
-    first, said = diagnosis.steps[0], _headline(diagnosis)
-    named = first.finding in ("named", "two_effects", "helps_but_incomplete")
-    sine = named and all(one_sine(r.u, r.Ts) for r in first.base.split.records)
-    return f"{said.removesuffix('.')} (uncertain: the input is a single sine)." if sine else said
-
-
-def _headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
+def headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
+    """Say in a few words what was found."""
     first = diagnosis.steps[0]
     if first.verdict == "nothing_detectable":
         if first.follows_nothing:
@@ -160,11 +163,9 @@ def _headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
             "data, so nothing is added."
         )
     if first.pair is not None:
-        others = ", or others that explain as much" if first.pair.rivals else ""
-        rest = "" if first.pair.all else "; something else is missing too"
         names = list(map(spaced, first.told(*first.pair.effects)))
         missing = f"{first.pair.counted} are probably missing" if len(names) > 1 else "Probably missing"
-        return f"{missing}: {joined(names)}{others}{rest}."
+        return f"{missing}: {joined(names)}."
     names = list(map(spaced, first.told(*first.confusion_set)))
     if first.verdict == "helps_but_incomplete":
         listed = [n for n in names if n != BASE] or [spaced(first.told(first.candidates[0].effect)[0])]
@@ -175,6 +176,14 @@ def _headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
     if first.verdict == "confused":
         return begun(f"{', '.join(names[:-1])} or {names[-1]} is probably missing; these data cannot decide which.")
     return f"{begun(names[0])} is probably missing."
+
+
+def headline_with(added: Diagnosis, now: Diagnosis) -> str:
+    """Say what was found, where a user adds one effect after the other also what is there already."""
+    said, names = headline(now), [spaced(name.removeprefix("+ ")) for name in added.rungs[1:]]
+    if now is added or not names:
+        return said
+    return f"{begun(joined(names))} added. {said.replace('No missing effect', 'No further effect')}"
 
 
 def has_floor(diagnosis: Diagnosis) -> bool:
@@ -241,6 +250,7 @@ def _next(diagnosis: Diagnosis) -> str:  # noqa: PLR0911
     verdict = chosen.verdict
     if verdict == "helps_but_incomplete" and diagnosis.exhausted:
         verdict = "outside_library" if diagnosis.steps[-1].verdict == "outside_library" else "named"
+    verdict = "one_sine" if verdict == "named" and _one_sine(chosen) else verdict
     return NEXT[verdict].format(best=_added(diagnosis) if "{best}" in NEXT[verdict] else "")
 
 
@@ -263,10 +273,10 @@ def floor(diagnosis: Diagnosis) -> dict[str, float]:
     return {what: size / first.base.problem.spread for what, size in named.items()}
 
 
-def fall(diagnosis: Diagnosis, units: Units) -> str:
+def fall(diagnosis: Diagnosis, units: Units, whole: bool = True) -> str:
     """Say how far the error falls with what was added, or why nothing was; an empty text where nothing was found.
 
-    Each number is one of `evaluate`; the validation data stand first.
+    Each number is one of `evaluate`; the validation data stand first, then the `whole` record.
     """
     first, last = diagnosis.steps[0], diagnosis.last
     if first.refused is not None:
@@ -276,7 +286,11 @@ def fall(diagnosis: Diagnosis, units: Units) -> str:
     (one, before), (two, after) = first.moves(last, units)
     unit = units.get("y") or "(unit of y)"
     floor = f", at the noise floor of {number(diagnosis.floor)} {unit}" if _at_floor(diagnosis) else ""
-    return f"The error on {diagnosis.validation} {two} {after}{floor}; on the whole record it {one} {before}."
+    part = "validation_rms"
+    share = abs(1 - diagnosis.ladder[-1][part] / diagnosis.ladder[0][part])
+    size = f" ({percent(share)} {'less' if two == 'falls' else 'more'})"
+    rest = f"; on the whole record it {one} {before}" if whole else ""
+    return f"The error on {diagnosis.validation} {two} {after}{size}{floor}{rest}."
 
 
 def _at_floor(diagnosis: Diagnosis) -> bool:

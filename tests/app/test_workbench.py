@@ -8,14 +8,16 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import live
+import numpy as np
 import pytest
 from sampling import only
 
 import narx_sym as ns
 from narx_sym.app import command, workbench
-from narx_sym.app.choice import guessed, shortened
+from narx_sym.app.choice import Said, guessed, points_of, shortened
 from narx_sym.app.guard import Guard
 from narx_sym.app.workbench import Workbench
 from narx_sym.app.worker import Outcome, Worker
@@ -23,6 +25,7 @@ from narx_sym.cli import main as cli
 from narx_sym.files.store import to_text
 from narx_sym.report.panels import registry
 from narx_sym.tasks import revise
+from narx_sym.tasks.reference import MOST, MOST_POINTS
 
 
 def gone(pid):
@@ -285,7 +288,7 @@ def test_a_column_called_like_markup_is_a_channel_with_a_plain_name(bench, data)
 def test_nothing_begins_before_what_it_needs(bench):
     for do, why in (
         (bench.diagnose, "data"), (lambda: bench.add("backlash"), "Diagnose"), (lambda: bench.edit("", "1"), "Diagnose"),
-        (bench.undo, "nothing to undo"), (bench.redo, "nothing to redo"), (bench.open_law, "Diagnose"), (lambda: bench.choose(u="u"), "Drop a data file"),
+        (bench.undo, "nothing to undo"), (bench.redo, "nothing to redo"), (bench.run_law, "Diagnose"), (lambda: bench.choose(u="u"), "Drop a data file"),
         (lambda: bench.choose_base("cubic"), "Unknown base"),
     ):  # fmt: skip
         do()
@@ -303,9 +306,9 @@ def test_a_file_that_is_no_model_is_one_message(bench, content):
 @pytest.mark.long
 def test_a_state_comes_back_with_its_base_and_law_and_a_new_step_forgets_what_was_undone(climbed):
     revisions, history = list(climbed.revisions), list(climbed.history.states)
-    climbed.open_law()
+    climbed.run_law(first="3")
     climbed.wait()
-    law = climbed.law
+    law, run = climbed.law, climbed.run
     climbed.choose_base("static")
     climbed.diagnose()
     climbed.wait()
@@ -315,15 +318,7 @@ def test_a_state_comes_back_with_its_base_and_law_and_a_new_step_forgets_what_wa
     climbed.redo()
     assert climbed.base == "static" and climbed.law is None and not climbed.busy
     climbed.go(1)
-    climbed.choose(units={"u": "V", "y": "um"})
-    climbed.wait()
-    climbed.undo()  # its pictures have the unit of before: they are drawn again, nothing is fitted
-    climbed.wait()
-    assert not climbed.error and climbed.current.found is not None and "[um]" in climbed.current.page
-    climbed.redo()
-    climbed.choose(units={"u": "V", "y": "mm"})
-    climbed.wait()
-    assert climbed.law is law and len(climbed.history.states) == len(history) + 1
+    assert (climbed.law, climbed.run) == (law, run) and len(climbed.history.states) == len(history) + 1
 
 
 @pytest.mark.long
@@ -342,17 +337,17 @@ def test_a_term_given_as_text_is_fitted(climbed):
 
 @pytest.mark.long
 def test_the_law_and_its_limits(climbed):
-    climbed.open_law(low="-3", high="3", rate="0.5")
+    climbed.run_law(first="3", low="-3", high="3", rate="0.5")
     climbed.wait()
     assert not climbed.error and climbed.law.sources[".c"] and "m_{k}" in climbed.law.latex and climbed.law.lines
     limited = climbed.law.sources[".c"]
-    climbed.open_law(low="", high="", rate="")
+    climbed.run_law(low="", high="", rate="")
     climbed.wait()
     assert climbed.law.sources[".c"] != limited
     for fields, wrong in (
         (("1", "", ""), {"high"}), (("2", "1", ""), {"high"}), (("a", "b", ""), {"low", "high"}), (("", "", "-1"), {"rate"}),
     ):  # fmt: skip
-        climbed.open_law(**dict(zip(("low", "high", "rate"), fields, strict=True)))
+        climbed.run_law(**dict(zip(("low", "high", "rate"), fields, strict=True)))
         assert set(climbed.faults) == wrong and not climbed.busy
 
 
@@ -360,7 +355,7 @@ def test_the_law_and_its_limits(climbed):
 def test_references_of_every_kind(climbed):
     before = climbed.wanted
     for kind, more in (
-        ("measured", {"first": "3"}), ("staircase", {}), ("drawn", {"points": "0 0\n1 1", "seconds": "2"}),
+        ("measured", {"first": "3"}), ("staircase", {}), ("points", {"points": "0 0\n1 1", "seconds": "2"}),
         ("file", {"column": "b"}),
     ):  # fmt: skip
         if kind == "file":
@@ -372,7 +367,7 @@ def test_references_of_every_kind(climbed):
         climbed.run_law(kind=kind, low="-9", high="9", rate="", **more)
         climbed.wait()
         assert not climbed.error, climbed.error
-        size = {"measured": 300, "drawn": 200, "file": 9}.get(kind)
+        size = {"measured": 300, "points": 200, "file": 9}.get(kind)
         assert size is None or climbed.run.tracked.r.size == size
     run = climbed.run
     for more, why in (
@@ -390,6 +385,50 @@ def test_references_of_every_kind(climbed):
     climbed.upload_reference("r.exe", b"")
     assert "text file" in climbed.error and climbed.wanted.file == "r.csv"
     climbed.wanted = before
+
+
+@pytest.fixture
+def ready(bench, data):
+    """A workbench with data and a model, of which nothing but that it is there is needed here."""
+    u, y = (x[:300] for x in data)
+    bench.upload("stage.csv", live.csv(u=u, y=y))
+    bench.revisions = [SimpleNamespace(model=ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 0.5]))]
+    return bench
+
+
+def test_points_may_stand_in_lines_or_between_semicolons_and_the_first_may_run(ready):
+    for text in ("0 1.5\n2 -0.25", "0 1,5; 2 -0,25", "\r\n0\t1.5\r\n\r\n2   -0.25\r\n"):
+        assert points_of(text) == [(0.0, 1.5), (2.0, -0.25)]
+    ready.wanted.kind = "points"
+    with Said(ready) as said:
+        made = ready.wanted.made(said, ready.record, "mm")()
+    points = points_of(ready.wanted.points)
+    assert not ready.faults and len(points) == 5 and points[-1][0] == float(ready.wanted.seconds)
+    assert made.r == pytest.approx(np.interp(made.t, *zip(*points, strict=True))) and made.Ts == ready.record.Ts
+    assert ready.record.y.min() < made.r.min() < made.r.max() < ready.record.y.max()
+
+
+@pytest.mark.parametrize(
+    ("kind", "field", "text", "why"),
+    [
+        *(("points", "points", text, why) for text, why in (
+            ("", "There are 0 points"), ("0 1\n2", "Point 2 must be a time and a level"), ("0 1 2", "Point 1 must be"),
+            ("0 1\n1 two", "level of point 2 must be a number"), ("nan 1", "time of point 1 must be a number"),
+            ("0 1e999", "level of point 1 must be a number"), ("0 1\n1 2\n1 3", "Times must increase"),
+            ("-1 0", "outside the duration"), ("0 1\n9 1", "The point at 9 s lies outside the duration, 0 to 8 s."),
+            ("\n".join(f"{k / 100} 0" for k in range(MOST_POINTS + 1)), f"from 1 to {MOST_POINTS}"),
+            ("0 " + "1" * 100_000, "must be a number"),
+        )),
+        *((kind, "seconds", text, why) for kind in ("points", "sine") for text, why in (
+            ("", "missing"), ("long", "number"), ("0", "positive"), ("1e9", f"{MOST} are taken"),
+        )),
+    ],
+)  # fmt: skip
+def test_a_bad_reference_is_one_message_at_its_field(ready, kind, field, text, why):
+    ready.run_law(kind=kind, **{"points": "0 1", "seconds": "8"} | {field: text})
+    assert list(ready.faults) == [field] and why in ready.error and not ready.busy
+    assert "\n" not in ready.error and len(ready.error) < 150
+    assert getattr(ready.wanted, field) == text  # what was typed stays
 
 
 def test_why_there_is_no_law():

@@ -122,7 +122,7 @@ def test_a_guess_is_told_and_excludes(found):
     (note,) = [n for n in found.data_notes if "machine" in n]
     assert note.startswith("The machine is assumed to be a thermal machine, because of the units W -> degC")
     assert "--machine none" in note and note.endswith(
-        "Not considered, because impossible in a thermal machine: coulomb friction."
+        "Not considered, because impossible in a thermal machine: Coulomb friction."
     )
     plain = found.to_dict()
     assert plain["machine"] == {"name": "thermal", "guessed": True, "excluded": ["coulomb_friction"]}

@@ -97,18 +97,19 @@ def test_the_app_shows_what_is_still_missing_beside_what_was_added(stage_diagnos
     nothing = replace(stage_diagnosis.steps[0], verdict="nothing_detectable", candidates=[], confusion_set=[])
     left = replace(stage_diagnosis, steps=[replace(nothing, base=nothing.chosen, chosen=None, experiment=None)])
     last = Revision("+ backlash", left, stage_diagnosis.model, "backlash")
-    of = page.material(Story.of([base, last]), STAGE_UNITS, later=Story.of([last]))
+    of = page.material(Story.of([base, last]), STAGE_UNITS, later=left)
     told = of.once(hero.told)
     assert [one["name"] for one in told["models"]] == ["base", "+ backlash"]
     assert told["chosen"] == 1 and told["add"] is None
-    far = hero.told(page.material(Story.of([base, *[last] * 6]), STAGE_UNITS, later=Story.of([last])))
+    far = hero.told(page.material(Story.of([base, *[last] * 6]), STAGE_UNITS, later=left))
     assert (
         len(far["models"]) == 3
         and far["chosen"] == 2
         and far["models"][2]["name"].endswith("+ backlash" + " + backlash" * 5)
     )
     text = page.page(of, framed=True)
-    assert words.headline(of.lacking) in text and "No effect of the catalogue" in text
+    assert "Backlash added. No further effect can be detected" in text and "No effect of the catalogue" in text
+    assert "Nothing further found." in text and words.fall(of.diagnosis, STAGE_UNITS, whole=False) in text
     assert all(f'<section id="{key}"' in text for key in panels() if key != "experiment")
 
 
@@ -151,14 +152,16 @@ def test_what_explains_as_much_as_a_pair_is_told_with_it(stage_diagnosis):
     def told(*rivals):
         pair = Pair(("backlash", "creep"), first.chosen, 0.9, rivals)
         step = replace(first, pair=pair, verdict="helps_but_incomplete")
-        return step.sentence({}), words.headline(replace(stage_diagnosis, steps=[step])), pair.sure
+        found = replace(stage_diagnosis, steps=[step])
+        assert words.headline(found) == "Two effects are probably missing: backlash and creep."
+        return step.sentence({}), words.badge(found), pair.sure
 
-    sentence, headline, sure = told()
-    assert "As well" not in sentence and headline == "Two effects are probably missing: backlash and creep."
+    sentence, badge, sure = told()
+    assert "It could also be" not in sentence and badge == "two effects together"
     assert sure == ("backlash", "creep")
-    sentence, headline, sure = told(("backlash", "drift"), ("backlash",))
+    sentence, badge, sure = told(("backlash", "drift"), ("backlash",))
     assert sentence.endswith(" It could also be backlash with drift, or backlash; backlash is in all of them.")
-    assert headline.endswith("backlash and creep, or others that explain as much.") and sure == ("backlash",)
+    assert badge.endswith(", others explain as much") and sure == ("backlash",)
     sentence, _, sure = told(*((name, "drift") for name in "abcd"))
     assert sentence.endswith("a with drift, or b with drift, or c with drift, or one of 1 more.") and not sure
 
@@ -168,8 +171,9 @@ def test_two_effects_that_leave_more_than_noise_are_not_all(stage_diagnosis):
     pair = Pair(("backlash", "creep"), first.chosen, 0.9, all=False)
     step = replace(first, pair=pair, verdict="helps_but_incomplete")
     assert step.sentence({}).endswith(" in cross-validation, but something else is missing too.")
-    headline = words.headline(replace(stage_diagnosis, steps=[step]))
-    assert headline == "Two effects are probably missing: backlash and creep; something else is missing too."
+    found = replace(stage_diagnosis, steps=[step])
+    assert words.headline(found) == "Two effects are probably missing: backlash and creep."
+    assert words.badge(found) == "two effects together, something else is missing too"
 
 
 def test_no_noise_is_more_than_what_is_left(stage_diagnosis):

@@ -31,10 +31,6 @@
   new MutationObserver(() => {
     for (const [el, end] of framed) if (!el.isConnected) { end(); framed.delete(el); }
     for (const el of document.querySelectorAll("[data-live]:not([data-known])")) { el.dataset.known = ""; frame(el); }
-    for (const el of document.querySelectorAll("[data-drawn]:not([data-known])")) {
-      el.dataset.known = "";
-      import("/drawn.js").then(({ default: drawn }) => drawn(el));
-    }
   }).observe(document.body, { childList: true, subtree: true });
   // Tabs: a click, or the arrows.
   const choose = (tab) => {

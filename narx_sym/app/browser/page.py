@@ -22,6 +22,9 @@ from .widgets import BEAT, Fault, Part, details, drop, figure, heading, listed, 
 HERE = Path(__file__).parent
 # The choice of data has done its work; who is in it stays there.
 FOLD = "document.querySelector('.columns:not(:focus-within) > details')?.removeAttribute('open')"
+# Who has asked for a result is led to it, also with a keyboard or a reader.
+LEAD = ";document.getElementById('tab-diagnosis').click();"
+LEAD += "document.getElementById('found')?.focus({preventScroll: innerWidth > 1000})"
 BASES = {
     "linear": "Linear: a difference equation, its orders and delay are chosen",
     "static": "Static: a polynomial of the input",
@@ -73,12 +76,7 @@ class Page:
                 Part(lambda: (bench.current,), lambda: results.effects(bench)),
             ]
             self.history = ui.element("div")
-            with self.history, section("History"):
-                with ui.element("div").classes("undo"):
-                    self.undo = ui.button("Undo", on_click=bench.undo).props("no-caps outline dense")
-                    self.redo = ui.button("Redo", on_click=bench.redo).props("no-caps outline dense")
-                    self.undo.props('title="Ctrl+Z" aria-keyshortcuts="Control+Z"')
-                    self.redo.props('title="Ctrl+Y" aria-keyshortcuts="Control+Y"')
+            with self.history, section("Steps"):
                 seen = Part(lambda: (bench.history.at, len(bench.history.states), bench.current), self.steps)
             self.parts.append(seen)
 
@@ -94,14 +92,9 @@ class Page:
                 Part(lambda: bench.notes, self.notes),
                 Part(lambda: (bench.preview, bench.current is None), self.preview),
             ]
-            with ui.element("div").classes("sight"):
-                self.found = Part(lambda: (bench.current,), lambda: results.sight(bench))
-                self.heads = ui.element("div").classes("tabs-heads")
-                with self.heads:
-                    tabs(results.TABS)
-            self.parts.append(self.found)
-            self.tabs = ui.element("div").classes("tabs-box")
+            self.tabs = ui.element("div")
             with self.tabs:
+                tabs(results.TABS)
                 for i, name in enumerate(results.TABS):
                     with tab_panel(name, first=not i):
                         shown = Part(partial(self.shown, name), partial(results.tab, name, bench))
@@ -111,15 +104,13 @@ class Page:
     def shown(self, tab: str) -> Any:
         """Return what a tab depends on."""
         bench = self.bench
-        return (bench.current, *bench.of_law) if tab == "export" else (bench.current,)
+        return (bench.current, bench.law, bench.run) if tab == "export" else (bench.current,)
 
     def show(self) -> None:
         """Show what has something to show, and what may be pressed."""
         bench = self.bench
-        for box in (self.history, self.heads, self.tabs):
+        for box in (self.history, self.tabs):
             box.set_visibility(bench.current is not None)
-        self.undo.set_enabled(bench.history.can_undo and not bench.busy)
-        self.redo.set_enabled(bench.history.can_redo and not bench.busy)
         self.start.set_enabled(bench.record is not None and not bench.busy)
         self.first.set_visibility(bench.record is None)
         kind = bench.base if isinstance(bench.base, str) else "file"
@@ -132,7 +123,8 @@ class Page:
         self.bench.poll()
         try:
             with self.bench.shown:
-                changed = [part for part in self.parts if part.look()]
+                for part in self.parts:
+                    part.look()
         except Exception as error:
             self.bench.refuse(f"Internal error, {type(error).__name__}: {error}. Please report it.")
             raise
@@ -143,11 +135,8 @@ class Page:
         if self.bench.busy:
             self.tell()
         self.show()
-        if self.found in changed and self.bench.current is not None:
-            if before is None:
-                ui.run_javascript(FOLD)
-            if self.bench.current is not before:  # who uses a keyboard or a reader is led to a new result
-                ui.run_javascript("document.getElementById('found')?.focus({preventScroll: innerWidth > 1000})")
+        if self.bench.current is not None and self.bench.current is not before:
+            ui.run_javascript(FOLD * (before is None) + LEAD)
 
     def refused(self, text: str) -> None:
         """Show what the page itself refused."""
@@ -207,7 +196,7 @@ class Page:
                         "y": self.select("Output", names, choice.y),
                         "t": self.select("Time [s]", {"": "none", **{n: n for n in names}}, choice.t),
                         "Ts": self.typed("Sampling time [s]", choice.Ts),
-                        "rows": self.typed("Rows A:B, counted from 0", choice.rows),
+                        "rows": self.typed("Rows A:B, from 0", choice.rows),
                         "missing": self.select("Missing values", MISSING, choice.missing),
                         "machine": self.select("Kind of machine", KINDS, choice.machine),
                         "channels": self.select("Further channels", names, list(choice.channels), multiple=True),
@@ -238,7 +227,7 @@ class Page:
         choice, now = self.bench.choice, {name: field.value for name, field in self.fields.items()}
         now["units"] = {n: now.pop(f"unit {n}") for n in choice.units}
         changed = {name: value for name, value in now.items() if value != getattr(choice, name)}
-        if self.bench.history.states and set(changed) - {"units"} and not await self.sure():
+        if self.bench.history.states and changed and not await self.sure():
             self.as_it_was()
         elif changed:
             await run.io_bound(self.bench.choose, **changed)
@@ -262,7 +251,7 @@ class Page:
         """Ask whether the diagnosis may go."""
         count = len(self.bench.history.states)
         with ui.dialog().props('persistent transition-duration=0 aria-label="Change the data?"') as asked, ui.card():
-            said(f"With other data or another machine the diagnosis and its history ({count}) are deleted.")
+            said(f"With other data, units or machine the diagnosis and its steps ({count}) are deleted.")
             with ui.element("div").classes("undo"):
                 ui.button("Keep them", on_click=lambda: asked.submit(False)).props("no-caps outline autofocus")
                 ui.button("Change the data", on_click=lambda: asked.submit(True)).props("no-caps outline")
@@ -289,13 +278,14 @@ class Page:
                 figure(bench.preview)
         elif bench.current is None:
             said(
-                "This area will show what was read, and then which effects a simple model of it does not contain."
+                "Three steps: choose a CSV file with the input and the output of a machine, press Diagnose, and add "
+                "the effect that is found. The law then computes the input that makes the output follow a reference."
             ).classes("place")
 
     def base(self) -> None:
         """Show the base, and the button that begins."""
         bench = self.bench
-        with section("Base"):
+        with section("Base model"):
             options = {**BASES, **({"file": f"Model file {bench.base_name}"} if bench.base_name else {})}
             value = bench.base if isinstance(bench.base, str) else "file"
             title = (
@@ -304,7 +294,8 @@ class Page:
             with details(title, open_=bench.current is None):
                 with ui.element("div").props('role=group aria-label="Kind of base"'):
                     self.kinds = ui.radio(options, value=value, on_change=lambda event: self.based(event.value))
-                drop("model", "model-file", ".json", bench.limit, "or drop a model file (.json)", [])
+                with details("A model file"):
+                    drop("model", "model-file", ".json", bench.limit, "Drop a model file (.json), or choose one", [])
                 text = "Diagnose" if bench.current is None else "Diagnose with this base"
                 self.start = ui.button(text, on_click=bench.diagnose).props("no-caps unelevated")
                 self.start.classes("main-button").set_enabled(bench.record is not None)

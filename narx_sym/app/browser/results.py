@@ -13,21 +13,20 @@ from ..workbench import Workbench
 from . import law
 from .widgets import Fault, caption, data_cells, head, heading, link, said, section, small
 
-TABS = {"model": "Model", "law": "Law", "export": "Export"}
+TABS = {"diagnosis": "Diagnosis", "model": "Model", "law": "Law", "export": "Export"}
 
 
 def tab(name: str, bench: Workbench) -> None:
     """Show what may be done with a model."""
     if bench.current is not None:
-        {"model": model, "law": law.LawTab, "export": files}[name](bench)
+        {"diagnosis": sight, "model": model, "law": law.LawTab, "export": files}[name](bench)
 
 
 def sight(bench: Workbench) -> None:
     """Show the report, in a frame that the page's script fills; what its button adds comes back here."""
-    if bench.current is not None:
-        # The frame says it too; who uses a reader is led here.
-        heading(bench.current.headline, 2, "found").classes("visually-hidden")
-        ui.html('<div data-live="live"></div>', sanitize=False)
+    # The frame says it too; who uses a reader is led here.
+    heading(bench.current.headline if bench.current else "", 2, "found").classes("visually-hidden")
+    ui.html('<div data-live="live"></div>', sanitize=False)
 
 
 def effects(bench: Workbench) -> None:
@@ -45,12 +44,13 @@ def effects(bench: Workbench) -> None:
 
 
 def steps(bench: Workbench) -> None:
-    """Show what was done; each state may be shown again."""
+    """Show what was done with the validation error that is left; each state may be shown again."""
+    said("Validation error after each step. Click, or Ctrl+Z and Ctrl+Y: back and forth.").classes("hint")
     with ui.element("ol").classes("steps"):
         for i, state in enumerate(bench.history.states):
             with ui.element("li").classes("undone" if i > bench.history.at else ""):
                 now = i == bench.history.at
-                text = f"{spaced(state.name)}: {number(state.error)} {bench.unit}"
+                text = f"{spaced(state.name)}: {number(state.error)} {bench.known['y']}"
                 made = ui.button(text, on_click=partial(bench.go, i)).props("no-caps flat dense align=left")
                 made.props('aria-current="step"' if now else "").classes("step")
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ...data.evidence.stiction import worst_valve
 from ...diagnosis.misfit import Portrait
 from ...errors import ModelError, NotInvertible
-from ...models.added import newer
 from ...models.continuous_time import Continuous
 from ...tasks.compensate import caution
 from ...tasks.physical import physical
 from .. import hero, words
 from ..comparison import Comparison, Units, stretch
-from ..parameters import effect_parameters, shape_units
+from ..parameters import added_sizes, candidate_parameters
 from ..picture import Picture
 from ..plots.portrait import portrait_panels
 from ..plots.valve import loop_panels
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 SIZE, NARROW = (5.2, 4.2), (4.2, 4.2)  # [inch] of the pictures beside the verdict
 NO_LAW = "No compensation law follows from this model."
-GOOD, BAD = "The law is stable over the range of the data.", "Take care with the law: "
+GOOD, BAD = "Stable over the range of the data.", "Take care: "
 
 
 def run(c: Comparison, units: Units, width: int) -> Picture:
@@ -54,7 +54,10 @@ def portrait(found: Portrait, units: Units) -> Picture:
 def explains(found: Portrait) -> str:
     """Say what explains what is missing."""
     share, most = words.percent(found.view.share), words.number(found.bandwidth, 2)
-    return f"Missing input: {found.view.label} explains {share}, up to {most} Hz. Shaded: possible by chance."
+    return (
+        f"What the base lacks, as an additional input: {found.view.label} explains {share} of it (up to {most} Hz). "
+        "Shaded: possible by chance."
+    )
 
 
 def pictures(material: Material) -> list[Picture]:
@@ -83,11 +86,14 @@ def pictures(material: Material) -> list[Picture]:
 def verdict(material: Material) -> dict[str, Any]:
     """Tell the first screen: the same numbers as `hero.told` gives the page's script."""
     d, now, units = material.diagnosis, material.lacking, material.units
-    known = physical(d, {name: unit for name, unit in units.items() if unit}, material.settings.get("scale"))
+    shown = now if now.last is not None or d.last is None else d  # what may be added, else what was
+    known = physical(shown, {name: unit for name, unit in units.items() if unit}, material.settings.get("scale"))
     found = material.once(hero.missing)
     return {
-        "badge": words.badge(now), "fall": words.fall(d, units), "bars": bars(material),
-        "physical": told(known, True), "linear": told(known, False), "added": added(d, units), "lamp": lamp(material),
+        "badge": words.badge(now).replace("nothing", "nothing" if shown is now else "nothing further"),
+        "sizes": sizes(shown, units, known), "fall": words.fall(shown, units, whole=False) or left(shown, units),
+        "bars": bars(material), "linear": "; ".join(quantities(known, False)), "lamp": lamp(material),
+        "of": words.spaced(" ".join(d.rungs)),
         "next": words.what_next(now), "notes": [*(f.sentence for f in now.faults), *now.data_notes],
         "why": words.without_ids(now.sentence(units)), "told": material.once(hero.told),
         "explains": explains(found) if found else "", "valves": d.steps[0].valves,
@@ -95,11 +101,35 @@ def verdict(material: Material) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def told(known: Continuous | str, effects: bool) -> str:
-    """Return the quantities of the effects, or of the linear part, in physical units; "" where there are none."""
+def quantities(known: Continuous | str, effects: bool) -> list[str]:
+    """Return the quantities of the effects, or of the linear part, in physical units with their intervals."""
     if isinstance(known, str):
-        return ""
-    return "; ".join(q.text for q in known.quantities if str(q.symbol) in known.main and bool(q.effect) == effects)
+        return []
+    own = [q.text for q in known.quantities if str(q.symbol) in known.main and bool(q.effect) == effects]
+    return [re.sub(r", 95 % (\S+) \.\.\. (\S+)", r" (95 %: \1 to \2)", text) for text in own]
+
+
+def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
+    """Say how large each effect is: of those added, else of those that may be, else what could have been seen."""
+    first, unit = d.steps[0], units.get("y") or "(unit of y)"
+    if first.valves:
+        band = "stiction band {} of the span of OP"
+        return [
+            band.format(words.percent(v.band / v.span)) if v.band else "no stiction band found" for v in first.valves
+        ]
+    if added := [*quantities(known, True), *added_sizes(d, units, known)]:
+        return added
+    fitting = [c for c in first.candidates if c.effect in first.confusion_set]
+    if fitting or first.finding != "nothing_detectable" or not first.unseen:
+        told = [f"{words.spaced(c.effect)}: {candidate_parameters(c, units)}" for c in fitting if first.refused is None]
+        return told or ["not known: no effect is confirmed"]
+    ends = [f"{words.number(size, 2)} {unit} ({words.spaced(n)})" for n, size in first.unseen]
+    return [f"any missing effect is below its detection limit: {ends[0]} to {ends[-1]} rms"]
+
+
+def left(d: Diagnosis, units: Units) -> str:
+    """Say how large the error is where nothing was added."""
+    return f"{words.number(d.ladder[-1]['validation_rms'])} {units.get('y') or '(unit of y)'} rms; nothing was added."
 
 
 def lamp(material: Material) -> tuple[str, str]:
@@ -123,18 +153,9 @@ def bars(material: Material) -> list[dict[str, Any]]:
     ]
     spread = d.steps[0].base.problem.spread
     rows += [(name.lower(), "floor", [("", size * spread, size)]) for name, size in words.floor(d).items()]
-    longest = max(size for *_, parts in rows for *_, size in parts)
+    most = max(size for _, css, parts in rows if css != "after" for *_, size in parts)  # of those that help
     return [
         {"name": name, "css": css,
-         "parts": [(p, f"{words.number(rms)} {unit}", words.percent(s), 100 * s / longest) for p, rms, s in parts]}
+         "parts": [(p, f"{words.number(rms)} {unit}", words.percent(s), 100 * min(1, s / most)) for p, rms, s in parts]}
         for name, css, parts in rows
     ]  # fmt: skip
-
-
-def added(d: Diagnosis, units: Units) -> list[str]:
-    """Return each effect of the last model with the values that it has there."""
-    shapes = shape_units(d, units)
-    return [
-        f"{words.spaced(e.effect)}: {effect_parameters(d.model, e, units, shapes)}"
-        for e in newer(d.model, d.steps[0].base.model)
-    ]

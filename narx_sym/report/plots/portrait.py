@@ -64,8 +64,15 @@ def joined(view: View, heights: Array) -> tuple[Array, Array]:
     return np.insert(view.centres, breaks, np.nan), np.insert(heights, breaks, np.nan)
 
 
+def chance(view: View) -> tuple[Array, Array]:
+    """Return half the width of what chance makes of the means, of the widest class at each place."""
+    x, at = np.unique(view.centres, return_inverse=True)
+    half = np.zeros(x.size)
+    np.maximum.at(half, at, np.nan_to_num(view.error))
+    return x, half
+
+
 def _band(view: View) -> Line:
     """Return the band of chance as one area, that of the widest class."""
-    order = np.argsort(view.centres, kind="stable")
-    x, half = view.centres[order], np.nan_to_num(view.error[order])
+    x, half = chance(view)
     return Line(np.concatenate([x, x[::-1]]), np.concatenate([half, -half[::-1]]), "chance", "range")

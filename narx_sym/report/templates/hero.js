@@ -357,7 +357,7 @@ function select(m) {
   Object.assign(fallen, {before: fallen.now, now: m, began: performance.now()});
   shown.model = m;
   for (const one of document.querySelectorAll(".sliders")) one.hidden = Number(one.dataset.model) !== m;
-  if (add) add.textContent = `Add${told.models[added()].name.slice(told.chosen ? told.models[told.chosen].name.length : 0).replace(/^ *\+/, "")}`;
+  if (add) add.textContent = `${parent === window ? "Show with" : "Add"}${told.models[added()].name.slice(told.chosen ? told.models[told.chosen].name.length : 0).replace(/^ *\+/, "")}`;
   for (const one of hero.querySelectorAll('input[name="switch"]')) one.checked = Number(one.value) === m;
   requestAnimationFrame(portrait);
   later();
