@@ -8,60 +8,36 @@ from typing import Any
 
 from ..codegen.registry import exports, files
 from ..data.units import said_first
-from ..errors import ModelError
 from ..files.atomic import columns_text
 from ..files.store import to_text
 from ..inversion.analyses import document
 from ..models.model import Model
 from ..report.page import material, page
-from ..tasks.compensate import Law
-from .browser.preview import Ran
 from .story import Story
 
 
-def written(kind: str, model: Model, law: Law | None, run: Ran | None, report: Callable[[], str]) -> str | bytes:
-    """Return the content of a file.
+def offered(bench: Any, model: Model) -> dict[str, tuple[str, Callable[[], str | bytes]]]:
+    """Return by its name what each file is called, and what makes its content.
 
-    Parameters
-    ----------
-    kind : str
-        "report.html", "model.json", "model.tex", "model.c" and the other exports, with a law "law.tex", "law.c"... and
-        with a run of it "law_run.csv".
-    law : Law, optional
-    run : Ran, optional
-    report : function that makes the page
-
-    Raises
-    ------
-    ModelError
-        Where there is no such file (yet).
+    "report.html", "model.json", "model.tex", "model.c" and the other exports, with a law "law.tex", "law.c"... and with
+    a run of it "law_run.csv".
     """
-    makers: dict[str, Callable[[], str | bytes]] = {
-        "report.html": report,
-        "model.json": lambda: to_text(model),
-        "model.tex": lambda: document(model),
+    law, run = bench.law, bench.run
+    sources = {ending: (name, exports()[name].title) for ending, name in files().items()}
+    found: dict[str, tuple[str, Callable[[], str | bytes]]] = {
+        "report.html": ("Report (HTML)", partial(report_of, bench)),
+        "model.json": ("Model (JSON)", partial(to_text, model)),
+        "model.tex": ("Derivation (LaTeX)", partial(document, model)),
+        **{f"model{e}": (f"Model ({title})", partial(model.export, name)) for e, (name, title) in sources.items()},
     }
-    makers |= {f"model{ending}": partial(model.export, name) for ending, name in files().items()}
     if law is not None and not law.why_not:
-        makers["law.tex"] = lambda: f"\\[\n{law.latex}\n\\]\n"
-        makers |= {f"law{ending}": partial(law.sources.__getitem__, ending) for ending in law.sources}
+        found["law.tex"] = "Law (LaTeX)", lambda: f"\\[\n{law.latex}\n\\]\n"
+        found |= {f"law{e}": (f"Law ({sources[e][1]})", partial(law.sources.get, e)) for e in law.sources}
     if run is not None:
-        makers["law_run.csv"] = lambda: columns_text(run.tracked.columns(run.units), "law_run.csv")
-    if kind not in makers:
-        raise ModelError(f"There is no {kind[:40]!r}; there are {', '.join(makers)}.")
-    return makers[kind]()
-
-
-def titles(law: Law | None, run: Ran | None) -> dict[str, str]:
-    """Return what there is to take away, and what it is called."""
-    sources = {ending: exports()[name].title for ending, name in files().items()}
-    found = {"report.html": "Report (HTML)", "model.json": "Model (JSON)", "model.tex": "Derivation (LaTeX)"}
-    found |= {f"model{ending}": f"Model ({title})" for ending, title in sources.items()}
-    if law is not None and not law.why_not:
-        found["law.tex"] = "Law (LaTeX)"
-        found |= {f"law{ending}": f"Law ({sources[ending]})" for ending in law.sources}
-    if run is not None:
-        found["law_run.csv"] = "Run of the law (CSV)"
+        found["law_run.csv"] = (
+            "Run of the law (CSV)",
+            lambda: columns_text(run.tracked.columns(run.units), "law_run.csv"),
+        )
     return found
 
 

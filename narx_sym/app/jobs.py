@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 from ..data.record import Record
@@ -12,31 +11,21 @@ from ..inversion.compensator import compensator
 from ..models.model import Model
 from ..tasks.compensate import Law, law_of, track
 from ..tasks.reference import Reference
-from ..tasks.revise import STAGES, Progress, Revision, begin, with_effect, with_term
+from ..tasks.revise import STAGES, Progress, Revision
 from .browser.preview import Ran, ran
 from .story import Shown, shown
 
 Units = Mapping[str, str]
 
 
-def diagnosed(base: str | Model, records: Sequence[Record], units: Units, progress: Progress, **known: Any) -> Shown:
-    """Identify a base, unless it is a model already, and diagnose it; `known` is what else `diagnose` is told."""
-    return _drawn((), partial(begin, base, records, **known), units, progress)
-
-
-def added(
-    effect: str, before: Sequence[Revision], records: Sequence[Record], units: Units, progress: Progress, **known: Any
-) -> Shown:
-    """Add an effect to the last of the revisions before."""
-    return _drawn(before, partial(with_effect, before[-1], effect, records, **known), units, progress)
-
-
-def edited(
-    model: Model, name: str, what: str, before: Sequence[Revision], records: Sequence[Record], units: Units,
-    progress: Progress, **known: Any,
+def revision(
+    make: Callable[..., Revision], what: Sequence[Any], before: Sequence[Revision], records: Sequence[Record],
+    units: Units, progress: Progress, **known: Any,
 ) -> Shown:  # fmt: skip
-    """Fit a model whose term with the parameter `name` is new."""
-    return _drawn(before, partial(with_term, model, name, what, records, **known), units, progress)
+    """Make a revision with a function of `tasks.revise`, and show it; `known` is what else `diagnose` is told."""
+    made = make(*what, records, inside(progress, after=1), **known)
+    progress(Told("drawing", STAGES + 1, STAGES + 1))
+    return shown(before, made, units)
 
 
 def followed(
@@ -51,9 +40,3 @@ def followed(
     found = track(compensator(model), reference, limits, rate)
     progress(Told("drawing"))
     return law, ran(found, units)
-
-
-def _drawn(before: Sequence[Revision], make: Callable[[Progress], Revision], units: Units, progress: Progress) -> Shown:
-    made = make(inside(progress, after=1))
-    progress(Told("drawing", STAGES + 1, STAGES + 1))
-    return shown(before, made, units)

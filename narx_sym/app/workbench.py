@@ -25,6 +25,7 @@ from ..models.rewrite import rewritten, written_terms
 from ..symbolic.signals import plain_name
 from ..tasks.base import check_kind, read_base, what_to_know
 from ..tasks.compensate import Law
+from ..tasks.revise import Revision, begin, with_effect, with_term
 from .browser.preview import Ran, signals_svg
 from .choice import (
     Choice,
@@ -41,9 +42,9 @@ from .choice import (
     shortened,
     suits,
 )  # fmt: skip
-from .downloads import report_of, written
+from .downloads import offered
 from .history import History, State
-from .jobs import added, diagnosed, edited, followed
+from .jobs import followed, revision
 from .story import Shown
 from .worker import Worker
 
@@ -216,12 +217,10 @@ class Workbench:
     def diagnose(self) -> None:
         """Begin to identify the base and to diagnose it; what was added before goes when that is done."""
         with Said(self) as said:
-            record, base = self._measured, self.base
+            base, name = self.base, self.base_name
             if isinstance(base, Model):
-                suits(said, base, record)
-            name = self.base_name
-            work = partial(diagnosed, validation=self._judging(), machine=self.choice.machine)
-            self._begin(lambda made: self._put([made], base, name), work, base, (record,), record.units)
+                suits(said, base, self._measured)
+            self._revise((), base, name, begin, base)
 
     def add(self, effect: str) -> None:
         """Begin to add an effect to the model, or two that only together explain the error."""
@@ -230,29 +229,30 @@ class Workbench:
                 for one in effect.split(" + "):  # of two that are found together
                     find(one)
             said.stop()
-            self._climb(added, effect)
+            self._climb(with_effect, self._last.bare(), effect)
 
     def edit(self, name: str, text: str) -> None:
         """Begin to fit the model with one term given as text: "" as name puts one in, "" as text takes it out."""
         with Said(self) as said:
             last, channels = self._last.base.model, self._measured.channels
-            with said.field(f"term {name}"):
+            with said.field("term"):
                 model = rewritten(last, name, text, channels)
             said.stop()
             what = f"{name or 'new term'}: {text.strip()}" if text.strip() else f"without {name}"
-            self._climb(edited, model, name, what)
+            self._climb(with_term, model, name, what)
 
-    def _climb(self, work: Callable[..., Shown], *what: Any) -> None:
-        if not self.revisions:
-            raise ModelError("Diagnose a base first.")
-        before = tuple(self.revisions)
-        bare = tuple(r.bare() for r in before)
-        record, of = self._measured, self.history.states[self.history.at]
+    def _climb(self, make: Callable[..., Revision], *what: Any) -> None:
+        of = self.history.states[self.history.at]
+        self._revise(tuple(self.revisions), of.base, of.base_name, make, *what)
+
+    def _revise(
+        self, before: tuple[Shown, ...], base: str | Model, name: str, make: Callable[..., Revision], *what: Any
+    ) -> None:
+        record, bare = self._measured, tuple(r.bare() for r in before)
+        work = partial(revision, validation=self._judging(), machine=self.choice.machine)
         self._begin(
-            lambda made: self._put([*before, made], of.base, of.base_name),
-            partial(work, validation=self._judging(), machine=self.choice.machine),
-            *what, bare, (record,), record.units,
-        )  # fmt: skip
+            lambda made: self._put([*before, made], base, name), work, make, what, bare, (record,), record.units
+        )
 
     def _judging(self) -> list[Record]:
         """Read the validation record, with the same columns."""
@@ -395,8 +395,8 @@ class Workbench:
         self.faults = {name: text for name, text in self.faults.items() if name}
 
     def download(self, kind: str) -> tuple[str, str | bytes]:
-        """Return name and content of a file; see `downloads.written`."""
-        if self.current is None:
-            raise ModelError("There is no model yet: diagnose a base first.")
-        content = written(kind, self.current.model, self.law, self.run, partial(report_of, self))
-        return f"{plain_name(Path(self.file).stem)}_{kind}", content
+        """Return name and content of a file; see `downloads.offered`."""
+        made = offered(self, self._last.model)
+        if kind not in made:
+            raise ModelError(f"There is no {kind[:40]!r}; there are {', '.join(made)}.")
+        return f"{plain_name(Path(self.file).stem)}_{kind}", made[kind][1]()

@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from ..data.units import converted
 from ..errors import ModelError
 from ..models.effects import MACHINES, Catalogue
+from .bases import spaced
 from .settings import SMALL
 
 NONE = "none"  # switches the guess off
@@ -37,7 +38,7 @@ class Machine:
         """Say what it was taken for, and which effects are not considered in its catalogue."""
         if not self.name:
             return []
-        left = ", ".join(name.replace("_", " ") for name in catalogue.excluded)
+        left = ", ".join(map(spaced, catalogue.excluded))
         said = [f"Not considered, because impossible in {MACHINES[self.name]}: {left}."] if left else []
         if self.guessed:
             by = f"because of the units {units['u']} -> {units['y']}"

@@ -64,6 +64,8 @@ def badge(diagnosis: Diagnosis) -> str:
     said = [BADGES[first.finding], first.how_sure if first.finding == "named" else ""]
     if (pair := first.pair) is not None and first.finding == "two_effects":
         said += ["others explain as much"] * bool(pair.rivals) + ["something else is missing too"] * (not pair.all)
+    if first.finding == "valve" and (valve := worst_valve(first.valves)).band:
+        said += [f"which explains {percent(1 - valve.left)} of the squared error"]
     if first.finding in ("named", "two_effects", "helps_but_incomplete"):
         said += ["uncertain because the input is a single sine"] * _one_sine(first)
     return ", ".join(filter(None, said))

@@ -97,7 +97,7 @@ def test_ctrl_c_ends_it_with_a_message_and_leaves_nothing(tmp_path, data, signal
     made = live.Server("own.csv", cwd=tmp_path)
     assert made.ask()[0] == 200 and list(tmp_path.glob("narx_sym_app_*"))
     code, said = made.stop(signal)
-    assert code == 0 and "ended" in said and "Traceback" not in said
+    assert code == 0 and "stopped" in said and "Traceback" not in said
     assert [p.name for p in tmp_path.iterdir()] == ["own.csv"]
 
 
@@ -180,12 +180,13 @@ def test_the_whole_way(page, data, tmp_path):
     assert serious(page) == [] and fits(page)
 
     page.get_by_role("tab", name="Export").focus()
-    for name in ("diagnosis", "model"):
+    for name in ("diagnosis", "law"):
         page.keyboard.press("ArrowRight")
         assert page.evaluate("document.activeElement.id") == f"tab-{name}"
-    term = page.get_by_label("A further term")
+    page.get_by_text("Change a term").click()
+    term = page.get_by_label("As text")
     term.fill("u[k-1]**2+")
-    page.get_by_role("button", name="Fit with this term of a new parameter").click()
+    page.get_by_role("button", name="Fit it").click()
     page.get_by_role("alert").get_by_text("Cannot read").wait_for()
     assert "Cannot read" in described(term) and term.input_value() == "u[k-1]**2+" and ladder(page) == after
     assert serious(page) == [] and fits(page)
@@ -235,7 +236,7 @@ def test_the_whole_way(page, data, tmp_path):
     rows = page.get_by_label("Rows A:B, from 0")
     rows.fill("0:1500")
     rows.press("Tab")
-    page.get_by_text("Other data or another machine").wait_for()
+    page.get_by_text("With other data, units").wait_for()
     page.wait_for_timeout(500)  # it fades in
     assert serious(page) == []
     page.get_by_role("button", name="Keep them").click()
@@ -306,7 +307,7 @@ def check_run(ran, model):
     said, path = ran
     r = 0.1 - live.np.cos(live.np.pi * live.np.arange(400) * live.TS)
     law, limits = model.compensator(), (-1.5, 1.5)
-    with pytest.warns(UserWarning, match="limits of the actuator"):
+    with pytest.warns(UserWarning, match="a limit of the actuator"):
         m = law.run(r, limits=limits)
     y = model.simulate(m, r[0], u0=law.rest_input(r[0], limits), warn=False)
     held = law.follow(r, limits=limits).held.mean()

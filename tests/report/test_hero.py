@@ -386,7 +386,7 @@ def test_the_law_follows_a_dragged_reference(opened, told, stage_diagnosis):
 
 def test_a_switch_moves_bars_loop_and_portrait(opened, told):
     """What is missing falls to what is left, in steps; the button throws the switch that the verdict names."""
-    assert state(opened)["model"] == told["chosen"] == 0 and opened.inner_text("#hero-add") == "Add backlash"
+    assert state(opened)["model"] == told["chosen"] == 0 and opened.inner_text("#hero-add") == "Show with backlash"
     opened.wait_for_timeout(700)
     before = left(opened)
     opened.click("#hero-add")
@@ -394,7 +394,7 @@ def test_a_switch_moves_bars_loop_and_portrait(opened, told):
     now = state(opened)
     assert now["model"] == told["add"] == 1 and now["rms"] < 0.3 * told["models"][0]["errors"]["train"]["rms"]
     opened.check('input[name="switch"][value="2"]')
-    assert opened.inner_text("#hero-add") == f"Add {told['models'][2]['name'].removeprefix('+ ')}"
+    assert opened.inner_text("#hero-add") == f"Show with {told['models'][2]['name'].removeprefix('+ ')}"
 
 
 def test_the_brush_chooses_what_the_loop_shows(opened, told):

@@ -1,4 +1,4 @@
-"""The parts of the page that show a model: what was found, where it fails, candidates, model, law, downloads."""
+"""The parts of the page that show a model: what was found, what may be added or changed, law, downloads."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from nicegui import ui
 
 from ...models.effects import EFFECTS
 from ...report.words import number, removed, spaced
-from ..downloads import titles
+from ..downloads import offered
 from ..workbench import Workbench
 from . import law
-from .widgets import Fault, caption, data_cells, head, heading, link, said, section, small
+from .widgets import Fault, details, heading, link, said, section
 
-TABS = {"diagnosis": "Diagnosis", "model": "Model", "law": "Law", "export": "Export"}
+TABS = {"diagnosis": "Diagnosis", "law": "Law", "export": "Export"}
 
 
 def tab(name: str, bench: Workbench) -> None:
     """Show what may be done with a model."""
     if bench.current is not None:
-        {"diagnosis": sight, "model": model, "law": law.LawTab, "export": files}[name](bench)
+        {"diagnosis": sight, "law": law.LawTab, "export": files}[name](bench)
 
 
 def sight(bench: Workbench) -> None:
@@ -35,12 +35,28 @@ def effects(bench: Workbench) -> None:
     if current is None:
         return
     shares = {row["effect"]: f"{spaced(row['effect'])}: {removed(row)[0]}" for row in current.found.table()}
-    with section("Add another effect"), ui.element("div").classes("other"):
+    with section("Change the model"), ui.element("div").classes("other"):
         said("The number is the fraction of the removable error that the effect removes.").classes("hint")
         others = {n: spaced(n) for n in others_of(bench, set(shares))}
-        chosen = ui.select(shares | others, label="Effect").props("outlined dense options-dense").classes("field")
+        chosen = ui.select(shares | others, label="Another effect").classes("field")
+        chosen.props("outlined dense options-dense")
         Fault(chosen, bench, "effect")
         ui.button("Add it", on_click=lambda: bench.add(chosen.value or "")).props("no-caps outline")
+        with details("Change a term"), ui.element("div").classes("other"):
+            terms(bench)
+
+
+def terms(bench: Workbench) -> None:
+    """Show a term as text, to be fitted anew or taken out; the report lists all parameters with their errors."""
+    said("Sums, products, powers, and the functions sign, abs, sin, cos, tanh, exp, Max, Min.").classes("hint")
+    listed = {"": "a new term, such as u[k-2]"} | {name: f"{name}: {term}" for name, term in bench.terms.items()}
+    which = ui.select(listed, label="Term", value="").props("outlined dense options-dense").classes("field")
+    text = ui.input("As text").props("outlined dense maxlength=500").classes("field")
+    which.on_value_change(lambda event: text.set_value(bench.terms.get(event.value, "")))
+    Fault(text, bench, "term")
+    with ui.element("div").classes("undo"):
+        for title, what in (("Fit it", lambda: text.value or ""), ("Remove it", lambda: "")):
+            ui.button(title, on_click=lambda what=what: bench.edit(which.value or "", what())).props("no-caps outline")
 
 
 def steps(bench: Workbench) -> None:
@@ -65,46 +81,9 @@ def others_of(bench: Workbench, shown: set[str]) -> list[str]:
     return [n for n in names if n not in shown]
 
 
-def model(bench: Workbench) -> None:
-    """Show the parameters, and the terms as text."""
-    heading("Change a term", 3)
-    said("Edit a term as text: sums, products, powers, and the functions sign, abs, sin, cos, tanh, exp, Max, Min.")
-    rows = {r["symbol"]: r for r in bench.revisions[-1].model.table()}
-    titles = ["parameter", "value", "standard error", "term", ""]
-    with ui.element("table").classes("grid"):
-        caption("Parameters and terms")
-        head(titles)
-        with ui.element("tbody"):
-            for name, row in rows.items():
-                std = f"{row['standard_error']:.2g}" if row["standard_error"] else "fixed"
-                with ui.element("tr"):
-                    data_cells(titles, [name, f"{row['theta']:.6g}", std])
-                    editable(bench, titles, name, row["term"])
-            with ui.element("tr"):
-                data_cells(titles, ["new", "", ""])
-                editable(bench, titles, "", "")
-
-
-def editable(bench: Workbench, titles: list[str], name: str, term: str) -> None:
-    """Two cells: a term as text, and the buttons that fit the model with it."""
-    own = bench.terms.get(name)
-    if name and own is None:
-        data_cells(titles[3:], [term or "shape of an effect", ""])
-        return
-    with ui.element("td").props(f'data-title="{titles[3]}"'):
-        what = f"Term of {name}" if name else "A further term, such as u[k-2]"
-        field = ui.input(what, value=own or "").props("outlined dense maxlength=500").classes("term")
-        Fault(field, bench, f"term {name}")
-    whose = name or "a new parameter"
-    with ui.element("td"):
-        small("Fit", f"Fit with this term of {whose}", lambda: bench.edit(name, field.value or ""))
-        if name:
-            small("Remove", f"Remove the term of {name}", lambda: bench.edit(name, ""))
-
-
 def files(bench: Workbench) -> None:
     """Show the files to download."""
     with section("Download"), ui.element("ul").classes("files"):
-        for name, title in titles(bench.law, bench.run).items():
+        for name, (title, _) in offered(bench, bench._last.model).items():
             with ui.element("li"):
                 link(name, title)

@@ -98,29 +98,6 @@ def link(name: str, title: str) -> None:
     ui.html(f'<a href="download/{name}" download>{escape(title)}</a>', sanitize=False)
 
 
-def small(text: str, means: str, do: Callable[[], Any]) -> None:
-    """Make a small button; `means` is what a reader hears."""
-    ui.button(text, on_click=do).props(f'no-caps outline dense padding="4px 12px" aria-label="{escape(means)}"')
-
-
-def caption(title: str) -> None:
-    """Give a table its title."""
-    ui.html(escape(title), tag="caption", sanitize=False)
-
-
-def head(titles: list[str]) -> None:
-    """Make the head of a table."""
-    with ui.element("thead"), ui.element("tr"):
-        for title in titles:
-            ui.html(escape(title), tag="th", sanitize=False).props("scope=col") if title else ui.element("td")
-
-
-def data_cells(titles: list[str], cells: list[str]) -> None:
-    """Make the cells of a row, each with its title for narrow screens."""
-    for title, cell in zip(titles, cells, strict=False):
-        ui.html(escape(cell), tag="td", sanitize=False).props(f'data-title="{escape(title)}"')
-
-
 class Fault(ui.label):
     """What is wrong with a field, below it, for a reader its description; `look` shows what has changed."""
 

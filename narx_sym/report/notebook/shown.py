@@ -13,7 +13,7 @@ from ...symbolic.mathml import from_latex, marked
 from ...tasks.compensate import ahead
 from ..figures.describe import stylesheet
 from ..panels import candidates, ladder
-from ..words import headline, number, removed
+from ..words import badge, headline, number, removed
 
 LEFT = "text-align: left"
 
@@ -53,7 +53,7 @@ def diagnosis_html(diagnosis: Diagnosis) -> str:
     listed = table(["effect", "where", "share", "95 % interval", "parameters"], rows) if rows else ""
     style = stylesheet(".narx-sym") + ".narx-sym svg { width: 100%; height: auto; fill: currentColor }"
     return (
-        f'<div class="narx-sym"><style>{style}</style><p><b>{escape(headline(diagnosis))}</b></p>'
-        f"<p>{escape(diagnosis.sentence())}</p>"
+        f'<div class="narx-sym"><style>{style}</style><p><b>{escape(headline(diagnosis))}</b>'
+        f" ({escape(badge(diagnosis))})</p><p>{escape(diagnosis.sentence())}</p>"
         f'<div style="display: flex; flex-wrap: wrap">{pictures}</div>{listed}</div>'
     )

@@ -106,7 +106,7 @@ def quantities(known: Continuous | str, effects: bool) -> list[str]:
     if isinstance(known, str):
         return []
     own = [q.text for q in known.quantities if str(q.symbol) in known.main and bool(q.effect) == effects]
-    return [re.sub(r", 95 % (\S+) \.\.\. (\S+)", r" (95 %: \1 to \2)", text) for text in own]
+    return [re.sub(r", 95 % (\S+) \.\.\. (\S+)", r", 95 % interval \1 to \2", text) for text in own]
 
 
 def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
@@ -144,7 +144,8 @@ def lamp(material: Material) -> tuple[str, str]:
 def bars(material: Material) -> list[dict[str, Any]]:
     """Return the errors of each switch on the record and on validation data, and the noise floor.
 
-    Each is a size, a share of the output's standard deviation, and a length as a percentage of the longest.
+    Each is a size, a share of the output's standard deviation, and a length in percent: of the longest,
+    but of no more than twice that of the base.
     """
     d, unit = material.diagnosis, material.units.get("y") or "(unit of y)"
     rows = [
@@ -153,7 +154,7 @@ def bars(material: Material) -> list[dict[str, Any]]:
     ]
     spread = d.steps[0].base.problem.spread
     rows += [(name.lower(), "floor", [("", size * spread, size)]) for name, size in words.floor(d).items()]
-    most = max(size for _, css, parts in rows if css != "after" for *_, size in parts)  # of those that help
+    most = min(max(s for *_, parts in rows for *_, s in parts), 2 * max(s for *_, s in rows[0][2]))
     return [
         {"name": name, "css": css,
          "parts": [(p, f"{words.number(rms)} {unit}", words.percent(s), 100 * min(1, s / most)) for p, rms, s in parts]}
