@@ -44,7 +44,7 @@ def taylor(one: Any, others: Iterable[Any]) -> tuple[int, str] | tuple[()]:
         return ()
     for other in others:
         series = _alone(other) if other.id != one.id and {*other.places} & {*one.places} else None
-        if series is None or not series.atoms(sp.tanh, sp.sin) or series.has(sp.Abs, sp.Max, sp.Min, sp.sign):
+        if series is None or series.is_Pow:
             continue
         orders = (series.diff(X, n).xreplace({X: sp.S.Zero}) for n in range(1, int(z.exp) + 1))
         first = next(((n, c) for n, c in enumerate(orders, 1) if c != 0), (0, sp.S.Zero))
@@ -80,12 +80,13 @@ def alike(form: Any) -> bool:
 
 @lru_cache(maxsize=512)
 def _alone(one: Any) -> Any:
-    """Return what an effect contributes as a function of the present sample of its driver alone; None else."""
+    """Return a power or a smooth function of the present sample alone that an effect contributes; None else."""
     if "steps" in {s.of for s in one.scan.values()}:
         return None
-    form = one.equations(Ts=sp.Float(0.01))
-    z = form.z[0].xreplace({signal("x")[k]: X})
-    return z if len(form.z) == 1 and not form.states and not samples(z) else None
+    form, now = one.equations(Ts=sp.Float(0.01)), signal("x")[k]
+    z = form.z[0]
+    smooth = z.is_Pow or (z.has(sp.tanh, sp.sin) and not z.has(sp.Abs, sp.Max, sp.Min, sp.sign))
+    return z.xreplace({now: X}) if smooth and len(form.z) == 1 and not form.states and samples(z) == [now] else None
 
 
 def _shape(one: Any, given: Mapping[str, float]) -> dict[str, Any]:
