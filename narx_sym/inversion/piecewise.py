@@ -33,7 +33,7 @@ from .breakpoints import (
     smooth_part,
 )
 from .monotone import keeps_sign, rising
-from .solution import ROUNDED, Branch, Solution, apart, number, resting, rounding, tidy
+from .solution import ROUNDED, Branch, FlatEnd, Solution, apart, number, resting, rounding, tidy
 
 # A flat piece reaches one target only: this part of what a piece of its width beside it reaches does not make the
 # unknown jump over it.
@@ -177,7 +177,9 @@ class _Chain:
             low, high = (away, at) if side < 0 else (at, away)
             nearest, where = within(last, low, high), f"from {text(low)} to {text(high)}"
         band, gap = rounding(self.target - level, self.beside), self.T - edge
-        return [Branch(gap <= band if side < 0 else gap >= -band, nearest)], [], [self.given(where, level)]
+        found = FlatEnd(side, at, level, -side * gap, None if away is None else side * (away - at))
+        branch = Branch(gap <= band if side < 0 else gap >= -band, nearest, flat=found)
+        return [branch], [], [self.given(where, level)]
 
     def plateau(self, piece: Piece, at: Any, side: int) -> list[Piece]:
         """Return the flat pieces that go on outwards from an end of the chain, on its level."""

@@ -38,15 +38,31 @@ class Root(sp.Function):
 
 
 @dataclass(frozen=True)
+class FlatEnd:
+    """A flat piece at an end of a map: from `at` on, downwards (side -1) or upwards (1), all gives the target `level`.
+
+    No target with a negative `room` is reached; `width` is that of the piece, None where it has no end.
+    """
+
+    side: int
+    at: Any
+    level: Any
+    room: Any
+    width: Any = None
+
+
+@dataclass(frozen=True)
 class Branch:
     """One case of a solution: where `condition` holds, and no earlier one does, the unknown is `solution`.
 
     `form` is the smooth expression in the unknown that equals the target there; None where a limit or a jump holds it.
+    `flat` is the flat end of which it is the nearest value.
     """
 
     condition: Any
     solution: Any
     form: Any = None
+    flat: FlatEnd | None = None
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Independent attack on what laws and proofs say, with fresh seeds on demand.
 
     python tests/bench/attack.py [--models 500] [--seed 0] [--jobs 2] [--effects 2] [--late 0] [--names]
+    python tests/bench/attack.py --slips 4 [--models 30] [--seed 4000]
 
 Random models with up to `--effects` effects of the catalogue, in every place, with up to `--late` samples of dead time
 more, and with `--names` a channel that is called as the package itself calls something, are driven by a random input that also rests;
@@ -12,6 +13,8 @@ that the law says that it is unstable there, "last digits decide" that it follow
 languages are last digits that grow, or turn a sign, or that the last digits of the reference move the input as far. A
 proof ("exactly one") is refuted where a search over inputs finds none or two, "cannot be reached" where the model has made
 that output itself. Nothing is tuned.
+
+With --slips the models have elastic friction that slips, behind a dead time of 1 to `--slips` samples, `--models` of each.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from common import asked
+from common import asked, parallel
 
 import narx_sym as ns
 from narx_sym.errors import Diverged, NarxError, NotInvertible, Unreachable
@@ -305,10 +308,28 @@ def _nudged(run: Run) -> float:
     return float(np.abs(one - other).max() / max(1.0, np.abs(one).max()))
 
 
+def slipping(seed: int, tau: int) -> bool:
+    """Whether a law follows what a random model made whose friction slips."""
+    from inversion.test_flat import slipped
+
+    _, law, made = slipped(seed, tau)
+    return not law.follow(made, 0.0, share=None).missed.any()
+
+
+def slips(seeds: range, most: int, jobs: int) -> int:
+    """Print how many of those laws follow, by dead time."""
+    for tau in range(1, most + 1):
+        found = parallel(slipping, [(seed, tau) for seed in seeds], jobs, f"tau_d = {tau}")
+        print(f"tau_d = {tau}: {sum(found)} of {len(found)} follow", flush=True)
+    return 0
+
+
 def main() -> int:
     """Attack, and print what was found."""
-    options = asked(__doc__, models=500, seed=0, jobs=2, effects=2, late=0, names=False)
+    options = asked(__doc__, models=500, seed=0, jobs=2, effects=2, late=0, names=False, slips=0)
     seeds = range(options.seed, options.seed + options.models)
+    if options.slips:
+        return slips(seeds, options.slips, options.jobs)
     tally: Counter[str] = Counter()
     pool = ProcessPoolExecutor(options.jobs) if options.jobs > 1 else None
     attacked = partial(outcome, effects=options.effects, late=options.late, names=options.names)

@@ -100,19 +100,30 @@ def test_an_own_output_is_reached_although_a_choice_decides_what_follows(case):
     assert np.abs(model.simulate(found.m, 0.0, u0=0.0) - y)[tau:].max() <= exact * np.abs(y).max()
 
 
-@pytest.mark.parametrize("seed", some(range(-1, 40), 8))
-def test_what_friction_made_while_it_slipped_is_reached(seed):
-    """At each turn one of the inputs with which it slips decides when it slips on the other side."""
+def slipped(seed, tau, unit=1.0):
+    """Return a model whose friction slips, its law, and what the model made, in a unit of y and its reciprocal of u."""
     rng, n = np.random.default_rng(1000 + seed), np.arange(N)
     drawn = rng.uniform([0.2, 0.3, 0.1, 0.1], [0.8, 1.0, 0.8, 0.6]) * [1, rng.choice([-1, 1]), rng.choice([-1, 1]), 1]
     pole, gain, c, r = drawn if seed >= 0 else (0.5, 0.5, 0.3, 0.3)
-    model = slipping(pole, gain, c=c, r=r)
+    model = slipping(pole, gain * unit**2, tau, c * unit, r / unit)
     u = rng.uniform(0.5, 1.5) * np.sin(0.07 * n + rng.uniform(0, 6)) + 0.4 * np.sin(0.3 * n)
-    y = model.simulate(np.where(n < 8, 0.0, u), 0.0, u0=0.0)
-    law = model.compensator()
+    return model, model.compensator(), model.simulate(np.where(n < 8, 0.0, u) / unit, 0.0, u0=0.0)
+
+
+@pytest.mark.parametrize("unit", [1e-5, 1e5])
+def test_what_friction_made_is_reached_in_any_unit(unit):
+    model, law, y = slipped(3, 2, unit)
+    found = law.follow(y, 0.0, share=None)
+    assert not found.missed.any() and np.abs(model.simulate(found.m, 0.0, u0=0.0) - y).max() <= 1e-9 * np.ptp(y)
+
+
+@pytest.mark.parametrize("case", some(product(range(-1, 40), [1, 2, 3, 4]), 23), ids=str)
+def test_what_friction_made_while_it_slipped_is_reached(case):
+    """At each turn the last inputs with which it slips, tau of them, decide when it slips on the other side."""
+    model, law, y = slipped(*case)
     assert "every m[k] from" in law.checked and law.residual() == 0
     found = law.follow(y, 0.0, share=None)
-    assert not found.missed.any() and np.abs(model.simulate(found.m, 0.0, u0=0.0) - y).max() <= 1e-6 * np.ptp(y)
+    assert not found.missed.any() and np.abs(model.simulate(found.m, 0.0, u0=0.0) - y).max() <= 1e-9 * np.ptp(y)
 
 
 def test_what_a_choice_decides_is_said_where_the_reference_is_read_from_sample_to_sample():
@@ -122,9 +133,10 @@ def test_what_a_choice_decides_is_said_where_the_reference_is_read_from_sample_t
     assert law.follow(y, 0.0, back=False).missed.any()
     with pytest.warns(UserWarning, match="computed sample by sample on a machine it would miss some"):
         law.run(y, 0.0)
-    model, u = drawn(0)  # friction that slips at the output: here no other choice is found
+    _, law, y = slipped(-1, 2)
+    y[1] += 1.0  # at rest before: friction alone does not reach this
     with pytest.raises(Unreachable, match="Before that, several inputs gave the same output"):
-        model.compensator().run(model.simulate(u, 0.0, u0=0.0), 0.0, share=None)
+        law.run(y, 0.0, share=None)
 
 
 @pytest.mark.parametrize("engine", ["native", "python"])

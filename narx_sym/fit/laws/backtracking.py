@@ -4,28 +4,19 @@ The run returns to where another input gave the same output, the latest first, t
 (backtracking; of the runs at hand the one that came furthest is changed next). A machine cannot do so: what it meets is
 not known to it beforehand.
 
-On a flat piece there are such inputs without number. First the last few inputs are moved together from what the law
-took, as few as can be, until the model gives the reference there:
-
-    sum_k (y[k] - r[k])^2 = 0
-
-by Levenberg-Marquardt, whose steps are the shortest ones: the sample of a flat piece has no slope in its own input, so
-that there it is the later samples that move it. Where the way leads over an edge, single inputs are tried at which the
-run that follows changes: to one side it misses at another sample than to the other, or there from above instead of from
-below. A later sample lies on an edge then, where a flat piece begins, and leaves a choice of its own: so friction goes
-on slipping.
+On a flat piece at an end of the map there are such inputs without number: those that leave nothing missed are computed
+as sets; see `narx_sym.fit.laws.flat_ends`.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import count, pairwise
+from itertools import count
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ...inversion.compensator import Compensator
 from ...inversion.solution import Solution
@@ -33,17 +24,15 @@ from ...inversion.stages import limits_of
 from ...symbolic.signals import m, samples
 from .crossings import OUTSIDE, around, beyond, bisected, crossings, gap_along
 from .driven import FREE
+from .flat_ends import FlatEnds
 from .trial import Trial, alone, growth
 
 Array = np.ndarray
 TRIES, BACK = 200, 100  # runs; how far back of a miss an input is changed
-AHEAD, MOVES = 32, np.geomspace(1e-5, 30.0, 28)  # beyond a miss a try is followed; of what the input has been: tries
+AHEAD = 32  # samples beyond a miss until which inputs on flat ends are chosen
 LONGER = 4  # the next stretch of a run is so many times as long
 WIDER = 1.0  # of what the input has been: solutions further beyond are looked for in steps that grow
 INEXACT, OTHER = 1e-9, 1e-7  # of the largest reference: what is missed; of the largest input: what is another one
-STRETCHES = (2, 4, 8, 16, 32, 64, 128)  # samples up to a miss that are moved together: the fewest that do
-STEPS, EXACT = 60, 1e-15  # of a search by least squares; where it ends
-DIFFERENCES = (None, 1e-6)  # steps of an input, as SciPy has them: near its kinks first, then far above rounding
 
 
 def open_stages(law: Compensator) -> list[Solution]:
@@ -108,8 +97,7 @@ class Backtracking:
     def __init__(self, law: Compensator, target: Array, start: float, channels: Mapping[str, Any]):
         self.law, self.target, self.start, self.channels = law, target, start, channels
         assert law.staged is not None
-        self.level = [s.flat and s.alone for s in open_stages(law)]  # all that is open is the place on a flat piece
-        self.flat = any(s.flat for s in open_stages(law))
+        self.level = all(s.flat and s.alone for s in open_stages(law))  # all that is open is the place on a flat piece
         self.delay, self.tried = law.staged.delay, 0
         self.n = target.size - self.delay
         self.size = INEXACT * float(np.abs(target).max())
@@ -144,44 +132,20 @@ class Backtracking:
     def _shown(self, values: Mapping[str, Array]) -> dict[str, Array]:
         return self.prepared.shown({**values, "m_wanted": values["m"]})
 
-    # -- inputs on flat pieces, moved together -----------------------------------------------------------------
-
     def moved(self) -> dict[str, Array] | None:
-        """Return a run whose inputs before a miss on flat pieces are moved together; None where that does not do."""
-        if not self.flat:
-            return None
+        """Return a run whose inputs on flat ends before a miss are others; None where that does not do."""
+        ends = FlatEnds(self.law, open_stages(self.law), self.prepared)
         taken, before, tried = np.full(self.target.size, FREE), -1, 0
         values = self._run(taken, {}, 0, self.n)
         while (missed := self.missed(values["y"][self.depth :])) is not None:
-            begins = dict.fromkeys(max(0, missed + 1 - size) for size in STRETCHES)
-            found = ((b, x) for b in begins if (x := self._together(values, b, missed + 1)) is not None)
-            begin, inputs = next(found, (0, None))
+            begin, end = max(0, missed - BACK), min(self.n, missed + AHEAD)
+            inputs = ends.inputs(values, begin, end)
             if inputs is None or missed <= before:
                 return None
-            taken[begin : missed + 1], before, tried = inputs, missed, tried + 1
+            taken[begin : begin + inputs.size], before, tried = inputs, missed, tried + 1
             values = self._run(taken, values, begin, self.n)
         self.tried = tried
         return self._shown(values)
-
-    def _together(self, values: Mapping[str, Array], begin: int, end: int) -> Array | None:
-        """Return inputs of a stretch with which nothing is missed in it, (end - begin,); None where none were found."""
-        made, depth = self.prepared, self.depth
-        ahead = made.compiled.recursion.lead
-        given = {name: column[begin : depth + end + ahead] for name, column in made.given.items()}
-        initial = {name: column[begin : begin + depth] for name, column in values.items()}
-        wanted = self.target[self.delay :][begin:end]
-
-        def gap(inputs: Array) -> Array:
-            taken = np.concatenate([np.full(depth, FREE), inputs, np.full(ahead, FREE)])
-            run = made.compiled({**given, "m_taken": taken}, made.theta, initial, start=depth, on_divergence="nan")
-            return np.nan_to_num(run["y"][depth : depth + end - begin] - wanted, nan=FREE**0.25, posinf=FREE**0.25)
-
-        tried = [values["m"][depth + begin : depth + end]]
-        for step in DIFFERENCES:
-            options = {"diff_step": step, "max_nfev": STEPS, "xtol": EXACT, "ftol": EXACT, "gtol": EXACT}
-            tried.append(least_squares(gap, tried[-1], method="lm", **options).x)
-        best = min(tried, key=lambda inputs: np.abs(gap(inputs)).max())
-        return best if np.abs(gap(best)).max() <= self.size else None
 
     # -- one other input at a time -----------------------------------------------------------------------------
 
@@ -246,11 +210,9 @@ class Backtracking:
         """Return other inputs on the way to a miss, the latest first: the sample, and the input."""
         assert path.missed is not None
         at = np.arange(max(path.begin, path.missed - BACK), path.missed + 1)
-        others = self._others(path, at) if at.size and not all(self.level) else {}
+        others = self._others(path, at) if at.size and not self.level else {}
         for place in map(int, at[::-1]):
             yield from ((place, x) for _, x in sorted(others.get(place, ())))
-            if any(self.level):
-                yield from self._turned(path, place)
 
     def _others(self, path: _Path, at: Array) -> dict[int, list[tuple[float, float]]]:
         """Return further inputs that give the wanted output, by sample: how far they are, and where."""
@@ -278,38 +240,3 @@ class Backtracking:
         for row, far, place in zip(rows[other], away[other], places[other], strict=True):
             found.setdefault(int(at[row]), []).append((float(far), float(place)))
         return found
-
-    def _turned(self, path: _Path, at: int) -> Iterator[tuple[int, float]]:
-        """Return the inputs on a flat piece at which what follows changes: a later sample comes onto an edge there.
-
-        Beside them the run misses at another sample, or to the other side. What comes furthest is first.
-        """
-        assert path.missed is not None
-        end = min(self.n, path.missed + AHEAD)
-        column = path.values["m"][: self.depth + path.missed + 1]
-        here, size = float(column[self.depth + at]), float(np.ptp(column)) or abs(float(column[-1])) or 1.0
-
-        def came(where: float) -> tuple[int, bool]:
-            taken = path.taken.copy()
-            taken[at] = where
-            y = self._run(taken, path.values, at, end)["y"][self.depth : self.depth + end]
-            missed = self.missed(y)
-            return (end, False) if missed is None else (missed, bool(y[missed] > self.target[self.delay + missed]))
-
-        ends = [(x, came(x)) for x in here + size * np.concatenate([-MOVES[::-1], [0.0], MOVES])]
-        found = [turn for one, other in pairwise(ends) for turn in _between(came, one, other)]
-        yield from ((at, x) for _, _, x in sorted((-n, abs(x - here), x) for n, x in found))
-
-
-def _between(came: Callable[[float], tuple[int, bool]], one: Any, other: Any) -> Iterator[tuple[int, float]]:
-    """Return where a run comes to another sample between two values: how far at most, and the value."""
-    if one[1] == other[1]:
-        return
-    middle = (one[0] + other[0]) / 2
-    if one[0] < middle < other[0]:
-        half = middle, came(middle)
-        yield from _between(came, one, half)
-        yield from _between(came, half, other)
-    elif one[1][0] != other[1][0]:
-        x, (n, _) = max(one, other, key=lambda end: end[1][0])
-        yield n, float(x)
