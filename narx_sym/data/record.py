@@ -362,6 +362,9 @@ def _read_several(u: Any, y: Any, channels: Any, roles: Mapping[str, str] | None
     named = [[n] if isinstance(n, str) else list(n) if isinstance(n, (list, tuple)) else [] for n in (u, y)]
     if not all(names and all(isinstance(n, str) for n in names) for names in named):
         raise DataError(f"{path}: inputs and outputs are the name of a column, or a list of them, not {u!r} and {y!r}")
+    for option, names in zip(("--input", "--output"), named, strict=True):
+        if wrong := [n for n in names if not n.strip() or names.count(n) > 1]:
+            raise DataError(f"{path}: {option} has {wrong[0]!r}, which is empty or named twice: name each column once")
     (u, *inputs), (y, *outputs) = named
     said = {**dict.fromkeys(inputs, INPUT), **dict.fromkeys(outputs, OUTPUT), **(roles or {})}
     made = read(path, u, y, channels=[*names_of(channels), *inputs, *outputs], roles=said, **how)

@@ -47,6 +47,13 @@ def test_columns_are_named_by_texts(tmp_path, u, y):
         ns.read(tmp_path / "a.csv", u=u, y=y)
 
 
+@pytest.mark.parametrize("u, y", [(["v1", "v1"], "h1"), (["v1", ""], "h1"), ("v1", ["h1", "h1"])])
+def test_each_column_is_named_once(tmp_path, u, y):
+    (tmp_path / "a.csv").write_text("t,v1,h1\n0,1,2\n1,2,3\n", encoding="utf-8")
+    with pytest.raises(ns.DataError, match="empty or named twice"):
+        ns.read(tmp_path / "a.csv", u=u, y=y)
+
+
 def test_several_outputs_are_identified_and_run_together(record):
     system = ns.identify_outputs(record)
     assert system.outputs == ("h1", "h2") and system.inputs == ("u", "v2")
