@@ -89,9 +89,9 @@ def _load_text(name: str, wanted: Collection[str] | None) -> Table:
     found = _columns(name, body, sep, decimal, len(header))
     if len(found[0]) != full.size:
         raise DataError(f"{name}: {full.size} lines of data give {len(found[0])} rows; check the quotes")
-    beyond = np.reshape([x == x for x in found[len(header) :]], (-1 if full.size else 0, full.size))  # NaN is unequal
-    for row in np.flatnonzero(beyond.any(axis=0))[:1]:
-        fields = len(header) + int(np.flatnonzero(beyond[:, row])[-1]) + 1
+    beyond = [x == x for x in found[len(header) :]]  # what is missing is no equal
+    for row in np.flatnonzero(np.any(beyond, axis=0))[:1]:
+        fields = len(header) + max(i for i, there in enumerate(beyond, 1) if there[row])
         raise DataError(
             f"{name}: line {numbers[row]} has {fields} values but the header has {len(header)} names; "
             "correct the line (a decimal comma needs semicolons between the columns)"

@@ -264,12 +264,11 @@ def kept(recipe: str, make: Callable[[], tuple[Any, bytes]]) -> tuple[Any, Any]:
     """
     from .machine.emitter import loaded, processor
 
-    key = "\n".join((processor(), _rules(), sp.__version__, recipe))
-    content = cache.kept(key)
-    if content is None:
+    def together() -> bytes:
         told, code = make()
-        content = json.dumps(told).encode() + b"\n" + code
-        cache.keep(key, content)
+        return json.dumps(told).encode() + b"\n" + code
+
+    content = cache.made("\n".join((processor(), _rules(), sp.__version__, recipe)), together)
     header, _, code = content.partition(b"\n")
     return json.loads(header), loaded(code, "run")
 

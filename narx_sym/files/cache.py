@@ -9,6 +9,7 @@ import hashlib
 import os
 import stat
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -50,6 +51,15 @@ def keep(text: str, content: bytes) -> None:
             os.replace(part, folder / name)
         finally:
             part.unlink(missing_ok=True)
+
+
+def made(text: str, make: Callable[[], bytes]) -> bytes:
+    """Return what was kept under a text; else make it, and keep it."""
+    content = kept(text)
+    if content is None:
+        content = make()
+        keep(text, content)
+    return content
 
 
 @lru_cache(maxsize=8)

@@ -81,17 +81,17 @@ def initial_values(model: Model, data: Mapping[str, Array], depth: int, engine: 
     """
     found = {model.output.name: np.asarray(data[model.output.name][:depth])}
     # Without values nothing is known about an effect: it is taken as absent.
-    known = model.numbers is not None
-    symbols, theta = (model.symbols, model.numbers or ()) if known else ((), ())
+    theta = model.numbers
+    symbols = () if theta is None else model.symbols
     for state in model.states:
-        begin = model.starts[state.left.base] if known else model.in_user_units(state.initial)
+        begin = model.in_user_units(state.initial) if theta is None else model.starts[state.left.base]
         read, value = reader((begin,), symbols)
         if begin.free_symbols - {b for s in read for b in s.free_symbols} - {*symbols}:
             raise ModelError(f"The initial value of {state.left} must contain signals and numbers only.")
         # Before the first sample everything is as at the first sample.
         given = [[np.float64(data[s.base.name][max(0, i - lag(s))]) for s in read] for i in range(depth)]
         name = state.left.base.name
-        found[name] = np.array([float(value(*row, *theta)[0]) for row in given])
+        found[name] = np.array([float(value(*row, *(theta or ()))[0]) for row in given])
         if not np.all(np.isfinite(found[name])):
             shown = ", ".join(f"{text(s)} = {v:g}" for s, v in zip(read, given[0], strict=True))
             raise ModelError(

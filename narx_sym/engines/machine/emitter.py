@@ -216,12 +216,7 @@ def machine_code(module: ir.Module, straight: bool = False) -> bytes:
 
 def kept_machine_code(module: ir.Module, *names: str) -> Any:
     """Return the functions of a module by name, of code that is kept between processes under the module's text."""
-    key = f"{processor()}\n{module}"
-    code = cache.kept(key)
-    if code is None:
-        code = machine_code(module)
-        cache.keep(key, code)
-    return loaded(code, *names)
+    return loaded(cache.made(f"{processor()}\n{module}", lambda: machine_code(module)), *names)
 
 
 _numbered = count()
