@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ..data.evidence.roles import INPUT
 from ..data.evidence.several import told_once
 from ..data.record import Record
 from ..data.sensor import sensor_faults
@@ -102,7 +103,9 @@ def identify_base(kind: str, records: Sequence[Record], delay: int | None = None
     """
     check_kind(kind)
     prepare(records)
-    bare = [replace(r, channels={}) for r in records]  # a channel acts as an effect
+    inputs = {n for r in records for n, role in r.roles.items() if role == INPUT and kind == "linear"}
+    # Another channel acts as an effect.
+    bare = [replace(r, channels={n: c for n, c in r.channels.items() if n in inputs}) for r in records]
     with warnings.catch_warnings():
         if kind in OPEN:
             warnings.simplefilter("ignore", UserWarning)

@@ -8,6 +8,7 @@ from sampling import some
 import narx_sym as ns
 from narx_sym.data.evidence.roles import acting, is_setpoint, roles_of
 from narx_sym.errors import DataError
+from narx_sym.tasks.base import identify_base
 
 N, TS = 1500, 0.02
 RNG = np.random.default_rng(0)
@@ -191,5 +192,7 @@ def test_channels_that_once_were_taken_for_what_is_missing():
     record = ns.read(CASES / "two_slow.csv", u="u1", y="y", channels="u2")
     assert acting(record) == ["u2"]
     assert ns.evaluate(ns.identify(record, base="linear", lags={"u2": 25}), record).free_run_nrmse < 0.5
+    assert ns.evaluate(identify_base("linear", [record]), record).free_run_nrmse < 0.003  # 0.5 without u2
+    assert identify_base("static", [record]).channels == ()
     loop = ns.read(CASES / "tec_redco_MIT.csv", u="current", y="temperature", t="time")
     assert loop.roles == {"command": "setpoint"}

@@ -56,12 +56,47 @@ def test_a_point_of_the_frame_is_the_model(linear, core):
     x = np.zeros(frame.size)
     x[[0, 1][: core.n_y]] = [0.6, 0.2][: core.n_y]
     x[2 : 2 + core.n_u], x[5], x[6], x[7] = [0.1, 0.05][: core.n_u], 0.02, -0.03, 0.01
-    frame.late(core.delay)
+    frame.late(core)
     simulated = frame.problem.run(x)[0] * frame.problem.spread
     model = written(Hypothesis(core, (COULOMB,)), base).replace(theta=frame.theta(x, core))
     # The first samples differ: the frame holds the input before the record starts.
     late = simulated[-1000:] - (free_run(model, record) - record.y)[-1000:]
     assert np.abs(late).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    "variant, parts",
+    [
+        (COULOMB, lambda v, w: (v, w)),
+        (next(Variant(e, "input", "u", "w") for e in EFFECTS["channel_gain"]), lambda v, w: (v + 0.3 * w * v, w)),
+        (next(Variant(e, "input", "u", at="w") for e in EFFECTS["quadratic_gain"]), lambda v, w: (v, w + 0.3 * w**2)),
+    ],
+    ids=["in the machine", "a product of the inputs", "at the further input"],
+)
+def test_each_input_comes_as_late_as_it_does(variant, parts):
+    """A point of the frame is the model; with the true lags it leaves nothing, and the first lags are found."""
+    w, v = np.roll(u, 400) / 3, u - u[0]
+    first, second = parts(v, w - w[0])
+    driven = np.concatenate([np.zeros(2), 0.1 * first[:-2]]) + np.concatenate([np.zeros(7), 0.2 * second[:-7]])
+    y = lfilter([1.0], [1, -0.8], driven)
+    record = ns.Record.from_arrays(v, y, Ts, channels={"w": w - w[0]}, roles={"w": "input"})
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-2]", "w[k-6]", "1"], [0.8, 0.1, 0.2, 0.0], channels=["w"], Ts=Ts)
+    selection = replace(base.info.selection, base="linear")
+    base = base.replace(info=replace(base.info, selection=selection, roles={"w": "input"}))
+    search = Search(base, [record])
+    assert search.family == "linear" and search.further == (("w", 6),)
+    core = Core(1, 1, 2, further=(("w", 7),))
+    frame = Frame(base, replace(core.at_once, n_y=2, n_u=2), [variant], [record])
+    x = np.zeros(frame.size)
+    x[[0, 2, 4, 7]] = 0.8, 0.1, 0.2, 0.3 if variant.where == "input" else -0.02
+    x[frame.added[0][1]] = 0.1
+    made = written(Hypothesis(core, (variant,)), base).replace(theta=frame.theta(x, core))
+    difference = frame.errors(x, core)[0] - (free_run(made, record) - record.y)
+    assert np.abs(difference[200:]).max() < 1e-9
+    if variant.where == "input":
+        assert np.abs(frame.errors(x, core)[0][200:]).max() < 1e-9
+    rows = [r for r in search.bases([1, 2]) if r.size == core.at_once]
+    assert variant.where == "input" or [r.hypothesis.core.inputs for r in rows] == [(("u", 2), ("w", 7))]
 
 
 @pytest.mark.parametrize(
@@ -407,10 +442,10 @@ def test_a_line_is_not_driven_where_the_record_does_not_begin_at_rest():
     poles = 0.99999 * np.exp([0.75j, -0.75j])
     record = ns.Record.from_arrays(wave, wave + line + jump + noise, Ts)
     a = -np.poly(poles)[1:].real
-    assert not drives(a, 2, 2, [record], 0.997, float(np.var(noise)))
+    assert not drives(a, 2, [("u", 2)], [record], 0.997, float(np.var(noise)))
     swings = lfilter([0.0, 0.1], [1.0, *-a], wave + np.random.default_rng(8).standard_normal(1200))
     record = ns.Record.from_arrays(wave, swings + jump + noise, Ts)
-    assert drives(a, 2, 2, [record], 0.997, float(np.var(noise)))
+    assert drives(a, 2, [("u", 2)], [record], 0.997, float(np.var(noise)))
 
 
 def test_an_axis_that_leaks_slowly_keeps_its_pole():

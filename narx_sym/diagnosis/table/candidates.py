@@ -283,12 +283,12 @@ def closer(table: Table, best: Row, base: Row) -> bool:
 
 
 def jointly(table: Table, known: Row) -> None:
-    """Fit all channels at once, each a further input of every core, and then fewer while that costs less.
+    """Fit all channels at once, each a further input of every core if it is none, then fewer while that costs less.
 
     Of a machine with several inputs each alone may explain little.
     """
     search, forms = table.search, table.catalogue.get("channel", [])
-    new = [name for name in table.channels if f"channel:{name}" not in known.ids]
+    new = [n for n in table.channels if f"channel:{n}" not in known.ids and n not in dict(search.further)]
     inputs = [Variant(e, "inside", "channel", name) for e in forms if "inside" in e.places for name in new]
     rows = table.every_core(table.bases(known, given=False)) if len(inputs) > 1 else []
 

@@ -53,6 +53,7 @@ class Finer:
         core, D = row.hypothesis.core, self.factor
         segments = [s for r in self.records for s in r.segments()]
         fine = Search(self.given, segments, [(core.n_y, core.n_u)])
+        fine.further = tuple((n, d * D) for n, d in core.further)
         fine.integrating, fine.swings, fine.leaks = core.integrating, self.search.swings, self.search.leaks
         fine.tunes = self.search.tunes
         for variant in row.hypothesis.effects:
@@ -93,14 +94,16 @@ class Finer:
 
     def _carried(self, fine: Search, row: Row, delay: int) -> Row | None:
         """Fit a hypothesis from its poles and effects in the table, at this rate."""
-        core, effects = replace(row.hypothesis.core, delay=delay), row.hypothesis.effects
+        core = row.hypothesis.core.after(fine.delays(delay))
+        effects = row.hypothesis.effects
         finer = tuple(v.finer(self.factor) for v in effects)
         frame, a = fine.frame(finer, False), resampled(row.a, self.factor)
         # What a sample adds to y is less at a higher rate; what follows the steps of a signal is not.
         with np.errstate(all="ignore"):  # without a decay there is no such step, and no fit from it
             step = 1 / self.factor if core.integrating else (1 - a.sum()) / (1 - row.a.sum())
-        b = row.values[row.frame.used(row.hypothesis.core)][core.n_y :][: core.n_u + 1]
-        begins = frame.beside(core, a), frame.placed(core, np.concatenate([a, step * zeroed(b, self.factor)]))
+        b, constant = np.split(row.values[row.frame.used(row.hypothesis.core)][core.n_y :][: core.b + 1], [core.b])
+        b = np.concatenate([zeroed(each, self.factor) for each in b.reshape(-1, core.n_u)])
+        begins = frame.beside(core, a), frame.placed(core, np.concatenate([a, step * b, step * constant]))
         starts = []
         for begin, inside in product(begins, (step, 1.0)):
             x = begin.copy()

@@ -60,13 +60,14 @@ class Frame:
         self.pinned: tuple[int, ...] = ()  # coefficients that are 1
         self._whole: dict[tuple[int, ...], Frame] = {}  # shared by all that pin some
         self.begins: dict[Any, list[Array]] = {}  # where fits beside a row begin
-        self._measured: dict[int, list[Record]] = {}
+        self._measured: dict[tuple[int, ...], list[Record]] = {}
+        seen, records = self._beside_inputs(records)
         if largest is not None and not any(v.raw for v in effects):
             # Measured from the operating point, all records have the same recursion: it is derived once.
-            model, self.added = around(largest, self.effects, given.Ts)
+            model, self.added = around(largest, seen, given.Ts)
             records = [_shifted(r, given) for r in records]
         else:
-            model, self.added = extended(given if largest is None else linear(largest, given), self.effects)
+            model, self.added = extended(given if largest is None else linear(largest, given), seen)
         self.n_core = len(model.symbols) - sum(len(part) for pair in self.added for part in pair)
         self.records, self.pieces = list(records), pieces
         pieced = [(s.start == 0, r[s]) for r in self.records for s in parts(len(r), pieces)]
@@ -76,9 +77,9 @@ class Frame:
         self.problem = FreeRun(model, self.segments, [])
         self.size = self.problem.free + self.problem.shifts
         self.equations = constraint_equations(model, None) if largest is None else []
-        self._data = {0: self.problem.data}
+        self._delays = (0, *(0 for _ in largest.further)) if largest is not None else (0,)
+        self._data = {self._delays: self.problem.data}
         self._free: dict[Any, Span] = {}
-        self._delay = 0
         self._cuts = {0: self._judged(0)}
         self.cuts, self.counts = self._cuts[0]
         # Where the columns of each segment stand: the parameters, its own starts, and last the error.
@@ -87,6 +88,20 @@ class Frame:
         self._at: list[Any] = [np.ix_(at, at) if len(each) > 1 else ... for at in each]
         self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         self._near()
+
+    def _beside_inputs(self, records: Sequence[Record]) -> tuple[tuple[Variant, ...], list[Record]]:
+        """Return the effects and records where an input that another is multiplied with comes as late as that one."""
+        names = {n for n, _ in self.largest.further} if self.largest is not None else set()
+        self._with: dict[str, tuple[str, str]] = {}  # its own name, and that of the input it comes with
+        effects = []
+        for variant in self.effects:
+            if variant.channel in names:
+                pair = variant.channel, variant.at or "u"
+                variant = replace(variant, channel="_with_".join(pair))
+                self._with[str(variant.channel)] = pair
+            effects.append(variant)
+        more = [{new: r.signals[name] for new, (name, _) in self._with.items()} for r in records]
+        return tuple(effects), [replace(r, channels=r.channels | m) for r, m in zip(records, more, strict=True)]
 
     def _judged(self, delay: int) -> tuple[dict[int, list[list[tuple[int, slice]]]], Array]:
         """Return the samples that count, per number of blocks, and how many there are in each of `BLOCKS`."""
@@ -150,14 +165,25 @@ class Frame:
                 found[symbol] = (float(self.low[i]), float(self.high[i]))
         return found
 
-    def late(self, delay: int) -> None:
-        """Let the input come later by some samples."""
-        if delay not in self._data:
-            name, moved = self.problem.model.input.name, (later(r.u, delay) for r in self.records)
-            shown = [u[s] for u in moved for s in parts(len(u), self.pieces)]
-            self._data[delay] = [{**d, name: x} for d, x in zip(self._data[0], shown, strict=True)]
+    def late(self, core: Core) -> None:
+        """Let each input come as late as it does with a core."""
+        delays = tuple(d for _, d in core.inputs)
+        if delays not in self._data:
+            own = next(iter(self._data.values()))
+            self._data[delays] = [dict(d) for d in own]
+            together = ((new, dict(core.inputs)[other]) for new, (_, other) in self._with.items())
+            for name, delay in (*core.inputs, *together):
+                moved = (later(r.signals[name], delay) for r in self.records)
+                shown = [x[s] for x in moved for s in parts(len(x), self.pieces)]
+                for d, x in zip(self._data[delays], shown, strict=True):
+                    d[name] = x
+        self.problem.data, self._delays = self._data[delays], delays  # of a problem that other frames move too
+        self.judge_from(core.dead)
+
+    def judge_from(self, delay: int) -> None:
+        """Let those samples count that come no earlier than some."""
+        if delay not in self._cuts:
             self._cuts[delay] = self._judged(delay)
-        self.problem.data, self._delay = self._data[delay], delay  # of a problem that other frames move too
         self.cuts, self.counts = self._cuts[delay]
 
     def whole(self, coefficient: int) -> Frame:
@@ -191,7 +217,8 @@ class Frame:
         if self.largest is None:
             return list(range(self.size))
         A, B = self.largest.n_y, self.largest.n_u
-        return [*range(core.n_y), *range(A, A + core.n_u), *range(A + B, self.size)]
+        b = (A + i * B + j for i in range(len(core.inputs)) for j in range(core.n_u))
+        return [*range(core.n_y), *b, *range(A + self.largest.b, self.size)]
 
     def parameters(self, core: Core) -> int:
         """Return how many parameters a core with the effects has; start states do not count."""
@@ -212,7 +239,7 @@ class Frame:
 
     def errors(self, x: Array, core: Core) -> list[Array]:
         """Return simulated minus measured outputs at a point, one (N,) array per segment."""
-        self.late(core.delay)
+        self.late(core)
         problem, theta = self.problem, self.problem.theta(x)
         return [problem.compared(i, theta, x[problem.own(i)])[:, -1].copy() for i in range(len(problem.data))]
 
@@ -232,12 +259,15 @@ class Frame:
         return self.problem.begun(self.placed(core, linear), errors)
 
     def measured(self) -> list[Record]:
-        """Return every segment measured from the operating point, with the input as late as it comes."""
-        if self._delay not in self._measured:
-            model, data = self.problem.model, zip(self.segments, self._data[self._delay], strict=True)
-            late = [replace(r, u=d[model.input.name], y=d[model.output.name]) for r, d in data]
-            self._measured[self._delay] = [_shifted(r, model) for r in late]
-        return self._measured[self._delay]
+        """Return every segment measured from the operating point, with each input as late as it comes."""
+        if self._delays not in self._measured:
+            model, data = self.problem.model, zip(self.segments, self._data[self._delays], strict=True)
+            self._measured[self._delays] = []
+            for r, d in data:
+                channels = {n: d.get(n, c) for n, c in r.channels.items()}
+                late = replace(r, u=d[model.input.name], y=d[model.output.name], channels=channels)
+                self._measured[self._delays].append(_shifted(late, model))
+        return list(self._measured[self._delays])
 
     def contributions(self, records: Sequence[Record], shape: Array, seen: Sequence[Array] = ()) -> list[Array]:
         """Return what the last effect adds along measured outputs, or `seen` ones: (N, coefficients) per segment."""
@@ -262,7 +292,7 @@ class Frame:
 
     def error(self, x: Array, core: Core) -> float:
         """Return the mean square of the free run's errors, infinite where it diverges."""
-        self.late(core.delay)
+        self.late(core)
         with np.errstate(all="ignore"):
             found = self._squares(x, None)[0]
         return found if np.isfinite(found) else np.inf
@@ -274,7 +304,7 @@ class Frame:
 
         `use`, (BLOCKS,) bool, says which blocks count.
         """
-        self.late(core.delay)
+        self.late(core)
         span = self.free(core)
         if only_starts:
             span = span.last(self.problem.shifts)

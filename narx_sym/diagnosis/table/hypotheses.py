@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from ...data.evidence.roles import INPUT
 from ...engines.numpy import lambdify
 from ...models.effects import Catalogue, Effect
 from ...models.extend import Variant, equations, extend, variants
 from ...models.info import Info
 from ...models.model import NARX, Model
 from ...symbolic.sensitivity import derivative
-from ...symbolic.signals import k, lag, samples, signal, u, y
+from ...symbolic.signals import k, lag, samples, signal, y
 
 Array = np.ndarray
 Places = list[tuple[list[int], list[int]]]
@@ -26,7 +27,8 @@ Places = list[tuple[list[int], list[int]]]
 class Core:
     """The linear part of a hypothesis: orders, delay [samples], and whether it integrates; or the given model.
 
-    y[k] = sum of n_y older outputs + n_u inputs from u[k-delay] on + a constant. An integrating core has a pole at 1.
+    y[k] = sum of n_y older outputs + n_u inputs from u[k-delay] on + a constant. Each `further` input, a name and its
+    delay, has as many. An integrating core has a pole at 1.
     """
 
     n_y: int = 0
@@ -34,11 +36,13 @@ class Core:
     delay: int = 0
     integrating: bool = False
     given: bool = False
+    further: tuple[tuple[str, int], ...] = ()
 
     def __str__(self) -> str:
         if self.given:
             return "the given model"
-        return f"{'integrating ' if self.integrating else ''}linear part ({self.n_y}, {self.n_u}) after {self.delay}"
+        after = ", ".join(str(delay) for _, delay in self.inputs)
+        return f"{'integrating ' if self.integrating else ''}linear part ({self.n_y}, {self.n_u}) after {after}"
 
     def holds(self, other: Core) -> bool:
         """Whether its orders are no smaller than those of another."""
@@ -51,13 +55,38 @@ class Core:
         return large.holds(small) and self.given == other.given and not any(between)
 
     @property
+    def inputs(self) -> tuple[tuple[str, int], ...]:
+        """The names of its inputs, each with its delay."""
+        return ("u", self.delay), *self.further
+
+    @property
+    def dead(self) -> int:
+        """The longest of its delays [samples]."""
+        return max(d for _, d in self.inputs)
+
+    @property
+    def b(self) -> int:
+        """How many coefficients of inputs it has."""
+        return self.n_u * len(self.inputs)
+
+    def after(self, delays: Iterable[int]) -> Core:
+        """Return it with other delays, one of each input."""
+        first, *others = delays
+        return replace(self, delay=first, further=tuple((n, d) for (n, _), d in zip(self.further, others, strict=True)))
+
+    @property
+    def at_once(self) -> Core:
+        """It without delays."""
+        return self.after(0 for _ in self.inputs)
+
+    @property
     def remembers(self) -> bool:
         """Whether it takes more than the input at one instant."""
         return (self.n_y, self.n_u) != (0, 1)
 
     def terms(self) -> list[Any]:
         """Return the terms of the core."""
-        inputs = [u[k - self.delay - j] for j in range(self.n_u)]
+        inputs = [signal(name)[k - d - j] for name, d in self.inputs for j in range(self.n_u)]
         return [*(y[k - i] for i in range(1, self.n_y + 1)), *inputs, sp.S.One]
 
 
@@ -79,7 +108,7 @@ class Hypothesis:
 
 def linear(core: Core, like: Model) -> NARX:
     """Return the linear model of a core, around the operating point of another model."""
-    kept = Info(selection=like.info.selection)
+    kept = Info(selection=like.info.selection, roles=like.info.roles)
     options: dict[str, Any] = {"operating_point": like.operating_point, "Ts": like.Ts, "info": kept}
     made = NARX(core.terms(), **options)
     if not core.integrating:
@@ -89,13 +118,21 @@ def linear(core: Core, like: Model) -> NARX:
 
 def static(like: Model) -> Model:
     """Return a base without memory around the operating point of another model: small cores stand for it."""
-    return linear(Core(), like).replace(info=Info(selection=replace(like.info.selection, base="static")))
+    made = linear(Core(further=further(like)), like)
+    return made.replace(info=replace(made.info, selection=replace(like.info.selection, base="static")))
 
 
-def later(variant: Variant, delay: int) -> Variant:
-    """Return the variant beside a core with a delay: what the input drives there comes later too."""
+def further(given: Model) -> tuple[tuple[str, int], ...]:
+    """Return the names of a model's further inputs, and how late each comes."""
+    names = (n for n in given.channels if given.info.roles.get(n) == INPUT)
+    seen = {n: [lag(x) for x in samples(given.F, signal(n))] for n in names}
+    return tuple((name, min(lags)) for name, lags in seen.items() if lags)
+
+
+def later(variant: Variant, core: Core) -> Variant:
+    """Return the variant beside a core with delays: what an input drives there comes later too."""
     moved = variant.driver in ("u", "uy") and variant.where != "input"
-    return replace(variant, lag=delay if moved else 0)
+    return replace(variant, lag=dict(core.inputs)[variant.at or "u"] if moved else 0)
 
 
 def written(hypothesis: Hypothesis, given: Model) -> Model:
@@ -103,7 +140,7 @@ def written(hypothesis: Hypothesis, given: Model) -> Model:
     core = hypothesis.core
     model: Model = given if core.given else linear(core, given)
     for variant in hypothesis.effects:
-        model = extend(model, variant if core.given else later(variant, core.delay)).model
+        model = extend(model, variant if core.given else later(variant, core)).model
     return model
 
 
@@ -173,11 +210,11 @@ def ladder(family: str, integrating: bool, delays: Sequence[int]) -> list[Core]:
 
 def family_of(given: Model) -> str:
     """Return which cores may stand for a base: those of its kind, or only itself."""
-    if not isinstance(given, NARX) or any(
-        x.base not in (given.input, given.output) for t in given.terms for x in samples(t)
-    ):
-        return "given"
     chosen = given.info.selection
+    own = {given.input, given.output}
+    own |= {signal(n) for n, _ in further(given)} if chosen.base in ("linear", "static") else set()
+    if not isinstance(given, NARX) or any(x.base not in own for t in given.terms for x in samples(t)):
+        return "given"
     if chosen.base == "static" and any(t.is_Pow for t in given.terms):
         return "given"
     return chosen.base or ("narx" if chosen.candidates else "given")

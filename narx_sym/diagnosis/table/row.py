@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -75,8 +75,8 @@ class Row:
 
     @property
     def size(self) -> Core:
-        """Its core without the delay, which is tuned for each."""
-        return replace(self.hypothesis.core, delay=0)
+        """Its core without the delays, which are tuned for each."""
+        return self.hypothesis.core.at_once
 
     @property
     def count(self) -> int:
@@ -105,13 +105,14 @@ class Row:
         core, a = self.hypothesis.core, self.a
         if core.given or not any(v.effect.at_rest for v in self.hypothesis.effects[-1:]):
             return True
-        b, constant = np.split(self.values[self.frame.used(core)][core.n_y :][: core.n_u + 1], [core.n_u])
+        b, constant = np.split(self.values[self.frame.used(core)][core.n_y :][: core.b + 1], [core.b])
         others = self.hypothesis.effects[:-1]
         if core.integrating or slowest(a) >= 1 or any(v.driver != "y" for v in others):
             return True
         measured, seen, denominator = self.frame.measured(), [], polynomial(a)
         for record in measured:
-            driven = b.sum() * record.u + constant
+            gains = b.reshape(-1, core.n_u).sum(axis=1)
+            driven = constant + added(g * record.signals[n] for g, (n, _) in zip(gains, core.inputs, strict=True))
             seen.append(driven[0] / denominator.sum() + filtered(denominator, driven - driven[0]))
         shape = self.values[self.frame.added[-1][1]]
         return any(z.any() for z in self.frame.contributions(measured, shape, seen))
@@ -128,7 +129,7 @@ class Row:
         sizes = [] if core.given else sorted(np.abs(poles(self.a)))[: core.n_y - core.integrating]
         last = [-1 / np.log(p) if p < 1 else np.inf for p in sizes if p]
         shares = added(min(1.0, samples / len(s)) for s in self.frame.segments for samples in last)
-        self.frame.late(core.delay)
+        self.frame.late(core)
         for i in range(len(problem.data) if remembered else 0):
             moved = problem.moved(i, problem.theta(x), x[problem.own(i)])[1][problem.depth - 1 :]
             for j in remembered:
@@ -141,7 +142,7 @@ class Row:
     def goes_back(self) -> bool:
         """Whether what the last effect remembers goes back on its way within a segment: on one way it is a curve."""
         problem, x, names = self.frame.problem, self.values, self.states
-        self.frame.late(self.hypothesis.core.delay)
+        self.frame.late(self.hypothesis.core)
         for i in range(len(problem.data)):
             runs = problem.walked(i, x, x[problem.own(i)])
             steps = (np.diff(runs[n][problem.depth - 1 :]) for n in names)
@@ -162,9 +163,9 @@ class Row:
         """
         core = self.hypothesis.core
         if not rests(records):
-            return drives(self.a, core.n_u, core.delay, records, slow, error * self.frame.problem.spread**2)
+            return drives(self.a, core.n_u, core.inputs, records, slow, error * self.frame.problem.spread**2)
         x = self.values.copy()
-        x[self.frame.used(core)[core.n_y : core.n_y + core.n_u]] = 0.0
+        x[self.frame.used(core)[core.n_y : core.n_y + core.b]] = 0.0
         return self.frame.error(x, core) > DRIVEN * error
 
     @property
@@ -223,19 +224,19 @@ class Row:
 
         What a dead time leaves out at the beginning of each record it does not explain.
         """
-        late = max(self.hypothesis.core.delay, other.hypothesis.core.delay)
+        late = max(self.hypothesis.core.dead, other.hypothesis.core.dead)
         return self._after(late) < to * other._after(late)
 
     def _after(self, delay: int) -> float:
         errors = self.frame.errors(self.values, self.hypothesis.core)
-        self.frame.late(delay)
+        self.frame.judge_from(delay)
         cut = [e[rows] for e, blocks in zip(errors, self.frame.cuts[1], strict=True) for _, rows in blocks]
         return float(np.mean(np.concatenate(cut) ** 2))
 
     def judged(self) -> Row:
         """Score it on held-out blocks, once, and return it."""
         if not self.blocks.size:
-            self.frame.late(self.hypothesis.core.delay)
+            self.frame.late(self.hypothesis.core)
             self.blocks = self.frame.held_out(self.values, self.hypothesis.core, 6)
             self.weights = self.frame.counts
             self.__dict__.pop("held", None)  # infinite until now

@@ -19,7 +19,7 @@ from ...models.extend import Variant, rubs
 from ...models.model import Model
 from ..settings import BLOCKS, BRIEF, CLOSER, FIRST, FORGOTTEN, FULL, GAIN, HIGHER, LOOK, LOOKS, NEAR, STEPS
 from .frame import Frame
-from .hypotheses import Core, Hypothesis, family_of, ladder, written
+from .hypotheses import Core, Hypothesis, family_of, further, ladder, written
 from .row import Row
 from .starts.arx import arx_start
 from .starts.restart import beginnings, whole
@@ -59,6 +59,7 @@ class Search:
         self.swings = self.leaks = False
         self.modes: float = np.inf
         self.tunes = True  # whether delays are free
+        self.further = further(given) if self.family != "given" else ()  # inputs, as late as they come
         self.slow = slowest_seen(self.records)
 
     # -- frames ----------------------------------------------------------------------------------------------------
@@ -81,17 +82,22 @@ class Search:
     def cores(self, delays: Sequence[int]) -> list[Core]:
         """Return the cores that are compared."""
         if self.sizes is not None:
-            return [Core(a, b, d, self.integrating) for a, b in self.sizes for d in delays]
-        return [
-            *ladder(self.family, self.integrating, delays),
-            *(Core(a, b, d, self.integrating) for a, b in self.higher for d in delays),
-        ]
+            open_ones = [Core(a, b, d, self.integrating) for a, b in self.sizes for d in delays]
+        else:
+            open_ones = ladder(self.family, self.integrating, delays)
+            open_ones += [Core(a, b, d, self.integrating) for a, b in self.higher for d in delays]
+        return [c if c.given else replace(c, further=self.further) for c in open_ones]
+
+    def delays(self, first: int) -> list[int]:
+        """Return how late each input comes: the first one so many samples."""
+        return [first, *(d for _, d in self.further)]
 
     @property
     def largest(self) -> Core | None:
         """The core that holds all open ones; None where there is none."""
-        sizes = [c for c in self.cores([0]) if not c.given]
-        return Core(max(c.n_y for c in sizes), max(c.n_u for c in sizes), 0) if sizes else None
+        sizes = [c.at_once for c in self.cores([0]) if not c.given]
+        most = {n: max(getattr(c, n) for c in sizes) for n in ("n_y", "n_u") if sizes}
+        return replace(sizes[0], **most, integrating=False) if sizes else None
 
     def frame(self, effects: tuple[Variant, ...], given: bool) -> Frame:
         """Return the frame of a set of effects around the given model or around open cores, with their limits."""
@@ -141,7 +147,7 @@ class Search:
         """Return where the fits of those cores start that do not stand by themselves: beside an effect they may."""
         starts, stand = dict[Core, Row](), {r.size for r in found}
         for core in self.cores(delays):
-            if core.given or replace(core, delay=0) in stand:
+            if core.given or core.at_once in stand:
                 continue
             frame = self.frame((), core.given)
             x = self._start(core, frame)
@@ -210,7 +216,8 @@ class Search:
             row = self.fitted(Hypothesis(core), frame.near(self._start(core, frame), core), FIRST, any_pole)
             if row is not None and (row.size not in best or row.fitted < 0.999 * best[row.size].fitted):
                 best[row.size] = row
-        return [self.fitted(r.hypothesis, r.values, STEPS, any_pole) or r for r in best.values()]
+        found = [self.fitted(r.hypothesis, r.values, STEPS, any_pole) or r for r in best.values()]
+        return [self.tuned(r) for r in found] if self.further else found
 
     def _start(self, core: Core, frame: Frame) -> Array:
         """Return the point from which a core is fitted, (unknowns,)."""
@@ -364,8 +371,8 @@ class Search:
         """Move the delay of a row while that helps."""
         while self.tunes and not row.hypothesis.core.given:
             core, before = row.hypothesis.core, row
-            for delay in {max(0, core.delay - 1), core.delay + 1} - {core.delay}:
-                other = replace(row.hypothesis, core=replace(core, delay=delay))
+            for delays in _near(core):
+                other = replace(row.hypothesis, core=core.after(delays))
                 made = self.fitted(other, row.values, NEAR)
                 if made is not None and made.falls(row, 0.98):
                     row = self.fitted(other, made.values, steps) or made
@@ -385,3 +392,11 @@ class Search:
         self.rows.append(best.judged() if best.before_judged < worth else best)
         self.rows += [free] if best is not free else []  # beside another effect it need not be whole
         return best
+
+
+def _near(core: Core) -> list[list[int]]:
+    """Return the delays of a core with one of them, or all, changed by a sample."""
+    delays = np.array([d for _, d in core.inputs])
+    changed = [*np.eye(delays.size, dtype=int), *([np.ones_like(delays)] if core.further else [])]
+    moved = [delays + step * one for one in changed for step in (-1, 1)]
+    return [each.tolist() for each in moved if each.min() >= 0]

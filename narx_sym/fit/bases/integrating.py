@@ -11,7 +11,7 @@ from ...data.evidence.several import rests
 from ...data.record import Record
 from ...engines.algebra import filtered
 from ...models.model import NARX, Model
-from ...symbolic.signals import lag, u, y
+from ...symbolic.signals import lag, signal, u, y
 from ..evaluate import free_run_nrmse
 from ..freerun import has_integrator
 
@@ -54,10 +54,12 @@ def at_one(a: Array, slow: float) -> bool:
     return lasting(a, slow)[0]
 
 
-def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: float, error: float) -> bool:
-    """Whether the input drives the poles of A y = B u that hardly decay: without it much more would be left.
+def drives(
+    a: Array, n_u: int, inputs: Sequence[tuple[str, int]], records: Sequence[Record], slow: float, error: float
+) -> bool:
+    """Whether inputs drive the poles of A y = B u that hardly decay: without them much more would be left.
 
-    Undriven these poles keep their free response in each segment, and the input the other poles: least squares. A
+    Undriven these poles keep their free response in each segment, and the inputs the other poles: least squares. A
     drift, or a line of the spectrum, which no input makes, is described as well without a drive; an axis or a
     resonance is not. Of records that each answer a step at its beginning it cannot tell: their free response is that
     answer.
@@ -65,26 +67,28 @@ def drives(a: Array, n_u: int, delay: int, records: Sequence[Record], slow: floa
     Parameters
     ----------
     a : (n,) array, the coefficients of older outputs
-    n_u, delay : int, of the inputs
+    n_u : int, of each input
+    inputs : names, each with its delay [samples]
     slow : float, the pole from which on one hardly decays
     error : float, the mean square that A y = B u leaves [unit of y squared]
     """
     found = poles(a)
     stay = np.abs(found) > slow
-    inputs, outputs = [], []
+    regressors, outputs = [], []
     for s in (s for r in records for s in r.segments()):
         k = np.arange(len(s))
-        moved = filtered(np.poly(found[~stay]).real, s.u - s.u.mean())
-        first = max(found.size, delay + n_u + 1)  # a free run starts from the samples before, whatever they are
-        driven = np.column_stack([np.roll(moved, delay + i) for i in range(n_u + 2)])[first:]
+        first = max(found.size, *(d + n_u + 1 for _, d in inputs))  # a free run starts from the samples before
+        still = np.poly(found[~stay]).real
+        shown = [(filtered(still, s.signals[n] - s.signals[n].mean()), d) for n, d in inputs]
+        driven = np.column_stack([np.roll(x, d + i) for x, d in shown for i in range(n_u + 2)])[first:]
         since = [k - k[-1] if abs(p) > 1 else k for p in found]  # of what grows, backwards: it stays finite
         free = [part(p**i) for p, i in zip(found, since, strict=True) for part in (np.real, np.imag)]
         own = np.column_stack([*free, np.ones(len(s))])[first:]
         both = np.column_stack([driven, s.y[first:]])
         both -= own @ np.linalg.lstsq(own, both, rcond=None)[0]  # each segment has its own free response
-        inputs.append(both[:, :-1])
+        regressors.append(both[:, :-1])
         outputs.append(both[:, -1])
-    matrix, measured = np.vstack(inputs), np.concatenate(outputs)
+    matrix, measured = np.vstack(regressors), np.concatenate(outputs)
     left = measured - matrix @ np.linalg.lstsq(matrix, measured, rcond=None)[0]
     return bool(np.mean(left**2) > DRIVEN * error)
 
@@ -96,14 +100,17 @@ def integrates(model: Model, records: Sequence[Record]) -> bool:
     """
     if not isinstance(model, NARX):
         return has_integrator(model)
-    a, b = _coefficients(model, y), _coefficients(model, u)
-    slow, first = slowest_seen(records), int(np.argmax(b != 0))
+    a, slow = _coefficients(model, y), slowest_seen(records)
     if not at_one(a, slow):
         return False
     if rests(records):  # nothing else makes what they do
         return True
     error = free_run_nrmse(model, records) * np.std(np.concatenate([r.y for r in records]))
-    return drives(a, b.size - first, first, records, slow, error**2)
+    signals = [u, *(signal(n) for n in model.channels)]
+    shown = {base.name: np.flatnonzero(_coefficients(model, base)) for base in signals}
+    inputs = [(name, int(at[0])) for name, at in shown.items() if at.size]
+    n_u = max((int(np.ptp(at)) + 1 for at in shown.values() if at.size), default=1)
+    return drives(a, n_u, inputs or [(u.name, 0)], records, slow, error**2)
 
 
 def hardly_decays(model: Model, records: Sequence[Record]) -> bool:

@@ -27,15 +27,15 @@ def arx_start(
 
     Parameters
     ----------
-    driven : inputs instead of u, which comes later by the core's delay
+    driven : inputs instead of those of the core, which come later by its delays
         Each with the number of its b, which follow one another.
     counts : which samples do, (N,) bool per record
     """
     steps = core.integrating and core.n_y > 0
     n, turns = core.n_y - steps, 1 if steps and not driven else turns
-    driven = driven or [([later(r.u, core.delay) for r in records], core.n_u)]
+    driven = driven or inputs(records, core)
     outputs = [np.diff(r.y, prepend=r.y[0]) if steps else r.y for r in records]
-    first = max(core.n_y, *(taps for _, taps in driven)) + core.delay  # before, nobody knows what drives the output
+    first = max(core.n_y, *(taps for _, taps in driven)) + core.dead  # before, nobody knows what drives the output
     a = np.zeros(n) if a is None or steps else _inside(a)
     best, found = np.inf, np.zeros(n + sum(taps for _, taps in driven) + 1)
     for _ in range(turns):
@@ -60,7 +60,7 @@ def arx_start(
             e, at = solution[-1] * np.ones(y.size) - np.convolve(polynomial(a), y)[: y.size], n
             for x, taps in driven:
                 e, at = e + np.convolve(solution[at : at + taps], x[i])[: y.size], at + taps
-            error += float(np.sum(filtered(polynomial(a), e)[core.delay :] ** 2))
+            error += float(np.sum(filtered(polynomial(a), e)[core.dead :] ** 2))
         if error < best or not np.isfinite(best):
             best, found = error, solution.copy()
         if not n:
@@ -83,13 +83,13 @@ def resampled(a: Array, factor: float) -> Array:
 
 
 def zeroed(b: Array, factor: int) -> Array:
-    """Return inputs' coefficients and the constant, of the same sums, with zeros as `resampled` has poles."""
-    inputs, made = b[:-1], np.eye(1, b.size - 1)[0]
+    """Return an input's coefficients, of the same sum, with zeros as `resampled` has poles."""
+    made = np.eye(1, b.size)[0]
     with np.errstate(all="ignore"):
-        more = -inputs[1:] / inputs[0]
+        more = -b[1:] / b[0]
     if np.isfinite(more).all() and more.sum() != 1.0:
         made[1:] = -resampled(more, factor)
-    return np.append(made * inputs.sum() / made.sum(), b[-1])
+    return np.asarray(made * b.sum() / made.sum())
 
 
 def start_beside(
@@ -102,37 +102,42 @@ def start_beside(
 
     Parameters
     ----------
-    driven : inputs instead of u, one (N,) array per record each
+    driven : inputs instead of those of the core, one (N,) array per record each
         Each has a b of its own, one behind the other.
     """
-    driven = driven or [[r.u for r in records]]
+    driven = driven or [x for x, _ in inputs(records, core)]
     n, width = core.n_y, core.n_u * len(driven) + 1
     rows = []
     for i, record in enumerate(records):
         columns = np.zeros((len(record), width + len(records) * n))
         columns[:, :width] = np.column_stack(
-            [*(later(x[i], core.delay + j) for x in driven for j in range(core.n_u)), np.ones(len(record))]
+            [*(later(x[i], j) for x in driven for j in range(core.n_u)), np.ones(len(record))]
         )
         columns[:, width + i * n : width + (i + 1) * n] = np.eye(len(record), n)
         rows.append(filtered(polynomial(a), columns))
     runs = np.concatenate(rows)
     if not np.isfinite(runs).all():
         return np.full(n + width, np.nan), [np.full(len(r), np.nan) for r in records]
-    arrived = np.concatenate([np.arange(len(r)) >= core.delay for r in records])
+    arrived = np.concatenate([np.arange(len(r)) >= core.dead for r in records])
     measured = np.concatenate([r.y for r in records])
     found = smallest(runs[arrived], measured[arrived], DEPENDENT)
     return np.concatenate([a, found[:width]]), [run @ found - r.y for run, r in zip(rows, records, strict=True)]
 
 
-def gains(records: Sequence[Record], core: Core, a: Array, driven: Sequence[Sequence[Array]]) -> Array:
+def gains(
+    records: Sequence[Record], core: Core, a: Array, driven: Sequence[Sequence[Array]],
+    others: Sequence[Sequence[Array]] = (),
+) -> Array:  # fmt: skip
     """Return c of the input x0 + c1 x1 + c2 x2 ... of a core with given a, (n,); NaN where there is none.
 
     Parameters
     ----------
     driven : x0, x1, ...
         One (N,) array per record each.
+    others : its further inputs
     """
-    return nearest_product(start_beside(records, core, a, driven)[0][core.n_y : -1], driven)
+    found = start_beside(records, core, a, [*driven, *others])[0]
+    return nearest_product(found[core.n_y :][: core.n_u * len(driven)], driven)
 
 
 def nearest_product(b: Array, driven: Sequence[Sequence[Array]]) -> Array:
@@ -147,6 +152,11 @@ def nearest_product(b: Array, driven: Sequence[Sequence[Array]]) -> Array:
             return np.full(len(driven) - 1, np.nan)
         along = np.linalg.svd(b * size[:, None])[0][:, 0] / size
         return np.asarray(along[1:] / along[0])
+
+
+def inputs(records: Sequence[Record], core: Core) -> list[Driven]:
+    """Return the inputs of a core as late as they come, each with the number of its b."""
+    return [([later(r.signals[name], delay) for r in records], core.n_u) for name, delay in core.inputs]
 
 
 def later(x: Array, delay: int) -> Array:

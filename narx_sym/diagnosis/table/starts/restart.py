@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -10,12 +11,13 @@ import numpy as np
 
 from ....data.record import Record
 from ....engines.algebra import filtered
+from ....errors import DataError
 from ....symbolic.signals import samples
 from ...settings import HALF, MOVES, PER_PARAMETER, TURNS
 from ..frame import Frame
 from ..hypotheses import Core
 from ..row import Row
-from .arx import arx_start, gains, nearest_product, polynomial, start_beside
+from .arx import arx_start, gains, inputs, nearest_product, polynomial, start_beside
 
 Array = np.ndarray
 MACHINE = ("force", "inside", "motion")  # where an effect acts on what moves
@@ -49,13 +51,15 @@ def _as_measured(frame: Frame, x: Array, core: Core) -> Array:
     of an axis that integrates the output tells nothing of it.
     """
     model, linear, n = frame.problem.model, x[frame.used(core)], core.n_y
+    if core.further:  # where an input is in rest, several say
+        return x
     own = [s for s in model.states if s.group == model.effects[-1].group]
     follow = {s.left.base for s in own if any(i.base == model.input for i in samples(s.initial))}
     at = [j for j, s in enumerate(frame.problem.starts) if s.back is None and follow.issuperset(s.states)]
     gain = float(linear[n : n + core.n_u].sum())
     if not at or not gain:
         return x
-    frame.late(core.delay)
+    frame.late(core)
     records = frame.measured()
     u, y = (np.concatenate([getattr(r, name) for r in records]) for name in "uy")
     slope = float(np.copysign(np.ptp(u) / (np.ptp(y) or 1.0), gain))
@@ -78,10 +82,12 @@ def restarted(frame: Frame, x: Array, core: Core) -> Array:
     At the input that is estimated behind what the effect lets through; on the machine one step ahead, beside what it
     adds along the measured output.
     """
-    frame.late(core.delay)
+    frame.late(core)
     found = _behind if frame.effects[-1].where == "input" else _along
-    points = (frame.free(core).rounded(point) for point in found(frame, x, replace(core, delay=0)))
-    return min((x, *points), key=lambda point: frame.error(point, core))
+    points = [x]
+    with suppress(DataError):  # of signals that run away there is no record
+        points += (frame.free(core).rounded(point) for point in found(frame, x, core.at_once))
+    return min(points, key=lambda point: frame.error(point, core))
 
 
 def _behind(frame: Frame, x: Array, core: Core) -> list[Array]:
@@ -89,21 +95,20 @@ def _behind(frame: Frame, x: Array, core: Core) -> list[Array]:
 
     One that is whole wherever it acts is so here; another coefficient is estimated with the core.
     """
-    (cs, _), z = frame.added[-1], x.copy()
+    (cs, _), z, at = frame.added[-1], x.copy(), frame.effects[-1].at
 
     def seen(c: Any) -> list[Array]:
         z[cs] = c
-        return _through(frame, z)
+        return [passed[at or "u"] for passed in _through(frame, z, core)]
 
     c, records = np.ones(len(cs)), frame.measured()
     if not frame.effects[-1].effect.full:
         bare = seen(0.0)
         each = [[v - u for v, u in zip(seen(one), bare, strict=True)] for one in np.eye(len(cs))]
-        c = np.clip(gains(records, core, x[: core.n_y], [bare, *each]), frame.low[cs], frame.high[cs])
-    through = seen(c)
-    if not np.isfinite(np.concatenate(through)).all():
-        return []
-    return _driven(frame, z, core, [replace(r, u=v) for r, v in zip(records, through, strict=True)], x[: core.n_y])
+        others = [[passed[n] for passed in _through(frame, z, core)] for n, _ in core.inputs if n != (at or "u")]
+        c = np.clip(gains(records, core, x[: core.n_y], [bare, *each], others), frame.low[cs], frame.high[cs])
+    z[cs] = c
+    return _driven(frame, z, core, _behind_effects(frame, z, core), x[: core.n_y])
 
 
 def _along(frame: Frame, x: Array, core: Core) -> list[Array]:
@@ -114,21 +119,18 @@ def _along(frame: Frame, x: Array, core: Core) -> list[Array]:
     *others, variant = frame.effects
     if variant.where not in MACHINE or any(v.where != "input" for v in others):
         return []
-    (cs, shapes), point, records = frame.added[-1], x.copy(), frame.measured()
-    if others:
-        through = _through(frame, x)
-        if not np.isfinite(np.concatenate(through)).all():
-            return []
-        records = [replace(r, u=v) for r, v in zip(records, through, strict=True)]
+    (cs, shapes), point = frame.added[-1], x.copy()
+    records = _behind_effects(frame, x, core)
     z = frame.contributions(records, x[shapes])
-    inputs = [[r.u for r in records], *([part[:, j] for part in z] for j in range(len(cs)))]
-    if not all(np.isfinite(part).all() for given in inputs for part in given):
+    acts = [[part[:, j] for part in z] for j in range(len(cs))]
+    if not all(np.isfinite(part).all() for given in acts for part in given):
         return []
-    force, m = variant.where == "force", core.n_y + core.n_u
-    taps = core.n_u if force else 1
-    guess = arx_start(records, core, driven=[(inputs[0], core.n_u), *((given, taps) for given in inputs[1:])])
+    force, m = variant.where == "force", core.n_y + core.b
+    taps, own = core.n_u if force else 1, inputs(records, core)
+    guess = arx_start(records, core, driven=[*own, *((given, taps) for given in acts)])
     if force:
-        c = np.clip(nearest_product(guess[core.n_y : -1], inputs), frame.low[cs], frame.high[cs])
+        b = np.append(guess[core.n_y :][: core.n_u], guess[m:-1])
+        c = np.clip(nearest_product(b, [own[0][0], *acts]), frame.low[cs], frame.high[cs])
         if not np.isfinite(c).all():
             return []
         point[cs] = c
@@ -139,7 +141,7 @@ def _along(frame: Frame, x: Array, core: Core) -> list[Array]:
     found = [(guess, [part @ guess[m:-1] for part in z])]
     strong = variant.where == "motion" and variant.effect.full and bool(shapes)
     if strong:
-        found.append(_held(records, core, inputs[1]))
+        found.append(_held(records, core, acts[0]))
     points = []
     for guess, added in found:
         if strong:  # as strong as it is, its shape says
@@ -159,25 +161,47 @@ def _held(records: Sequence[Record], core: Core, z: Sequence[Array]) -> tuple[Ar
     z is along the step that is measured: of that which the core would make it has the sign, where the part moves. At
     rest it is held by what is wanting, which the core tells: first it is estimated on the move alone, then beside that.
     """
-    u, most = [r.u for r in records], max(float(np.abs(part).max()) for part in z) or 1.0
+    own, most = inputs(records, core), max(float(np.abs(part).max()) for part in z) or 1.0
     moving = [np.abs(part) > MOVES * most for part in z]
-    guess = arx_start(records, core, driven=[(u, core.n_u), (z, 1)], turns=1, counts=moving)
+    guess = arx_start(records, core, driven=[*own, (z, 1)], turns=1, counts=moving)
     strong, n = float(guess[-2]), core.n_y
     for _ in range(TURNS):
         held = []
-        for r in records:
-            free = np.convolve([0.0, *guess[:n]], r.y)[: len(r)] + np.convolve(guess[n : n + core.n_u], r.u)[: len(r)]
+        for i, r in enumerate(records):
+            free = np.convolve([0.0, *guess[:n]], r.y)[: len(r)]
+            for (x, _), b in zip(own, guess[n : n + core.b].reshape(-1, core.n_u), strict=True):
+                free = free + np.convolve(b, x[i])[: len(r)]
             held.append(np.clip(r.y - (free + guess[-1]), -abs(strong) * most, abs(strong) * most))
-        guess = arx_start(records, core, driven=[(u, core.n_u), (held, 1)], turns=1)
+        guess = arx_start(records, core, driven=[*own, (held, 1)], turns=1)
         strong *= float(guess[-2])
     added = [part * guess[-2] for part in held]
     guess[-2] = strong
     return guess, added
 
 
-def _through(frame: Frame, x: Array) -> list[Array]:
-    """Return what the effects at the input let through, (N,) per segment."""
-    return [frame.problem.walked(i, x)["v"].copy() for i in range(len(frame.segments))]
+def _through(frame: Frame, x: Array, core: Core) -> list[dict[str, Array]]:
+    """Return the inputs, (N,) each, behind the effects that act there, per segment."""
+    at, found = {v.at for v in frame.effects if v.where == "input"}, []
+    for i, record in enumerate(frame.measured()):
+        runs = frame.problem.walked(i, x) if at else {}
+        passed = {name or "u": runs[f"v_{name}" if name else "v"].copy() for name in at}
+        found.append({name: passed.get(name, record.signals[name]) for name, _ in core.inputs})
+    return found
+
+
+def _behind_effects(frame: Frame, x: Array, core: Core) -> list[Record]:
+    """Return the segments with these inputs.
+
+    Raises
+    ------
+    DataError
+        Where one runs away.
+    """
+    found = []
+    for record, passed in zip(frame.measured(), _through(frame, x, core), strict=True):
+        driven = passed.pop("u")
+        found.append(replace(record, u=driven, channels=record.channels | passed))
+    return found
 
 
 def _driven(frame: Frame, x: Array, core: Core, records: Sequence[Record], a: Array) -> list[Array]:
