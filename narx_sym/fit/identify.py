@@ -40,6 +40,7 @@ from .simulate import Records, centre, segments
 Array = np.ndarray
 BASES = ("narx", "linear", "static", "play", "bouc-wen", "auto")
 OPEN = ("linear", "static")  # a diagnosis chooses their orders again
+SEVERAL = ("narx", "linear", "static")  # have further inputs
 HELD_OUT = 0.3
 CANCELS, CALM = 5.0, 2.0
 LONGEST = 200  # dead time of a further input that is looked for [samples]
@@ -120,8 +121,9 @@ def identify(  # noqa: PLR0913
     rate_independent : bool
         Use only terms of first degree in phi1: the loop does then not depend on the speed of the input.
     lags : mapping, optional
-        Lags of a further channel, such as {"temp": 2}; a channel that is not named is not used. With `narx` also those
-        of "y", "u", "phi1" and "phi2". An int n (0 ... n), a range or a list [samples].
+        Lags of a further channel, such as {"temp": 2}; one that is not named is used if its role is an input, from its
+        own dead time on. With `narx` also those of "y", "u", "phi1" and "phi2". An int n (0 ... n), a range or a list
+        [samples].
     functions, criterion, n_terms, max_terms
         See `pool` and `select`.
     method : "auto", "one_step", "free_run" or "els"
@@ -160,7 +162,7 @@ def identify(  # noqa: PLR0913
     check_method(method)
     whole(n_y=n_y, n_u=n_u, degree=degree, delay=delay)
     listed = prepare(records)
-    inputs = [n for n in listed[0].channels if base == "linear" and all(r.roles.get(n) == INPUT for r in listed)]
+    inputs = [n for n in listed[0].channels if base in SEVERAL and all(r.roles.get(n) == INPUT for r in listed)]
     own = _own_channels(base, listed, lags, inputs)
     origin = operating_point(listed) if point == "auto" else around(point)
     if base not in BASES:
@@ -171,8 +173,14 @@ def identify(  # noqa: PLR0913
             "rate_independent": rate_independent, "method": method, "point": point, "creep": creep,
         }  # fmt: skip
         return choose_base(listed, lambda name, some, size: identify(some, base=name, **options, **size))
-    inputs = [name for name in inputs if name not in own]
-    delays = _delays(base, listed, delay) if delay is not None or not inputs else ()
+    inputs, found = [name for name in inputs if name not in own], {}
+    if inputs:
+        with one_blas_thread():
+            found = _input_lags(["u", *inputs], listed) | ({} if delay is None else {"u": range(delay, delay + 2)})
+    delays = (max(found["u"][0], int(base == "narx")),) if found else _delays(base, listed, delay)
+    if base != "linear":
+        own |= {name: found[name] for name in inputs}
+        lags = {**(lags or {}), **own}
     if base == "narx":
         (delay,) = delays
         n_u = max(n_u, delay + 1)  # Assumption A1(ii): some input terms must be older than the delay
@@ -195,7 +203,6 @@ def identify(  # noqa: PLR0913
     if base == "linear":
         if inputs:
             with one_blas_thread():
-                found = _input_lags(["u", *inputs], listed) | ({} if delay is None else {"u": range(delay, delay + 2)})
                 near = _own_orders(listed, origin, found, own, {"u"} if delay is not None else ())
             return _choose(near, listed, "linear", method, for_compensation)
         return _linear(listed, origin, n_y, n_u, delays, own, method, for_compensation)

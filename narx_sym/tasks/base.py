@@ -15,7 +15,7 @@ from ..data.timegrid import same_pace
 from ..diagnosis.bases import joined
 from ..errors import DataError, ModelError, NarxError
 from ..files.store import MAX_BYTES, load_model
-from ..fit.identify import BASES, OPEN, identify, prepare
+from ..fit.identify import BASES, OPEN, SEVERAL, identify, prepare
 from ..models.differential import from_equations
 from ..models.model import Model
 from ..models.system import System
@@ -103,7 +103,7 @@ def identify_base(kind: str, records: Sequence[Record], delay: int | None = None
     """
     check_kind(kind)
     prepare(records)
-    inputs = {n for r in records for n, role in r.roles.items() if role == INPUT and kind == "linear"}
+    inputs = {n for r in records for n, role in r.roles.items() if role == INPUT and kind in SEVERAL}
     # Another channel acts as an effect.
     bare = [replace(r, channels={n: c for n, c in r.channels.items() if n in inputs}) for r in records]
     with warnings.catch_warnings():

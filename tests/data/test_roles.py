@@ -193,6 +193,6 @@ def test_channels_that_once_were_taken_for_what_is_missing():
     assert acting(record) == ["u2"]
     assert ns.evaluate(ns.identify(record, base="linear", lags={"u2": 25}), record).free_run_nrmse < 0.5
     assert ns.evaluate(identify_base("linear", [record]), record).free_run_nrmse < 0.003  # 0.5 without u2
-    assert identify_base("static", [record]).channels == ()
+    assert identify_base("play", [record]).channels == ()
     loop = ns.read(CASES / "tec_redco_MIT.csv", u="current", y="temperature", t="time")
     assert loop.roles == {"command": "setpoint"}

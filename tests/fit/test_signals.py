@@ -3,14 +3,16 @@
 import shutil
 import subprocess
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from sampling import some
+from scipy.signal import lfilter
 
 import narx_sym as ns
 from narx_sym.errors import ModelError
-from narx_sym.symbolic.signals import k, m, r, signal, u, y
+from narx_sym.symbolic.signals import k, lag, m, r, samples, signal, u, y
 
 w, p = signal("w"), signal("p")
 gcc = shutil.which("gcc")
@@ -89,6 +91,20 @@ def test_the_law_reads_the_other_signal(driven, tmp_path):
         (tmp_path / "law.c").write_text(law.export("c"))
         subprocess.run([gcc, tmp_path / "law.c", "-DLAW_SELF_TEST", "-o", tmp_path / "law", "-lm"], check=True)
         subprocess.run([tmp_path / "law"], check=True)
+
+
+@pytest.mark.parametrize("base", ["narx", "static", "linear"])
+def test_an_input_by_its_role_takes_part_in_every_base(base):
+    """From its own dead time on; of a `narx` base in products with the other input too."""
+    rng = np.random.default_rng(3)
+    first, other = (np.repeat(rng.uniform(-1, 1, 1200 // n), n) + 0.1 * rng.standard_normal(1200) for n in (20, 30))
+    late = 0.3 * np.roll(first, 2) + 0.2 * np.roll(other, 6) + 0.15 * np.roll(first, 2) * np.roll(other, 6)
+    out = lfilter([1.0], [1, -0.5], late)
+    seen = ns.Record.from_arrays(first, out, Ts=TS, channels={"w": other}, roles={"w": "input"})
+    alone = ns.identify(replace(seen, channels={}), base=base)
+    model = ns.identify(seen, base=base)
+    assert "w" in model.channels and min(map(lag, samples(model.F, signal("w")))) in (6, 7)
+    assert ns.evaluate(model, seen).free_run_nrmse < 0.7 * ns.evaluate(alone, seen).free_run_nrmse
 
 
 @pytest.mark.parametrize("seed", some(range(40), every=40))

@@ -168,7 +168,7 @@ def column_roles(
                     else ("if this is wrong,")
                 )
                 part = (
-                    "is an input of a linear base model, with its own lags"
+                    "is an input of a narx, linear or static base model, with its own lags"
                     if roles[name] == INPUT
                     else "is not used as an input"
                 )
