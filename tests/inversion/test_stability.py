@@ -67,7 +67,8 @@ def test_fixed_points():
     assert linear.eigenvalue == -0.25 and linear.region == sp.false and not linear.turns
     unfitted = BENCH.model().compensator()
     conditions = unfitted.internal.fixed_points.conditions
-    assert [sp.simplify(c.lhs - c.rhs - (1 - unfitted.symbols[0]) / unfitted.symbols[1]) for c in conditions] == [0]
+    theta = unfitted.symbols
+    assert [sp.simplify((c.lhs - c.rhs) * theta[1] / (theta[0] - 1)) for c in conditions] == [1]
 
 
 def test_two_roots_left():

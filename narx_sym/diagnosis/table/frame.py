@@ -68,7 +68,6 @@ class Frame:
             records = [_shifted(r, given) for r in records]
         else:
             model, self.added = extended(given if largest is None else linear(largest, given), seen)
-        self.n_core = len(model.symbols) - sum(len(part) for pair in self.added for part in pair)
         self.records, self.pieces = list(records), pieces
         pieced = [(s.start == 0, r[s]) for r in self.records for s in parts(len(r), pieces)]
         self.pieced = [part for _, part in pieced]

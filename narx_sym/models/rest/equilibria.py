@@ -92,14 +92,15 @@ def balances(model: Model) -> dict[Any, list[Any]]:
 
 def continuum_conditions(model: Model) -> list[Any]:
     """Return the equations in theta under which ybar = G(ybar, ubar) holds identically."""
-    groups = balances(model)
-    conditions = []
+    groups, conditions = balances(model), dict[Any, None]()
     for function in sorted(groups, key=sp.default_sort_key):
         balance = sp.expand(sp.Add(*groups[function]))
-        if balance != 0:
-            own = function == ybar
-            conditions.append(sp.Eq(balance + 1 if own else sp.factor_terms(balance), int(own), evaluate=False))
-    return conditions
+        if function == ybar and balance != 0:
+            conditions[sp.Eq(balance + 1, 1, evaluate=False)] = None
+        elif balance != 0:
+            left = sp.factor_terms(-balance if balance.could_extract_minus_sign() else balance)
+            conditions[sp.Eq(left, 0, evaluate=False)] = None
+    return list(conditions)
 
 
 def constrained(model: Model) -> dict[Any, Any]:
