@@ -56,5 +56,6 @@ from .symbolic.signals import phi2 as phi2
 from .symbolic.signals import r as r
 from .symbolic.signals import u as u
 from .symbolic.signals import y as y
+from .tasks.black_box import from_fmu as from_fmu
 
 __version__: str

@@ -84,6 +84,22 @@ print({str(s): round(float(v), 6) for s, v in found.model.values.items()})
 #     h2' = q - e*sign(h2)*sqrt(Abs(h2))
 #     y = h2
 #     h1(0) = y
+#
+# ## A model without equations: an FMU
+#
+# An FMU for co-simulation (FMI 2.0 or 3.0; `pip install "narx-sym[fmu]"`) is seen at its input and output only. **It holds
+# native code, which runs with all your rights**: name only one that you trust.
+#
+# ```console
+# narx-sym compare plant.fmu swing.csv --input volts --output angle
+# narx-sym diagnose swing.csv --base plant.fmu --input volts --output angle
+# ```
+#
+# In Python: `plant = ns.from_fmu("plant.fmu")`, `record = plant.beside(ns.read("swing.csv"))`,
+# `found = ns.diagnose(plant.model([record]), record)`. Its own run along the record is a channel; what differs from it goes
+# through a linear model that is identified from that run. What is named at the input is tried once more with the FMU
+# itself, along what the effect lets through: `plant.again(found, [record])` is its error then. Where no linear model
+# follows the FMU to 10 %, only its output is diagnosed. It cannot be saved as a model, and it has no law.
 
 # %%
 values = {str(s): float(v) for s, v in found.model.values.items()}

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from ..data.record import Record
     from ..diagnosis.procedure import Diagnosis
     from ..models.model import Model
+    from ..tasks.black_box import BlackBox
 
 
 RESULTS = ("json_file", "save", "plot", "experiment", "report", "verbose", "quiet")  # what is written and printed
@@ -31,7 +34,8 @@ def diagnose(
     base: Annotated[
         str,
         typer.Option(
-            help="Base model: narx, linear, static, play, bouc-wen, auto, a model file, or a file with equations."
+            help="Base model: narx, linear, static, play, bouc-wen, auto, a model file, a file with equations, or an "
+            "FMU, whose native code runs."
         ),
     ] = "linear",
     delay: Annotated[
@@ -70,6 +74,8 @@ def diagnose(
     validation data (those of --validate, else the last part of each record, to which no model is fitted). All errors
     are free-run errors over the whole record, with estimated start states, as in `narx-sym compare`.
     The same data and seed give the same JSON, except for its last field, `seconds`.
+    An FMU for co-simulation is diagnosed from its own run and a linear model of it; what is named at its input is tried
+    with the FMU itself. Running it runs its native code: name only one that you trust.
     """
     from ..diagnosis.experiment import check_limits, wider_file
     from ..diagnosis.machine import check_machine
@@ -78,7 +84,6 @@ def diagnose(
     from ..files.journal import resuming
     from ..fit.continuous import check_scale
     from ..report.words import with_units
-    from ..tasks.base import equations_in
     from ..tasks.physical import physical
 
     check_limits(limits)
@@ -95,15 +100,13 @@ def diagnose(
         report,
         resume,
     ]
-    own, file = equations_in(base), Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
+    file = Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
     opt.check_targets(written, *data, *(validate or []), *(effects or []), file)
     opt.check_format(plot)
     catalogue = with_own(effects or [])
-    model = _read(file, delay) if file and not own else None
-    measured = how.records(data, model, named := _channels(own, model))
-    judging = how.validating(validate, measured, named)
+    begin, measured, judging, box = _given(how, base, file, data, validate or [], {"--delay": delay, "--save": save})
     with resuming(resume) if resume else nullcontext() as journal:
-        start = _begin(model or base, own, measured, delay)
+        start = begin()
         with working("Diagnosing") as progress:
             found = run(
                 start, measured, max_effects=max_effects, catalogue=catalogue, seed=seed, limits=limits, delay=delay,
@@ -112,6 +115,8 @@ def diagnose(
     if journal is not None and journal.found:
         note(f"{journal.found} results were taken from {resume}")
     _say_done(found, measured)
+    if box and (again := box.again(found, measured)) is not None:
+        note(f"{base}: run along what the effects at its input let through, it has an NRMSE of {again:.3g}")
     # Results are written first, then printed whatever comes of the pictures and the report: a closed pipe loses none.
     found = with_units(found, found.units)
     quantities = physical(found, found.units, scale) if json_file or not quiet else ""
@@ -133,7 +138,9 @@ def diagnose(
             print_headline(found)
         else:
             typed = {"--base": ["--base", base], **opt.again(context, RESULTS)}
-            print_found(found, found.units, _command(found, data, typed, save, report), quantities)
+            print_found(
+                found, found.units, _command(found, data, typed, save or (file if box else None), report), quantities
+            )
             _print_more(found, verbose, following, save)
             pictures = plot and f"{plot}, {opt.where_beside(plot)}"
             say_written(("Model written to", save), ("Pictures:", pictures), ("Report:", report))
@@ -171,6 +178,42 @@ def _read(file: Path, delay: int | None) -> Model:
             f"{file}: this model already has a delay ({model.delay}); --delay is only for a base model that is "
             "identified here."
         )
+    return model
+
+
+def _given(
+    how: opt.Reading, base: str, file: Path | None, data: list[Path], validate: list[Path], options: dict[str, Any]
+) -> tuple[Callable[[], Model], list[Record], list[Record], BlackBox | None]:
+    """Read base and records; return what makes the model to begin with, the records, and what an FMU is."""
+    from ..tasks.base import equations_in
+
+    if box := how.black_box(base):
+        for name, value in options.items():
+            if value is not None:
+                raise DataError(f"{name} needs a base that is an equation: leave it out with an FMU.")
+        measured = how.records(data)
+        with working(f"Running {base}"):
+            measured, judging = (
+                [box.beside(r) for r in listed] for listed in (measured, how.validating(validate, measured))
+            )
+        return partial(_linearised, box, measured), measured, judging, box
+    own, delay = equations_in(base), options["--delay"]
+    model = _read(file, delay) if file and not own else None
+    measured = how.records(data, model, named := _channels(own, model))
+    return (
+        partial(_begin, model or base, own, measured, delay),
+        measured,
+        how.validating(validate, measured, named),
+        None,
+    )
+
+
+def _linearised(box: BlackBox, measured: list[Record]) -> Model:
+    """Return what stands for an FMU."""
+    with working(f"Identifying a linear model of {box.path}"):
+        model = box.model(measured)
+    if "u" not in {base.name for base in model.recursion.inputs}:
+        note(f"{box.path}: no linear model follows it, so only its output is diagnosed")
     return model
 
 

@@ -147,7 +147,8 @@ def derive(
     opt.check_targets([latex, plot, json], model_file, *(data or []))
     if not continuous and (scale or data or json):
         raise DataError("--scale, --data and --json need derive --continuous.")
-    model = load(model_file)
+    box = how.black_box(model_file)
+    model = box.model() if box else load(model_file)
     if isinstance(model, System):
         refuse(f"{model_file}, which has several outputs,", {"--continuous": continuous, "--plot": plot})
         derive_system(model, latex)
@@ -200,7 +201,12 @@ def _differential(model: Any, found: Any, latex: Path | None, json: Path | None)
 @app.command()
 @opt.reads()
 def compare(
-    model_file: opt.ModelFile,
+    model_file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MODEL.json", help="A model file written by narx-sym, or an FMU, whose native code runs."
+        ),
+    ],
     data: opt.DataFiles,
     plot: Annotated[Path | None, typer.Option("--plot", help="Picture of time response and loop.")] = Path(
         "compare.png"
@@ -222,6 +228,7 @@ def compare(
 
     The free run covers the whole record at its sampling rate, from start states estimated on it.
     With --reference the data are the log of a compensated run (reference, input, output): prints MAPE and NSAVI.
+    An FMU for co-simulation starts where it starts; running it runs its native code: name only one that you trust.
     """
     from ..data.units import said_first
     from ..files.store import load
@@ -231,16 +238,20 @@ def compare(
     target = None if no_plot else plot
     where = target and opt.where_beside(target)
     opt.check_targets([target, where, json], model_file, *data, *(validate or []))
-    model = load(model_file)
+    box = how.black_box(model_file)
+    model = box.model() if box else load(model_file)
     if isinstance(model, System):
         refuse(f"{model_file}, which has several outputs,", {"--reference": reference, "--align": align})
         compare_system(model, how, data, validate, json)
         return
-    named = [*filter(None, [reference]), *model.channels]
+    named = [*filter(None, [reference]), *(() if box else model.channels)]
     measured = how.records(data, model, named)
+    judging = how.validating(validate, measured, named)
     with working("Simulating"):
+        if box:
+            measured, judging = ([box.beside(r) for r in records] for records in (measured, judging))
         found = task.compare(model, measured, align)
-        found.errors.extend(task.validated(model, how.validating(validate, measured, named), align))
+        found.errors.extend(task.validated(model, judging, align))
     names = said_first(model.info.units, measured[0].units)
     for said in found.notes:
         note(said)

@@ -20,6 +20,7 @@ from .printing import note
 if TYPE_CHECKING:
     from ..data.record import Record
     from ..models.effects import Catalogue
+    from ..tasks.black_box import BlackBox
 
 DataFiles = Annotated[
     list[Path],
@@ -154,6 +155,12 @@ class Reading:
         for text in what_to_print(listed):
             note(text)
         return listed
+
+    def black_box(self, file: Path | str) -> BlackBox | None:
+        """Return what an FMU is, by its ending, with the variables named like the columns; None for another file."""
+        from ..tasks.black_box import ENDING, from_fmu
+
+        return from_fmu(file, self.u, self.y) if str(file).lower().endswith(ENDING) else None
 
     def validating(self, files: list[Path] | None, measured: list[Record], more: Iterable[str] = ()) -> list[Record]:
         """Read the validation records, all their rows, in the units of the data; they have the pace of the data."""
