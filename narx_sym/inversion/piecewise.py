@@ -229,15 +229,27 @@ class _Chain:
             return [self.branch(T - top < -band, lower), Branch(T - bottom <= band, between)], [], [said]
         size = None if jump is None or self.flip not in (1, -1) else self.flip * jump
         nearer, after, notes = sp.true, [], []
+        below, above = self.digits_at(lower, 1), self.digits_at(upper, -1)
         if size is None or size < 0:  # both sides reach some targets
             down, up = (piece.solve(self.target, self.w, self.flip) for piece in (lower, upper))
             # At even distances rounding does not choose: the one below is taken.
-            nearer = sp.Or(T < bottom, (down - last) ** 2 <= (1 + DEAD_BAND) * (up - last) ** 2)
+            closer = (down - last) ** 2 <= (1 + DEAD_BAND) * (up - last) ** 2
+            nearer = sp.Or(T < bottom + above, sp.And(T < top - below, closer) if below != 0 else closer)
             notes.append(f"two solutions while {text(bottom)} <= {text(T)} <= {text(top)}: the nearer one is taken")
         if size is None or size > 0:  # neither side does
+            said = "it stays at the jump"
+            if a != b and not any(p.flat(self.steepest) for p in self.between(lower, upper)):
+                after = [Branch(sp.And(T < bottom, 2 * T <= top + bottom), a)]
+                between, said = b, "the nearer end is taken"
             after.append(Branch(T < bottom, between))
-            notes.append(f"no solution while {text(top)} < {text(T)} < {text(bottom)}: it stays at the jump")
+            notes.append(f"no solution while {text(top)} < {text(T)} < {text(bottom)}: {said}")
         return [self.branch(sp.And(T <= top, nearer), lower), *after], notes, []
+
+    def digits_at(self, piece: Piece, side: int) -> Any:
+        """Return how near the target at an end of a piece rounding may take its solution past a jump; else 0."""
+        beside, at = self.pieces[self.pieces.index(piece) + side], piece.left if side < 0 else piece.right
+        jumps = apart(self.level(piece, at), self.level(beside, at), self.values) != 0
+        return rounding(self.target - self.level(piece, at), self.beside) if jumps else sp.S.Zero
 
     def given(self, where: str, level: Any) -> str:
         """Say that a flat piece gives one target."""

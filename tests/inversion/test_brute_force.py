@@ -8,7 +8,7 @@ import sympy as sp
 from sampling import some
 
 import narx_sym as ns
-from narx_sym.inversion.piecewise import FURTHER
+from narx_sym.inversion.piecewise import FALLING, FURTHER
 from narx_sym.inversion.solve import solve_for
 from narx_sym.models.extend import extend, variants
 from narx_sym.symbolic.signals import k, m, u, v, y
@@ -49,6 +49,13 @@ def counted(f, places, target, rounding):
     return found
 
 
+def limits(f, places):
+    """Return what a map comes near to on both sides of its kinks; at a jump it need not be reached there."""
+    for a, b in zip([-100.0, *places], [*places, 100.0], strict=True):
+        one, other = f(a + (b - a) / 4), f(a + (b - a) * 3 / 4)
+        yield from (1.5 * one - 0.5 * other, 1.5 * other - 0.5 * one)
+
+
 def attack(seed):
     """Exactly one solution within what is said to be reached, none beyond; and a law that takes one wherever one is."""
     rng = np.random.default_rng(seed)
@@ -66,7 +73,11 @@ def attack(seed):
     def at(w):
         return float(f(w, *values.values()))
 
-    for target in (at(w) for w in (*places, *rng.uniform(-5, 5, 8))):
+    targets = [at(w) for w in (*places, *rng.uniform(-5, 5, 8))]
+    # What only an unused piece reaches, where a used one comes near to it at a jump, is not met.
+    taken = [at(w) for w in places] if FALLING in found.notes else [math.nan]
+    targets += [e for e in limits(at, places) if not min(abs(e - own) for own in taken) > rounding]
+    for target in targets:
         for wanted in (target, target + 0.1 * out * rng.normal()):
             true = counted(at, places, wanted, rounding)
             if found.proved and min(abs(wanted - e) for e in reach) > 10 * rounding:
@@ -77,7 +88,7 @@ def attack(seed):
                 assert near or abs(at(got) - wanted) <= 10 * rounding
 
 
-@pytest.mark.parametrize("seed", some(range(25), 5))
+@pytest.mark.parametrize("seed", some(range(1, 26), 4))
 def test_what_is_proved_and_what_is_reached(seed):
     attack(seed)
 
