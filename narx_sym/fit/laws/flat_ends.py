@@ -8,9 +8,12 @@ everything is affine in the free numbers, and what must hold is linear in them:
 
 An equation takes one free number away, so that few are free at a time: as many as samples pass until an input is seen,
 since the outputs that follow decide on them. What is left is a polytope; where it is empty, an earlier sample was on
-another piece, and the search goes back to the latest one (depth first). The point of a polytope that is nearest to the
-one before solves a least distance problem (Lawson & Hanson 1974, chapter 23). Where the pieces of the model are not
-affine, tangents stand for them.
+another piece, and the search goes back to the latest one that matters: each number and each condition knows the samples
+whose pieces it was made by, and a choice that no condition in the conflict was made by changes nothing
+(conflict-directed backjumping, Prosser 1993). What fails whatever stood before is not tried again. The point of a
+polytope that is nearest to the one before solves a least distance problem (Lawson & Hanson 1974, chapter 23), and where
+there is none, its multipliers name the conditions in the conflict. Where the pieces of the model are not affine,
+tangents stand for them.
 """
 
 from __future__ import annotations
@@ -41,17 +44,37 @@ FREE, ROOM, NOW, WIDE = signal("m_free"), "m_room", "m_room_now", "m_wide"
 
 @dataclass(frozen=True)
 class _Node:
-    """A run until a sample, all of it affine: coefficients of the free numbers, then what is left without them."""
+    """A run until a sample, all of it affine: coefficients of the free numbers, then what is left without them.
+
+    `past_by` and `holds_by` say by the pieces of which samples it was made, (..., samples) bool.
+    """
 
     at: int
     past: Array  # (sequences, samples before, free numbers + 1)
     inputs: Array  # (samples so far, free numbers + 1)
     holds: Array  # (conditions, free numbers + 1): not negative
+    past_by: Array
+    holds_by: Array
     piece: int = 0
 
     def in_other(self, change: Array) -> _Node:
         """Return the node in other free numbers; (free numbers + 1, others + 1) matrix."""
         return replace(self, past=self.past @ change, inputs=self.inputs @ change, holds=self.holds @ change)
+
+    def solved(self, equation: Array, by: Array) -> _Node | None:
+        """Return the node in free numbers that solve an equation, one fewer; None where nothing solves it."""
+        slope, rest = equation[:-1], equation[-1]
+        n, read = slope.size, slope != 0
+        if np.abs(slope).max(initial=0.0) < NOTHING:
+            return self if abs(rest) <= EXACT else None
+        change = np.zeros((n + 1, n))
+        change[:-1, :-1] = np.column_stack([np.eye(n)[:, ~read], np.eye(n)[:, read] @ null_space(slope[read][None])])
+        change[:-1, -1], change[-1, -1] = -slope * rest / (slope @ slope), 1.0
+        past_by, holds_by = (
+            np.where((a[..., :-1] * slope != 0).any(axis=-1)[..., None], b | by, b)
+            for a, b in ((self.past, self.past_by), (self.holds, self.holds_by))
+        )
+        return replace(self.in_other(change), past_by=past_by, holds_by=holds_by)
 
 
 class FlatEnds:
@@ -68,7 +91,8 @@ class FlatEnds:
         read = sorted({s.base.name for one in recursions for _, e in one for s in samples(e) if s.base in leads})
         self.rows = {name: i for i, name in enumerate(read)}
         self.depth = max((lag(s) for one in recursions for _, e in one for s in samples(e)), default=0)
-        self.steps = [_step(one, law.model.values) for one in recursions]
+        steps = [_step(one, law.model.values) for one in recursions]
+        self.steps, self.reads = [one for one, _ in steps], [reads for _, reads in steps]
         self.targets = [s.target.base.name for s, _ in ends]
         self.sizes: dict[str, float] = {}
 
@@ -83,59 +107,96 @@ class FlatEnds:
         for i, name in enumerate(self.targets):
             size = _size({**values, **self.prepared.given}[name], np.max)
             self.sizes |= {f"{ROOM}{i}": size, f"{NOW}{i}": size}
-        best = self._first(values, begin)
-        waiting, nodes = [best], 0
-        while waiting and best.at < end and nodes < NODES:
-            node, nodes = waiting.pop(), nodes + 1
-            best = node if node.at > best.at else best
-            waiting += [new for new in self._next(node, end)][::-1]
+        best, nodes = self._first(values, begin, end - begin), 0
+        path = [(best, self._next(best, end), np.zeros(end - begin, dtype=bool))]
+        self.failed: set[tuple[int, int]] = set()  # samples and pieces, whatever stands before
+        while best.at < end and nodes < NODES:
+            node, others, conflict = path[-1]
+            new = next(others, None)
+            if isinstance(new, _Node):
+                path, nodes = [*path, (new, self._next(new, end), np.zeros_like(conflict))], nodes + 1
+                best = new if new.at > best.at else best
+            elif new is not None:
+                conflict |= new
+            else:
+                conflict[node.at - begin :] = False
+                if not conflict.any():
+                    break
+                latest = begin + int(np.flatnonzero(conflict)[-1])
+                if conflict.sum() == 1:
+                    self.failed.add((latest, path[latest - begin + 1][0].piece))
+                path = path[: latest - begin + 1]
+                path[-1][2][:] |= conflict
         return None if best.at == begin else best.inputs[:, -1]
 
-    def _first(self, values: Mapping[str, Array], begin: int) -> _Node:
+    def _first(self, values: Mapping[str, Array], begin: int, n: int) -> _Node:
         past, now = np.zeros((len(self.rows), self.depth, 1)), self.prepared.depth + begin
         for name, row in self.rows.items():
             column, first = values[name], now + self.leads[name] - self.beside[name]
             past[row, :, 0] = column[np.clip(np.arange(first - self.depth, first), 0, column.size - 1)]
-        return _Node(begin, past, np.zeros((0, 1)), np.zeros((0, 1)))
+        by = np.zeros((*past.shape[:2], n), dtype=bool)
+        return _Node(begin, past, np.zeros((0, 1)), np.zeros((0, 1)), by, np.zeros((0, n), dtype=bool))
 
-    def _next(self, node: _Node, end: int) -> Iterator[_Node]:
-        """Return what may come after a node: the flat end that it is on, one input, other flat ends."""
+    def _next(self, node: _Node, end: int) -> Iterator[_Node | Array]:
+        """Return what may come after a node: the flat end that it is on, one input, other flat ends.
+
+        Where that leaves nothing, the samples whose pieces are the reason, (samples,) bool.
+        """
         for piece in sorted(range(len(self.steps)), key=lambda one: (one != node.piece or not one, one)):
+            if (node.at, piece) in self.failed:
+                continue
             new = self._moved(node, piece, end)
-            free = None if new is None else nearest(new.holds)
-            if new is not None and free is not None:
-                yield new.in_other(np.column_stack([np.eye(free.size + 1, free.size), np.append(free, 1.0)]))
+            if isinstance(new, _Node):
+                free, against = nearest(new.holds)
+                if against.any():
+                    new = new.holds_by[against].any(axis=0)
+                else:
+                    new = new.in_other(np.column_stack([np.eye(free.size + 1, free.size), np.append(free, 1.0)]))
+            yield new
 
-    def _moved(self, node: _Node, piece: int, end: int) -> _Node | None:
-        """Return a node one sample later on a piece; None where that leaves nothing."""
-        n = node.past.shape[2]
+    def _moved(self, node: _Node, piece: int, end: int) -> _Node | Array:
+        """Return a node one sample later on a piece; where that leaves nothing, by the pieces of which samples."""
+        n, now = node.past.shape[2], node.at - (end - node.past_by.shape[2])
         if piece:  # one number more is free
             node, n = node.in_other(np.insert(np.eye(n), n - 1, 0.0, axis=1)), n + 1
         points = np.eye(n) * TANGENT
         points[-1] = 1.0
         new = self._stepped(node, piece, points)
+        here = np.arange(node.past_by.shape[2]) == now
         if new is None:
-            return None
-        rooms = [new[f"{ROOM}{i}"] for i in range(self.ends) if node.at + self.leads[f"{ROOM}{i}"] < end]
-        equation = new[f"{NOW}{piece - 1}"] if piece else None
-        first = [new[f"{NOW}{i}"] for i in range(self.ends)]
-        if any(one[-1] < -EXACT and np.abs(one[:-1]).max(initial=0.0) < NOTHING for one in first):
-            return None
+            return ~here
+        by = {name: self._by(node, reads) for name, reads in self.reads[piece].items()}
+        for i in range(self.ends):
+            first = new[f"{NOW}{i}"]
+            if first[-1] < -EXACT and np.abs(first[:-1]).max(initial=0.0) < NOTHING:
+                return by[f"{NOW}{i}"]
+        early = [f"{ROOM}{i}" for i in range(self.ends) if node.at + self.leads[f"{ROOM}{i}"] < end]
+        rooms, rooms_by = [new[name] for name in early], [by[name] | here for name in early]
         if piece:
-            rooms.append(np.eye(n)[-2])
-            rooms += [new[WIDE] - np.eye(n)[-2]] if WIDE in new else []
-        past = np.concatenate([node.past[:, 1:], np.array([[new[name]] for name in self.rows])], axis=1)
+            rooms += [np.eye(n)[-2], *([new[WIDE] - np.eye(n)[-2]] if WIDE in new else [])]
+            rooms_by += [here, *([by[WIDE] | here] if WIDE in new else [])]
+        past, past_by = (
+            np.concatenate([before[:, 1:], np.array([[one[name]] for name in self.rows])], axis=1)
+            for before, one in ((node.past, new), (node.past_by, {name: each | here for name, each in by.items()}))
+        )
         inputs, holds = np.vstack([node.inputs, new["m"]]), np.vstack([node.holds, *rooms])
-        found = _Node(node.at + 1, past, inputs, holds, piece)
-        if equation is not None:
-            change = _solved(equation)
-            if change is None:
-                return None
-            found = found.in_other(change)
-        constant = np.abs(found.holds[:, :-1]).max(axis=1, initial=0.0) < NOTHING
-        if (found.holds[constant, -1] < -EXACT).any():
-            return None
-        return replace(found, holds=found.holds[~constant])
+        moved = _Node(node.at + 1, past, inputs, holds, past_by, np.vstack([node.holds_by, *rooms_by]), piece)
+        if piece:
+            reason = by[f"{NOW}{piece - 1}"]
+            solved = moved.solved(new[f"{NOW}{piece - 1}"], reason | here)
+            if solved is None:
+                return reason
+            moved = solved
+        constant = np.abs(moved.holds[:, :-1]).max(axis=1, initial=0.0) < NOTHING
+        against = constant & (moved.holds[:, -1] < -EXACT)
+        if against.any():
+            return np.asarray(moved.holds_by[against].any(axis=0))
+        return replace(moved, holds=moved.holds[~constant], holds_by=moved.holds_by[~constant])
+
+    def _by(self, node: _Node, reads: Sequence[tuple[str, int]]) -> Array:
+        """Return by the pieces of which samples a sequence is made."""
+        made = [node.past_by[self.rows[name], self.depth - i] for name, i in reads if name in self.rows]
+        return np.any([np.zeros(node.past_by.shape[2], dtype=bool), *made], axis=0)
 
     def _stepped(self, node: _Node, piece: int, points: Array) -> dict[str, Array] | None:
         """Return every sequence at a sample as coefficients and a constant; None where one is not finite."""
@@ -160,48 +221,53 @@ def _size(column: Array, most: Callable[[Array], Any]) -> float:
     return float(most(np.abs(column[np.isfinite(column)]))) or 1.0
 
 
-def nearest(holds: Array) -> Array | None:
-    """Return the smallest numbers for which nothing is negative: coefficients, then constants; None where none are."""
-    slopes, rest = holds[:, :-1], holds[:, -1]
-    found = np.zeros(slopes.shape[1])
-    for _ in range(REFINED if found.size else 0):
+def nearest(holds: Array) -> tuple[Array, Array]:
+    """Return the smallest numbers for which nothing is negative, and which of the conditions exclude each other.
+
+    Parameters
+    ----------
+    holds : (conditions, numbers + 1) array, coefficients, then constants
+    """
+    joined, rows = holds[:, :-1] != 0, holds[:, -1] < -EXACT
+    found, against, size = np.zeros(joined.shape[1]), np.zeros(rows.size, dtype=bool), 0
+    while rows.sum() > size:  # what has a number in common with what is violated
+        size, own = rows.sum(), joined[rows].any(axis=0)
+        rows = rows | joined[:, own].any(axis=1)
+    if not size:
+        return found, against
+    slopes = holds[np.ix_(rows, own)]
+    for _ in range(REFINED):
+        rest = slopes @ found[own] + holds[rows, -1]
         if (rest >= -EXACT).all():
-            return found
+            return found, against
         dual = np.vstack([slopes.T, -rest - EXACT / 2])
         dual /= np.linalg.norm(slopes, axis=1)
         try:
-            left = dual @ nnls(dual, np.append(np.zeros(found.size), 1.0))[0]
+            multipliers = nnls(dual, np.append(np.zeros(slopes.shape[1]), 1.0))[0]
         except RuntimeError:  # it did not come to an end
-            return None
+            break
+        left = dual @ multipliers
         if left[-1] == 1.0:
-            return None
-        found = found + left[:-1] / (1.0 - left[-1])
-        rest = slopes @ found + holds[:, -1]
-    return found if (rest >= -EXACT).all() else None
-
-
-def _solved(equation: Array) -> Array | None:
-    """Return free numbers as others that solve an equation, one fewer; None where nothing solves it."""
-    slope, rest = equation[:-1], equation[-1]
-    n = slope.size
-    if np.abs(slope).max(initial=0.0) < NOTHING:
-        return np.eye(n + 1) if abs(rest) <= EXACT else None
-    change = np.zeros((n + 1, n))
-    change[:-1, :-1], change[:-1, -1], change[-1, -1] = null_space(slope[None]), -slope * rest / (slope @ slope), 1.0
-    return change
+            against[rows] = multipliers > 0
+            return found, against
+        found[own] += left[:-1] / (1.0 - left[-1])
+    if not (slopes @ found[own] + holds[rows, -1] >= -EXACT).all():
+        against[rows] = True
+    return found, against
 
 
 def _step(
     updates: Sequence[tuple[Any, Any]], values: Mapping[Any, Any]
-) -> tuple[list[str], list[tuple[str, int]], Callable[..., Any]]:
-    """Return the names of all sequences, which samples before they are made of, and their function."""
+) -> tuple[tuple[list[str], list[tuple[str, int]], Callable[..., Any]], dict[str, list[tuple[str, int]]]]:
+    """Return the names of all sequences, which samples before they are made of, and their function; then each one's."""
     made: dict[Any, Any] = {}
     for left, right in updates:
         made[left] = right.xreplace(made).xreplace(dict(values))
     read = sorted({s for e in made.values() for s in samples(e)}, key=str)
     plain = [sp.Symbol(f"s{i}", real=True) for i in range(len(read))]
     function = lambdify([e.xreplace(dict(zip(read, plain, strict=True))) for e in made.values()], plain)
-    return [left.base.name for left in made], [(s.base.name, lag(s)) for s in read], function
+    reads = {left.base.name: [(s.base.name, lag(s)) for s in samples(e)] for left, e in made.items()}
+    return (list(reads), [(s.base.name, lag(s)) for s in read], function), reads
 
 
 def _updates(law: Compensator, stages: Sequence[Solution], end: tuple[Solution, FlatEnd] | None) -> list[Any]:
