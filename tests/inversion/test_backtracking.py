@@ -2,12 +2,13 @@
 
 import warnings
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 import sympy as sp
 from bench.attack import KEPT, Run, bases, drawn, with_effect
-from sampling import more
+from sampling import more, some
 
 import narx_sym as ns
 from narx_sym.errors import Unreachable
@@ -190,3 +191,17 @@ def test_a_sensor_that_folds_leaves_a_choice(seed):
     assert missed(run, follow(run, back=False)).any()
     found = follow(run)
     assert found.tried and not missed(run, found).any()
+
+
+@pytest.mark.parametrize("case", some(product((2, 3), range(8)), 5), ids=str)
+def test_a_channel_that_is_known_changes_no_choice(case):
+    """It is read ahead, up to the sample of the output: what it adds there is the same for every input."""
+    late, seed = case
+    terms = ["y[k-1]", f"u[k-{late}]", f"u[k-{late}]**2", f"u[k-{late + 1}]", "w[k]"]
+    n, rng, runs = np.arange(60), np.random.default_rng(seed), []
+    u, w = 0.8 * np.sin(0.5 * n + rng.uniform(0, 6)) * (n >= 8), rng.normal(size=60) * (n >= 8)
+    for size in (0.0, 0.4):
+        model = ns.NARX.from_terms(terms, [0.5, 0.3, 1.0, 0.4, size], channels=["w"])
+        made = model.simulate(u, 0.0, {"w": w}, u0=0.0)
+        runs.append(model.compensator().follow(made, 0.0, {"w": w}, share=None))
+    assert runs[0].tried == runs[1].tried > 0 and np.abs(runs[0].m - runs[1].m)[:-late].max() < 1e-9

@@ -218,7 +218,7 @@ class Backtracking:
         """Return further inputs that give the wanted output, by sample: how far they are, and where."""
         depth, law = self.depth, self.law
         assert law.staged is not None
-        columns = {n: c[: depth + at[-1] + 1] for n, c in {**path.values, **self.prepared.given}.items()}
+        columns = {n: c[: depth + at[-1] + 1] for n, c in path.values.items()} | dict(self.prepared.given)  # read ahead
         inputs = columns["m"][depth - 1 :]  # from the value before the first one on
         last, taken, near = inputs[at], inputs[at + 1], around(inputs[:-1] if inputs.size > 1 else inputs, WIDER)
         low, high = limits_of(law.model, m)
