@@ -252,20 +252,21 @@ def print_tables(found: Diagnosis, units: dict[str, str]) -> None:
 def print_detectable(step: Any, units: dict[str, str]) -> None:
     """Print which effects these data would have shown, and which a refit hides."""
     from ..diagnosis.bases import words
+    from ..symbolic.numbers import sized
 
     sizes = step.unseen
     shown = sizes if len(sizes) <= 2 * FEW else [*sizes[:FEW], ("...", None), *sizes[-FEW:]]
-    spread, unit = step.base.problem.spread, f" [{units['y']}]" if units.get("y") else ""
+    spread = step.base.problem.spread
     rows = [
         [words(n), "", "" if v is None else "> 100 %"]
         if v is None or v >= spread
-        else [words(n), v, f"{100 * v / spread:.2g} %"]
+        else [words(n), sized(v, units.get("y", "")), f"{100 * v / spread:.2g} %"]
         for n, v in shown
     ]
     if rows:
         table(
             "Detection limits: an effect that moves the output by less than this could not have been detected",
-            ["effect", f"rms{unit}", "of the output's standard deviation"],
+            ["effect", "rms", "of the output's standard deviation"],
             rows,
         )
     if step.absorbed:

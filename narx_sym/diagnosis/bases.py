@@ -6,11 +6,6 @@ from collections.abc import Iterable
 BASE = "base"
 
 
-def few(value: float, digits: int = 3) -> str:
-    """Return a number with a few significant digits: 440 and not 4.4e+02."""
-    return f"{float(f'{value:.{digits}g}'):.12g}"
-
-
 def spaced(name: str) -> str:
     """Return the id of an effect as words; a channel is called as the user calls it."""
     effect, colon, channel = name.partition(":")

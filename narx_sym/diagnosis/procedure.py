@@ -30,8 +30,9 @@ from ..models.effects import EFFECTS, MACHINES, Catalogue
 from ..models.extend import find
 from ..models.info import whole
 from ..models.model import Model
+from ..symbolic.numbers import few
 from .bases import BASE as MEMORY
-from .bases import few, joined, words
+from .bases import joined, words
 from .doors import DiagnosisDoors
 from .experiment import Experiment, check_limits
 from .machine import Machine, check_machine, machine_of

@@ -21,7 +21,8 @@ from ..models.added import newer
 from ..models.model import NARX, Model
 from ..symbolic import printing
 from ..symbolic.identities import added as total
-from .bases import BASE, few, joined, percent_of, words
+from ..symbolic.numbers import few, prefixed, sized
+from .bases import BASE, joined, percent_of, words
 from .experiment import Experiment, propose, wider_file
 from .progress import JUDGE, WAYS
 from .refit import NO_TRIAL, Fitted, Trial, alike_up_to, prune
@@ -289,19 +290,19 @@ class Step:
 
     def sentence(self, units: Mapping[str, str]) -> str:  # noqa: C901, PLR0911, PLR0912
         """Return the verdict in plain words."""
-        unit, error = f" {units['y']}" if units.get("y") else "", self.errors(self.base)["validation"]
+        unit, error = units.get("y", ""), self.errors(self.base)["validation"]
         percent = float(f"{100 * error.free_run_nrmse:.3g}")
-        sizes = f"The error on {self.trial.described} is {few(error.free_run_rms)}{unit} rms "
+        sizes = f"The error on {self.trial.described} is {sized(error.free_run_rms, unit)} rms "
         sizes += f"({percent:g} % of the standard deviation of the output)"
         if self.verdict == "nothing_detectable":
             if self.follows_nothing:
                 return f"The base model does not follow the output, so it cannot show which effect is missing. {sizes}."
             if self.one_step:
                 return f"{ONE_STEP} {sizes}."
-            shown = ", ".join(f"{words(name)} {few(size, 2)}{unit}" for name, size in self.unseen[:3])
+            shown = ", ".join(f"{words(name)} {sized(size, unit, 2)}" for name, size in self.unseen[:3])
             would = f"; the smallest detectable effects are {shown} rms" if shown else ""
             if self.unexplained:
-                sizes += f"; the sensor's noise, if white, is about {few(self.sensor)}{unit}, {self.unexplained}"
+                sizes += f"; the sensor's noise, if white, is about {sized(self.sensor, unit)}, {self.unexplained}"
             if self.trace or self.unexplained:
                 return f"{self.trace or 'No effect of the catalogue explains the remaining error.'} {sizes}{would}."
             return f"No missing effect can be detected in these data. {sizes}{would}."
@@ -311,9 +312,9 @@ class Step:
                 said += ["Valve stiction is only checked for an input in percent of its span, as a fraction, or in mA."]
             return " ".join(said)
         more = self.verdict in ("outside_library", "helps_but_incomplete") and self.floor_kind != REPEATED
-        sizes += f"; the noise floor is {'at most' if more else 'about'} {few(self.floor)}{unit}"
+        sizes += f"; the noise floor is {'at most' if more else 'about'} {sized(self.floor, unit)}"
         if self.sensor and self.sensor <= self.floor:  # what is more than a model leaves is no noise
-            alone = f"sensor noise alone {few(self.sensor)}{unit}"
+            alone = f"sensor noise alone {sized(self.sensor, unit)}"
             sizes += f" ({alone if self.sensor < self.floor else 'all of it sensor noise'})"
         if self.refused is not None:
             return f"{self.refusal(units)} {sizes}."
@@ -347,7 +348,7 @@ class Step:
             text += f"{name}, {others}. {sizes}. "
             if BASE in self.confusion_set:
                 names = f"{name} or {others}" if others else name
-                sizes += f"; a linear base model alone leaves {few(self.linear)}{unit}" if self.linear else ""
+                sizes += f"; a linear base model alone leaves {sized(self.linear, unit)}" if self.linear else ""
                 text = (
                     f"Perhaps missing: {names}; at one speed it cannot be distinguished from the dynamics of a "
                     f"linear base model. {sizes}. "
@@ -380,7 +381,13 @@ class Step:
         """Return how the error of a model moves from that of the base: on the record, then on validation data."""
         unit = units.get("y") or "(unit of y)"
         pairs = [(self.errors(self.base)[p].free_run_rms, self.errors(fitted)[p].free_run_rms) for p in PARTS]
-        return [("falls" if b < a else "rises", f"from {few(a, 4)} to {few(b, 4)} {unit}") for a, b in pairs]
+        told = []
+        for a, b in pairs:
+            factor, label = prefixed(unit, a, b)
+            digits = 3 if few(a) != few(b) else 5
+            sizes = f"from {few(factor * a, digits)} to {few(factor * b, digits)} {label}"
+            told.append(("falls" if b < a else "rises", sizes))
+        return told
 
     def to_dict(self, experiment_file: str | None) -> dict[str, Any]:
         """Return the step as plain data."""

@@ -23,6 +23,7 @@ import sympy as sp
 from mpmath.libmp.libhyper import NoConvergence
 
 from ..errors import ModelError
+from ..symbolic.numbers import prefixed
 from ..symbolic.printing import InLatex, latex
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import expand_phi, held, lag, samples
@@ -129,7 +130,7 @@ class Quantity:
     @property
     def sized(self) -> str:
         """Value, unit and interval."""
-        factor, unit = (1e3, "ms") if self.unit == "s" and abs(self.value) < 0.1 and self.value else (1.0, self.unit)
+        factor, unit = prefixed(self.unit, self.value)
         digits = _digits(self.value, self.error)
         said = f"{short(factor * self.value, digits)} {unit}".rstrip()
         if self.in_input is not None:

@@ -15,6 +15,7 @@
 - rate: samples to either side of a rate of the output: the loop is then input over rate; 0 where it is output over
   input
 - axes, units: labels of u, y, the error and the rate; units of u and y
+- prefix: what an error is multiplied with, and the unit that it is then told in
 - portrait: null or {axes, x, left, at, means, laws, band, high}: the missing force at the samples, by switch; means
   and laws at the centres of cells; half the width of what chance makes of the means; and how far the axis goes
 - law: null or what the page needs to run the law (see `reference`)
@@ -44,6 +45,7 @@ from ..fit.simulate import centre
 from ..inversion.analyses import Subject
 from ..inversion.compensator import Compensator
 from ..models.added import newer
+from ..symbolic.numbers import prefixed
 from ..symbolic.signals import r, t, y
 from .comparison import Comparison, spans
 from .figures import describe
@@ -221,6 +223,7 @@ def told(material: Material) -> dict[str, Any]:
     axis = {"error": "error", "rate": "rate of the output"}
     known = {driving: units.get(driving, ""), output: units.get(output, "")}
     known |= {"error": known[output], "rate": known[output] and f"{known[output]}/s"}
+    sizes = [one.errors[f"{part}_rms"] for one in listed for part in PARTS] + [d.floor] * has_floor(d)
     return {
         "n": n, "t0": float(record.t[0]), "Ts": float(record.Ts), "steps": STEPS, "whole": len(record),
         "signals": [packed(np.asarray(every[name][:n])) for name in names],
@@ -232,7 +235,7 @@ def told(material: Material) -> dict[str, Any]:
         "worst": [min(c.worst.start, n - 1), min(c.worst.stop, n)],
         "stretch": [min(c.periods.start, n - 1), min(c.periods.stop, n)], "rate": width,
         "axes": [headed(axis.get(name, name), known[name]) for name in known],
-        "units": [known[driving], known[output]],
+        "units": [known[driving], known[output]], "prefix": prefixed(known[output], *sizes),
         "portrait": _portrait(material, listed), "law": law and reference(law, listed, c),
     }  # fmt: skip
 

@@ -14,8 +14,9 @@ from ..diagnosis.table.candidates import Candidate
 from ..errors import NarxError
 from ..fit.continuous import continuous
 from ..models.added import AddedEffect, newer, outside
-from ..models.continuous_time import Continuous, short
+from ..models.continuous_time import Continuous
 from ..models.model import Model
+from ..symbolic.numbers import sized
 from ..symbolic.signals import expand_phi
 from .words import Row, Units, begun, number, spaced
 
@@ -141,7 +142,7 @@ def effect_parameters(model: Model, effect: AddedEffect, units: Units, shapes: M
         known = continuous(model, units={name: unit for name, unit in units.items() if unit})
         own = [q for q in known.quantities if q.effect == effect.effect and str(q.symbol) in known.main]
         if own:
-            return ", ".join(f"{q.name} {short(q.value)} {q.unit}".rstrip() for q in own)
+            return ", ".join(f"{q.name} {sized(q.value, q.unit)}" for q in own)
     return by_letters(model, effect, units, shapes)
 
 

@@ -16,6 +16,7 @@ from ..diagnosis.experiment import Experiment
 from ..diagnosis.procedure import UNNAMED, Diagnosis
 from ..diagnosis.steps import NO_FLOOR, Step
 from ..models.added import newer
+from ..symbolic.numbers import sized
 
 Units = Mapping[str, str]
 Row = dict[str, Any]
@@ -42,7 +43,7 @@ BADGES = {  # by `Step.finding`: what the headline says, in a few words
     "one_step": "a single step is not enough",
     "trace": "a small unexplained error",
     "unexplained": "more error than noise",
-    "two_effects": "two effects together",
+    "two_effects": "best explanation",
     "refused": "not confirmed by validation data",
     "valve": "checked as a valve",
     "perhaps_closed_loop": "perhaps in closed loop",
@@ -61,7 +62,8 @@ AT_FLOOR = 1.1  # times the noise floor: an error up to here is called at the fl
 def badge(diagnosis: Diagnosis) -> str:
     """Return the headline in a few words, and how sure it is where effects are named."""
     first = diagnosis.steps[0]
-    said = [BADGES[first.finding], first.how_sure if first.finding == "named" else ""]
+    sure = f"{first.how_sure}: " if first.finding == "named" and first.how_sure else ""
+    said = [sure + BADGES[first.finding]]
     if (pair := first.pair) is not None and first.finding == "two_effects":
         said += ["others explain as much"] * bool(pair.rivals) + ["something else is missing too"] * (not pair.all)
     if first.finding == "valve" and (valve := worst_valve(first.valves)).band:
@@ -287,7 +289,7 @@ def fall(diagnosis: Diagnosis, units: Units, whole: bool = True) -> str:
         return ""
     (one, before), (two, after) = first.moves(last, units)
     unit = units.get("y") or "(unit of y)"
-    floor = f", at the noise floor of {number(diagnosis.floor)} {unit}" if _at_floor(diagnosis) else ""
+    floor = f", at the noise floor of {sized(diagnosis.floor, unit)}" if _at_floor(diagnosis) else ""
     part = "validation_rms"
     share = abs(1 - diagnosis.ladder[-1][part] / diagnosis.ladder[0][part])
     size = f" ({percent(share)} {'less' if two == 'falls' else 'more'})"
@@ -308,7 +310,7 @@ def detectable(step: Step, units: Units) -> list[Row]:
     """
     spread = step.base.problem.spread
     said = [
-        (n, f"{number(s, 2)} {units.get('y', '')}", percent(s / spread)) if s < spread else (n, "", "> 100 %")
+        (n, sized(s, units.get("y", ""), 2), percent(s / spread)) if s < spread else (n, "", "> 100 %")
         for n, s in step.unseen
     ]
     return [{"effect": spaced(n), "size": size, "share": share} for n, size, share in said]

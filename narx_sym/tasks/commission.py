@@ -23,6 +23,7 @@ from ..fit.simulate import Records, segments, simulate, vector
 from ..inversion.compensator import Compensator, ends
 from ..models.info import whole
 from ..models.model import Model
+from ..symbolic.numbers import sized
 from ..symbolic.signals import u
 from .compensate import Followed, Straight, caution, follow, straight
 from .result_file import write_plain
@@ -86,20 +87,20 @@ class Commissioning:
     def sentence(self, units: Mapping[str, str] | None = None) -> str:
         """Return go or no go, in words; by default in the units of the model."""
         known = said_first(self.law.model.info.units, units)
-        of_y, of_u = (f" {known[name]}" if known.get(name) else "" for name in ("y", "u"))
+        of_y, of_u = (known.get(name, "") for name in ("y", "u"))
         gain = self.without / self.expected if self.expected else np.inf
         less = f"{gain:.3g} times less than" if gain > GAINS else "no less than"
         beside = f", {less} {WITHOUT} ({self.plain})" if np.isfinite(gain) else ""
-        text = f"Expected: an error of {self.expected:.3g}{of_y} rms{beside}; 95 % of the simulated runs"
-        left = f"This includes {self.unexplained:.3g}{of_y} rms that the model does not explain."
+        text = f"Expected: an error of {sized(self.expected, of_y)} rms{beside}; 95 % of the simulated runs"
+        left = f"This includes {sized(self.unexplained, of_y)} rms that the model does not explain."
         if 0 < CLEARLY * self.sensor < self.unexplained:  # it is drawn by chance, and may be none
             left += (
-                f" The sensor causes {self.sensor:.2g}{of_y} of that. The rest comes with the motion, for example "
-                "from friction or slack that the model does not contain. It may be larger on this reference, and no "
-                "bound is known for it."
+                f" The sensor causes {sized(self.sensor, of_y, 2)} of that. The rest comes with the motion, for "
+                "example from friction or slack that the model does not contain. It may be larger on this reference, "
+                "and no bound is known for it."
             )
-        text += f" stay below {self.worst:.3g}{of_y}. {left}"
-        text += f" The input changes by up to {self.steepest:.3g}{of_u} per sample."
+        text += f" stay below {sized(self.worst, of_y)}. {left}"
+        text += f" The input changes by up to {sized(self.steepest, of_u)} per sample."
         return f"{'Go' if self.go else 'No go'}. {text}{''.join(f' {reason}.' for reason in self.against)}"
 
 

@@ -138,7 +138,7 @@ def test_five_lines_first_and_the_same_data_and_seed_give_the_same_file(files, d
     arguments = ["diagnose", files / "dead.csv", "--base", files / "linear.json", "--units", "V,mm"]
     text, _ = run.good(*arguments, "--json", files / "again.json")
     lines = text.splitlines()
-    assert re.fullmatch(r"Dead zone is probably missing\. \(one explanation fits, .+ %\)", lines[0])
+    assert re.fullmatch(r"Dead zone is probably missing\. \(.+ %: one explanation fits\)", lines[0])
     assert "falls from" in lines[1] and " mm" in lines[1] and "Probably missing: dead zone" in lines[2]
     (told,) = (line for line in lines if line.startswith("In physical units: half-width of the dead zone 0."))
     size = re.search(r"half-width of the dead zone (0\.[0-9]+) V", told)

@@ -138,7 +138,7 @@ def test_backlash_and_hysteresis(loops):
     assert found.sentence.startswith(
         "To decide between backlash and hysteresis: run this 20 s input, from rest at 0 V: "
     )
-    assert "times the noise" in found.sentence and " um rms" in found.sentence
+    assert "times the noise" in found.sentence and " nm rms" in found.sentence
     kept(Limits.of([record]), found.u)
 
 

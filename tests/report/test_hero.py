@@ -449,7 +449,7 @@ def left(page):
 
 def bars_of(of):
     """Share and size of every bar."""
-    return [(share, size) for row in verdict.bars(of) for _, size, share, _ in row["parts"]]
+    return [(share, size) for row in verdict.bars(of) for _, size, share, *_ in row["parts"]]
 
 
 def test_what_is_folded_is_there_when_it_is_opened(opened):

@@ -77,10 +77,10 @@ def test_the_parts_stand_in_order(page, stage_parts):
 def test_the_verdict_has_sizes_in_the_users_units(stage_diagnosis, stage_parts):
     d = stage_diagnosis
     error = d.ladder[0]["validation_rms"]
-    assert f"{words.number(error)} mm" in stage_parts["verdict"]
+    assert f"{words.number(1e3 * error)} µm" in stage_parts["verdict"]
     assert d.verdict.replace("_", " ") in stage_parts["verdict"] and "Next." in stage_parts["verdict"]
     after = d.ladder[-1]["validation_rms"]
-    assert f"{words.number(after)} mm" in stage_parts["verdict"] and after < 0.3 * error
+    assert f"{words.number(1e3 * after)} µm" in stage_parts["verdict"] and after < 0.3 * error
 
 
 def test_candidates_have_intervals_equations_and_sentences(stage_diagnosis, stage_parts):

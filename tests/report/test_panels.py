@@ -11,7 +11,6 @@ import pytest
 
 import narx_sym as ns
 from narx_sym.data.examples import STAGE_UNITS
-from narx_sym.diagnosis.bases import few
 from narx_sym.diagnosis.procedure import Diagnosis
 from narx_sym.diagnosis.steps import NO_FLOOR, Step
 from narx_sym.diagnosis.table.candidates import Pair
@@ -20,6 +19,7 @@ from narx_sym.report.panels import registry
 from narx_sym.report.panels.registry import Material, panels
 from narx_sym.report.picture import Picture
 from narx_sym.report.words import number
+from narx_sym.symbolic.numbers import few, prefixed, sized
 
 # Key of the part: a text that only it tells, and the number of its pictures on the stage's diagnosis.
 CASES = {
@@ -132,7 +132,7 @@ def test_what_helps_but_has_rivals_says_so_and_keeps_its_experiment(stage_diagno
 def test_the_fall_is_told_in_the_numbers_of_evaluate(stage_diagnosis):
     said, before, after = words.fall(stage_diagnosis, STAGE_UNITS), *stage_diagnosis.ladder
     for part in ("validation_rms", "train_rms"):
-        assert f"falls from {few(before[part], 4)} to {few(after[part], 4)} mm" in said
+        assert f"falls from {few(1e3 * before[part])} to {few(1e3 * after[part])} µm" in said
     assert said.startswith("The error on the last part of the record (from row ")
 
 
@@ -157,7 +157,7 @@ def test_what_explains_as_much_as_a_pair_is_told_with_it(stage_diagnosis):
         return step.sentence({}), words.badge(found), pair.sure
 
     sentence, badge, sure = told()
-    assert "It could also be" not in sentence and badge == "two effects together"
+    assert "It could also be" not in sentence and badge == "best explanation"
     assert sure == ("backlash", "creep")
     sentence, badge, sure = told(("backlash", "drift"), ("backlash",))
     assert sentence.endswith(" It could also be backlash with drift, or backlash; backlash is in all of them.")
@@ -173,7 +173,7 @@ def test_two_effects_that_leave_more_than_noise_are_not_all(stage_diagnosis):
     assert step.sentence({}).endswith(" in cross-validation, but something else is missing too.")
     found = replace(stage_diagnosis, steps=[step])
     assert words.headline(found) == "Two effects are probably missing: backlash and creep."
-    assert words.badge(found) == "two effects together, something else is missing too"
+    assert words.badge(found) == "best explanation, something else is missing too"
 
 
 def test_no_noise_is_more_than_what_is_left(stage_diagnosis):
@@ -216,6 +216,23 @@ def test_a_floor_that_is_not_estimated_is_neither_a_figure_nor_a_line(stage_diag
 @pytest.mark.parametrize("value, said", [(443.2, "440"), (-0.1149, "-0.11"), (3.74e-8, "3.7e-08"), (12345.0, "12000")])
 def test_few_digits_need_no_exponent(value, said):
     assert few(value, 2) == said
+
+
+@pytest.mark.parametrize(
+    "value, unit, said",
+    [
+        (0.0024, "m", "2.4 mm"), (0.05, "mm/s", "50 µm/s"), (0.05, "um", "50 nm"), (2e-3, "cm", "20 µm"),
+        (0.02, "kN", "20 N"), (3e-3, "Nm", "3 mNm"), (2e-12, "V", "0.002 nV"), (0.1, "m", "0.1 m"), (3820, "N", "3820 N"),
+        (0.01, "%", "0.01 %"), (0.01, "m²", "0.01 m²"), (0.01, "min", "0.01 min"), (0.01, "°C", "0.01 °C"), (0.01, "", "0.01"),
+        (0.0, "m", "0 m"), (float("nan"), "m", "nan m"),
+    ],
+)  # fmt: skip
+def test_a_small_size_takes_a_prefix_where_its_unit_has_one(value, unit, said):
+    assert sized(value, unit) == said
+
+
+def test_sizes_that_are_compared_share_a_prefix():
+    assert prefixed("m", 0.3, 2e-6) == (1e3, "mm") and prefixed("m", 0.0, 0.3) == (1.0, "m")
 
 
 LEFT = "The remaining error is larger", "more error than noise", "a disturbance of the machine"

@@ -13,7 +13,7 @@ from ...report.figures.describe import TIME, traces
 from ...report.figures.still import draw, new_axes
 from ...report.plots import plot_compensation
 from ...report.svg import svg
-from ...report.words import number
+from ...symbolic.numbers import sized
 from ...tasks.compensate import Tracked
 
 
@@ -48,9 +48,9 @@ class Ran:
 
 def ran(tracked: Tracked, units: Mapping[str, str]) -> Ran:
     """Draw a run of a law, and say how near the model comes."""
-    unit = f" {units['y']}" if units.get("y") else ""
+    unit = units.get("y", "")
     said = [
-        f"{name} {number(rms)}{unit} rms, {number(most)}{unit} at most"
+        f"{name} {sized(rms, unit)} rms, {sized(most, unit)} at most"
         if np.isfinite(rms)
         else f"{name} the model diverges"
         for name, (rms, most) in tracked.errors.items()

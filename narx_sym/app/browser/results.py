@@ -7,7 +7,8 @@ from functools import partial
 from nicegui import ui
 
 from ...models.effects import EFFECTS
-from ...report.words import number, removed, spaced
+from ...report.words import removed, spaced
+from ...symbolic.numbers import sized
 from ..downloads import offered
 from ..workbench import Workbench
 from . import law
@@ -66,7 +67,7 @@ def steps(bench: Workbench) -> None:
         for i, state in enumerate(bench.history.states):
             with ui.element("li").classes("undone" if i > bench.history.at else ""):
                 now = i == bench.history.at
-                text = f"{spaced(state.name)}: {number(state.error)} {bench.known['y']}"
+                text = f"{spaced(state.name)}: {sized(state.error, bench.known['y'])}"
                 made = ui.button(text, on_click=partial(bench.go, i)).props("no-caps flat dense align=left")
                 made.props('aria-current="step"' if now else "").classes("step")
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ...files.atomic import PathLike, write_csv
-from ..bases import few, words
+from ...symbolic.numbers import sized, with_unit
+from ..bases import words
 from ..settings import CLEARLY, VISIBLE
 
 Array = np.ndarray
@@ -144,7 +145,7 @@ class Experiment:
             write_csv(wider_file(path), {"t": self.wider.t, "u": self.wider.u})
 
     def _y(self, value: float) -> str:
-        return with_unit(value, self.units.get("y", ""), 2)
+        return sized(value, self.units.get("y", ""), 2)
 
 
 def wider_file(path: PathLike) -> Path:
@@ -156,8 +157,3 @@ def threshold(floor: float, outputs: Iterable[Array]) -> float:
     """Return the rms distance between outputs, (N,) arrays, that N samples of noise, or rounding, could make."""
     listed = list(outputs)
     return max(VISIBLE * floor / np.sqrt(listed[0].size), 1e-9 * max(float(np.abs(y).max()) for y in listed))
-
-
-def with_unit(value: float, unit: str, digits: int = 3) -> str:
-    """Return a number with its unit, where one is known."""
-    return f"{few(value, digits)} {unit}".rstrip()

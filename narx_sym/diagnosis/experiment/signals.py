@@ -13,10 +13,10 @@ import sympy as sp
 from ...data.record import Record
 from ...engines.compile import compile
 from ...symbolic.functions import follows
+from ...symbolic.numbers import with_unit
 from ...symbolic.recursion import Recursion
 from ...symbolic.signals import k, m, r
 from ..settings import SHORTEST, SMALLEST
-from .proposal import with_unit
 
 Array = np.ndarray
 RATE = sp.Symbol("rate", positive=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..bases import few
+from ...symbolic.numbers import few, sized
 
 Array = np.ndarray
 DIRECTIONS = ("falling", "resting", "rising")
@@ -88,7 +88,7 @@ class Panel:
         what = (
             "rms error " if self.name == "spectrum" else "mean error +" if self.mean[self.worst] > 0 else "mean error -"
         )
-        return f"{place}: {what}{few(abs(self.mean[self.worst]), 2)} {units.get('y', '')}".rstrip()
+        return f"{place}: {what}{sized(abs(self.mean[self.worst]), units.get('y', ''), 2)}"
 
     def unit(self, units: Mapping[str, str]) -> str:
         """Return the unit of the axis, where it is known."""

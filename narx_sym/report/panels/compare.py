@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...diagnosis.bases import words
+from ...symbolic.numbers import sized
 from ..comparison import errors, loop, response
 from ..picture import WIDE, Picture
 from .registry import Material, panel
@@ -16,11 +17,12 @@ def pictures(material: Material) -> list[Picture]:
     """Return time response, errors and loops, before and after, on the same axes."""
     c, units = material.compared, material.units
     relative = ", ".join(f"{words(n)} {size:.2g}" for n, size in c.nrmse.items())
-    sizes = ", ".join(f"{words(n)} {np.sqrt(np.mean(e**2)):.2g}" for n, e in c.errors.items())
+    unit = units.get("y", "")
+    sizes = ", ".join(f"{words(n)} {sized(np.sqrt(np.mean(e**2)), unit, 2)}" for n, e in c.errors.items())
     told = f"Measured output and free runs over time, {c.t[-1] - c.t[0]:.3g} s. "
     told += f"The free-run errors are, over the output's standard deviation: {relative}."
-    left = f"Free-run error over time; rms [{units.get('y') or 'unit of y'}]: {sizes}"
-    left += f"; noise floor {c.floor:.2g}." if c.band else "."
+    left = f"Free-run error over time; rms: {sizes}"
+    left += f"; noise floor {sized(c.floor, unit, 2)}." if c.band else "."
     numbers = {"t": c.t[c.keep], **{f"error of {n}": e[c.keep] for n, e in c.errors.items()}}
     title, whens = ("Error before and after", (" before", " after")) if len(c.runs) > 1 else ("Error", ("",))
     return [

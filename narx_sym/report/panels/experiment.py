@@ -9,6 +9,7 @@ import numpy as np
 from ...data.units import headed
 from ...diagnosis.bases import words
 from ...files.atomic import csv_text
+from ...symbolic.numbers import sized
 from ..figures.describe import SEVERAL, TIME, thin, traces
 from ..picture import POINTS, WIDE, Picture
 from .registry import Material, panel
@@ -25,9 +26,8 @@ def pictures(material: Material) -> list[Picture]:
     first = traces(TIME, e.t, u_name, {"": ("input", e.u)}, height=0.8)
     second = traces(TIME, e.t, y_name, told, height=0.8)
     alt = f"Input over {e.duration:.3g} s: {e.name}."
-    said = (
-        f"Predictions of the candidates differs by {e.separation:.2g} {units.get('y', '')} rms or more after a refit."
-    )
+    apart = sized(e.separation, units.get("y", ""), 2)
+    said = f"The predictions of the candidates differ by {apart} rms or more after a refit."
     keep = np.unique(np.concatenate([thin(y, POINTS // 2) for y in e.outputs.values()]))
     columns = {"t": e.t[keep], **{n: y[keep] for n, y in e.outputs.items()}}
     return [

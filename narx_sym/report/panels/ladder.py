@@ -7,6 +7,7 @@ from typing import Any
 from ...diagnosis.bases import words
 from ...diagnosis.procedure import Diagnosis
 from ...fit.evaluate import PROTOCOL
+from ...symbolic.numbers import prefixed
 from ..comparison import Units
 from ..picture import Picture
 from ..plots import plot_ladder
@@ -45,7 +46,8 @@ def ladder(material: Material) -> dict[str, Any]:
     rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
     if has_floor(d):
         rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread, "validation_rms": d.floor})
+    factor, unit = prefixed(material.units.get("y", ""), *(row["validation_rms"] for row in rows))
     return {
-        "rungs": rows, "kind": d.steps[0].floor_kind, "protocol": PROTOCOL, "validation": d.validation,
-        "csv": picture(d, material.units).csv,
+        "rungs": rows, "factor": factor, "unit": unit, "kind": d.steps[0].floor_kind, "protocol": PROTOCOL,
+        "validation": d.validation, "csv": picture(d, material.units).csv,
     }  # fmt: skip

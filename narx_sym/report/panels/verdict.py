@@ -10,6 +10,7 @@ from ...data.evidence.stiction import worst_valve
 from ...diagnosis.misfit import Portrait
 from ...errors import ModelError, NotInvertible
 from ...models.continuous_time import Continuous
+from ...symbolic.numbers import sized
 from ...tasks.compensate import caution
 from ...tasks.physical import physical
 from .. import hero, words
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 
 SIZE, NARROW = (5.2, 4.2), (4.2, 4.2)  # [inch] of the pictures beside the verdict
+SURE = "An effect above its detection limit would have been found in 80 % of such records"
 NO_LAW = "No compensation law follows from this model."
 GOOD, BAD = "Stable over the range of the data.", "Take care: "
 
@@ -34,7 +36,7 @@ def run(c: Comparison, units: Units, width: int) -> Picture:
     part = c.at(c.periods)
     times = f"{words.number(part.t[0])} to {words.number(part.t[-1])} s"
     rms = {name: float((e**2).mean() ** 0.5) for name, e in part.errors.items()}
-    falls = ", then ".join(f"{words.number(e)} {units.get('y', '')}".rstrip() for e in rms.values())
+    falls = ", then ".join(sized(e, units.get("y", "")) for e in rms.values())
     alt = f"Measured and simulated output from {times}, where the error is largest: rms error {falls}."
     where = "".join(f" ({a.name})" for a in part.whole)
     title = f"{'Input over rate of the output' if width else 'Loop'}, {times}{where}"
@@ -55,8 +57,8 @@ def explains(found: Portrait) -> str:
     """Say what explains what is missing."""
     share, most = words.percent(found.view.share), words.number(found.bandwidth, 2)
     return (
-        f"What the base lacks, as an additional input: {found.view.label} explains {share} of it (up to {most} Hz). "
-        "Shaded: possible by chance."
+        f"What the base lacks, as an additional input (up to {most} Hz): {found.view.label} explains {share} of it. "
+        "Squares: means. Shaded: possible by chance."
     )
 
 
@@ -90,7 +92,7 @@ def verdict(material: Material) -> dict[str, Any]:
     known = physical(shown, {name: unit for name, unit in units.items() if unit}, material.settings.get("scale"))
     found = material.once(hero.missing)
     return {
-        "badge": words.badge(now).replace("nothing", "nothing" if shown is now else "nothing further"),
+        "badge": SURE if now.steps[0].finding == "nothing_detectable" else words.badge(now),
         "sizes": sizes(shown, units, known), "fall": words.fall(shown, units, whole=False) or left(shown, units),
         "bars": bars(material), "linear": "; ".join(quantities(known, False)), "lamp": lamp(material),
         "of": words.spaced(" ".join(d.rungs)),
@@ -106,12 +108,12 @@ def quantities(known: Continuous | str, effects: bool) -> list[str]:
     if isinstance(known, str):
         return []
     own = [q.text for q in known.quantities if str(q.symbol) in known.main and bool(q.effect) == effects]
-    return [re.sub(r", 95 % (\S+) \.\.\. (\S+)", r", 95 % interval \1 to \2", text) for text in own]
+    return [re.sub(r", 95 % (\S+) \.\.\. (\S+)", r" (95\u00a0%: \1 to \2)", text) for text in own]
 
 
 def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
     """Say how large each effect is: of those added, else of those that may be, else what could have been seen."""
-    first, unit = d.steps[0], units.get("y") or "(unit of y)"
+    first, unit = d.steps[0], units.get("y", "")
     if first.valves:
         band = "stiction band {} of the span of OP"
         return [
@@ -123,13 +125,13 @@ def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
     if fitting or first.finding != "nothing_detectable" or not first.unseen:
         told = [f"{words.spaced(c.effect)}: {candidate_parameters(c, units)}" for c in fitting if first.refused is None]
         return told or ["not known: no effect is confirmed"]
-    ends = [f"{words.number(size, 2)} {unit} ({words.spaced(n)})" for n, size in first.unseen]
-    return [f"any missing effect is below its detection limit: {ends[0]} to {ends[-1]} rms"]
+    ends = [f"{sized(size, unit, 2)} rms ({words.spaced(n)})" for n, size in first.unseen]
+    return [f"below its detection limit, {ends[0]} to {ends[-1]}"]
 
 
 def left(d: Diagnosis, units: Units) -> str:
     """Say how large the error is where nothing was added."""
-    return f"{words.number(d.ladder[-1]['validation_rms'])} {units.get('y') or '(unit of y)'} rms; nothing was added."
+    return f"{sized(d.ladder[-1]['validation_rms'], units.get('y', ''))} rms; nothing was added."
 
 
 def lamp(material: Material) -> tuple[str, str]:
@@ -144,10 +146,10 @@ def lamp(material: Material) -> tuple[str, str]:
 def bars(material: Material) -> list[dict[str, Any]]:
     """Return the errors of each switch on the record and on validation data, and the noise floor.
 
-    Each is a size, a share of the output's standard deviation, and a length in percent: of the longest,
-    but of no more than twice that of the base.
+    Each is a size, a share of the output's standard deviation, a length in percent, of the longest but of no more than
+    twice that of the base, and whether it is cut there.
     """
-    d, unit = material.diagnosis, material.units.get("y") or "(unit of y)"
+    d = material.diagnosis
     rows = [
         (one["name"], "after" if i else "before", [(words.PARTS[n], *e.values()) for n, e in one["errors"].items()])
         for i, one in enumerate(material.once(hero.told)["models"])
@@ -155,8 +157,11 @@ def bars(material: Material) -> list[dict[str, Any]]:
     spread = d.steps[0].base.problem.spread
     rows += [(name.lower(), "floor", [("", size * spread, size)]) for name, size in words.floor(d).items()]
     most = min(max(s for *_, parts in rows for *_, s in parts), 2 * max(s for *_, s in rows[0][2]))
+    factor, unit = material.once(hero.told)["prefix"]
     return [
-        {"name": name, "css": css,
-         "parts": [(p, f"{words.number(rms)} {unit}", words.percent(s), 100 * min(1, s / most)) for p, rms, s in parts]}
+        {"name": name, "css": css, "parts": [
+            (part, f"{words.number(factor * rms)} {unit}", words.percent(s), 100 * min(1, s / most), s > most)
+            for part, rms, s in parts
+        ]}
         for name, css, parts in rows
     ]  # fmt: skip

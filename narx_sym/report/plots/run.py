@@ -12,6 +12,7 @@ from ...data.units import headed, in_units, said_first
 from ...fit.evaluate import free_run
 from ...fit.simulate import arrays, simulate
 from ...models.model import Model
+from ...symbolic.numbers import sized
 from ...tasks.commission import Commissioning
 from ..figures.describe import SEVERAL, TIME, Area, Line, Panel, traces
 from ..figures.still import draw, new_axes, split
@@ -138,8 +139,8 @@ def plot_commissioning(found: Commissioning, units: dict[str, str] | None = None
     units = said_first(found.law.model.info.units, units)
     time = np.arange(found.r.size) * (found.law.model.Ts or 1.0)
     t = TIME if found.law.model.Ts else "time [samples]"
-    verdict, unit = "Go" if found.go else "No go", f" {units['y']}" if units.get("y") else ""
-    title = f"{verdict}: error {found.expected:.3g}{unit} rms, a constant gain {found.without:.3g}{unit}"
+    verdict, unit = "Go" if found.go else "No go", units.get("y", "")
+    title = f"{verdict}: error {sized(found.expected, unit)} rms, a constant gain {sized(found.without, unit)}"
     way = np.concatenate([time, time[::-1]]), np.concatenate([found.low, found.high[::-1]])
     band = Line(*way, "95 % of the models that fit the records", "range")
     return draw(

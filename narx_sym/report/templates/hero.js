@@ -52,6 +52,7 @@ function number(value, digits = 3) {
 }
 
 const united = (value, unit = told.units[1]) => `${number(value)} ${unit}`.trim();
+const sized = value => united(told.prefix[0] * value, told.prefix[1]);  // of an error
 const percentOf = share => `${number(100 * share, 2)} %`;
 
 function rms(spans) {
@@ -68,8 +69,8 @@ function say() {
   Object.assign(hero.dataset, {rms: all, held, model: m, theta: JSON.stringify(shown.theta)});
   if (!moves) return;
   const first = Number.isNaN(all) ? runs[m].findIndex(Number.isNaN) : -1;
-  element("try-rms").textContent = first < 0 ? united(all) : `Unstable from ${number(time[first])} s`;
-  const part = told.held.length ? `; its shaded part ${united(held)}` : "";
+  element("try-rms").textContent = first < 0 ? sized(all) : `Unstable from ${number(time[first])} s`;
+  const part = told.held.length ? `; its shaded part ${sized(held)}` : "";
   element("try-said").textContent = first < 0 ? `rms error, ${percentOf(all / told.spread)} of the output's standard deviation${part}`
     : "on: the run diverges there";
   told.models[m].parameters.forEach((p, i) => {
@@ -333,14 +334,21 @@ function later() {  // at most once for each frame
   }
 }
 
-// The axes stay while a parameter moves: they show the base's error, in the stretch that is looked at.
+// What is measured, and as much of what the base makes of it as leaves the measured half of the axis.
+function around(own, other, from, to) {
+  const [low, high] = extent([own], from, to), [least, most] = extent([other], from, to), room = (high - low) / 2;
+  return [Math.max(Math.min(low, least), low - room), Math.min(Math.max(high, most), high + room)];
+}
+
+// The axes stay while a parameter moves: they show the base's run and error, in the stretch that is looked at.
 function look(from, to) {
   const least = Math.min(n, 20), middle = (from + to) / 2;
   if (to - from < least) [from, to] = [Math.round(middle - least / 2), Math.round(middle + least / 2)];
   from = shown.from = Math.max(0, Math.min(from, n - least));
   to = shown.to = Math.min(n, Math.max(to, from + least));
   const top = Math.max(...extent([worst], from, to).map(Math.abs), 2 * told.floor), [xs, ys] = looped;
-  shown.span = {x: extent([xs], from, to), y: extent([ys], from, to), output: extent([measured], from, to), error: [-top, top]};
+  shown.span = {x: around(xs, base[0], from, to), y: around(ys, base[1], from, to),
+    output: around(measured, first, from, to), error: [-top, top]};
   if (moves) for (const [name, off] of [["all", from === 0 && to === n], ["earlier", from === 0], ["later", to === n]]) {
     element(`try-${name}`).disabled = off;
   }
@@ -386,8 +394,9 @@ const step = share => {
 };
 for (const [name, press] of Object.entries({
   reset() {
-    positions[shown.model].fill(0);
-    for (const input of document.querySelectorAll(`.sliders[data-model="${shown.model}"] input`)) input.value = 0;
+    for (const one of positions) one.fill(0);
+    for (const input of document.querySelectorAll("[data-parameter]")) input.value = 0;
+    for (const one of asked ? [asked.amplitude, asked.period] : []) one.value = 100;
     later();
     settled();
   },
@@ -427,7 +436,7 @@ for (const picture of [pictures.strip, pictures.time, pictures.error].filter(Boo
 }
 
 compute(0);  // the base at its optimum says how large an error is drawn
-const worst = error.slice();
+const worst = error.slice(), first = runs[0].slice(), base = sides(first);
 readColours();
 const checked = hero.querySelector('input[name="switch"]:checked');
 select(checked ? Number(checked.value) : told.chosen);
