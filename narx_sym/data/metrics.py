@@ -103,10 +103,13 @@ def correlation_length(x: Vector) -> int:
 
 
 def half_cycle(x: Vector) -> int:
-    """Return how long a signal stays on one side of its median, as a rule: half a cycle of it [samples]."""
+    """Return how long a signal stays on one side of its median at a time taken at random: half a cycle [samples].
+
+    So noise about the median, which crosses it often in a short time, counts for little.
+    """
     n, level = x.size, x > np.median(x)
     turns = np.diff(np.flatnonzero(level[1:] != level[:-1]))
-    return int(np.clip(np.median(turns) if turns.size else n, min(20, n), max(20, n // 3)))
+    return int(np.clip(np.median(np.repeat(turns, turns)) if turns.size else n, min(20, n), max(20, n // 3)))
 
 
 def _pair(a: ArrayLike, b: ArrayLike, metric: str, name_a: str, name_b: str) -> tuple[Vector, Vector]:
