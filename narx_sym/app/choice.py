@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.readers import READERS
 from ..data.record import Record, read
 from ..data.tables import Table
 from ..data.timegrid import check_step
@@ -31,7 +32,6 @@ OPTIONS = {
 }  # fmt: skip
 MISSING = {"refuse": "refuse", "drop": "leave the rows out"}
 OPTIONS |= {"channels": "Channels", "column": "Column of the reference"}  # options of the command line, in the page
-SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # of uploads; text is easy to check
 
 
 @dataclass
@@ -158,11 +158,11 @@ def check_size(limit: int, size: int, name: str) -> None:
         raise DataError(f"{name} has {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB are taken.")
 
 
-def kept_text(folder: Path, name: str, content: bytes, limit: int) -> tuple[Path, str]:
+def kept_data(folder: Path, name: str, content: bytes, limit: int) -> tuple[Path, str]:
     """Keep an upload with columns; return where it is, and its name to show. It is never used as a path."""
     shown, suffix = shortened(name), Path(name).suffix.lower()
-    if suffix not in SUFFIXES:
-        raise DataError(f"{shown}: drop a text file with columns ({', '.join(SUFFIXES)}).")
+    if suffix not in READERS:
+        raise DataError(f"{shown}: drop a file with columns ({', '.join(READERS)}).")
     check_size(limit, len(content), shown)
     return kept(folder, shown, suffix, content), shown
 

@@ -36,7 +36,7 @@ from .choice import (
     guessed,
     in_the_page,
     kept,
-    kept_text,
+    kept_data,
     limits_of,
     measured,
     shortened,
@@ -120,7 +120,7 @@ class Workbench:
     def upload(self, name: str, content: bytes) -> None:
         """Take a data file; its name is only shown, never used as a path."""
         with self._reading, Said(self) as said:
-            self._open(said, *kept_text(self.folder, name, content, self.limit))
+            self._open(said, *kept_data(self.folder, name, content, self.limit))
 
     def open(self, path: Path) -> None:
         """Take a data file that the user of this machine named."""
@@ -307,7 +307,7 @@ class Workbench:
     def upload_reference(self, name: str, content: bytes) -> None:
         """Take a file with a reference."""
         with Said(self):
-            path, shown = kept_text(self.folder, name, content, self.limit)
+            path, shown = kept_data(self.folder, name, content, self.limit)
             dropped(self.folder, self.wanted.path)
             self.wanted = replace(self.wanted, kind="file", file=shown, path=path)
 

@@ -35,7 +35,9 @@ app = typer.Typer(
 @opt.reads()
 def fit(
     data: opt.DataFiles,
-    out: Annotated[Path, typer.Option("--out", help="Where to write the model.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Where to write the model (default: it is only printed).")
+    ] = None,
     base: Annotated[
         str | None,
         typer.Option(
@@ -103,12 +105,13 @@ def fit(
         if points is not None:
             model = with_steady_state(model, measured, points, 1.0 if weight is None else weight)
         pairs = [*errors_of(model, measured), *validated(model, judging)]
-    save(model, out)
+    if out:
+        save(model, out)
     print_model(model)
     chosen = f"Terms: {model.info.selection.reason}" if model.info.selection.reason else f"Equations: {base}"
     console().print(f"{chosen}. Fit: {model.info.method}.")
     print_errors(pairs)
-    console().print(f"Model written to {out}")
+    say_written(("Model written to", out))
 
 
 @app.command()

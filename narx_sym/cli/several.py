@@ -23,7 +23,7 @@ def refuse(what: str, options: Mapping[str, Any]) -> None:
         raise DataError(f"{given[0]} needs a model with one output: leave it out with {what.rstrip(',')}.")
 
 
-def fit_system(measured: Sequence[Record], judging: Sequence[Record], out: Path, **options: Any) -> None:
+def fit_system(measured: Sequence[Record], judging: Sequence[Record], out: Path | None, **options: Any) -> None:
     """Identify all outputs, write the model, print it, its LaTeX and its errors."""
     from ..files.store import save
     from ..fit.several import identify_outputs
@@ -31,14 +31,15 @@ def fit_system(measured: Sequence[Record], judging: Sequence[Record], out: Path,
     with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
         system = identify_outputs(list(measured), **options)
         pairs = _errors(system, measured) + _errors(system, judging, " (validation)")
-    save(system, out)
+    if out:
+        save(system, out)
     for output, part in system.parts.items():
         console().print(f"[bold]{output}[/bold]")
         print_model(part)
     console().print("[bold]LaTeX[/bold]")
     console().print(system.latex(numbers=True), markup=False, soft_wrap=True)
     print_errors(pairs)
-    console().print(f"Model written to {out}")
+    say_written(("Model written to", out))
 
 
 def derive_system(system: System, latex: Path | None) -> None:

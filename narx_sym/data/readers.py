@@ -34,20 +34,16 @@ DATE = re.compile(r"\d{1,4}[-/.:]\d{1,2}[-/.:][-\d/.:TZ+ ]+")
 def load(path: PathLike, wanted: Collection[str] | None = None) -> Table:
     """All columns of a file, by its suffix; of a log only those that are `wanted`, where that is said."""
     name, suffix = os.fspath(path), Path(path).suffix.lower()
-    readers: dict[str, Callable[[str, Collection[str] | None], Table]] = {
-        ".npz": _load_npz, ".mat": _load_mat, ".parquet": _load_parquet, ".mf4": load_mdf, ".mdf": load_mdf,
-        ".tdms": load_tdms, **dict.fromkeys(COLUMNS, _load_text),
-    }  # fmt: skip
     if Path(path).is_dir():
         raise DataError(f"{name}: is a folder; give a data file")
     if not Path(path).exists():
         raise DataError(f"{name}: no such file; check the name and the folder")
-    if suffix not in readers:
-        raise DataError(f"{name}: unknown kind of file '{suffix}'; use one of {' '.join(sorted(readers))}")
+    if suffix not in READERS:
+        raise DataError(f"{name}: unknown kind of file '{suffix}'; use one of {' '.join(sorted(READERS))}")
     try:
         if Path(path).stat().st_size == 0:
             raise DataError(f"{name}: the file is empty; write a header such as t,u,y and the data below it")
-        return readers[suffix](name, wanted)
+        return READERS[suffix](name, wanted)
     except OSError as error:
         raise DataError(
             f"{name}: cannot be read ({error.strerror or error}); check the file and its permissions"
@@ -333,3 +329,9 @@ def _load_parquet(name: str, wanted: Collection[str] | None) -> Table:
             for c in frame.columns
         },
     )
+
+
+READERS: dict[str, Callable[[str, Collection[str] | None], Table]] = {
+    **dict.fromkeys(COLUMNS, _load_text), ".npz": _load_npz, ".mat": _load_mat, ".parquet": _load_parquet,
+    ".mf4": load_mdf, ".mdf": load_mdf, ".tdms": load_tdms,
+}  # fmt: skip

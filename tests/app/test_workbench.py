@@ -171,7 +171,7 @@ def test_names_of_files_are_shown_and_never_followed(bench, data, tmp_path):
 @pytest.mark.parametrize(
     "name, content, why",
     [
-        ("a.csv", b"", "empty"), ("a.exe", b"t,u,y\n", "text file"), ("a.npz", b"PK", "text file"),
+        ("a.csv", b"", "empty"), ("a.exe", b"t,u,y\n", "a file with columns"), ("a.npz", b"PK", "npz"),
         ("a.csv", b"x" * 300_001, "at most 0.3 MB"), ("a.csv", b"1,2,3\n4,5,6\n", "header"),
         ("a.csv", b"t,u,y\n0,1,2\n", "At least|at least"), ("a.csv", b"\0\1\2,\3", "binary"),
     ],
@@ -383,7 +383,7 @@ def test_references_of_every_kind(climbed):
         assert re.search(why, climbed.error), climbed.error
         assert climbed.run is run and "\n" not in climbed.error and str(climbed.folder) not in climbed.error
     climbed.upload_reference("r.exe", b"")
-    assert "text file" in climbed.error and climbed.wanted.file == "r.csv"
+    assert "a file with columns" in climbed.error and climbed.wanted.file == "r.csv"
     climbed.wanted = before
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from ..choice import SUFFIXES
+from ...data.readers import READERS
 from ..workbench import Workbench
 from .widgets import BEAT, Fault, Part, drop, equation, figure, link, listed, said, section
 
@@ -70,8 +70,8 @@ class LawTab:
         if kind == "file":
             file = bench.wanted.file
             taken = f"Taken: {file}." if file else "A header such as t,r and numbers below it."
-            title = "Drop a CSV with the reference, or choose one"
-            drop("reference", "reference-file", ",".join(SUFFIXES), bench.limit, title, [taken])
+            title = "Drop a file with the reference, or choose one"
+            drop("reference", "reference-file", ",".join(READERS), bench.limit, title, [taken])
         if kind == "points":
             said("Linear between the points, constant before the first and after the last.").classes("hint")
         self.fill(FIELDS[kind])

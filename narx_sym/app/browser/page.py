@@ -8,13 +8,14 @@ from typing import Any
 
 from nicegui import ElementFilter, run, ui
 
+from ...data.readers import READERS
 from ...diagnosis.machine import NONE
 from ...diagnosis.progress import Told
 from ...models.effects import MACHINES
 from ...report.figures.describe import stylesheet
 from ...report.page import style
 from ...report.words import spaced
-from ..choice import MISSING, SUFFIXES
+from ..choice import MISSING
 from ..workbench import Workbench
 from . import results
 from .widgets import BEAT, Fault, Part, details, drop, figure, heading, listed, said, section, tab_panel, tabs
@@ -176,9 +177,9 @@ class Page:
     def drop(self) -> None:
         """Show the field for a data file."""
         limit = self.bench.limit
-        drop("data", "data-file", ",".join(SUFFIXES), limit, "Drop a CSV here, or choose one", [
-            f"A header such as t,u,y and numbers below it; at most {limit / 1e6:g} MB. It stays in "
-            "a private folder of this machine until the program ends."
+        drop("data", "data-file", ",".join(READERS), limit, "Drop a data file here, or choose one", [
+            f"CSV with a header such as t,u,y, or .npz, .mat, .parquet, .mf4, .tdms; at most {limit / 1e6:g} MB. It "
+            "stays in a private folder of this machine until the program ends."
         ])  # fmt: skip
 
     def columns(self) -> None:
@@ -278,7 +279,7 @@ class Page:
                 figure(bench.preview)
         elif bench.current is None:
             said(
-                "Three steps: choose a CSV file with the input and the output of a machine, press Diagnose, and add "
+                "Three steps: choose a file with the input and the output of a machine, press Diagnose, and add "
                 "the effect that is found. The law then computes the input that makes the output follow a reference."
             ).classes("place")
 
