@@ -130,7 +130,7 @@ print(f"{size / 1e6:.1f} MB")
 # narx-sym app stage.csv
 # ```
 #
-# opens a page in your browser for the same steps: drop a CSV file, choose columns, rows and a base model, see the
+# opens a page in your browser for the same steps: drop a data file, choose columns, rows and a base model, see the
 # panels of the report, point at a candidate to see its simulation, press *Add* to add it, undo and redo (Ctrl+Z,
 # Ctrl+Y), edit a term as text, move a parameter with the sliders of the report, derive the compensator, and download
 # the model, its LaTeX and C, the law and the report. An error message stands at the field that caused it until the
@@ -140,16 +140,11 @@ print(f"{size / 1e6:.1f} MB")
 # much of the squared error the best effect so far removes; the terminal shows the same line. In Python, `report=`
 # receives it: each text has the attributes `stage`, `stages`, `done`, `of`, `found` and `fraction`.
 #
-# Under *Law* the law runs along a reference: the measured output or its first seconds, a sine, a staircase, a
-# drawing, or a column of a CSV file, within limits of the input and of its change per sample. Draw in the picture,
-# where the identified range of the output is shaded: press and draw, click to add a point, drag a point. With the
-# keyboard: Tab selects a point, the arrow keys move it, Enter adds a point, Delete removes it, Ctrl+Z undoes. The
-# points are also listed as text below, one time and level per line, which can be edited or pasted. The reference has
-# the sampling time of the record; it is linear between points, constant before the first and after the last (`drawn`
-# in `narx_sym.tasks.reference`). If the compensator has limits of the input, dashed lines mark the steady states of
-# the model at these limits. The page shows the reference, the output of the model with the law and without it (with
-# the inverse of the straight line through the data, within the same limits), the input, the rms and largest errors,
-# and the number of samples at a limit. Time, reference, input and output can be downloaded as CSV. Undo and redo
+# Under *Law* the law runs along a reference: the measured output or its first seconds, a sine, or a column of a
+# file, within limits of the input and of its change per sample. The page shows the reference, the output of the model
+# with the law and without it (with the inverse of the straight line through the data, within the same limits), the
+# input, the rms and largest errors, and the number of samples at a limit. Time, reference, input and output can be
+# downloaded as CSV. Undo and redo
 # apply to a run too. In Python:
 
 # %%

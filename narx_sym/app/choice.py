@@ -23,7 +23,7 @@ from ..errors import DataError, ModelError, NarxError
 from ..fit.identify import prepare
 from ..models.model import Model
 from ..symbolic.signals import plain_name
-from ..tasks.reference import PERIODS, STEPS, Reference, drawn, from_file, lasting, sine, staircase, usual
+from ..tasks.reference import PERIODS, Reference, from_file, lasting, sine, usual
 from ..tasks.reference import measured as first_of
 
 OPTIONS = {
@@ -55,11 +55,10 @@ class Wanted:
 
     Attributes
     ----------
-    kind : "measured", "sine", "staircase", "points" or "file"
+    kind : "measured", "sine" or "file"
     low, high, rate : limits of the input and of its change per sample
     first : seconds of the measurement
-    offset, amplitude, frequency, seconds, steps, hold : of sine and staircase; the seconds of points too
-    points : a time and a level in each line
+    offset, amplitude, frequency, seconds : of the sine
     column : of the file
     file, path : the file's name to show, and where it is
     """
@@ -73,9 +72,6 @@ class Wanted:
     amplitude: str = ""
     frequency: str = ""
     seconds: str = ""
-    steps: str = str(STEPS)
-    hold: str = ""
-    points: str = ""
     column: str = ""
     file: str = ""
     path: Path | None = None
@@ -85,13 +81,9 @@ class Wanted:
         """Return the usual fields for a record: the measured output; a file that was given stays."""
         found = usual(record)
         digits = 2 - int(np.floor(np.log10(found.amplitude)))  # of the offset too: a far level costs none
-        seconds = f"{PERIODS / found.frequency:.3g}"
-        wave = [found.offset + found.amplitude * side for side in (0, 1, 0, -1, 0)]
-        points = zip(np.linspace(0, float(seconds), 5), wave, strict=True)
         return cls(
             offset=f"{round(found.offset, digits):.10g}", amplitude=f"{found.amplitude:.3g}",
-            frequency=f"{found.frequency:.3g}", seconds=seconds, hold=f"{found.hold:.3g}",
-            points="\n".join(f"{time:.10g} {round(level, digits):.10g}" for time, level in points),
+            frequency=f"{found.frequency:.3g}", seconds=f"{PERIODS / found.frequency:.3g}",
             file=before.file, path=before.path,
         )  # fmt: skip
 
@@ -112,32 +104,18 @@ class Wanted:
             if self.path is None:
                 raise DataError("Drop a file with the reference first.")
             return partial(from_file, self.path, self.file, self.column.strip() or None, unit)
-        if self.kind == "points":
-            return self._drawn(said, record.Ts)
-        make, names = (sine, ("frequency", "seconds")) if self.kind == "sine" else (staircase, ("steps", "hold"))
-        given = [self._given(said, name, record.Ts) for name in ("offset", "amplitude", *names)]
+        given = []
+        for name in ("offset", "amplitude", "frequency", "seconds"):
+            what = "duration" if name == "seconds" else name
+            with said.field(name):
+                value = number(getattr(self, name), f"The {what}")
+                if value is None:
+                    raise DataError(f"The {what} is missing.")
+                if name == "seconds":
+                    lasting(value, record.Ts)
+                given.append(value)
         said.stop()
-        return partial(make, record.Ts, *given)
-
-    def _drawn(self, said: Said, Ts: float) -> Callable[[], Reference]:
-        seconds = self._given(said, "seconds", Ts)
-        said.stop()
-        with said.field("points"):
-            points = points_of(self.points)
-            drawn(Ts, points, seconds)  # refused here, it stands at its field
-        said.stop()
-        return partial(drawn, Ts, points, seconds)
-
-    def _given(self, said: Said, name: str, Ts: float) -> float:
-        what = {"seconds": "duration", "steps": "number of steps", "hold": "time of a step"}.get(name, name)
-        value = None
-        with said.field(name):
-            value = number(getattr(self, name), f"The {what}")
-            if value is None:
-                raise DataError(f"The {what} is missing.")
-            if name == "seconds":
-                lasting(value, Ts)
-        return value or 0.0
+        return partial(sine, record.Ts, *given)
 
 
 def in_the_page(message: str) -> str:
@@ -191,20 +169,6 @@ def number(text: str, what: str) -> float | None:
     if not abs(value) < 1e300:
         raise DataError(f"{what} must be a number, not {str(text)[:40]!r}.")
     return value
-
-
-def points_of(text: str) -> list[tuple[float, float]]:
-    """Return the times and levels that stand in the lines of a text, or between its semicolons."""
-    found = []
-    for i, line in enumerate(filter(str.strip, re.split(r"[\n;]", text)), 1):
-        parts = line.split()
-        if len(parts) != 2:
-            raise DataError(f"Point {i} must be a time and a level, as in '0.5 1.2', not {line.strip()[:40]!r}.")
-        time, level = (
-            number(part, f"The {what} of point {i}") for part, what in zip(parts, ("time", "level"), strict=True)
-        )
-        found.append((time or 0.0, level or 0.0))
-    return found
 
 
 def guessed(columns: list[str]) -> Choice:

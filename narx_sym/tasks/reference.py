@@ -1,8 +1,7 @@
-"""References for a law to follow: a piece of a measurement, a sine, a staircase, points, a column of a file."""
+"""References for a law to follow: a piece of a measurement, a sine, a column of a file."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +13,7 @@ from ..errors import DataError
 
 Array = np.ndarray
 MOST = 200_000  # samples of a reference
-MOST_POINTS = 200  # of a drawn one: each can be moved by hand
-PERIODS, STEPS = 4, 4  # of the usual sine, of the usual staircase
+PERIODS = 4  # of the usual sine
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,25 +34,23 @@ class Reference:
 
 @dataclass(frozen=True)
 class Usual:
-    """A sine and a staircase within the outputs of a record, about as fast as these.
+    """A sine within the outputs of a record, about as fast as these.
 
     Attributes
     ----------
     offset, amplitude : [unit of the output]
-    frequency : of the sine [Hz]
-    hold : of a step of the staircase [s]
+    frequency : [Hz]
     """
 
     offset: float
     amplitude: float
     frequency: float
-    hold: float
 
 
 def usual(record: Record) -> Usual:
-    """Return the usual sine and staircase for a record: half its range around its mean."""
-    half = half_cycle(record.y) * record.Ts
-    return Usual(float(np.mean(record.y)), float(np.ptp(record.y)) / 4, 1 / (2 * half), half)
+    """Return the usual sine for a record: half its range around its mean."""
+    frequency = 0.5 / (half_cycle(record.y) * record.Ts)
+    return Usual(float(np.mean(record.y)), float(np.ptp(record.y)) / 4, frequency)
 
 
 def measured(record: Record, seconds: float | None = None) -> Reference:
@@ -83,58 +79,6 @@ def sine(Ts: float, offset: float, amplitude: float, frequency: float, seconds: 
         raise DataError(f"A frequency of {frequency:g} Hz is too fast for Ts = {Ts:g} s: at most {0.5 / Ts:.4g} Hz.")
     t = np.arange(lasting(seconds, Ts)) * Ts
     return Reference(t, offset - amplitude * np.cos(2 * np.pi * frequency * t), Ts)
-
-
-def staircase(Ts: float, offset: float, amplitude: float, steps: float, hold: float) -> Reference:
-    """Return a staircase from the lowest level up to the highest and down again.
-
-    Parameters
-    ----------
-    Ts, hold : sampling time and duration of each level [s]
-    offset, amplitude : [unit of the output]
-    steps : how many lead up
-
-    Raises
-    ------
-    DataError
-        For a number of steps that is none, what is not positive, or too long.
-    """
-    if not 1 <= steps <= MOST or steps != int(steps):
-        raise DataError(f"The number of steps must be a whole number from 1 on, not {steps:g}.")
-    up = np.linspace(offset - amplitude, offset + amplitude, int(steps) + 1)
-    levels = np.concatenate([up, up[-2::-1]])
-    _count(hold * levels.size, Ts, "The staircase")
-    r = np.repeat(levels, _count(hold, Ts, "A step", least=1))
-    return Reference(np.arange(r.size) * Ts, r, Ts)
-
-
-def drawn(Ts: float, points: Sequence[tuple[float, float]], seconds: float) -> Reference:
-    """Return a reference through points: straight from each to the next, level before the first and after the last.
-
-    Parameters
-    ----------
-    Ts, seconds : sampling time and duration [s]
-    points : times and levels [s, unit of the output]
-
-    Raises
-    ------
-    DataError
-        For no points or too many, what is not finite, times that do not rise or lie outside the duration, and for a
-        duration that is too long.
-    """
-    t = np.arange(lasting(seconds, Ts)) * Ts
-    if not 1 <= len(points) <= MOST_POINTS:
-        raise DataError(f"There are {len(points)} points: from 1 to {MOST_POINTS} are taken. A file may have more.")
-    times, levels = np.array(points, dtype=float).T
-    if not np.all(np.isfinite(points)):
-        raise DataError("Times and levels of points must be finite.")
-    for i in np.flatnonzero(np.diff(times) <= 0)[:1]:
-        raise DataError(
-            f"Times must increase: the point at {times[i]:.6g} s is followed by one at {times[i + 1]:.6g} s."
-        )
-    for time in times[(times < 0) | (times > seconds)][:1]:
-        raise DataError(f"The point at {time:.6g} s lies outside the duration, 0 to {seconds:.6g} s.")
-    return Reference(t, np.interp(t, times, levels), Ts)
 
 
 def lasting(seconds: float, Ts: float) -> int:

@@ -11,13 +11,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import live
-import numpy as np
 import pytest
 from sampling import only
 
 import narx_sym as ns
 from narx_sym.app import command, workbench
-from narx_sym.app.choice import Said, guessed, points_of, shortened
+from narx_sym.app.choice import guessed, shortened
 from narx_sym.app.guard import Guard
 from narx_sym.app.workbench import Workbench
 from narx_sym.app.worker import Outcome, Worker
@@ -25,7 +24,7 @@ from narx_sym.cli import main as cli
 from narx_sym.files.store import to_text
 from narx_sym.report.panels import registry
 from narx_sym.tasks import revise
-from narx_sym.tasks.reference import MOST, MOST_POINTS
+from narx_sym.tasks.reference import MOST
 
 
 def gone(pid):
@@ -355,8 +354,7 @@ def test_the_law_and_its_limits(climbed):
 def test_references_of_every_kind(climbed):
     before = climbed.wanted
     for kind, more in (
-        ("measured", {"first": "3"}), ("staircase", {}), ("points", {"points": "0 0\n1 1", "seconds": "2"}),
-        ("file", {"column": "b"}),
+        ("measured", {"first": "3"}), ("sine", {}), ("file", {"column": "b"}),
     ):  # fmt: skip
         if kind == "file":
             climbed.upload_reference(
@@ -367,13 +365,13 @@ def test_references_of_every_kind(climbed):
         climbed.run_law(kind=kind, low="-9", high="9", rate="", **more)
         climbed.wait()
         assert not climbed.error, climbed.error
-        size = {"measured": 300, "points": 200, "file": 9}.get(kind)
+        size = {"measured": 300, "file": 9}.get(kind)
         assert size is None or climbed.run.tracked.r.size == size
     run = climbed.run
     for more, why in (
         ({"column": "nobody"}, "r.csv: no column 'nobody'|r.csv.*nobody"), ({"column": ""}, "which column"),
         ({"kind": "sine", "amplitude": ""}, "amplitude is missing"), ({"kind": "sine", "frequency": "1e9"}, "too fast"),
-        ({"kind": "staircase", "steps": "0"}, "whole number"), ({"kind": "measured", "first": "1e-9"}, "samples"),
+        ({"kind": "measured", "first": "1e-9"}, "samples"),
         ({"kind": "sine", "low": "1", "high": "-1"}, "below"), ({"kind": "file", "rate": "0"}, "positive"),
     ):  # fmt: skip
         climbed.run_law(
@@ -396,39 +394,14 @@ def ready(bench, data):
     return bench
 
 
-def test_points_may_stand_in_lines_or_between_semicolons_and_the_first_may_run(ready):
-    for text in ("0 1.5\n2 -0.25", "0 1,5; 2 -0,25", "\r\n0\t1.5\r\n\r\n2   -0.25\r\n"):
-        assert points_of(text) == [(0.0, 1.5), (2.0, -0.25)]
-    ready.wanted.kind = "points"
-    with Said(ready) as said:
-        made = ready.wanted.made(said, ready.record, "mm")()
-    points = points_of(ready.wanted.points)
-    assert not ready.faults and len(points) == 5 and points[-1][0] == float(ready.wanted.seconds)
-    assert made.r == pytest.approx(np.interp(made.t, *zip(*points, strict=True))) and made.Ts == ready.record.Ts
-    assert ready.record.y.min() < made.r.min() < made.r.max() < ready.record.y.max()
-
-
 @pytest.mark.parametrize(
-    ("kind", "field", "text", "why"),
-    [
-        *(("points", "points", text, why) for text, why in (
-            ("", "There are 0 points"), ("0 1\n2", "Point 2 must be a time and a level"), ("0 1 2", "Point 1 must be"),
-            ("0 1\n1 two", "level of point 2 must be a number"), ("nan 1", "time of point 1 must be a number"),
-            ("0 1e999", "level of point 1 must be a number"), ("0 1\n1 2\n1 3", "Times must increase"),
-            ("-1 0", "outside the duration"), ("0 1\n9 1", "The point at 9 s lies outside the duration, 0 to 8 s."),
-            ("\n".join(f"{k / 100} 0" for k in range(MOST_POINTS + 1)), f"from 1 to {MOST_POINTS}"),
-            ("0 " + "1" * 100_000, "must be a number"),
-        )),
-        *((kind, "seconds", text, why) for kind in ("points", "sine") for text, why in (
-            ("", "missing"), ("long", "number"), ("0", "positive"), ("1e9", f"{MOST} are taken"),
-        )),
-    ],
-)  # fmt: skip
-def test_a_bad_reference_is_one_message_at_its_field(ready, kind, field, text, why):
-    ready.run_law(kind=kind, **{"points": "0 1", "seconds": "8"} | {field: text})
-    assert list(ready.faults) == [field] and why in ready.error and not ready.busy
+    ("text", "why"), [("", "missing"), ("long", "number"), ("0", "positive"), ("1e9", f"{MOST} are taken")]
+)
+def test_a_bad_reference_is_one_message_at_its_field(ready, text, why):
+    ready.run_law(kind="sine", seconds=text)
+    assert list(ready.faults) == ["seconds"] and why in ready.error and not ready.busy
     assert "\n" not in ready.error and len(ready.error) < 150
-    assert getattr(ready.wanted, field) == text  # what was typed stays
+    assert ready.wanted.seconds == text  # what was typed stays
 
 
 def test_why_there_is_no_law():

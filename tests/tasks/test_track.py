@@ -7,7 +7,7 @@ import narx_sym as ns
 from narx_sym.errors import DataError, ModelError
 from narx_sym.fit.laws.start import rests_at
 from narx_sym.tasks.compensate import law_of, straight, track
-from narx_sym.tasks.reference import MOST, MOST_POINTS, drawn, from_file, measured, sine, staircase, usual
+from narx_sym.tasks.reference import MOST, from_file, measured, sine, usual
 
 TS = 0.01
 
@@ -31,17 +31,6 @@ def test_a_sine_begins_at_rest():
     made = sine(TS, 1.0, 2.0, 5.0, 0.4)
     assert made.r.size == 40 and made.r[0] == -1.0 and made.r.max() == pytest.approx(3.0)
     assert np.argmax(np.abs(np.diff(made.r))) > 2 and made.t[-1] == pytest.approx(0.39)
-
-
-def test_a_staircase_goes_up_and_down():
-    made = staircase(TS, 0.0, 1.0, 2, 0.03)
-    assert made.r.tolist() == [-1] * 3 + [0] * 3 + [1] * 3 + [0] * 3 + [-1] * 3
-
-
-def test_a_drawn_one_is_straight_between_its_points_and_level_beyond_them():
-    made = drawn(TS, [(0.02, 1.0), (0.06, 3.0), (0.07, 0.0)], 0.1)
-    assert made.r == pytest.approx([1, 1, 1, 1.5, 2, 2.5, 3, 0, 0, 0]) and made.t == pytest.approx(TS * np.arange(10))
-    assert drawn(TS, [(0.0, 2.0)], 0.05).r.tolist() == [2] * 5
 
 
 def test_where_limits_let_a_model_rest(record, law):
@@ -77,15 +66,7 @@ def test_the_usual_reference_is_within_the_outputs(record):
     [
         (lambda: sine(TS, 0, 1, 51, 1), "at most 50 Hz"), (lambda: sine(TS, 0, 1, 0, 1), "frequency must be positive"),
         (lambda: sine(TS, 0, 1, 1, -1), "duration must be positive"), (lambda: sine(TS, 0, 1, 1, 0.01), "between 2"),
-        (lambda: sine(TS, 0, 1, 1, 1e9), f"and {MOST}"), (lambda: staircase(TS, 0, 1, 1.5, 1), "whole number"),
-        (lambda: staircase(TS, 0, 1, 0, 1), "whole number"), (lambda: staircase(TS, 0, 1, 4, 1e9), "staircase would"),
-        (lambda: staircase(TS, 0, 1, float("nan"), 1), "whole number"),
-        (lambda: staircase(TS, 0, 1, 4, 0.004), "A step would"),
-        (lambda: drawn(TS, [], 1), "0 points"), (lambda: drawn(TS, [(k, 0) for k in range(MOST_POINTS + 1)], 1e3), "to 200"),
-        (lambda: drawn(TS, [(0, 0), (0.5, float("inf"))], 1), "finite"), (lambda: drawn(TS, [(0, 0)], 1e9), "duration would"),
-        (lambda: drawn(TS, [(float("nan"), 0)], 1), "finite"), (lambda: drawn(TS, [(0, 1), (0, 2)], 1), "Times must increase"),
-        (lambda: drawn(TS, [(0.5, 1), (0.2, 2)], 1), "the point at 0.5 s is followed"),
-        (lambda: drawn(TS, [(-0.1, 1)], 1), "at -0.1 s lies outside"), (lambda: drawn(TS, [(0, 1), (2, 1)], 1), "at 2 s"),
+        (lambda: sine(TS, 0, 1, 1, 1e9), f"and {MOST}"),
     ],
 )  # fmt: skip
 def test_a_reference_that_cannot_be_is_one_message(make, why):
@@ -127,7 +108,7 @@ def test_what_is_tracked_is_what_the_api_gives(law, limits, rate):
 
 
 def test_without_the_law_the_best_constant_gain_goes_in_within_the_same_limits(law):
-    r = staircase(TS, 0.0, 1.0, 1, 0.05).r
+    r = np.repeat([-1.0, 1.0, -1.0], 5)
     free, held = straight(law.model, r), straight(law.model, r, (-0.1, 0.1), 0.03)
     assert np.allclose(free.offset + free.slope * r, free.m)
     assert np.abs(held.m).max() <= 0.1 and np.abs(np.diff(held.m)).max() == pytest.approx(0.03)

@@ -8,13 +8,13 @@ from ...data.readers import READERS
 from ..workbench import Workbench
 from .widgets import BEAT, Fault, Part, drop, equation, figure, link, listed, said, section
 
-KINDS = {"measured": "Measured output", "sine": "Sine", "staircase": "Staircase", "points": "Points", "file": "A file"}
-HEIGHT = {"offset": "Offset [{y}]", "amplitude": "Amplitude [{y}]"}
+KINDS = {"measured": "Measured output", "sine": "Sine", "file": "A file"}
 FIELDS = {
     "measured": {"first": "First seconds (empty: all) [s]"},
-    "sine": {**HEIGHT, "frequency": "Frequency [Hz]", "seconds": "Duration [s]"},
-    "staircase": {**HEIGHT, "steps": "Steps up", "hold": "Time of a step [s]"},
-    "points": {"seconds": "Duration [s]", "points": "Time [s] and level [{y}] in each line"},
+    "sine": {
+        "offset": "Offset [{y}]", "amplitude": "Amplitude [{y}]", "frequency": "Frequency [Hz]",
+        "seconds": "Duration [s]",
+    },
     "file": {"column": "Column of the reference (empty: r, or the only one)"},
 }  # fmt: skip
 LIMITS = {"low": "Smallest input [{u}]", "high": "Largest input [{u}]", "rate": "Largest change per sample [{u}]"}
@@ -53,9 +53,8 @@ class LawTab:
         """Make fields; what is typed is kept."""
         with ui.element("div").classes("fields"):
             for name, title in titles.items():
-                make = ui.textarea if name == "points" else ui.input
-                made = make(title.format(**self.bench.known), value=getattr(self.bench.wanted, name))
-                made.props("outlined dense" + " maxlength=80" * (name != "points")).classes("field")
+                made = ui.input(title.format(**self.bench.known), value=getattr(self.bench.wanted, name))
+                made.props("outlined dense maxlength=80").classes("field")
                 made.on_value_change(lambda event, name=name: setattr(self.bench.wanted, name, event.value or ""))
                 Fault(made, self.bench, name)
 
@@ -72,8 +71,6 @@ class LawTab:
             taken = f"Taken: {file}." if file else "A header such as t,r and numbers below it."
             title = "Drop a file with the reference, or choose one"
             drop("reference", "reference-file", ",".join(READERS), bench.limit, title, [taken])
-        if kind == "points":
-            said("Linear between the points, constant before the first and after the last.").classes("hint")
         self.fill(FIELDS[kind])
 
     def ran(self) -> None:
